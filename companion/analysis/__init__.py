@@ -1,0 +1,1 @@
+"""Holds the IMU's reckoning against the autopilot's estimate. Pure: imports tracks and strapdown."""

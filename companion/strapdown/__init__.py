@@ -1,0 +1,1 @@
+"""Strapdown mathematics: IMU tracks in, trajectories out. Imports tracks and NumPy alone."""
