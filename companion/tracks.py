@@ -11,7 +11,7 @@ Conventions, everywhere (docs/conventions.md):
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -53,6 +53,7 @@ class ImuTrack:
     source: str = ""  # the message it came from: RAW_IMU, SCALED_IMU2, ...
     gyro_step: float = 0.0  # rad/s, quantisation step of the readings; 0 for floats
     accel_step: float = 0.0  # m/s², the same for specific force
+    instance: int = 0  # which of the vehicle's IMUs: RAW_IMU is always 0, SCALED_IMU2 is 1, ...
 
     def __post_init__(self) -> None:
         _check("ImuTrack", self.t, gyro=(self.gyro, 3), accel=(self.accel, 3))
@@ -62,9 +63,12 @@ class ImuTrack:
 
     def __getitem__(self, index: slice) -> ImuTrack:
         """The same track, cut to a slice of its samples."""
-        return ImuTrack(
-            self.t[index], self.gyro[index], self.accel[index], self.source, self.gyro_step, self.accel_step
-        )
+        return replace(self, t=self.t[index], gyro=self.gyro[index], accel=self.accel[index])
+
+    @property
+    def rate_hz(self) -> float:
+        """1 / median sample interval; 0 for fewer than two samples."""
+        return float(1.0 / np.median(np.diff(self.t))) if len(self) > 1 else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,14 +186,18 @@ class Flight:
         """The IMU message to integrate when the user names none; None when the flight has no usable one.
 
         ArduPilot's RAW_IMU is IMU 0 cut to whole milli-units; HIGHRES_IMU is the same readings as floats, so it
-        is preferred. PX4 subtracts its EKF's biases from HIGHRES_IMU, which makes it a witness of its own case:
-        there SCALED_IMU is the independent one.
+        is preferred when it speaks of the same IMU. PX4 subtracts its EKF's biases from HIGHRES_IMU, which makes it
+        a witness in its own case: there SCALED_IMU is the independent one. A message with less than a quarter of
+        the samples of the best is passed over: nothing costs more accuracy than a low rate.
         """
         order = ["HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"]
         if self.vehicle.autopilot == "PX4":
             order = ["SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "RAW_IMU", "HIGHRES_IMU"]
-        usable = [name for name in order if name in self.imus and len(self.imus[name]) > 1]
-        return usable[0] if usable else None
+        elif "HIGHRES_IMU" in self.imus and self.imus["HIGHRES_IMU"].instance != 0:
+            order = [*order[1:], order[0]]
+        samples = {name: len(self.imus[name]) for name in order if name in self.imus}
+        enough = max(2.0, max(samples.values(), default=0) / 4)
+        return next((name for name, count in samples.items() if count >= enough), None)
 
     def imu(self, name: str | None = None) -> ImuTrack:
         """The IMU track of message `name` (default: `default_imu`).

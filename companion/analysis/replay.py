@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
 from companion.tracks import Array
+
+BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,3 +32,4 @@ class Replay:
     position_error: Array  # (N, 3) autopilot minus IMU, NED m
     anchors: Array  # (A,) s, where the reckoning was (re)started from the autopilot's state
     has_position: bool
+    reference_valid: BoolArray  # (N,) False where the autopilot's messages have a hole: its state is interpolated
