@@ -1,1 +1,22 @@
-"""Strapdown mathematics: IMU tracks in, trajectories out. Imports tracks and NumPy alone."""
+"""Strapdown integration: IMU tracks in, trajectories out. The seeds, as arrays; imports tracks and NumPy alone."""
+
+from companion.strapdown import motions, quaternion
+from companion.strapdown._signal import MIDDLES
+from companion.strapdown.increments import METHODS, Increments, attitude_at, dense_attitude, increments
+from companion.strapdown.motions import Motion
+from companion.strapdown.reckon import Preintegration, preintegrate, reckon
+
+__all__ = [
+    "METHODS",
+    "MIDDLES",
+    "Increments",
+    "Motion",
+    "Preintegration",
+    "attitude_at",
+    "dense_attitude",
+    "increments",
+    "motions",
+    "preintegrate",
+    "quaternion",
+    "reckon",
+]

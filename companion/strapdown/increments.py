@@ -1,0 +1,239 @@
+"""What one IMU interval adds: body increments (dq, dv, dp) without gravity, for all intervals at once.
+
+Seed 000: a step starts from the identity, not from q_n, so every increment depends on its own samples alone and all
+of them are computed as arrays; `companion.strapdown.reckon` then multiplies and sums them up. Between two samples the
+signal is a line through them (`middle="linear"`, as the seeds have it) or the cubic through the four samples around
+(`middle="cubic"`): on smooth motion RK4 is of order 2 with the line and of order 4 with the cubic (seeds/NOTES.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from companion.strapdown import _components as rows
+from companion.strapdown import quaternion
+from companion.strapdown._signal import MIDDLES, Signal, signal_of
+from companion.tracks import Array, ImuTrack
+
+METHODS: Final = ("euler", "midpoint", "rk4")
+"""Integrators by rising order: 1 (seed 002 §3), 2 (seed 002 §4), and 2 or 4 by the middle sample (seed 000)."""
+
+CHUNK: Final = 4096
+"""Intervals handled at a time: the working arrays of a chunk stay in the processor's cache."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Increments:
+    """Rotation, velocity and position of each IMU interval, in the body frame at its start, without gravity.
+
+    `q_{i+1} = q_i ⊗ dq_i`, `v_{i+1} = v_i + C(q_i) dv_i + g h_i`, `p_{i+1} = p_i + h_i v_i + C(q_i) dp_i + ½ g h_i²`.
+    """
+
+    dt: Array  # (N-1,) s, h_i
+    dq: Array  # (N-1, 4) wxyz, unit length, w >= 0
+    dv: Array  # (N-1, 3) FRD at the start of the interval, m/s
+    dp: Array  # (N-1, 3) FRD at the start of the interval, m
+    notes: tuple[str, ...] = ()  # what was done differently from what was asked, and why
+
+
+@dataclass(frozen=True, slots=True)
+class Scheme:
+    """How to integrate: a method, the signal inside an interval, and the pieces that the interval is cut into."""
+
+    method: str
+    middle: str
+    segments: int
+
+    def notes_on(self, imu: ImuTrack) -> tuple[str, ...]:
+        """What a user must know about this scheme on this track that the numbers do not show."""
+        notes = []
+        inside = self.method == "rk4" or self.segments > 1
+        if inside and self.middle == "cubic" and len(imu) in (2, 3):
+            shape = "the line" if len(imu) == 2 else "the parabola"
+            notes.append(
+                f"the cubic needs 4 samples and the track has {len(imu)}: {shape} through them was used instead"
+            )
+        # The bound is cheap; only a track that breaks it is looked at step by step.
+        if len(imu) > 1 and max(imu.gyro.max(), -imu.gyro.min()) * np.diff(imu.t).max() * np.sqrt(3.0) > np.pi:
+            rate = np.linalg.norm(imu.gyro, axis=1)
+            fast = int((np.maximum(rate[:-1], rate[1:]) * np.diff(imu.t) > np.pi).sum())
+            if fast:
+                notes.append(
+                    f"{fast} of {len(imu) - 1} intervals turn by more than π: samples that far apart do not determine "
+                    "the attitude; record at a higher rate or leave these intervals out"
+                )
+        return tuple(notes)
+
+
+def increments(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", segments: int = 1) -> Increments:
+    """The body increments of the N-1 intervals between N samples.
+
+    method: "euler" (samples at the start of the interval), "midpoint" (means of both ends) or "rk4".
+    middle: what the signal is between two samples, "linear" or "cubic" (one-sided at the two ends of the track; with
+    three samples the parabola and with two the line through them, which `notes` then says). Euler and midpoint look
+    inside an interval only with segments > 1.
+    segments: equal pieces into which each interval is divided (seed 001 takes 8), without normalisation in between.
+
+    Raises ValueError for an unknown method or middle, fewer than one segment, or a track without samples.
+    """
+    scheme = scheme_for(imu, method, middle, segments)
+    n = len(imu) - 1
+    dq, dv, dp = np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
+    for first, _, (q, v, p) in chunks(imu, 0, scheme):
+        part = slice(first, first + q.shape[1])
+        dq[part], dv[part], dp[part] = q.T, v.T, p.T
+    return Increments(np.diff(imu.t), dq, dv, dp, scheme.notes_on(imu))
+
+
+def dense_attitude(
+    imu: ImuTrack, q_ned_frd: Array, fractions: Array, *, middle: str = "cubic", segments: int = 1
+) -> Array:
+    """Attitudes inside every interval (seed 001 hands out 1/8, 1/4, 1/2 and 1): (N-1, F, 4).
+
+    q_ned_frd: (N, 4) attitudes at the samples, fractions: (F,) each in 0..1 of the interval. RK4 on the whole segments
+    up to the fraction and on the rest of the one in which it lies. Raises ValueError as `increments` does, and for
+    fractions outside 0..1.
+    """
+    scheme_for(imu, "rk4", middle, segments)
+    fractions = np.asarray(fractions, dtype=np.float64)
+    if not ((fractions >= 0) & (fractions <= 1)).all():
+        raise ValueError(f"fractions must lie in 0..1 of an interval, got {fractions.min():g} to {fractions.max():g}")
+    if np.shape(q_ned_frd) != (len(imu), 4):
+        raise ValueError(f"q_ned_frd must have shape ({len(imu)}, 4), one per sample, got {np.shape(q_ned_frd)}")
+    if len(imu) == 1:
+        return np.empty((0, len(fractions), 4))
+    signal = signal_of(imu, 0, len(imu) - 1, middle)
+    turned = [rows.unit(_attitude(signal, np.full(len(imu) - 1, u), segments)).T for u in fractions]
+    return quaternion.multiply(q_ned_frd[:-1, None], np.stack(turned, axis=1))
+
+
+def attitude_at(imu: ImuTrack, q_ned_frd: Array, times: Array, *, middle: str = "cubic", segments: int = 1) -> Array:
+    """Attitude at any times within the track, such as those of another message: (M, 4).
+
+    q_ned_frd: (N, 4) attitudes at the samples, times: (M,) s. Raises ValueError as `dense_attitude` does, and for times
+    outside the track.
+    """
+    scheme_for(imu, "rk4", middle, segments)
+    times = np.asarray(times, dtype=np.float64)
+    if not ((times >= imu.t[0]) & (times <= imu.t[-1])).all():
+        raise ValueError(f"times must lie within the track, {imu.t[0]:.6f} to {imu.t[-1]:.6f} s; cut them to it")
+    if len(imu) == 1:
+        return np.repeat(q_ned_frd[:1], len(times), axis=0)
+    at = np.clip(np.searchsorted(imu.t, times, side="right") - 1, 0, len(imu) - 2)
+    signal = signal_of(imu, 0, len(imu) - 1, middle).take(at)
+    turned = _attitude(signal, (times - imu.t[at]) / signal.dt, segments)
+    return quaternion.multiply(q_ned_frd[at], rows.unit(turned).T)
+
+
+def scheme_for(imu: ImuTrack, method: str, middle: str, segments: int) -> Scheme:
+    """The scheme with these settings. Raises ValueError if one of them, or a track without samples, is no good."""
+    if method not in METHODS:
+        raise ValueError(f"unknown method {method!r}: choose one of {', '.join(METHODS)}")
+    if middle not in MIDDLES:
+        raise ValueError(f"unknown middle {middle!r}: choose one of {', '.join(MIDDLES)}")
+    if segments < 1:
+        raise ValueError(f"segments must be 1 or more, got {segments}")
+    if len(imu) == 0:
+        raise ValueError("the IMU track has no samples; an integration needs at least one")
+    return Scheme(method, middle, segments)
+
+
+def chunks(imu: ImuTrack, start: int, scheme: Scheme) -> Iterator[tuple[int, Array, tuple[Array, Array, Array]]]:
+    """(first interval, dt (n,), (dq (4, n), dv (3, n), dp (3, n))) of cache-sized runs of intervals from `start`.
+
+    Component-first, for `reckon`. Samples before `start` and after a chunk still shape the cubic at its ends, so the
+    cutting does not change the numbers.
+    """
+    for first in range(start, len(imu) - 1, CHUNK):
+        signal = signal_of(imu, first, min(first + CHUNK, len(imu) - 1), scheme.middle)
+        yield first, signal.dt, _increments(signal, scheme.method, scheme.segments)
+
+
+def _increments(signal: Signal, method: str, segments: int) -> tuple[Array, Array, Array]:
+    """(dq, dv, dp), component-first, of every interval: the method on each segment, segments composed in order."""
+    step = {"euler": _euler, "midpoint": _midpoint, "rk4": _rk4}[method]
+    if segments == 1:
+        dq, dv, dp = step(signal, 0.0, 1.0)
+        return rows.unit(dq), dv, dp
+    q, v, p = step(signal, 0.0, 1.0 / segments)
+    for i in range(1, segments):
+        dq, dv, dp = step(signal, i / segments, (i + 1) / segments)
+        p = p + signal.dt / segments * v + rows.rotate(q[0], q[1:], dp)
+        v = v + rows.rotate(q[0], q[1:], dv)
+        q = rows.product(q, dq)
+    return rows.unit(q), v, p
+
+
+def _euler(signal: Signal, begin: float, end: float) -> tuple[Array, Array, Array]:
+    """Seed 002 §3: everything as at the start. The scalar of its [0, ½ w δt] is 1."""
+    h = (end - begin) * signal.dt
+    x = signal.at(begin)
+    dv = h * x[3:]
+    return _one_and(0.5 * h * x[:3]), dv, 0.5 * h * dv
+
+
+def _midpoint(signal: Signal, begin: float, end: float) -> tuple[Array, Array, Array]:
+    """Seed 002 §4: the mean rate turns; the mean of both specific forces, each in its own attitude, accelerates."""
+    h = (end - begin) * signal.dt
+    x0, x1 = signal.at(begin), signal.at(end)
+    dq = _one_and(0.25 * h * (x0[:3] + x1[:3]))
+    dv = 0.5 * h * (x0[3:] + rows.rotate(dq[0], dq[1:], x1[3:]))
+    return dq, dv, 0.5 * h * dv
+
+
+def _rk4(signal: Signal, begin: float, end: float) -> tuple[Array, Array, Array]:
+    """Seed 000: attitude, velocity and position by one RK4 step that starts from the identity.
+
+    With a = ½ h w the products h k_i are k1 = [0, a0], k2 = q1 ⊗ [0, am], k3 = q2 ⊗ [0, am], k4 = q3 ⊗ [0, a1]. The
+    accelerations use the same q1, q2, q3; those are not of unit length, `rotate` takes the rotation they stand for.
+    Position: the seed's k are those of the velocity equation, so dp = h²/6 (a0 + a1 + a2) (seeds/NOTES.md).
+    """
+    h = (end - begin) * signal.dt
+    x0, xm, x1 = signal.at(begin), signal.at(0.5 * (begin + end)), signal.at(end)
+    half = 0.5 * h
+    a0, am, a1 = half * x0[:3], half * xm[:3], half * x1[:3]
+    f0, fm, f1 = x0[3:], xm[3:], x1[3:]
+
+    q1w, q1v = np.ones_like(h), 0.5 * a0
+    k2w, k2v = _turn(q1w, q1v, am)
+    q2w, q2v = 1.0 + 0.5 * k2w, 0.5 * k2v
+    k3w, k3v = _turn(q2w, q2v, am)
+    q3w, q3v = 1.0 + k3w, k3v
+    k4w, k4v = _turn(q3w, q3v, a1)
+
+    dq = np.empty((4, len(h)))
+    dq[0] = 1.0 + (2.0 * (k2w + k3w) + k4w) / 6.0
+    dq[1:] = (a0 + 2.0 * (k2v + k3v) + k4v) / 6.0
+    middle = rows.rotate(q1w, q1v, fm) + rows.rotate(q2w, q2v, fm)
+    dv = (h / 6.0) * (f0 + 2.0 * middle + rows.rotate(q3w, q3v, f1))
+    dp = (h * h / 6.0) * (f0 + middle)
+    return dq, dv, dp
+
+
+def _attitude(signal: Signal, fraction: Array, segments: int) -> Array:
+    """Attitude (4, n) at a fraction (n,) of each interval: RK4 over its segments, cut short where the fraction lies."""
+    q = _one_and(np.zeros((3, len(fraction))))
+    for i in range(segments):
+        begin, end = np.minimum(i / segments, fraction), np.minimum((i + 1) / segments, fraction)
+        half = 0.5 * (end - begin) * signal.dt
+        a0, am, a1 = (half * signal.at(at)[:3] for at in (begin, 0.5 * (begin + end), end))
+        k2w, k2v = _turn(np.ones_like(half), 0.5 * a0, am)
+        k3w, k3v = _turn(1.0 + 0.5 * k2w, 0.5 * k2v, am)
+        k4w, k4v = _turn(1.0 + k3w, k3v, a1)
+        dq = np.concatenate(((1.0 + (2.0 * (k2w + k3w) + k4w) / 6.0)[None], (a0 + 2.0 * (k2v + k3v) + k4v) / 6.0))
+        q = rows.product(q, dq)
+    return q
+
+
+def _turn(w: Array, v: Array, a: Array) -> tuple[Array, Array]:
+    """(w, v) ⊗ [0, a]: scalar (n,) and vector (3, n)."""
+    return -rows.dot(v, a), w * a + rows.cross(v, a)
+
+
+def _one_and(vector: Array) -> Array:
+    """The quaternion [1, vector], (4, n)."""
+    return np.concatenate((np.ones((1, vector.shape[1])), vector))

@@ -1,0 +1,162 @@
+"""Unit quaternions as arrays: Hamilton's convention, `[w, x, y, z]` on the last axis.
+
+`q_ned_frd` rotates body (FRD) vectors into the world (NED); products compose from right to left,
+`q_ned_frd = q_ned_other ⊗ q_other_frd`. Every function works on arrays of shape (..., 4) and broadcasts.
+Seed 001 and Trawny & Roumeliotis ("Indirect Kalman Filter for 3D Attitude Estimation", 2005) write JPL
+quaternions: `to_jpl` and `from_jpl` are the only place where that convention appears.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.tracks import Array
+
+IDENTITY: Array = np.array([1.0, 0.0, 0.0, 0.0])
+IDENTITY.setflags(write=False)
+
+
+def multiply(a: Array, b: Array) -> Array:
+    """Hamilton product a ⊗ b: first b, then a. Shapes (..., 4), broadcast against each other."""
+    aw, ax, ay, az = np.moveaxis(a, -1, 0)
+    bw, bx, by, bz = np.moveaxis(b, -1, 0)
+    return np.stack(
+        (
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ),
+        axis=-1,
+    )
+
+
+def conjugate(q: Array) -> Array:
+    """The inverse rotation of a unit quaternion, (..., 4)."""
+    return np.asarray(q * np.array([1.0, -1.0, -1.0, -1.0]))
+
+
+def normalize(q: Array) -> Array:
+    """q / |q|, (..., 4). Raises ValueError for a quaternion of length zero, which stands for no rotation."""
+    length = np.asarray(np.linalg.norm(q, axis=-1, keepdims=True))
+    if not (length > 0).all():
+        raise ValueError("a quaternion of length zero (or not finite) has no direction; check where it comes from")
+    return np.asarray(q / length, dtype=np.float64)
+
+
+def rotate(q: Array, vector: Array) -> Array:
+    """C(q) vector: q (..., 4) of unit length, vector (..., 3), broadcast. With q_ned_frd: from FRD to NED."""
+    w, axis = q[..., :1], q[..., 1:]
+    turn = 2.0 * np.cross(axis, vector)
+    return np.asarray(vector + w * turn + np.cross(axis, turn))
+
+
+def to_matrix(q: Array) -> Array:
+    """Rotation matrix C(q), (..., 3, 3), of unit quaternions (..., 4): `C(q) v == rotate(q, v)`."""
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def from_matrix(matrix: Array) -> Array:
+    """Unit quaternions (..., 4), w >= 0, of rotation matrices (..., 3, 3); Shepperd's choice of the largest part."""
+    m = np.asarray(matrix, dtype=np.float64)
+    m00, m11, m22 = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    x, y, z = m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]
+    xy, yz, zx = m[..., 0, 1] + m[..., 1, 0], m[..., 1, 2] + m[..., 2, 1], m[..., 2, 0] + m[..., 0, 2]
+    # 4 q_i q for i = w, x, y, z: four parallel vectors; the one with the largest own part loses no digits.
+    candidates = np.stack(
+        (
+            np.stack((1 + m00 + m11 + m22, x, y, z), axis=-1),
+            np.stack((x, 1 + m00 - m11 - m22, xy, zx), axis=-1),
+            np.stack((y, xy, 1 - m00 + m11 - m22, yz), axis=-1),
+            np.stack((z, zx, yz, 1 - m00 - m11 + m22), axis=-1),
+        ),
+        axis=-2,
+    )
+    own = np.diagonal(candidates, axis1=-2, axis2=-1)
+    best = np.argmax(own, axis=-1)[..., None, None]
+    q = normalize(np.take_along_axis(candidates, best, axis=-2)[..., 0, :])
+    return np.where(q[..., :1] < 0, -q, q)
+
+
+def exp(vector: Array) -> Array:
+    """Unit quaternions (..., 4) of rotation vectors (..., 3) in rad: axis times angle."""
+    half = 0.5 * np.linalg.norm(vector, axis=-1, keepdims=True)
+    # np.sinc(x) = sin(πx)/(πx) knows the limit at zero.
+    return np.concatenate((np.cos(half), 0.5 * np.sinc(half / np.pi) * vector), axis=-1)
+
+
+def log(q: Array) -> Array:
+    """Rotation vectors (..., 3) in rad of unit quaternions (..., 4); the shorter of the two ways, at most π."""
+    q = np.where(q[..., :1] < 0, -q, q)
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, q[..., :1])
+    small = sine < 1e-12  # there angle / sine = 2 to the last digit, and 0 / 0 is avoided
+    return np.asarray(q[..., 1:] * np.where(small, 2.0, angle / np.where(small, 1.0, sine)))
+
+
+def slerp(a: Array, b: Array, fraction: npt.ArrayLike) -> Array:
+    """From a (fraction 0) to b (fraction 1) at constant rate, the shorter way round.
+
+    Shapes: a, b (..., 4), fraction (...); all broadcast. Outside 0..1 it extrapolates at the same rate.
+    """
+    step = log(multiply(conjugate(a), b))
+    return multiply(a, exp(np.asarray(fraction, dtype=np.float64)[..., None] * step))
+
+
+def from_euler(roll: npt.ArrayLike, pitch: npt.ArrayLike, yaw: npt.ArrayLike) -> Array:
+    """q_ned_frd (..., 4) of MAVLink's ATTITUDE angles in rad: yaw about down, then pitch, then roll (z-y-x)."""
+    cr, cp, cy = (np.cos(0.5 * np.asarray(angle, dtype=np.float64)) for angle in (roll, pitch, yaw))
+    sr, sp, sy = (np.sin(0.5 * np.asarray(angle, dtype=np.float64)) for angle in (roll, pitch, yaw))
+    return np.stack(
+        np.broadcast_arrays(
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ),
+        axis=-1,
+    )
+
+
+def to_euler(q: Array) -> Array:
+    """Roll, pitch, yaw (..., 3) in rad of q_ned_frd (..., 4), as ATTITUDE has them.
+
+    roll and yaw in -π..π, pitch in -π/2..π/2. For people and plots: at pitch ±90° roll and yaw are not unique, so
+    nothing is integrated or interpolated in these angles.
+    """
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - x * z), -1.0, 1.0))
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return np.stack((roll, pitch, yaw), axis=-1)
+
+
+def continuous_sign(q: Array) -> Array:
+    """The same rotations (N, 4) with the sign chosen so that neighbours along the track lie on the same side.
+
+    q and -q are one rotation; interpolation and plots need a curve without jumps. The first row keeps its sign.
+    """
+    flips = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0
+    sign = np.where(np.cumsum(flips) % 2 == 1, -1.0, 1.0)
+    return np.asarray(q * np.concatenate((np.ones(min(1, len(q))), sign))[:, None])
+
+
+def to_jpl(q: Array) -> Array:
+    """JPL quaternion of NED to FRD, scalar last, (..., 4), of the Hamilton q_ned_frd.
+
+    JPL's product is turned round and its rotation runs from global to local; the two changes cancel, so the numbers
+    are the same and only their order differs (Trawny & Roumeliotis 2005, §1.1-1.4).
+    """
+    return np.roll(q, -1, axis=-1)
+
+
+def from_jpl(q: Array) -> Array:
+    """Hamilton q_ned_frd, scalar first, (..., 4), of a JPL quaternion of NED to FRD, scalar last."""
+    return np.roll(q, 1, axis=-1)

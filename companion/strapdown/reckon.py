@@ -1,0 +1,179 @@
+"""From increments to a trajectory: the attitude as a running product, velocity and position as running sums.
+
+Quaternion products are associative, so the running product is computed in blocks: inside all blocks at once, then over
+the blocks, then both together (prefix scan, Blelloch 1990). Nothing loops over samples. `preintegrate` does the same
+without gravity and without a start, and its result serves every anchor, horizon and window (shared/MATH.md §1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.strapdown import _components as rows
+from companion.strapdown import quaternion
+from companion.strapdown.increments import Scheme, chunks, scheme_for
+from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
+
+SAME_TIME = 5e-7
+"""s. MAVLink's finest clock counts microseconds: times closer than half a tick are the same time."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Preintegration:
+    """One gravity-free pass over a track from identity, zero velocity and zero position: Q, V, P of MATH.md §1."""
+
+    t: Array  # (N,) s
+    q: Array  # (N, 4) wxyz, body at t_i to body at t_0, unit length
+    v: Array  # (N, 3) in the body frame at t_0, m/s, without gravity
+    p: Array  # (N, 3) in the body frame at t_0, m, without gravity
+    notes: tuple[str, ...] = ()  # what was done differently from what was asked, and why
+
+    def carry(
+        self,
+        start_index: npt.ArrayLike,
+        end_index: npt.ArrayLike,
+        q: Array,
+        velocity: Array,
+        position: Array,
+        *,
+        gravity: float = STANDARD_GRAVITY,
+    ) -> tuple[Array, Array, Array]:
+        """The states at samples `end_index` of integrations that start at samples `start_index` with given states.
+
+        start_index: shape S, any; q: S + (4,) NED from FRD, velocity, position: S + (3,) NED in m/s and m;
+        end_index: shape S, or S + H for several ends of each start (a window with its horizons, or one anchor, S = (),
+        with all samples up to the next). Ends before the start integrate backwards. gravity: m/s², down.
+        Returns (q_ned_frd, velocity, position) of shape end_index.shape + (4,), (3,), (3,).
+
+        A few operations an end, whatever lies between: `q_e = c ⊗ Q_e` with `c = q ⊗ Q_k⁻¹`, and the velocity and
+        position differences turned by c. A window over a gap in the samples gives numbers too; leave it out.
+
+        Raises ValueError for shapes that do not fit and IndexError for samples that do not exist.
+        """
+        start, end = np.asarray(start_index, dtype=np.intp), np.asarray(end_index, dtype=np.intp)
+        for name, values, width in (("q", q, 4), ("velocity", velocity, 3), ("position", position, 3)):
+            if np.shape(values) != (*start.shape, width):
+                raise ValueError(f"{name} must have shape {(*start.shape, width)}, got {np.shape(values)}")
+        if end.shape[: start.ndim] != start.shape:
+            raise ValueError(f"end_index must have shape {start.shape} or that and more axes, got {end.shape}")
+        each = (..., *(None,) * (end.ndim - start.ndim), slice(None))  # one start for all its ends
+        c = quaternion.multiply(q, quaternion.conjugate(self.q[start]))[each]
+        v0, p0, velocity, position = self.v[start][each], self.p[start][each], velocity[each], position[each]
+        tau = (self.t[end] - self.t[start][each[:-1]])[..., None]
+        down = np.array([0.0, 0.0, gravity])
+        q_end = quaternion.multiply(c, self.q[end])
+        v_end = velocity + quaternion.rotate(c, self.v[end] - v0) + down * tau
+        p_end = position + velocity * tau + 0.5 * down * tau**2 + quaternion.rotate(c, self.p[end] - p0 - v0 * tau)
+        return q_end, v_end, p_end
+
+
+def reckon(
+    imu: ImuTrack,
+    start: NavState,
+    *,
+    method: str = "rk4",
+    middle: str = "cubic",
+    segments: int = 1,
+    gravity: float = STANDARD_GRAVITY,
+) -> Trajectory:
+    """Dead reckoning from `start` over the samples of `imu`: attitude, velocity and position at their times.
+
+    start.t must be the time of a sample (within half a microsecond), as a rule the first: there the trajectory begins,
+    with `start` as its first row. Samples before it only shape the cubic, so a track is continued from a state in its
+    middle as in one run. method, middle, segments: see `increments`. gravity: m/s², along NED's down.
+
+    With the cubic the last interval of a track is one-sided. Whoever integrates a track piece by piece and wants the
+    numbers of the whole uses `Reckoner`, or gives each piece one sample more at both ends.
+
+    Raises ValueError for an unknown method or middle, a track without samples, a start that is not finite, whose
+    quaternion is not of unit length (to 1e-3), or whose time is not that of a sample.
+    """
+    scheme = scheme_for(imu, method, middle, segments)
+    if not np.isfinite(gravity):
+        raise ValueError(f"gravity must be finite, got {gravity}")
+    first = _start_index(imu, start)
+    t = imu.t[first:]
+    q, v, p = _run(imu, first, _checked(start), gravity, scheme)
+    return Trajectory(t, q, v, p, scheme.notes_on(imu))
+
+
+def preintegrate(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", segments: int = 1) -> Preintegration:
+    """One pass over a track without gravity and without a start, from which `carry` gives every window.
+
+    Raises ValueError as `increments` does.
+    """
+    scheme = scheme_for(imu, method, middle, segments)
+    origin = NavState(float(imu.t[0]), quaternion.IDENTITY, np.zeros(3), np.zeros(3))
+    q, v, p = _run(imu, 0, origin, 0.0, scheme)
+    return Preintegration(imu.t, q, v, p, scheme.notes_on(imu))
+
+
+def _start_index(imu: ImuTrack, start: NavState) -> int:
+    """The sample at which a state stands."""
+    near = int(np.searchsorted(imu.t, start.t - SAME_TIME))
+    if near == len(imu) or not abs(imu.t[near] - start.t) <= SAME_TIME:
+        raise ValueError(
+            f"start.t = {start.t:.6f} s is not the time of a sample (track: {imu.t[0]:.6f} to {imu.t[-1]:.6f} s); "
+            "take the state at a sample, or cut the track to begin where the state is"
+        )
+    return near
+
+
+def _checked(start: NavState) -> NavState:
+    """The start with its quaternion exactly of unit length."""
+    for name, values, shape in (
+        ("q_ned_frd", start.q_ned_frd, (4,)),
+        ("velocity", start.velocity, (3,)),
+        ("position", start.position, (3,)),
+    ):
+        if np.shape(values) != shape or not np.isfinite(values).all():
+            raise ValueError(f"start.{name} must be finite and of shape {shape}, got {values}")
+    length = float(np.linalg.norm(start.q_ned_frd))
+    if abs(length - 1.0) > 1e-3:
+        raise ValueError(f"start.q_ned_frd must be of unit length, got length {length:.6g}; normalise it")
+    return NavState(start.t, np.asarray(start.q_ned_frd) / length, start.velocity, start.position)
+
+
+def _run(imu: ImuTrack, first: int, start: NavState, gravity: float, scheme: Scheme) -> tuple[Array, Array, Array]:
+    """(q (N, 4), v (N, 3), p (N, 3)) at the samples from `first` on, chunk by chunk."""
+    n = len(imu) - first
+    q, v, p = np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
+    q[0], v[0], p[0] = start.q_ned_frd, start.velocity, start.position
+    for interval, h, (dq, dv, dp) in chunks(imu, first, scheme):
+        i = interval - first
+        part = slice(i + 1, i + 1 + len(h))
+        attitude = rows.product(q[i], _running_product(dq))
+        attitude /= np.sqrt((attitude * attitude).sum(axis=0))
+        q[part] = attitude.T
+        before = np.concatenate((q[i][:, None], attitude[:, :-1]), axis=1)
+        faster = rows.rotate(before[0], before[1:], dv)
+        faster[2] += gravity * h
+        np.cumsum(faster.T, axis=0, out=v[part])
+        v[part] += v[i]
+        further = h * v[i : i + len(h)].T + rows.rotate(before[0], before[1:], dp)
+        further[2] += 0.5 * gravity * h * h
+        np.cumsum(further.T, axis=0, out=p[part])
+        p[part] += p[i]
+    return q, v, p
+
+
+def _running_product(q: Array) -> Array:
+    """q_0, q_0 ⊗ q_1, q_0 ⊗ q_1 ⊗ q_2, ...: (4, n) to (4, n), in blocks of about √n."""
+    n = q.shape[1]
+    if n == 1:
+        return q
+    length = max(2, int(np.sqrt(n)))
+    blocks = -(-n // length)
+    padded = np.zeros((4, blocks * length))
+    padded[0, n:] = 1.0
+    padded[:, :n] = q
+    inner = np.ascontiguousarray(padded.reshape(4, blocks, length).transpose(0, 2, 1))
+    for i in range(1, length):
+        inner[:, i] = rows.product(inner[:, i - 1], inner[:, i])
+    if blocks > 1:
+        totals = _running_product(inner[:, -1, :-1])
+        inner[:, :, 1:] = rows.product(totals[:, None], inner[:, :, 1:])
+    return np.ascontiguousarray(inner.transpose(0, 2, 1)).reshape(4, -1)[:, :n]
