@@ -221,3 +221,13 @@ class Flight:
                 "Record longer, or choose another IMU with --imu."
             )
         return self.imus[name]
+
+    def require_attitude(self) -> AttitudeTrack:
+        """The attitude track. Raises DataError when the flight has none."""
+        if self.attitude is None:
+            raise DataError(
+                f"vehicle {self.vehicle}, boot {self.boot}: no ATTITUDE or ATTITUDE_QUATERNION to compare with "
+                f"(messages found: {', '.join(sorted(self.messages)) or 'none'}). Ask the vehicle for ATTITUDE "
+                "(stream EXTRA1), or use its on-board log."
+            )
+        return self.attitude

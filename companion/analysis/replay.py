@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from companion.tracks import Array
-
-BoolArray = npt.NDArray[np.bool_]
+from companion.analysis.compare import attitude_error
+from companion.analysis.reference import BoolArray, Limits, nearest, reference_at
+from companion.errors import DataError
+from companion.strapdown import preintegrate, quaternion
+from companion.tracks import STANDARD_GRAVITY, Array, Flight
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,3 +34,72 @@ class Replay:
     anchors: Array  # (A,) s, where the reckoning was (re)started from the autopilot's state
     has_position: bool
     reference_valid: BoolArray  # (N,) False where the autopilot's messages have a hole: its state is interpolated
+
+
+def replay(
+    flight: Flight,
+    *,
+    imu: str | None = None,
+    method: str = "rk4",
+    middle: str = "cubic",
+    segments: int = 1,
+    reanchor_s: float | None = 10.0,
+    start_s: float | None = None,
+    gravity: float = STANDARD_GRAVITY,
+    limits: Limits | None = None,
+) -> Replay:
+    """The reckoning of the flight's IMU beside its autopilot, at every IMU sample.
+
+    It starts from the autopilot's state at `start_s` (s, boot clock; None: as soon as the state is known) and again
+    every `reanchor_s` seconds, or runs free when that is None. Where the autopilot's state is not known at the time
+    of a new anchor, the reckoning goes on from the old one until it is.
+
+    Raises DataError when the flight has no usable IMU or no attitude, or never both at once after `start_s`; ValueError
+    for an unknown method or a period that is not positive.
+    """
+    track, attitude = flight.imu(imu), flight.require_attitude()
+    if reanchor_s is not None and not reanchor_s > 0:
+        raise ValueError(f"the re-anchor period must be positive seconds or None, got {reanchor_s}")
+    limits = limits or Limits()
+    reference = reference_at(attitude, flight.position, track.t, limits)
+    # an attitude-only flight is compared in attitude alone; one with a position starts when that is known too
+    has_position = bool(reference.position_known.any())
+    valid = reference.position_known if has_position else reference.attitude_known
+    usable = np.flatnonzero(valid & (track.t >= (-np.inf if start_s is None else start_s)))
+    if len(usable) < 2:
+        raise DataError(
+            f"{track.source} and {attitude.source} do not overlap"
+            + (f" after {start_s:.1f} s" if start_s is not None else "")
+            + f" (IMU {track.t[0]:.1f} to {track.t[-1]:.1f} s, attitude {attitude.t[0]:.1f} to {attitude.t[-1]:.1f} s)."
+            " Choose an earlier start or another flight of the log."
+        )
+    shown = slice(int(usable[0]), int(usable[-1]) + 1)
+    t = track.t[shown]
+    anchors = np.array([usable[0]])
+    if reanchor_s is not None:
+        wanted = t[0] + reanchor_s * np.arange(1, int((t[-1] - t[0]) / reanchor_s) + 1)
+        later = nearest(track.t, wanted)
+        delayed = np.searchsorted(usable, later)
+        anchors = np.unique(np.concatenate([anchors, usable[delayed[delayed < len(usable)]]]))
+    path = preintegrate(track[shown], method=method, middle=middle, segments=segments)
+    index = anchors - shown.start
+    owner = index[np.searchsorted(index, np.arange(len(t)), side="right") - 1]
+    q_ref, v_ref, p_ref = (a[shown] for a in (reference.q_ned_frd, reference.velocity, reference.position))
+    q, v, p = path.carry(owner, np.arange(len(t)), q_ref[owner], v_ref[owner], p_ref[owner], gravity=gravity)
+    if not has_position:
+        v, p = v_ref, p_ref
+    return Replay(
+        t=t,
+        q_imu=quaternion.continuous_sign(q),
+        velocity_imu=v,
+        position_imu=p,
+        q_ref=q_ref,
+        velocity_ref=v_ref,
+        position_ref=p_ref,
+        attitude_error=attitude_error(q_ref, q),
+        velocity_error=v_ref - v,
+        position_error=p_ref - p,
+        anchors=track.t[anchors],
+        has_position=has_position,
+        reference_valid=valid[shown],
+    )

@@ -1,0 +1,6 @@
+"""MAVLink messages → tracks: SI units, FRD and NED, one clock per flight. Knows no physics."""
+
+from companion.telemetry.convert import IMU_MESSAGES
+from companion.telemetry.flights import flights
+
+__all__ = ["IMU_MESSAGES", "flights"]

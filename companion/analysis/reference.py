@@ -1,0 +1,113 @@
+"""The autopilot's attitude, velocity and position at any time, and where they cannot be known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.analysis.compare import attitude_error, length
+from companion.strapdown import quaternion
+from companion.tracks import Array, AttitudeTrack, PositionTrack
+
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What makes a stretch of samples unusable. A stretch is left out and counted, never patched over."""
+
+    gap_periods: float = 3.0  # a hole is longer than so many median sample periods ...
+    gap_s: float = 0.1  # ... and longer than this, s
+    position_jump_m: float = 1.0  # step that the velocity does not explain
+    attitude_jump_deg: float = 5.0  # step that the body rates do not explain
+
+    def hole(self, t: Array) -> float:
+        """The longest sample interval, s, of a track with times t (N,) that is not a hole.
+
+        Integrating across a hole is the largest false error there is: 1 s in a turn is 30° of attitude.
+        """
+        return max(self.gap_s, self.gap_periods * float(np.median(np.diff(t)))) if len(t) > 1 else 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """The autopilot's state at given times; meaningless where the matching `known` is False."""
+
+    t: Array  # (N,) s
+    q_ned_frd: Array  # (N, 4)
+    velocity: Array  # (N, 3) NED m/s
+    position: Array  # (N, 3) NED m
+    attitude_known: BoolArray  # (N,)
+    position_known: BoolArray  # (N,) position and velocity
+
+
+def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Array, limits: Limits) -> Reference:
+    """The state at times t (N,): slerp for attitude, cubic Hermite (position and velocity) for position.
+
+    Velocity is linear between samples. Nothing is extrapolated, nothing is known inside a hole (`Limits.hole`).
+    Raises ValueError for an attitude track without samples.
+    """
+    if not len(attitude):
+        raise ValueError("an attitude track needs a sample")
+    i, u, attitude_known = _bracket(attitude.t, t, limits)
+    q = quaternion.slerp(attitude.q_ned_frd[i], attitude.q_ned_frd[np.minimum(i + 1, len(attitude) - 1)], u)
+    if position is None or not len(position):
+        zero = np.zeros((len(t), 3))
+        return Reference(t, q, zero, zero, attitude_known, np.zeros(len(t), np.bool_))
+    i, u, position_known = _bracket(position.t, t, limits)
+    j, u = np.minimum(i + 1, len(position) - 1), u[:, None]
+    h = (position.t[j] - position.t[i])[:, None]
+    p0, p1, v0, v1 = position.position[i], position.position[j], position.velocity[i], position.velocity[j]
+    # Hermite as a correction to the straight line, so that large coordinates lose no digits
+    bend = u * (1 - u) * ((1 - u) * (h * v0 - (p1 - p0)) + u * ((p1 - p0) - h * v1))
+    return Reference(
+        t, q, v0 + u * (v1 - v0), p0 + u * (p1 - p0) + bend, attitude_known, position_known & attitude_known
+    )
+
+
+def attitude_jumps(track: AttitudeTrack, limits: Limits) -> Array:
+    """Steps of the attitude that the body rates do not explain, (J, 2): the times s of the samples on either side.
+
+    Yaw resets, a restarted filter.
+    Half of the turn that the rates predict is allowed on top, because they are samples of a motion that goes on
+    between them.
+    """
+    h = np.diff(track.t)[:, None]
+    turn = 0.5 * (track.rates[1:] + track.rates[:-1]) * h
+    predicted = quaternion.multiply(track.q_ned_frd[:-1], quaternion.exp(turn))
+    step = length(attitude_error(track.q_ned_frd[1:], predicted))
+    return _intervals(track.t, step > np.radians(limits.attitude_jump_deg) + 0.5 * length(turn))
+
+
+def position_jumps(track: PositionTrack, limits: Limits) -> Array:
+    """Steps of the position that the velocity does not explain, (J, 2) as for attitude: GPS glitches, EKF resets.
+
+    A quarter of what the change of velocity makes in the interval is allowed on top: at 2 Hz a manoeuvre between two
+    messages moves the vehicle by more than the trapezoid says.
+    """
+    h = np.diff(track.t)[:, None]
+    predicted = 0.5 * (track.velocity[1:] + track.velocity[:-1]) * h
+    step = length(np.diff(track.position, axis=0) - predicted)
+    allowed = limits.position_jump_m + 0.25 * length(np.diff(track.velocity, axis=0) * h)
+    return _intervals(track.t, step > allowed)
+
+
+def nearest(samples: Array, t: Array) -> npt.NDArray[np.intp]:
+    """Index of the sample nearest to each t. Needs two samples or more."""
+    index = np.clip(np.searchsorted(samples, t), 1, len(samples) - 1)
+    return index - (t - samples[index - 1] < samples[index] - t)
+
+
+def _intervals(t: Array, flags: BoolArray) -> Array:
+    return np.column_stack([t[:-1][flags], t[1:][flags]])
+
+
+def _bracket(samples: Array, t: Array, limits: Limits) -> tuple[npt.NDArray[np.intp], Array, BoolArray]:
+    """Index of the sample before each t, the fraction of the way to the next, and whether both are close enough."""
+    i = np.clip(np.searchsorted(samples, t, side="right") - 1, 0, max(len(samples) - 2, 0))
+    h = samples[np.minimum(i + 1, len(samples) - 1)] - samples[i]
+    u = np.clip((t - samples[i]) / np.where(h > 0, h, 1.0), 0.0, 1.0)
+    inside = (t >= samples[0]) & (t <= samples[-1])
+    return i, u, inside & (h <= limits.hole(samples))

@@ -1,0 +1,144 @@
+"""`companion analyze LOG`: the drift table."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from companion.analysis import Drift, DriftRow, Limits, Statistic, drift
+from companion.cli import options, schema
+from companion.cli.info import reference_line
+from companion.settings import Settings
+from companion.tracks import Flight
+
+_LOW_RATE_HZ = 40.0  # RAW_IMU is low-passed at 20 Hz: below twice that, motion aliases into the samples
+
+_REASONS = {
+    "imu_gap": "hole in the IMU",
+    "no_attitude": "no attitude",
+    "attitude_jump": "attitude jump",
+    "no_position": "no position",
+    "position_jump": "position jump",
+}
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Register the command."""
+    parser = options.add_command(
+        commands,
+        "analyze",
+        "How far the IMU, integrated by itself, drifts from the autopilot's estimate.",
+        "companion analyze flight.tlog --imu RAW_IMU --horizons 1,5,10",
+    )
+    options.add_flight_choice(parser)
+    options.add_integration(parser)
+    parser.add_argument("--horizons", type=_horizons, metavar="S,S,...", help="seconds (default: 1,2,5,10,30)")
+    parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the drift of one flight."""
+    settings = options.settings_of(arguments)
+    recording = options.read(arguments, settings)
+    flight = recording.flights[options.choose(recording.flights, arguments)]
+    limits = limits_of(settings)
+    integration = settings.integration
+    table = drift(
+        flight,
+        horizons=settings.drift.horizons_s,
+        method=integration.method,
+        middle=integration.middle,
+        segments=integration.segments,
+        imu=arguments.imu,
+        gravity=integration.gravity_mps2,
+        limits=limits,
+    )
+    gaps = {name: int((np.diff(track.t) > limits.hole(track.t)).sum()) for name, track in flight.imus.items()}
+    if arguments.json:
+        found = schema.analyze_flight(flight, table, gaps)
+        print(schema.encode(schema.Analysis(log=schema.log_object(recording.log), flights=[found])))
+    else:
+        _print(flight, table, gaps[table.imu])
+    return 0
+
+
+def limits_of(settings: Settings) -> Limits:
+    """What the settings call a hole or a jump."""
+    return Limits(
+        gap_periods=settings.drift.gap_periods,
+        gap_s=settings.drift.gap_s,
+        position_jump_m=settings.drift.position_jump_m,
+        attitude_jump_deg=settings.drift.attitude_jump_deg,
+    )
+
+
+def _print(flight: Flight, table: Drift, gaps: int) -> None:
+    console = Console(soft_wrap=True)
+    track, vehicle = flight.imu(table.imu), flight.vehicle
+    middle = f", {table.middle} middle sample" if table.method == "rk4" else ""
+    lines = [
+        f"[bold]Vehicle {vehicle}, boot {flight.boot}[/]: {vehicle.autopilot} {vehicle.firmware} {vehicle.type}, "
+        f"{flight.duration:.1f} s",
+        f"IMU:       {table.imu} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
+        + (f", {gaps} holes" if gaps else ""),
+        f"Reference: {reference_line(flight)}",
+        f"Method:    {table.method}{middle}",
+    ]
+    lines += [f"Note:      {escape(note)}" for note in (*flight.notes, *table.notes)]
+    if track.rate_hz < _LOW_RATE_HZ:
+        lines.append(
+            f"[yellow]Warning:   {track.rate_hz:.0f} Hz is too low to integrate: motion between the samples is lost, "
+            "and most of the drift below is that. Record the IMU at 50-200 Hz, or use the on-board log.[/]"
+        )
+    for line in lines:
+        console.print(line, highlight=False)
+    console.print(drift_table(table))
+    if not any(row.windows for row in table.rows):
+        console.print("No window could be used: the column 'left out' says why.")
+
+
+def drift_table(table: Drift) -> Table:
+    """The drift as a rich table: median / 95 % / worst of the windows of each horizon."""
+    shown = Table(title="Drift: autopilot minus IMU alone (median / 95 % / worst)", title_justify="left")
+    shown.add_column("after", justify="right")
+    shown.add_column("windows", justify="right")
+    for heading in ("attitude °", "velocity m/s", "position m"):
+        shown.add_column(heading, justify="right")
+    shown.add_column("left out", overflow="fold")
+    for row in table.rows:
+        windows = f"{row.windows}"
+        if row.position_m and row.position_m.windows != row.windows:
+            windows += f" ({row.position_m.windows} with position)"
+        cells = (row.attitude_deg, row.velocity_mps, row.position_m)
+        shown.add_row(f"{row.horizon_s:g} s", windows, *(_cell(cell) for cell in cells), _left_out(row))
+    return shown
+
+
+def _cell(statistic: Statistic | None) -> str:
+    if statistic is None:
+        return "-"
+    return " / ".join(_three_digits(x) for x in (statistic.median, statistic.p95, statistic.max))
+
+
+def _three_digits(value: float) -> str:
+    """Three significant digits, without an exponent."""
+    digits = 2 - int(np.floor(np.log10(value))) if value > 0 else 2
+    return f"{value:.{min(max(digits, 0), 4)}f}"
+
+
+def _left_out(row: DriftRow) -> str:
+    parts = [f"{count} {_REASONS[reason]}" for reason, count in row.excluded.items()]
+    parts += [f"{count} {_REASONS[reason]} (attitude used)" for reason, count in row.position_excluded.items()]
+    return ", ".join(parts)
+
+
+def _horizons(text: str) -> tuple[float, ...]:
+    values = tuple(float(part) for part in text.split(","))
+    if not all(np.isfinite(v) and v > 0 for v in values):
+        raise argparse.ArgumentTypeError(f"must be positive seconds like 1,5,10, got {text!r}")
+    return values

@@ -1,0 +1,87 @@
+"""`companion info LOG`: who speaks in a log, and what it has."""
+
+from __future__ import annotations
+
+import argparse
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from companion.cli import options, schema
+from companion.mavlink import Log
+from companion.tracks import Flight
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Register the command."""
+    parser = options.add_command(
+        commands, "info", "What is in a log: vehicles, boots, messages, rates, gaps.", "companion info flight.tlog"
+    )
+    parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print what is in the log."""
+    recording = options.read(arguments, options.settings_of(arguments))
+    if arguments.json:
+        flights = [schema.info_flight(flight) for flight in recording.flights]
+        print(schema.encode(schema.Info(log=schema.log_object(recording.log), flights=flights)))
+        return 0
+    console = Console(soft_wrap=True)
+    console.print(_summary(recording.log), highlight=False)
+    if not recording.flights:
+        console.print("No vehicle speaks in this log. Who does:")
+        for name, messages in sorted(recording.log.messages.items()):
+            who = sorted({f"{s}:{c}" for s, c in zip(messages.sysid.tolist(), messages.compid.tolist(), strict=True)})
+            console.print(f"  {name}: {len(messages)} from {', '.join(who)}", highlight=False)
+    for flight in recording.flights:
+        _print_flight(console, flight)
+    return 0
+
+
+def _summary(log: Log) -> str:
+    text = f"{escape(str(log.path))}: {log.size_bytes:,} bytes, {log.frames:,} frames"
+    if log.bad_crc_frames or log.skipped_bytes:
+        text += f"; damage: {log.bad_crc_frames:,} frames with a wrong checksum, {log.skipped_bytes:,} bytes skipped"
+    if log.unknown_frames:
+        ids = ", ".join(f"{number} ({count})" for number, count in sorted(log.unknown_frames.items()))
+        text += f"; message ids that the dialect does not know: {ids}"
+    return text
+
+
+def _print_flight(console: Console, flight: Flight) -> None:
+    vehicle = flight.vehicle
+    console.print(
+        f"\n[bold]Vehicle {vehicle}, boot {flight.boot}[/]: {vehicle.autopilot} {vehicle.firmware} {vehicle.type}, "
+        f"{flight.duration:.1f} s (boot clock {flight.start:.1f} to {flight.start + flight.duration:.1f} s)",
+        highlight=False,
+    )
+    console.print(f"  would integrate: {imu_line(flight)}", highlight=False)
+    console.print(f"  would compare with: {reference_line(flight)}", highlight=False)
+    for note in flight.notes:
+        console.print(f"  note: {escape(note)}", highlight=False)
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("message", "count", "rate Hz", "longest gap s", "duplicates"):
+        table.add_column(heading, justify="left" if heading == "message" else "right")
+    for name, stats in flight.messages.items():
+        rate = "" if stats.rate_hz is None else f"{stats.rate_hz:.1f}" if stats.rate_hz < 1e4 else "burst"
+        gap = "" if stats.longest_gap_s is None else f"{stats.longest_gap_s:.2f}"
+        table.add_row(name, f"{stats.count}", rate, gap, f"{stats.duplicates}" if stats.duplicates else "")
+    console.print(table)
+
+
+def imu_line(flight: Flight) -> str:
+    """Which IMU, at which rate; or that there is none."""
+    name = flight.default_imu
+    if name is None:
+        return "nothing: no IMU message with two samples or more"
+    track = flight.imus[name]
+    return f"{name} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
+
+
+def reference_line(flight: Flight) -> str:
+    """Which messages the autopilot's state is taken from."""
+    attitude = flight.attitude.source if flight.attitude else "no attitude"
+    return f"{attitude}, {flight.position.source if flight.position else 'no position: attitude alone'}"

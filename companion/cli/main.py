@@ -1,0 +1,45 @@
+"""`companion COMMAND ...`: parses, runs, and turns errors into one sentence and an exit code."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib.metadata import version
+
+from companion.cli import analyze, info, view
+from companion.errors import CompanionError
+
+_COMMANDS = (info, analyze, view)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command. Returns the exit code: 0, 2 for what the user can mend, 130 after Ctrl-C."""
+    arguments = parser().parse_args(argv)
+    try:
+        code: int = arguments.run(arguments)
+        sys.stdout.flush()
+    except CompanionError as error:
+        print(f"companion: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:  # the reader of our output has gone (| head): nothing is left to say
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    return code
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser with every command's options."""
+    top = argparse.ArgumentParser(
+        prog="companion",
+        description="Does this IMU agree with this autopilot, and if not, which of them is wrong?",
+        epilog="example: companion analyze flight.tlog",
+    )
+    top.add_argument("--version", action="version", version=f"companion {version('companion')}")
+    commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for command in _COMMANDS:
+        command.add_parser(commands)
+    return top

@@ -1,0 +1,134 @@
+"""Options that several commands share, and what follows from them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+import msgspec
+
+from companion.errors import DataError, SettingsError
+from companion.mavlink import Log
+from companion.recording import Recording, read_recording
+from companion.settings import Settings, load_settings
+from companion.strapdown import METHODS, MIDDLES
+from companion.telemetry import IMU_MESSAGES
+from companion.tracks import Flight
+
+
+_SETTABLE = (
+    ("log", "dialect", "dialect"),
+    ("integration", "method", "method"),
+    ("integration", "middle", "middle"),
+    ("drift", "horizons_s", "horizons"),
+    ("view", "host", "host"),
+    ("view", "port", "port"),
+    ("view", "reanchor_s", "reanchor_s"),
+)
+"""Options that are settings too: section, key, name of the option."""
+
+
+def add_command(
+    commands: argparse._SubParsersAction[argparse.ArgumentParser], name: str, summary: str, example: str
+) -> argparse.ArgumentParser:
+    """A command that takes a log, with the options that every such command has."""
+    parser = commands.add_parser(name, help=summary, description=summary, epilog=f"example: {example}")
+    parser.add_argument("log", metavar="LOG", help="a telemetry log (.tlog)")
+    parser.add_argument("--config", metavar="FILE", help="settings file; config/default.toml describes every key")
+    parser.add_argument("--dialect", metavar="NAME", help="MAVLink dialect (default: ardupilotmega)")
+    return parser
+
+
+def add_flight_choice(parser: argparse.ArgumentParser) -> None:
+    """Which of the log's flights."""
+    parser.add_argument(
+        "--vehicle", metavar="SYSID[:COMPID]", help="the vehicle (default: the one with the most IMU data)"
+    )
+    parser.add_argument("--boot", type=int, metavar="N", help="the vehicle's N-th boot in the log, from 1")
+
+
+def add_integration(parser: argparse.ArgumentParser) -> None:
+    """Which IMU, integrated how."""
+    parser.add_argument(
+        "--imu",
+        metavar="NAME",
+        type=str.upper,
+        choices=IMU_MESSAGES,
+        help=f"IMU message to integrate: {', '.join(IMU_MESSAGES)} (default: depends on the autopilot, is stated)",
+    )
+    parser.add_argument("--method", choices=METHODS, help="integrator (default: rk4)")
+    parser.add_argument("--middle", choices=MIDDLES, help="rk4's sample in the middle of an interval (default: cubic)")
+
+
+def settings_of(arguments: argparse.Namespace) -> Settings:
+    """The settings file with the command line's options put over it. Raises SettingsError for one out of range."""
+    given = {name: value for name, value in vars(arguments).items() if value is not None}
+    merged = msgspec.to_builtins(load_settings(arguments.config))
+    for section, name, option in _SETTABLE:
+        if option in given:
+            merged[section][name] = given[option]
+    try:
+        return msgspec.convert(merged, Settings)
+    except msgspec.ValidationError as error:
+        raise SettingsError(f"an option on the command line is out of range: {error}.") from None
+
+
+def read(arguments: argparse.Namespace, settings: Settings) -> Recording:
+    """The log that was named. Raises DataError when no vehicle speaks in it."""
+    recording = read_recording(arguments.log, dialect=settings.log.dialect, dequantise=settings.log.dequantise)
+    warn_of_damage(recording.log)
+    return recording
+
+
+def choose(flights: Sequence[Flight], arguments: argparse.Namespace) -> int:
+    """Index of the flight that was asked for, by default the one with the most IMU samples beside an attitude.
+
+    Raises DataError when the log has no such vehicle or boot; lists what it has.
+    """
+    if not flights:
+        raise DataError(
+            f"no vehicle speaks in {arguments.log}: it has MAVLink, but no heartbeat of an autopilot with telemetry. "
+            "See what it has with: companion info"
+        )
+    matching = [i for i, flight in enumerate(flights) if _matches(flight, arguments)]
+    if not matching:
+        asked = " ".join(
+            f"--{name} {value}" for name in ("vehicle", "boot") if (value := getattr(arguments, name)) is not None
+        )
+        have = "; ".join(f"--vehicle {f.vehicle} --boot {f.boot}" for f in flights)
+        raise DataError(f"no flight in {arguments.log} matches {asked}. It has: {have}.")
+    chosen = max(matching, key=lambda i: usable_samples(flights[i]))
+    if len(matching) > 1:
+        flight = flights[chosen]
+        others = "; ".join(f"--vehicle {flights[i].vehicle} --boot {flights[i].boot}" for i in matching if i != chosen)
+        say(f"{len(matching)} flights: using vehicle {flight.vehicle}, boot {flight.boot}. Others: {others}")
+    return chosen
+
+
+def usable_samples(flight: Flight) -> int:
+    """IMU samples that there is an attitude to compare with."""
+    name = flight.default_imu
+    if name is None:
+        return 0
+    return len(flight.imus[name]) if flight.attitude is not None else 1
+
+
+def warn_of_damage(log: Log) -> None:
+    """Say on stderr what of the log could not be read."""
+    if log.bad_crc_frames or log.skipped_bytes:
+        say(
+            f"damaged log: {log.skipped_bytes:,} of {log.size_bytes:,} bytes skipped, "
+            f"{log.bad_crc_frames:,} frames with a wrong checksum left out; {log.frames:,} good frames read"
+        )
+
+
+def say(text: str) -> None:
+    """A line for the person at the terminal: stderr, so that results on stdout stay clean."""
+    print(text, file=sys.stderr)
+
+
+def _matches(flight: Flight, arguments: argparse.Namespace) -> bool:
+    asked = str(arguments.vehicle) if arguments.vehicle is not None else None
+    vehicle = asked is None or asked in {str(flight.vehicle), str(flight.vehicle.sysid)}
+    return vehicle and arguments.boot in {None, flight.boot}

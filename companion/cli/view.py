@@ -1,0 +1,82 @@
+"""`companion view LOG`: the replay in the browser."""
+
+from __future__ import annotations
+
+import argparse
+import webbrowser
+
+from companion.analysis import Replay, replay
+from companion.cli import options
+from companion.cli.analyze import limits_of
+from companion.tracks import Flight
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Register the command."""
+    parser = options.add_command(
+        commands,
+        "view",
+        "See the flight twice in the browser: as the autopilot had it and as the IMU alone would have it.",
+        "companion view flight.tlog --open",
+    )
+    options.add_flight_choice(parser)
+    options.add_integration(parser)
+    parser.add_argument("--host", help="address to serve on (default: 127.0.0.1, this computer alone)")
+    parser.add_argument("--port", type=int, help="port to serve on (default: 8080; the next free one when taken)")
+    parser.add_argument(
+        "--reanchor",
+        dest="reanchor_s",
+        type=float,
+        metavar="S",
+        help="start again from the autopilot's state every S seconds; 0 lets it run free (default: 10)",
+    )
+    parser.add_argument("--open", action="store_true", help="open the browser")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve the replay until Ctrl-C."""
+    from companion.view import ReplayChoice, Viewer  # noqa: PLC0415  (viser takes a second to import: only here)
+
+    settings = options.settings_of(arguments)
+    recording = options.read(arguments, settings)
+    chosen = options.choose(recording.flights, arguments)
+    integration, limits = settings.integration, limits_of(settings)
+
+    def recompute(flight: Flight, choice: ReplayChoice) -> Replay:
+        return replay(
+            flight,
+            imu=choice.imu,
+            method=choice.method,
+            middle=choice.middle,
+            segments=integration.segments,
+            reanchor_s=choice.reanchor_s,
+            start_s=choice.start_s,
+            gravity=integration.gravity_mps2,
+            limits=limits,
+        )
+
+    start = ReplayChoice(
+        imu=arguments.imu,
+        method=integration.method,
+        middle=integration.middle,
+        reanchor_s=settings.view.reanchor_s or None,
+        start_s=None,
+    )
+    with Viewer(
+        recording.flights,
+        recompute,
+        flight=chosen,
+        choice=start,
+        host=settings.view.host,
+        port=settings.view.port,
+    ) as viewer:
+        if viewer.port != settings.view.port:
+            options.say(f"port {settings.view.port} is taken: using {viewer.port}")
+        if viewer.warning:
+            options.say(viewer.warning)
+        print(f"Replay of {arguments.log}: {viewer.url}  (Ctrl-C ends it)", flush=True)
+        if arguments.open:
+            webbrowser.open(viewer.url)
+        viewer.run()
+    return 0

@@ -1,0 +1,121 @@
+"""Typed settings: what a settings file may say. `config/default.toml` documents every key with its unit and default."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+
+from companion.errors import InputError, SettingsError
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+
+
+class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of the settings file. An unknown key is an error, not a silent nothing."""
+
+
+class LogSettings(_Section):
+    """How logs are read."""
+
+    dialect: str = "ardupilotmega"
+    dequantise: bool = False
+
+
+class IntegrationSettings(_Section):
+    """How the IMU is integrated."""
+
+    method: Literal["euler", "midpoint", "rk4"] = "rk4"
+    middle: Literal["linear", "cubic"] = "cubic"
+    segments: Annotated[int, msgspec.Meta(ge=1, le=64)] = 1
+    gravity_mps2: Annotated[float, msgspec.Meta(ge=9.7, le=9.9)] = 9.80665
+
+
+class DriftSettings(_Section):
+    """Which windows the drift is measured over."""
+
+    horizons_s: Annotated[tuple[Positive, ...], msgspec.Meta(min_length=1)] = (1.0, 2.0, 5.0, 10.0, 30.0)
+    gap_periods: Positive = 3.0
+    gap_s: NotNegative = 0.1
+    position_jump_m: Positive = 1.0
+    attitude_jump_deg: Positive = 5.0
+
+
+class ViewSettings(_Section):
+    """How the replay is served."""
+
+    host: str = "127.0.0.1"
+    port: Annotated[int, msgspec.Meta(ge=1, le=65535)] = 8080
+    reanchor_s: NotNegative = 10.0
+
+
+class Settings(_Section):
+    """Everything that can be set."""
+
+    log: LogSettings = LogSettings()
+    integration: IntegrationSettings = IntegrationSettings()
+    drift: DriftSettings = DriftSettings()
+    view: ViewSettings = ViewSettings()
+
+
+def load_settings(path: str | Path | None = None) -> Settings:
+    """The settings of a TOML file, defaults for what it does not say; all defaults without a file.
+
+    Raises InputError when the file cannot be read, SettingsError for TOML that is none, an unknown key or a wrong
+    value: the message names the file and the line.
+    """
+    if path is None:
+        return Settings()
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(
+            f"cannot read the settings file {path}: {error}. Give --config the path of a TOML file."
+        ) from None
+    try:
+        return msgspec.convert(tomllib.loads(text), Settings)
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(f"{path} is not valid TOML: {error}.") from None
+    except msgspec.ValidationError as error:
+        raise SettingsError(
+            f"{path}, line {_line(text, str(error))}: {error}. Every key is described in config/default.toml."
+        ) from None
+
+
+def data_folder(name: Literal["config", "tlogs"]) -> Path:
+    """The folder of settings or bundled flights: inside an installed package, or at the top of a checkout.
+
+    Raises InputError when the installation has neither.
+    """
+    package = Path(str(files("companion")))
+    for folder in (package / "data" / name, package.parent / name):
+        if folder.is_dir():
+            return folder
+    raise InputError(f"this installation has no {name}/ folder. Install companion again, or run it from a checkout.")
+
+
+def _line(text: str, complaint: str) -> int:
+    """The line of the key that msgspec complains about: "... unknown field `x` - at `$.drift`" or "at `$.drift.x`"."""
+    place = re.search(r"at `\$\.?([^`]*)`", complaint)
+    keys = re.findall(r"[^.\[\]]+", place[1]) if place else []
+    keys = [key for key in keys if key != "..."]
+    if unknown := re.search(r"unknown field `([^`]*)`", complaint):
+        keys.append(unknown[1])
+    table = ""
+    best = 1
+    for number, line in enumerate(text.splitlines(), 1):
+        if header := re.match(r"\s*\[\s*([^\]]+?)\s*\]", line):
+            table = header[1]
+            if keys[:1] == [table]:
+                best = number
+        elif match := re.match(r"\s*([\w.\"-]+)\s*=", line):
+            name = match[1].strip('"')
+            path = [*([table] if table else []), *name.split(".")]
+            if path == keys[: len(path)]:
+                return number
+    return best

@@ -1,0 +1,112 @@
+"""One clock for a flight: device time in seconds since boot, whatever the log's stamps say.
+
+`dt` never comes from the arrival of packets: stamps jitter by 5-30 ms on a cable and 0.1-2 s on a radio, run 5-30
+times too fast in replays, and step backwards. Log time only orders, and ties messages that carry no device time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.mavlink import Messages
+from companion.tracks import Array
+
+IntArray = npt.NDArray[np.int64]
+
+REBOOT_FALL_S = 5.0
+"""A fall of the device clock by more than this, that lasts, is a reboot. Smaller ones exist without (1.4 s, once)."""
+
+STALE_JUMP_S = 10.0
+"""A forward jump of the device clock by more than this while log time stands still: what came before was stale."""
+
+_WRAP_S = 2.0**32 * 1e-3  # time_boot_ms is a uint32
+_WINDOW = 25  # samples on either side that have to agree on a fall, so that an echo out of order is none
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clock:
+    """Device time along one sender's packets: t at the file offset of each packet that carries time_boot_ms."""
+
+    offset: IntArray  # (N,) bytes from the start of the file, increasing
+    t: Array  # (N,) s since boot, wraps undone
+    log_time: Array  # (N,) s UNIX
+
+    def at(self, offset: IntArray) -> Array:
+        """Device time of packets without one, from their neighbours in the file. Zeros without any clock."""
+        return np.interp(offset, self.offset, self.t) if len(self.t) else np.zeros(len(offset))
+
+
+def device_time(messages: Messages) -> Array | None:
+    """The message's own time in seconds, (N,): time_boot_ms, else time_usec; None when it carries neither."""
+    fields = messages.rows.dtype.names or ()
+    if "time_boot_ms" in fields:
+        return np.asarray(messages["time_boot_ms"] * 1e-3)
+    if "time_usec" in fields:
+        return np.asarray(messages["time_usec"] * 1e-6)
+    return None
+
+
+def sender_clock(sender: dict[str, Messages]) -> Clock:
+    """The clock of one sender from everything of it that carries time_boot_ms, in file order."""
+    timed = [m for m in sender.values() if "time_boot_ms" in (m.rows.dtype.names or ()) and len(m)]
+    if not timed:
+        timed = [sender[name] for name in ("RAW_IMU", "HIGHRES_IMU") if name in sender]
+    if not timed:
+        return Clock(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
+    offset = np.concatenate([m.offset for m in timed])
+    t = np.concatenate([np.asarray(device_time(m)) for m in timed])
+    log_time = np.concatenate([m.log_time for m in timed])
+    known = t > 0  # 0 means "not known" (PX4's HIL messages, stamps of a link that has just begun)
+    order = np.argsort(offset[known], kind="stable")
+    offset, t, log_time = offset[known][order], t[known][order], log_time[known][order]
+    wraps = np.cumsum(np.diff(t, prepend=t[:1]) < -0.9 * _WRAP_S)
+    return Clock(offset, t + _WRAP_S * wraps, log_time)
+
+
+def reboots(clock: Clock) -> list[int]:
+    """Indices into the clock at which a new boot begins: the device time falls by REBOOT_FALL_S or more and stays."""
+    t = clock.t
+    starts: list[int] = []
+    for i in np.flatnonzero(np.diff(t) < -REBOOT_FALL_S) + 1:
+        before = t[max(i - _WINDOW, starts[-1] if starts else 0) : i]
+        after = t[i : i + _WINDOW]
+        if np.median(after) < np.median(before) - REBOOT_FALL_S / 2 and after.min() > 0:
+            if starts and i - starts[-1] < _WINDOW:
+                continue  # the same fall, seen again in packets that arrived out of order
+            starts.append(int(i))
+    return starts
+
+
+def stale_start(clock: Clock) -> int:
+    """How many packets at the head of a boot are left over from before it: the clock jumps on, log time does not.
+
+    Radios and routers hand out what they had buffered: 1-11 packets, then +41 to +294 s with no gap in log time.
+    """
+    head = clock.t[: _WINDOW + 1]
+    jumps = np.flatnonzero(np.diff(head) > STALE_JUMP_S)
+    for i in jumps[::-1]:
+        if clock.log_time[i + 1] - clock.log_time[i] < 0.5 * (head[i + 1] - head[i]):
+            return int(i) + 1
+    return 0
+
+
+def boot_seconds(messages: Messages, clock: Clock) -> tuple[Array, float]:
+    """Boot time of each message (N,) in s, and the offset (s) that was taken from its own stamps to get there.
+
+    `time_usec` is microseconds since boot on current firmware, but differs by a constant 2.5-4.5 s on some of 2014-15
+    and is UNIX time on others: a constant difference of more than 0.5 s from time_boot_ms is taken out.
+    """
+    own = device_time(messages)
+    if own is None:
+        return clock.at(messages.offset), 0.0
+    if "time_boot_ms" in (messages.rows.dtype.names or ()):
+        if len(clock.t):  # the wraps that the clock has undone
+            own = own + _WRAP_S * np.round((clock.at(messages.offset) - own) / _WRAP_S)
+        return own, 0.0
+    if not len(clock.t) or not len(own):
+        return own, 0.0
+    shift = float(np.median(own - clock.at(messages.offset)))
+    return (own - shift, shift) if abs(shift) > 0.5 else (own, 0.0)

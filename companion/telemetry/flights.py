@@ -1,0 +1,149 @@
+"""A log's messages → its flights: one per vehicle and boot, with tracks on one clock."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.mavlink import Dialect, Log, Messages
+from companion.telemetry import convert
+from companion.telemetry.clock import boot_seconds, device_time
+from companion.telemetry.split import Boot, boots, describe, senders
+from companion.tracks import (
+    Array,
+    AttitudeTrack,
+    Flight,
+    ImuTrack,
+    MessageStats,
+    PositionTrack,
+    StatusText,
+    Vehicle,
+)
+
+_ECHO_S = 2.0  # two identical frames within this time are one packet heard twice
+
+
+def flights(log: Log, dialect: Dialect, *, dequantise: bool = False) -> list[Flight]:
+    """Every flight of the log, vehicles in order of their ids, boots in order of time."""
+    found: list[Flight] = []
+    for ids, sender in sorted(senders(log).items()):
+        vehicle = describe(ids, sender, dialect)
+        if vehicle is None:
+            continue
+        known: dict[str, float] = {}
+        for boot in boots(vehicle, sender):
+            if "PARAM_VALUE" in boot.messages:  # parameters outlive a reboot, and are seldom read again after it
+                bytewise = vehicle.autopilot == "PX4"
+                known = known | convert.parameters(boot.messages["PARAM_VALUE"], bytewise=bytewise)
+            found.append(_flight(boot, known, dequantise))
+    return found
+
+
+def _flight(boot: Boot, parameters: dict[str, float], dequantise: bool) -> Flight:
+    seconds: dict[str, Array] = {}
+    notes = list(boot.notes)
+    for name, messages in boot.messages.items():
+        seconds[name], shift = boot_seconds(messages, boot.clock)
+        if shift:
+            notes.append(f"{name}.time_usec runs {shift:+.3f} s from time_boot_ms: taken out")
+    imus, imu_notes = _imus(boot, seconds, parameters, dequantise)
+    first, last = _span(boot)
+    return Flight(
+        vehicle=boot.vehicle,
+        boot=boot.number,
+        start=first,
+        duration=last - first,
+        imus=imus,
+        attitude=_attitude(boot, seconds),
+        position=_position(boot, seconds),
+        parameters=parameters,
+        texts=_texts(boot, seconds),
+        messages={name: _stats(m, seconds[name]) for name, m in sorted(boot.messages.items())},
+        notes=(*notes, *imu_notes),
+    )
+
+
+def _span(boot: Boot) -> tuple[float, float]:
+    """First and last boot time, s; of log time where the vehicle sends no device time at all."""
+    if len(boot.clock.t):
+        return float(boot.clock.t.min()), float(boot.clock.t.max())
+    stamps = np.concatenate([m.log_time for m in boot.messages.values()])
+    return 0.0, float(stamps.max() - stamps.min())
+
+
+def _imus(
+    boot: Boot, seconds: dict[str, Array], parameters: dict[str, float], dequantise: bool
+) -> tuple[dict[str, ImuTrack], list[str]]:
+    imus: dict[str, ImuTrack] = {}
+    notes: list[str] = []
+    trim = None
+    for name in convert.IMU_MESSAGES:
+        if name not in boot.messages:
+            continue
+        track, said = convert.imu_track(boot.messages[name], seconds[name], dequantise=dequantise)
+        notes += said
+        if track is None:
+            continue
+        if _is_ardupilot(boot.vehicle):
+            track, trim = convert.trimmed(track, parameters)
+        imus[name] = track
+    return imus, notes + ([trim] if trim else [])
+
+
+def _is_ardupilot(vehicle: Vehicle) -> bool:
+    return vehicle.autopilot == "ARDUPILOTMEGA"
+
+
+def _attitude(boot: Boot, seconds: dict[str, Array]) -> AttitudeTrack | None:
+    """The better sampled of ATTITUDE_QUATERNION and ATTITUDE."""
+    names = ("ATTITUDE_QUATERNION", "ATTITUDE")
+    tracks = [convert.attitude_track(boot.messages[n], seconds[n]) for n in names if n in boot.messages]
+    usable = [track for track in tracks if len(track) > 1]
+    return max(usable, key=len) if usable else None
+
+
+def _position(boot: Boot, seconds: dict[str, Array]) -> PositionTrack | None:
+    """LOCAL_POSITION_NED, else GLOBAL_POSITION_INT."""
+    for name in ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"):
+        if name in boot.messages:
+            track = convert.position_track(boot.messages[name], seconds[name])
+            if len(track) > 1:
+                return track
+    return None
+
+
+def _texts(boot: Boot, seconds: dict[str, Array]) -> tuple[StatusText, ...]:
+    """STATUSTEXT, the chunks of long ones (same id, chunk_seq 0, 1, ...) put together."""
+    if "STATUSTEXT" not in boot.messages:
+        return ()
+    said: list[StatusText] = []
+    messages = boot.messages["STATUSTEXT"]
+    columns = (messages[n].tolist() for n in ("severity", "text", "id", "chunk_seq"))
+    for t, severity, raw, chunk_id, chunk in zip(seconds["STATUSTEXT"].tolist(), *columns, strict=True):
+        text = raw.split(b"\0")[0].decode("utf-8", "replace")
+        if chunk_id and chunk and said:
+            said[-1] = StatusText(said[-1].t, said[-1].severity, said[-1].text + text)
+        else:
+            said.append(StatusText(t, severity, text))
+    return tuple(said)
+
+
+def _stats(messages: Messages, t: Array) -> MessageStats:
+    """Count, rate, gap and copies; by device time where the message carries it, else by the log's stamps."""
+    copies = _copies(messages)
+    times = t if device_time(messages) is not None else messages.log_time
+    gaps = np.diff(np.unique(times))
+    if not len(gaps):
+        return MessageStats(len(messages), None, None, copies)
+    return MessageStats(len(messages), float(1.0 / np.median(gaps)), float(gaps.max()), copies)
+
+
+def _copies(messages: Messages) -> int:
+    """How many messages repeat another: the same device time and content, or the same frame heard again."""
+    own = device_time(messages)
+    if own is not None:
+        order = np.argsort(own, kind="stable")
+        rows = np.ascontiguousarray(messages.rows[order]).view(np.dtype((np.void, messages.rows.dtype.itemsize)))
+        return int((rows[1:] == rows[:-1]).sum())
+    order = np.lexsort((messages.log_time, messages.crc, messages.seq))
+    same = (np.diff(messages.crc[order].astype(np.int64)) == 0) & (np.diff(messages.seq[order].astype(np.int64)) == 0)
+    return int((same & (np.diff(messages.log_time[order]) < _ECHO_S)).sum())

@@ -1,0 +1,99 @@
+"""The arrows of the house: mavlink → telemetry → tracks ← strapdown ← analysis ← view, cli. Nobody goes back up."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import companion
+
+PACKAGE = Path(companion.__file__).parent
+MODULES = sorted(p for p in PACKAGE.rglob("*.py") if "data" not in p.relative_to(PACKAGE).parts)
+
+GROUND = {"tracks", "errors"}
+MAY_IMPORT = {
+    "errors": set[str](),
+    "tracks": {"errors"},
+    "settings": {"errors"},
+    "mavlink": GROUND - {"tracks"},
+    "telemetry": GROUND | {"mavlink"},
+    "strapdown": {"tracks"},
+    "analysis": GROUND | {"strapdown"},
+    "recording": GROUND | {"mavlink", "telemetry"},
+    "view": GROUND | {"strapdown", "analysis"},
+    "cli": GROUND | {"settings", "mavlink", "telemetry", "recording", "strapdown", "analysis", "view", "cli"},
+    "__main__": {"cli"},
+    "__init__": GROUND | {"recording", "strapdown", "analysis"},
+}
+"""Part of the house → the other parts that it may import."""
+
+LIBRARIES = {
+    "errors": set[str](),
+    "tracks": {"numpy"},
+    "strapdown": {"numpy"},
+    "analysis": {"numpy"},
+    "settings": {"msgspec"},
+    "mavlink": {"numpy", "pymavlink"},
+    "telemetry": {"numpy"},
+    "view": {"numpy", "viser"},
+    "cli": {"numpy", "msgspec", "rich"},
+}
+"""Part of the house → what it may import from outside, beside the standard library."""
+
+IMPURE = {"os", "io", "pathlib", "time", "datetime", "threading", "asyncio", "logging", "socket", "subprocess", "random"}
+
+
+def part_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Every module that a file imports, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: imports are absolute"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_module_imports_only_what_its_part_may(path: Path) -> None:
+    part = part_of(path)
+    for name in imports(path):
+        top, *rest = name.split(".")
+        if top == "companion":
+            other = rest[0]
+            if part == "__init__" or other == part:
+                continue
+            assert other in MAY_IMPORT[part], f"{part} imports {name}, against the arrow"
+            assert len(rest) <= 2 or not (PACKAGE / other).is_dir(), f"{part} reaches into {name}: use the package's front door"
+        elif top not in sys.stdlib_module_names:
+            assert top in LIBRARIES.get(part, set()), f"{part} imports {name}"
+
+
+@pytest.mark.parametrize("part", ["tracks", "strapdown", "analysis"])
+def test_the_core_is_pure(part: str) -> None:
+    used = {name.split(".")[0] for path in MODULES if part_of(path) == part for name in imports(path)}
+    assert not used & IMPURE
+
+
+def test_every_part_of_the_house_is_known() -> None:
+    assert {part_of(path) for path in MODULES} <= MAY_IMPORT.keys()
+
+
+def test_the_core_starts_without_viser() -> None:
+    """`companion info` has to answer at once, and a notebook that integrates needs no web server."""
+    import subprocess  # noqa: PLC0415  (this test alone starts a process)
+
+    code = "import companion.cli, sys; sys.exit('viser' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_modules_fit_in_a_head() -> None:
+    long = {str(p.relative_to(PACKAGE)): n for p in MODULES if (n := len(p.read_text().splitlines())) > 300}
+    assert not long
