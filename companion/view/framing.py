@@ -1,0 +1,120 @@
+"""Where to stand and what to hold still: how a flight is framed, and the cameras that move with it.
+
+A camera that follows does so by moving the world under it, not by sending camera poses: the browser's own orbit
+and zoom go on working while it follows, and nothing fights with the user's hand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from companion.tracks import Array
+from companion.view.moment import Moment
+
+CameraMode = Literal["Free", "Follow", "Chase", "From above"]
+CAMERA_MODES: tuple[CameraMode, ...] = get_args(CameraMode)
+
+FIELD_OF_VIEW = np.radians(45.0)  # vertical
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Framing:
+    """The room a flight takes up in the world, NED, m."""
+
+    centre: Array  # (3,)
+    radius: float  # of the sphere around everything
+    ground: float  # down coordinate of the grid: the lowest point that was flown
+    cell: float  # of the grid: 1, 2 or 5 times a power of ten
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """Of the world node in the browser's world: identity leaves NED as it is."""
+
+    wxyz: Array  # (4,)
+    position: Array  # (3,) m
+
+    def apply(self, point: Array) -> Array:
+        """Where `point` (NED) stands in the browser's world."""
+        w, v = float(self.wxyz[0]), self.wxyz[1:]
+        turned = point + 2 * np.cross(v, np.cross(v, point) + w * point)
+        return np.asarray(turned + self.position, dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """A standpoint in the browser's world, m, with its clipping planes."""
+
+    position: Array  # (3,)
+    look_at: Array  # (3,)
+    near: float
+    far: float
+
+
+def frame(positions: Array) -> Framing:
+    """Frame the path `positions` (N, 3), NED, m."""
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    radius = max(float(np.linalg.norm(high - low)) / 2, 4.0)
+    return Framing((low + high) / 2, radius, float(high[2]), nice(radius / 4))
+
+
+def nice(length: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not above `length`."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(power * max(m for m in (1.0, 2.0, 5.0) if m * power <= length * (1 + 1e-9)))
+
+
+def camera(mode: CameraMode, framing: Framing) -> Camera:
+    """Where a browser's camera starts in `mode`."""
+    distance = 1.02 * framing.radius / np.sin(FIELD_OF_VIEW / 2)
+    near, far = max(distance / 2000, 0.01), 60 * distance + 2000.0
+    if mode == "Free":
+        look_at, away = framing.centre, distance * _direction(azimuth=25.0, elevation=28.0)
+    else:
+        look_at = np.zeros(3)
+        close = min(max(0.45 * distance, 8.0), 60.0)
+        if mode == "Follow":
+            away = close * _direction(azimuth=25.0, elevation=25.0)
+        elif mode == "Chase":
+            away = 0.6 * close * _direction(azimuth=0.0, elevation=18.0)
+        else:
+            # Not quite straight down: there the camera would not know which way is up, and north must be.
+            away = 0.8 * distance * _direction(azimuth=0.0, elevation=89.0)
+    return Camera(look_at + away, look_at, near, far)
+
+
+def world(mode: CameraMode, moment: Moment) -> Pose:
+    """How the world has to stand at `moment` for the camera of `mode` to keep its view of the autopilot's drone.
+
+    The autopilot's and not the IMU's, because the latter jumps at every anchor.
+    """
+    if mode == "Free":
+        return Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+    turn = np.array([1.0, 0.0, 0.0, 0.0])
+    if mode == "Chase":
+        half = -heading(moment.q_ref) / 2
+        turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
+    return Pose(turn, -Pose(turn, np.zeros(3)).apply(moment.position_ref))
+
+
+def heading(q: Array) -> float:
+    """Yaw of `q` (4,) wxyz NED/FRD, rad."""
+    w, x, y, z = (float(c) for c in q)
+    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+
+
+def readable_span(distance: float, true_span: float, size: float) -> float:
+    """How large to draw a vehicle seen from `distance` m so that its attitude can be read; never below true size."""
+    return max(true_span, 0.11 * size * distance * 2 * float(np.tan(FIELD_OF_VIEW / 2)))
+
+
+def _direction(azimuth: float, elevation: float) -> Array:
+    """From what is looked at towards a camera that looks north when `azimuth` is 0 and east of north when positive.
+
+    Degrees; the result is a unit vector, NED.
+    """
+    a, e = np.radians(azimuth), np.radians(elevation)
+    return np.array([-np.cos(a) * np.cos(e), -np.sin(a) * np.cos(e), -np.sin(e)])

@@ -1,0 +1,140 @@
+"""A replay made ready for the eye: finite, in the units people read, and at any instant between two samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.analysis import Replay
+from companion.errors import DataError
+from companion.tracks import Array
+from companion.view.thin import Indices
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """What both say at one instant, and how far apart they are."""
+
+    t: float  # s, boot clock
+    q_imu: Array  # (4,) wxyz NED/FRD, unit length
+    position_imu: Array  # (3,) NED, m
+    q_ref: Array  # (4,)
+    position_ref: Array  # (3,) NED, m
+    tilt_deg: float  # size of the horizontal part of the attitude error
+    heading_deg: float  # its vertical part: positive when the autopilot points clockwise of the IMU, seen from above
+    velocity_mps: float
+    position_m: float
+    since_anchor_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footage:
+    """A replay with its errors as people read them. Everything in it is finite, every quaternion of unit length."""
+
+    replay: Replay
+    tilt_deg: Array  # (N,)
+    heading_deg: Array  # (N,) signed as in Moment
+    velocity_mps: Array  # (N,)
+    position_m: Array  # (N,)
+    restarts: Indices  # (A,) the first sample at or after each anchor: the IMU's track is broken just before it
+
+    @property
+    def start(self) -> float:
+        """s, boot clock, of the first sample."""
+        return float(self.replay.t[0])
+
+    @property
+    def end(self) -> float:
+        """s, boot clock, of the last sample."""
+        return float(self.replay.t[-1])
+
+    def at(self, t: float) -> Moment:
+        """The instant `t`, between two samples by straight lines; beyond the ends, the first or last sample.
+
+        Across an anchor the IMU's track jumps back to the autopilot's: there the sample before is held.
+        """
+        r = self.replay
+        right = int(np.clip(np.searchsorted(r.t, t, side="right"), 1, max(len(r.t) - 1, 1)))
+        left = right - 1
+        right = min(right, len(r.t) - 1)
+        span = float(r.t[right] - r.t[left])
+        share = min(max((t - float(r.t[left])) / span, 0.0), 1.0) if span > 0 else 0.0
+        jumps = bool(np.any(self.restarts == right)) and share < 1.0
+        imu_share = 0.0 if jumps else share
+
+        def line(values: Array, s: float) -> Array:
+            return np.asarray(values[left] + s * (values[right] - values[left]), dtype=np.float64)
+
+        anchor = int(np.searchsorted(r.anchors, t, side="right")) - 1
+        return Moment(
+            t=t,
+            q_imu=_between(r.q_imu[left], r.q_imu[right], imu_share),
+            position_imu=line(r.position_imu, imu_share),
+            q_ref=_between(r.q_ref[left], r.q_ref[right], share),
+            position_ref=line(r.position_ref, share),
+            tilt_deg=float(line(self.tilt_deg, imu_share)),
+            heading_deg=float(line(self.heading_deg, imu_share)),
+            velocity_mps=float(line(self.velocity_mps, imu_share)),
+            position_m=float(line(self.position_m, imu_share)),
+            since_anchor_s=max(t - float(r.anchors[anchor]), 0.0) if anchor >= 0 else 0.0,
+        )
+
+
+def footage(replay: Replay) -> Footage:
+    """`replay` without the samples that a screen cannot show: non-finite ones and quaternions of no length.
+
+    Raises DataError when nothing is left.
+    """
+    q_norms = np.minimum(np.linalg.norm(replay.q_imu, axis=1), np.linalg.norm(replay.q_ref, axis=1))
+    # A track that diverged to 1e30 m is finite here and infinite as the float32 that the browser gets.
+    good = np.isfinite(replay.t) & (q_norms > 1e-9) & (q_norms < np.inf)
+    for name in _COLUMNS:
+        good &= (np.abs(getattr(replay, name)) < _LARGEST).all(axis=1)
+    if not good.any():
+        raise DataError(
+            f"None of the {len(replay.t)} samples of this replay is finite: there is nothing to show. "
+            "Start later, or choose another IMU."
+        )
+    clean = replace(
+        replay,
+        t=replay.t[good],
+        **{name: getattr(replay, name)[good] for name in _COLUMNS},
+        reference_valid=replay.reference_valid[good],
+        anchors=replay.anchors[np.isfinite(replay.anchors)],
+    )
+    clean = replace(clean, q_imu=_unit(clean.q_imu), q_ref=_unit(clean.q_ref))
+    degrees = np.degrees(clean.attitude_error)
+    return Footage(
+        clean,
+        tilt_deg=np.linalg.norm(degrees[:, :2], axis=1),
+        heading_deg=degrees[:, 2].copy(),
+        velocity_mps=np.linalg.norm(clean.velocity_error, axis=1),
+        position_m=np.linalg.norm(clean.position_error, axis=1),
+        restarts=np.searchsorted(clean.t, clean.anchors, side="left").astype(np.intp),
+    )
+
+
+_COLUMNS = (
+    "q_imu",
+    "velocity_imu",
+    "position_imu",
+    "q_ref",
+    "velocity_ref",
+    "position_ref",
+    "attitude_error",
+    "velocity_error",
+    "position_error",
+)
+_LARGEST = 1e12
+
+
+def _unit(q: Array) -> Array:
+    return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True), dtype=np.float64)
+
+
+def _between(a: Array, b: Array, share: float) -> Array:
+    """The rotation between two neighbouring samples: a straight line in the quaternions, put back to unit length."""
+    b = -b if float(a @ b) < 0 else b
+    mixed = a + share * (b - a)
+    return _unit(mixed) if float(mixed @ mixed) > 1e-12 else a

@@ -1,0 +1,171 @@
+"""The world in three dimensions: two drones, their trails, the line between them, and the ground below."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from companion.tracks import Array
+from companion.view import palette
+from companion.view.framing import Framing, Pose
+from companion.view.moment import Footage, Moment
+from companion.view.palette import Rgb
+from companion.view.shapes import Drone
+from companion.view.trail import Trail
+
+WORLD = "/world"
+GHOST_MARGIN = 1.05
+"""The ghost is a little larger: where both drones coincide, it is a shell and not a flicker."""
+
+
+class Body:
+    """One drone on screen: a place, an attitude, a size, a name and a stick down to the ground."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, label: str, colour: Rgb, drone: Drone, ghost: bool) -> None:
+        self._margin = GHOST_MARGIN if ghost else 1.0
+        self._above = -1.0 if ghost else 1.0  # the names stand apart when the drones do not
+        self._place = scene.add_frame(f"{WORLD}/{name}", show_axes=False)
+        self._attitude = scene.add_frame(f"{WORLD}/{name}/attitude", show_axes=False)
+        self._meshes = [
+            scene.add_mesh_simple(
+                f"{WORLD}/{name}/attitude/{part}",
+                mesh.vertices,
+                mesh.faces,
+                color=tint,
+                opacity=0.45 if ghost else None,
+                flat_shading=True,
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+            for part, mesh, tint in (
+                ("body", drone.body, colour),
+                ("front", drone.front, palette.mix(colour, (255, 255, 255), 0.65)),
+            )
+        ]
+        self._name = scene.add_label(
+            f"{WORLD}/{name}/name", label, anchor="top-center" if ghost else "bottom-center", font_screen_scale=1.1
+        )
+        self._span = 0.0
+
+    @property
+    def wxyz(self) -> Array:
+        """The attitude on screen, NED/FRD."""
+        return np.asarray(self._attitude.wxyz)
+
+    @property
+    def position(self) -> Array:
+        """The place on screen, NED m."""
+        return np.asarray(self._place.position)
+
+    def put(self, wxyz: Array, position: Array) -> None:
+        """Set attitude (4,) and place (3,)."""
+        self._attitude.wxyz = wxyz
+        self._place.position = position
+
+    def resize(self, span: float) -> None:
+        """Draw the drone `span` m wide; a change too small to see is not sent."""
+        if abs(span - self._span) <= 0.04 * self._span:
+            return
+        self._span = span
+        for mesh in self._meshes:
+            mesh.scale = span * self._margin
+        self._name.position = (0.0, 0.0, -0.42 * self._above * span)
+
+
+class Scene:
+    """Everything that stands in the world. Only the view thread may call it."""
+
+    def __init__(self, scene: viser.SceneApi, drone: Drone) -> None:
+        scene.set_up_direction("-z")
+        scene.world_axes.visible = False
+        scene.configure_default_lights(enabled=True, cast_shadow=False)
+        self._world = scene.add_frame(WORLD, show_axes=False)
+        self._grid = scene.add_grid(
+            f"{WORLD}/grid",
+            plane="xy",
+            infinite_grid=True,
+            cell_color=(205, 205, 205),
+            section_color=(160, 160, 160),
+            shadow_opacity=0.0,
+        )
+        self._north = scene.add_arrows(f"{WORLD}/north", np.zeros((1, 2, 3)), (90, 90, 90))
+        self._north_name = scene.add_label(f"{WORLD}/north_name", "North", anchor="center-center")
+        self.autopilot = Body(scene, "autopilot", "Autopilot", palette.AUTOPILOT, drone, ghost=True)
+        self.imu = Body(scene, "imu", "IMU alone", palette.IMU, drone, ghost=False)
+        self._trails = {
+            "autopilot": Trail(scene, f"{WORLD}/trail_autopilot", palette.AUTOPILOT, 2.5),
+            "imu": Trail(scene, f"{WORLD}/trail_imu", palette.IMU, 2.5),
+        }
+        nothing = np.zeros((1, 2, 3), dtype=np.float32)
+        self._error = scene.add_line_segments(
+            f"{WORLD}/error", nothing, palette.DIFFERENCE, thickness=4.0, thickness_units="screen"
+        )
+        self._error_name = scene.add_label(
+            f"{WORLD}/error_name", "", anchor="center-left", font_screen_scale=1.2, visible=False
+        )
+        self._sticks = scene.add_line_segments(
+            f"{WORLD}/sticks",
+            np.zeros((2, 2, 3), dtype=np.float32),
+            np.array([[palette.AUTOPILOT] * 2, [palette.IMU] * 2], dtype=np.uint8),
+            thickness=1.0,
+            thickness_units="screen",
+        )
+        self._ground = 0.0
+        self._has_position = True
+
+    def load(self, film: Footage, framing: Framing) -> None:
+        """Lay out the ground for another reckoning, and its trails."""
+        replay = film.replay
+        self._has_position = replay.has_position
+        self._ground = framing.ground
+        self._grid.position = np.array([0.0, 0.0, framing.ground])
+        self._grid.cell_size = framing.cell
+        self._grid.section_size = 5 * framing.cell
+        self._grid.fade_distance = 12 * framing.radius
+        south_west = framing.centre - framing.radius * np.array([0.95, 0.75, 0.0])
+        start = np.array([south_west[0], south_west[1], framing.ground])
+        length = 0.45 * framing.radius
+        self._north.points = np.array([[start, start + np.array([length, 0.0, 0.0])]], dtype=np.float32)
+        self._north.shaft_radius = 0.03 * length
+        self._north.head_radius = 0.09 * length
+        self._north.head_length = 0.25 * length
+        self._north_name.position = start + np.array([1.2 * length, 0.0, 0.0])
+        self._trails["autopilot"].load(replay.t, replay.position_ref, film.restarts[:0])
+        self._trails["imu"].load(replay.t, replay.position_imu, film.restarts)
+        for part in (self._error, self._error_name, self._sticks):
+            part.visible = replay.has_position
+
+    def show(self, moment: Moment, world: Pose) -> None:
+        """Put both drones, and what hangs on them, where they are at `moment`."""
+        self._world.wxyz = world.wxyz
+        self._world.position = world.position
+        self.imu.put(moment.q_imu, moment.position_imu)
+        self.autopilot.put(moment.q_ref, moment.position_ref)
+        if self._has_position:
+            ends = np.stack([moment.position_ref, moment.position_imu])
+            feet = ends.copy()
+            feet[:, 2] = self._ground
+            self._error.points = ends[None].astype(np.float32)
+            self._sticks.points = np.stack([ends, feet], axis=1).astype(np.float32)
+
+    def annotate(self, moment: Moment, span: float) -> None:
+        """What a reader needs less often than an eye: the length of the error line, the size of the drones."""
+        self.imu.resize(span)
+        self.autopilot.resize(span)
+        if self._has_position:
+            self._error_name.text = f"{length(moment.position_m)} apart"
+            self._error_name.position = (moment.position_ref + moment.position_imu) / 2
+
+    def trails(self, since: float, until: float) -> None:
+        """Show both paths between two times, s."""
+        for trail in self._trails.values():
+            trail.show(since, until)
+
+
+def length(metres: float) -> str:
+    """A length as a person says it."""
+    if metres < 10:
+        return f"{metres:.2f} m"
+    if metres < 1000:
+        return f"{metres:.1f} m" if metres < 100 else f"{metres:.0f} m"
+    return f"{metres / 1000:.2f} km"

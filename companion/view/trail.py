@@ -1,0 +1,57 @@
+"""The path behind a drone, in a fixed set of short lines of which only those that change are sent again."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from companion.tracks import Array
+from companion.view.palette import Rgb
+from companion.view.thin import Indices, evenly, windows
+
+CHUNK = 60
+"""Segments a line: sending `.points` resends the whole line, so a long trail is many short ones."""
+CHUNKS = 20
+"""Lines a trail: 1,200 segments in all. Software WebGL draws two such trails at about 9 frames a second."""
+
+
+class Trail:
+    """The part of a track between two times. The nodes are made once and reused for every track that is loaded."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb, thickness: float) -> None:
+        nothing = np.zeros((1, 2, 3), dtype=np.float32)
+        self._lines = [
+            scene.add_line_segments(
+                f"{name}/{i}", nothing, colour, thickness=thickness, thickness_units="screen", visible=False
+            )
+            for i in range(CHUNKS)
+        ]
+        self._segments = np.zeros((0, 2, 3), dtype=np.float32)
+        self._ends: Array = np.zeros(0)
+        self._shown = [(0, 0)] * CHUNKS
+
+    def load(self, t: Array, positions: Array, restarts: Indices) -> None:
+        """Take another track: times (N,) s, positions (N, 3) NED m, broken just before each index of `restarts`."""
+        inner = restarts[(restarts > 0) & (restarts < len(t))]
+        room = CHUNK * CHUNKS + 1
+        if 4 * len(inner) > room:
+            inner = inner[:0]  # more anchors than the eye can part: one line through all of them
+        keep = np.union1d(inner - 1, inner)  # both ends of a jump, so that it is a gap at its true place
+        kept = evenly(len(t), room - len(keep), keep)
+        starts, stops = kept[:-1], kept[1:]
+        unbroken = np.searchsorted(inner, starts, side="right") == np.searchsorted(inner, stops, side="right")
+        points = positions.astype(np.float32)
+        self._segments = np.stack([points[starts], points[stops]], axis=1)[unbroken]
+        self._ends = t[stops][unbroken]
+        self._shown = [(-1, -1)] * CHUNKS
+
+    def show(self, since: float, until: float) -> None:
+        """Show what lies between two times, s."""
+        for i, part in enumerate(windows(self._ends, since, until, CHUNK, CHUNKS)):
+            if part == self._shown[i]:
+                continue
+            self._shown[i] = part
+            a, b = part
+            if b > a:
+                self._lines[i].points = self._segments[i * CHUNK + a : i * CHUNK + b]
+            self._lines[i].visible = b > a
