@@ -39,12 +39,24 @@ LIBRARIES = {
     "settings": {"msgspec"},
     "mavlink": {"numpy", "pymavlink"},
     "telemetry": {"numpy"},
-    "view": {"numpy", "viser"},
+    "view": {"numpy", "viser", "rich"},
     "cli": {"numpy", "msgspec", "rich"},
 }
 """Part of the house → what it may import from outside, beside the standard library."""
 
-IMPURE = {"os", "io", "pathlib", "time", "datetime", "threading", "asyncio", "logging", "socket", "subprocess", "random"}
+IMPURE = {
+    "os",
+    "io",
+    "pathlib",
+    "time",
+    "datetime",
+    "threading",
+    "asyncio",
+    "logging",
+    "socket",
+    "subprocess",
+    "random",
+}
 
 
 def part_of(path: Path) -> str:
@@ -68,10 +80,12 @@ def test_a_module_imports_only_what_its_part_may(path: Path) -> None:
         top, *rest = name.split(".")
         if top == "companion":
             other = rest[0]
-            if part == "__init__" or other == part:
+            if part in ("__init__", other):
                 continue
             assert other in MAY_IMPORT[part], f"{part} imports {name}, against the arrow"
-            assert len(rest) <= 2 or not (PACKAGE / other).is_dir(), f"{part} reaches into {name}: use the package's front door"
+            assert len(rest) <= 2 or not (PACKAGE / other).is_dir(), (
+                f"{part} reaches into {name}: use the package's front door"
+            )
         elif top not in sys.stdlib_module_names:
             assert top in LIBRARIES.get(part, set()), f"{part} imports {name}"
 

@@ -1,0 +1,80 @@
+"""The autopilot's state between its messages."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation, Slerp
+
+from companion.analysis import Limits, reference_at
+from companion.analysis.compare import attitude_error, length
+from companion.analysis.reference import attitude_jumps, nearest, position_jumps
+from companion.strapdown import motions, quaternion
+from companion.tracks import AttitudeTrack, PositionTrack
+from tests.flights import flight_of, seconds
+
+
+def test_attitude_is_scipys_slerp() -> None:
+    flight = flight_of(motions.coning(seconds(5, 20)))
+    assert flight.attitude
+    t = np.linspace(10.0, 15.0, 333)
+    ours = reference_at(flight.attitude, None, t, Limits()).q_ned_frd
+    theirs = Slerp(flight.attitude.t, Rotation.from_quat(flight.attitude.q_ned_frd, scalar_first=True))(t)
+    assert length(attitude_error(ours, theirs.as_quat(scalar_first=True))).max() < 1e-12
+
+
+def test_position_is_of_fourth_order_in_the_interval() -> None:
+    """Cubic Hermite: half the interval between messages, a sixteenth of the error."""
+
+    def error(rate_hz: float) -> float:
+        flight = flight_of(motions.circle(seconds(20, rate_hz)))
+        t = np.linspace(12.0, 28.0, 1777)
+        assert flight.attitude
+        between = reference_at(flight.attitude, flight.position, t, Limits())
+        return float(length(between.position - motions.circle(t).position).max())
+
+    assert np.log2(error(5) / error(10)) == pytest.approx(4, abs=0.2)
+
+
+def test_at_the_messages_it_is_the_messages() -> None:
+    flight = flight_of(motions.circle(seconds(5, 10)))
+    assert flight.attitude
+    assert flight.position
+    at = reference_at(flight.attitude, flight.position, flight.position.t, Limits())
+    assert np.allclose(at.position, flight.position.position, atol=1e-12)
+    assert np.allclose(at.velocity, flight.position.velocity, atol=1e-12)
+    assert at.attitude_known.all()
+    assert at.position_known.all()
+
+
+def test_nothing_is_known_outside_or_in_a_hole() -> None:
+    t = np.delete(seconds(10, 20), slice(60, 80))  # 13.0 to 14.0 s is missing
+    flight = flight_of(motions.rest(t))
+    assert flight.attitude
+    at = np.array([9.99, 10.0, 12.95, 13.5, 14.0, 20.0, 20.01])
+    known = reference_at(flight.attitude, flight.position, at, Limits())
+    assert known.attitude_known.tolist() == [False, True, False, False, True, True, False]
+    assert known.position_known.tolist() == known.attitude_known.tolist()
+
+
+def test_a_yaw_reset_is_an_attitude_jump_and_a_flip_is_none() -> None:
+    motion = motions.spin(seconds(10, 50), rate=(7.0, 0.0, 0.0))
+    q = motion.q_ned_frd.copy()
+    assert not len(attitude_jumps(AttitudeTrack(motion.t, q, motion.gyro), Limits()))
+    q[250:] = quaternion.multiply(quaternion.exp(np.array([0.0, 0.0, np.radians(20)])), q[250:])
+    jumps = attitude_jumps(AttitudeTrack(motion.t, q, motion.gyro), Limits())
+    assert jumps == pytest.approx(np.array([[motion.t[249], motion.t[250]]]))
+
+
+def test_a_gps_glitch_is_a_position_jump_and_a_manoeuvre_is_none() -> None:
+    motion = motions.circle(seconds(30, 4))
+    position = motion.position.copy()
+    assert not len(position_jumps(PositionTrack(motion.t, position, motion.velocity), Limits()))
+    position[50:70] += (10.0, 0.0, 0.0)
+    jumps = position_jumps(PositionTrack(motion.t, position, motion.velocity), Limits())
+    assert jumps[:, 1] == pytest.approx(motion.t[[50, 70]])
+
+
+def test_nearest_is_the_nearest() -> None:
+    samples = np.array([0.0, 1.0, 3.0])
+    assert nearest(samples, np.array([-5.0, 0.4, 0.6, 1.9, 2.1, 9.0])).tolist() == [0, 0, 1, 1, 2, 2]

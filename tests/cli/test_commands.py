@@ -1,0 +1,225 @@
+"""The commands as their users run them: output, exit codes, and what bad input gets."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from companion.cli import main
+from tests.recordings import BUNDLED, all_shared
+from tests.tlogs import Writer
+
+DEMO = str(BUNDLED / "copter-demo-100hz.tlog")
+
+Captured = pytest.CaptureFixture[str]
+
+
+def refused(arguments: list[str], capsys: Captured) -> str:
+    """What a command says on stderr that exits with 2: one sentence or two, no traceback."""
+    try:
+        code = main(arguments)
+    except SystemExit as stop:  # argparse's own errors
+        code = int(stop.code or 0)
+    said = capsys.readouterr()
+    assert code == 2
+    assert "Traceback" not in said.err
+    assert not said.out
+    return said.err
+
+
+def test_analyze_prints_the_drift_table(capsys: Captured) -> None:
+    assert main(["analyze", DEMO]) == 0
+    out = capsys.readouterr().out
+    assert "RAW_IMU (IMU 0), 10121 samples at 100.0 Hz" in out
+    assert "ATTITUDE, LOCAL_POSITION_NED" in out
+    assert out.count(" s │") == 5
+    assert "Warning" not in out
+
+
+def test_analyze_json_is_as_documented(capsys: Captured) -> None:
+    options = ["--method", "midpoint", "--horizons", "2,4", "--imu", "scaled_imu2", "--vehicle", "1:1", "--boot", "1"]
+    assert main(["analyze", DEMO, "--json", *options]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["schema"] == 1
+    assert found["log"].keys() == {"path", "size_bytes", "frames", "bad_crc_frames", "skipped_bytes"}
+    assert found["log"]["frames"] == 23872
+    (flight,) = found["flights"]
+    assert {"sysid": 1, "compid": 1, "autopilot": "ARDUPILOTMEGA", "type": "QUADROTOR"}.items() <= flight["vehicle"].items()
+    assert flight["imu"][0].keys() == {"message", "samples", "rate_hz", "gaps", "longest_gap_s", "duplicates"}
+    assert flight["reference"] == {"attitude": "ATTITUDE", "position": "LOCAL_POSITION_NED"}
+    assert (flight["used_imu"], flight["method"]) == ("SCALED_IMU2", "midpoint")
+    assert [row["horizon_s"] for row in flight["drift"]] == [2, 4]
+    for row in flight["drift"]:
+        assert row.keys() >= {"windows", "excluded", "attitude_deg", "velocity_mps", "position_m"}
+        for quantity in ("attitude_deg", "velocity_mps", "position_m"):
+            assert 0 < row[quantity]["median"] <= row[quantity]["p95"] <= row[quantity]["max"]
+
+
+def test_info_json_is_as_documented(capsys: Captured) -> None:
+    assert main(["info", DEMO, "--json"]) == 0
+    (flight,) = json.loads(capsys.readouterr().out)["flights"]
+    assert {"vehicle", "boot", "start_s", "duration_s", "messages"} <= flight.keys()
+    assert flight["messages"]["RAW_IMU"].keys() == {"count", "rate_hz", "longest_gap_s", "duplicates"}
+    assert flight["messages"]["RAW_IMU"]["count"] == 10121
+
+
+def test_info_says_what_would_be_used(capsys: Captured) -> None:
+    assert main(["info", DEMO]) == 0
+    out = capsys.readouterr().out
+    assert "would integrate: RAW_IMU (IMU 0), 10121 samples at 100.0 Hz" in out
+    assert "would compare with: ATTITUDE, LOCAL_POSITION_NED" in out
+    assert "ARDUPILOTMEGA 4.7.0 QUADROTOR" in out
+
+
+def test_a_low_rate_is_said(capsys: Captured) -> None:
+    assert main(["analyze", str(BUNDLED / "copter-mission-default-rates.tlog")]) == 0
+    assert "2 Hz is too low to integrate" in capsys.readouterr().out
+
+
+def test_several_flights_are_listed_and_one_is_chosen(tmp_path: Path, capsys: Captured) -> None:
+    log = Writer(tmp_path / "two.tlog")
+    log.rest(10.0, boot=300.0)
+    log.rest(60.0, begin=60.0, boot=2.0)
+    path = str(log.close())
+    assert main(["analyze", path, "--json"]) == 0
+    said = capsys.readouterr()
+    assert "2 flights: using vehicle 1:1, boot 2. Others: --vehicle 1:1 --boot 1" in said.err
+    assert json.loads(said.out)["flights"][0]["boot"] == 2
+    assert main(["analyze", path, "--boot", "1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["flights"][0]["duration_s"] == pytest.approx(10)
+    assert "--vehicle 1:1 --boot 2" in refused(["analyze", path, "--vehicle", "9"], capsys)
+
+
+def empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def garbage(path: Path) -> None:
+    path.write_bytes(b"no telemetry in here\n" * 100)
+
+
+def folder(path: Path) -> None:
+    path.mkdir()
+
+
+def nothing(path: Path) -> None:
+    del path
+
+
+def without_imu(path: Path) -> None:
+    log = Writer(path)
+    for i in range(50):
+        log.heartbeat(i)
+        log.attitude(i, 10 + i)
+    log.close()
+
+
+def without_attitude(path: Path) -> None:
+    log = Writer(path)
+    for i in range(50):
+        log.heartbeat(i)
+        log.raw_imu(i, 10 + i)
+    log.close()
+
+
+def one_sample(path: Path) -> None:
+    log = Writer(path)
+    log.raw_imu(0, 10)
+    for i in range(50):
+        log.attitude(i, 10 + i)
+    log.close()
+
+
+def ground_station_alone(path: Path) -> None:
+    log = Writer(path)
+    for i in range(50):
+        log.heartbeat(i, sysid=255, compid=190, autopilot=8, kind=6)
+    log.close()
+
+
+@pytest.mark.parametrize("command", ["analyze", "view"])
+@pytest.mark.parametrize(
+    ("make", "expected"),
+    [
+        (nothing, "no such file"),
+        (folder, "director"),
+        (empty, "empty"),
+        (garbage, "no MAVLink"),
+        (without_imu, "no IMU message"),
+        (without_attitude, "no ATTITUDE"),
+        (one_sample, "RAW_IMU (1)"),
+        (ground_station_alone, "no vehicle speaks"),
+    ],
+)
+def test_bad_logs(command: str, make: Callable[[Path], None], expected: str, tmp_path: Path, capsys: Captured) -> None:
+    make(tmp_path / "bad.tlog")
+    said = refused([command, str(tmp_path / "bad.tlog")], capsys)
+    assert expected.lower() in said.lower()
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "expected"),
+    [
+        ("[drift]\nhorizons_s = [1]\nhorizon = 5\n", 3, "horizon"),
+        ("[integration]\nmethod = 'rk5'\n", 2, "rk5"),
+        ("[view]\n# comment\nport = 'http'\n", 3, "int"),
+        ("[drift]\nhorizons_s = [1, -2]\n", 2, "> 0"),
+        ("[wiev]\nport = 1\n", 1, "wiev"),
+        ("[view\n", 1, "TOML"),
+    ],
+)
+def test_a_bad_config_names_the_line(text: str, line: int, expected: str, tmp_path: Path, capsys: Captured) -> None:
+    config = tmp_path / "my.toml"
+    config.write_text(text)
+    said = refused(["analyze", DEMO, "--config", str(config)], capsys)
+    assert expected in said
+    assert f"line {line}" in said
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (["--imu", "RAW_MIU"], "RAW_MIU"),
+        (["--imu", "HIGHRES_IMU"], "no usable HIGHRES_IMU"),
+        (["--horizons", "5,-1"], "--horizons"),
+        (["--horizons", "five"], "--horizons"),
+        (["--method", "rk5"], "rk5"),
+        (["--config", "missing.toml"], "cannot read the settings file"),
+        (["--dialect", "ardupilotmeag"], "ardupilotmega"),
+    ],
+)
+def test_bad_options(options: list[str], expected: str, capsys: Captured) -> None:
+    assert expected in refused(["analyze", DEMO, *options], capsys)
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [(["--port", "70000"], "65535"), (["--reanchor", "-3"], "reanchor_s"), (["--host", "no.such.host.invalid"], "no.such.host")],
+)
+def test_bad_view_options(options: list[str], expected: str, capsys: Captured) -> None:
+    assert expected in refused(["view", DEMO, *options], capsys)
+
+
+@pytest.mark.parametrize("command", ["info", "analyze", "view"])
+def test_help_has_an_example(command: str, capsys: Captured) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main([command, "--help"])
+    assert stop.value.code == 0
+    assert f"example: companion {command} flight.tlog" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", ["info", "analyze"])
+@pytest.mark.parametrize("path", all_shared(), ids=lambda p: p.name)
+def test_every_recording_goes_through(command: str, path: Path, capsys: Captured) -> None:
+    """With a result, or with a sentence and exit code 2: never a traceback."""
+    code = main([command, str(path)])
+    said = capsys.readouterr()
+    assert code in {0, 2}
+    if code:
+        assert said.err.startswith("companion: ")
+        assert command == "analyze" or path.suffix != ".tlog", "info reads every tlog"
+    else:
+        assert said.out

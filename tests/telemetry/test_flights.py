@@ -1,0 +1,213 @@
+"""From packets to flights: vehicles, boots, clocks, units, frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import companion as c
+from tests.recordings import BUNDLED, shared
+from tests.tlogs import EPOCH, Writer, mavlink
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Writer:
+    return Writer(tmp_path / "flight.tlog")
+
+
+def test_units_and_signs(log: Writer) -> None:
+    """1 mG = 9.80665e-3 m/s², 1 mrad/s = 1e-3 rad/s; level at rest the specific force points up, which is -z in FRD."""
+    log.rest(2.0)
+    flight = c.open_log(log.close())[0]
+    imu = flight.imu("RAW_IMU")
+    assert imu.accel[0].tolist() == pytest.approx([0, 0, -9.80665])
+    assert imu.gyro[0].tolist() == pytest.approx([0, 0, 1e-3])
+    assert (imu.gyro_step, imu.accel_step) == pytest.approx((1e-3, 9.80665e-3))
+    assert imu.t == pytest.approx(20.0 + np.arange(101) / 50, abs=1e-6)
+    assert imu.rate_hz == pytest.approx(50)
+    assert flight.position
+    assert flight.position.position[0].tolist() == [1, 2, -3]
+    assert (flight.start, flight.duration) == pytest.approx((20.0, 2.0))
+    assert (flight.vehicle.autopilot, flight.vehicle.type) == ("ARDUPILOTMEGA", "QUADROTOR")
+
+
+def test_euler_angles_are_aerospace(log: Writer) -> None:
+    angles = np.random.default_rng(1).uniform([-3, -1.5, -3], [3, 1.5, 3], (50, 3))
+    for i, (roll, pitch, yaw) in enumerate(angles):
+        log.attitude(i, 10 + i, roll=roll, pitch=pitch, yaw=yaw)
+    attitude = c.open_log(log.close())[0].attitude
+    assert attitude
+    theirs = Rotation.from_euler("ZYX", angles[:, ::-1].astype(np.float32)).as_quat(scalar_first=True)
+    assert np.abs((attitude.q_ned_frd * theirs).sum(axis=1)) == pytest.approx(1, abs=1e-9)
+    assert (attitude.q_ned_frd[1:] * attitude.q_ned_frd[:-1]).sum(axis=1).min() >= 0, "the sign is continuous"
+
+
+def test_dequantise_adds_half_a_step_away_from_zero(log: Writer) -> None:
+    for i, x in enumerate((-2, -1, 0, 1, 2)):
+        log.raw_imu(i, 10 + i, accel_mg=(x, 0, -1000))
+    imu = c.open_log(log.close(), dequantise=True)[0].imu()
+    assert imu.accel[:, 0] / imu.accel_step == pytest.approx([-2.5, -1.5, 0, 1.5, 2.5])
+
+
+def test_a_reboot_makes_a_second_flight_that_knows_the_parameters(log: Writer) -> None:
+    log.send(0.0, "param_value", param_id=b"AHRS_TRIM_X", param_value=0.05, param_type=9, param_count=1, param_index=0)
+    log.rest(20.0, boot=300.0)
+    log.rest(30.0, begin=60.0, boot=2.0)
+    first, second = c.open_log(log.close())
+    assert (first.boot, first.start, first.duration) == pytest.approx((1, 300, 20))
+    assert (second.boot, second.start, second.duration) == pytest.approx((2, 2, 30))
+    assert second.parameters["AHRS_TRIM_X"] == pytest.approx(0.05)
+    assert "boot 2 begins" in second.notes[0]
+    assert "320.0 s to 2.0 s" in second.notes[0]
+
+
+def test_the_trim_turns_the_imu_into_the_frame_of_the_attitude(log: Writer) -> None:
+    trim = (0.05, -0.06)
+    for name, value in zip((b"AHRS_TRIM_X", b"AHRS_TRIM_Y"), trim, strict=True):
+        log.send(0.0, "param_value", param_id=name, param_value=value, param_type=9, param_count=2, param_index=0)
+    log.rest(1.0)
+    flight = c.open_log(log.close())[0]
+    turn = Rotation.from_euler("ZYX", [0, trim[1], trim[0]])
+    assert flight.imu().accel[0] == pytest.approx(turn.apply([0, 0, -9.80665]), abs=1e-7)
+    assert any("AHRS_TRIM" in note for note in flight.notes)
+
+
+def test_who_is_a_vehicle(log: Writer) -> None:
+    """A ground station with an autopilot's heartbeat, a radio and a lone spoofed heartbeat are none."""
+    log.rest(5.0, sysid=2)
+    for i in range(6):
+        log.heartbeat(i, sysid=255, compid=190, autopilot=8, kind=6)
+        log.heartbeat(i, sysid=7)
+        log.send(
+            i, "radio_status", sysid=51, compid=68, rssi=1, remrssi=1, txbuf=1, noise=1, remnoise=1, rxerrors=0, fixed=0
+        )
+    log.heartbeat(3.0, sysid=2, autopilot=12, kind=1)
+    (flight,) = c.open_log(log.close())
+    assert (str(flight.vehicle), flight.vehicle.autopilot, flight.vehicle.type) == ("2:1", "ARDUPILOTMEGA", "QUADROTOR")
+
+
+def test_two_vehicles_are_two_flights(log: Writer) -> None:
+    for i in range(101):
+        for sysid, boot in ((1, 20.0), (2, 500.0)):
+            log.raw_imu(i / 50, boot + i / 50, sysid=sysid)
+            log.attitude(i / 50, boot + i / 50, sysid=sysid)
+    flights = c.open_log(log.close())
+    assert [(f.vehicle.sysid, f.start, len(f.imu())) for f in flights] == [(1, 20, 101), (2, 500, 101)]
+
+
+def test_echoes_out_of_order_are_dropped_and_counted(log: Writer) -> None:
+    log.rest(10.0)
+    path = log.close()
+    packets = [p for p in path.read_bytes().split(struct_stamp()) if p]
+    echoed = struct_stamp().join([b"", *packets[:500], *packets[480:500][::-1], *packets[500:]])
+    path.write_bytes(echoed)
+    flight = c.open_log(path)[0]
+    assert len(flight.imu()) == 501
+    assert flight.messages["RAW_IMU"].duplicates in {6, 7}
+    assert (np.diff(flight.imu().t) > 0).all()
+
+
+def struct_stamp() -> bytes:
+    """The first bytes that every stamp of the first minutes shares: where packets can be cut apart in a test."""
+    return int(EPOCH * 1e6).to_bytes(8, "big")[:4]
+
+
+def test_unix_time_in_time_usec_becomes_boot_time(log: Writer) -> None:
+    for i in range(201):
+        log.attitude(i / 50, 30 + i / 50)
+        log.raw_imu(i / 50, EPOCH + 30 + i / 50)
+    flight = c.open_log(log.close())[0]
+    assert flight.imu().t[0] == pytest.approx(30, abs=0.02)
+    assert any("time_usec runs" in note for note in flight.notes)
+
+
+def test_stale_packets_at_the_start_are_left_out(log: Writer) -> None:
+    for i in range(5):
+        log.attitude(i * 0.02, 3 + i * 0.02)
+    log.rest(5.0, begin=0.1, boot=120.0)
+    (flight,) = c.open_log(log.close())
+    assert (flight.start, flight.duration) == pytest.approx((120, 5))
+    assert any("5 packets at the start are stale" in note for note in flight.notes)
+
+
+def test_an_all_zero_imu_is_no_imu(log: Writer) -> None:
+    log.rest(1.0)
+    for i in range(10):
+        log.send(
+            i, "scaled_imu3", time_boot_ms=i, xacc=0, yacc=0, zacc=0, xgyro=0, ygyro=0, zgyro=0, xmag=5, ymag=6, zmag=7
+        )
+    flight = c.open_log(log.close())[0]
+    assert set(flight.imus) == {"RAW_IMU"}
+    assert any("SCALED_IMU3 is zero throughout" in note for note in flight.notes)
+
+
+def test_global_position_serves_where_there_is_no_local_one(log: Writer) -> None:
+    """One second of latitude is 30.8 m, of longitude 30.9 m cos(latitude): WGS-84 about the first fix."""
+    second = 1e7 / 3600
+    for i in range(3):
+        log.attitude(i, 10 + i)
+        log.send(
+            i, "global_position_int", time_boot_ms=round((10 + i) * 1e3), lat=round(45e7 + i * second),
+            lon=round(8e7 + i * second), alt=100_000 + 5000 * i, relative_alt=0, vx=100, vy=-200, vz=50, hdg=0,
+        )  # fmt: skip
+    position = c.open_log(log.close())[0].position
+    assert position
+    assert position.source == "GLOBAL_POSITION_INT"
+    assert position.position[2] == pytest.approx([2 * 30.87, 2 * 21.90, -10], abs=0.05)
+    assert position.velocity[0] == pytest.approx([1, -2, 0.5])
+
+
+def test_statustext_chunks_are_put_together(log: Writer) -> None:
+    log.rest(1.0)
+    log.send(0.5, "statustext", severity=4, text=b"a" * 50, id=7, chunk_seq=0)
+    log.send(0.5, "statustext", severity=4, text=b"bc", id=7, chunk_seq=1)
+    log.send(0.6, "statustext", severity=6, text=b"short", id=0, chunk_seq=0)
+    texts = c.open_log(log.close())[0].texts
+    assert [(t.severity, t.text) for t in texts] == [(4, "a" * 50 + "bc"), (6, "short")]
+
+
+def test_px4_integer_parameters_are_bytes(log: Writer) -> None:
+    log.rest(1.0)
+    for i in range(3):
+        log.heartbeat(i, autopilot=mavlink.MAV_AUTOPILOT_PX4)
+    value = np.int32(4001).view(np.float32)
+    log.send(
+        1.0, "param_value", param_id=b"SYS_AUTOSTART", param_value=value, param_type=6, param_count=1, param_index=0
+    )
+    assert c.open_log(log.close())[0].parameters["SYS_AUTOSTART"] == 4001
+
+
+def test_the_bundled_demo_flight() -> None:
+    (flight,) = c.open_log(BUNDLED / "copter-demo-100hz.tlog")
+    assert (str(flight.vehicle), flight.vehicle.type, flight.vehicle.firmware) == ("1:1", "QUADROTOR", "4.7.0")
+    assert len(flight.imu("RAW_IMU")) == flight.messages["RAW_IMU"].count == 10121
+    assert flight.messages["RAW_IMU"].rate_hz == pytest.approx(100, abs=0.1)
+    assert flight.messages["RAW_IMU"].longest_gap_s == pytest.approx(0.0408, abs=1e-4)
+    assert flight.messages["LOCAL_POSITION_NED"].count == 2026
+    assert len(flight.texts) == 8
+    assert flight.default_imu == "RAW_IMU"
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("sitl/copter-reboot-midlog.tlog", [("1:1", 1), ("1:1", 2)]),
+        ("sitl/two-vehicles.tlog", [("1:1", 1), ("2:1", 1)]),
+        ("public/4belito__uav-cyber-sim__537f370f_mav.tlog", [("1:1", 1), ("2:1", 1)]),
+        ("public/squilter__gridlines__kresge_02.tlog", [("1:1", 1), ("1:1", 2)]),
+        ("public/ArduPilot__UAVLogViewer__vtol.tlog", [("1:1", 1)]),
+        ("public/MARSLab-UTRGV__drone-pi__mav.tlog", []),
+        ("public/langrind__Mavometer__test.tlog", [("1:1", 1)]),
+        ("px4/px4_hover.tlog", [("1:1", 1)]),
+    ],
+)
+def test_flights_of_real_recordings(name: str, expected: list[tuple[str, int]]) -> None:
+    assert [(str(f.vehicle), f.boot) for f in c.open_log(shared(name))] == expected
+
+
+def test_the_default_imu_depends_on_the_autopilot() -> None:
+    assert c.open_log(shared("px4/px4_hover.tlog"))[0].default_imu == "SCALED_IMU"
+    assert c.open_log(shared("sitl/copter-hover-nodrift-100hz.tlog"))[0].default_imu == "HIGHRES_IMU"

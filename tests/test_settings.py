@@ -1,0 +1,40 @@
+"""config/default.toml: complete, documented, and the same as what the code assumes."""
+
+from __future__ import annotations
+
+import inspect
+import tomllib
+
+import msgspec
+import pytest
+
+from companion.analysis import HORIZONS_S, Limits, drift, replay
+from companion.settings import Settings, data_folder, load_settings
+from companion.tracks import STANDARD_GRAVITY
+
+DEFAULT = data_folder("config") / "default.toml"
+
+
+def test_the_file_holds_every_setting_with_its_default() -> None:
+    assert tomllib.loads(DEFAULT.read_text()) == msgspec.json.decode(msgspec.json.encode(Settings()))
+    assert load_settings(DEFAULT) == load_settings(None) == Settings()
+
+
+def test_every_setting_is_described() -> None:
+    lines = DEFAULT.read_text().splitlines()
+    for before, line in zip(lines, lines[1:], strict=False):
+        if " = " in line and not line.startswith("#"):
+            assert before.startswith("#"), f"{line} has no description above it"
+
+
+def test_the_defaults_of_the_functions_are_the_same() -> None:
+    settings = Settings()
+    assert settings.drift.horizons_s == HORIZONS_S
+    assert settings.integration.gravity_mps2 == STANDARD_GRAVITY
+    limits = Limits()
+    assert limits == Limits(**{name: getattr(settings.drift, name) for name in limits.__dataclass_fields__})
+    for function in (drift, replay):
+        parameters = inspect.signature(function).parameters
+        for name in ("method", "middle", "segments"):
+            assert parameters[name].default == getattr(settings.integration, name)
+    assert inspect.signature(replay).parameters["reanchor_s"].default == pytest.approx(settings.view.reanchor_s)
