@@ -6,7 +6,7 @@ BIN    := $(VENV)/bin
 .PHONY: demo test check bench format clean
 
 demo: $(VENV)/.installed  ## the bundled flight in the browser
-	$(BIN)/companion view tlogs/copter-demo-100hz.tlog --open
+	$(BIN)/companion view demo --open
 
 test: $(VENV)/.developer  ## every test
 	$(BIN)/python -m pytest

@@ -98,4 +98,12 @@ def test_drift_agrees_with_independent_figures(name: str) -> None:
     table = c.drift(flight, horizons=(5, 10, 30), imu="RAW_IMU", middle="linear")
     for row in table.rows:
         ours = (row.attitude_deg, row.velocity_mps, row.position_m)
-        print(name, row.horizon_s, row.windows, row.excluded, row.position_excluded, *(o and round(o.median, 3) for o in ours), INDEPENDENT[name][int(row.horizon_s)])
+        print(
+            name,
+            row.horizon_s,
+            row.windows,
+            row.excluded,
+            row.position_excluded,
+            *(o and round(o.median, 3) for o in ours),
+            INDEPENDENT[name][int(row.horizon_s)],
+        )

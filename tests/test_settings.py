@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import tomllib
+from itertools import pairwise
 
 import msgspec
 import pytest
@@ -22,7 +23,7 @@ def test_the_file_holds_every_setting_with_its_default() -> None:
 
 def test_every_setting_is_described() -> None:
     lines = DEFAULT.read_text().splitlines()
-    for before, line in zip(lines, lines[1:], strict=False):
+    for before, line in pairwise(lines):
         if " = " in line and not line.startswith("#"):
             assert before.startswith("#"), f"{line} has no description above it"
 

@@ -66,7 +66,7 @@ class Writer:
         self.send(t, "local_position_ned", time_boot_ms=round(boot * 1e3), x=1, y=2, z=-3, vx=0, vy=0, vz=0, **ids)
 
     def rest(self, duration: float, *, begin: float = 0.0, boot: float = 20.0, hz: float = 50.0, **ids: int) -> None:
-        """A vehicle at rest: heartbeats, IMU, attitude, position; the clock begins at `boot`, the log's at `begin` s."""
+        """A vehicle at rest: heartbeats, IMU, attitude, position; its clock begins at `boot`, the log's at `begin`."""
         for i in range(round(duration * hz) + 1):
             t = i / hz
             if i % int(hz) == 0:

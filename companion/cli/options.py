@@ -5,17 +5,17 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import msgspec
 
 from companion.errors import DataError, SettingsError
 from companion.mavlink import Log
 from companion.recording import Recording, read_recording
-from companion.settings import Settings, load_settings
+from companion.settings import Settings, data_folder, load_settings
 from companion.strapdown import METHODS, MIDDLES
 from companion.telemetry import IMU_MESSAGES
 from companion.tracks import Flight
-
 
 _SETTABLE = (
     ("log", "dialect", "dialect"),
@@ -34,7 +34,7 @@ def add_command(
 ) -> argparse.ArgumentParser:
     """A command that takes a log, with the options that every such command has."""
     parser = commands.add_parser(name, help=summary, description=summary, epilog=f"example: {example}")
-    parser.add_argument("log", metavar="LOG", help="a telemetry log (.tlog)")
+    parser.add_argument("log", metavar="LOG", help="a telemetry log (.tlog), or demo for the bundled flight")
     parser.add_argument("--config", metavar="FILE", help="settings file; config/default.toml describes every key")
     parser.add_argument("--dialect", metavar="NAME", help="MAVLink dialect (default: ardupilotmega)")
     return parser
@@ -75,8 +75,11 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
 
 
 def read(arguments: argparse.Namespace, settings: Settings) -> Recording:
-    """The log that was named. Raises DataError when no vehicle speaks in it."""
-    recording = read_recording(arguments.log, dialect=settings.log.dialect, dequantise=settings.log.dequantise)
+    """The log that was named."""
+    path = Path(arguments.log)
+    if arguments.log == "demo" and not path.exists():
+        path = data_folder("tlogs") / "copter-demo-100hz.tlog"
+    recording = read_recording(path, dialect=settings.log.dialect, dequantise=settings.log.dequantise)
     warn_of_damage(recording.log)
     return recording
 

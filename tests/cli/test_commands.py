@@ -47,7 +47,9 @@ def test_analyze_json_is_as_documented(capsys: Captured) -> None:
     assert found["log"].keys() == {"path", "size_bytes", "frames", "bad_crc_frames", "skipped_bytes"}
     assert found["log"]["frames"] == 23872
     (flight,) = found["flights"]
-    assert {"sysid": 1, "compid": 1, "autopilot": "ARDUPILOTMEGA", "type": "QUADROTOR"}.items() <= flight["vehicle"].items()
+    assert {"sysid": 1, "compid": 1, "autopilot": "ARDUPILOTMEGA", "type": "QUADROTOR"}.items() <= flight[
+        "vehicle"
+    ].items()
     assert flight["imu"][0].keys() == {"message", "samples", "rate_hz", "gaps", "longest_gap_s", "duplicates"}
     assert flight["reference"] == {"attitude": "ATTITUDE", "position": "LOCAL_POSITION_NED"}
     assert (flight["used_imu"], flight["method"]) == ("SCALED_IMU2", "midpoint")
@@ -197,7 +199,11 @@ def test_bad_options(options: list[str], expected: str, capsys: Captured) -> Non
 
 @pytest.mark.parametrize(
     ("options", "expected"),
-    [(["--port", "70000"], "65535"), (["--reanchor", "-3"], "reanchor_s"), (["--host", "no.such.host.invalid"], "no.such.host")],
+    [
+        (["--port", "70000"], "65535"),
+        (["--reanchor", "-3"], "reanchor_s"),
+        (["--host", "no.such.host.invalid"], "no.such.host"),
+    ],
 )
 def test_bad_view_options(options: list[str], expected: str, capsys: Captured) -> None:
     assert expected in refused(["view", DEMO, *options], capsys)
