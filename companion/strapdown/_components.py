@@ -25,10 +25,14 @@ def cross(a: Array, b: Array) -> Array:
     return out
 
 
-def rotate(w: Array, v: Array, f: Array) -> Array:
+def rotate(w: float | Array, v: Array, f: Array) -> Array:
     """C(q) f for q = (w, v) of any length: the rotation that q stands for is that of q / |q|."""
-    scale = 2.0 / (w * w + dot(v, v))
-    return np.asarray(f + scale * cross(v, w * f + cross(v, f)))
+    turn = cross(v, f)
+    turn += w * f
+    turn = cross(v, turn)
+    turn *= 2.0 / (w * w + dot(v, v))
+    turn += f
+    return turn
 
 
 def product(a: Array, b: Array) -> Array:

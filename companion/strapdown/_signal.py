@@ -67,8 +67,10 @@ def signal_of(imu: ImuTrack, first: int, last: int, middle: str) -> Signal:
 
 
 def _rows(imu: ImuTrack, part: slice) -> Array:
-    """The samples of a part of the track, component-first (6, n)."""
-    return np.concatenate((imu.gyro[part].T, imu.accel[part].T))
+    """The samples of a part of the track, component-first (6, n) and contiguous: views would be strided."""
+    x = np.empty((6, len(imu.t[part])))
+    x[:3], x[3:] = imu.gyro[part].T, imu.accel[part].T
+    return x
 
 
 def _continued(imu: ImuTrack, t: Array, x: Array, nearest: slice, *, at_start: bool) -> tuple[Array, Array]:

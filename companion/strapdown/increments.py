@@ -22,7 +22,10 @@ from companion.tracks import Array, ImuTrack
 METHODS: Final = ("euler", "midpoint", "rk4")
 """Integrators by rising order: 1 (seed 002 §3), 2 (seed 002 §4), and 2 or 4 by the middle sample (seed 000)."""
 
-CHUNK: Final = 4096
+Quaternions = tuple[float | Array, Array]
+"""Scalar, (n,) or the same for all, and vector (3, n)."""
+
+CHUNK: Final = 8192
 """Intervals handled at a time: the working arrays of a chunk stay in the processor's cache."""
 
 
@@ -188,30 +191,39 @@ def _midpoint(signal: Signal, begin: float, end: float) -> tuple[Array, Array, A
 def _rk4(signal: Signal, begin: float, end: float) -> tuple[Array, Array, Array]:
     """Seed 000: attitude, velocity and position by one RK4 step that starts from the identity.
 
-    With a = ½ h w the products h k_i are k1 = [0, a0], k2 = q1 ⊗ [0, am], k3 = q2 ⊗ [0, am], k4 = q3 ⊗ [0, a1]. The
-    accelerations use the same q1, q2, q3; those are not of unit length, `rotate` takes the rotation they stand for.
-    Position: the seed's k are those of the velocity equation, so dp = h²/6 (a0 + a1 + a2) (seeds/NOTES.md).
+    The accelerations use the same intermediate q1, q2, q3 as the attitude; those are not of unit length, `rotate` takes
+    the rotation they stand for. Position: the seed's k are those of the velocity equation, so
+    dp = h²/6 (a0 + a1 + a2) (seeds/NOTES.md).
     """
     h = (end - begin) * signal.dt
     x0, xm, x1 = signal.at(begin), signal.at(0.5 * (begin + end)), signal.at(end)
-    half = 0.5 * h
-    a0, am, a1 = half * x0[:3], half * xm[:3], half * x1[:3]
     f0, fm, f1 = x0[3:], xm[3:], x1[3:]
-
-    q1w, q1v = np.ones_like(h), 0.5 * a0
-    k2w, k2v = _turn(q1w, q1v, am)
-    q2w, q2v = 1.0 + 0.5 * k2w, 0.5 * k2v
-    k3w, k3v = _turn(q2w, q2v, am)
-    q3w, q3v = 1.0 + k3w, k3v
-    k4w, k4v = _turn(q3w, q3v, a1)
-
-    dq = np.empty((4, len(h)))
-    dq[0] = 1.0 + (2.0 * (k2w + k3w) + k4w) / 6.0
-    dq[1:] = (a0 + 2.0 * (k2v + k3v) + k4v) / 6.0
+    dq, ((q1w, q1v), (q2w, q2v), (q3w, q3v)) = _rk4_attitude(h, x0[:3], xm[:3], x1[:3])
     middle = rows.rotate(q1w, q1v, fm) + rows.rotate(q2w, q2v, fm)
     dv = (h / 6.0) * (f0 + 2.0 * middle + rows.rotate(q3w, q3v, f1))
     dp = (h * h / 6.0) * (f0 + middle)
     return dq, dv, dp
+
+
+def _rk4_attitude(h: Array, w0: Array, wm: Array, w1: Array) -> tuple[Array, tuple[Quaternions, ...]]:
+    """dq (4, n), not normalised, and the intermediate q1, q2, q3 up to their length, as (scalar, vector).
+
+    With a = h/4 w0, m = h/2 wm, b = h/2 w1 the products h k of seed 000 are
+    hk1 = [0, 2a], hk2 = q1 ⊗ [0, m], hk3 = q2 ⊗ [0, m], hk4 = q3 ⊗ [0, b], and with s = a·m, μ = m·m/2, since m x m = 0
+    and (a x m) x m = s m - 2μ a:
+    q1 = [1, a], hk2 = [-s, m + a x m]; 2 q2 = [2 - s, m + a x m], hk3 = [-μ, e] with e = m - μ a;
+    q3 = [1 - μ, e], hk4 = [-e·b, (1 - μ) b + e x b].
+    """
+    quarter, half = 0.25 * h, 0.5 * h
+    a, m, b = quarter * w0, half * wm, half * w1
+    s, mu = rows.dot(a, m), 0.5 * rows.dot(m, m)
+    k2 = m + rows.cross(a, m)
+    e = m - mu * a
+    rest = 1.0 - mu
+    dq = np.empty((4, len(h)))
+    dq[0] = 1.0 - (2.0 * (s + mu) + rows.dot(e, b)) / 6.0
+    dq[1:] = (2.0 * (a + k2 + e) + rest * b + rows.cross(e, b)) / 6.0
+    return dq, ((1.0, a), (2.0 - s, k2), (rest, e))
 
 
 def _attitude(signal: Signal, fraction: Array, segments: int) -> Array:
@@ -219,19 +231,10 @@ def _attitude(signal: Signal, fraction: Array, segments: int) -> Array:
     q = _one_and(np.zeros((3, len(fraction))))
     for i in range(segments):
         begin, end = np.minimum(i / segments, fraction), np.minimum((i + 1) / segments, fraction)
-        half = 0.5 * (end - begin) * signal.dt
-        a0, am, a1 = (half * signal.at(at)[:3] for at in (begin, 0.5 * (begin + end), end))
-        k2w, k2v = _turn(np.ones_like(half), 0.5 * a0, am)
-        k3w, k3v = _turn(1.0 + 0.5 * k2w, 0.5 * k2v, am)
-        k4w, k4v = _turn(1.0 + k3w, k3v, a1)
-        dq = np.concatenate(((1.0 + (2.0 * (k2w + k3w) + k4w) / 6.0)[None], (a0 + 2.0 * (k2v + k3v) + k4v) / 6.0))
+        w0, wm, w1 = (signal.at(at)[:3] for at in (begin, 0.5 * (begin + end), end))
+        dq, _ = _rk4_attitude((end - begin) * signal.dt, w0, wm, w1)
         q = rows.product(q, dq)
     return q
-
-
-def _turn(w: Array, v: Array, a: Array) -> tuple[Array, Array]:
-    """(w, v) ⊗ [0, a]: scalar (n,) and vector (3, n)."""
-    return -rows.dot(v, a), w * a + rows.cross(v, a)
 
 
 def _one_and(vector: Array) -> Array:

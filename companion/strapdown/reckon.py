@@ -1,8 +1,8 @@
 """From increments to a trajectory: the attitude as a running product, velocity and position as running sums.
 
-Quaternion products are associative, so the running product is computed in blocks: inside all blocks at once, then over
-the blocks, then both together (prefix scan, Blelloch 1990). Nothing loops over samples. `preintegrate` does the same
-without gravity and without a start, and its result serves every anchor, horizon and window (shared/MATH.md §1).
+Nothing loops over samples: the running product is a prefix scan (`_scan`), and the work is done in chunks that fit the
+processor's cache. `preintegrate` does the same without gravity and without a start, and its result serves every anchor,
+horizon and window (MATH.md §1).
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from companion.strapdown import _components as rows
 from companion.strapdown import quaternion
+from companion.strapdown._scan import running_product
 from companion.strapdown.increments import Scheme, chunks, scheme_for
 from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
 
@@ -145,7 +146,7 @@ def _run(imu: ImuTrack, first: int, start: NavState, gravity: float, scheme: Sch
     for interval, h, (dq, dv, dp) in chunks(imu, first, scheme):
         i = interval - first
         part = slice(i + 1, i + 1 + len(h))
-        attitude = rows.product(q[i], _running_product(dq))
+        attitude = rows.product(q[i], running_product(dq))
         attitude /= np.sqrt((attitude * attitude).sum(axis=0))
         q[part] = attitude.T
         before = np.concatenate((q[i][:, None], attitude[:, :-1]), axis=1)
@@ -158,22 +159,3 @@ def _run(imu: ImuTrack, first: int, start: NavState, gravity: float, scheme: Sch
         np.cumsum(further.T, axis=0, out=p[part])
         p[part] += p[i]
     return q, v, p
-
-
-def _running_product(q: Array) -> Array:
-    """q_0, q_0 ⊗ q_1, q_0 ⊗ q_1 ⊗ q_2, ...: (4, n) to (4, n), in blocks of about √n."""
-    n = q.shape[1]
-    if n == 1:
-        return q
-    length = max(2, int(np.sqrt(n)))
-    blocks = -(-n // length)
-    padded = np.zeros((4, blocks * length))
-    padded[0, n:] = 1.0
-    padded[:, :n] = q
-    inner = np.ascontiguousarray(padded.reshape(4, blocks, length).transpose(0, 2, 1))
-    for i in range(1, length):
-        inner[:, i] = rows.product(inner[:, i - 1], inner[:, i])
-    if blocks > 1:
-        totals = _running_product(inner[:, -1, :-1])
-        inner[:, :, 1:] = rows.product(totals[:, None], inner[:, :, 1:])
-    return np.ascontiguousarray(inner.transpose(0, 2, 1)).reshape(4, -1)[:, :n]
