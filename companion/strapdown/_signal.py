@@ -18,6 +18,10 @@ from companion.tracks import Array, ImuTrack
 MIDDLES: Final = ("linear", "cubic")
 """How the signal runs inside an interval."""
 
+UNEVEN: Final = 30.0
+"""An interval this many times as long as a neighbour gets the line: across a hole, or beside two samples sent in one
+burst, the cubic would multiply the noise of the readings (by about 3/16 of the ratio)."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Signal:
@@ -63,7 +67,19 @@ def signal_of(imu: ImuTrack, first: int, last: int, middle: str) -> Signal:
         t, x = _continued(imu, t, x, slice(-4, None), at_start=False)
     h = np.diff(t)
     bend = np.diff(np.diff(x) / h) / (h[:-1] + h[1:])
-    return Signal(h[1:-1], x[:, 1:-2], x[:, 2:-1], h[:-2], h[2:], bend[:, :-1], bend[:, 1:])
+    bend0, bend1 = bend[:, :-1], bend[:, 1:]
+    if h.max() > UNEVEN * h.min():
+        even = ~uneven(h)[1:-1]
+        bend0, bend1 = bend0 * even, bend1 * even
+    return Signal(h[1:-1], x[:, 1:-2], x[:, 2:-1], h[:-2], h[2:], bend0, bend1)
+
+
+def uneven(dt: Array) -> npt.NDArray[np.bool_]:
+    """Which of the intervals (n,) are too long beside a neighbour for the cubic."""
+    mark = np.zeros(len(dt), dtype=np.bool_)
+    mark[1:] |= dt[1:] > UNEVEN * dt[:-1]
+    mark[:-1] |= dt[:-1] > UNEVEN * dt[1:]
+    return mark
 
 
 def _rows(imu: ImuTrack, part: slice) -> Array:
@@ -76,6 +92,9 @@ def _rows(imu: ImuTrack, part: slice) -> Array:
 def _continued(imu: ImuTrack, t: Array, x: Array, nearest: slice, *, at_start: bool) -> tuple[Array, Array]:
     """Times and samples with one more, extrapolated by the polynomial through the nearest four (or all there are)."""
     nodes = imu.t[nearest]
+    if len(nodes) > 2 and uneven(np.diff(nodes)).any():
+        nearest = slice(None, 2) if at_start else slice(-2, None)
+        nodes = imu.t[nearest]
     when = 2.0 * nodes[0] - nodes[1] if at_start else 2.0 * nodes[-1] - nodes[-2]
     apart = nodes[:, None] - nodes
     np.fill_diagonal(apart, 1.0)

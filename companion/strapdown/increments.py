@@ -16,7 +16,7 @@ import numpy as np
 
 from companion.strapdown import _components as rows
 from companion.strapdown import quaternion
-from companion.strapdown._signal import MIDDLES, Signal, signal_of
+from companion.strapdown._signal import MIDDLES, UNEVEN, Signal, signal_of, uneven
 from companion.tracks import Array, ImuTrack
 
 METHODS: Final = ("euler", "midpoint", "rk4")
@@ -51,22 +51,32 @@ class Scheme:
     middle: str
     segments: int
 
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether an interval needs the sample after it: where a method looks inside an interval, and by the cubic."""
+        return self.middle == "cubic" and (self.method == "rk4" or self.segments > 1)
+
     def notes_on(self, imu: ImuTrack) -> tuple[str, ...]:
         """What a user must know about this scheme on this track that the numbers do not show."""
         notes = []
-        inside = self.method == "rk4" or self.segments > 1
-        if inside and self.middle == "cubic" and len(imu) in (2, 3):
+        dt = np.diff(imu.t)
+        if self.looks_ahead and len(imu) in (2, 3):
             shape = "the line" if len(imu) == 2 else "the parabola"
             notes.append(
                 f"the cubic needs 4 samples and the track has {len(imu)}: {shape} through them was used instead"
             )
-        # The bound is cheap; only a track that breaks it is looked at step by step.
-        if len(imu) > 1 and max(imu.gyro.max(), -imu.gyro.min()) * np.diff(imu.t).max() * np.sqrt(3.0) > np.pi:
+        # Both bounds are cheap; only a track that breaks one is looked at step by step.
+        if self.looks_ahead and len(dt) > 1 and dt.max() > UNEVEN * dt.min():
+            notes.append(
+                f"{int(uneven(dt).sum())} of {len(dt)} intervals are more than {UNEVEN:g} times as long as a neighbour "
+                "(a hole, or a burst of samples): the signal is taken as a line there"
+            )
+        if len(dt) and max(imu.gyro.max(), -imu.gyro.min()) * dt.max() * np.sqrt(3.0) > np.pi:
             rate = np.linalg.norm(imu.gyro, axis=1)
-            fast = int((np.maximum(rate[:-1], rate[1:]) * np.diff(imu.t) > np.pi).sum())
+            fast = int((np.maximum(rate[:-1], rate[1:]) * dt > np.pi).sum())
             if fast:
                 notes.append(
-                    f"{fast} of {len(imu) - 1} intervals turn by more than π: samples that far apart do not determine "
+                    f"{fast} of {len(dt)} intervals turn by more than π: samples that far apart do not determine "
                     "the attitude; record at a higher rate or leave these intervals out"
                 )
         return tuple(notes)
@@ -83,10 +93,11 @@ def increments(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", seg
 
     Raises ValueError for an unknown method or middle, fewer than one segment, or a track without samples.
     """
-    scheme = scheme_for(imu, method, middle, segments)
+    scheme = scheme_for(method, middle, segments)
+    require_samples(imu)
     n = len(imu) - 1
     dq, dv, dp = np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
-    for first, _, (q, v, p) in chunks(imu, 0, scheme):
+    for first, _, (q, v, p) in chunks(imu, 0, n, scheme):
         part = slice(first, first + q.shape[1])
         dq[part], dv[part], dp[part] = q.T, v.T, p.T
     return Increments(np.diff(imu.t), dq, dv, dp, scheme.notes_on(imu))
@@ -101,7 +112,8 @@ def dense_attitude(
     up to the fraction and on the rest of the one in which it lies. Raises ValueError as `increments` does, and for
     fractions outside 0..1.
     """
-    scheme_for(imu, "rk4", middle, segments)
+    scheme_for("rk4", middle, segments)
+    require_samples(imu)
     fractions = np.asarray(fractions, dtype=np.float64)
     if not ((fractions >= 0) & (fractions <= 1)).all():
         raise ValueError(f"fractions must lie in 0..1 of an interval, got {fractions.min():g} to {fractions.max():g}")
@@ -120,7 +132,8 @@ def attitude_at(imu: ImuTrack, q_ned_frd: Array, times: Array, *, middle: str = 
     q_ned_frd: (N, 4) attitudes at the samples, times: (M,) s. Raises ValueError as `dense_attitude` does, and for times
     outside the track.
     """
-    scheme_for(imu, "rk4", middle, segments)
+    scheme_for("rk4", middle, segments)
+    require_samples(imu)
     times = np.asarray(times, dtype=np.float64)
     if not ((times >= imu.t[0]) & (times <= imu.t[-1])).all():
         raise ValueError(f"times must lie within the track, {imu.t[0]:.6f} to {imu.t[-1]:.6f} s; cut them to it")
@@ -132,27 +145,34 @@ def attitude_at(imu: ImuTrack, q_ned_frd: Array, times: Array, *, middle: str = 
     return quaternion.multiply(q_ned_frd[at], rows.unit(turned).T)
 
 
-def scheme_for(imu: ImuTrack, method: str, middle: str, segments: int) -> Scheme:
-    """The scheme with these settings. Raises ValueError if one of them, or a track without samples, is no good."""
+def scheme_for(method: str, middle: str, segments: int) -> Scheme:
+    """The scheme with these settings. Raises ValueError if one of them is no good."""
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}: choose one of {', '.join(METHODS)}")
     if middle not in MIDDLES:
         raise ValueError(f"unknown middle {middle!r}: choose one of {', '.join(MIDDLES)}")
     if segments < 1:
         raise ValueError(f"segments must be 1 or more, got {segments}")
-    if len(imu) == 0:
-        raise ValueError("the IMU track has no samples; an integration needs at least one")
     return Scheme(method, middle, segments)
 
 
-def chunks(imu: ImuTrack, start: int, scheme: Scheme) -> Iterator[tuple[int, Array, tuple[Array, Array, Array]]]:
-    """(first interval, dt (n,), (dq (4, n), dv (3, n), dp (3, n))) of cache-sized runs of intervals from `start`.
+def require_samples(imu: ImuTrack) -> None:
+    """Raises ValueError for a track without samples."""
+    if len(imu) == 0:
+        raise ValueError("the IMU track has no samples; an integration needs at least one")
 
-    Component-first, for `reckon`. Samples before `start` and after a chunk still shape the cubic at its ends, so the
-    cutting does not change the numbers.
+
+def chunks(
+    imu: ImuTrack, start: int, stop: int, scheme: Scheme
+) -> Iterator[tuple[int, Array, tuple[Array, Array, Array]]]:
+    """(first interval, dt (n,), (dq (4, n), dv (3, n), dp (3, n))) of cache-sized runs of the intervals start..stop-1.
+
+    Component-first, for `reckon`. Samples before and after a run still shape the cubic at its ends, so the cutting does
+    not change the numbers.
     """
-    for first in range(start, len(imu) - 1, CHUNK):
-        signal = signal_of(imu, first, min(first + CHUNK, len(imu) - 1), scheme.middle)
+    middle = scheme.middle if scheme.looks_ahead else "linear"  # the same numbers where nothing looks inside
+    for first in range(start, stop, CHUNK):
+        signal = signal_of(imu, first, min(first + CHUNK, stop), middle)
         yield first, signal.dt, _increments(signal, scheme.method, scheme.segments)
 
 

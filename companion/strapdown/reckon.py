@@ -15,7 +15,7 @@ import numpy.typing as npt
 from companion.strapdown import _components as rows
 from companion.strapdown import quaternion
 from companion.strapdown._scan import running_product
-from companion.strapdown.increments import Scheme, chunks, scheme_for
+from companion.strapdown.increments import Scheme, chunks, require_samples, scheme_for
 from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
 
 SAME_TIME = 5e-7
@@ -92,13 +92,13 @@ def reckon(
     Raises ValueError for an unknown method or middle, a track without samples, a start that is not finite, whose
     quaternion is not of unit length (to 1e-3), or whose time is not that of a sample.
     """
-    scheme = scheme_for(imu, method, middle, segments)
+    scheme = scheme_for(method, middle, segments)
+    require_samples(imu)
     if not np.isfinite(gravity):
         raise ValueError(f"gravity must be finite, got {gravity}")
-    first = _start_index(imu, start)
-    t = imu.t[first:]
-    q, v, p = _run(imu, first, _checked(start), gravity, scheme)
-    return Trajectory(t, q, v, p, scheme.notes_on(imu))
+    first = start_index(imu, start)
+    q, v, p = run(imu, first, len(imu) - 1, checked(start), gravity, scheme)
+    return Trajectory(imu.t[first:], q, v, p, scheme.notes_on(imu))
 
 
 def preintegrate(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", segments: int = 1) -> Preintegration:
@@ -106,13 +106,14 @@ def preintegrate(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", s
 
     Raises ValueError as `increments` does.
     """
-    scheme = scheme_for(imu, method, middle, segments)
+    scheme = scheme_for(method, middle, segments)
+    require_samples(imu)
     origin = NavState(float(imu.t[0]), quaternion.IDENTITY, np.zeros(3), np.zeros(3))
-    q, v, p = _run(imu, 0, origin, 0.0, scheme)
+    q, v, p = run(imu, 0, len(imu) - 1, origin, 0.0, scheme)
     return Preintegration(imu.t, q, v, p, scheme.notes_on(imu))
 
 
-def _start_index(imu: ImuTrack, start: NavState) -> int:
+def start_index(imu: ImuTrack, start: NavState) -> int:
     """The sample at which a state stands."""
     near = int(np.searchsorted(imu.t, start.t - SAME_TIME))
     if near == len(imu) or not abs(imu.t[near] - start.t) <= SAME_TIME:
@@ -123,7 +124,7 @@ def _start_index(imu: ImuTrack, start: NavState) -> int:
     return near
 
 
-def _checked(start: NavState) -> NavState:
+def checked(start: NavState) -> NavState:
     """The start with its quaternion exactly of unit length."""
     for name, values, shape in (
         ("q_ned_frd", start.q_ned_frd, (4,)),
@@ -138,12 +139,14 @@ def _checked(start: NavState) -> NavState:
     return NavState(start.t, np.asarray(start.q_ned_frd) / length, start.velocity, start.position)
 
 
-def _run(imu: ImuTrack, first: int, start: NavState, gravity: float, scheme: Scheme) -> tuple[Array, Array, Array]:
-    """(q (N, 4), v (N, 3), p (N, 3)) at the samples from `first` on, chunk by chunk."""
-    n = len(imu) - first
+def run(
+    imu: ImuTrack, first: int, last: int, start: NavState, gravity: float, scheme: Scheme
+) -> tuple[Array, Array, Array]:
+    """(q (N, 4), v (N, 3), p (N, 3)) at the samples first..last from the state at `first`, chunk by chunk."""
+    n = last - first + 1
     q, v, p = np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3))
     q[0], v[0], p[0] = start.q_ned_frd, start.velocity, start.position
-    for interval, h, (dq, dv, dp) in chunks(imu, first, scheme):
+    for interval, h, (dq, dv, dp) in chunks(imu, first, last, scheme):
         i = interval - first
         part = slice(i + 1, i + 1 + len(h))
         attitude = rows.product(q[i], running_product(dq))

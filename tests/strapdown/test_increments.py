@@ -170,3 +170,17 @@ def test_bad_input_is_named() -> None:
         dense_attitude(track, q[:3], np.array([0.5]))
     with pytest.raises(ValueError, match="within the track"):
         attitude_at(track, q, np.array([track.t[-1] + 1.0]))
+
+
+def test_beside_a_hole_or_a_burst_the_line_is_taken_and_it_is_said() -> None:
+    """Two samples 10 µs apart would multiply the noise of the readings by hundreds in the cubic next to them."""
+    t = np.sort(np.concatenate((np.arange(100) * 0.02, [0.5 + 1e-5])))
+    t[60:] += 2.0
+    noise = RNG.normal(0, 1, (101, 3))
+    track = ImuTrack(t, 0 * noise, noise)
+    cubic, linear = increments(track), increments(track, middle="linear")
+    assert "3 of 100 intervals are more than 30 times as long as a neighbour" in cubic.notes[0]
+    marked = np.nonzero(np.diff(t) > 1)[0][0]
+    np.testing.assert_array_equal(cubic.dv[marked], linear.dv[marked])
+    assert np.abs(cubic.dv / cubic.dt[:, None]).max() < 5
+    assert linear.notes == ()
