@@ -81,7 +81,7 @@ class Viewer:
         self._panel = Panel(gui, self._flights, self._events.put)
         side = gui.add_panel()
         with side.add_tab("Errors against time", viser.Icon.CHART_LINE):
-            self._plots = Plots(gui)
+            self._plots = Plots(gui, self._film, self._flight.start)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(350)
         side.dock_left()
@@ -199,6 +199,7 @@ class Viewer:
                 self._size = size
             case events.SetDark(dark):
                 self._theme(dark=dark)
+                self.scene.shade(dark=dark)
             case _:
                 assert_never(event)
 
@@ -286,7 +287,7 @@ class Viewer:
 
     def _theme(self, *, dark: bool) -> None:
         self._server.gui.configure_theme(
-            dark_mode=dark, show_logo=False, show_share_button=False, brand_color=palette.AUTOPILOT
+            dark_mode=dark, show_logo=False, show_share_button=False, brand_color=palette.CONTROLS
         )
 
 

@@ -69,7 +69,7 @@ def nice(length: float) -> float:
 
 def camera(mode: CameraMode, framing: Framing) -> Camera:
     """Where a browser's camera starts in `mode`."""
-    distance = 1.02 * framing.radius / np.sin(FIELD_OF_VIEW / 2)
+    distance = 0.9 * framing.radius / np.sin(FIELD_OF_VIEW / 2)
     near, far = max(distance / 2000, 0.01), 60 * distance + 2000.0
     if mode == "Free":
         look_at, away = framing.centre, distance * _direction(azimuth=25.0, elevation=28.0)
@@ -108,7 +108,7 @@ def heading(q: Array) -> float:
 
 def readable_span(distance: float, true_span: float, size: float) -> float:
     """How large to draw a vehicle seen from `distance` m so that its attitude can be read; never below true size."""
-    return max(true_span, 0.11 * size * distance * 2 * float(np.tan(FIELD_OF_VIEW / 2)))
+    return max(true_span, 0.075 * size * distance * 2 * float(np.tan(FIELD_OF_VIEW / 2)))
 
 
 def _direction(azimuth: float, elevation: float) -> Array:

@@ -10,6 +10,8 @@ DIFFERENCE: Rgb = (204, 84, 152)  # reddish purple, a little deeper for thin lin
 HEADING: Rgb = (0, 158, 115)  # bluish green: the heading part of the attitude error
 CURSOR: Rgb = (130, 130, 130)  # the current instant
 
+CONTROLS: Rgb = (84, 96, 112)  # buttons: no source's colour
+
 
 def css(colour: Rgb) -> str:
     """The colour as the browser writes it."""

@@ -19,7 +19,7 @@ from companion.view.player import Player
 Key = Literal["space", "arrowleft", "arrowright", "home", "end"]
 SPEEDS = ("0.1×", "0.2×", "0.5×", "1×", "2×", "5×", "10×", "20×", "50×")
 METHODS = {"RK4 (most exact)": "rk4", "Midpoint": "midpoint", "Euler (simplest)": "euler"}
-MIDDLES = {"Straight line (linear)": "linear", "Curve (cubic)": "cubic"}
+MIDDLES = {"Straight lines (linear)": "linear", "Curves (cubic)": "cubic"}
 TRAILS = {
     "Path so far": events.SetTrail(None),
     "Last 10 s": events.SetTrail(10.0),
@@ -27,7 +27,7 @@ TRAILS = {
     "Whole path": events.SetTrail(None, ahead=True),
 }
 SIZES = {"Easy to see": 1.0, "Larger": 1.7, "Smaller": 0.5, "True size": None}
-STEPS = {"⏮": None, "−10 s": -10.0, "−1 s": -1.0, "+1 s": 1.0, "+10 s": 10.0}
+STEPS = {"Start": None, "−10 s": -10.0, "−1 s": -1.0, "+1 s": 1.0, "+10 s": 10.0}
 
 
 class Panel:
@@ -46,13 +46,13 @@ class Panel:
         self._time = gui.add_slider("Time, s", 0.0, 1.0, 0.01, 0.0, hint="Seconds since the flight's first message")
         self._speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1×")
         self._loop = gui.add_checkbox("Repeat", False)
-        with gui.add_folder("What the IMU is asked"):
+        with gui.add_folder("Reckoning from the IMU"):
             names = tuple(f"{i + 1}: {_title(f)}" for i, f in enumerate(flights))
             self._pick = gui.add_dropdown("Flight", names, visible=len(flights) > 1)
             self._imu = gui.add_dropdown("IMU", ("none",))
             self._method = gui.add_dropdown("Integrator", tuple(METHODS))
             self._middle = gui.add_dropdown(
-                "Between samples", tuple(MIDDLES), hint="How the readings are taken to run from one sample to the next"
+                "Joined by", tuple(MIDDLES), hint="How the readings are taken to run from one sample to the next"
             )
             self._anchored = gui.add_checkbox(
                 "Re-anchor", True, hint="Start again from the autopilot's state, over and over; off: run free"
@@ -194,7 +194,8 @@ def _swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:
 def _legend(flight: Flight, cell: float, has_position: bool) -> str:
     """Who is who. Text that came from the vehicle is escaped: it is untrusted, and this is markup."""
     vehicle = flight.vehicle
-    who = escape(f"{vehicle.autopilot} {vehicle.type}".replace("_", " ").title())
+    autopilot = {"ARDUPILOTMEGA": "ArduPilot"}.get(vehicle.autopilot, vehicle.autopilot)
+    who = escape(f"{autopilot} {vehicle.type.lower()}".replace("_", " "))
     line = "width:1em;height:0.25em"
     rows = [
         f"{_swatch(palette.IMU)}<b>Solid: the IMU alone</b>, reckoned from its own readings",

@@ -47,42 +47,64 @@ def curves(t: Array, *values: Array) -> Curves:
 class Plots:
     """The three charts: attitude, velocity and position error. Only the view thread may call it."""
 
-    def __init__(self, gui: viser.GuiApi) -> None:
-        gui.add_html(
-            f'<div style="padding:0 1em;font-size:0.8em">Attitude error, degrees: '
-            f"{_key('tilt', palette.DIFFERENCE)} {_key('heading', palette.HEADING)}</div>"
-        )
-        self._attitude = _chart(gui, "deg", ("tilt", palette.DIFFERENCE), ("heading", palette.HEADING))
-        velocity = gui.add_html('<div style="padding:0 1em;font-size:0.8em">Velocity error, metres per second</div>')
-        self._velocity = _chart(gui, "m/s", ("velocity error", palette.DIFFERENCE))
-        position = gui.add_html('<div style="padding:0 1em;font-size:0.8em">Position error, metres</div>')
-        self._position = _chart(gui, "m", ("position error", palette.DIFFERENCE))
-        self._headings = (velocity, position)
-        self._curves: list[tuple[viser.GuiUplotHandle, Curves]] = []
+    def __init__(self, gui: viser.GuiApi, film: Footage, start: float) -> None:
+        tilt, heading = ("tilt", palette.DIFFERENCE), ("heading", palette.HEADING)
+        drawn = _drawn(film, start)
+        _heading(gui, f"Attitude error, degrees: {_key(*tilt)} {_key(*heading)}")
+        self._charts = [_chart(gui, "deg", drawn[0], tilt, heading)]
+        self._headings = []
+        for name, unit, lines in (
+            ("Velocity error, metres per second", "m/s", drawn[1]),
+            ("Position error, metres", "m", drawn[2]),
+        ):
+            self._headings.append(_heading(gui, name))
+            self._charts.append(_chart(gui, unit, lines, (name, palette.DIFFERENCE)))
+        self._drawn = drawn
+        self.load(film, start)
 
     def load(self, film: Footage, start: float) -> None:
         """Draw another reckoning, over seconds since `start` (boot clock)."""
-        t = film.replay.t - start
-        self._curves = [(self._attitude, curves(t, film.tilt_deg, film.heading_deg))]
-        if film.replay.has_position:
-            self._curves.append((self._velocity, curves(t, film.velocity_mps)))
-            self._curves.append((self._position, curves(t, film.position_m)))
-        for chart in (self._velocity, self._position):
-            chart.visible = film.replay.has_position
-        for heading in self._headings:
-            heading.visible = film.replay.has_position
+        self._drawn = _drawn(film, start)
+        for chart, lines in zip(self._charts, self._drawn, strict=True):
+            scales = _scales(lines)
+            if chart.scales != scales:  # a change builds the chart anew and forgets how the user has zoomed
+                chart.scales = scales
+        for heading, chart in zip(self._headings, self._charts[1:], strict=True):
+            heading.visible = chart.visible = film.replay.has_position
 
     def show(self, now: float) -> None:
         """Move the cursor to `now`, s since the flight's start."""
-        for chart, lines in self._curves:
-            chart.data = lines.at(now)
+        for chart, lines in zip(self._charts, self._drawn, strict=True):
+            if chart.visible:
+                chart.data = lines.at(now)
+
+
+def _drawn(film: Footage, start: float) -> list[Curves]:
+    t = film.replay.t - start
+    return [
+        curves(t, film.tilt_deg, film.heading_deg),
+        curves(t, film.velocity_mps),
+        curves(t, film.position_m),
+    ]
+
+
+def _scales(lines: Curves) -> dict[str, uplot.Scale]:
+    # Bounds said outright: left to itself, a chart that gets its data while it is being laid out loses its time axis.
+    return {
+        "x": uplot.Scale(time=False, range=(float(lines.t[0]), float(lines.t[-1]))),
+        "now": uplot.Scale(range=(0.0, 1.0)),
+    }
+
+
+def _heading(gui: viser.GuiApi, markup: str) -> viser.GuiHtmlHandle:
+    return gui.add_html(f'<div style="padding:0 1em;font-size:0.8em">{markup}</div>')
 
 
 def _key(name: str, colour: Rgb) -> str:
     return f'<span style="color:{palette.css(colour)};font-weight:600">{name}</span>'
 
 
-def _chart(gui: viser.GuiApi, unit: str, *lines: tuple[str, Rgb]) -> viser.GuiUplotHandle:
+def _chart(gui: viser.GuiApi, unit: str, drawn: Curves, *lines: tuple[str, Rgb]) -> viser.GuiUplotHandle:
     series = (
         uplot.Series(label="time, s"),
         *(
@@ -92,15 +114,15 @@ def _chart(gui: viser.GuiApi, unit: str, *lines: tuple[str, Rgb]) -> viser.GuiUp
         uplot.Series(label="now", scale="now", stroke=palette.css(palette.CURSOR), width=1.2, points={"show": False}),
     )
     return gui.add_uplot(
-        tuple(np.array([0.0, 1.0]) for _ in series),
+        drawn.at(float(drawn.t[0])),
         series,
-        scales={"x": uplot.Scale(time=False), "now": uplot.Scale(range=(0.0, 1.0))},
+        scales=_scales(drawn),
         axes=(
-            uplot.Axis(label="seconds since start", labelSize=18, size=26, labelGap=0),
-            uplot.Axis(label=unit, labelSize=18, size=46, labelGap=0),
+            uplot.Axis(label="time, s", labelSize=16, size=30, labelGap=0),
+            uplot.Axis(label=unit, labelSize=16, size=44, labelGap=0),
         ),
         legend=uplot.Legend(show=False),
         cursor=uplot.Cursor(sync={"key": "time"}, drag={"x": True, "y": False}),
-        height=170,
+        height=182,
         padding=(6, 14, 0, 0),
     )

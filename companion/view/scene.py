@@ -39,7 +39,7 @@ class Body:
             )
             for part, mesh, tint in (
                 ("body", drone.body, colour),
-                ("front", drone.front, palette.mix(colour, (255, 255, 255), 0.65)),
+                ("front", drone.front, palette.mix(colour, (255, 255, 255), 0.6)),
             )
         ]
         self._name = scene.add_label(
@@ -56,6 +56,16 @@ class Body:
     def position(self) -> Array:
         """The place on screen, NED m."""
         return np.asarray(self._place.position)
+
+    @property
+    def name(self) -> str:
+        """What is written beside it."""
+        return self._name.text
+
+    @name.setter
+    def name(self, text: str) -> None:
+        if text != self._name.text:
+            self._name.text = text
 
     def put(self, wxyz: Array, position: Array) -> None:
         """Set attitude (4,) and place (3,)."""
@@ -78,16 +88,19 @@ class Scene:
     def __init__(self, scene: viser.SceneApi, drone: Drone) -> None:
         scene.set_up_direction("-z")
         scene.world_axes.visible = False
-        scene.configure_default_lights(enabled=True, cast_shadow=False)
+        # Our own lights, from above and from all around: viser's wash out colours, and here colours mean something.
+        scene.configure_default_lights(enabled=False)
+        scene.configure_environment_map(None)
+        scene.add_light_ambient("/light_around", intensity=1.7)
+        scene.add_light_directional("/light_above", intensity=2.2, position=(-300.0, -500.0, -1000.0))
         self._world = scene.add_frame(WORLD, show_axes=False)
         self._grid = scene.add_grid(
             f"{WORLD}/grid",
             plane="xy",
             infinite_grid=True,
-            cell_color=(205, 205, 205),
-            section_color=(160, 160, 160),
             shadow_opacity=0.0,
         )
+        self.shade(dark=False)
         self._north = scene.add_arrows(f"{WORLD}/north", np.zeros((1, 2, 3)), (90, 90, 90))
         self._north_name = scene.add_label(f"{WORLD}/north_name", "North", anchor="center-center")
         self.autopilot = Body(scene, "autopilot", "Autopilot", palette.AUTOPILOT, drone, ghost=True)
@@ -101,12 +114,12 @@ class Scene:
             f"{WORLD}/error", nothing, palette.DIFFERENCE, thickness=4.0, thickness_units="screen"
         )
         self._error_name = scene.add_label(
-            f"{WORLD}/error_name", "", anchor="center-left", font_screen_scale=1.2, visible=False
+            f"{WORLD}/error_name", "", anchor="center-center", font_screen_scale=1.1, visible=False
         )
         self._sticks = scene.add_line_segments(
             f"{WORLD}/sticks",
             np.zeros((2, 2, 3), dtype=np.float32),
-            np.array([[palette.AUTOPILOT] * 2, [palette.IMU] * 2], dtype=np.uint8),
+            (140, 140, 140),
             thickness=1.0,
             thickness_units="screen",
         )
@@ -122,18 +135,23 @@ class Scene:
         self._grid.cell_size = framing.cell
         self._grid.section_size = 5 * framing.cell
         self._grid.fade_distance = 12 * framing.radius
-        south_west = framing.centre - framing.radius * np.array([0.95, 0.75, 0.0])
-        start = np.array([south_west[0], south_west[1], framing.ground])
-        length = 0.45 * framing.radius
-        self._north.points = np.array([[start, start + np.array([length, 0.0, 0.0])]], dtype=np.float32)
-        self._north.shaft_radius = 0.03 * length
-        self._north.head_radius = 0.09 * length
-        self._north.head_length = 0.25 * length
-        self._north_name.position = start + np.array([1.2 * length, 0.0, 0.0])
+        size = 0.3 * framing.radius
+        start = np.array([framing.centre[0] - size / 2, framing.centre[1], framing.ground])
+        self._north.points = np.array([[start, start + np.array([size, 0.0, 0.0])]], dtype=np.float32)
+        self._north.shaft_radius = 0.025 * size
+        self._north.head_radius = 0.07 * size
+        self._north.head_length = 0.22 * size
+        self._north_name.position = start + np.array([1.3 * size, 0.0, 0.0])
         self._trails["autopilot"].load(replay.t, replay.position_ref, film.restarts[:0])
         self._trails["imu"].load(replay.t, replay.position_imu, film.restarts)
-        for part in (self._error, self._error_name, self._sticks):
-            part.visible = replay.has_position
+        self._error.visible = self._sticks.visible = replay.has_position
+        self._error_name.visible = False
+        self.imu.name = "IMU alone"
+
+    def shade(self, *, dark: bool) -> None:
+        """Ground lines that are there and do not shout, on a dark page or a light one."""
+        self._grid.cell_color = (52, 52, 52) if dark else (222, 222, 222)
+        self._grid.section_color = (90, 90, 90) if dark else (190, 190, 190)
 
     def show(self, moment: Moment, world: Pose) -> None:
         """Put both drones, and what hangs on them, where they are at `moment`."""
@@ -152,8 +170,16 @@ class Scene:
         """What a reader needs less often than an eye: the length of the error line, the size of the drones."""
         self.imu.resize(span)
         self.autopilot.resize(span)
-        if self._has_position:
-            self._error_name.text = f"{length(moment.position_m)} apart"
+        if not self._has_position:
+            return
+        # On the line when there is room between the drones, else with the name of the one that is wrong.
+        apart = f"{length(moment.position_m)} apart"
+        roomy = moment.position_m > 1.5 * span
+        self.imu.name = "IMU alone" if roomy else f"IMU alone, {apart}"
+        if self._error_name.visible != roomy:
+            self._error_name.visible = roomy
+        if roomy:
+            self._error_name.text = apart
             self._error_name.position = (moment.position_ref + moment.position_imu) / 2
 
     def trails(self, since: float, until: float) -> None:
