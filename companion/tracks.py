@@ -195,6 +195,7 @@ class Flight:
             order = ["SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "RAW_IMU", "HIGHRES_IMU"]
         elif "HIGHRES_IMU" in self.imus and self.imus["HIGHRES_IMU"].instance != 0:
             order = [*order[1:], order[0]]
+        order += [name for name in self.imus if name not in order]  # on-board logs: in the order of the log
         samples = {name: len(self.imus[name]) for name in order if name in self.imus}
         enough = max(2.0, max(samples.values(), default=0) / 4)
         return next((name for name, count in samples.items() if count >= enough), None)

@@ -54,7 +54,7 @@ def imu_track(messages: Messages, t: Array, *, dequantise: bool = False) -> tupl
         good &= messages["id"] == instance
         if len(ids) > 1:
             notes.append(f"{name} speaks of IMUs {ids.tolist()}: only IMU {instance} is used")
-    keep = _increasing(t, good)
+    keep = increasing(t, good)
     if dropped := int((~good).sum()):
         notes.append(f"{name}: {dropped} samples left out that are not finite or of another IMU")
     track = ImuTrack(
@@ -92,11 +92,8 @@ def attitude_track(messages: Messages, t: Array) -> AttitudeTrack:
     norm = np.linalg.norm(q, axis=1)
     rates = np.column_stack([messages[n] for n in ("rollspeed", "pitchspeed", "yawspeed")]).astype(np.float64)
     good = np.isfinite(q).all(axis=1) & np.isfinite(t) & (np.abs(norm - 1.0) < 0.1)
-    keep = _increasing(t, good)
-    q = q[keep] / norm[keep, None]
-    flips = np.cumsum(np.einsum("ij,ij->i", q[1:], q[:-1]) < 0)  # q and -q are one attitude: no jumps of sign
-    q[1:] *= np.where(flips % 2, -1.0, 1.0)[:, None]
-    return AttitudeTrack(t[keep], q, np.nan_to_num(rates[keep]), source=messages.layout.name)
+    keep = increasing(t, good)
+    return AttitudeTrack(t[keep], continuous(q[keep]), np.nan_to_num(rates[keep]), source=messages.layout.name)
 
 
 def position_track(messages: Messages, t: Array) -> PositionTrack:
@@ -111,7 +108,7 @@ def position_track(messages: Messages, t: Array) -> PositionTrack:
         position = _ned_about(lat, lon, messages["alt"] * 1e-3, first)
     velocity, _ = _vector(messages, ("vx", "vy", "vz"), "m/s", dequantise=False)
     good &= np.isfinite(position).all(axis=1) & np.isfinite(velocity).all(axis=1) & np.isfinite(t)
-    keep = _increasing(t, good)
+    keep = increasing(t, good)
     return PositionTrack(t[keep], position[keep], velocity[keep], source=messages.layout.name)
 
 
@@ -126,6 +123,21 @@ def parameters(messages: Messages, *, bytewise: bool) -> dict[str, float]:
     return dict(zip(names, values.tolist(), strict=True))
 
 
+def increasing(t: Array, good: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    """Indices of the good samples in order of device time, the first of those that share one: echoes fall out."""
+    index = np.flatnonzero(good)
+    order = index[np.argsort(t[index], kind="stable")]
+    return order[np.diff(t[order], prepend=-np.inf) > 0]
+
+
+def continuous(q: Array) -> Array:
+    """Quaternions (N, 4) of about unit length, made so, with the sign that follows on: q and -q are one attitude."""
+    q = q / np.linalg.norm(q, axis=1, keepdims=True)
+    flips = np.cumsum(np.einsum("ij,ij->i", q[1:], q[:-1]) < 0)
+    q[1:] *= np.where(flips % 2, -1.0, 1.0)[:, None]
+    return np.asarray(q)
+
+
 def _vector(messages: Messages, names: tuple[str, str, str], unit: str, dequantise: bool) -> tuple[Array, float]:
     """Three fields as SI (N, 3), and the quantisation step in SI (0 for floats). `unit` where the dialect has none."""
     factor = _SI[messages.layout.units.get(names[0]) or unit]
@@ -136,13 +148,6 @@ def _vector(messages: Messages, names: tuple[str, str, str], unit: str, dequanti
     if dequantise:
         values += 0.5 * np.sign(values)
     return values * factor, factor
-
-
-def _increasing(t: Array, good: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
-    """Indices of the good samples in order of device time, the first of those that share one: echoes fall out."""
-    index = np.flatnonzero(good)
-    order = index[np.argsort(t[index], kind="stable")]
-    return order[np.diff(t[order], prepend=-np.inf) > 0]
 
 
 def _q_from_euler(roll: Array, pitch: Array, yaw: Array) -> Array:

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.mavlink import Dialect, Log, Messages
+from companion.mavlink import Dialect, Log
 from companion.telemetry import convert
-from companion.telemetry.clock import boot_seconds, device_time
+from companion.telemetry.arrival import message_stats
+from companion.telemetry.clock import boot_seconds
 from companion.telemetry.split import Boot, boots, describe, senders
 from companion.tracks import (
     Array,
     AttitudeTrack,
     Flight,
     ImuTrack,
-    MessageStats,
     PositionTrack,
     StatusText,
     Vehicle,
 )
-
-_ECHO_S = 2.0  # two identical frames within this time are one packet heard twice
 
 
 def flights(log: Log, dialect: Dialect, *, dequantise: bool = False) -> list[Flight]:
@@ -57,7 +55,7 @@ def _flight(boot: Boot, parameters: dict[str, float], dequantise: bool) -> Fligh
         position=_position(boot, seconds),
         parameters=parameters,
         texts=_texts(boot, seconds),
-        messages={name: _stats(m, seconds[name]) for name, m in sorted(boot.messages.items())},
+        messages={name: message_stats(m, seconds[name]) for name, m in sorted(boot.messages.items())},
         notes=(*notes, *imu_notes),
     )
 
@@ -125,25 +123,3 @@ def _texts(boot: Boot, seconds: dict[str, Array]) -> tuple[StatusText, ...]:
         else:
             said.append(StatusText(t, severity, text))
     return tuple(said)
-
-
-def _stats(messages: Messages, t: Array) -> MessageStats:
-    """Count, rate, gap and copies; by device time where the message carries it, else by the log's stamps."""
-    copies = _copies(messages)
-    times = t if device_time(messages) is not None else messages.log_time
-    gaps = np.diff(np.unique(times))
-    if not len(gaps):
-        return MessageStats(len(messages), None, None, copies)
-    return MessageStats(len(messages), float(1.0 / np.median(gaps)), float(gaps.max()), copies)
-
-
-def _copies(messages: Messages) -> int:
-    """How many messages repeat another: the same device time and content, or the same frame heard again."""
-    own = device_time(messages)
-    if own is not None:
-        order = np.argsort(own, kind="stable")
-        rows = np.ascontiguousarray(messages.rows[order]).view(np.dtype((np.void, messages.rows.dtype.itemsize)))
-        return int((rows[1:] == rows[:-1]).sum())
-    order = np.lexsort((messages.log_time, messages.crc, messages.seq))
-    same = (np.diff(messages.crc[order].astype(np.int64)) == 0) & (np.diff(messages.seq[order].astype(np.int64)) == 0)
-    return int((same & (np.diff(messages.log_time[order]) < _ECHO_S)).sum())

@@ -1,0 +1,158 @@
+"""PX4's ULog → its flight, through pyulog (the extra `ulog`).
+
+`vehicle_imu` is the calibrated sensor, coning-corrected and averaged over its interval, without the EKF's biases: the
+independent witness. `sensor_combined` is the IMU that the EKF uses. Sources: PX4 `msg/VehicleImu.msg`,
+`msg/SensorCombined.msg`, `msg/VehicleLocalPosition.msg`, https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from companion.errors import InputError
+from companion.telemetry.arrival import arrival
+from companion.telemetry.convert import continuous, increasing
+from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, StatusText, Vehicle
+
+Topic = Mapping[str, Any]  # field -> column
+
+
+def ulog_flight(path: Path, vehicle_types: Mapping[int, str]) -> Flight:
+    """The one flight of a .ulg; vehicle_types names the values of MAV_TYPE.
+
+    Raises InputError when pyulog is not installed or cannot read the file.
+    """
+    try:
+        from pyulog import ULog  # noqa: PLC0415  (an extra: needed for these files alone)
+        from pyulog.core import ULogException  # noqa: PLC0415
+    except ImportError:
+        raise InputError(
+            f"{path} is a PX4 ULog, and reading it needs pyulog. Install it: pip install 'companion[ulog]'"
+        ) from None
+    try:
+        log = ULog(str(path), disable_str_exceptions=True)
+    except (ULogException, ValueError, KeyError, IndexError, TypeError, struct.error) as error:
+        raise InputError(f"{path} begins like a PX4 ULog, but cannot be read: {error!r}.") from error
+    topics: dict[str, Topic] = {_name(d.name, d.multi_id): d.data for d in log.data_list}
+    parameters = {str(k): float(v) for k, v in log.initial_parameters.items()}
+    parameters |= {str(name): float(value) for _, name, value in log.changed_parameters}
+    begin, end = log.start_timestamp * 1e-6, log.last_timestamp * 1e-6
+    notes = (
+        [f"{len(log.dropouts)} dropouts of the logger, the longest {_longest(log.dropouts):.2f} s"]
+        if log.dropouts
+        else []
+    )
+    if log.file_corruption:
+        notes.append("the file is damaged: what could be read of it is used")
+    return Flight(
+        vehicle=Vehicle(
+            int(parameters.get("MAV_SYS_ID", 1)),
+            int(parameters.get("MAV_COMP_ID", 1)),
+            autopilot="PX4",
+            type=vehicle_types.get(int(parameters.get("MAV_TYPE", -1)), "UNKNOWN"),
+            firmware=_firmware(log.msg_info_dict.get("ver_sw_release")),
+        ),
+        boot=1,
+        start=begin,
+        duration=end - begin,
+        imus=_imus(topics),
+        attitude=_attitude(topics),
+        position=_position(topics),
+        parameters=parameters,
+        texts=tuple(
+            StatusText(m.timestamp * 1e-6, m.log_level - ord("0"), str(m.message)) for m in log.logged_messages
+        ),
+        messages={name: arrival(_seconds(topic, "timestamp"), 0) for name, topic in sorted(topics.items())},
+        notes=tuple(notes),
+    )
+
+
+def _name(topic: str, instance: int) -> str:
+    """As PX4's tools write it: vehicle_imu, vehicle_imu_1, ..."""
+    return f"{topic}_{instance}" if instance else topic
+
+
+def _longest(dropouts: list[Any]) -> float:
+    return max(d.duration for d in dropouts) * 1e-3
+
+
+def _firmware(release: int | None) -> str:
+    """ver_sw_release is major, minor, patch, type, one byte each."""
+    return f"{release >> 24}.{release >> 16 & 255}.{release >> 8 & 255}" if release else ""
+
+
+def _seconds(topic: Topic, field: str) -> Array:
+    return np.asarray(topic[field], np.float64) * 1e-6
+
+
+def _columns(topic: Topic, *fields: str) -> Array:
+    return np.column_stack([np.asarray(topic[f], np.float64) for f in fields])
+
+
+def _xyz(topic: Topic, field: str) -> Array:
+    return _columns(topic, *(f"{field}[{i}]" for i in range(3)))
+
+
+def _imus(topics: Mapping[str, Topic]) -> dict[str, ImuTrack]:
+    """Every instance of vehicle_imu, and sensor_combined. A mean over an interval stands at its middle."""
+    found: dict[str, ImuTrack] = {}
+    for instance in range(4):
+        name = _name("vehicle_imu", instance)
+        if name not in topics:
+            continue
+        topic = topics[name]
+        gyro_dt, accel_dt = (np.asarray(topic[f"{d}_dt"], np.float64) * 1e-6 for d in ("delta_angle", "delta_velocity"))
+        whole = (gyro_dt > 0) & (accel_dt > 0)
+        gyro = _xyz(topic, "delta_angle") / np.where(whole, gyro_dt, 1.0)[:, None]
+        accel = _xyz(topic, "delta_velocity") / np.where(whole, accel_dt, 1.0)[:, None]
+        found[name] = _imu(name, instance, _seconds(topic, "timestamp_sample") - gyro_dt / 2, gyro, accel, whole)
+    if "sensor_combined" in topics:
+        topic = topics["sensor_combined"]
+        t = _seconds(topic, "timestamp") - _seconds(topic, "gyro_integral_dt") / 2
+        gyro, accel = _xyz(topic, "gyro_rad"), _xyz(topic, "accelerometer_m_s2")
+        found["sensor_combined"] = _imu("sensor_combined", 0, t, gyro, accel, np.ones(len(t), np.bool_))
+    return {name: track for name, track in found.items() if len(track)}
+
+
+def _imu(name: str, instance: int, t: Array, gyro: Array, accel: Array, good: Any) -> ImuTrack:
+    finite = np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1)
+    keep = increasing(t, good & finite)
+    return ImuTrack(t[keep], gyro[keep], accel[keep], source=name, instance=instance)
+
+
+def _attitude(topics: Mapping[str, Topic]) -> AttitudeTrack | None:
+    """vehicle_attitude, with the bias-corrected rates of vehicle_angular_velocity."""
+    if "vehicle_attitude" not in topics:
+        return None
+    topic = topics["vehicle_attitude"]
+    t = _seconds(topic, "timestamp_sample")
+    q = _columns(topic, *(f"q[{i}]" for i in range(4)))
+    keep = increasing(t, np.isfinite(q).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.1))
+    rates = np.zeros((len(keep), 3))
+    if "vehicle_angular_velocity" in topics:
+        body = topics["vehicle_angular_velocity"]
+        turned = _xyz(body, "xyz")
+        rates = np.column_stack([np.interp(t[keep], _seconds(body, "timestamp_sample"), c) for c in turned.T])
+    return (
+        AttitudeTrack(t[keep], continuous(q[keep]), np.nan_to_num(rates), "vehicle_attitude") if len(keep) > 1 else None
+    )
+
+
+def _position(topics: Mapping[str, Topic]) -> PositionTrack | None:
+    """vehicle_local_position where it calls itself valid."""
+    if "vehicle_local_position" not in topics:
+        return None
+    topic = topics["vehicle_local_position"]
+    t = _seconds(topic, "timestamp_sample" if "timestamp_sample" in topic else "timestamp")
+    position, velocity = _columns(topic, "x", "y", "z"), _columns(topic, "vx", "vy", "vz")
+    valid = np.isfinite(position).all(axis=1) & np.isfinite(velocity).all(axis=1)
+    for flag in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid"):
+        valid &= np.asarray(topic[flag]) != 0
+    keep = increasing(t, valid)
+    track = PositionTrack(t[keep], position[keep], velocity[keep], "vehicle_local_position")
+    return track if len(track) > 1 else None
