@@ -58,15 +58,17 @@ def signal_of(imu: ImuTrack, first: int, last: int, middle: str) -> Signal:
     if middle == "linear":
         part = slice(first, last + 1)
         x = _rows(imu, part)
-        return Signal(np.diff(imu.t[part]), x[:, :-1], x[:, 1:])
+        t = imu.t[part]
+        return Signal(t[1:] - t[:-1], x[:, :-1], x[:, 1:])
     part = slice(max(first - 1, 0), last + 2)
     t, x = imu.t[part], _rows(imu, part)
     if first == 0:
         t, x = _continued(imu, t, x, slice(None, 4), at_start=True)
     if last == len(imu) - 1:
         t, x = _continued(imu, t, x, slice(-4, None), at_start=False)
-    h = np.diff(t)
-    bend = np.diff(np.diff(x) / h) / (h[:-1] + h[1:])
+    h = t[1:] - t[:-1]
+    slope = (x[:, 1:] - x[:, :-1]) / h
+    bend = (slope[:, 1:] - slope[:, :-1]) / (h[:-1] + h[1:])
     bend0, bend1 = bend[:, :-1], bend[:, 1:]
     if h.max() > UNEVEN * h.min():
         even = ~uneven(h)[1:-1]

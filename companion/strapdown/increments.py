@@ -22,9 +22,6 @@ from companion.tracks import Array, ImuTrack
 METHODS: Final = ("euler", "midpoint", "rk4")
 """Integrators by rising order: 1 (seed 002 §3), 2 (seed 002 §4), and 2 or 4 by the middle sample (seed 000)."""
 
-Quaternions = tuple[float | Array, Array]
-"""Scalar, (n,) or the same for all, and vector (3, n)."""
-
 CHUNK: Final = 8192
 """Intervals handled at a time: the working arrays of a chunk stay in the processor's cache."""
 
@@ -59,19 +56,22 @@ class Scheme:
     def notes_on(self, imu: ImuTrack) -> tuple[str, ...]:
         """What a user must know about this scheme on this track that the numbers do not show."""
         notes = []
-        dt = np.diff(imu.t)
         if self.looks_ahead and len(imu) in (2, 3):
             shape = "the line" if len(imu) == 2 else "the parabola"
             notes.append(
                 f"the cubic needs 4 samples and the track has {len(imu)}: {shape} through them was used instead"
             )
+        if len(imu) < 2:
+            return ()
         # Both bounds are cheap; only a track that breaks one is looked at step by step.
-        if self.looks_ahead and len(dt) > 1 and dt.max() > UNEVEN * dt.min():
+        dt = imu.t[1:] - imu.t[:-1]
+        longest = dt.max()
+        if self.looks_ahead and longest > UNEVEN * dt.min():
             notes.append(
                 f"{int(uneven(dt).sum())} of {len(dt)} intervals are more than {UNEVEN:g} times as long as a neighbour "
                 "(a hole, or a burst of samples): the signal is taken as a line there"
             )
-        if len(dt) and max(imu.gyro.max(), -imu.gyro.min()) * dt.max() * np.sqrt(3.0) > np.pi:
+        if np.abs(imu.gyro).max() * longest > np.pi / np.sqrt(3.0):
             rate = np.linalg.norm(imu.gyro, axis=1)
             fast = int((np.maximum(rate[:-1], rate[1:]) * dt > np.pi).sum())
             if fast:
@@ -217,16 +217,18 @@ def _rk4(signal: Signal, begin: float, end: float) -> tuple[Array, Array, Array]
     """
     h = (end - begin) * signal.dt
     x0, xm, x1 = signal.at(begin), signal.at(0.5 * (begin + end)), signal.at(end)
-    f0, fm, f1 = x0[3:], xm[3:], x1[3:]
-    dq, ((q1w, q1v), (q2w, q2v), (q3w, q3v)) = _rk4_attitude(h, x0[:3], xm[:3], x1[:3])
-    middle = rows.rotate(q1w, q1v, fm) + rows.rotate(q2w, q2v, fm)
-    dv = (h / 6.0) * (f0 + 2.0 * middle + rows.rotate(q3w, q3v, f1))
+    dq, (w, v) = _rk4_attitude(h, x0[:3], xm[:3], x1[:3])
+    f = np.empty_like(v)
+    f[:, :2], f[:, 2] = xm[3:, None], x1[3:]
+    f = rows.rotate(w, v, f)
+    f0, middle = x0[3:], f[:, 0] + f[:, 1]
+    dv = (h / 6.0) * (f0 + 2.0 * middle + f[:, 2])
     dp = (h * h / 6.0) * (f0 + middle)
     return dq, dv, dp
 
 
-def _rk4_attitude(h: Array, w0: Array, wm: Array, w1: Array) -> tuple[Array, tuple[Quaternions, ...]]:
-    """dq (4, n), not normalised, and the intermediate q1, q2, q3 up to their length, as (scalar, vector).
+def _rk4_attitude(h: Array, w0: Array, wm: Array, w1: Array) -> tuple[Array, tuple[Array, Array]]:
+    """dq (4, n), not normalised, and the intermediate q1, q2, q3 up to their length: scalars (3, n), vectors (3, 3, n).
 
     With a = h/4 w0, m = h/2 wm, b = h/2 w1 the products h k of seed 000 are
     hk1 = [0, 2a], hk2 = q1 ⊗ [0, m], hk3 = q2 ⊗ [0, m], hk4 = q3 ⊗ [0, b], and with s = a·m, μ = m·m/2, since m x m = 0
@@ -239,11 +241,13 @@ def _rk4_attitude(h: Array, w0: Array, wm: Array, w1: Array) -> tuple[Array, tup
     s, mu = rows.dot(a, m), 0.5 * rows.dot(m, m)
     k2 = m + rows.cross(a, m)
     e = m - mu * a
-    rest = 1.0 - mu
+    w, v = np.empty((3, len(h))), np.empty((3, 3, len(h)))
+    w[0], w[1], w[2] = 1.0, 2.0 - s, 1.0 - mu
+    v[:, 0], v[:, 1], v[:, 2] = a, k2, e
     dq = np.empty((4, len(h)))
     dq[0] = 1.0 - (2.0 * (s + mu) + rows.dot(e, b)) / 6.0
-    dq[1:] = (2.0 * (a + k2 + e) + rest * b + rows.cross(e, b)) / 6.0
-    return dq, ((1.0, a), (2.0 - s, k2), (rest, e))
+    dq[1:] = (2.0 * (a + k2 + e) + w[2] * b + rows.cross(e, b)) / 6.0
+    return dq, (w, v)
 
 
 def _attitude(signal: Signal, fraction: Array, segments: int) -> Array:

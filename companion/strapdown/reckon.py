@@ -149,16 +149,17 @@ def run(
     for interval, h, (dq, dv, dp) in chunks(imu, first, last, scheme):
         i = interval - first
         part = slice(i + 1, i + 1 + len(h))
-        attitude = rows.product(q[i], running_product(dq))
+        attitude = running_product(np.concatenate((q[i][:, None], dq), axis=1))
         attitude /= np.sqrt((attitude * attitude).sum(axis=0))
-        q[part] = attitude.T
-        before = np.concatenate((q[i][:, None], attitude[:, :-1]), axis=1)
-        faster = rows.rotate(before[0], before[1:], dv)
-        faster[2] += gravity * h
-        np.cumsum(faster.T, axis=0, out=v[part])
+        q[part] = attitude[:, 1:].T
+        moved = np.empty((3, 2, len(h)))
+        moved[:, 0], moved[:, 1] = dv, dp
+        moved = rows.rotate(attitude[0, :-1], attitude[1:, None, :-1], moved)
+        moved[2, 0] += gravity * h
+        moved[2, 1] += 0.5 * gravity * h * h
+        moved[:, 0].T.cumsum(axis=0, out=v[part])
         v[part] += v[i]
-        further = h * v[i : i + len(h)].T + rows.rotate(before[0], before[1:], dp)
-        further[2] += 0.5 * gravity * h * h
-        np.cumsum(further.T, axis=0, out=p[part])
+        moved[:, 1] += h * v[i : i + len(h)].T
+        moved[:, 1].T.cumsum(axis=0, out=p[part])
         p[part] += p[i]
     return q, v, p

@@ -35,6 +35,7 @@ class Reckoner:
         self._scheme = scheme_for(method, middle, segments)
         self._gravity = gravity
         self._held = ImuTrack(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))  # what coming intervals need
+        self._keep = 0  # the first sample of `_held` that is still needed
         self._at = 0  # the sample of `_held` at which the state stands
         self._begun = False  # whether the start has been answered
 
@@ -53,10 +54,11 @@ class Reckoner:
 
         Raises ValueError for samples not after those already pushed, and if the first push holds none at start.t.
         """
-        held = _join(self._held, chunk)
+        held = _join(self._held, self._keep, chunk)
+        at = self._at - self._keep
         if not self._begun and len(held):
-            self._at = start_index(held, self._state)
-        self._held = held
+            at = start_index(held, self._state)
+        self._held, self._keep, self._at = held, 0, at
         last = len(held) - 1
         if self._scheme.looks_ahead:
             # The very first interval is one-sided, through the first four samples of the stream.
@@ -87,21 +89,19 @@ class Reckoner:
         q, v, p = run(held, first, last, self._state, self._gravity, self._scheme)
         self._state = NavState(float(held.t[last]), q[-1], v[-1], p[-1])
         self._begun = True
-        keep = max(last - 2, 0)  # with the pending sample the four that `finish` needs for its one-sided cubic
-        self._held, self._at = held[keep:], last - keep
+        # With the sample that waits the four that `finish` needs for its one-sided cubic.
+        self._keep, self._at = max(last - 2, 0), last
         notes = self._scheme.notes_on(held[: last + 2]) if last > first else ()
         return Trajectory(held.t[first + old : last + 1], q[old:], v[old:], p[old:], notes)
 
 
-def _join(a: ImuTrack, b: ImuTrack) -> ImuTrack:
-    """Two runs of samples as one track. Raises ValueError if their times do not increase."""
+def _join(a: ImuTrack, keep: int, b: ImuTrack) -> ImuTrack:
+    """The samples of `a` from `keep` on and those of `b` as one track. Raises ValueError if times do not increase."""
     if len(a) == 0:
         return b
     return ImuTrack(
-        np.concatenate((a.t, b.t)),
-        np.concatenate((a.gyro, b.gyro)),
-        np.concatenate((a.accel, b.accel)),
+        np.concatenate((a.t[keep:], b.t)),
+        np.concatenate((a.gyro[keep:], b.gyro)),
+        np.concatenate((a.accel[keep:], b.accel)),
         b.source or a.source,
-        b.gyro_step,
-        b.accel_step,
     )
