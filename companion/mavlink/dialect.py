@@ -1,0 +1,170 @@
+"""Message layouts, units and CRC seeds of a MAVLink dialect, taken from pymavlink's generated modules.
+
+Nothing is retyped here: a layout is the message class of `pymavlink.dialects.v20.NAME` in the form NumPy reads.
+Sources: https://mavlink.io/en/guide/serialization.html (wire order, CRC_EXTRA, extension fields).
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import pkgutil
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.errors import SettingsError
+
+DEFAULT_DIALECT = "ardupilotmega"
+
+_FORMAT = re.compile(r"(\d*)([a-zA-Z])")  # one field of a struct format such as "<Ih4f20s"
+_NUMPY = {
+    "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8",
+    "f": "<f4", "d": "<f8",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MessageLayout:
+    """How one message lies on the wire."""
+
+    id: int  # 24 bits; MAVLink 1 can carry ids below 256
+    name: str  # as in the dialect: "RAW_IMU"
+    crc_extra: int  # the byte that ends the CRC, so that both ends agree on the layout
+    dtype: np.dtype[np.void]  # packed, little endian, wire order, extensions last; text is "S<n>", arrays are subarrays
+    units: Mapping[str, str]  # field -> unit as written in the dialect ("mG", "mrad/s", "degE7"); absent: no unit
+    enums: Mapping[str, str]  # field -> name of the enum its values come from
+    min_length: int  # bytes without the extension fields: the payload of a MAVLink 1 frame
+
+    @property
+    def max_length(self) -> int:
+        """Bytes with all extension fields: the untrimmed payload of a MAVLink 2 frame."""
+        return self.dtype.itemsize
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Field names in wire order."""
+        return self.dtype.names or ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Dialect:
+    """The messages and enums of one dialect. `crc_extra`, `min_length`, `max_length` are indexed by message id."""
+
+    name: str
+    by_id: Mapping[int, MessageLayout]
+    by_name: Mapping[str, MessageLayout]
+    crc_extra: npt.NDArray[np.int16]  # (largest id + 2,), -1 where no message has that id; the last entry is always -1
+    min_length: npt.NDArray[np.uint8]  # same shape, bytes
+    max_length: npt.NDArray[np.uint8]  # same shape, bytes
+    _enums: Mapping[str, Mapping[int, Any]]
+
+    def enum_names(self, enum: str) -> dict[int, str]:
+        """Value -> name of an enum ("MAV_AUTOPILOT" -> {3: "MAV_AUTOPILOT_ARDUPILOTMEGA", ...}).
+
+        Raises SettingsError, with the nearest names, if the dialect has no such enum.
+        """
+        try:
+            entries = self._enums[enum]
+        except KeyError:
+            raise SettingsError(f"The dialect {self.name} has no enum {enum!r}.{_nearest(enum, self._enums)}") from None
+        # The generator ends each enum with a sentinel that is no value of it.
+        return {value: str(entry.name) for value, entry in entries.items() if not entry.name.endswith("_ENUM_END")}
+
+
+@cache
+def load_dialect(name: str = DEFAULT_DIALECT) -> Dialect:
+    """The dialect `name`, any of `dialect_names()`; "all" is the union of them all.
+
+    Raises SettingsError, with the nearest names, if pymavlink has no such dialect.
+    """
+    if name not in dialect_names():
+        raise SettingsError(f"There is no MAVLink dialect {name!r}.{_nearest(name, dialect_names())}")
+    # The v20 module is imported by its full name: pymavlink.mavutil would choose v10 or v20 by the environment
+    # variable MAVLINK20, and takes six times as long to load.
+    module = importlib.import_module(f"pymavlink.dialects.v20.{name}")
+    layouts = {number: _layout(message, module.x25crc) for number, message in sorted(module.mavlink_map.items())}
+    size = max(layouts) + 2
+    crc_extra = np.full(size, -1, np.int16)
+    min_length = np.zeros(size, np.uint8)
+    max_length = np.zeros(size, np.uint8)
+    for number, layout in layouts.items():
+        crc_extra[number] = layout.crc_extra
+        min_length[number] = layout.min_length
+        max_length[number] = layout.max_length
+    return Dialect(
+        name=name,
+        by_id=MappingProxyType(layouts),
+        by_name=MappingProxyType({layout.name: layout for layout in layouts.values()}),
+        crc_extra=crc_extra,
+        min_length=min_length,
+        max_length=max_length,
+        _enums=module.enums,
+    )
+
+
+def enum_names(dialect: Dialect, enum: str) -> dict[int, str]:
+    """`dialect.enum_names(enum)`, as a function."""
+    return dialect.enum_names(enum)
+
+
+@cache
+def dialect_names() -> tuple[str, ...]:
+    """The dialects that the installed pymavlink has, in alphabetical order."""
+    package = importlib.import_module("pymavlink.dialects.v20")
+    return tuple(sorted(module.name for module in pkgutil.iter_modules(package.__path__)))
+
+
+def _layout(message: Any, x25crc: Any) -> MessageLayout:
+    """One generated message class as a layout."""
+    names = list(message.ordered_fieldnames)
+    fields: list[tuple[Any, ...]] = []
+    for field, (count, code) in zip(names, _FORMAT.findall(message.unpacker.format), strict=True):
+        if code in "sc":
+            fields.append((field, f"S{count or 1}"))
+        elif count:
+            fields.append((field, _NUMPY[code], (int(count),)))
+        else:
+            fields.append((field, _NUMPY[code]))
+    dtype = np.dtype(fields)
+    ends = [offset + kind.itemsize for kind, offset in ((v[0], v[1]) for v in (dtype.fields or {}).values())]
+    return MessageLayout(
+        id=int(message.id),
+        name=str(message.msgname),
+        crc_extra=int(message.crc_extra),
+        dtype=dtype,
+        units=MappingProxyType(dict(message.fieldunits_by_name)),
+        enums=MappingProxyType(dict(message.fieldenums_by_name)),
+        min_length=sorted(ends)[_base_fields(message, x25crc) - 1],
+    )
+
+
+def _base_fields(message: Any, x25crc: Any) -> int:
+    """How many of the fields, in wire order, are not extensions.
+
+    The generated classes do not say. But CRC_EXTRA is the CRC of name, types and names of exactly those fields, so it
+    is the prefix of the fields with that CRC. Base fields also stand before extensions in the order of the XML. Of
+    several such prefixes (one in 256 fits by chance) the longest is right for every message of pymavlink 2.4.50.
+    """
+    types = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
+    crc = x25crc(f"{message.msgname} ")
+    found = len(types)
+    for count, (field, length) in enumerate(zip(message.ordered_fieldnames, message.array_lengths, strict=True), 1):
+        crc.accumulate(f"{types[field]} {field} ")
+        if length:
+            crc.accumulate([length])
+        folded = (crc.crc & 0xFF) ^ (crc.crc >> 8)
+        if folded == message.crc_extra and set(message.ordered_fieldnames[:count]) == set(message.fieldnames[:count]):
+            found = count
+    return found
+
+
+def _nearest(name: str, known: Any) -> str:
+    near = difflib.get_close_matches(name, list(known), n=5, cutoff=0.4)
+    return f" Did you mean {', '.join(near)}?" if near else f" Known are: {', '.join(sorted(known))}."

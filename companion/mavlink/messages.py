@@ -1,0 +1,87 @@
+"""The messages of one type as columns, and how they are gathered from frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.mavlink.crc import Bytes, Index, gather
+from companion.mavlink.dialect import MessageLayout
+from companion.mavlink.frames import Frames
+
+LATEST_STAMP = 1 << 52  # µs: the year 2112. A larger stamp is damage
+_BLOCK_BYTES = 1 << 20
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Messages:
+    """All frames of one message type, in file order. Values are exactly those on the wire: no scaling, no SI."""
+
+    layout: MessageLayout
+    offset: Index  # (N,) position of the frame in the file: the order across message types
+    log_time: npt.NDArray[np.float64]  # (N,) s UNIX, exact to the µs; NaN where the log has no believable stamp
+    sysid: Bytes  # (N,) uint8
+    compid: Bytes  # (N,) uint8
+    seq: Bytes  # (N,) uint8
+    crc: npt.NDArray[np.uint16]  # (N,) as on the wire: equal crc, seq and sender means a byte-identical frame
+    rows: npt.NDArray[np.void]  # (N,) of layout.dtype; empty if this type was not asked for
+
+    @property
+    def name(self) -> str:
+        return self.layout.name
+
+    def __len__(self) -> int:
+        return len(self.offset)
+
+    def __getitem__(self, field: str) -> npt.NDArray[Any]:
+        """The column of a field, (N,) or (N, K) for arrays, in the wire's type: a view, not a copy.
+
+        Raises KeyError if the message has no such field or the rows were not read.
+        """
+        if field not in self.layout.fields:
+            raise KeyError(f"{self.name} has no field {field!r}; it has {', '.join(self.layout.fields)}")
+        if len(self.rows) != len(self):
+            raise KeyError(f"the fields of {self.name} were not read: add it to `names`")
+        column: npt.NDArray[Any] = self.rows[field]
+        return column
+
+    def select(self, index: npt.NDArray[np.bool_] | npt.NDArray[np.integer[Any]] | slice) -> Messages:
+        """Those of a mask, an index or a slice."""
+        return Messages(
+            layout=self.layout,
+            offset=self.offset[index],
+            log_time=self.log_time[index],
+            sysid=self.sysid[index],
+            compid=self.compid[index],
+            seq=self.seq[index],
+            crc=self.crc[index],
+            rows=self.rows[index] if len(self.rows) == len(self) else self.rows,
+        )
+
+
+def gather_rows(frames: Frames, index: Index, layout: MessageLayout) -> npt.NDArray[np.void]:
+    """Payloads of `frames[index]`, all of type `layout`, as rows (K,) of layout.dtype.
+
+    Zeros that MAVLink 2 trimmed off, and extension fields that MAVLink 1 lacks, are zero; bytes that a newer dialect
+    added behind are dropped.
+    """
+    width = layout.max_length
+    rows = np.empty((len(index), width), np.uint8)
+    column = np.arange(width, dtype=np.uint8)
+    step = max(_BLOCK_BYTES // width, 1)
+    for begin in range(0, len(index), step):
+        block = index[begin : begin + step]
+        sent = frames.length[block]
+        raw = gather(frames.data, frames.payload[block], width)
+        if len(sent) and int(sent.min()) < width:
+            raw *= column < sent[:, None]  # behind a trimmed payload stand its CRC and the next frame
+        rows[begin : begin + step] = raw
+    return rows.view(layout.dtype)[:, 0]
+
+
+def log_time(stamp: npt.NDArray[np.uint64]) -> npt.NDArray[np.float64]:
+    """Stamps in µs as seconds; NaN where there is none or where it cannot be a time."""
+    return np.where(stamp < LATEST_STAMP, stamp / 1e6, np.nan)
