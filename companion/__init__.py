@@ -12,7 +12,7 @@ body to world.
 
 from companion.analysis import Drift, DriftRow, Limits, Replay, Statistic, drift, replay
 from companion.errors import CompanionError, DataError, InputError, SettingsError
-# from companion.recording import open_log
+from companion.recording import open_log
 from companion.strapdown import reckon
 from companion.tracks import (
     AttitudeTrack,
@@ -46,7 +46,7 @@ __all__ = [
     "Trajectory",
     "Vehicle",
     "drift",
-    # "open_log",
+    "open_log",
     "reckon",
     "replay",
 ]

@@ -97,13 +97,8 @@ def test_drift_agrees_with_independent_figures(name: str) -> None:
     flight = c.open_log(shared(f"sitl/{name}.tlog"))[0]
     table = c.drift(flight, horizons=(5, 10, 30), imu="RAW_IMU", middle="linear")
     for row in table.rows:
-        ours = (row.attitude_deg, row.velocity_mps, row.position_m)
-        print(
-            name,
-            row.horizon_s,
-            row.windows,
-            row.excluded,
-            row.position_excluded,
-            *(o and round(o.median, 3) for o in ours),
-            INDEPENDENT[name][int(row.horizon_s)],
-        )
+        assert row.attitude_deg
+        assert row.velocity_mps
+        assert row.position_m
+        ours = (row.attitude_deg.median, row.velocity_mps.median, row.position_m.median)
+        print(name, row.horizon_s, row.windows, row.excluded, ours, INDEPENDENT[name][int(row.horizon_s)])

@@ -35,7 +35,6 @@ IntArray = npt.NDArray[np.intp]
 class Statistic:
     """Median, 95th percentile and worst of an error's length over windows."""
 
-    windows: int
     median: float
     p95: float
     max: float
@@ -48,21 +47,20 @@ class WindowErrors:
     anchor_s: Array  # (W,) s, boot clock
     end_s: Array  # (W,)
     attitude: Array  # (W, 3) rotation vector in NED, rad
-    velocity: Array  # (W, 3) NED m/s, NaN where the autopilot's position is not known at both ends
+    velocity: Array  # (W, 3) NED m/s; meaningless when the flight has no position
     position: Array  # (W, 3) NED m, likewise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriftRow:
-    """Drift at one horizon. Velocity and position are None without a window in which the position is known."""
+    """Drift at one horizon: None where no window was used, or (velocity, position) the flight has no position."""
 
     horizon_s: float
-    windows: int  # used, for attitude
+    windows: int  # used
     excluded: Mapping[str, int]  # windows left out, by reason
     attitude_deg: Statistic | None
     velocity_mps: Statistic | None
     position_m: Statistic | None
-    position_excluded: Mapping[str, int]  # windows used for attitude alone, by reason
     errors: WindowErrors
 
 
@@ -90,8 +88,10 @@ def drift(
 ) -> Drift:
     """The drift of the flight's IMU against its autopilot after each horizon (s).
 
-    Windows with a hole in the IMU samples, with an unknown attitude at an end, or over a jump of the autopilot's
-    attitude or position are left out and counted. One pass over the samples serves every window.
+    Windows with a hole in the IMU samples, with an unknown state at an end, or over a jump of the autopilot's attitude
+    or position are left out and counted. A flight that has a position is judged where it has one: before, the
+    estimator is still starting up. One without any is compared in attitude alone. One pass over the samples serves
+    every window.
 
     Raises DataError when the flight has no usable IMU or no attitude, ValueError for an unknown method or a horizon
     that is not positive.
@@ -104,6 +104,7 @@ def drift(
     reference = reference_at(attitude, flight.position, track.t, limits)
     attitude_steps = attitude_jumps(attitude, limits)
     position_steps = position_jumps(flight.position, limits) if flight.position else np.zeros((0, 2))
+    has_position = bool(reference.position_known.any())
     holes = np.diff(track.t) > limits.hole(track.t)
     rows = []
     for horizon in horizons:
@@ -113,23 +114,21 @@ def drift(
             "no_attitude": ~(reference.attitude_known[start] & reference.attitude_known[end]),
             "attitude_jump": _touched(attitude_steps, track.t, start, end),
         }
+        if has_position:
+            reasons |= {
+                "no_position": ~(reference.position_known[start] & reference.position_known[end]),
+                "position_jump": _touched(position_steps, track.t, start, end),
+            }
         used, excluded = _leave_out(reasons, len(start))
-        start, end = start[used], end[used]
-        reasons = {
-            "no_position": ~(reference.position_known[start] & reference.position_known[end]),
-            "position_jump": _touched(position_steps, track.t, start, end),
-        }
-        positioned, position_excluded = _leave_out(reasons, len(start))
-        errors = _errors(path, reference, start, end, positioned, gravity)
+        errors = _errors(path, reference, start[used], end[used], gravity)
         rows.append(
             DriftRow(
                 horizon_s=float(horizon),
-                windows=len(start),
+                windows=int(used.sum()),
                 excluded=excluded,
                 attitude_deg=_statistic(np.degrees(length(errors.attitude))),
-                velocity_mps=_statistic(length(errors.velocity[positioned])),
-                position_m=_statistic(length(errors.position[positioned])),
-                position_excluded=position_excluded,
+                velocity_mps=_statistic(length(errors.velocity)) if has_position else None,
+                position_m=_statistic(length(errors.position)) if has_position else None,
                 errors=errors,
             )
         )
@@ -137,13 +136,18 @@ def drift(
 
 
 def _windows(track: ImuTrack, reference: Reference, horizon: float) -> tuple[IntArray, IntArray]:
-    """Sample indices of anchors and ends, windows end to end where the autopilot's attitude has begun and not ended."""
+    """Sample indices of anchors and ends: windows end to end over all of the flight that has an attitude.
+
+    The grid stands on the first sample with a known position, so that none of the time with a position is given away.
+    """
     known = np.flatnonzero(reference.attitude_known)
     if not len(known) or horizon < 0.5 * np.median(np.diff(track.t)):
         return np.zeros(0, np.intp), np.zeros(0, np.intp)
     first, last = track.t[known[0]], track.t[known[-1]]
-    edges = first + horizon * np.arange(int((last - first) / horizon * (1 + 1e-12)) + 1)
-    index = nearest(track.t, edges)
+    middle = track.t[np.argmax(reference.position_known)] if reference.position_known.any() else first
+    slack = 1e-9 * horizon  # so that an end that falls on the last sample is kept in spite of rounding
+    before, after = (int((span + slack) / horizon) for span in (middle - first, last - middle))
+    index = nearest(track.t, middle + horizon * np.arange(-before, after + 1))
     apart = np.diff(index) > 0  # in a hole, or at a very low rate, two edges can fall on one sample
     return index[:-1][apart], index[1:][apart]
 
@@ -172,19 +176,16 @@ def _touched(steps: Array, t: Array, start: IntArray, end: IntArray) -> BoolArra
     return np.asarray(len(steps) - over - to_come > 0)
 
 
-def _errors(
-    path: Preintegration, reference: Reference, start: IntArray, end: IntArray, positioned: BoolArray, gravity: float
-) -> WindowErrors:
+def _errors(path: Preintegration, reference: Reference, start: IntArray, end: IntArray, gravity: float) -> WindowErrors:
     q, velocity, position = path.carry(
         start, end, reference.q_ned_frd[start], reference.velocity[start], reference.position[start], gravity=gravity
     )
-    unknown = ~positioned[:, None]
     return WindowErrors(
         anchor_s=reference.t[start],
         end_s=reference.t[end],
         attitude=attitude_error(reference.q_ned_frd[end], q),
-        velocity=np.where(unknown, np.nan, reference.velocity[end] - velocity),
-        position=np.where(unknown, np.nan, reference.position[end] - position),
+        velocity=reference.velocity[end] - velocity,
+        position=reference.position[end] - position,
     )
 
 
@@ -192,4 +193,4 @@ def _statistic(values: Array) -> Statistic | None:
     if not len(values):
         return None
     median, p95, worst = np.percentile(values, [50, 95, 100])
-    return Statistic(len(values), float(median), float(p95), float(worst))
+    return Statistic(float(median), float(p95), float(worst))

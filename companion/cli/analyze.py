@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 
 import numpy as np
+from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import Drift, DriftRow, Limits, Statistic, drift
+from companion.analysis import Drift, Limits, Statistic, drift
 from companion.cli import options, schema
 from companion.cli.info import reference_line
 from companion.settings import Settings
@@ -97,44 +99,53 @@ def _print(flight: Flight, table: Drift, gaps: int) -> None:
         )
     for line in lines:
         console.print(line, highlight=False)
-    console.print(drift_table(table))
+    console.print(drift_table(table), no_wrap=True)
+    for line in left_out(table):
+        console.print(line, highlight=False)
     if not any(row.windows for row in table.rows):
-        console.print("No window could be used: the column 'left out' says why.")
+        console.print(
+            "No window could be used"
+            + (
+                ": see above."
+                if any(row.excluded for row in table.rows)
+                else ": the flight is shorter than the horizons."
+            )
+        )
 
 
 def drift_table(table: Drift) -> Table:
-    """The drift as a rich table: median / 95 % / worst of the windows of each horizon."""
-    shown = Table(title="Drift: autopilot minus IMU alone (median / 95 % / worst)", title_justify="left")
-    shown.add_column("after", justify="right")
-    shown.add_column("windows", justify="right")
-    for heading in ("attitude °", "velocity m/s", "position m"):
-        shown.add_column(heading, justify="right")
-    shown.add_column("left out", overflow="fold")
+    """The drift as a rich table: median, 95 % and worst of the windows of each horizon."""
+    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    shown.add_column("\nafter", justify="right")
+    shown.add_column("\nused", justify="right")
+    for heading in ("attitude\nmedian °", "velocity\n  m/s", "position\n   m"):
+        shown.add_column(heading, justify="right", no_wrap=True)
+        shown.add_column("\n95 %", justify="right", no_wrap=True)
+        shown.add_column("\nworst", justify="right", no_wrap=True)
     for row in table.rows:
-        windows = f"{row.windows}"
-        if row.position_m and row.position_m.windows != row.windows:
-            windows += f" ({row.position_m.windows} with position)"
-        cells = (row.attitude_deg, row.velocity_mps, row.position_m)
-        shown.add_row(f"{row.horizon_s:g} s", windows, *(_cell(cell) for cell in cells), _left_out(row))
+        cells = [cell for s in (row.attitude_deg, row.velocity_mps, row.position_m) for cell in _cells(s)]
+        shown.add_row(f"{row.horizon_s:g} s", f"{row.windows}", *cells)
     return shown
 
 
-def _cell(statistic: Statistic | None) -> str:
+def left_out(table: Drift) -> Iterator[str]:
+    """A line for each horizon that has windows which were not used."""
+    for row in table.rows:
+        reasons = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in row.excluded.items())
+        if reasons:
+            yield f"Left out of the windows of {row.horizon_s:g} s: {reasons}"
+
+
+def _cells(statistic: Statistic | None) -> tuple[str, str, str]:
     if statistic is None:
-        return "-"
-    return " / ".join(_three_digits(x) for x in (statistic.median, statistic.p95, statistic.max))
+        return ("-", "-", "-")
+    return (_three_digits(statistic.median), _three_digits(statistic.p95), _three_digits(statistic.max))
 
 
 def _three_digits(value: float) -> str:
     """Three significant digits, without an exponent."""
     digits = 2 - int(np.floor(np.log10(value))) if value > 0 else 2
     return f"{value:.{min(max(digits, 0), 4)}f}"
-
-
-def _left_out(row: DriftRow) -> str:
-    parts = [f"{count} {_REASONS[reason]}" for reason, count in row.excluded.items()]
-    parts += [f"{count} {_REASONS[reason]} (attitude used)" for reason, count in row.position_excluded.items()]
-    return ", ".join(parts)
 
 
 def _horizons(text: str) -> tuple[float, ...]:

@@ -13,7 +13,7 @@ from companion.tracks import Flight, ImuTrack
 SCHEMA = 1
 
 
-class _Object(msgspec.Struct, frozen=True, kw_only=True):
+class _Object(msgspec.Struct, frozen=True):
     pass
 
 
@@ -66,7 +66,7 @@ class InfoFlight(_Object):
     messages: Mapping[str, StatsObject]
 
 
-class Info(_Object):
+class Info(_Object, kw_only=True):
     """`companion info --json`."""
 
     schema: int = SCHEMA
@@ -88,7 +88,6 @@ class ImuObject(_Object):
 class StatisticObject(_Object):
     """An error over windows."""
 
-    windows: int
     median: float
     p95: float
     max: float
@@ -103,7 +102,6 @@ class DriftObject(_Object):
     attitude_deg: StatisticObject | None
     velocity_mps: StatisticObject | None
     position_m: StatisticObject | None
-    position_excluded: Mapping[str, int]
 
 
 class AnalyzeFlight(_Object):
@@ -121,7 +119,7 @@ class AnalyzeFlight(_Object):
     drift: list[DriftObject]
 
 
-class Analysis(_Object):
+class Analysis(_Object, kw_only=True):
     """`companion analyze --json`."""
 
     schema: int = SCHEMA
@@ -210,11 +208,10 @@ def _drift(row: DriftRow) -> DriftObject:
         attitude_deg=_statistic(row.attitude_deg),
         velocity_mps=_statistic(row.velocity_mps),
         position_m=_statistic(row.position_m),
-        position_excluded=row.position_excluded,
     )
 
 
 def _statistic(statistic: Statistic | None) -> StatisticObject | None:
     if statistic is None:
         return None
-    return StatisticObject(windows=statistic.windows, median=statistic.median, p95=statistic.p95, max=statistic.max)
+    return StatisticObject(median=statistic.median, p95=statistic.p95, max=statistic.max)

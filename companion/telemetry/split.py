@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -96,9 +97,12 @@ def _enum_name(dialect: Dialect, enum: str, value: int) -> str:
 
 
 def _firmware(sender: Sender) -> str:
-    """ "4.7.0" from AUTOPILOT_VERSION (flight_sw_version is major, minor, patch, type, one byte each), or ""."""
+    """ "4.7.0" from AUTOPILOT_VERSION (major, minor, patch, type, one byte each), else from the banner, else ""."""
     versions = sender.get("AUTOPILOT_VERSION")
-    if versions is None or not len(versions):
-        return ""
-    code = int(versions["flight_sw_version"][-1])
-    return f"{code >> 24}.{code >> 16 & 255}.{code >> 8 & 255}" if code else ""
+    if versions is not None and (code := int(versions["flight_sw_version"][-1])):
+        return f"{code >> 24}.{code >> 16 & 255}.{code >> 8 & 255}"
+    if "STATUSTEXT" in sender:  # ArduPilot's banner, sent with the parameters: "ArduCopter V4.7.0-dev (90700977)"
+        for text in sender["STATUSTEXT"]["text"].tolist():
+            if banner := re.match(rb"(?:Ardu\w+|Rover|Blimp|AntennaTracker) V(\d[\w.-]*)", text):
+                return banner[1].decode("ascii")
+    return ""
