@@ -2,7 +2,9 @@
 
 from companion.strapdown import motions, quaternion
 from companion.strapdown._signal import MIDDLES
+from companion.strapdown.covariance import Propagation, propagate
 from companion.strapdown.gravity import normal_gravity
+from companion.strapdown.imu_model import ImuModel, Sensor, correct, dequantise, quantisation_density, simulate
 from companion.strapdown.increments import METHODS, Increments, attitude_at, dense_attitude, increments
 from companion.strapdown.motions import Motion
 from companion.strapdown.reckon import Preintegration, preintegrate, reckon
@@ -11,16 +13,24 @@ from companion.strapdown.reckoner import Reckoner
 __all__ = [
     "METHODS",
     "MIDDLES",
+    "ImuModel",
     "Increments",
     "Motion",
     "Preintegration",
+    "Propagation",
     "Reckoner",
+    "Sensor",
     "attitude_at",
+    "correct",
     "dense_attitude",
+    "dequantise",
     "increments",
     "motions",
     "normal_gravity",
     "preintegrate",
+    "propagate",
+    "quantisation_density",
     "quaternion",
     "reckon",
+    "simulate",
 ]

@@ -1,0 +1,234 @@
+"""How errors of the start and of the IMU grow to the end of a window, each cause by itself (MATH.md §2).
+
+Errors are truth minus estimate in the world frame: `q_true = Exp(φ) ⊗ q`, δv, δp; biases δb = true minus used. With
+`a = C(q) f` the specific force in NED: φ' = -C(q) δw, δv' = -[a]x φ - C(q) δf, δp' = δv. φ only accumulates, so an
+error of the gyro or accelerometer at time s has a closed form at the end T (impulse responses, with dV = V(T) - V(s)
+and dP = P(T) - P(s) - V(s) (T - s) of the specific force alone):
+
+    gyro:  (-C, [dV]x C, [dP]x C)        accelerometer:  (0, -C, -(T - s) C)
+
+Everything is an integral of these: a constant bias (of the response itself), white noise (of its square), scale and
+misalignment (of its product with the reading), and a bias that walks (of the square of the integral from s on).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.strapdown import _components as rows
+from companion.strapdown import _window_sums as sums
+from companion.strapdown import quaternion
+from companion.strapdown.reckon import Preintegration
+from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack
+
+Index = npt.NDArray[np.intp]
+
+BATCH = 1 << 12
+"""Samples of windows handled at a time, so that the working arrays stay in the cache."""
+
+ATTITUDE, VELOCITY, POSITION, GYRO_BIAS, ACCEL_BIAS = (slice(i, i + 3) for i in range(0, 15, 3))
+"""Places in the 15-state error (φ, δv, δp, δb_g, δb_a): rad, m/s, m, rad/s, m/s²; the first nine in NED."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Propagation:
+    """Error growth over W windows. State: (φ, δv, δp in NED, δb_g, δb_a in FRD); the order of the slices above."""
+
+    duration: Array  # (W,) s
+    transition: Array  # (W, 15, 15) error at the end per error at the start, biases constant
+    noise: Mapping[str, Array]  # cause: (W, 15, 15) covariance at the end per squared density; gyro_noise, accel_noise,
+    #                             gyro_walk, accel_walk
+    gyro_matrix: Array  # (W, 9, 3, 3) per element [i, j] of an error matrix E: δw_i = Σ E_ij w_j (scale, misalignment)
+    accel_matrix: Array  # (W, 9, 3, 3) the same for the accelerometer
+    time_offset: Array  # (W, 9) per second by which the IMU's times lag behind the reference's
+    gravity: Array  # (W, 9) per m/s² of gravity, down
+
+    def by_cause(
+        self,
+        *,
+        start: Array | None = None,
+        gyro_noise: float = 0.0,
+        accel_noise: float = 0.0,
+        gyro_walk: float = 0.0,
+        accel_walk: float = 0.0,
+    ) -> dict[str, Array]:
+        """The covariance (W, 15, 15) at the end, cause by cause.
+
+        start: (15, 15) or (W, 15, 15) covariance at the start; split by the caller if its parts are to stay apart.
+        Densities: rad/s/√Hz and m/s²/√Hz of white noise, rad/s/√s and m/s²/√s of the bias walks.
+        """
+        densities = {
+            "gyro_noise": gyro_noise,
+            "accel_noise": accel_noise,
+            "gyro_walk": gyro_walk,
+            "accel_walk": accel_walk,
+        }
+        causes = {cause: density**2 * self.noise[cause] for cause, density in densities.items()}
+        if start is not None:
+            causes["start"] = self.transition @ start @ self.transition.swapaxes(-1, -2)
+        return causes
+
+    def covariance(
+        self,
+        *,
+        start: Array | None = None,
+        gyro_noise: float = 0.0,
+        accel_noise: float = 0.0,
+        gyro_walk: float = 0.0,
+        accel_walk: float = 0.0,
+    ) -> Array:
+        """The sum of `by_cause`, (W, 15, 15)."""
+        causes = self.by_cause(
+            start=start, gyro_noise=gyro_noise, accel_noise=accel_noise, gyro_walk=gyro_walk, accel_walk=accel_walk
+        )
+        return np.asarray(sum(causes.values()))
+
+
+def propagate(
+    imu: ImuTrack,
+    path: Preintegration,
+    start_index: npt.ArrayLike,
+    end_index: npt.ArrayLike,
+    q_ned_frd: Array,
+    velocity: Array,
+    *,
+    gravity: float = STANDARD_GRAVITY,
+) -> Propagation:
+    """The error growth over windows between samples start_index (W,) and end_index (W,) of a track.
+
+    path: `preintegrate(imu)`. q_ned_frd (W, 4), velocity (W, 3): NED states at the starts, as for `carry`; the velocity
+    matters for the time offset alone. The integrals are trapezoids over the samples, their error of order 2 in the
+    interval. Raises ValueError for shapes that do not match and windows that end before they start.
+    """
+    start, end = np.asarray(start_index, dtype=np.intp), np.asarray(end_index, dtype=np.intp)
+    if start.ndim != 1 or end.shape != start.shape:
+        raise ValueError(f"start_index and end_index must have the same shape (W,), got {start.shape} and {end.shape}")
+    if np.shape(q_ned_frd) != (len(start), 4) or np.shape(velocity) != (len(start), 3):
+        raise ValueError(
+            f"q_ned_frd and velocity must have shapes ({len(start)}, 4) and ({len(start)}, 3), "
+            f"got {np.shape(q_ned_frd)} and {np.shape(velocity)}"
+        )
+    if len(start) and not ((start >= 0) & (end >= start) & (end < len(imu))).all():
+        raise ValueError(f"windows must lie in the track of {len(imu)} samples and end no earlier than they start")
+    count = len(start)
+    raw = _Sums(
+        np.tile(np.eye(15), (count, 1, 1)),
+        {cause: np.zeros((count, 15, 15)) for cause in ("gyro_noise", "accel_noise", "gyro_walk", "accel_walk")},
+        np.zeros((count, 9, 3, 3)),
+        np.zeros((count, 9, 3, 3)),
+    )
+    order = np.argsort(end - start, kind="stable")  # windows of like length share a batch
+    samples = np.cumsum((end - start + 1)[order])
+    at = 0
+    while at < count:
+        already = samples[at - 1] if at else 0
+        stop = max(int(np.searchsorted(samples, already + BATCH, side="right")), at + 1)
+        _integrate(raw, order[at:stop], imu, path, start[order[at:stop]], end[order[at:stop]])
+        at = stop
+    return _in_ned(raw, imu, path, start, end, q_ned_frd, velocity, gravity)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sums:
+    """The same as in `Propagation`, with the first nine errors in the body frame at the start of the track."""
+
+    transition: Array
+    noise: dict[str, Array]
+    gyro_matrix: Array
+    accel_matrix: Array
+
+
+def _integrate(out: _Sums, batch: Index, imu: ImuTrack, path: Preintegration, start: Index, end: Index) -> None:
+    """Fills rows `batch`. Shorter windows are padded with their last sample: intervals of length zero."""
+    index = np.minimum(start[:, None] + np.arange((end - start).max() + 1), end[:, None])
+    t = path.t[index]
+    left = t[:, -1:] - t  # T - s
+    v, p = (np.ascontiguousarray(np.moveaxis(x[index], -1, 0)) for x in (path.v, path.p))
+    dv, dp = v[:, :, -1:] - v, p[:, :, -1:] - p - v * left  # (3, W, n)
+    weight = sums.trapezoid(t)
+    duration = left[:, 0]
+
+    # Impulse responses (W, rows, 3, n), samples last: sums then run over contiguous memory.
+    gyro, accel = np.empty((len(batch), 9, 3, t.shape[1])), np.empty((len(batch), 6, 3, t.shape[1]))
+    matrix = np.moveaxis(quaternion.to_matrix(path.q[index]), (2, 3), (0, 1))
+    for axis in range(3):
+        column = np.ascontiguousarray(matrix[:, axis])  # (3, W, n)
+        for block, response in enumerate((-column, rows.cross(dv, column), rows.cross(dp, column))):
+            gyro[:, 3 * block : 3 * block + 3, axis] = response.swapaxes(0, 1)
+        accel[:, :3, axis] = -column.swapaxes(0, 1)
+    np.multiply(accel[:, :3], left[:, None, None], out=accel[:, 3:])
+
+    transition, noise = out.transition, out.noise
+    transition[batch, VELOCITY, ATTITUDE] = -sums.skew(dv[:, :, 0].T)
+    transition[batch, POSITION, ATTITUDE] = -sums.skew(dp[:, :, 0].T)
+    transition[batch, POSITION, VELOCITY] = duration[:, None, None] * np.eye(3)
+    noise["gyro_noise"][batch, :9, :9] = sums.square(gyro, weight)
+    for power, (i, j) in enumerate(((VELOCITY, VELOCITY), (VELOCITY, POSITION), (POSITION, POSITION)), start=1):
+        # C Cᵀ = I: of the accelerometer's response only ∫1, ∫(T - s) and ∫(T - s)² remain.
+        grown = (duration**power / power)[:, None, None] * np.eye(3)
+        noise["accel_noise"][batch, i, j] = noise["accel_noise"][batch, j, i] = grown
+    for cause, response, nav, bias in (
+        ("gyro_walk", gyro, slice(0, 9), GYRO_BIAS),
+        ("accel_walk", accel, slice(3, 9), ACCEL_BIAS),
+    ):
+        step, total = sums.from_here_on(response, t)
+        transition[batch, nav, bias] = total
+        crossed = np.einsum("wijn,wn->wij", step, weight)
+        noise[cause][batch, nav, nav] = sums.square(step, weight)
+        noise[cause][batch, nav, bias] = crossed
+        noise[cause][batch, bias, nav] = crossed.swapaxes(-1, -2)
+        noise[cause][batch, bias, bias] = duration[:, None, None] * np.eye(3)
+    out.gyro_matrix[batch] = sums.outer(gyro, weight[..., None] * imu.gyro[index])
+    out.accel_matrix[batch, 3:] = sums.outer(accel, weight[..., None] * imu.accel[index])
+
+
+def _in_ned(
+    raw: _Sums,
+    imu: ImuTrack,
+    path: Preintegration,
+    start: Index,
+    end: Index,
+    q: Array,
+    velocity: Array,
+    gravity: float,
+) -> Propagation:
+    """The sums turned into NED, and the responses that need the state at the start."""
+    c = quaternion.multiply(q, quaternion.conjugate(path.q[start]))
+    turn = np.tile(np.eye(15), (len(start), 1, 1))
+    for block in (ATTITUDE, VELOCITY, POSITION):
+        turn[:, block, block] = quaternion.to_matrix(c)
+    back, turn9 = turn.swapaxes(-1, -2), turn[:, :9, :9]
+    transition = turn @ raw.transition @ back
+
+    duration = (path.t[end] - path.t[start])[:, None]
+    down = np.array([0.0, 0.0, 1.0])
+    _, v_end, _ = path.carry(start, end, q, velocity, np.zeros_like(velocity), gravity=gravity)
+    begin, arrive = (
+        np.concatenate(
+            (
+                quaternion.rotate(attitude, imu.gyro[i]),
+                quaternion.rotate(attitude, imu.accel[i]) + gravity * down,
+                speed,
+            ),
+            axis=1,
+        )
+        for i, attitude, speed in (
+            (start, q, velocity),
+            (end, quaternion.multiply(c, path.q[end]), v_end),
+        )
+    )
+    return Propagation(
+        duration[:, 0],
+        transition,
+        {cause: turn @ covariance @ back for cause, covariance in raw.noise.items()},
+        (turn9 @ raw.gyro_matrix.reshape(-1, 9, 9)).reshape(-1, 9, 3, 3),
+        (turn9 @ raw.accel_matrix.reshape(-1, 9, 9)).reshape(-1, 9, 3, 3),
+        # The estimate is the truth of a moment ago, begun from the truth of now: the rates of change at the end, less
+        # what those at the start grow into.
+        arrive - (transition[:, :9, :9] @ begin[..., None])[..., 0],
+        np.concatenate((0 * down * duration, duration * down, 0.5 * duration**2 * down), axis=1),
+    )

@@ -1,0 +1,130 @@
+"""What an IMU does to the truth, forwards to simulate it and backwards to correct it (seed 002 §1).
+
+    measured = quantise(saturate(matrix · true + bias + walk + drift + noise))
+
+Units are continuous-time densities, as data sheets have them: white noise per √Hz, so that a sample at rate r has the
+standard deviation N √r; a bias walk per √s, which grows by K √h in h seconds (Allan deviation N/√τ and K √(τ/3)).
+The optional drift is a first-order Gauss-Markov process: a bias that forgets itself with a time constant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from companion.tracks import Array, ImuTrack
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sensor:
+    """One three-axis sensor. Its unit u is rad/s for a gyro and m/s² for an accelerometer.
+
+    Raises ValueError for shapes that do not match, negative or non-finite figures and a matrix without an inverse.
+    """
+
+    noise_density: float = 0.0  # N, u/√Hz, white noise
+    bias_walk: float = 0.0  # K, u/√s, random walk of the bias
+    drift: float = 0.0  # u, standard deviation of the Gauss-Markov bias
+    drift_time: float = np.inf  # s, its time constant
+    bias: Array = field(default_factory=lambda: np.zeros(3))  # (3,) u, constant
+    matrix: Array = field(default_factory=lambda: np.eye(3))  # (3, 3) identity plus scale (diagonal) and misalignment
+    step: float = 0.0  # u, quantisation: readings are cut towards zero to a multiple of it; 0 for none
+    full_scale: float = np.inf  # u, readings saturate at ± this
+
+    def __post_init__(self) -> None:
+        for name in ("noise_density", "bias_walk", "drift", "step"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise ValueError(f"Sensor.{name} must be finite and not negative, got {getattr(self, name)}")
+        if not (self.drift_time > 0 and self.full_scale > 0):
+            raise ValueError(f"drift_time and full_scale must be positive, got {self.drift_time} and {self.full_scale}")
+        if np.shape(self.bias) != (3,) or np.shape(self.matrix) != (3, 3):
+            raise ValueError(f"bias must be (3,) and matrix (3, 3), got {np.shape(self.bias)}, {np.shape(self.matrix)}")
+        if not (np.isfinite(self.bias).all() and np.isfinite(self.matrix).all()):
+            raise ValueError("bias and matrix must be finite")
+        if abs(np.linalg.det(self.matrix)) < 1e-6:
+            raise ValueError("matrix has no inverse: it must be the identity plus small scale and misalignment errors")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuModel:
+    """The error model of an IMU."""
+
+    gyro: Sensor = field(default_factory=Sensor)  # rad/s
+    accel: Sensor = field(default_factory=Sensor)  # m/s²
+
+
+def simulate(truth: ImuTrack, model: ImuModel, seed: int | np.random.Generator) -> ImuTrack:
+    """What an IMU with this model reads where an ideal one reads `truth` (e.g. `motions.coning(t).imu`).
+
+    The same seed gives the same readings. The steps of the model are noted on the track, for `dequantise`.
+    """
+    rng = np.random.default_rng(seed)
+    return replace(
+        truth,
+        gyro=_measured(truth.t, truth.gyro, model.gyro, rng),
+        accel=_measured(truth.t, truth.accel, model.accel, rng),
+        gyro_step=model.gyro.step,
+        accel_step=model.accel.step,
+    )
+
+
+def correct(imu: ImuTrack, model: ImuModel) -> ImuTrack:
+    """The readings freed from what is constant in the model: `matrix⁻¹ (measured - bias)` (seed 002 §3, §4)."""
+
+    def freed(measured: Array, sensor: Sensor) -> Array:
+        return np.asarray(np.linalg.solve(sensor.matrix, (measured - sensor.bias).T).T)
+
+    return replace(imu, gyro=freed(imu.gyro, model.gyro), accel=freed(imu.accel, model.accel))
+
+
+def dequantise(imu: ImuTrack) -> ImuTrack:
+    """Half a step added, away from zero, to the readings that were cut towards zero; zeros stay.
+
+    ArduPilot's RAW_IMU is cut to whole mrad/s and mG by a C cast: every non-zero reading is short by half a step on
+    average (GCS_Common.cpp, send_raw_imu). A track without steps comes back as it is.
+    """
+    gyro = imu.gyro + 0.5 * imu.gyro_step * np.sign(imu.gyro)
+    return replace(imu, gyro=gyro, accel=imu.accel + 0.5 * imu.accel_step * np.sign(imu.accel))
+
+
+def quantisation_density(step: float, rate: float) -> float:
+    """White-noise density (u/√Hz) of steps of size `step` (u) at `rate` (Hz): a uniform error, step/√12 a sample."""
+    if not (step >= 0 and rate > 0):
+        raise ValueError(f"step must not be negative and rate must be positive, got {step} and {rate}")
+    return float(step / np.sqrt(12.0 * rate))
+
+
+def _measured(t: Array, true: Array, sensor: Sensor, rng: np.random.Generator) -> Array:
+    """Readings (N, 3) of one sensor; noise is drawn in any case, so a figure that is zero changes no other draw."""
+    n = len(t)
+    if n == 0:
+        return true
+    h = np.diff(t)
+    first = h[:1] if n > 1 else np.ones(1)  # the interval that ended in the first sample is not known
+    white, walk, drift = rng.standard_normal((3, n, 3))
+    reading = true @ sensor.matrix.T + sensor.bias
+    reading += sensor.noise_density / np.sqrt(np.concatenate((first, h)))[:, None] * white
+    walk[0] = 0.0
+    walk[1:] *= sensor.bias_walk * np.sqrt(h)[:, None]
+    reading += np.cumsum(walk, axis=0)
+    if sensor.drift > 0:
+        reading += sensor.drift * _gauss_markov(h / sensor.drift_time, drift)
+    reading = np.clip(reading, -sensor.full_scale, sensor.full_scale)
+    return np.asarray(np.trunc(reading / sensor.step) * sensor.step) if sensor.step > 0 else reading
+
+
+def _gauss_markov(h: Array, noise: Array) -> Array:
+    """x_{k+1} = e^{-h} x_k + √(1 - e^{-2h}) n, stationary with variance 1, (N, 3); h (N-1,) in time constants.
+
+    A linear recurrence is associative: log2(N) doublings (Hillis & Steele 1986) instead of a loop over samples.
+    """
+    keep = np.concatenate(([0.0], np.exp(-h)))[:, None]
+    x = np.sqrt(1.0 - keep**2) * noise
+    reach = 1
+    while reach < len(x) and keep.any():
+        x[reach:] += keep[reach:] * x[:-reach].copy()
+        keep[reach:] = keep[reach:] * keep[:-reach]
+        keep[:reach] = 0.0
+        reach *= 2
+    return x
