@@ -83,9 +83,9 @@ class Viewer:
         with side.add_tab("Errors against time", viser.Icon.CHART_LINE):
             self._plots = Plots(gui, self._film, self._flight.start)
         gui.main_panel.dock_right()
-        gui.main_panel.set_width(350)
+        gui.main_panel.set_width(330)
         side.dock_left()
-        side.set_width(380)
+        side.set_width(330)
         self._framing = self._load()
         self._thread = threading.Thread(target=self._loop, name="companion-view", daemon=True)
         self._thread.start()
@@ -232,7 +232,9 @@ class Viewer:
     def _load(self) -> Framing:
         """Lay out everything that stays the same until the next reckoning."""
         replay = self._film.replay
-        framing = frame(replay.position_ref)
+        framing = frame(replay.position_ref, replay.position_imu)
+        if not replay.has_position:
+            framing = replace(framing, ground=0.5 * framing.radius)  # both hang in the air above the origin
         self.scene.load(self._film, framing)
         self._plots.load(self._film, self._flight.start)
         self._panel.load(self._flight, self._choice, self.player, framing.cell, replay.has_position)

@@ -19,6 +19,10 @@ CAMERA_MODES: tuple[CameraMode, ...] = get_args(CameraMode)
 
 FIELD_OF_VIEW = np.radians(45.0)  # vertical
 
+ASPECT = 0.8  # width by height of what the panels leave of a window; a wider one shows more
+MARGIN = 0.9  # share of the picture that a flight may fill
+OVERVIEW = (25.0, 28.0)  # degrees, azimuth and elevation of the first view
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Framing:
@@ -28,6 +32,7 @@ class Framing:
     radius: float  # of the sphere around everything
     ground: float  # down coordinate of the grid: the lowest point that was flown
     cell: float  # of the grid: 1, 2 or 5 times a power of ten
+    distance: float  # from which the whole of it is seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,11 +59,17 @@ class Camera:
     far: float
 
 
-def frame(positions: Array) -> Framing:
-    """Frame the path `positions` (N, 3), NED, m."""
+def frame(positions: Array, others: Array | None = None) -> Framing:
+    """Frame the path `positions` (N, 3), NED, m, and of the path `others` what is not far astray."""
+    ground = float(positions[:, 2].max())
+    if others is not None:
+        far = np.linalg.norm(others - positions.mean(axis=0), axis=1)
+        near = far < 1.5 * np.linalg.norm(positions - positions.mean(axis=0), axis=1).max()
+        positions = np.concatenate([positions, others[near]])
     low, high = positions.min(axis=0), positions.max(axis=0)
+    centre = (low + high) / 2
     radius = max(float(np.linalg.norm(high - low)) / 2, 4.0)
-    return Framing((low + high) / 2, radius, float(high[2]), nice(radius / 4))
+    return Framing(centre, radius, ground, nice(radius / 4), max(_distance(positions - centre), 2 * radius))
 
 
 def nice(length: float) -> float:
@@ -69,10 +80,10 @@ def nice(length: float) -> float:
 
 def camera(mode: CameraMode, framing: Framing) -> Camera:
     """Where a browser's camera starts in `mode`."""
-    distance = 0.9 * framing.radius / np.sin(FIELD_OF_VIEW / 2)
+    distance = framing.distance
     near, far = max(distance / 2000, 0.01), 60 * distance + 2000.0
     if mode == "Free":
-        look_at, away = framing.centre, distance * _direction(azimuth=25.0, elevation=28.0)
+        look_at, away = framing.centre, distance * _direction(*OVERVIEW)
     else:
         look_at = np.zeros(3)
         close = min(max(0.45 * distance, 8.0), 60.0)
@@ -109,6 +120,17 @@ def heading(q: Array) -> float:
 def readable_span(distance: float, true_span: float, size: float) -> float:
     """How large to draw a vehicle seen from `distance` m so that its attitude can be read; never below true size."""
     return max(true_span, 0.075 * size * distance * 2 * float(np.tan(FIELD_OF_VIEW / 2)))
+
+
+def _distance(offsets: Array) -> float:
+    """How far from the centre to stand so that the points at `offsets` (N, 3) from it are all in the picture."""
+    towards = _direction(*OVERVIEW)
+    right = np.cross(np.array([0.0, 0.0, -1.0]), towards)
+    right /= np.linalg.norm(right)
+    up = np.cross(towards, right)
+    half = MARGIN * np.tan(FIELD_OF_VIEW / 2)
+    needed = np.maximum(np.abs(offsets @ right) / (half * ASPECT), np.abs(offsets @ up) / half)
+    return float((offsets @ towards + needed).max())
 
 
 def _direction(azimuth: float, elevation: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from html import escape
 from typing import Any, Literal
@@ -84,11 +85,11 @@ class Panel:
             _write(self._period, choice.reanchor_s)
         first = player.start if choice.start_s is None else choice.start_s
         _write(self._start, round(max(first - flight.start, 0.0), 3))
-        low, high = player.start - flight.start, player.end - flight.start
+        low, high = round(player.start - flight.start, 2), round(player.end - flight.start, 2)
         # The bounds move one at a time and must never cross, and the value must always lie between them.
         self._time.max = max(high, self._time.max)
         self._time.min = low
-        _write(self._time, player.time - flight.start)
+        _write(self._time, round(player.time - flight.start, 2))
         self._time.max = high
 
     def show(self, moment: Moment, player: Player, has_position: bool) -> None:
@@ -144,12 +145,13 @@ class Panel:
         handle.on_update(changed)
 
     def _choice(self) -> ReplayChoice:
+        """What the controls say. A browser may send anything: names are looked up, numbers kept in bounds."""
         return ReplayChoice(
             imu=self._imu.value if self._imu.value in self._flight.imus else None,
-            method=METHODS[self._method.value],
-            middle=MIDDLES[self._middle.value],
-            reanchor_s=float(self._period.value) if self._anchored.value else None,
-            start_s=self._flight.start + float(self._start.value),
+            method=METHODS.get(self._method.value, "rk4"),
+            middle=MIDDLES.get(self._middle.value, "cubic"),
+            reanchor_s=_bounded(self._period.value, 0.5, 10.0, 3600.0) if self._anchored.value else None,
+            start_s=self._flight.start + _bounded(self._start.value, 0.0, 0.0, self._flight.duration),
         )
 
     def _bind_keys(self, gui: viser.GuiApi) -> None:
@@ -173,6 +175,13 @@ class Panel:
 def _write(handle: Any, value: object) -> None:
     """Set an input's value. Untyped, because viser declares the setter where mypy does not see it."""
     handle.value = value
+
+
+def _bounded(value: object, low: float, default: float, high: float) -> float:
+    """`value` within bounds, or `default` for what is no number."""
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        return default
+    return min(max(float(value), low), high)
 
 
 def _title(flight: Flight) -> str:

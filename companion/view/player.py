@@ -60,7 +60,7 @@ class Player:
 
     def advance(self, dt: float) -> None:
         """Let `dt` seconds of the room pass. At the end: pause there, or start over when looping."""
-        if not self.playing or not dt > 0:
+        if not self.playing or not 0 < dt < math.inf:
             return
         time = self.time + dt * self._speed
         if time < self.end:

@@ -14,15 +14,15 @@ from companion.view.shapes import Drone
 from companion.view.trail import Trail
 
 WORLD = "/world"
-GHOST_MARGIN = 1.05
-"""The ghost is a little larger: where both drones coincide, it is a shell and not a flicker."""
+GHOST_SCALE = 0.94
+"""The ghost is a little smaller: where both drones coincide it is inside the solid one and does not flicker."""
 
 
 class Body:
     """One drone on screen: a place, an attitude, a size, a name and a stick down to the ground."""
 
     def __init__(self, scene: viser.SceneApi, name: str, label: str, colour: Rgb, drone: Drone, ghost: bool) -> None:
-        self._margin = GHOST_MARGIN if ghost else 1.0
+        self._scale = GHOST_SCALE if ghost else 1.0
         self._above = -1.0 if ghost else 1.0  # the names stand apart when the drones do not
         self._place = scene.add_frame(f"{WORLD}/{name}", show_axes=False)
         self._attitude = scene.add_frame(f"{WORLD}/{name}/attitude", show_axes=False)
@@ -50,12 +50,12 @@ class Body:
     @property
     def wxyz(self) -> Array:
         """The attitude on screen, NED/FRD."""
-        return np.asarray(self._attitude.wxyz)
+        return np.array(self._attitude.wxyz)  # a copy: viser writes into its own
 
     @property
     def position(self) -> Array:
         """The place on screen, NED m."""
-        return np.asarray(self._place.position)
+        return np.array(self._place.position)
 
     @property
     def name(self) -> str:
@@ -78,7 +78,7 @@ class Body:
             return
         self._span = span
         for mesh in self._meshes:
-            mesh.scale = span * self._margin
+            mesh.scale = span * self._scale
         self._name.position = (0.0, 0.0, -0.42 * self._above * span)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from companion.analysis import Replay
 from companion.errors import DataError
@@ -86,9 +85,3 @@ def recompute(flight: Flight, choice: ReplayChoice) -> Replay:
 def _times(a: Array, b: Array) -> Array:
     w, v, u, x = a[:, :1], a[:, 1:], b[:, :1], b[:, 1:]
     return np.column_stack([w * u - (v * x).sum(1, keepdims=True), w * x + u * v + np.cross(v, x)])
-
-
-@pytest.fixture
-def flight() -> Flight:
-    """A minute of circles."""
-    return make_flight()

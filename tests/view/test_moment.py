@@ -1,0 +1,96 @@
+"""What reaches the screen: finite, of unit length, and true to the replay at its samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.analysis import Replay
+from companion.errors import DataError
+from companion.tracks import Flight
+from companion.view import ReplayChoice
+from companion.view.moment import Moment, footage
+from tests.view.circles import BOOT, make_flight, recompute
+
+FILM = footage(recompute(make_flight(), ReplayChoice()))
+
+
+@pytest.fixture
+def replay(flight: Flight) -> Replay:
+    return recompute(flight, ReplayChoice())
+
+
+def numbers(moment: Moment) -> list[float]:
+    return [float(x) for name in Moment.__slots__ for x in np.atleast_1d(getattr(moment, name))]
+
+
+def test_at_a_sample_it_is_the_sample(replay: Replay) -> None:
+    film = footage(replay)
+    for i in (0, 7, 777, len(replay.t) - 1):
+        moment = film.at(float(replay.t[i]))
+        np.testing.assert_allclose(moment.position_imu, replay.position_imu[i], atol=1e-9)
+        np.testing.assert_allclose(moment.q_ref, replay.q_ref[i], atol=1e-9)
+        assert moment.position_m == pytest.approx(float(np.linalg.norm(replay.position_error[i])))
+        horizontal, down = replay.attitude_error[i][:2], replay.attitude_error[i][2]
+        assert moment.tilt_deg == pytest.approx(np.degrees(np.hypot(*horizontal)))
+        assert moment.heading_deg == pytest.approx(np.degrees(down))
+
+
+def test_the_distance_shown_is_the_distance_drawn(replay: Replay) -> None:
+    film = footage(replay)
+    for i in (3, 300, 2000):
+        moment = film.at(float(replay.t[i]))
+        drawn = np.linalg.norm(moment.position_ref - moment.position_imu)
+        assert moment.position_m == pytest.approx(float(drawn), abs=1e-9)
+
+
+def test_between_samples_it_lies_between_them(replay: Replay) -> None:
+    moment = footage(replay).at(float((replay.t[100] + replay.t[101]) / 2))
+    middle = (replay.position_ref[100] + replay.position_ref[101]) / 2
+    np.testing.assert_allclose(moment.position_ref, middle, atol=1e-9)
+
+
+def test_an_anchor_is_a_jump_and_not_a_slide(replay: Replay) -> None:
+    film = footage(replay)
+    at = int(film.restarts[1])
+    before = film.at(float(replay.t[at]) - 1e-6)
+    np.testing.assert_allclose(before.position_imu, replay.position_imu[at - 1], atol=1e-9)
+    assert before.since_anchor_s == pytest.approx(10.0, abs=1e-3)
+    after = film.at(float(replay.t[at]))
+    assert after.position_m == pytest.approx(0.0)
+    assert after.since_anchor_s == pytest.approx(0.0)
+
+
+@given(st.floats(-1e6, 1e6))
+def test_any_time_gives_finite_numbers_and_unit_quaternions(t: float) -> None:
+    moment = FILM.at(t)
+    assert np.isfinite(numbers(moment)).all()
+    for q in (moment.q_imu, moment.q_ref):
+        assert np.linalg.norm(q) == pytest.approx(1.0)
+
+
+def test_what_is_not_finite_or_has_no_direction_is_left_out(replay: Replay) -> None:
+    position, q, error = replay.position_imu.copy(), replay.q_ref * 3.0, replay.attitude_error.copy()
+    position[10, 1], position[11, 0], position[12, 2] = np.nan, np.inf, 1e200
+    q[20] = 0.0
+    error[30, 0] = -np.inf
+    film = footage(replace(replay, position_imu=position, q_ref=q, attitude_error=error))
+    assert len(film.replay.t) == len(replay.t) - 5
+    np.testing.assert_allclose(np.linalg.norm(film.replay.q_ref, axis=1), 1.0)
+    for i in (9, 10, 11, 12, 20, 30):
+        assert np.isfinite(numbers(film.at(float(replay.t[i])))).all()
+
+
+def test_nothing_finite_is_an_error_in_words(replay: Replay) -> None:
+    with pytest.raises(DataError, match="nothing to show"):
+        footage(replace(replay, position_imu=np.full_like(replay.position_imu, np.nan)))
+
+
+def test_a_single_sample_is_shown(replay: Replay) -> None:
+    columns = {name: getattr(replay, name)[:1] for name in Replay.__slots__ if name not in ("anchors", "has_position")}
+    film = footage(replace(replay, **columns))
+    assert film.at(BOOT + 5).position_ref == pytest.approx(replay.position_ref[0])

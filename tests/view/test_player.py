@@ -1,0 +1,100 @@
+"""The play clock: laws that hold for any interval, speed and sequence of steps."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.view.player import FASTEST, SLOWEST, Player
+
+
+def playing(start: float = 10.0, end: float = 20.0) -> Player:
+    player = Player(start, end)
+    player.toggle()
+    return player
+
+
+def test_starts_paused_at_the_start() -> None:
+    player = Player(10.0, 20.0)
+    player.advance(1.0)
+    assert (player.time, player.playing, player.speed) == (10.0, False, 1.0)
+
+
+def test_plays_at_its_speed() -> None:
+    player = playing()
+    player.speed = 2.0
+    player.advance(1.5)
+    assert player.time == pytest.approx(13.0)
+
+
+def test_stops_at_the_end_and_starts_over_when_played_again() -> None:
+    player = playing()
+    player.advance(60.0)
+    assert (player.time, player.playing) == (20.0, False)
+    player.toggle()
+    assert (player.time, player.playing) == (10.0, True)
+
+
+def test_looping_goes_round() -> None:
+    player = playing()
+    player.loop = True
+    player.advance(23.0)
+    assert player.time == pytest.approx(13.0)
+    assert player.playing
+
+
+def test_an_interval_of_one_instant_can_be_played() -> None:
+    player = Player(5.0, 5.0)
+    player.loop = True
+    player.toggle()
+    player.advance(1.0)
+    assert (player.time, player.playing) == (5.0, False)
+
+
+def test_step_pauses() -> None:
+    player = playing()
+    player.step(3.0)
+    assert (player.time, player.playing) == (13.0, False)
+    player.step(-99.0)
+    assert player.time == 10.0
+
+
+def test_loading_keeps_the_place_where_it_can() -> None:
+    player = playing()
+    player.speed = 5.0
+    player.load(12.0, 15.0, time=18.0)
+    assert (player.time, player.speed, player.playing) == (15.0, 5.0, True)
+
+
+@pytest.mark.parametrize("bounds", [(2.0, 1.0), (math.nan, 1.0), (0.0, math.inf)])
+def test_an_interval_needs_bounds_in_order(bounds: tuple[float, float]) -> None:
+    with pytest.raises(ValueError, match="finite bounds in order"):
+        Player(*bounds)
+
+
+@given(st.lists(st.tuples(st.sampled_from(["advance", "seek", "step", "speed", "toggle"]), st.floats()), max_size=30))
+def test_whatever_happens_the_time_stays_within_the_interval(steps: list[tuple[str, float]]) -> None:
+    player = playing(-3.0, 7.5)
+    player.loop = True
+    for what, value in steps:
+        if what == "speed":
+            player.speed = value
+        elif what == "toggle":
+            player.toggle()
+        else:
+            getattr(player, what)(value)
+        assert player.start <= player.time <= player.end
+        assert SLOWEST <= player.speed <= FASTEST
+
+
+@given(st.lists(st.floats(0.0, 0.5), max_size=20), st.floats(SLOWEST, FASTEST))
+def test_time_depends_on_the_sum_of_the_steps_alone(steps: list[float], speed: float) -> None:
+    many, once = playing(0.0, 1e4), playing(0.0, 1e4)
+    many.speed = once.speed = speed
+    for dt in steps:
+        many.advance(dt)
+    once.advance(math.fsum(steps))
+    assert many.time == pytest.approx(once.time, abs=1e-9)

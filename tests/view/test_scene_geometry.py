@@ -1,0 +1,100 @@
+"""Laws of the shapes, the framing and the cameras, without a browser."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.tracks import Array
+from companion.view import ReplayChoice
+from companion.view.framing import ASPECT, CAMERA_MODES, FIELD_OF_VIEW, camera, frame, heading, nice, world
+from companion.view.moment import footage
+from companion.view.shapes import Mesh, quadrotor
+from tests.view.circles import make_flight, quaternion, recompute
+
+FILM = footage(recompute(make_flight(), ReplayChoice()))
+
+
+def volume(mesh: Mesh) -> float:
+    """Signed, by the divergence theorem: positive when every triangle faces outward."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    return float((a * np.cross(b, c)).sum() / 6)
+
+
+@pytest.mark.parametrize("part", ["body", "front"])
+def test_meshes_are_closed_finite_and_face_outward(part: str) -> None:
+    mesh: Mesh = getattr(quadrotor(), part)
+    assert np.isfinite(mesh.vertices).all()
+    assert mesh.faces.max() < len(mesh.vertices)
+    edges = np.concatenate([mesh.faces[:, [i, (i + 1) % 3]] for i in range(3)])
+    there, back = {tuple(e) for e in edges.tolist()}, {tuple(e[::-1]) for e in edges.tolist()}
+    assert there == back  # every edge is walked once each way: no holes, one orientation
+    assert volume(mesh) > 0
+
+
+def test_the_nose_points_forward_and_the_legs_down() -> None:
+    drone = quadrotor()
+    assert drone.front.vertices[:, 0].min() > 0
+    assert drone.body.vertices[:, 2].max() > abs(drone.body.vertices[:, 2].min())  # FRD: down is positive
+    for mesh in (drone.body, drone.front):
+        assert mesh.vertices[:, 1].min() == pytest.approx(-mesh.vertices[:, 1].max())
+
+
+@given(st.floats(-np.pi, np.pi), st.floats(-1.0, 1.0), st.floats(-1.2, 1.2))
+def test_heading_is_the_yaw(yaw: float, roll: float, pitch: float) -> None:
+    q = quaternion(np.array([roll]), np.array([pitch]), np.array([yaw]))[0]
+    difference = heading(q) - yaw
+    assert np.cos(difference) == pytest.approx(1.0, abs=1e-9)
+
+
+@given(st.floats(0.001, 1e6))
+def test_grid_cells_are_one_two_or_five(length: float) -> None:
+    cell = nice(length)
+    digits = cell / 10.0 ** np.floor(np.log10(cell) + 1e-9)
+    assert min(abs(digits - m) for m in (1, 2, 5)) < 1e-6
+    assert 0.39 * length < cell <= length * (1 + 1e-6)
+
+
+@given(
+    st.lists(st.tuples(*[st.floats(-500, 500)] * 3), min_size=1, max_size=20),
+)
+def test_the_first_view_shows_the_whole_flight(points: list[tuple[float, float, float]]) -> None:
+    path = np.array(points)
+    view = camera("Free", frame(path))
+    forward = view.look_at - view.position
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, -1.0])
+    right /= np.linalg.norm(right)
+    depth = (path - view.position) @ forward
+    assert (depth > view.near).all()
+    assert (depth < view.far).all()
+    tangent = np.tan(FIELD_OF_VIEW / 2)
+    assert (np.abs((path - view.position) @ right) < depth * tangent * ASPECT).all()
+    assert (np.abs((path - view.position) @ np.cross(right, forward)) < depth * tangent).all()
+
+
+@pytest.mark.parametrize("mode", CAMERA_MODES)
+def test_a_following_camera_keeps_the_autopilot_in_the_middle(mode: str) -> None:
+    for t in np.linspace(FILM.start, FILM.end, 7):
+        moment = FILM.at(float(t))
+        pose = world(mode, moment)  # type: ignore[arg-type]  # the parameter is one of the modes
+        where = pose.apply(moment.position_ref)
+        np.testing.assert_allclose(where, moment.position_ref if mode == "Free" else np.zeros(3), atol=1e-9)
+        nose: Array = pose.apply(moment.position_ref + [np.cos(a := heading(moment.q_ref)), np.sin(a), 0.0]) - where
+        if mode == "Chase":
+            np.testing.assert_allclose(nose, [1.0, 0.0, 0.0], atol=1e-9)
+
+
+def test_a_flight_that_never_moves_is_framed() -> None:
+    framing = frame(np.zeros((5, 3)))
+    assert framing.radius > 0
+    assert framing.cell >= 1.0
+    assert np.isfinite(camera("Free", framing).position).all()
+
+
+def test_an_imu_that_went_astray_does_not_spoil_the_picture() -> None:
+    path = FILM.replay.position_ref
+    astray = path + np.linspace(0, 1e7, len(path))[:, None]
+    assert frame(path, astray).radius < 2.0 * frame(path).radius
