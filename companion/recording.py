@@ -1,34 +1,97 @@
-"""From a file to its flights: the one way in for logs."""
+"""From a file to its flights: the one way in for logs, whatever their format."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from companion.mavlink import Log, load_dialect, read_tlog
-from companion.telemetry import flights
+import numpy as np
+
+from companion.errors import InputError
+from companion.mavlink import DEFAULT_DIALECT, Log, load_dialect, read_tlog
+from companion.telemetry import flights, ulog_flight
 from companion.tracks import Flight
 
+_ULOG = b"ULog\x01\x12\x35"
+_DATAFLASH = b"\xa3\x95"
 
-@dataclass(frozen=True, slots=True, eq=False)
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """What was read, and what of it could not be."""
+
+    path: Path
+    format: str  # "tlog", "raw" (MAVLink without stamps) or "ulog"
+    size_bytes: int
+    frames: int  # MAVLink frames with a right checksum, or messages of an on-board log
+    bad_crc_frames: int = 0
+    skipped_bytes: int = 0  # that belong to no frame
+    unknown_frames: Mapping[int, int] = field(default_factory=dict)  # message id that the dialect lacks → count
+    speakers: Mapping[str, Mapping[str, int]] = field(default_factory=dict)  # SYSID:COMPID → message → count
+
+
+@dataclass(frozen=True, slots=True)
 class Recording:
     """A log and the flights found in it."""
 
-    log: Log  # what was read: bytes, frames, damage, messages by type
+    source: Source
     flights: tuple[Flight, ...]
 
 
-def read_recording(path: str | Path, *, dialect: str = "ardupilotmega", dequantise: bool = False) -> Recording:
-    """The flights of a .tlog: one per vehicle and boot, in SI units, FRD and NED.
+def read_recording(path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bool = False) -> Recording:
+    """The flights of a .tlog or PX4 .ulg: one per vehicle and boot, in SI units, FRD and NED.
 
-    A damaged log is read as far as possible; `Recording.log` has the counts. Raises InputError when there is no such
-    file or no MAVLink in it, SettingsError for an unknown dialect.
+    The format is told by the file's first bytes. A damaged log is read as far as possible; `Recording.source` has the
+    counts. dequantise: see `config/default.toml`.
+
+    Raises InputError when there is no such file or nothing in it that can be read, SettingsError for an unknown
+    dialect.
     """
+    path = Path(path)
     names = load_dialect(dialect)
+    magic = _first_bytes(path)
+    if magic.startswith(_ULOG):
+        types = {v: n.removeprefix("MAV_TYPE_") for v, n in names.enum_names("MAV_TYPE").items()}
+        flight = ulog_flight(path, types)
+        messages = sum(stats.count for stats in flight.messages.values())
+        return Recording(Source(path, "ulog", path.stat().st_size, messages), (flight,))
+    if magic.startswith(_DATAFLASH):
+        raise InputError(
+            f"{path} is an ArduPilot DataFlash log (.bin), which companion does not read yet. "
+            "Use the telemetry log (.tlog) of the flight."
+        )
     log = read_tlog(path, dialect=dialect)
-    return Recording(log, tuple(flights(log, names, dequantise=dequantise)))
+    return Recording(_source(log), tuple(flights(log, names, dequantise=dequantise)))
 
 
-def open_log(path: str | Path, *, dialect: str = "ardupilotmega", dequantise: bool = False) -> list[Flight]:
+def open_log(path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bool = False) -> list[Flight]:
     """The flights of a log, as `read_recording` gives them: an empty list when no vehicle speaks in it."""
     return list(read_recording(path, dialect=dialect, dequantise=dequantise).flights)
+
+
+def _first_bytes(path: Path) -> bytes:
+    """Empty when the file cannot be opened: `read_tlog` says why."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_ULOG))
+    except OSError:
+        return b""
+
+
+def _source(log: Log) -> Source:
+    speakers: dict[str, dict[str, int]] = {}
+    for name, messages in log.messages.items():
+        who, counts = np.unique(np.stack([messages.sysid, messages.compid]), axis=1, return_counts=True)
+        for (sysid, compid), count in zip(who.T.tolist(), counts.tolist(), strict=True):
+            speakers.setdefault(f"{sysid}:{compid}", {})[name] = count
+    return Source(
+        path=log.path,
+        format=log.kind,
+        size_bytes=log.size_bytes,
+        frames=log.frames,
+        bad_crc_frames=log.bad_crc_frames,
+        skipped_bytes=log.skipped_bytes,
+        unknown_frames=log.unknown_frames,
+        speakers=speakers,
+    )

@@ -201,11 +201,14 @@ class Flight:
         return next((name for name, count in samples.items() if count >= enough), None)
 
     def imu(self, name: str | None = None) -> ImuTrack:
-        """The IMU track of message `name` (default: `default_imu`).
+        """The IMU track of message `name`, in capitals or not (default: `default_imu`).
 
         Raises DataError when the flight has no such message or too few samples to integrate.
         """
-        name = name or self.default_imu
+        if name is not None:
+            name = next((own for own in self.imus if own.upper() == name.upper()), name)
+        else:
+            name = self.default_imu
         found = ", ".join(f"{n} ({len(track)})" for n, track in self.imus.items()) or "none"
         if name is None:
             raise DataError(

@@ -38,7 +38,8 @@ LIBRARIES = {
     "analysis": {"numpy"},
     "settings": {"msgspec"},
     "mavlink": {"numpy", "pymavlink"},
-    "telemetry": {"numpy"},
+    "telemetry": {"numpy", "pyulog"},
+    "recording": {"numpy"},
     "view": {"numpy", "viser", "rich"},
     "cli": {"numpy", "msgspec", "rich"},
 }

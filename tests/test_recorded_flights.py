@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -92,13 +94,33 @@ INDEPENDENT = {
 }
 
 
+def medians(flight: c.Flight, horizon: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+    row = c.drift(flight, horizons=(horizon,), imu="RAW_IMU", middle="linear").rows[0]
+    assert row.attitude_deg
+    assert row.velocity_mps
+    assert row.position_m
+    return np.array([row.attitude_deg.median, row.velocity_mps.median, row.position_m.median])
+
+
+@pytest.mark.parametrize("horizon", [5, 10, 30])
 @pytest.mark.parametrize("name", INDEPENDENT)
-def test_drift_agrees_with_independent_figures(name: str) -> None:
+def test_drift_agrees_with_independent_figures(name: str, horizon: int) -> None:
+    """Within 15 %, or where the windows begin explains the difference.
+
+    The independent windows began at another time. Where few windows make a median (3-5 of 30 s), or the error is a
+    hundredth of a degree, that alone moves it by more: then the figure must lie among the medians of sixty grids that
+    begin at other times.
+    """
     flight = c.open_log(shared(f"sitl/{name}.tlog"))[0]
-    table = c.drift(flight, horizons=(5, 10, 30), imu="RAW_IMU", middle="linear")
-    for row in table.rows:
-        assert row.attitude_deg
-        assert row.velocity_mps
-        assert row.position_m
-        ours = (row.attitude_deg.median, row.velocity_mps.median, row.position_m.median)
-        print(name, row.horizon_s, row.windows, row.excluded, ours, INDEPENDENT[name][int(row.horizon_s)])
+    theirs = np.array(INDEPENDENT[name][horizon])
+    agrees = np.abs(medians(flight, horizon) / theirs - 1) < 0.15
+    position = flight.position
+    assert position
+    grids = []
+    for begin in position.t[0] + horizon * np.arange(60) / 60:
+        late = position.t >= begin
+        later = c.PositionTrack(position.t[late], position.position[late], position.velocity[late], position.source)
+        grids.append(medians(replace(flight, position=later), horizon))
+    explained = (np.min(grids, axis=0) * 0.85 < theirs) & (theirs < np.max(grids, axis=0) * 1.15)
+    assert (agrees | explained).all()
+    assert horizon == 30 or agrees[1:].all(), "velocity and position have windows enough at 5 and 10 s"

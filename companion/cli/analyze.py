@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     gaps = {name: int((np.diff(track.t) > limits.hole(track.t)).sum()) for name, track in flight.imus.items()}
     if arguments.json:
         found = schema.analyze_flight(flight, table, gaps)
-        print(schema.encode(schema.Analysis(log=schema.log_object(recording.log), flights=[found])))
+        print(schema.encode(schema.Analysis(log=schema.log_object(recording.source), flights=[found])))
     else:
         _print(flight, table, gaps[table.imu])
     return 0
@@ -116,8 +116,8 @@ def _print(flight: Flight, table: Drift, gaps: int) -> None:
 def drift_table(table: Drift) -> Table:
     """The drift as a rich table: median, 95 % and worst of the windows of each horizon."""
     shown = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    shown.add_column("\nafter", justify="right")
-    shown.add_column("\nused", justify="right")
+    shown.add_column("\nafter", justify="right", no_wrap=True)
+    shown.add_column("\nused", justify="right", no_wrap=True)
     for heading in ("attitude\nmedian °", "velocity\n  m/s", "position\n   m"):
         shown.add_column(heading, justify="right", no_wrap=True)
         shown.add_column("\n95 %", justify="right", no_wrap=True)

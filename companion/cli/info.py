@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion.cli import options, schema
-from companion.mavlink import Log
+from companion.recording import Source
 from companion.tracks import Flight
 
 
@@ -27,26 +27,28 @@ def run(arguments: argparse.Namespace) -> int:
     recording = options.read(arguments, options.settings_of(arguments))
     if arguments.json:
         flights = [schema.info_flight(flight) for flight in recording.flights]
-        print(schema.encode(schema.Info(log=schema.log_object(recording.log), flights=flights)))
+        print(schema.encode(schema.Info(log=schema.log_object(recording.source), flights=flights)))
         return 0
     console = Console(soft_wrap=True)
-    console.print(_summary(recording.log), highlight=False)
+    console.print(_summary(recording.source), highlight=False)
     if not recording.flights:
         console.print("No vehicle speaks in this log. Who does:")
-        for name, messages in sorted(recording.log.messages.items()):
-            who = sorted({f"{s}:{c}" for s, c in zip(messages.sysid.tolist(), messages.compid.tolist(), strict=True)})
-            console.print(f"  {name}: {len(messages)} from {', '.join(who)}", highlight=False)
+        for who, messages in sorted(recording.source.speakers.items()):
+            said = ", ".join(f"{name} ({count})" for name, count in sorted(messages.items()))
+            console.print(f"  {who}: {said}", highlight=False)
     for flight in recording.flights:
         _print_flight(console, flight)
     return 0
 
 
-def _summary(log: Log) -> str:
-    text = f"{escape(str(log.path))}: {log.size_bytes:,} bytes, {log.frames:,} frames"
-    if log.bad_crc_frames or log.skipped_bytes:
-        text += f"; damage: {log.bad_crc_frames:,} frames with a wrong checksum, {log.skipped_bytes:,} bytes skipped"
-    if log.unknown_frames:
-        ids = ", ".join(f"{number} ({count})" for number, count in sorted(log.unknown_frames.items()))
+def _summary(source: Source) -> str:
+    text = f"{escape(str(source.path))}: {source.size_bytes:,} bytes, {source.frames:,} frames"
+    if source.bad_crc_frames or source.skipped_bytes:
+        text += (
+            f"; damage: {source.bad_crc_frames:,} frames with a wrong checksum, {source.skipped_bytes:,} bytes skipped"
+        )
+    if source.unknown_frames:
+        ids = ", ".join(f"{number} ({count})" for number, count in sorted(source.unknown_frames.items()))
         text += f"; message ids that the dialect does not know: {ids}"
     return text
 

@@ -10,11 +10,9 @@ from pathlib import Path
 import msgspec
 
 from companion.errors import DataError, SettingsError
-from companion.mavlink import Log
-from companion.recording import Recording, read_recording
+from companion.recording import Recording, Source, read_recording
 from companion.settings import Settings, data_folder, load_settings
 from companion.strapdown import METHODS, MIDDLES
-from companion.telemetry import IMU_MESSAGES
 from companion.tracks import Flight
 
 _SETTABLE = (
@@ -53,9 +51,8 @@ def add_integration(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--imu",
         metavar="NAME",
-        type=str.upper,
-        choices=IMU_MESSAGES,
-        help=f"IMU message to integrate: {', '.join(IMU_MESSAGES)} (default: depends on the autopilot, is stated)",
+        help="message to integrate: RAW_IMU, SCALED_IMU, SCALED_IMU2, SCALED_IMU3 or HIGHRES_IMU "
+        "(default: depends on the autopilot, and is stated)",
     )
     parser.add_argument("--method", choices=METHODS, help="integrator (default: rk4)")
     parser.add_argument("--middle", choices=MIDDLES, help="rk4's sample in the middle of an interval (default: cubic)")
@@ -80,7 +77,7 @@ def read(arguments: argparse.Namespace, settings: Settings) -> Recording:
     if arguments.log == "demo" and not path.exists():
         path = data_folder("tlogs") / "copter-demo-100hz.tlog"
     recording = read_recording(path, dialect=settings.log.dialect, dequantise=settings.log.dequantise)
-    warn_of_damage(recording.log)
+    warn_of_damage(recording.source)
     return recording
 
 
@@ -117,12 +114,12 @@ def usable_samples(flight: Flight) -> int:
     return len(flight.imus[name]) if flight.attitude is not None else 1
 
 
-def warn_of_damage(log: Log) -> None:
+def warn_of_damage(source: Source) -> None:
     """Say on stderr what of the log could not be read."""
-    if log.bad_crc_frames or log.skipped_bytes:
+    if source.bad_crc_frames or source.skipped_bytes:
         say(
-            f"damaged log: {log.skipped_bytes:,} of {log.size_bytes:,} bytes skipped, "
-            f"{log.bad_crc_frames:,} frames with a wrong checksum left out; {log.frames:,} good frames read"
+            f"damaged log: {source.skipped_bytes:,} of {source.size_bytes:,} bytes skipped, "
+            f"{source.bad_crc_frames:,} frames with a wrong checksum left out; {source.frames:,} good frames read"
         )
 
 

@@ -7,17 +7,13 @@ from collections.abc import Mapping
 import msgspec
 
 from companion.analysis import Drift, DriftRow, Statistic
-from companion.mavlink import Log
+from companion.recording import Source
 from companion.tracks import Flight, ImuTrack
 
 SCHEMA = 1
 
 
-class _Object(msgspec.Struct, frozen=True):
-    pass
-
-
-class LogObject(_Object):
+class LogObject(msgspec.Struct, frozen=True):
     """What was read."""
 
     path: str
@@ -27,7 +23,7 @@ class LogObject(_Object):
     skipped_bytes: int
 
 
-class VehicleObject(_Object):
+class VehicleObject(msgspec.Struct, frozen=True):
     """Who flew."""
 
     sysid: int
@@ -37,7 +33,7 @@ class VehicleObject(_Object):
     firmware: str
 
 
-class StatsObject(_Object):
+class StatsObject(msgspec.Struct, frozen=True):
     """How a message arrived."""
 
     count: int
@@ -46,14 +42,14 @@ class StatsObject(_Object):
     duplicates: int
 
 
-class ReferenceObject(_Object):
+class ReferenceObject(msgspec.Struct, frozen=True):
     """The messages that the autopilot's state is taken from."""
 
     attitude: str | None
     position: str | None
 
 
-class InfoFlight(_Object):
+class InfoFlight(msgspec.Struct, frozen=True):
     """A flight in `companion info`."""
 
     vehicle: VehicleObject
@@ -66,7 +62,7 @@ class InfoFlight(_Object):
     messages: Mapping[str, StatsObject]
 
 
-class Info(_Object, kw_only=True):
+class Info(msgspec.Struct, frozen=True, kw_only=True):
     """`companion info --json`."""
 
     schema: int = SCHEMA
@@ -74,7 +70,7 @@ class Info(_Object, kw_only=True):
     flights: list[InfoFlight]
 
 
-class ImuObject(_Object):
+class ImuObject(msgspec.Struct, frozen=True):
     """An IMU message of a flight."""
 
     message: str
@@ -85,7 +81,7 @@ class ImuObject(_Object):
     duplicates: int
 
 
-class StatisticObject(_Object):
+class StatisticObject(msgspec.Struct, frozen=True):
     """An error over windows."""
 
     median: float
@@ -93,7 +89,7 @@ class StatisticObject(_Object):
     max: float
 
 
-class DriftObject(_Object):
+class DriftObject(msgspec.Struct, frozen=True):
     """Drift at one horizon."""
 
     horizon_s: float
@@ -104,7 +100,7 @@ class DriftObject(_Object):
     position_m: StatisticObject | None
 
 
-class AnalyzeFlight(_Object):
+class AnalyzeFlight(msgspec.Struct, frozen=True):
     """A flight in `companion analyze`."""
 
     vehicle: VehicleObject
@@ -119,7 +115,7 @@ class AnalyzeFlight(_Object):
     drift: list[DriftObject]
 
 
-class Analysis(_Object, kw_only=True):
+class Analysis(msgspec.Struct, frozen=True, kw_only=True):
     """`companion analyze --json`."""
 
     schema: int = SCHEMA
@@ -132,14 +128,14 @@ def encode(document: Info | Analysis) -> str:
     return msgspec.json.format(msgspec.json.encode(document), indent=2).decode()
 
 
-def log_object(log: Log) -> LogObject:
+def log_object(source: Source) -> LogObject:
     """The "log" key."""
     return LogObject(
-        path=str(log.path),
-        size_bytes=log.size_bytes,
-        frames=log.frames,
-        bad_crc_frames=log.bad_crc_frames,
-        skipped_bytes=log.skipped_bytes,
+        path=str(source.path),
+        size_bytes=source.size_bytes,
+        frames=source.frames,
+        bad_crc_frames=source.bad_crc_frames,
+        skipped_bytes=source.skipped_bytes,
     )
 
 

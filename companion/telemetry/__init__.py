@@ -2,5 +2,6 @@
 
 from companion.telemetry.convert import IMU_MESSAGES
 from companion.telemetry.flights import flights
+from companion.telemetry.ulog import ulog_flight
 
-__all__ = ["IMU_MESSAGES", "flights"]
+__all__ = ["IMU_MESSAGES", "flights", "ulog_flight"]

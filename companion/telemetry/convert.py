@@ -177,4 +177,4 @@ def _ned_about(lat: Array, lon: Array, alt: Array, origin: int) -> Array:
     )
     sa, ca, so, co = np.sin(lat[origin]), np.cos(lat[origin]), np.sin(lon[origin]), np.cos(lon[origin])
     to_ned = np.array([[-sa * co, -sa * so, ca], [-so, co, 0.0], [-ca * co, -ca * so, -sa]])
-    return (ecef - ecef[origin]) @ to_ned.T
+    return np.asarray((ecef - ecef[origin]) @ to_ned.T)

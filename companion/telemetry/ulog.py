@@ -78,7 +78,7 @@ def _name(topic: str, instance: int) -> str:
 
 
 def _longest(dropouts: list[Any]) -> float:
-    return max(d.duration for d in dropouts) * 1e-3
+    return float(max(d.duration for d in dropouts)) * 1e-3
 
 
 def _firmware(release: int | None) -> str:
@@ -150,9 +150,9 @@ def _position(topics: Mapping[str, Topic]) -> PositionTrack | None:
     topic = topics["vehicle_local_position"]
     t = _seconds(topic, "timestamp_sample" if "timestamp_sample" in topic else "timestamp")
     position, velocity = _columns(topic, "x", "y", "z"), _columns(topic, "vx", "vy", "vz")
-    valid = np.isfinite(position).all(axis=1) & np.isfinite(velocity).all(axis=1)
+    valid = np.isfinite(np.column_stack([position, velocity])).all(axis=1)
     for flag in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid"):
-        valid &= np.asarray(topic[flag]) != 0
+        valid = valid & (np.asarray(topic[flag]) != 0)
     keep = increasing(t, valid)
     track = PositionTrack(t[keep], position[keep], velocity[keep], "vehicle_local_position")
     return track if len(track) > 1 else None

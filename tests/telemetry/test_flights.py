@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import companion as c
 from tests.recordings import BUNDLED, shared
-from tests.tlogs import EPOCH, Writer, mavlink
+from tests.tlogs import EPOCH, Writer
 
 
 @pytest.fixture
@@ -172,7 +172,7 @@ def test_statustext_chunks_are_put_together(log: Writer) -> None:
 def test_px4_integer_parameters_are_bytes(log: Writer) -> None:
     log.rest(1.0)
     for i in range(3):
-        log.heartbeat(i, autopilot=mavlink.MAV_AUTOPILOT_PX4)
+        log.heartbeat(i, autopilot=12)
     value = np.int32(4001).view(np.float32)
     log.send(
         1.0, "param_value", param_id=b"SYS_AUTOSTART", param_value=value, param_type=6, param_count=1, param_index=0
@@ -182,7 +182,7 @@ def test_px4_integer_parameters_are_bytes(log: Writer) -> None:
 
 def test_the_bundled_demo_flight() -> None:
     (flight,) = c.open_log(BUNDLED / "copter-demo-100hz.tlog")
-    assert (str(flight.vehicle), flight.vehicle.type, flight.vehicle.firmware) == ("1:1", "QUADROTOR", "4.7.0")
+    assert (str(flight.vehicle), flight.vehicle.type, flight.vehicle.firmware) == ("1:1", "QUADROTOR", "4.7.0-dev")
     assert len(flight.imu("RAW_IMU")) == flight.messages["RAW_IMU"].count == 10121
     assert flight.messages["RAW_IMU"].rate_hz == pytest.approx(100, abs=0.1)
     assert flight.messages["RAW_IMU"].longest_gap_s == pytest.approx(0.0408, abs=1e-4)
