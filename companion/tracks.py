@@ -186,15 +186,17 @@ class Flight:
         """The IMU message to integrate when the user names none; None when the flight has no usable one.
 
         ArduPilot's RAW_IMU is IMU 0 cut to whole milli-units; HIGHRES_IMU is the same readings as floats, so it
-        is preferred when it speaks of the same IMU. PX4 subtracts its EKF's biases from HIGHRES_IMU, which makes it
-        a witness in its own case: there SCALED_IMU is the independent one. A message with less than a quarter of
+        is preferred when it speaks of the same IMU throughout. PX4 subtracts its EKF's biases from HIGHRES_IMU, which
+        makes it a witness in its own case: there SCALED_IMU is the independent one. A message with less than a quarter of
         the samples of the best is passed over: nothing costs more accuracy than a low rate.
         """
         order = ["HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"]
         if self.vehicle.autopilot == "PX4":
             order = ["SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "RAW_IMU", "HIGHRES_IMU"]
-        elif "HIGHRES_IMU" in self.imus and self.imus["HIGHRES_IMU"].instance != 0:
-            order = [*order[1:], order[0]]
+        elif "HIGHRES_IMU" in self.imus and "RAW_IMU" in self.imus:
+            floats, integers = self.imus["HIGHRES_IMU"], self.imus["RAW_IMU"]
+            if floats.instance != integers.instance or len(floats) < 0.9 * len(integers):
+                order = [*order[1:], order[0]]
         order += [name for name in self.imus if name not in order]  # on-board logs: in the order of the log
         samples = {name: len(self.imus[name]) for name in order if name in self.imus}
         enough = max(2.0, max(samples.values(), default=0) / 4)

@@ -71,14 +71,15 @@ def attitude_jumps(track: AttitudeTrack, limits: Limits) -> Array:
     """Steps of the attitude that the body rates do not explain, (J, 2): the times s of the samples on either side.
 
     Yaw resets, a restarted filter.
-    Half of the turn that the rates predict is allowed on top, because they are samples of a motion that goes on
-    between them.
+    Half of the turn that the rates predict and all of their change are allowed on top, because they are samples of a
+    motion that goes on between them: a board turned by hand at 4 Hz is not a filter that jumps.
     """
     h = np.diff(track.t)[:, None]
     turn = 0.5 * (track.rates[1:] + track.rates[:-1]) * h
     predicted = quaternion.multiply(track.q_ned_frd[:-1], quaternion.exp(turn))
     step = length(attitude_error(track.q_ned_frd[1:], predicted))
-    return _intervals(track.t, step > np.radians(limits.attitude_jump_deg) + 0.5 * length(turn))
+    allowed = np.radians(limits.attitude_jump_deg) + 0.5 * length(turn) + length(np.diff(track.rates, axis=0) * h)
+    return _intervals(track.t, step > allowed)
 
 
 def position_jumps(track: PositionTrack, limits: Limits) -> Array:

@@ -115,16 +115,17 @@ def _print(flight: Flight, table: Drift, gaps: int) -> None:
 
 def drift_table(table: Drift) -> Table:
     """The drift as a rich table: median, 95 % and worst of the windows of each horizon."""
-    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
     shown.add_column("\nafter", justify="right", no_wrap=True)
-    shown.add_column("\nused", justify="right", no_wrap=True)
-    for heading in ("attitude\nmedian °", "velocity\n  m/s", "position\n   m"):
-        shown.add_column(heading, justify="right", no_wrap=True)
-        shown.add_column("\n95 %", justify="right", no_wrap=True)
-        shown.add_column("\nworst", justify="right", no_wrap=True)
+    shown.add_column("\nwindows", justify="right", no_wrap=True)
+    for quantity in ("attitude, °", "velocity, m/s", "position, m"):
+        shown.add_column(f"{quantity:^18}\n{_line('median', '95 %', 'worst')}", no_wrap=True)
     for row in table.rows:
-        cells = [cell for s in (row.attitude_deg, row.velocity_mps, row.position_m) for cell in _cells(s)]
-        shown.add_row(f"{row.horizon_s:g} s", f"{row.windows}", *cells)
+        shown.add_row(
+            f"{row.horizon_s:g} s",
+            f"{row.windows}",
+            *(_cell(statistic) for statistic in (row.attitude_deg, row.velocity_mps, row.position_m)),
+        )
     return shown
 
 
@@ -136,16 +137,28 @@ def left_out(table: Drift) -> Iterator[str]:
             yield f"Left out of the windows of {row.horizon_s:g} s: {reasons}"
 
 
-def _cells(statistic: Statistic | None) -> tuple[str, str, str]:
+def _cell(statistic: Statistic | None) -> str:
     if statistic is None:
-        return ("-", "-", "-")
-    return (_three_digits(statistic.median), _three_digits(statistic.p95), _three_digits(statistic.max))
+        return _line("-", "-", "-")
+    return _line(*(_short(value) for value in (statistic.median, statistic.p95, statistic.max)))
 
 
-def _three_digits(value: float) -> str:
-    """Three significant digits, without an exponent."""
-    digits = 2 - int(np.floor(np.log10(value))) if value > 0 else 2
-    return f"{value:.{min(max(digits, 0), 4)}f}"
+def _line(*parts: str) -> str:
+    """Three numbers under one another, whatever their length: columns within a column."""
+    return "".join(f"{part:>6}" for part in parts)
+
+
+def _short(value: float) -> str:
+    """Three digits, never more than three decimals: five characters, so that the table fits into 80 columns."""
+    return (
+        f"{value:.3f}"
+        if value < 1
+        else f"{value:.2f}"
+        if value < 10
+        else f"{value:.1f}"
+        if value < 100
+        else f"{value:.0f}"
+    )
 
 
 def _horizons(text: str) -> tuple[float, ...]:

@@ -44,7 +44,7 @@ def device_time(messages: Messages) -> Array | None:
     fields = messages.rows.dtype.names or ()
     if "time_boot_ms" in fields:
         return np.asarray(messages["time_boot_ms"] * 1e-3)
-    if "time_usec" in fields:
+    if "time_usec" in fields and messages["time_usec"].any():  # PX4 leaves it zero in HIL_STATE_QUATERNION and others
         return np.asarray(messages["time_usec"] * 1e-6)
     return None
 

@@ -41,7 +41,7 @@ def _flight(boot: Boot, parameters: dict[str, float], dequantise: bool) -> Fligh
     notes = list(boot.notes)
     for name, messages in boot.messages.items():
         seconds[name], shift = boot_seconds(messages, boot.clock)
-        if shift:
+        if shift and name in convert.IMU_MESSAGES:
             notes.append(f"{name}.time_usec runs {shift:+.3f} s from time_boot_ms: taken out")
     imus, imu_notes = _imus(boot, seconds, parameters, dequantise)
     first, last = _span(boot)
@@ -84,6 +84,12 @@ def _imus(
         if _is_ardupilot(boot.vehicle):
             track, trim = convert.trimmed(track, parameters)
         imus[name] = track
+    if imus and _is_ardupilot(boot.vehicle) and "AHRS_TRIM_X" not in parameters:
+        trim = "AHRS_TRIM is not in the log: if the board is trimmed, the accelerometer looks tilted by it"
+    if boot.vehicle.autopilot == "PX4" and imus.keys() == {"HIGHRES_IMU"}:
+        notes.append(
+            "HIGHRES_IMU is all there is: PX4 has subtracted its EKF's biases, so it is no independent witness"
+        )
     return imus, notes + ([trim] if trim else [])
 
 

@@ -150,9 +150,9 @@ def _position(topics: Mapping[str, Topic]) -> PositionTrack | None:
     topic = topics["vehicle_local_position"]
     t = _seconds(topic, "timestamp_sample" if "timestamp_sample" in topic else "timestamp")
     position, velocity = _columns(topic, "x", "y", "z"), _columns(topic, "vx", "vy", "vz")
-    valid = np.isfinite(np.column_stack([position, velocity])).all(axis=1)
+    valid = np.asarray(np.isfinite(np.column_stack([position, velocity])).all(axis=1))
     for flag in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid"):
-        valid = valid & (np.asarray(topic[flag]) != 0)
+        valid &= np.asarray(topic[flag], np.bool_)
     keep = increasing(t, valid)
     track = PositionTrack(t[keep], position[keep], velocity[keep], "vehicle_local_position")
     return track if len(track) > 1 else None
