@@ -20,14 +20,14 @@ class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A table of the settings file. An unknown key is an error, not a silent nothing."""
 
 
-class LogSettings(_Section):
+class LogSettings(_Section, frozen=True):
     """How logs are read."""
 
     dialect: str = "ardupilotmega"
     dequantise: bool = False
 
 
-class IntegrationSettings(_Section):
+class IntegrationSettings(_Section, frozen=True):
     """How the IMU is integrated."""
 
     method: Literal["euler", "midpoint", "rk4"] = "rk4"
@@ -36,7 +36,7 @@ class IntegrationSettings(_Section):
     gravity_mps2: Annotated[float, msgspec.Meta(ge=9.7, le=9.9)] = 9.80665
 
 
-class DriftSettings(_Section):
+class DriftSettings(_Section, frozen=True):
     """Which windows the drift is measured over."""
 
     horizons_s: Annotated[tuple[Positive, ...], msgspec.Meta(min_length=1)] = (1.0, 2.0, 5.0, 10.0, 30.0)
@@ -46,7 +46,7 @@ class DriftSettings(_Section):
     attitude_jump_deg: Positive = 5.0
 
 
-class ViewSettings(_Section):
+class ViewSettings(_Section, frozen=True):
     """How the replay is served."""
 
     host: str = "127.0.0.1"
@@ -54,7 +54,7 @@ class ViewSettings(_Section):
     reanchor_s: NotNegative = 10.0
 
 
-class Settings(_Section):
+class Settings(_Section, frozen=True):
     """Everything that can be set."""
 
     log: LogSettings = LogSettings()

@@ -187,8 +187,8 @@ class Flight:
 
         ArduPilot's RAW_IMU is IMU 0 cut to whole milli-units; HIGHRES_IMU is the same readings as floats, so it
         is preferred when it speaks of the same IMU throughout. PX4 subtracts its EKF's biases from HIGHRES_IMU, which
-        makes it a witness in its own case: there SCALED_IMU is the independent one. A message with less than a quarter of
-        the samples of the best is passed over: nothing costs more accuracy than a low rate.
+        makes it a witness in its own case: there SCALED_IMU is the independent one. A message with less than a quarter
+        of the samples of the best is passed over: nothing costs more accuracy than a low rate.
         """
         order = ["HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"]
         if self.vehicle.autopilot == "PX4":

@@ -44,7 +44,7 @@ class Writer:
             mavlink_version=3, **ids,
         )  # fmt: skip
 
-    def raw_imu(self, t: float, boot: float, *, accel_mg: tuple[int, int, int] = (0, 0, -1000), **ids: int) -> None:
+    def raw_imu(self, t: float, boot: float, *, accel_mg: tuple[int, int, int] = (0, 0, -1000), **ids: Any) -> None:
         """RAW_IMU of a vehicle at rest, `boot` s after boot."""
         x, y, z = accel_mg
         self.send(
@@ -65,7 +65,7 @@ class Writer:
         """LOCAL_POSITION_NED at (1, 2, -3) m."""
         self.send(t, "local_position_ned", time_boot_ms=round(boot * 1e3), x=1, y=2, z=-3, vx=0, vy=0, vz=0, **ids)
 
-    def rest(self, duration: float, *, begin: float = 0.0, boot: float = 20.0, hz: float = 50.0, **ids: int) -> None:
+    def rest(self, duration: float, *, begin: float = 0.0, boot: float = 20.0, hz: float = 50.0, **ids: Any) -> None:
         """A vehicle at rest: heartbeats, IMU, attitude, position; its clock begins at `boot`, the log's at `begin`."""
         for i in range(round(duration * hz) + 1):
             t = i / hz
