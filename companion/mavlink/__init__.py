@@ -1,9 +1,11 @@
 """Bytes to messages and back: the only part that knows MAVLink's formats (and imports pymavlink). Knows no physics."""
 
 from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, MessageLayout, dialect_names, enum_names, load_dialect
+from companion.mavlink.encode import encode, make_messages
 from companion.mavlink.frames import Damage, Decoder, Frames
-from companion.mavlink.messages import Messages
-from companion.mavlink.tlog import Log, read_tlog
+from companion.mavlink.logfile import log_format
+from companion.mavlink.messages import Messages, split_messages
+from companion.mavlink.tlog import Log, TlogWriter, follow_tlog, read_tlog, write_tlog
 
 __all__ = [
     "DEFAULT_DIALECT",
@@ -14,8 +16,15 @@ __all__ = [
     "Log",
     "MessageLayout",
     "Messages",
+    "TlogWriter",
     "dialect_names",
+    "encode",
     "enum_names",
+    "follow_tlog",
     "load_dialect",
+    "log_format",
+    "make_messages",
     "read_tlog",
+    "split_messages",
+    "write_tlog",
 ]

@@ -22,17 +22,27 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from companion.mavlink.crc import Bytes, Index, frame_crc, gather
+from companion.mavlink.crc import Bytes, Index, gather
 from companion.mavlink.dialect import Dialect
+from companion.mavlink.headers import (
+    CRC_BYTES,
+    HEADER_1,
+    HEADER_2,
+    LONGEST,
+    MAGIC_1,
+    MAGIC_2,
+    SIGNATURE_BYTES,
+    SIGNED,
+    Headers,
+    crc_is_right,
+    find_headers,
+    merge,
+    wire_crc,
+    without_overlap,
+)
 
 STAMP_BYTES = 8  # a tlog has big-endian µs since 1970 before each frame
 NO_STAMP = np.iinfo(np.uint64).max
-
-_MAGIC_1, _MAGIC_2 = 0xFE, 0xFD
-_HEADER_1, _HEADER_2 = 6, 10
-_CRC_BYTES, _SIGNATURE_BYTES = 2, 13
-_SIGNED = 0x01  # the only incompatibility flag there is; a frame with any other must not be read
-_LONGEST = _HEADER_2 + 255 + _CRC_BYTES + _SIGNATURE_BYTES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,23 +73,6 @@ class Damage:
     bad_crc_frames: int = 0  # conforming headers of known ids whose CRC is wrong
     skipped_bytes: int = 0  # bytes that belong to no valid frame, no stamp and no proven unknown frame
     unknown_frames: Counter[int] = field(default_factory=Counter)  # id -> frames, proven by the chain of lengths
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Headers:
-    """What look like headers, sorted by start."""
-
-    start: Index
-    payload: Index
-    length: Index
-    end: Index
-    id: Index
-
-    def __getitem__(self, index: npt.NDArray[np.bool_] | Index) -> _Headers:
-        return _Headers(self.start[index], self.payload[index], self.length[index], self.end[index], self.id[index])
-
-    def __len__(self) -> int:
-        return len(self.start)
 
 
 class Decoder:
@@ -114,18 +107,18 @@ class Decoder:
 
     def _decode(self, chunk: Bytes, *, final: bool) -> Frames:
         size = len(self._carry) + len(chunk)
-        data = np.zeros(size + _LONGEST, np.uint8)  # zeros behind, so that every gather may reach beyond the end
+        data = np.zeros(size + LONGEST, np.uint8)  # zeros behind, so that every gather may reach beyond the end
         data[: len(self._carry)] = self._carry
         data[len(self._carry) : size] = chunk
         base = self._base
 
-        conforming, odd, cut = _find_headers(data, self._scan - base, size, self.dialect)
+        conforming, odd, cut = find_headers(data, self._scan - base, size, self.dialect)
         complete = conforming.end <= size
         if not final:
             cut = np.concatenate((cut, conforming.start[~complete]))
         conforming = conforming[complete]
-        right = _crc_is_right(data, conforming, self.dialect)
-        frames = _without_overlap(conforming[right])
+        right = crc_is_right(data, conforming, self.dialect)
+        frames = without_overlap(conforming[right])
         decided = size if final else _first_uncovered(cut, frames, size)
         frames = frames[frames.start < decided]
 
@@ -141,14 +134,14 @@ class Decoder:
             if not final:
                 decided = min([decided, *odd.start[open_end & ~whole].tolist()])
             odd, open_end = odd[whole], open_end[whole]
-            valid = _crc_is_right(data, odd, self.dialect)
+            valid = crc_is_right(data, odd, self.dialect)
             odd, open_end = odd[valid], open_end[valid]
             if not final:
                 last = odd[open_end]
                 for begin, end in zip(last.start.tolist()[::-1], last.end.tolist()[::-1], strict=True):
                     decided = begin if end > decided else decided
             odd = odd[odd.end <= decided]
-            frames = _without_overlap(_merge(frames, odd))
+            frames = without_overlap(merge(frames, odd))
             frames = frames[frames.start < decided]
 
         self._count_bad(conforming[~right & (conforming.start < decided)], frames, decided, final=final)
@@ -163,10 +156,10 @@ class Decoder:
         self._carry, self._base, self._scan = data[keep:size].copy(), base + keep, base + decided
         return result
 
-    def _frames(self, data: Bytes, frames: _Headers) -> Frames:
+    def _frames(self, data: Bytes, frames: Headers) -> Frames:
         """Read what else the headers say."""
         start, payload = frames.start, frames.payload
-        first = payload - start == _HEADER_1
+        first = payload - start == HEADER_1
         # Sequence, system and component follow one another in both versions.
         sender = gather(data, np.where(first, start + 2, start + 4), 3)
         stamp = np.full(len(start), NO_STAMP, np.uint64)
@@ -186,10 +179,10 @@ class Decoder:
             sysid=sender[:, 1].copy(),
             compid=sender[:, 2].copy(),
             seq=sender[:, 0].copy(),
-            crc=_wire_crc(data, frames),
+            crc=wire_crc(data, frames),
         )
 
-    def _count_bad(self, bad: _Headers, frames: _Headers, decided: int, *, final: bool) -> None:
+    def _count_bad(self, bad: Headers, frames: Headers, decided: int, *, final: bool) -> None:
         """Count wrong CRCs between the accepted frames, once each; what begins in a stamp is no frame."""
         starts = np.concatenate((self._bad_open[0] - self._base, bad.start))
         ends = np.concatenate((self._bad_open[1] - self._base, bad.end))
@@ -207,7 +200,7 @@ class Decoder:
                 self.damage.bad_crc_frames += 1
                 self._bad_end = end
 
-    def _walk_gaps(self, data: Bytes, frames: _Headers, decided: int) -> None:
+    def _walk_gaps(self, data: Bytes, frames: Headers, decided: int) -> None:
         """Explain the bytes between frames: unknown ids where the chain of lengths fits exactly, else skipped."""
         previous, following = _gap_edges(self._last_end - self._base, frames, decided)
         wide = np.flatnonzero(following[:-1] - previous[:-1] != self._stamp)
@@ -232,12 +225,12 @@ class Decoder:
     def _follow_chain(self, data: Bytes, limit: int) -> None:
         while 0 <= self._chain < limit:
             at = self._chain - self._base
-            head = data[at : at + _HEADER_2].tobytes()
-            if head[0] == _MAGIC_2 and head[2] in (0, _SIGNED):
-                size = _HEADER_2 + head[1] + _CRC_BYTES + _SIGNATURE_BYTES * head[2]
+            head = data[at : at + HEADER_2].tobytes()
+            if head[0] == MAGIC_2 and head[2] in (0, SIGNED):
+                size = HEADER_2 + head[1] + CRC_BYTES + SIGNATURE_BYTES * head[2]
                 number = int.from_bytes(head[7:10], "little")
-            elif head[0] == _MAGIC_1:
-                size = _HEADER_1 + head[1] + _CRC_BYTES
+            elif head[0] == MAGIC_1:
+                size = HEADER_1 + head[1] + CRC_BYTES
                 number = head[5]
             else:
                 self._chain = -1
@@ -261,82 +254,14 @@ class Decoder:
         self._chain = -1
 
 
-def _find_headers(data: Bytes, low: int, size: int, dialect: Dialect) -> tuple[_Headers, _Headers, Index]:
-    """Conforming headers and odd ones in `data[low:size]`, and where a header may begin that is cut off by the end."""
-    # 0xFD + 3 and 0xFE + 3 wrap around to 0 and 1: one comparison finds both magic bytes.
-    magic = np.flatnonzero((data[low:size] + np.uint8(3)) < 2) + low
-    first = data[magic] == _MAGIC_1
-    cut = magic[magic + np.where(first, _HEADER_1, _HEADER_2) > size]
-    unknown = len(dialect.crc_extra) - 1
-
-    start = magic[~first & (magic + _HEADER_2 <= size)]
-    start = start[(data[start + 2] & ~np.uint8(_SIGNED)) == 0]
-    number = (gather(data, start + 6, 4).view("<u4")[:, 0] >> 8).astype(np.int64)
-    number = np.minimum(number, unknown)
-    known = dialect.crc_extra[number] >= 0
-    start, number = start[known], number[known]
-    length = data[start + 1].astype(np.int64)
-    payload = start + _HEADER_2
-    end = payload + length + _CRC_BYTES + np.where(data[start + 2] & _SIGNED, _SIGNATURE_BYTES, 0)
-    second = _Headers(start, payload, length, end, number)
-
-    start = magic[first & (magic + _HEADER_1 <= size)]
-    number = np.minimum(data[start + 5].astype(np.int64), unknown)
-    known = dialect.crc_extra[number] >= 0
-    start, number = start[known], number[known]
-    length = data[start + 1].astype(np.int64)
-    payload = start + _HEADER_1
-    version_1 = _Headers(start, payload, length, payload + length + _CRC_BYTES, number)
-    fits = (length >= dialect.min_length[number]) & (length <= dialect.max_length[number])
-    return _merge(second, version_1[fits]), version_1[~fits], cut
-
-
-def _wire_crc(data: Bytes, headers: _Headers) -> npt.NDArray[np.uint16]:
-    at = headers.payload + headers.length
-    crc: npt.NDArray[np.uint16] = data[at] | (data[at + 1].astype(np.uint16) << 8)
-    return crc
-
-
-def _crc_is_right(data: Bytes, headers: _Headers, dialect: Dialect) -> npt.NDArray[np.bool_]:
-    first = headers.start + 1
-    extra = dialect.crc_extra[headers.id].astype(np.uint8)
-    crc = frame_crc(data, first, headers.payload - first + headers.length, extra)
-    return np.asarray(crc == _wire_crc(data, headers))
-
-
-def _merge(left: _Headers, right: _Headers) -> _Headers:
-    if len(right) == 0:
-        return left
-    both = _Headers(
-        np.concatenate((left.start, right.start)),
-        np.concatenate((left.payload, right.payload)),
-        np.concatenate((left.length, right.length)),
-        np.concatenate((left.end, right.end)),
-        np.concatenate((left.id, right.id)),
-    )
-    return both[np.argsort(both.start, kind="stable")]
-
-
-def _without_overlap(headers: _Headers) -> _Headers:
-    """Drop each that begins inside an earlier one: frames are sometimes carried in the payload of a frame."""
-    if bool((headers.start[1:] >= headers.end[:-1]).all()):
-        return headers
-    keep, reached = [], 0
-    for index, (start, end) in enumerate(zip(headers.start.tolist(), headers.end.tolist(), strict=True)):
-        if start >= reached:
-            keep.append(index)
-            reached = end
-    return headers[np.array(keep, np.int64)]
-
-
-def _gap_edges(last_end: int, frames: _Headers, decided: int) -> tuple[Index, Index]:
+def _gap_edges(last_end: int, frames: Headers, decided: int) -> tuple[Index, Index]:
     """Begin and end of each gap: before every frame, and after the last."""
     previous = np.concatenate((np.full(1, last_end), frames.end))
     following = np.concatenate((frames.start, np.full(1, decided)))
     return previous, following
 
 
-def _first_uncovered(cut: Index, frames: _Headers, size: int) -> int:
+def _first_uncovered(cut: Index, frames: Headers, size: int) -> int:
     """The first of the unfinished headers that does not lie inside a frame: what begins there or later is undecided."""
     if len(cut) == 0:
         return size

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.mavlink.crc import Bytes, Index, gather
-from companion.mavlink.dialect import MessageLayout
+from companion.mavlink.dialect import Dialect, MessageLayout
 from companion.mavlink.frames import Frames
 
 LATEST_STAMP = 1 << 52  # µs: the year 2112. A larger stamp is damage
@@ -60,6 +61,51 @@ class Messages:
             crc=self.crc[index],
             rows=self.rows[index] if len(self.rows) == len(self) else self.rows,
         )
+
+
+def split_messages(frames: Frames, dialect: Dialect, names: Collection[str] | None = None) -> dict[str, Messages]:
+    """Frames as columns per message type. `names`: the types whose rows are gathered (None: all)."""
+    if len(frames) == 0:
+        return {}
+    number = frames.id
+    if int(number.max()) < 1 << 16:
+        number = number.astype(np.uint16)  # NumPy sorts 16-bit integers by radix
+    order = np.argsort(number, kind="stable")
+    ordered = number[order]
+    times = log_time(frames.stamp)
+    found = {}
+    for index in np.split(order, np.flatnonzero(ordered[1:] != ordered[:-1]) + 1):
+        layout = dialect.by_id[int(number[index[0]])]
+        wanted = names is None or layout.name in names
+        found[layout.name] = Messages(
+            layout=layout,
+            offset=frames.offset[index],
+            log_time=times[index],
+            sysid=frames.sysid[index],
+            compid=frames.compid[index],
+            seq=frames.seq[index],
+            crc=frames.crc[index],
+            rows=gather_rows(frames, index, layout) if wanted else np.empty(0, layout.dtype),
+        )
+    return found
+
+
+def join(pieces: Sequence[Messages]) -> Messages:
+    """Pieces of one message type, in file order, as one."""
+    if len(pieces) == 1:
+        return pieces[0]
+    layout = pieces[0].layout
+    plain = np.dtype((np.void, layout.max_length))  # a structured dtype would be copied field by field
+    return Messages(
+        layout=layout,
+        offset=np.concatenate([piece.offset for piece in pieces]),
+        log_time=np.concatenate([piece.log_time for piece in pieces]),
+        sysid=np.concatenate([piece.sysid for piece in pieces]),
+        compid=np.concatenate([piece.compid for piece in pieces]),
+        seq=np.concatenate([piece.seq for piece in pieces]),
+        crc=np.concatenate([piece.crc for piece in pieces]),
+        rows=np.concatenate([piece.rows.view(plain) for piece in pieces]).view(layout.dtype),
+    )
 
 
 def gather_rows(frames: Frames, index: Index, layout: MessageLayout) -> npt.NDArray[np.void]:

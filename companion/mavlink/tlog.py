@@ -6,27 +6,24 @@ replaces by the number of the link.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+import math
+import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
 from companion.errors import InputError
-from companion.mavlink.crc import Index
 from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, load_dialect
+from companion.mavlink.encode import encode
 from companion.mavlink.frames import Decoder, Frames
-from companion.mavlink.messages import Messages, gather_rows, log_time
+from companion.mavlink.logfile import CHUNK_BYTES, HEAD_BYTES, log_format, open_file, read_chunks, read_head
+from companion.mavlink.messages import Messages, join, log_time, split_messages
 
-CHUNK_BYTES = 4 << 20  # large enough for NumPy's overhead to vanish, small enough for the cache
-_HEAD_BYTES = 1 << 18  # looked at to tell a stamped log from a bare stream
-
-_OTHER_FORMATS = (
-    (b"\xa3\x95", "an ArduPilot DataFlash log (.bin)", "read it as one"),
-    (b"ULog\x01\x12\x35", "a PX4 ULog (.ulg)", "read it as one"),
-)
+_OTHER_FORMATS = {"dataflash": "an ArduPilot DataFlash log (.bin)", "ulog": "a PX4 ULog (.ulg)"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,16 +53,15 @@ def read_tlog(path: str | Path, *, dialect: str = DEFAULT_DIALECT, names: Collec
     """
     path = Path(path)
     spoken = load_dialect(dialect)
-    head = _head(path)
+    head = read_head(path)
     decoder = Decoder(spoken, stamped=_is_stamped(head, spoken))
     columns = _Columns(spoken, names)
-    for chunk in _chunks(path):
+    for chunk in read_chunks(path):
         columns.add(decoder.push(chunk))
     columns.add(decoder.finish())
     if columns.count == 0:
         raise InputError(_no_mavlink(path, head, dialect))
     damage = decoder.damage
-    messages, first, last = columns.messages()
     return Log(
         path=path,
         size_bytes=path.stat().st_size,
@@ -73,99 +69,115 @@ def read_tlog(path: str | Path, *, dialect: str = DEFAULT_DIALECT, names: Collec
         bad_crc_frames=damage.bad_crc_frames,
         skipped_bytes=damage.skipped_bytes,
         unknown_frames=MappingProxyType(dict(damage.unknown_frames)),
-        first_log_time=first,
-        last_log_time=last,
-        messages=MappingProxyType(messages),
+        first_log_time=columns.first_log_time,
+        last_log_time=columns.last_log_time,
+        messages=MappingProxyType(columns.messages()),
         dialect=spoken,
         kind="tlog" if decoder.stamped else "raw",
     )
 
 
+def follow_tlog(
+    path: str | Path,
+    *,
+    dialect: str = DEFAULT_DIALECT,
+    names: Collection[str] | None = None,
+    poll_s: float = 0.05,
+    idle_s: float | None = None,
+) -> Iterator[dict[str, Messages]]:
+    """Read a log that is still being written: what is there at first, then what is added, by message name.
+
+    Looks for more every `poll_s` s; ends when nothing was added for `idle_s` s (None: never). Each message comes once,
+    in a batch with its neighbours, as soon as its last byte is in the file. Raises InputError if the file cannot be
+    opened; one that is empty or without MAVLink is waited on.
+    """
+    spoken = load_dialect(dialect)
+    decoder: Decoder | None = None
+    quiet_since = time.monotonic()
+    with open_file(Path(path)) as file:
+        while idle_s is None or time.monotonic() - quiet_since < idle_s:
+            chunk = file.read(CHUNK_BYTES)
+            if not chunk:
+                time.sleep(poll_s)
+                continue
+            quiet_since = time.monotonic()
+            decoder = decoder or Decoder(spoken, stamped=_is_stamped(chunk, spoken))
+            if batch := split_messages(decoder.push(chunk), spoken, names):
+                yield batch
+    if decoder and (batch := split_messages(decoder.finish(), spoken, names)):
+        yield batch
+
+
+def write_tlog(path: str | Path, messages: Sequence[Messages], *, renumber: bool = False) -> None:
+    """Write messages as a tlog of MAVLink 2 frames; see `encode` for their order and `renumber`.
+
+    Raises InputError if the file cannot be written.
+    """
+    try:
+        Path(path).write_bytes(encode(messages, renumber=renumber).data)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written ({error.strerror}): choose another place.") from None
+
+
+class TlogWriter:
+    """Records the frames of a live link as they come, byte for byte (signatures and unknown extensions too)."""
+
+    def __init__(self, path: str | Path) -> None:
+        """Raises InputError if the file cannot be written."""
+        try:
+            self._file = Path(path).open("wb")  # noqa: SIM115  (closed by `close`)
+        except OSError as error:
+            raise InputError(f"{path} cannot be written ({error.strerror}): choose another place.") from None
+
+    def write(self, frames: Frames, received: float) -> None:
+        """Add frames that were received at `received` s UNIX, and hand them to the operating system at once."""
+        stamp = round(received * 1e6).to_bytes(8, "big")
+        for start, size in zip(frames.start.tolist(), frames.size.tolist(), strict=True):
+            self._file.write(stamp + frames.data[start : start + size].tobytes())
+        self._file.flush()
+
+    def close(self) -> None:
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
 class _Columns:
-    """Collects frames chunk by chunk: header columns in file order, rows per type."""
+    """Collects frames chunk by chunk, as pieces of the columns of each message type."""
 
     def __init__(self, dialect: Dialect, names: Collection[str] | None) -> None:
         self._dialect = dialect
         self._names = names
-        self._headers: list[tuple[npt.NDArray[np.generic], ...]] = []
-        self._rows: dict[int, list[npt.NDArray[np.void]]] = {}
+        self._pieces: dict[str, list[Messages]] = {}
         self.count = 0
+        self.first_log_time = self.last_log_time = math.nan
 
     def add(self, frames: Frames) -> None:
-        if len(frames) == 0:
-            return
+        """Take over what `frames` holds; their bytes are not kept."""
         self.count += len(frames)
-        self._headers.append((
-            frames.id.astype(np.uint16 if len(self._dialect.crc_extra) <= 1 << 16 else np.uint32),
-            frames.offset, frames.stamp, frames.sysid, frames.compid, frames.seq, frames.crc,
-        ))  # fmt: skip
-        for number, index in _by_id(self._headers[-1][0]):
-            layout = self._dialect.by_id[number]
-            pieces = self._rows.setdefault(number, [])
-            if self._names is None or layout.name in self._names:
-                pieces.append(gather_rows(frames, index, layout))
+        times = log_time(frames.stamp)
+        believable = times[np.isfinite(times)]
+        if len(believable):
+            self.last_log_time = float(believable[-1])
+            if math.isnan(self.first_log_time):
+                self.first_log_time = float(believable[0])
+        for name, piece in split_messages(frames, self._dialect, self._names).items():
+            self._pieces.setdefault(name, []).append(piece)
 
-    def messages(self) -> tuple[dict[str, Messages], float, float]:
-        """Everything by message name, and the first and last stamp. Empties the collection, to hold rows once only."""
-        number, offset, stamp, sysid, compid, seq, crc = (
-            np.concatenate([piece[column] for piece in self._headers]) for column in range(7)
-        )
-        self._headers.clear()
-        times = log_time(stamp.astype(np.uint64, copy=False))
-        believable = np.flatnonzero(np.isfinite(times))
-        first, last = (float(times[believable[end]]) if len(believable) else float("nan") for end in (0, -1))
-        found = {}
-        for key, index in sorted(_by_id(number), key=lambda group: int(group[1][0])):
-            layout = self._dialect.by_id[key]
-            pieces = self._rows.pop(key)
-            found[layout.name] = Messages(
-                layout=layout,
-                offset=offset[index],
-                log_time=times[index],
-                sysid=sysid[index],
-                compid=compid[index],
-                seq=seq[index],
-                crc=crc[index],
-                rows=np.concatenate(pieces) if pieces else np.empty(0, layout.dtype),
-            )
-        return found, first, last
+    def messages(self) -> dict[str, Messages]:
+        """Everything by message name. Empties the collection on the way: no more than one type is held twice."""
+        names = sorted(self._pieces, key=lambda name: int(self._pieces[name][0].offset[0]))
+        return {name: join(self._pieces.pop(name)) for name in names}
 
 
-def _by_id(number: npt.NDArray[np.generic]) -> Iterator[tuple[int, Index]]:
-    """Each id with the indices where it stands, ascending."""
-    order = np.argsort(number, kind="stable")
-    ordered = number[order]
-    edges = np.flatnonzero(ordered[1:] != ordered[:-1]) + 1
-    for index in np.split(order, edges):
-        yield int(number[index[0]]), index
-
-
-def _chunks(path: Path) -> Iterator[bytes]:
-    with path.open("rb") as file:
-        while chunk := file.read(CHUNK_BYTES):
-            yield chunk
-
-
-def _head(path: Path) -> bytes:
-    """The beginning of a file; every reason why it cannot be read becomes an InputError."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(_HEAD_BYTES)
-    except FileNotFoundError:
-        raise InputError(f"There is no file {path}: check the path.") from None
-    except IsADirectoryError:
-        raise InputError(f"{path} is a directory, not a log: name one of the files in it.") from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): check its permissions.") from None
-    if not head:
-        raise InputError(f"{path} is empty (0 bytes): nothing was recorded, or the copy failed. Copy it again.")
-    return head
-
-
-def _is_stamped(head: bytes, dialect: Dialect) -> bool:
+def _is_stamped(beginning: bytes, dialect: Dialect) -> bool:
     """Whether the frames of a log have time stamps before them, by the commonest distance between two of them."""
     decoder = Decoder(dialect, stamped=True)
-    found = [decoder.push(head), decoder.finish()]
+    found = [decoder.push(beginning[:HEAD_BYTES]), decoder.finish()]
     begin = np.concatenate([frames.offset for frames in found])
     end = begin + np.concatenate([frames.size for frames in found])
     if len(begin) == 1:
@@ -175,9 +187,9 @@ def _is_stamped(head: bytes, dialect: Dialect) -> bool:
 
 
 def _no_mavlink(path: Path, head: bytes, dialect: str) -> str:
-    for magic, name, remedy in _OTHER_FORMATS:
-        if head.startswith(magic):
-            return f"{path} is {name}, not a telemetry log: {remedy}."
+    kind = _OTHER_FORMATS.get(log_format(path))
+    if kind:
+        return f"{path} is {kind}, not a telemetry log: read it as one."
     return (
         f"{path} ({path.stat().st_size:,} bytes) holds no MAVLink frame of the dialect {dialect}; it begins with "
         f"{head[:8].hex(' ').upper()}. Check that it is a telemetry log (.tlog), or try another dialect."
