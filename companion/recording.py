@@ -10,7 +10,7 @@ import numpy as np
 
 from companion.errors import InputError
 from companion.mavlink import DEFAULT_DIALECT, Log, load_dialect, read_tlog
-from companion.telemetry import flights, ulog_flight
+from companion.telemetry import Bystander, flights, ulog_flight
 from companion.tracks import Flight
 
 _ULOG = b"ULog\x01\x12\x35"
@@ -37,6 +37,7 @@ class Recording:
 
     source: Source
     flights: tuple[Flight, ...]
+    bystanders: tuple[Bystander, ...] = ()  # who speaks in it and is no vehicle
 
 
 def read_recording(path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bool = False) -> Recording:
@@ -62,7 +63,8 @@ def read_recording(path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequanti
             "Use the telemetry log (.tlog) of the flight."
         )
     log = read_tlog(path, dialect=dialect)
-    return Recording(_source(log), tuple(flights(log, names, dequantise=dequantise)))
+    found, others = flights(log, names, dequantise=dequantise)
+    return Recording(_source(log), tuple(found), tuple(others))
 
 
 def open_log(path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bool = False) -> list[Flight]:

@@ -80,7 +80,7 @@ def limits_of(settings: Settings) -> Limits:
 
 
 def _print(flight: Flight, table: Drift, gaps: int) -> None:
-    console = Console(soft_wrap=True)
+    console = Console(soft_wrap=True, emoji=False)
     track, vehicle = flight.imu(table.imu), flight.vehicle
     middle = f", {table.middle} middle sample" if table.method == "rk4" else ""
     lines = [

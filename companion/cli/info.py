@@ -9,8 +9,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion.cli import options, schema
-from companion.recording import Source
+from companion.recording import Recording, Source
 from companion.tracks import Flight
+
+_SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -19,6 +21,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         commands, "info", "What is in a log: vehicles, boots, messages, rates, gaps.", "companion info flight.tlog"
     )
     parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
+    parser.add_argument("--verbose", action="store_true", help="also: the vehicle's texts, and who else speaks and why")
     parser.set_defaults(run=run)
 
 
@@ -29,16 +32,32 @@ def run(arguments: argparse.Namespace) -> int:
         flights = [schema.info_flight(flight) for flight in recording.flights]
         print(schema.encode(schema.Info(log=schema.log_object(recording.source), flights=flights)))
         return 0
-    console = Console(soft_wrap=True)
+    console = Console(soft_wrap=True, emoji=False)
     console.print(_summary(recording.source), highlight=False)
     if not recording.flights:
-        console.print("No vehicle speaks in this log. Who does:")
-        for who, messages in sorted(recording.source.speakers.items()):
-            said = ", ".join(f"{name} ({count})" for name, count in sorted(messages.items()))
-            console.print(f"  {who}: {said}", highlight=False)
+        console.print("No vehicle speaks in this log.")
     for flight in recording.flights:
         _print_flight(console, flight)
+        if arguments.verbose:
+            _print_texts(console, flight)
+    if arguments.verbose or not recording.flights:
+        _print_bystanders(console, recording)
     return 0
+
+
+def _print_texts(console: Console, flight: Flight) -> None:
+    for text in flight.texts:
+        severity = _SEVERITIES[text.severity] if 0 <= text.severity < len(_SEVERITIES) else str(text.severity)
+        console.print(f"  {text.t:9.2f} s  {severity:<9} {escape(text.text)}", highlight=False)
+
+
+def _print_bystanders(console: Console, recording: Recording) -> None:
+    if recording.bystanders:
+        console.print("\n[bold]Others who speak, and why they are no vehicle[/]")
+    for other in recording.bystanders:
+        who = f"{other.sysid}:{other.compid}"
+        said = ", ".join(f"{name} ({count})" for name, count in sorted(recording.source.speakers[who].items()))
+        console.print(f"  {who}: {other.reason}. Sent: {said}", highlight=False)
 
 
 def _summary(source: Source) -> str:

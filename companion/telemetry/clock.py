@@ -19,6 +19,9 @@ IntArray = npt.NDArray[np.int64]
 REBOOT_FALL_S = 5.0
 """A fall of the device clock by more than this, that lasts, is a reboot. Smaller ones exist without (1.4 s, once)."""
 
+STEP_BACK_S = 0.5
+"""Smaller falls are messages of different sample times in the order in which they were sent."""
+
 STALE_JUMP_S = 10.0
 """A forward jump of the device clock by more than this while log time stands still: what came before was stale."""
 
@@ -33,6 +36,10 @@ class Clock:
     offset: IntArray  # (N,) bytes from the start of the file, increasing
     t: Array  # (N,) s since boot, wraps undone
     log_time: Array  # (N,) s UNIX
+
+    def __getitem__(self, index: slice | npt.NDArray[np.bool_]) -> Clock:
+        """The clock along some of the packets."""
+        return Clock(self.offset[index], self.t[index], self.log_time[index])
 
     def at(self, offset: IntArray) -> Array:
         """Device time of packets without one, from their neighbours in the file. Zeros without any clock."""
@@ -83,14 +90,33 @@ def reboots(clock: Clock) -> list[int]:
 def stale_start(clock: Clock) -> int:
     """How many packets at the head of a boot are left over from before it: the clock jumps on, log time does not.
 
-    Radios and routers hand out what they had buffered: 1-11 packets, then +41 to +294 s with no gap in log time.
+    Radios and routers hand out what they had buffered: 1-11 packets, then +41 to +294 s with no gap in log time. Log
+    time is measured by its own speed in the rest of the boot: in a replay at 30x a true hole looks short as well.
     """
     head = clock.t[: _WINDOW + 1]
-    jumps = np.flatnonzero(np.diff(head) > STALE_JUMP_S)
-    for i in jumps[::-1]:
-        if clock.log_time[i + 1] - clock.log_time[i] < 0.5 * (head[i + 1] - head[i]):
+    for i in np.flatnonzero(np.diff(head) > STALE_JUMP_S)[::-1]:
+        lived = clock.t[-1] - clock.t[i + 1]
+        logged = clock.log_time[-1] - clock.log_time[i + 1]
+        pace = lived / logged if lived > 0 and logged > 0 else 1.0
+        if (clock.log_time[i + 1] - clock.log_time[i]) * pace < 0.5 * (head[i + 1] - head[i]):
             return int(i) + 1
     return 0
+
+
+def steps_back(clock: Clock) -> list[int]:
+    """Indices at which the clock is set back without a reboot: a fall of STEP_BACK_S to REBOOT_FALL_S that stays.
+
+    After such a step the clock goes on in small steps from where it fell to; packets that merely come late or twice are
+    followed by a jump back to the present.
+    """
+    found = []
+    for i in np.flatnonzero((np.diff(clock.t) < -STEP_BACK_S) & (np.diff(clock.t) >= -REBOOT_FALL_S)) + 1:
+        fall = clock.t[i - 1] - clock.t[i]
+        caught_up = np.flatnonzero(clock.t[i:] > clock.t[i - 1])
+        again = clock.t[i : i + (int(caught_up[0]) if len(caught_up) else len(clock.t)) + 1]
+        if len(again) > 3 and np.abs(np.diff(again)).max() < fall / 2:
+            found.append(int(i))
+    return found
 
 
 def boot_seconds(messages: Messages, clock: Clock) -> tuple[Array, float]:

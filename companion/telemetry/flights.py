@@ -8,7 +8,7 @@ from companion.mavlink import Dialect, Log
 from companion.telemetry import convert
 from companion.telemetry.arrival import message_stats
 from companion.telemetry.clock import boot_seconds
-from companion.telemetry.split import Boot, boots, describe, senders
+from companion.telemetry.split import Boot, Bystander, boots, describe, senders
 from companion.tracks import (
     Array,
     AttitudeTrack,
@@ -20,25 +20,27 @@ from companion.tracks import (
 )
 
 
-def flights(log: Log, dialect: Dialect, *, dequantise: bool = False) -> list[Flight]:
-    """Every flight of the log, vehicles in order of their ids, boots in order of time."""
+def flights(log: Log, dialect: Dialect, *, dequantise: bool = False) -> tuple[list[Flight], list[Bystander]]:
+    """Every flight of the log, vehicles in order of their ids, boots in order of time; and who else speaks in it."""
     found: list[Flight] = []
+    others: list[Bystander] = []
     for ids, sender in sorted(senders(log).items()):
-        vehicle = describe(ids, sender, dialect)
-        if vehicle is None:
+        vehicle, notes = describe(ids, sender, dialect)
+        if isinstance(vehicle, Bystander):
+            others.append(vehicle)
             continue
         known: dict[str, float] = {}
         for boot in boots(vehicle, sender):
             if "PARAM_VALUE" in boot.messages:  # parameters outlive a reboot, and are seldom read again after it
                 bytewise = vehicle.autopilot == "PX4"
                 known = known | convert.parameters(boot.messages["PARAM_VALUE"], bytewise=bytewise)
-            found.append(_flight(boot, known, dequantise))
-    return found
+            found.append(_flight(boot, known, notes, dequantise))
+    return found, others
 
 
-def _flight(boot: Boot, parameters: dict[str, float], dequantise: bool) -> Flight:
+def _flight(boot: Boot, parameters: dict[str, float], said: tuple[str, ...], dequantise: bool) -> Flight:
     seconds: dict[str, Array] = {}
-    notes = list(boot.notes)
+    notes = [*said, *boot.notes]
     for name, messages in boot.messages.items():
         seconds[name], shift = boot_seconds(messages, boot.clock)
         if shift and name in convert.IMU_MESSAGES:

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from companion.mavlink import Dialect, Log, Messages
-from companion.telemetry.clock import Clock, reboots, sender_clock, stale_start
+from companion.telemetry.clock import Clock, reboots, sender_clock, stale_start, steps_back
 from companion.tracks import Vehicle
 
 Sender = dict[str, Messages]
@@ -22,6 +22,15 @@ _STATE_MESSAGES = {
 _VEHICLE_MESSAGES = _STATE_MESSAGES | {"SYS_STATUS", "VFR_HUD", "PARAM_VALUE", "EXTENDED_SYS_STATE"}
 
 _NOT_VEHICLES = {"GCS", "ANTENNA_TRACKER", "ONBOARD_CONTROLLER", "GIMBAL", "ADSB", "CAMERA", "CHARGING_STATION"}
+
+
+@dataclass(frozen=True, slots=True)
+class Bystander:
+    """Someone who speaks in the log and is no vehicle."""
+
+    sysid: int
+    compid: int
+    reason: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,25 +54,33 @@ def senders(log: Log) -> dict[tuple[int, int], Sender]:
     return found
 
 
-def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect) -> Vehicle | None:
-    """The vehicle that a sender is, or None for ground stations, radios, cameras and companions.
+def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect) -> tuple[Vehicle | Bystander, tuple[str, ...]]:
+    """The vehicle that a sender is, or why it is none; and what was decided on the way, in words.
 
     A heartbeat alone makes no vehicle, and one that contradicts the others changes none: the majority counts.
     """
+    states, notes = _STATE_MESSAGES & sender.keys(), []
     autopilot = kind = "UNKNOWN"
-    if "HEARTBEAT" in sender and len(sender["HEARTBEAT"]):
+    if "HEARTBEAT" in sender:
         beats = sender["HEARTBEAT"]
         pairs, counts = np.unique(np.column_stack([beats["autopilot"], beats["type"]]), axis=0, return_counts=True)
-        code = pairs[np.argmax(counts)]
-        autopilot = _enum_name(dialect, "MAV_AUTOPILOT", int(code[0]))
-        kind = _enum_name(dialect, "MAV_TYPE", int(code[1]))
-        if (autopilot == "INVALID" or kind in _NOT_VEHICLES) and not _STATE_MESSAGES & sender.keys():
-            return None
-        if kind in _NOT_VEHICLES or not _VEHICLE_MESSAGES & sender.keys():
-            return None
-    elif not _STATE_MESSAGES & sender.keys():
-        return None
-    return Vehicle(*ids, autopilot=autopilot, type=kind, firmware=_firmware(sender))
+        most = int(np.argmax(counts))
+        autopilot = _enum_name(dialect, "MAV_AUTOPILOT", int(pairs[most, 0]))
+        kind = _enum_name(dialect, "MAV_TYPE", int(pairs[most, 1]))
+        if len(pairs) > 1:
+            notes.append(
+                f"{counts.sum() - counts[most]} of {counts.sum()} heartbeats contradict the others "
+                f"({autopilot} {kind}): ignored"
+            )
+        if kind in _NOT_VEHICLES:
+            return Bystander(*ids, f"its heartbeats say {kind}"), ()
+        if autopilot == "INVALID" and not states:
+            return Bystander(*ids, f"its heartbeats ({kind}) say that it is no autopilot"), ()
+        if not _VEHICLE_MESSAGES & sender.keys():
+            return Bystander(*ids, f"heartbeats ({autopilot} {kind}), but no telemetry of a vehicle"), ()
+    elif not states:
+        return Bystander(*ids, "no heartbeat, no attitude, no IMU, no position"), ()
+    return Vehicle(*ids, autopilot=autopilot, type=kind, firmware=_firmware(sender)), tuple(notes)
 
 
 def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
@@ -77,18 +94,34 @@ def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
                 f"boot {number} begins where the device clock fell from "
                 f"{clock.t[first - 1]:.1f} s to {clock.t[first]:.1f} s"
             )
-        own = Clock(clock.offset[first:last], clock.t[first:last], clock.log_time[first:last])
+        own = clock[first:last]
         stale = stale_start(own)
         if stale:
             notes.append(
-                f"{stale} packets at the start are stale: time_boot_ms jumps from {own.t[stale - 1]:.1f} s to "
+                f"{stale} packets at the start are stale: the device clock jumps from {own.t[stale - 1]:.1f} s to "
                 f"{own.t[stale]:.1f} s while log time stands still"
             )
-            own = Clock(own.offset[stale:], own.t[stale:], own.log_time[stale:])
+            own = own[stale:]
         begin = 0 if number == 1 and not stale else int(own.offset[0]) if len(own.t) else 0
         end = int(clock.offset[last]) if last < len(clock.t) else np.iinfo(np.int64).max
         cut = {name: m.select((m.offset >= begin) & (m.offset < end)) for name, m in sender.items()}
-        yield Boot(vehicle, number, {n: m for n, m in cut.items() if len(m)}, own, tuple(notes))
+        cut, own, stepped = _without_steps_back(cut, own)
+        yield Boot(vehicle, number, {n: m for n, m in cut.items() if len(m)}, own, (*notes, *stepped))
+
+
+def _without_steps_back(sender: Sender, clock: Clock) -> tuple[Sender, Clock, list[str]]:
+    """Where the clock was set back without a reboot, the packets that it then passes again are left out."""
+    notes = []
+    for i in steps_back(clock):
+        offset, t = clock.offset[i], clock.t[i]
+        notes.append(
+            f"the device clock was set back from {clock.t[i - 1]:.2f} s to {t:.2f} s without a reboot: "
+            "what it had said of that time before is left out"
+        )
+        sender = {n: m.select((m.offset >= offset) | (clock.at(m.offset) < t)) for n, m in sender.items()}
+    for i in steps_back(clock)[::-1]:
+        clock = clock[(clock.offset >= clock.offset[i]) | (clock.t < clock.t[i])]
+    return sender, clock, notes
 
 
 def _enum_name(dialect: Dialect, enum: str, value: int) -> str:

@@ -133,6 +133,46 @@ def test_stale_packets_at_the_start_are_left_out(log: Writer) -> None:
     assert any("5 packets at the start are stale" in note for note in flight.notes)
 
 
+def test_a_clock_that_is_set_back_is_no_reboot(log: Writer) -> None:
+    """One device stepped back by 1.4 s shortly after its start, and flew on: seen in a public log."""
+    log.rest(3.0, boot=60.0)
+    log.rest(20.0, begin=3.02, boot=61.6)
+    (flight,) = c.open_log(log.close())
+    imu = flight.imu()
+    assert (flight.start, flight.duration) == pytest.approx((60.0, 21.6))
+    assert len(imu) == 80 + 1001, "50 Hz from 60.00 to 61.58 s, and from 61.60 s on"
+    assert np.diff(imu.t) == pytest.approx(0.02, abs=1e-5)
+    assert any("set back from 63.00 s to 61.60 s" in note for note in flight.notes)
+
+
+def test_a_hole_in_a_replay_is_no_stale_start(log: Writer) -> None:
+    """Played 30 times too fast, a hole of 15 s after the first packets is half a second of log time."""
+    for i in range(10):
+        log.attitude(i * 0.02 / 30, 3 + i * 0.02)
+    for i in range(2000):
+        log.attitude(0.5 + i * 0.02 / 30, 18.2 + i * 0.02)
+    (flight,) = c.open_log(log.close())
+    assert flight.start == pytest.approx(3.0)
+    assert not flight.notes
+
+
+def test_the_clock_wraps_after_49_days(log: Writer) -> None:
+    wrap = 2**32 / 1e3
+    for i in range(400):
+        t = wrap - 4 + i * 0.02
+        log.attitude(i * 0.02, t % wrap)
+    (flight,) = c.open_log(log.close())
+    assert flight.duration == pytest.approx(399 * 0.02, abs=1e-3)
+
+
+def test_a_heartbeat_that_contradicts_the_others_is_said(log: Writer) -> None:
+    log.rest(5.0)
+    log.heartbeat(3.0, autopilot=12, kind=1)
+    (flight,) = c.open_log(log.close())
+    assert flight.vehicle.autopilot == "ARDUPILOTMEGA"
+    assert flight.notes[0].startswith("1 of 7 heartbeats contradict")
+
+
 def test_an_all_zero_imu_is_no_imu(log: Writer) -> None:
     log.rest(1.0)
     for i in range(10):
