@@ -33,7 +33,7 @@ class IntegrationSettings(_Section, frozen=True):
     method: Literal["euler", "midpoint", "rk4"] = "rk4"
     middle: Literal["linear", "cubic"] = "cubic"
     segments: Annotated[int, msgspec.Meta(ge=1, le=64)] = 1
-    gravity_mps2: Annotated[float, msgspec.Meta(ge=9.7, le=9.9)] = 9.80665
+    gravity: Literal["standard", "normal"] | Annotated[float, msgspec.Meta(ge=9.7, le=9.9)] = "standard"
 
 
 class DriftSettings(_Section, frozen=True):

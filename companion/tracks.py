@@ -165,6 +165,15 @@ class StatusText:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where on Earth a flight was, as its autopilot first knew it (WGS-84)."""
+
+    latitude: float  # rad
+    longitude: float  # rad
+    height: float  # m above mean sea level
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
     """One boot of one vehicle: what its IMUs measured and what its autopilot made of it."""
@@ -176,6 +185,7 @@ class Flight:
     imus: Mapping[str, ImuTrack] = field(default_factory=dict)  # by message name
     attitude: AttitudeTrack | None = None
     position: PositionTrack | None = None
+    origin: Origin | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
     texts: tuple[StatusText, ...] = ()
     messages: Mapping[str, MessageStats] = field(default_factory=dict)

@@ -31,7 +31,9 @@ def test_every_setting_is_described() -> None:
 def test_the_defaults_of_the_functions_are_the_same() -> None:
     settings = Settings()
     assert settings.drift.horizons_s == HORIZONS_S
-    assert settings.integration.gravity_mps2 == STANDARD_GRAVITY
+    assert settings.integration.gravity == "standard"
+    for function in (drift, replay):
+        assert inspect.signature(function).parameters["gravity"].default == STANDARD_GRAVITY
     limits = Limits()
     assert limits == Limits(**{name: getattr(settings.drift, name) for name in limits.__dataclass_fields__})
     for function in (drift, replay):

@@ -1,6 +1,7 @@
 """Holds the IMU's reckoning against the autopilot's estimate. Pure: imports tracks and strapdown."""
 
 from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, WindowErrors, drift
+from companion.analysis.gravity import gravity_for
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Replay, replay
 
@@ -14,6 +15,7 @@ __all__ = [
     "Statistic",
     "WindowErrors",
     "drift",
+    "gravity_for",
     "reference_at",
     "replay",
 ]

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import Drift, Limits, Statistic, drift
+from companion.analysis import Drift, Limits, Statistic, drift, gravity_for
 from companion.cli import options, schema
 from companion.cli.info import reference_line
 from companion.settings import Settings
@@ -50,6 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     flight = recording.flights[options.choose(recording.flights, arguments)]
     limits = limits_of(settings)
     integration = settings.integration
+    gravity = gravity_for(flight, integration.gravity)
     table = drift(
         flight,
         horizons=settings.drift.horizons_s,
@@ -57,15 +58,15 @@ def run(arguments: argparse.Namespace) -> int:
         middle=integration.middle,
         segments=integration.segments,
         imu=arguments.imu,
-        gravity=integration.gravity_mps2,
+        gravity=gravity,
         limits=limits,
     )
     gaps = {name: int((np.diff(track.t) > limits.hole(track.t)).sum()) for name, track in flight.imus.items()}
     if arguments.json:
-        found = schema.analyze_flight(flight, table, gaps)
+        found = schema.analyze_flight(flight, table, gaps, gravity)
         print(schema.encode(schema.Analysis(log=schema.log_object(recording.source), flights=[found])))
     else:
-        _print(flight, table, gaps[table.imu])
+        _print(flight, table, gaps[table.imu], gravity)
     return 0
 
 
@@ -79,7 +80,7 @@ def limits_of(settings: Settings) -> Limits:
     )
 
 
-def _print(flight: Flight, table: Drift, gaps: int) -> None:
+def _print(flight: Flight, table: Drift, gaps: int, gravity: float) -> None:
     console = Console(soft_wrap=True, emoji=False)
     track, vehicle = flight.imu(table.imu), flight.vehicle
     middle = f", {table.middle} middle sample" if table.method == "rk4" else ""
@@ -89,7 +90,7 @@ def _print(flight: Flight, table: Drift, gaps: int) -> None:
         f"IMU:       {table.imu} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
         + (f", {gaps} holes" if gaps else ""),
         f"Reference: {reference_line(flight)}",
-        f"Method:    {table.method}{middle}",
+        f"Method:    {table.method}{middle}, gravity {gravity:.5f} m/s²",
     ]
     lines += [f"Note:      {escape(note)}" for note in (*flight.notes, *table.notes)]
     if track.rate_hz < _LOW_RATE_HZ:

@@ -111,6 +111,7 @@ class AnalyzeFlight(msgspec.Struct, frozen=True):
     used_imu: str
     method: str
     middle: str
+    gravity_mps2: float
     notes: tuple[str, ...]
     drift: list[DriftObject]
 
@@ -156,8 +157,8 @@ def info_flight(flight: Flight) -> InfoFlight:
     )
 
 
-def analyze_flight(flight: Flight, table: Drift, gaps: Mapping[str, int]) -> AnalyzeFlight:
-    """One of the "flights" of `analyze`; gaps: holes of each IMU message."""
+def analyze_flight(flight: Flight, table: Drift, gaps: Mapping[str, int], gravity: float) -> AnalyzeFlight:
+    """One of the "flights" of `analyze`; gaps: holes of each IMU message, gravity: m/s²."""
     return AnalyzeFlight(
         vehicle=_vehicle(flight),
         boot=flight.boot,
@@ -167,6 +168,7 @@ def analyze_flight(flight: Flight, table: Drift, gaps: Mapping[str, int]) -> Ana
         used_imu=table.imu,
         method=table.method,
         middle=table.middle,
+        gravity_mps2=gravity,
         notes=(*flight.notes, *table.notes),
         drift=[_drift(row) for row in table.rows],
     )

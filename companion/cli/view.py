@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import webbrowser
 
-from companion.analysis import Replay, replay
+from companion.analysis import Replay, gravity_for, replay
 from companion.cli import options
 from companion.cli.analyze import limits_of
 from companion.tracks import Flight
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
             segments=integration.segments,
             reanchor_s=choice.reanchor_s,
             start_s=choice.start_s,
-            gravity=integration.gravity_mps2,
+            gravity=gravity_for(flight, integration.gravity),
             limits=limits,
         )
 

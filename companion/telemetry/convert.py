@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.mavlink import Messages
-from companion.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, PositionTrack
+from companion.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, Origin, PositionTrack
 
 IMU_MESSAGES = ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU")
 
@@ -110,6 +110,21 @@ def position_track(messages: Messages, t: Array) -> PositionTrack:
     good &= np.isfinite(position).all(axis=1) & np.isfinite(velocity).all(axis=1) & np.isfinite(t)
     keep = increasing(t, good)
     return PositionTrack(t[keep], position[keep], velocity[keep], source=messages.layout.name)
+
+
+def origin(messages: Messages) -> Origin | None:
+    """Where GLOBAL_POSITION_INT, GPS_RAW_INT or GPS_GLOBAL_ORIGIN first says it was; None without a fix."""
+    names = (
+        ("latitude", "longitude", "altitude") if messages.layout.name == "GPS_GLOBAL_ORIGIN" else ("lat", "lon", "alt")
+    )
+    latitude, longitude, height = (messages[n] for n in names)
+    fixed = np.flatnonzero((latitude != 0) | (longitude != 0))
+    if not len(fixed):
+        return None
+    i = fixed[0]
+    return Origin(
+        float(np.radians(latitude[i] * 1e-7)), float(np.radians(longitude[i] * 1e-7)), float(height[i] * 1e-3)
+    )
 
 
 def parameters(messages: Messages, *, bytewise: bool) -> dict[str, float]:

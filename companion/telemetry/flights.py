@@ -14,6 +14,7 @@ from companion.tracks import (
     AttitudeTrack,
     Flight,
     ImuTrack,
+    Origin,
     PositionTrack,
     StatusText,
     Vehicle,
@@ -55,6 +56,7 @@ def _flight(boot: Boot, parameters: dict[str, float], said: tuple[str, ...], deq
         imus=imus,
         attitude=_attitude(boot, seconds),
         position=_position(boot, seconds),
+        origin=_origin(boot),
         parameters=parameters,
         texts=_texts(boot, seconds),
         messages={name: message_stats(m, seconds[name]) for name, m in sorted(boot.messages.items())},
@@ -115,6 +117,12 @@ def _position(boot: Boot, seconds: dict[str, Array]) -> PositionTrack | None:
             if len(track) > 1:
                 return track
     return None
+
+
+def _origin(boot: Boot) -> Origin | None:
+    names = ("GLOBAL_POSITION_INT", "GPS_RAW_INT", "GPS_GLOBAL_ORIGIN")
+    known = (convert.origin(boot.messages[name]) for name in names if name in boot.messages)
+    return next((place for place in known if place is not None), None)
 
 
 def _texts(boot: Boot, seconds: dict[str, Array]) -> tuple[StatusText, ...]:

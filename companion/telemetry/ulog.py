@@ -17,7 +17,7 @@ import numpy as np
 from companion.errors import InputError
 from companion.telemetry.arrival import arrival
 from companion.telemetry.convert import continuous, increasing
-from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, StatusText, Vehicle
+from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, Origin, PositionTrack, StatusText, Vehicle
 
 Topic = Mapping[str, Any]  # field -> column
 
@@ -63,6 +63,7 @@ def ulog_flight(path: Path, vehicle_types: Mapping[int, str]) -> Flight:
         imus=_imus(topics),
         attitude=_attitude(topics),
         position=_position(topics),
+        origin=_origin(topics),
         parameters=parameters,
         texts=tuple(
             StatusText(m.timestamp * 1e-6, m.log_level - ord("0"), str(m.message)) for m in log.logged_messages
@@ -141,6 +142,16 @@ def _attitude(topics: Mapping[str, Topic]) -> AttitudeTrack | None:
     return (
         AttitudeTrack(t[keep], continuous(q[keep]), np.nan_to_num(rates), "vehicle_attitude") if len(keep) > 1 else None
     )
+
+
+def _origin(topics: Mapping[str, Topic]) -> Origin | None:
+    """The reference point of vehicle_local_position, where it says that it is global."""
+    topic = topics.get("vehicle_local_position", {})
+    known = np.flatnonzero(np.asarray(topic.get("xy_global", ())))
+    if not len(known):
+        return None
+    latitude, longitude, height = (float(topic[name][known[0]]) for name in ("ref_lat", "ref_lon", "ref_alt"))
+    return Origin(float(np.radians(latitude)), float(np.radians(longitude)), height)
 
 
 def _position(topics: Mapping[str, Topic]) -> PositionTrack | None:
