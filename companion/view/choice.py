@@ -76,12 +76,12 @@ class Recomputer:
             self._waiting = None
 
     def _work(self, flight: Flight, choice: ReplayChoice) -> Outcome:
-        return Outcome(flight, choice, attempt(self._recompute, flight, choice))
+        return attempt(self._recompute, flight, choice)
 
 
-def attempt(recompute: Recompute, flight: Flight, choice: ReplayChoice) -> Footage | CompanionError:
-    """The footage of `choice`, or the error that says why not."""
+def attempt(recompute: Recompute, flight: Flight, choice: ReplayChoice) -> Outcome:
+    """Reckon `choice`: its footage, or the error that says why not."""
     try:
-        return footage(recompute(flight, choice))
+        return Outcome(flight, choice, footage(recompute(flight, choice)))
     except CompanionError as error:
-        return error
+        return Outcome(flight, choice, error)

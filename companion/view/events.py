@@ -97,6 +97,11 @@ class SetDark:
     dark: bool
 
 
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """Another browser has opened the page."""
+
+
 Event = (
     Toggle
     | Seek
@@ -111,5 +116,6 @@ Event = (
     | SetTrail
     | SetSize
     | SetDark
+    | Joined
 )
 Post = Callable[[Event], None]

@@ -28,11 +28,17 @@ OVERVIEW = (25.0, 28.0)  # degrees, azimuth and elevation of the first view
 class Framing:
     """The room a flight takes up in the world, NED, m."""
 
-    centre: Array  # (3,)
+    low: Array  # (3,) least north, east, down
+    high: Array  # (3,) greatest
     radius: float  # of the sphere around everything
     ground: float  # down coordinate of the grid: the lowest point that was flown
     cell: float  # of the grid: 1, 2 or 5 times a power of ten
     distance: float  # from which the whole of it is seen
+
+    @property
+    def centre(self) -> Array:
+        """(3,)."""
+        return (self.low + self.high) / 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,9 +73,9 @@ def frame(positions: Array, others: Array | None = None) -> Framing:
         near = far < 1.5 * np.linalg.norm(positions - positions.mean(axis=0), axis=1).max()
         positions = np.concatenate([positions, others[near]])
     low, high = positions.min(axis=0), positions.max(axis=0)
-    centre = (low + high) / 2
     radius = max(float(np.linalg.norm(high - low)) / 2, 4.0)
-    return Framing(centre, radius, ground, nice(radius / 4), max(_distance(positions - centre), 2 * radius))
+    distance = max(_distance(positions - (low + high) / 2), 2 * radius)
+    return Framing(low, high, radius, ground, nice(radius / 4), distance)
 
 
 def nice(length: float) -> float:

@@ -28,7 +28,7 @@ TRAILS = {
     "Whole path": events.SetTrail(None, ahead=True),
 }
 SIZES = {"Easy to see": 1.0, "Larger": 1.7, "Smaller": 0.5, "True size": None}
-STEPS = {"Start": None, "−10 s": -10.0, "−1 s": -1.0, "+1 s": 1.0, "+10 s": 10.0}
+STEPS = {"Start": None, "−10": -10.0, "−1": -1.0, "+1": 1.0, "+10": 10.0}
 
 
 class Panel:
@@ -43,7 +43,7 @@ class Panel:
         self._legend = gui.add_html("")
         self._numbers = gui.add_html("")
         self._play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
-        self._steps = gui.add_button_group("Step", tuple(STEPS), hint="Arrow keys: 1 s; Home, End: the ends")
+        self._steps = gui.add_button_group("Step, s", tuple(STEPS), hint="Arrow keys: 1 s; Home, End: the ends")
         self._time = gui.add_slider("Time, s", 0.0, 1.0, 0.01, 0.0, hint="Seconds since the flight's first message")
         self._speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1×")
         self._loop = gui.add_checkbox("Repeat", False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,8 @@ from companion.view.thin import extremes
 
 MOST_POINTS = 300
 """Points a chart: a moving cursor resends them all, 5 times a second, to every browser."""
+
+HEIGHT = 182  # of a chart, pixels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,12 +62,13 @@ class Plots:
         ):
             self._headings.append(_heading(gui, name))
             self._charts.append(_chart(gui, unit, lines, (name, palette.DIFFERENCE)))
-        self._drawn = drawn
+        self._drawn, self._now = drawn, math.nan
         self.load(film, start)
 
     def load(self, film: Footage, start: float) -> None:
         """Draw another reckoning, over seconds since `start` (boot clock)."""
         self._drawn = _drawn(film, start)
+        self._now = math.nan  # equal to nothing: the next cursor is sent
         for chart, lines in zip(self._charts, self._drawn, strict=True):
             scales = _scales(lines)
             if chart.scales != scales:  # a change builds the chart anew and forgets how the user has zoomed
@@ -72,8 +76,21 @@ class Plots:
         for heading, chart in zip(self._headings, self._charts[1:], strict=True):
             heading.visible = chart.visible = film.replay.has_position
 
+    def relayout(self) -> None:
+        """Make every browser lay its charts out again, by a pixel of height.
+
+        A page whose first width and next data come in one breath shows no time axis: uplot-react 1.2 calls setSize,
+        then setData and redraw(), and redraw forgets that the axes were to be laid out again. A new size that comes
+        alone mends it, and keeps the user's zoom.
+        """
+        for chart in self._charts:
+            chart.height = HEIGHT + 1 if chart.height == HEIGHT else HEIGHT
+
     def show(self, now: float) -> None:
-        """Move the cursor to `now`, s since the flight's start."""
+        """Move the cursor to `now`, s since the flight's start. A cursor that stands still costs nothing."""
+        if now == self._now:
+            return
+        self._now = now
         for chart, lines in zip(self._charts, self._drawn, strict=True):
             if chart.visible:
                 chart.data = lines.at(now)
@@ -89,7 +106,7 @@ def _drawn(film: Footage, start: float) -> list[Curves]:
 
 
 def _scales(lines: Curves) -> dict[str, uplot.Scale]:
-    # Bounds said outright: left to itself, a chart that gets its data while it is being laid out loses its time axis.
+    # The bounds said outright, so that the cursor's points never move them and a zoom stays where it is.
     return {
         "x": uplot.Scale(time=False, range=(float(lines.t[0]), float(lines.t[-1]))),
         "now": uplot.Scale(range=(0.0, 1.0)),
@@ -123,6 +140,6 @@ def _chart(gui: viser.GuiApi, unit: str, drawn: Curves, *lines: tuple[str, Rgb])
         ),
         legend=uplot.Legend(show=False),
         cursor=uplot.Cursor(sync={"key": "time"}, drag={"x": True, "y": False}),
-        height=182,
+        height=HEIGHT,
         padding=(6, 14, 0, 0),
     )

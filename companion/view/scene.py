@@ -136,7 +136,7 @@ class Scene:
         self._grid.section_size = 5 * framing.cell
         self._grid.fade_distance = 12 * framing.radius
         size = 0.3 * framing.radius
-        start = np.array([framing.centre[0] - size / 2, framing.centre[1], framing.ground])
+        start = np.array([framing.low[0], (framing.centre[1] + framing.high[1]) / 2, framing.ground])
         self._north.points = np.array([[start, start + np.array([size, 0.0, 0.0])]], dtype=np.float32)
         self._north.shaft_radius = 0.025 * size
         self._north.head_radius = 0.07 * size

@@ -148,7 +148,7 @@ def test_scrub_and_keys(page: Page, flight: Flight) -> None:
         until(lambda: viewer.player.playing, "the space bar")
         page.keyboard.press("Space")
         until(lambda: not viewer.player.playing, "the space bar again")
-        page.get_by_role("button", name="+10 s").click()
+        page.get_by_role("button", name="+10", exact=True).click()
         until(lambda: viewer.player.time > viewer.player.start + 9.9, "the button that steps forward")
         slider = page.get_by_role("slider").first
         box = slider.locator("xpath=ancestor::*[contains(@class,'Slider-root')]").bounding_box()
@@ -173,13 +173,13 @@ def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
         until(lambda: asked[-1].imu == "SCALED_IMU2", "the IMU")
         choose(page, "Joined by", "Straight lines (linear)")
         until(lambda: asked[-1].middle == "linear", "the middle sample")
-        page.get_by_role("button", name="+10 s").click()
+        page.get_by_role("button", name="+10", exact=True).click()
         page.get_by_role("button", name="Start from the instant shown").click()
         until(lambda: asked[-1].start_s == pytest.approx(110.0, abs=0.1), "the start")
         until(lambda: viewer.player.start == pytest.approx(110.0, abs=0.1), "the new interval")
         page.get_by_role("checkbox", name="Re-anchor").click()
         until(lambda: asked[-1].reanchor_s is None, "free running")
-        page.get_by_role("button", name="+10 s").click()
+        page.get_by_role("button", name="+10", exact=True).click()
         expect(page.get_by_text("10.0 s since anchor")).to_be_visible()
         choose(page, "Camera", "Follow")
         choose(page, "Drones", "Smaller")
@@ -219,7 +219,7 @@ def test_a_flight_without_position(page: Page, flight: Flight) -> None:
         visit(page, viewer)
         expect(page.get_by_text("This log has no position")).to_be_visible()
         expect(page.get_by_text("Velocity error")).to_have_count(0)
-        page.get_by_role("button", name="+10 s").click()
+        page.get_by_role("button", name="+10", exact=True).click()
         time.sleep(1.0)
         assert shoot(page, "attitude-only").std() > 5
 
