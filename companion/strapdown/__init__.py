@@ -1,11 +1,12 @@
 """Strapdown integration: IMU tracks in, trajectories out. The seeds, as arrays; imports tracks and NumPy alone."""
 
 from companion.strapdown import motions, quaternion
+from companion.strapdown._scheme import METHODS
 from companion.strapdown._signal import MIDDLES
 from companion.strapdown.covariance import Propagation, propagate
 from companion.strapdown.gravity import normal_gravity
 from companion.strapdown.imu_model import ImuModel, Sensor, correct, dequantise, quantisation_density, simulate
-from companion.strapdown.increments import METHODS, Increments, attitude_at, dense_attitude, increments
+from companion.strapdown.increments import Increments, attitude_at, dense_attitude, increments
 from companion.strapdown.motions import Motion
 from companion.strapdown.reckon import Preintegration, preintegrate, reckon
 from companion.strapdown.reckoner import Reckoner

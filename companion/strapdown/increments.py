@@ -16,11 +16,9 @@ import numpy as np
 
 from companion.strapdown import _components as rows
 from companion.strapdown import quaternion
-from companion.strapdown._signal import MIDDLES, UNEVEN, Signal, signal_of, uneven
+from companion.strapdown._scheme import Scheme, require_samples, scheme_for
+from companion.strapdown._signal import Signal, signal_of
 from companion.tracks import Array, ImuTrack
-
-METHODS: Final = ("euler", "midpoint", "rk4")
-"""Integrators by rising order: 1 (seed 002 §3), 2 (seed 002 §4), and 2 or 4 by the middle sample (seed 000)."""
 
 CHUNK: Final = 8192
 """Intervals handled at a time: the working arrays of a chunk stay in the processor's cache."""
@@ -38,48 +36,6 @@ class Increments:
     dv: Array  # (N-1, 3) FRD at the start of the interval, m/s
     dp: Array  # (N-1, 3) FRD at the start of the interval, m
     notes: tuple[str, ...] = ()  # what was done differently from what was asked, and why
-
-
-@dataclass(frozen=True, slots=True)
-class Scheme:
-    """How to integrate: a method, the signal inside an interval, and the pieces that the interval is cut into."""
-
-    method: str
-    middle: str
-    segments: int
-
-    @property
-    def looks_ahead(self) -> bool:
-        """Whether an interval needs the sample after it: where a method looks inside an interval, and by the cubic."""
-        return self.middle == "cubic" and (self.method == "rk4" or self.segments > 1)
-
-    def notes_on(self, imu: ImuTrack) -> tuple[str, ...]:
-        """What a user must know about this scheme on this track that the numbers do not show."""
-        notes = []
-        if self.looks_ahead and len(imu) in (2, 3):
-            shape = "the line" if len(imu) == 2 else "the parabola"
-            notes.append(
-                f"the cubic needs 4 samples and the track has {len(imu)}: {shape} through them was used instead"
-            )
-        if len(imu) < 2:
-            return ()
-        # Both bounds are cheap; only a track that breaks one is looked at step by step.
-        dt = imu.t[1:] - imu.t[:-1]
-        longest = dt.max()
-        if self.looks_ahead and longest > UNEVEN * dt.min():
-            notes.append(
-                f"{int(uneven(dt).sum())} of {len(dt)} intervals are more than {UNEVEN:g} times as long as a neighbour "
-                "(a hole, or a burst of samples): the signal is taken as a line there"
-            )
-        if np.abs(imu.gyro).max() * longest > np.pi / np.sqrt(3.0):
-            rate = np.linalg.norm(imu.gyro, axis=1)
-            fast = int((np.maximum(rate[:-1], rate[1:]) * dt > np.pi).sum())
-            if fast:
-                notes.append(
-                    f"{fast} of {len(dt)} intervals turn by more than π: samples that far apart do not determine "
-                    "the attitude; record at a higher rate or leave these intervals out"
-                )
-        return tuple(notes)
 
 
 def increments(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", segments: int = 1) -> Increments:
@@ -143,23 +99,6 @@ def attitude_at(imu: ImuTrack, q_ned_frd: Array, times: Array, *, middle: str = 
     signal = signal_of(imu, 0, len(imu) - 1, middle).take(at)
     turned = _attitude(signal, (times - imu.t[at]) / signal.dt, segments)
     return quaternion.multiply(q_ned_frd[at], rows.unit(turned).T)
-
-
-def scheme_for(method: str, middle: str, segments: int) -> Scheme:
-    """The scheme with these settings. Raises ValueError if one of them is no good."""
-    if method not in METHODS:
-        raise ValueError(f"unknown method {method!r}: choose one of {', '.join(METHODS)}")
-    if middle not in MIDDLES:
-        raise ValueError(f"unknown middle {middle!r}: choose one of {', '.join(MIDDLES)}")
-    if segments < 1:
-        raise ValueError(f"segments must be 1 or more, got {segments}")
-    return Scheme(method, middle, segments)
-
-
-def require_samples(imu: ImuTrack) -> None:
-    """Raises ValueError for a track without samples."""
-    if len(imu) == 0:
-        raise ValueError("the IMU track has no samples; an integration needs at least one")
 
 
 def chunks(

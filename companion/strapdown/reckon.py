@@ -15,7 +15,8 @@ import numpy.typing as npt
 from companion.strapdown import _components as rows
 from companion.strapdown import quaternion
 from companion.strapdown._scan import running_product
-from companion.strapdown.increments import Scheme, chunks, require_samples, scheme_for
+from companion.strapdown._scheme import Scheme, require_samples, scheme_for
+from companion.strapdown.increments import chunks
 from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
 
 SAME_TIME = 5e-7

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.strapdown.increments import scheme_for
+from companion.strapdown._scheme import scheme_for
 from companion.strapdown.reckon import checked, run, start_index
 from companion.tracks import STANDARD_GRAVITY, ImuTrack, NavState, Trajectory
 
@@ -91,7 +91,7 @@ class Reckoner:
         self._begun = True
         # With the sample that waits the four that `finish` needs for its one-sided cubic.
         self._keep, self._at = max(last - 2, 0), last
-        notes = self._scheme.notes_on(held[: last + 2]) if last > first else ()
+        notes = self._scheme.notes_on(held) if last > first else ()
         return Trajectory(held.t[first + old : last + 1], q[old:], v[old:], p[old:], notes)
 
 
