@@ -1,0 +1,185 @@
+"""How fast telemetry logs are read beside pymavlink and fasttlogparser, on one core: `python benchmarks/tlog.py`.
+
+A log of 100 MB with the message mix of a real link (made here, from a fixed seed) is read by each, in one run; each
+repetition is a process of its own, so that user CPU and peak memory are its own, without the interpreter's start and
+the import of NumPy. pymavlink reads the first twentieth, which is enough to know its speed. Peers that are not
+installed are named and skipped (`pip install fasttlogparser`, which needs a C++ compiler).
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from companion.mavlink import encode, load_dialect, make_messages, read_tlog
+
+# Message -> Hz on an ArduPilot link whose IMU, attitude and position were asked for, as in our own recordings.
+MIX = {
+    "RAW_IMU": 100, "ATTITUDE": 50, "SCALED_IMU2": 25, "LOCAL_POSITION_NED": 20, "GLOBAL_POSITION_INT": 10,
+    "SERVO_OUTPUT_RAW": 4, "RC_CHANNELS": 4, "VFR_HUD": 4, "NAV_CONTROLLER_OUTPUT": 4, "AHRS": 4, "AHRS2": 4,
+    "SYS_STATUS": 2, "POWER_STATUS": 2, "MEMINFO": 2, "MISSION_CURRENT": 2, "GPS_RAW_INT": 2, "SCALED_PRESSURE": 2,
+    "EKF_STATUS_REPORT": 2, "VIBRATION": 2, "BATTERY_STATUS": 2, "SYSTEM_TIME": 2, "TIMESYNC": 2, "PARAM_VALUE": 2,
+    "HEARTBEAT": 1, "STATUSTEXT": 1,
+}  # fmt: skip
+TRACKS = ("RAW_IMU", "ATTITUDE", "LOCAL_POSITION_NED")
+
+
+def link_traffic(seconds: float, epoch: float) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """A stretch of a link as the bytes of a tlog; values as varied as measurements are, one message in three with a
+    trailing zero field for MAVLink 2 to trim."""
+    rng = np.random.default_rng(round(epoch) % 2**32)
+    dialect = load_dialect()
+    everything = []
+    for name, hertz in MIX.items():
+        layout = dialect.by_name[name]
+        t = (np.arange(round(seconds * hertz)) + rng.uniform()) / hertz
+        fields: dict[str, Any] = {}
+        for field in layout.fields:
+            kind = layout.dtype[field]
+            shape = (len(t), *kind.shape)
+            if field == "time_boot_ms":
+                fields[field] = t * 1e3
+            elif field == "time_usec":
+                fields[field] = t * 1e6
+            elif kind.base.kind == "f":
+                fields[field] = rng.normal(size=shape)
+            elif kind.base.kind == "S":
+                fields[field] = b"INS_GYRO_FILTER"
+            else:
+                spread = min(1000, np.iinfo(kind.base).max)
+                low = -spread if kind.base.kind == "i" else 0
+                fields[field] = rng.integers(low, spread, shape)
+        if name == "HEARTBEAT":
+            fields |= {"type": 2, "autopilot": 3}
+        fields[layout.fields[-1]] = (
+            np.where(rng.random(len(t)) < 1 / 3, 0, 1) if layout.dtype[-1].kind in "iuf" else b""
+        )
+        everything.append(make_messages(layout, epoch + t, fields))
+    return encode(everything, renumber=True)
+
+
+def make_log(path: Path, megabytes: float) -> None:
+    """A log of about that size, written stretch by stretch."""
+    size, epoch = 0, 1_700_000_000.0
+    with path.open("wb") as file:
+        while size < megabytes * 1e6:
+            size += file.write(link_traffic(600.0, epoch).data)
+            epoch += 600.0
+
+
+def read_everything(path: Path) -> int:
+    """All fields of all messages."""
+    return read_tlog(path).frames
+
+
+def read_for_tracks(path: Path) -> int:
+    """Every CRC checked, the fields of IMU, attitude and position alone."""
+    return read_tlog(path, names=TRACKS).frames
+
+
+def read_flights(path: Path) -> int:
+    """All messages, and the SI tracks of the flights in them."""
+    from companion.recording import read_recording  # noqa: PLC0415  (its imports are not timed for the others)
+
+    return read_recording(path).source.frames
+
+
+def pymavlink(path: Path) -> int:
+    from pymavlink import mavutil  # noqa: PLC0415
+
+    log: Any = mavutil.mavlogfile(str(path))
+    frames = 0
+    while log.recv_msg() is not None:
+        frames += 1
+    return frames
+
+
+def fasttlogparser(path: Path) -> int:
+    module: Any = importlib.import_module("fasttlogparser")
+    messages, _ = module.parseTLog(str(path))
+    return sum(len(next(iter(fields.values()))) for fields in messages.values())
+
+
+READERS: dict[str, Callable[[Path], int]] = {
+    "companion: all fields": read_everything,
+    "companion: IMU, attitude, position": read_for_tracks,
+    "companion: flights with SI tracks": read_flights,
+    "fasttlogparser": fasttlogparser,
+    "pymavlink": pymavlink,
+}
+
+
+def measure(reader: str, path: Path) -> None:
+    """In a process of its own: print frames, user CPU s, wall s and peak MB."""
+    READERS[reader](_warm(path))
+    before, start = resource.getrusage(resource.RUSAGE_SELF).ru_utime, time.perf_counter()
+    frames = READERS[reader](path)
+    wall = time.perf_counter() - start
+    after = resource.getrusage(resource.RUSAGE_SELF)
+    print(frames, after.ru_utime - before, wall, after.ru_maxrss / 1024)
+
+
+def _warm(path: Path) -> Path:
+    """The first 100 kB: reading them loads every module."""
+    warm = path.with_suffix(".warm.tlog")
+    if not warm.exists():
+        with path.open("rb") as file:
+            warm.write_bytes(file.read(100_000))
+    return warm
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--megabytes", type=float, default=100.0)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--measure", nargs=2, metavar=("READER", "LOG"), help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.measure:
+        measure(arguments.measure[0], Path(arguments.measure[1]))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        whole, part = Path(folder) / "whole.tlog", Path(folder) / "part.tlog"
+        make_log(whole, arguments.megabytes)
+        with whole.open("rb") as file:
+            part.write_bytes(file.read(whole.stat().st_size // 20))
+        print(f"{whole.stat().st_size / 1e6:.0f} MB, {read_tlog(whole, names=()).frames:,} frames")
+        print(f"{'':36}{'MB/s':>8}{'s user':>9}{'s wall':>9}{'peak MB':>9}{'frames':>12}")
+        speeds = {}
+        for reader in READERS:
+            if importlib.util.find_spec(reader.partition(":")[0]) is None:
+                print(f"{reader:36}not installed")
+                continue
+            path = part if reader == "pymavlink" else whole
+            frames, user, wall, peak = _medians(reader, path, 1 if reader == "pymavlink" else arguments.repeats)
+            speeds[reader] = path.stat().st_size / 1e6 / user
+            print(f"{reader:36}{speeds[reader]:8.1f}{user:9.2f}{wall:9.2f}{peak:9.0f}{round(frames):12,}")
+    for reader in ("companion: all fields", "companion: flights with SI tracks"):
+        for peer in ("pymavlink", "fasttlogparser"):
+            if peer in speeds:
+                print(f"{reader}: {speeds[reader] / speeds[peer]:.1f} x {peer}'s speed by user CPU")
+
+
+def _medians(reader: str, path: Path, repeats: int) -> list[float]:
+    command = [sys.executable, __file__, "--measure", reader, str(path)]
+    environment = os.environ | {"MAVLINK20": "1", "OPENBLAS_NUM_THREADS": "1"}
+    runs = []
+    for _ in range(repeats):
+        printed = subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
+        runs.append([float(value) for value in printed.splitlines()[-1].split()])  # fasttlogparser prints before
+    return [statistics.median(column) for column in zip(*runs, strict=True)]
+
+
+if __name__ == "__main__":
+    main()
