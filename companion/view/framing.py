@@ -128,6 +128,13 @@ def readable_span(distance: float, true_span: float, size: float) -> float:
     return max(true_span, 0.075 * size * distance * 2 * float(np.tan(FIELD_OF_VIEW / 2)))
 
 
+def screen_up(line_of_sight: Array) -> Array:
+    """What is up in the picture for a camera that looks along `line_of_sight` (3,), NED; of any length."""
+    up = np.array([0.0, 0.0, -1.0])
+    along = float(up @ line_of_sight) / max(float(line_of_sight @ line_of_sight), 1e-12)
+    return np.asarray(up - along * line_of_sight, dtype=np.float64)
+
+
 def _distance(offsets: Array) -> float:
     """How far from the centre to stand so that the points at `offsets` (N, 3) from it are all in the picture."""
     towards = _direction(*OVERVIEW)

@@ -23,7 +23,6 @@ class Body:
 
     def __init__(self, scene: viser.SceneApi, name: str, label: str, colour: Rgb, drone: Drone, ghost: bool) -> None:
         self._scale = GHOST_SCALE if ghost else 1.0
-        self._above = -1.0 if ghost else 1.0  # the names stand apart when the drones do not
         self._place = scene.add_frame(f"{WORLD}/{name}", show_axes=False)
         self._attitude = scene.add_frame(f"{WORLD}/{name}/attitude", show_axes=False)
         self._meshes = [
@@ -42,9 +41,7 @@ class Body:
                 ("front", drone.front, palette.mix(colour, (255, 255, 255), 0.6)),
             )
         ]
-        self._name = scene.add_label(
-            f"{WORLD}/{name}/name", label, anchor="top-center" if ghost else "bottom-center", font_screen_scale=1.1
-        )
+        self._name = scene.add_label(f"{WORLD}/{name}/name", label, font_screen_scale=1.1)
         self._span = 0.0
 
     @property
@@ -72,14 +69,14 @@ class Body:
         self._attitude.wxyz = wxyz
         self._place.position = position
 
-    def resize(self, span: float) -> None:
-        """Draw the drone `span` m wide; a change too small to see is not sent."""
-        if abs(span - self._span) <= 0.04 * self._span:
-            return
-        self._span = span
-        for mesh in self._meshes:
-            mesh.scale = span * self._scale
-        self._name.position = (0.0, 0.0, -0.42 * self._above * span)
+    def resize(self, span: float, *, name_above: bool) -> None:
+        """Draw the drone `span` m wide, its name above or below; a change too small to see is not sent."""
+        if abs(span - self._span) > 0.04 * self._span:
+            self._span = span
+            for mesh in self._meshes:
+                mesh.scale = span * self._scale
+        self._name.anchor = "bottom-center" if name_above else "top-center"
+        self._name.position = (0.0, 0.0, -0.42 * self._span if name_above else 0.42 * self._span)
 
 
 class Scene:
@@ -166,10 +163,13 @@ class Scene:
             self._error.points = ends[None].astype(np.float32)
             self._sticks.points = np.stack([ends, feet], axis=1).astype(np.float32)
 
-    def annotate(self, moment: Moment, span: float) -> None:
-        """What a reader needs less often than an eye: the length of the error line, the size of the drones."""
-        self.imu.resize(span)
-        self.autopilot.resize(span)
+    def annotate(self, moment: Moment, span: float, *, imu_above: bool) -> None:
+        """What a reader needs less often than an eye: the length of the error line, the size of the drones.
+
+        The names stand outside: above the drone that is the upper one in the picture and below the other.
+        """
+        self.imu.resize(span, name_above=imu_above)
+        self.autopilot.resize(span, name_above=not imu_above)
         if not self._has_position:
             return
         # On the line when there is room between the drones, else with the name of the one that is wrong.

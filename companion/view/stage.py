@@ -17,7 +17,7 @@ from companion.errors import CompanionError
 from companion.tracks import Array, Flight
 from companion.view import events, palette
 from companion.view.choice import Outcome, Recompute, Recomputer, ReplayChoice
-from companion.view.framing import FIELD_OF_VIEW, CameraMode, Framing, camera, frame, readable_span, world
+from companion.view.framing import FIELD_OF_VIEW, CameraMode, Framing, camera, frame, readable_span, screen_up, world
 from companion.view.moment import Footage
 from companion.view.panel import Panel
 from companion.view.player import Player
@@ -177,7 +177,10 @@ class Stage:
             self.scene.show(moment, pose)
         self.pose_updates += 1
         if self._is_due("labels", LABEL_HZ, now):
-            self.scene.annotate(moment, self._span(pose.apply(moment.position_ref)))
+            eye, target = self._eye(), pose.apply(moment.position_ref)
+            apart = pose.apply(moment.position_imu) - target
+            imu_above = float(apart @ screen_up(target - eye)) >= 0
+            self.scene.annotate(moment, self._span(eye, target), imu_above=imu_above)
             self._panel.show(moment, self.player, self._film.replay.has_position)
         if self._is_due("trails", TRAIL_HZ, now):
             since = -np.inf if self._trail.seconds is None else moment.t - self._trail.seconds
@@ -196,14 +199,17 @@ class Stage:
         self._due[what] = now + 1.0 / rate
         return True
 
-    def _span(self, target: Array) -> float:
-        """How large to draw the drones: as the camera that moved last sees them, for they are one for all browsers."""
+    def _eye(self) -> Array:
+        """Where the camera that moved last is: sizes and labels are one for all browsers."""
+        clients = self._server.get_clients().values()
+        if not clients:
+            return camera(self._mode, self._framing).position
+        return max(clients, key=lambda client: client.camera.update_timestamp).camera.position
+
+    def _span(self, eye: Array, target: Array) -> float:
+        """How large to draw the drones at `target`, m."""
         if self._size is None:
             return self._drone.span_m
-        eye = camera(self._mode, self._framing).position
-        clients = self._server.get_clients().values()
-        if clients:
-            eye = max(clients, key=lambda client: client.camera.update_timestamp).camera.position
         return readable_span(float(np.linalg.norm(eye - target)), self._drone.span_m, self._size)
 
     def _theme(self, *, dark: bool) -> None:
