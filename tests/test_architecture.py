@@ -19,13 +19,15 @@ MAY_IMPORT = {
     "errors": set[str](),
     "tracks": {"errors"},
     "settings": {"errors"},
+    "sensors": GROUND | {"settings", "analysis"},
     "mavlink": GROUND - {"tracks"},
     "telemetry": GROUND | {"mavlink"},
     "strapdown": {"tracks"},
     "analysis": GROUND | {"strapdown"},
     "recording": GROUND | {"mavlink", "telemetry"},
     "view": GROUND | {"strapdown", "analysis"},
-    "cli": GROUND | {"settings", "mavlink", "telemetry", "recording", "strapdown", "analysis", "view", "cli"},
+    "cli": GROUND
+    | {"settings", "sensors", "mavlink", "telemetry", "recording", "strapdown", "analysis", "view", "cli"},
     "__main__": {"cli"},
     "__init__": GROUND | {"recording", "strapdown", "analysis"},
 }
@@ -40,6 +42,7 @@ LIBRARIES = {
     "mavlink": {"numpy", "pymavlink"},
     "telemetry": {"numpy", "pyulog"},
     "recording": {"numpy"},
+    "sensors": {"msgspec"},
     "view": {"numpy", "viser", "rich"},
     "cli": {"numpy", "msgspec", "rich"},
 }

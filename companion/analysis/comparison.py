@@ -1,0 +1,175 @@
+"""One IMU of a flight, integrated once, beside the autopilot: what drift, budget, calibration and findings share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.analysis.compare import attitude_error
+from companion.analysis.reference import (
+    BoolArray,
+    Limits,
+    Reference,
+    attitude_jumps,
+    nearest,
+    position_jumps,
+    reference_at,
+)
+from companion.strapdown import Preintegration, preintegrate
+from companion.tracks import STANDARD_GRAVITY, Array, Flight, ImuTrack
+
+IntArray = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """The reckoning of one IMU and the autopilot's state at its samples."""
+
+    track: ImuTrack
+    path: Preintegration  # one pass over the track; carries any window
+    coarse: Preintegration  # the same with the other middle sample: their difference is the error of the sampling
+    reference: Reference  # at the samples of the track
+    gravity: float  # m/s²
+    limits: Limits
+    holes: BoolArray  # (N-1,) intervals of the track that are a hole
+    attitude_steps: Array  # (J, 2) s, jumps of the autopilot's attitude
+    position_steps: Array  # (J, 2) s, jumps of its position
+    method: str
+    middle: str
+
+    @property
+    def has_position(self) -> bool:
+        """Whether the autopilot's position is known anywhere."""
+        return bool(self.reference.position_known.any())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Windows:
+    """Windows of one length that can be used, and how many could not."""
+
+    horizon: float  # s
+    start: IntArray  # (W,) sample of the anchor
+    end: IntArray  # (W,) sample of the end
+    excluded: Mapping[str, int]  # left out, by reason
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowErrors:
+    """The error of every window at its end, autopilot minus IMU."""
+
+    anchor_s: Array  # (W,) s, boot clock
+    end_s: Array  # (W,)
+    attitude: Array  # (W, 3) rotation vector in NED, rad
+    velocity: Array  # (W, 3) NED m/s; meaningless when the flight has no position
+    position: Array  # (W, 3) NED m, likewise
+
+
+def compare(
+    flight: Flight,
+    *,
+    imu: str | None = None,
+    method: str = "rk4",
+    middle: str = "cubic",
+    segments: int = 1,
+    gravity: float = STANDARD_GRAVITY,
+    limits: Limits | None = None,
+    track: ImuTrack | None = None,
+) -> Comparison:
+    """Integrate one IMU of the flight and find the autopilot's state at its samples.
+
+    track: taken in place of the flight's own, e.g. the same IMU corrected. Raises DataError when the flight has no
+    usable IMU or no attitude, ValueError for an unknown method.
+    """
+    track = track or flight.imu(imu)
+    attitude = flight.require_attitude()
+    limits = limits or Limits()
+    other = "linear" if middle == "cubic" else "cubic"
+    return Comparison(
+        track=track,
+        path=preintegrate(track, method=method, middle=middle, segments=segments),
+        coarse=preintegrate(track, method="rk4", middle=other, segments=segments),
+        reference=reference_at(attitude, flight.position, track.t, limits),
+        gravity=gravity,
+        limits=limits,
+        holes=np.diff(track.t) > limits.hole(track.t),
+        attitude_steps=attitude_jumps(attitude, limits),
+        position_steps=position_jumps(flight.position, limits) if flight.position else np.zeros((0, 2)),
+        method=method,
+        middle=middle,
+    )
+
+
+def windows(comparison: Comparison, horizon: float) -> Windows:
+    """Windows of `horizon` seconds end to end, without those that have a hole, an unknown end or a jump in them.
+
+    A flight that has a position is judged where it has one. Raises ValueError for a horizon that is not positive.
+    """
+    if not (np.isfinite(horizon) and horizon > 0):
+        raise ValueError(f"horizons must be positive seconds, got {horizon}")
+    track, reference = comparison.track, comparison.reference
+    start, end = _grid(track.t, reference, horizon)
+    running = np.concatenate([[0], np.cumsum(comparison.holes)])
+    reasons = {
+        "imu_gap": running[end] > running[start],
+        "no_attitude": ~(reference.attitude_known[start] & reference.attitude_known[end]),
+        "attitude_jump": _touched(comparison.attitude_steps, track.t, start, end),
+    }
+    if comparison.has_position:
+        reasons |= {
+            "no_position": ~(reference.position_known[start] & reference.position_known[end]),
+            "position_jump": _touched(comparison.position_steps, track.t, start, end),
+        }
+    used = np.ones(len(start), np.bool_)
+    excluded: dict[str, int] = {}
+    for reason, bad in reasons.items():  # a window with several reasons counts under the first
+        if left_out := int((used & bad).sum()):
+            excluded[reason] = left_out
+        used &= ~bad
+    return Windows(float(horizon), start[used], end[used], excluded)
+
+
+def errors(comparison: Comparison, chosen: Windows, *, path: Preintegration | None = None) -> WindowErrors:
+    """How far each window's end is from the autopilot; path: another reckoning of the same samples."""
+    reference, start, end = comparison.reference, chosen.start, chosen.end
+    q, velocity, position = (path or comparison.path).carry(
+        start,
+        end,
+        reference.q_ned_frd[start],
+        reference.velocity[start],
+        reference.position[start],
+        gravity=comparison.gravity,
+    )
+    return WindowErrors(
+        anchor_s=reference.t[start],
+        end_s=reference.t[end],
+        attitude=attitude_error(reference.q_ned_frd[end], q),
+        velocity=reference.velocity[end] - velocity,
+        position=reference.position[end] - position,
+    )
+
+
+def _grid(t: Array, reference: Reference, horizon: float) -> tuple[IntArray, IntArray]:
+    """Sample indices of anchors and ends over all of the flight that has an attitude.
+
+    The grid stands on the first sample with a known position, so that none of the time with a position is given away.
+    """
+    known = np.flatnonzero(reference.attitude_known)
+    if not len(known) or horizon < 0.5 * np.median(np.diff(t)):
+        return np.zeros(0, np.intp), np.zeros(0, np.intp)
+    first, last = t[known[0]], t[known[-1]]
+    middle = t[np.argmax(reference.position_known)] if reference.position_known.any() else first
+    slack = 1e-9 * horizon  # so that an end that falls on the last sample is kept in spite of rounding
+    before, after = (int((span + slack) / horizon) for span in (middle - first, last - middle))
+    index = nearest(t, middle + horizon * np.arange(-before, after + 1))
+    apart = np.diff(index) > 0  # in a hole, or at a very low rate, two edges can fall on one sample
+    return index[:-1][apart], index[1:][apart]
+
+
+def _touched(steps: Array, t: Array, start: IntArray, end: IntArray) -> BoolArray:
+    """Whether one of the steps (J, 2), from s to s, lies in the window or is interpolated across at its ends."""
+    over = np.searchsorted(steps[:, 1], t[start], side="right")
+    to_come = len(steps) - np.searchsorted(steps[:, 0], t[end], side="left")
+    return np.asarray(len(steps) - over - to_come > 0)

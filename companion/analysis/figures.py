@@ -1,0 +1,49 @@
+"""What an IMU and an autopilot are expected to be off by: the 1σ figures that a budget stands on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFigures:
+    """One three-axis sensor. Its unit u is rad/s for a gyro and m/s² for an accelerometer."""
+
+    noise_density: float  # u/√Hz, white
+    bias_walk: float  # u/√s
+    residual_bias: float  # u, 1σ of what is left after the autopilot's calibration
+    offset: float  # u, the part's own bias before any calibration (tolerance)
+    scale: float  # 1σ scale error after calibration, no unit
+    full_scale: float  # u
+
+
+@dataclass(frozen=True, slots=True)
+class ImuFigures:
+    """The figures of an IMU, and what part they are of."""
+
+    name: str
+    gyro: SensorFigures
+    accel: SensorFigures
+    reason: str = ""  # why this part is assumed
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceFigures:
+    """1σ of the autopilot's own estimate at one instant, and of what relates it to the IMU. All are settings."""
+
+    tilt: float = 0.005  # rad, each horizontal axis
+    heading: float = 0.02  # rad
+    velocity: float = 0.05  # m/s, each axis
+    position: float = 0.1  # m, each axis, over the length of a window: a constant offset cancels
+    time_offset: float = 0.01  # s, IMU against the autopilot's estimate: ArduPilot's 20 Hz filter lags by 12 ms
+    misalignment: float = 0.005  # rad, between the axes of the IMU and those of the attitude
+    gravity: float = 0.003  # m/s²: height, the latitude that "standard" ignores, geoid
+
+
+GENERIC = ImuFigures(
+    "generic-mems",
+    SensorFigures(1.2e-4, 1.94e-5, 1.75e-3, 0.087, 1e-3, 34.9),
+    SensorFigures(1.57e-3, 3.0e-3, 0.098, 0.49, 2e-3, 157.0),
+    "no part is named",
+)
+"""The middle of the parts in config/imu, for use without that library; there `generic-mems.toml` names the sources."""

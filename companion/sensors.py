@@ -1,0 +1,125 @@
+"""The IMU library `config/imu/*.toml`: data-sheet figures in SI, and which part a vehicle says that it carries."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from companion.analysis import ImuFigures, SensorFigures
+from companion.errors import InputError, SettingsError
+from companion.settings import data_folder
+from companion.tracks import STANDARD_GRAVITY, Flight
+
+_DEGREE = math.radians(1.0)
+_SI: Mapping[str, float] = {
+    "mdps/√Hz": 1e-3 * _DEGREE,
+    "dps/√Hz": _DEGREE,
+    "µg/√Hz": 1e-6 * STANDARD_GRAVITY,
+    "rad/s/√s": 1.0,
+    "m/s²/√s": 1.0,
+    "dps": _DEGREE,
+    "mg": 1e-3 * STANDARD_GRAVITY,
+    "g": STANDARD_GRAVITY,
+    "%": 1e-2,
+}
+
+_CALIBRATED_SCALE = 0.1
+"""Part of the scale tolerance that is left after an accelerometer's six-position calibration."""
+
+_ARDUPILOT_PARTS = {
+    0x13: "mpu-6000",
+    0x21: "mpu-6000",
+    0x16: "mpu-9250",
+    0x24: "mpu-9250",
+    0x28: "icm-20689",
+    0x2B: "bmi088",
+    0x2C: "icm-20948",
+    0x2F: "icm-20602",
+    0x31: "adis16470",
+    0x34: "icm-42688-p",
+    0x38: "bmi270",
+    0x3B: "icm-45686",
+}
+"""Device type, bits 16-23 of INS_GYR_ID and INS_ACC_ID: ArduPilot, AP_InertialSensor_Backend.h, enum DevTypes."""
+
+_ARDUPILOT_SITL = 0x2A
+
+
+class _Figure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    value: float
+    unit: str
+    kind: Literal["datasheet", "secondary", "typical"]
+    source: str
+
+    @property
+    def si(self) -> float:
+        return self.value * _SI[self.unit]
+
+
+class _Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    noise_density: _Figure
+    bias_walk: _Figure
+    residual_bias: _Figure
+    offset: _Figure
+    scale: _Figure
+    full_scale: _Figure
+
+
+class _Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    name: str
+    datasheet: str
+    gyro: _Sensor
+    accel: _Sensor
+
+
+def imu_parts() -> list[str]:
+    """The names in the library."""
+    return sorted(path.stem for path in (data_folder("config") / "imu").glob("*.toml"))
+
+
+def load_imu_figures(part: str, reason: str = "asked for") -> ImuFigures:
+    """The figures of a part of the library, or of a .toml file of the same form, in SI.
+
+    Raises InputError for a part that the library does not have, SettingsError for a file that is not of that form.
+    """
+    path = Path(part) if part.endswith(".toml") else data_folder("config") / "imu" / f"{part.lower()}.toml"
+    try:
+        found = msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), _Part)
+        return ImuFigures(part, _sensor(found.gyro), _sensor(found.accel), reason)
+    except OSError:
+        raise InputError(
+            f"no IMU model {part!r}. The library has: {', '.join(imu_parts())}; or name a .toml file of that form."
+        ) from None
+    except (tomllib.TOMLDecodeError, msgspec.ValidationError, KeyError) as error:
+        raise SettingsError(f"{path} does not describe an IMU: {error}. config/imu/README.md says how.") from None
+
+
+def figures_of(flight: Flight, imu: str) -> ImuFigures:
+    """The figures of the part that the vehicle's parameters name for this IMU message, else of generic-mems."""
+    number = "" if flight.imus[imu].instance == 0 else str(flight.imus[imu].instance + 1)
+    parameter = f"INS_GYR{number}_ID"
+    identity = int(flight.parameters.get(parameter, 0))
+    kind = identity >> 16 & 0xFF
+    if kind in _ARDUPILOT_PARTS:
+        return load_imu_figures(_ARDUPILOT_PARTS[kind], f"{parameter} = {identity}")
+    if kind == _ARDUPILOT_SITL:
+        return load_imu_figures("generic-mems", f"{parameter} is ArduPilot's simulated IMU")
+    if identity:
+        return load_imu_figures("generic-mems", f"{parameter} = {identity} names a part that the library lacks")
+    return load_imu_figures("generic-mems", "the vehicle's parameters name no part")
+
+
+def _sensor(sensor: _Sensor) -> SensorFigures:
+    return SensorFigures(
+        noise_density=sensor.noise_density.si,
+        bias_walk=sensor.bias_walk.si,
+        residual_bias=sensor.residual_bias.si,
+        offset=sensor.offset.si,
+        scale=_CALIBRATED_SCALE * sensor.scale.si,
+        full_scale=sensor.full_scale.si,
+    )
