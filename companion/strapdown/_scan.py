@@ -34,8 +34,7 @@ def _scan(q: Complex) -> Complex:
     # A position in the block costs two calls, another block only its share of them: short blocks, many of them.
     length = n if n <= 24 else max(16, int(np.sqrt(n) / 3))
     blocks = -(-n // length)
-    padded = np.zeros((2, blocks * length), dtype=np.complex128)
-    padded[0, n:] = 1.0
+    padded = np.zeros((2, blocks * length), dtype=np.complex128)  # what pads the last block reaches no other
     padded[:, :n] = q
     alpha, beta = padded.reshape(2, blocks, length).transpose(0, 2, 1)
     factor = np.empty((length, 2, 2, blocks), dtype=np.complex128)

@@ -1,4 +1,4 @@
-"""How errors of the start and of the IMU grow to the end of a window, each cause by itself (MATH.md §2).
+"""How errors of the start and of the IMU grow to the end of a window, each cause by itself (docs/mathematics.md).
 
 Errors are truth minus estimate in the world frame: `q_true = Exp(φ) ⊗ q`, δv, δp; biases δb = true minus used. With
 `a = C(q) f` the specific force in NED: φ' = -C(q) δw, δv' = -[a]x φ - C(q) δf, δp' = δv. φ only accumulates, so an

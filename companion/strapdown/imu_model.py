@@ -125,6 +125,5 @@ def _gauss_markov(h: Array, noise: Array) -> Array:
     while reach < len(x) and keep.any():
         x[reach:] += keep[reach:] * x[:-reach].copy()
         keep[reach:] = keep[reach:] * keep[:-reach]
-        keep[:reach] = 0.0
         reach *= 2
     return x

@@ -3,7 +3,7 @@
 Seed 000: a step starts from the identity, not from q_n, so every increment depends on its own samples alone and all
 of them are computed as arrays; `companion.strapdown.reckon` then multiplies and sums them up. Between two samples the
 signal is a line through them (`middle="linear"`, as the seeds have it) or the cubic through the four samples around
-(`middle="cubic"`): on smooth motion RK4 is of order 2 with the line and of order 4 with the cubic (seeds/NOTES.md).
+(`middle="cubic"`): on smooth motion RK4 is of order 2 with the line and 4 with the cubic (docs/mathematics.md).
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ def _rk4(signal: Signal, begin: float, end: float) -> tuple[Array, Array, Array]
 
     The accelerations use the same intermediate q1, q2, q3 as the attitude; those are not of unit length, `rotate` takes
     the rotation they stand for. Position: the seed's k are those of the velocity equation, so
-    dp = h²/6 (a0 + a1 + a2) (seeds/NOTES.md).
+    dp = h²/6 (a0 + a1 + a2) (docs/mathematics.md).
     """
     h = (end - begin) * signal.dt
     x0, xm, x1 = signal.at(begin), signal.at(0.5 * (begin + end)), signal.at(end)

@@ -2,7 +2,7 @@
 
 Nothing loops over samples: the running product is a prefix scan (`_scan`), and the work is done in chunks that fit the
 processor's cache. `preintegrate` does the same without gravity and without a start, and its result serves every anchor,
-horizon and window (MATH.md §1).
+horizon and window (docs/mathematics.md).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SAME_TIME = 5e-7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Preintegration:
-    """One gravity-free pass over a track from identity, zero velocity and zero position: Q, V, P of MATH.md §1."""
+    """One gravity-free pass over a track from identity at rest at the origin: Q, V, P of docs/mathematics.md."""
 
     t: Array  # (N,) s
     q: Array  # (N, 4) wxyz, body at t_i to body at t_0, unit length

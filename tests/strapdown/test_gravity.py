@@ -25,6 +25,19 @@ def test_it_falls_with_height_by_the_free_air_gradient_and_is_standard_at_middle
     np.testing.assert_allclose(normal_gravity([-0.5, 0.5], [[0.0], [10.0]]).shape, (2, 2))
 
 
+def test_height_agrees_with_the_field_of_an_oblate_earth_above_the_equator() -> None:
+    """GM/r² (1 + 3/2 J2 (a/r)²) - ω² r, with the WGS-84 constants; the change with height needs no J4."""
+
+    def field(height: float) -> float:
+        r = 6378137.0 + height
+        attraction = 3.986004418e14 / r**2 * (1 + 1.5 * 1.08262982e-3 * (6378137.0 / r) ** 2)
+        return attraction - 7.292115e-5**2 * r
+
+    for height in (1_000.0, 20_000.0):
+        expected = field(height) - field(0.0)
+        assert normal_gravity(0.0, height) - normal_gravity(0.0) == pytest.approx(expected, abs=5e-6)
+
+
 def test_degrees_are_refused() -> None:
     with pytest.raises(ValueError, match="degrees"):
         normal_gravity(47.0)

@@ -142,6 +142,8 @@ def test_steps_of_more_than_half_a_turn_are_finite_and_reported() -> None:
     fast = increments(ImuTrack(t, np.full((5, 3), 4.0), np.ones((5, 3))))
     assert np.isfinite(fast.dq).all()
     np.testing.assert_allclose(np.linalg.norm(fast.dq, axis=1), 1.0)
+    backwards = increments(ImuTrack(t, np.full((5, 3), 2.6), np.ones((5, 3))))  # 4.5 rad, beyond half a turn
+    assert (backwards.dq[:, 0] >= 0).all()
     assert "4 of 4 intervals turn by more than π" in fast.notes[0]
     assert increments(ImuTrack(t, np.full((5, 3), 1.8), np.ones((5, 3)))).notes == ()  # 3.118 rad
 

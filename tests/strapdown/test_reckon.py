@@ -1,4 +1,4 @@
-"""The trajectory: laws of the field, analytic truth, and a plain scalar loop written from seeds/NOTES.md."""
+"""The trajectory: laws of the field, analytic truth, and a plain scalar loop written from docs/mathematics.md."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def irregular_coning(n: int = 300, seconds: float = 4.0) -> Motion:
 
 
 def scalar_rk4(imu: ImuTrack, start: NavState, middle: str) -> tuple[Array, Array, Array]:
-    """seeds/NOTES.md 000, one sample after the other, with matrices made from quaternions as the text has them."""
+    """docs/mathematics.md 000, one sample after the other, with matrices made from quaternions as the text has them."""
 
     def mul(a: Array, b: Array) -> Array:
         w, v = a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])
@@ -189,6 +189,21 @@ def test_pieces_with_a_sample_more_at_both_ends_give_the_whole(method: str, midd
 
 def columns(trajectory: Trajectory) -> tuple[Array, Array, Array]:
     return trajectory.q_ned_frd, trajectory.velocity, trajectory.position
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_segments_are_the_same_as_samples_put_on_the_line_between(method: str) -> None:
+    coarse = irregular_coning(200, 4.0).imu
+    fine_t = np.interp(np.arange(4 * 200 + 1) / 4, np.arange(201), coarse.t)
+    between = [
+        np.stack([np.interp(fine_t, coarse.t, x[:, i]) for i in range(3)], 1) for x in (coarse.gyro, coarse.accel)
+    ]
+    start = NavState(coarse.t[0], quaternion.from_euler(0.3, -0.2, 1.0), np.ones(3), np.zeros(3))
+    pieces = reckon(coarse, start, method=method, middle="linear", segments=4)
+    fine = reckon(ImuTrack(fine_t, between[0], between[1]), start, method=method, middle="linear")
+    np.testing.assert_allclose(pieces.q_ned_frd, fine.q_ned_frd[::4], atol=1e-12)
+    np.testing.assert_allclose(pieces.velocity, fine.velocity[::4], atol=1e-11)
+    np.testing.assert_allclose(pieces.position, fine.position[::4], atol=1e-10)
 
 
 # --- analytic truth --------------------------------------------------------------------------------------------

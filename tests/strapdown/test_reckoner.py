@@ -39,7 +39,9 @@ def assert_same(a: Trajectory, b: Trajectory) -> None:
 RANDOM_CUTS = sorted({0, 1_500, *np.random.default_rng(6).integers(1, 1_500, 200).tolist()})
 
 
-@pytest.mark.parametrize("cuts", [list(range(1_501)), [0, 1_500], [0, 0, 2, 3, 3, 7, 1_500], RANDOM_CUTS])
+@pytest.mark.parametrize(
+    "cuts", [list(range(1_501)), [0, 1_500], [0, 0, 2, 3, 3, 7, 1_500], [0, 9, 10, 1_499, 1_500, 1_500], RANDOM_CUTS]
+)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("middle", MIDDLES)
 def test_any_cutting_gives_the_batch(cuts: list[int], method: str, middle: str) -> None:
