@@ -6,6 +6,8 @@ byte and then over CRC_EXTRA. Source: https://mavlink.io/en/guide/serialization.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 
@@ -13,7 +15,11 @@ Bytes = npt.NDArray[np.uint8]
 Index = npt.NDArray[np.int64]
 
 _START = 0xFFFF
-_BLOCK_BYTES = 1 << 20  # gathered at a time: both the rows and their transpose stay in cache, and memory is bounded
+_BLOCK_BYTES = 1 << 19  # gathered at a time: the rows and their transpose stay in cache, and memory is bounded
+_BUCKET = 8  # pairs of bytes by which frames that are gathered together may differ in length
+
+SLACK = 2 * _BUCKET
+"""Bytes that must follow the last range given to `frame_crc`."""
 
 
 def _advance(state: npt.NDArray[np.uint16], zero_bits: int) -> npt.NDArray[np.uint16]:
@@ -30,37 +36,38 @@ _TWO_BYTES = _advance(np.arange(65536, dtype=np.uint16), 16)  # 128 KiB: it live
 def frame_crc(data: Bytes, first: Index, count: Index, extra: Bytes) -> npt.NDArray[np.uint16]:
     """CRC of `data[first[i] : first[i] + count[i]]` followed by `extra[i]`, for every i.
 
-    `data` (M,) uint8, must reach one byte past the last range; `first`, `count`, `extra` (N,). Returns (N,) uint16.
-    Ranges may overlap. Time is linear in the sum of `count`, memory bounded but for the result.
+    `data` (M,) uint8 with SLACK bytes behind the last range; `first`, `count`, `extra` (N,). Returns (N,) uint16.
+    Ranges may overlap. Time is linear in the sum of `count`, memory bounded but for a few bytes per range.
     """
-    out = np.empty(len(first), np.uint16)
-    # Frames with as many whole pairs of bytes go together: then each step is one table look-up for all of them.
-    pairs = (count >> 1).astype(np.uint8 if not len(count) or int(count.max()) < 512 else np.int64)
+    # Sorted by length, so that in each step those that are not yet at their end lie side by side.
+    pairs = (count >> 1).astype(np.uint16)
     order = np.argsort(pairs, kind="stable")
-    edges = np.flatnonzero(np.diff(pairs[order], prepend=-1, append=-1))
-    for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        width = int(pairs[order[low]])
-        step = max(_BLOCK_BYTES // (2 * width + 1), 1)
-        for begin in range(low, high, step):
-            group = order[begin : min(begin + step, high)]
-            out[group] = _crc_of_group(data, first[group], width, (count[group] & 1).astype(bool), extra[group])
-    return out
-
-
-def _crc_of_group(
-    data: Bytes, first: Index, width: int, odd: npt.NDArray[np.bool_], extra: Bytes
-) -> npt.NDArray[np.uint16]:
-    """CRC of frames that all have `width` pairs of bytes, `odd` ones a single byte more."""
-    rows = gather(data, first, 2 * width).view("<u2")
+    pairs, first, odd, extra = pairs[order], first[order], (count[order] & 1).astype(bool), extra[order]
     state = np.full(len(first), _START, np.uint16)
-    # Transposed, so that each column of pairs lies contiguous in memory.
-    for column in np.ascontiguousarray(rows.T):
-        state = _TWO_BYTES[state ^ column]
-    last = data[first + 2 * width]
+    buckets = np.flatnonzero(np.diff(pairs // _BUCKET, prepend=-1, append=-1)).tolist()
+    for low, high in pairwise(buckets):
+        step = max(_BLOCK_BYTES // (2 * int(pairs[high - 1]) + 1), 1)
+        for begin in range(low, high, step):
+            block = slice(begin, min(begin + step, high))
+            _take_pairs(state[block], data, first[block], pairs[block])
+    # Then an odd byte together with the extra one, or the extra one alone.
+    last = data[first + 2 * pairs.astype(np.int64)]
     with_byte = _TWO_BYTES[state ^ (last | (extra.astype(np.uint16) << 8))]
     without = (state >> 8) ^ _ONE_BYTE[(state & 0xFF) ^ extra]
-    crc: npt.NDArray[np.uint16] = np.where(odd, with_byte, without)
+    crc = np.empty_like(state)
+    crc[order] = np.where(odd, with_byte, without)
     return crc
+
+
+def _take_pairs(state: npt.NDArray[np.uint16], data: Bytes, first: Index, pairs: npt.NDArray[np.uint16]) -> None:
+    """Advance each register in `state` by so many pairs of bytes; `pairs` ascends."""
+    width = int(pairs[-1])
+    # Transposed, so that each column of pairs lies contiguous in memory.
+    columns = np.ascontiguousarray(gather(data, first, 2 * width).view("<u2").T)
+    unfinished = np.searchsorted(pairs, np.arange(width), side="right").tolist()
+    for column, begin in zip(columns, unfinished, strict=True):
+        # "clip" because every 16-bit index is in the table: NumPy then looks up without a check, and in place.
+        _TWO_BYTES.take(state[begin:] ^ column[begin:], out=state[begin:], mode="clip")
 
 
 def gather(data: Bytes, start: Index, size: int) -> Bytes:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.mavlink.crc import Bytes, Index, frame_crc
+from companion.mavlink.crc import SLACK, Bytes, Index, frame_crc
 from companion.mavlink.dialect import MessageLayout
 from companion.mavlink.messages import Messages
 
@@ -95,7 +95,7 @@ def _write(out: Bytes, m: Messages, position: Index, size: Index, seq: Bytes, le
         first = np.arange(len(chosen), dtype=np.int64) * length + lead + 1
         count = np.full(len(chosen), _HEADER - 1 + sent, np.int64)
         extra = np.full(len(chosen), m.layout.crc_extra, np.uint8)
-        crc = frame_crc(packets.ravel(), first, count, extra)
+        crc = frame_crc(np.append(packets, np.zeros(SLACK, np.uint8)), first, count, extra)
         frame[:, -2], frame[:, -1] = crc & 0xFF, crc >> 8
         windows = np.ndarray((len(out) - length + 1,), np.dtype((np.void, length)), out.data, strides=(1,))
         windows[position[chosen]] = packets.view(windows.dtype)[:, 0]

@@ -35,8 +35,10 @@ from companion.mavlink.headers import (
     SIGNED,
     Headers,
     crc_is_right,
+    cut_headers,
     find_headers,
     merge,
+    odd_headers,
     wire_crc,
     without_overlap,
 )
@@ -112,37 +114,18 @@ class Decoder:
         data[len(self._carry) : size] = chunk
         base = self._base
 
-        conforming, odd, cut = find_headers(data, self._scan - base, size, self.dialect)
+        conforming, magic_1 = find_headers(data, self._scan - base, size, self.dialect)
+        cut = cut_headers(data, self._scan - base, size)
         complete = conforming.end <= size
-        if not final:
+        if not complete.all():
             cut = np.concatenate((cut, conforming.start[~complete]))
-        conforming = conforming[complete]
+            conforming = conforming[complete]
         right = crc_is_right(data, conforming, self.dialect)
-        frames = without_overlap(conforming[right])
+        frames = without_overlap(conforming if right.all() else conforming[right])
         decided = size if final else _first_uncovered(cut, frames, size)
-        frames = frames[frames.start < decided]
-
-        # Odd frames in the gaps (rare: old or strange senders, and noise).
-        previous, following = _gap_edges(self._last_end - base, frames, decided)
-        gap = np.searchsorted(frames.start, odd.start, side="right")
-        searched = (odd.start >= previous[gap]) & (odd.start < decided)
-        searched &= (following[gap] - previous[gap] != self._stamp) | (gap == len(frames))
-        searched &= (odd.end <= following[gap]) | (gap == len(frames))
-        odd, open_end = odd[searched], (gap == len(frames))[searched]
-        if len(odd):
-            whole = odd.end <= size
-            if not final:
-                decided = min([decided, *odd.start[open_end & ~whole].tolist()])
-            odd, open_end = odd[whole], open_end[whole]
-            valid = crc_is_right(data, odd, self.dialect)
-            odd, open_end = odd[valid], open_end[valid]
-            if not final:
-                last = odd[open_end]
-                for begin, end in zip(last.start.tolist()[::-1], last.end.tolist()[::-1], strict=True):
-                    decided = begin if end > decided else decided
-            odd = odd[odd.end <= decided]
-            frames = without_overlap(merge(frames, odd))
+        if len(frames) and frames.start[-1] >= decided:
             frames = frames[frames.start < decided]
+        frames, decided = self._add_odd(data, magic_1, frames, decided, size, final=final)
 
         self._count_bad(conforming[~right & (conforming.start < decided)], frames, decided, final=final)
         self._walk_gaps(data, frames, decided)
@@ -155,6 +138,34 @@ class Decoder:
         keep = max(decided - STAMP_BYTES, 0)
         self._carry, self._base, self._scan = data[keep:size].copy(), base + keep, base + decided
         return result
+
+    def _add_odd(
+        self, data: Bytes, magic_1: Index, frames: Headers, decided: int, size: int, *, final: bool
+    ) -> tuple[Headers, int]:
+        """Odd frames in the gaps (rare: old or strange senders, and noise), and how far all is decided with them."""
+        previous, following = _gap_edges(self._last_end - self._base, frames, decided)
+        searched = following - previous != self._stamp
+        searched[-1] = True  # the last gap is still open
+        magic_1 = magic_1[np.searchsorted(magic_1, previous[np.argmax(searched)]) :]  # none lies before the first gap
+        gap = np.searchsorted(frames.start, magic_1, side="right")
+        inside = searched[gap] & (magic_1 >= previous[gap]) & (magic_1 < following[gap])
+        odd = odd_headers(data, magic_1[inside], self.dialect)
+        if len(odd) == 0:
+            return frames, decided
+        gap = np.searchsorted(frames.start, odd.start, side="right")
+        is_open = gap == len(frames)
+        whole = odd.end <= np.where(is_open, size, following[gap])
+        if not final:
+            decided = int(odd.start[is_open & ~whole].min(initial=decided))
+        odd, is_open = odd[whole], is_open[whole]
+        right = crc_is_right(data, odd, self.dialect)
+        odd, is_open = odd[right], is_open[right]
+        if not final:
+            last = odd[is_open]
+            for begin, end in zip(last.start.tolist()[::-1], last.end.tolist()[::-1], strict=True):
+                decided = begin if end > decided else decided
+        frames = without_overlap(merge(frames, odd[odd.end <= decided]))
+        return frames[frames.start < decided], decided
 
     def _frames(self, data: Bytes, frames: Headers) -> Frames:
         """Read what else the headers say."""

@@ -37,34 +37,54 @@ class Headers:
         return len(self.start)
 
 
-def find_headers(data: Bytes, low: int, size: int, dialect: Dialect) -> tuple[Headers, Headers, Index]:
-    """Conforming headers and odd ones in `data[low:size]`, and where a header may begin that is cut off by the end."""
-    # 0xFD + 3 and 0xFE + 3 wrap around to 0 and 1: one comparison finds both magic bytes.
-    magic = np.flatnonzero((data[low:size] + np.uint8(3)) < 2) + low
-    first = data[magic] == MAGIC_1
-    cut = magic[magic + np.where(first, HEADER_1, HEADER_2) > size]
-    unknown = len(dialect.crc_extra) - 1
+def find_headers(data: Bytes, low: int, size: int, dialect: Dialect) -> tuple[Headers, Index]:
+    """Conforming headers in `data[low:size]`: known id, understood flags, and for MAVLink 1 a length of the layout.
 
-    start = magic[~first & (magic + HEADER_2 <= size)]
-    start = start[(data[start + 2] & ~np.uint8(SIGNED)) == 0]
+    They may reach beyond `size`; those whose header itself does are left to `cut_headers`. Also every position where a
+    MAVLink 1 header could begin, for `odd_headers`.
+    """
+    unknown = len(dialect.crc_extra) - 1
+    stop = max(size - HEADER_2 + 1, low)
+    start = np.flatnonzero((data[low:stop] == MAGIC_2) & (data[low + 2 : stop + 2] <= SIGNED)) + low
     number = (gather(data, start + 6, 4).view("<u4")[:, 0] >> 8).astype(np.int64)
-    number = np.minimum(number, unknown)
-    known = dialect.crc_extra[number] >= 0
-    start, number = start[known], number[known]
+    known = dialect.crc_extra[np.minimum(number, unknown)] >= 0
+    if not known.all():
+        start, number = start[known], number[known]
     length = data[start + 1].astype(np.int64)
     payload = start + HEADER_2
-    end = payload + length + CRC_BYTES + np.where(data[start + 2] & SIGNED, SIGNATURE_BYTES, 0)
+    end = payload + length + (CRC_BYTES + SIGNATURE_BYTES * data[start + 2].astype(np.int64))
     second = Headers(start, payload, length, end, number)
+    magic_1 = np.flatnonzero(data[low : max(size - HEADER_1 + 1, low)] == MAGIC_1) + low
+    first = _version_1(data, magic_1, dialect)
+    return merge(second, first[_fits(first, dialect)]), magic_1
 
-    start = magic[first & (magic + HEADER_1 <= size)]
-    number = np.minimum(data[start + 5].astype(np.int64), unknown)
+
+def odd_headers(data: Bytes, magic_1: Index, dialect: Dialect) -> Headers:
+    """MAVLink 1 headers at `magic_1` of a known id with a length that its layout cannot have."""
+    found = _version_1(data, magic_1, dialect)
+    return found[~_fits(found, dialect)]
+
+
+def cut_headers(data: Bytes, low: int, size: int) -> Index:
+    """Where a header may begin that the end of the data cuts off."""
+    tail = np.arange(max(size - HEADER_2 + 1, low), size)
+    magic = data[tail]
+    cut: Index = tail[(magic == MAGIC_2) | ((magic == MAGIC_1) & (tail > size - HEADER_1))]
+    return cut
+
+
+def _version_1(data: Bytes, start: Index, dialect: Dialect) -> Headers:
+    number = np.minimum(data[start + 5].astype(np.int64), len(dialect.crc_extra) - 1)
     known = dialect.crc_extra[number] >= 0
     start, number = start[known], number[known]
     length = data[start + 1].astype(np.int64)
     payload = start + HEADER_1
-    version_1 = Headers(start, payload, length, payload + length + CRC_BYTES, number)
-    fits = (length >= dialect.min_length[number]) & (length <= dialect.max_length[number])
-    return merge(second, version_1[fits]), version_1[~fits], cut
+    return Headers(start, payload, length, payload + length + CRC_BYTES, number)
+
+
+def _fits(first: Headers, dialect: Dialect) -> npt.NDArray[np.bool_]:
+    shortest, longest = dialect.min_length[first.id], dialect.max_length[first.id]
+    return np.asarray((first.length >= shortest) & (first.length <= longest))
 
 
 def wire_crc(data: Bytes, headers: Headers) -> npt.NDArray[np.uint16]:
