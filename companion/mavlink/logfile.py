@@ -70,6 +70,13 @@ def read_chunks(path: Path, size: int = CHUNK_BYTES) -> Iterator[bytes]:
                 yield chunk
 
 
+def is_compressed(path: Path) -> bool:
+    """Whether `read_chunks` decompresses it; raises as `open_file`."""
+    with open_file(path) as file:
+        magic = file.read(len(_ZSTD))
+    return magic.startswith(_GZIP) or magic == _ZSTD
+
+
 def _decompressed(file: Any, size: int) -> Iterator[bytes]:
     """The chunks of a file object of gzip or compression.zstd."""
     pieces: list[bytes] = []
