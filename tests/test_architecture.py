@@ -25,9 +25,10 @@ MAY_IMPORT = {
     "strapdown": {"tracks"},
     "analysis": GROUND | {"strapdown"},
     "recording": GROUND | {"mavlink", "telemetry"},
+    "simulate": GROUND | {"mavlink", "strapdown"},
     "view": GROUND | {"strapdown", "analysis"},
     "cli": GROUND
-    | {"settings", "sensors", "mavlink", "telemetry", "recording", "strapdown", "analysis", "view", "cli"},
+    | {"settings", "sensors", "mavlink", "telemetry", "recording", "strapdown", "analysis", "simulate", "view", "cli"},
     "__main__": {"cli"},
     "__init__": GROUND | {"recording", "strapdown", "analysis"},
 }
@@ -39,7 +40,8 @@ LIBRARIES = {
     "strapdown": {"numpy"},
     "analysis": {"numpy"},
     "settings": {"msgspec"},
-    "mavlink": {"numpy", "pymavlink"},
+    "mavlink": {"numpy", "pymavlink", "serial"},
+    "simulate": {"numpy"},
     "telemetry": {"numpy", "pyulog"},
     "recording": {"numpy"},
     "sensors": {"msgspec"},

@@ -1,33 +1,50 @@
 """Bytes to messages and back: the only part that knows MAVLink's formats (and imports pymavlink). Knows no physics."""
 
+from companion.mavlink.address import Address, is_link, parse_address
 from companion.mavlink.dataflash import DataflashLog, RecordLayout, Records, read_dataflash
 from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, MessageLayout, dialect_names, enum_names, load_dialect
 from companion.mavlink.encode import encode, make_messages
 from companion.mavlink.frames import Damage, Decoder, Frames
+from companion.mavlink.link import Link, LinkHealth, open_port
 from companion.mavlink.logfile import log_format
 from companion.mavlink.messages import Messages, split_messages
+from companion.mavlink.pack import Packer, Value
+from companion.mavlink.ports import Port
+from companion.mavlink.requests import ForbiddenMessageError, Request, Target
 from companion.mavlink.tlog import Log, TlogWriter, follow_tlog, read_tlog, write_tlog
 
 __all__ = [
     "DEFAULT_DIALECT",
+    "Address",
     "Damage",
     "DataflashLog",
     "Decoder",
     "Dialect",
+    "ForbiddenMessageError",
     "Frames",
+    "Link",
+    "LinkHealth",
     "Log",
     "MessageLayout",
     "Messages",
+    "Packer",
+    "Port",
     "RecordLayout",
     "Records",
+    "Request",
+    "Target",
     "TlogWriter",
+    "Value",
     "dialect_names",
     "encode",
     "enum_names",
     "follow_tlog",
+    "is_link",
     "load_dialect",
     "log_format",
     "make_messages",
+    "open_port",
+    "parse_address",
     "read_dataflash",
     "read_tlog",
     "split_messages",

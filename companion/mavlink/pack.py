@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
 from typing import Any
 
 from companion.mavlink.dialect import DEFAULT_DIALECT, load_dialect
@@ -11,7 +12,7 @@ Value = int | float | bytes
 
 
 class Packer:
-    """Packs the messages of one sender and counts their sequence, in MAVLink 2 (or 1, for firmware that knows no other)."""
+    """Packs the messages of one sender and counts their sequence; in MAVLink 2, or 1 for firmware that knows no other."""
 
     def __init__(self, sysid: int, compid: int, *, dialect: str = DEFAULT_DIALECT) -> None:
         load_dialect(dialect)  # says which dialects there are
@@ -19,7 +20,7 @@ class Packer:
         self._sender: Any = self._module.MAVLink(None, srcSystem=sysid, srcComponent=compid)
         self._blank: dict[str, dict[str, Any]] = {}
 
-    def pack(self, name: str, *, version: int = 2, **fields: Value) -> bytes:
+    def pack(self, name: str, fields: Mapping[str, Value], *, version: int = 2) -> bytes:
         """A frame of message `name` ("RAW_IMU"), fields in wire units; those not named are zero.
 
         Raises KeyError for a message or field that the dialect does not have, struct.error for a value out of range.
@@ -30,7 +31,7 @@ class Packer:
         blank = self._blank.setdefault(name, _zeros(kind))
         if unknown := fields.keys() - blank.keys():
             raise KeyError(f"{name} has no field {', '.join(sorted(unknown))}; it has {', '.join(blank)}")
-        frame: bytes = bytes(kind(**(blank | fields)).pack(self._sender, force_mavlink1=version == 1))
+        frame: bytes = bytes(kind(**(blank | dict(fields))).pack(self._sender, force_mavlink1=version == 1))
         self._sender.seq = (self._sender.seq + 1) % 256
         return frame
 

@@ -43,7 +43,7 @@ class Request:
             raise ForbiddenMessageError(f"companion never sends {self.name}; it may send {sorted(ALLOWED_MESSAGES)}")
         if self.name == "COMMAND_LONG" and self.fields.get("command") not in ALLOWED_COMMANDS:
             raise ForbiddenMessageError(
-                f"companion never sends MAV_CMD {self.fields.get('command')}; it may send {sorted(ALLOWED_COMMANDS)}"
+                f"companion never sends MAV_CMD {self.fields.get('command')!r}; it may send {sorted(ALLOWED_COMMANDS)}"
             )
 
 

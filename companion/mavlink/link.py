@@ -1,0 +1,158 @@
+"""A link to vehicles: bytes in, frames out by the same decoder as logs; out goes only what `requests` allows."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+
+from companion.errors import InputError
+from companion.mavlink.address import Address, parse_address
+from companion.mavlink.dialect import DEFAULT_DIALECT, load_dialect
+from companion.mavlink.frames import Damage, Decoder, Frames
+from companion.mavlink.headers import HEADER_1
+from companion.mavlink.pack import Packer
+from companion.mavlink.ports import Port
+from companion.mavlink.requests import Request
+from companion.mavlink.serial_port import SerialPort
+from companion.mavlink.sockets import TcpPort, UdpPort
+
+DEFAULT_SYSID, DEFAULT_COMPID = 240, 191
+"""Own ids: a system of its own, as MAV_COMP_ID_ONBOARD_COMPUTER. Never 255: ArduPilot takes that for its GCS."""
+
+_GATHER_S = 0.01  # after the first byte: one decoding for what arrives together (SITL sends in bursts)
+_NOISE_S, _NOISE_BYTES = 5.0, 200  # so many bytes in so long a time without one frame are no MAVLink
+
+
+@dataclass(slots=True)
+class LinkHealth:
+    """What a link has carried so far. Times are `time.monotonic()`."""
+
+    bytes: int = 0
+    frames: int = 0
+    lost: dict[tuple[int, int], int] = field(default_factory=dict)  # (sysid, compid) → frames missing by sequence
+    sent: dict[str, int] = field(default_factory=dict)  # message name → how many the companion has sent
+    first_byte: float | None = None
+    last_frame: float | None = None
+    damage: Damage = field(default_factory=Damage)
+
+
+class Link:
+    """Frames from vehicles, and requests to them. Survives whatever the peer does; see `ports`.
+
+    address: see `parse_address`. listen_only: nothing is ever sent. sysid, compid: who the companion is.
+
+    Raises InputError when the link cannot be opened, SettingsError for an unknown dialect.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        *,
+        dialect: str = DEFAULT_DIALECT,
+        listen_only: bool = False,
+        sysid: int = DEFAULT_SYSID,
+        compid: int = DEFAULT_COMPID,
+    ) -> None:
+        self.address = parse_address(address)
+        self.dialect = load_dialect(dialect)
+        self.listen_only = listen_only
+        self.health = LinkHealth()
+        if listen_only and self.address.kind == "udpout":
+            raise InputError(f"{address} hears nothing unless it speaks first: use udpin: or leave --listen-only away.")
+        self._packer = Packer(sysid, compid, dialect=dialect)
+        self._decoder = Decoder(self.dialect, stamped=False)
+        self.health.damage = self._decoder.damage
+        self._version = 2
+        self._sequence: dict[tuple[int, int], int] = {}
+        self._port = open_port(self.address)
+
+    @property
+    def port(self) -> int:
+        """The own port number of a network link, e.g. the one that was found for port 0."""
+        return int(self._port.address[1]) if isinstance(self._port, UdpPort | TcpPort) else 0
+
+    @property
+    def problem(self) -> str:
+        """Why nothing is received at present, in words; "" while frames arrive."""
+        if self._port.problem:
+            return self._port.problem
+        health, now = self.health, time.monotonic()
+        if health.last_frame is None:
+            return "bytes but no MAVLink" if health.first_byte is not None else "nothing received yet"
+        quiet = now - health.last_frame
+        return f"silent for {quiet:.0f} s" if quiet > 2.0 else ""
+
+    def receive(self, timeout_s: float = 0.1) -> Frames:
+        """The frames of the next moment: waits for the first byte, `timeout_s` at most, and takes what comes with it.
+
+        Raises InputError when bytes come and not one frame: a wrong baud rate, or no MAVLink.
+        """
+        data = b""
+        if self._port.wait(timeout_s):
+            time.sleep(_GATHER_S)
+            data = self._port.read()
+        health = self.health
+        frames = self._decoder.push(data)
+        if data:
+            now = time.monotonic()
+            health.bytes += len(data)
+            health.first_byte = health.first_byte if health.first_byte is not None else now
+            if len(frames):
+                health.frames += len(frames)
+                health.last_frame = now
+                self._count_lost(frames)
+                first = frames.payload - frames.start == HEADER_1
+                self._version = 1 if first.all() and (self._version == 1 or health.frames == len(frames)) else 2
+        self._check_speech()
+        return frames
+
+    def send(self, request: Request) -> None:
+        """Send a request; nothing when the link only listens. As MAVLink 1 to who speaks nothing else."""
+        if self.listen_only:
+            return
+        self._port.write(self._packer.pack(request.name, request.fields, version=self._version))
+        self.health.sent[request.name] = self.health.sent.get(request.name, 0) + 1
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._port.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _check_speech(self) -> None:
+        health = self.health
+        if health.frames or health.first_byte is None or health.bytes < _NOISE_BYTES:
+            return
+        if time.monotonic() - health.first_byte < _NOISE_S:
+            return
+        advice = "check that MAVLink is spoken there"
+        if self.address.kind == "serial":
+            advice = f"{self.address.baud} baud is probably wrong (57600, 115200, 921600 are usual), or {advice}"
+        elif self.health.damage.unknown_frames or self.health.damage.bad_crc_frames:
+            advice = "try another --dialect"
+        raise InputError(f"{self.address}: {health.bytes} bytes and not one MAVLink frame in them; {advice}.")
+
+    def _count_lost(self, frames: Frames) -> None:
+        """Holes in the sequence of each sender; a step back is a packet out of order or a copy, not a hole."""
+        sender = frames.sysid.astype(np.int64) << 8 | frames.compid
+        for who in np.unique(sender).tolist():
+            ids = (who >> 8, who & 255)
+            seq = frames.seq[sender == who].astype(np.int64)
+            before = self._sequence.get(ids, int(seq[0]) - 1)
+            step = (np.diff(seq, prepend=before) - 1) % 256
+            self.health.lost[ids] = self.health.lost.get(ids, 0) + int(step[step < 128].sum())
+            self._sequence[ids] = int(seq[-1])
+
+
+def open_port(address: Address) -> Port:
+    """Open the bytes under a link. Raises InputError when that cannot be done: what is wrong and what to do."""
+    if address.kind == "serial":
+        return SerialPort(address)
+    return UdpPort(address) if address.kind in ("udpin", "udpout") else TcpPort(address)

@@ -1,0 +1,101 @@
+"""Bytes over a serial line, by pyserial."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import select
+import time
+from typing import Any
+
+from companion.errors import InputError
+from companion.mavlink.address import Address
+from companion.mavlink.ports import BackOff
+
+_READ = 65_536
+
+
+class SerialPort:
+    """A serial device, which may be unplugged and plugged in again."""
+
+    def __init__(self, address: Address) -> None:
+        try:
+            import serial  # noqa: PLC0415  (an extra: only who has a cable needs it)
+        except ModuleNotFoundError:
+            raise InputError(
+                f"{address.device} is a serial device, which needs pyserial: pip install 'companion[serial]'."
+            ) from None
+        self._library: Any = serial
+        self._address = address
+        self._retry = BackOff()
+        try:
+            self._serial: Any = self._open()
+        except (OSError, ValueError) as error:  # SerialException is an OSError
+            raise InputError(_why_not(address, error)) from None
+
+    @property
+    def problem(self) -> str:
+        return "" if self._serial is not None else f"{self._address.device} has gone; waiting for it to come back"
+
+    def wait(self, timeout_s: float) -> bool:
+        if self._serial is None:
+            if not self._retry.due():
+                time.sleep(min(timeout_s, self._retry.remaining()))
+                return False
+            try:
+                self._serial = self._open()
+                self._retry = BackOff()
+            except (OSError, ValueError):
+                self._retry.failed()
+                return False
+        try:
+            return bool(select.select([self._serial], [], [], timeout_s)[0])
+        except (OSError, ValueError):
+            self._lose()
+            return False
+
+    def read(self) -> bytes:
+        if self._serial is None:
+            return b""
+        try:
+            return bytes(self._serial.read(_READ))
+        except (OSError, TypeError):  # TypeError: pyserial's file descriptor became None under it
+            self._lose()
+            return b""
+
+    def write(self, data: bytes) -> None:
+        if self._serial is None:
+            return
+        try:
+            self._serial.write(data)
+        except self._library.SerialTimeoutException:  # the line is full; what we ask will be asked again
+            pass
+        except OSError:
+            self._lose()
+
+    def close(self) -> None:
+        self._lose()
+
+    def _open(self) -> Any:
+        return self._library.Serial(
+            self._address.device, self._address.baud, timeout=0, write_timeout=0.2, exclusive=True
+        )
+
+    def _lose(self) -> None:
+        if self._serial is not None:
+            with contextlib.suppress(OSError):  # it has gone already
+                self._serial.close()
+            self._serial = None
+
+
+def _why_not(address: Address, error: OSError | ValueError) -> str:
+    number = getattr(error, "errno", None)
+    if number == errno.ENOENT:
+        return f"there is no device {address.device}: plug the vehicle in, and look for it with: ls /dev/tty*"
+    if number == errno.EACCES:
+        return f"no permission for {address.device}: add yourself to its group (often dialout), then log in again."
+    if number in (errno.EBUSY, errno.EAGAIN) or "lock" in str(error):
+        return f"{address.device} is taken: another program has it open. Close that program."
+    if isinstance(error, ValueError):
+        return f"{address.device} cannot run at {address.baud} baud ({error})."
+    return f"{address.device} cannot be opened ({error})."

@@ -1,0 +1,69 @@
+"""The message intervals of a simulated autopilot, with what ArduPilot and PX4 do to requests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from companion.simulate.flown import LOOP_US
+
+Autopilot = Literal["ardupilot", "px4"]
+
+ACCEPTED, DENIED = 0, 2  # MAV_RESULT
+
+_DISTINCT = 10
+"""Distinct intervals that ArduPilot keeps for a link; a further one silently becomes the nearest of them."""
+
+
+@dataclass(slots=True)
+class _Stream:
+    interval_us: int  # 0: not sent
+    due_us: int
+
+
+class Intervals:
+    """Which message is due when. `default`: message → interval in µs at boot, 0 for one that is not sent."""
+
+    def __init__(self, default: Mapping[str, int], autopilot: Autopilot) -> None:
+        self._default = dict(default)
+        self._autopilot = autopilot
+        self._streams = {name: _Stream(interval, 0) for name, interval in default.items()}
+
+    def get(self, name: str) -> int:
+        """What MESSAGE_INTERVAL says: µs, -1 for one that is not sent, 0 for one that is not known."""
+        return self._streams[name].interval_us or -1 if name in self._streams else 0
+
+    def set(self, name: str, wanted_us: float, now_us: int) -> int:
+        """SET_MESSAGE_INTERVAL: ACCEPTED or DENIED (GCS_Common.cpp, set_message_interval)."""
+        if name not in self._streams:
+            return DENIED
+        interval = int(wanted_us)
+        if interval == 0:
+            interval = self._default[name]
+        elif interval < 0:
+            interval = 0
+        elif self._autopilot == "ardupilot":
+            milliseconds = interval // 1000  # asked 150 Hz, got 166.7
+            if milliseconds < LOOP_US // 800:  # 333 Hz is the fastest at a 400 Hz loop
+                return DENIED
+            interval = self._nearest(name, milliseconds * 1000)
+        self._streams[name] = _Stream(interval, now_us)
+        return ACCEPTED
+
+    def due(self, now_us: int) -> list[str]:
+        """The messages to send now."""
+        found = []
+        for name, stream in self._streams.items():
+            if stream.interval_us and stream.due_us <= now_us:
+                found.append(name)
+                stream.due_us += stream.interval_us
+                if stream.due_us < now_us - stream.interval_us:  # too far behind to make good
+                    stream.due_us = now_us + stream.interval_us
+        return found
+
+    def _nearest(self, name: str, interval: int) -> int:
+        used = {stream.interval_us for other, stream in self._streams.items() if other != name} - {0}
+        if interval in used or len(used) < _DISTINCT:
+            return interval
+        return min(used, key=lambda known: abs(known - interval))

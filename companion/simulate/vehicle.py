@@ -1,0 +1,168 @@
+"""A simulated vehicle that speaks MAVLink: bytes in, packets out, at times that the caller sets."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+from companion.mavlink import Decoder, Packer, Value, load_dialect, split_messages
+from companion.simulate.faults import Channel, Faults
+from companion.simulate.flown import LOOP_US, Flown
+from companion.simulate.intervals import ACCEPTED, DENIED, Autopilot, Intervals
+from companion.simulate.measurements import STREAMS, fields
+
+_GET_INTERVAL, _SET_INTERVAL, _REQUEST_MESSAGE = 510, 511, 512  # MAV_CMD
+_UNSUPPORTED = 3  # MAV_RESULT
+_CODES = {"ardupilot": 3, "px4": 12}  # MAV_AUTOPILOT
+_REQUEST_ID, _VERSION_ID = 4 << 24 | 7 << 16 | 255, 148  # 4.7.0; AUTOPILOT_VERSION
+_GROUPS = {1: ("RAW_IMU", "SCALED_IMU2"), 6: ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"), 10: ("ATTITUDE",)}
+"""MAV_DATA_STREAM → messages, as ArduPilot groups them (RAW_SENSORS, POSITION, EXTRA1)."""
+
+_BY_ID = {number: name for name, number in STREAMS.items()}
+_WITHOUT = {"ardupilot": {"SCALED_IMU"}, "px4": {"RAW_IMU", "SCALED_IMU2"}}
+_HEARTBEAT_US = 1_000_000
+_PARAMETERS: Mapping[str, float] = {"AHRS_TRIM_X": 0.0, "AHRS_TRIM_Y": 0.0, "AHRS_ORIENTATION": 0.0}
+
+
+class SimulatedVehicle:
+    """An autopilot over a flight.
+
+    It boots at t = 0 with no stream but `streams` (message → Hz), answers what a companion may ask, with the manners
+    of ArduPilot or PX4, and suffers `faults`. The same arguments and the same requests at the same times give the same
+    packets.
+    """
+
+    def __init__(
+        self,
+        flown: Flown,
+        *,
+        autopilot: Autopilot = "ardupilot",
+        sysid: int = 1,
+        compid: int = 1,
+        streams: Mapping[str, float] | None = None,
+        parameters: Mapping[str, float] = _PARAMETERS,
+        faults: Faults = Faults(),  # noqa: B008  (frozen)
+        seed: int = 0,
+    ) -> None:
+        self.flown = flown
+        self.heard: Counter[str] = Counter()  # messages received, by name
+        self.sent: Counter[str] = Counter()  # messages made, by name, before the link loses any
+        self._autopilot: Autopilot = autopilot
+        self._ids = sysid, compid
+        self._parameters = dict(parameters)
+        self._faults = faults
+        known = {name for name in STREAMS if name not in _WITHOUT[autopilot]}
+        asked = streams or {}
+        self._default = {name: round(1e6 / asked[name]) if name in asked else 0 for name in STREAMS if name in known}
+        if autopilot == "px4":  # accepts messages that it has no source for, and never sends them
+            self._default |= dict.fromkeys(_WITHOUT["px4"], 0)
+        self._silent = faults.never | (_WITHOUT["px4"] if autopilot == "px4" else set())
+        self._channel = Channel(faults, seed)
+        self._events = sorted([*((t, "reboot") for t in faults.reboot), *((t, "down") for t in faults.turned_down)])
+        self._step = 0  # of the flight, the next to be done
+        self._dialect = load_dialect()
+        self._boot()
+
+    @property
+    def finished(self) -> bool:
+        """Whether the flight is over."""
+        return self._step >= len(self.flown)
+
+    def interval_us(self, name: str) -> int:
+        """How often a message is sent, as MESSAGE_INTERVAL would say it: -1 for never."""
+        return self._intervals.get(name)
+
+    def receive(self, data: bytes) -> None:
+        """Hear what somebody sent. Answers go out with the next `advance`."""
+        found = split_messages(self._decoder.push(data), self._dialect)
+        for name, messages in found.items():
+            self.heard[name] += len(messages)
+            for row in messages.rows:
+                self._answer(name, {field: row[field] for field in messages.layout.fields})
+
+    def advance(self, until_s: float) -> list[tuple[float, bytes]]:
+        """Fly on to `until_s` (s since the flight began): the packets that arrive, each with the time it was sent."""
+        packets: list[tuple[float, bytes]] = []
+        last = min(int(until_s * 1e6) // LOOP_US, len(self.flown) - 1)
+        while self._step <= last:
+            t = self._step * LOOP_US * 1e-6
+            self._happen(t)
+            now = self._boot_us()
+            if now >= self._beat_us:
+                self._beat_us += _HEARTBEAT_US
+                code = _CODES[self._autopilot]
+                self._say("HEARTBEAT", type=2, autopilot=code, base_mode=81, system_status=4, mavlink_version=3)
+            for name in self._intervals.due(now):
+                if name not in self._silent:
+                    self._say(name, **fields(name, self.flown, self._step, now))
+            packets += self._channel.carry((t, packet) for packet in self._out)
+            self._out.clear()
+            self._step += 1
+        return packets
+
+    def _boot(self) -> None:
+        self._boot_step = self._step
+        self._beat_us = 0
+        self._packer = Packer(*self._ids)
+        self._decoder = Decoder(self._dialect, stamped=False)
+        self._intervals = Intervals(self._default, self._autopilot)
+        self._out: list[bytes] = []
+        banner = b"ArduCopter V4.7.0-simulated" if self._autopilot == "ardupilot" else b"PX4 simulated"
+        self._say("STATUSTEXT", severity=6, text=banner)
+
+    def _happen(self, t: float) -> None:
+        while self._events and self._events[0][0] <= t:
+            _, event = self._events.pop(0)
+            if event == "reboot":
+                self._boot()
+            else:
+                for name in STREAMS:
+                    if self._intervals.get(name) > 0:
+                        self._intervals.set(name, 500_000, self._boot_us())
+
+    def _boot_us(self) -> int:
+        return (self._step - self._boot_step) * LOOP_US
+
+    def _say(self, name: str, **values: Value) -> None:
+        self._out.append(self._packer.pack(name, values))
+        self.sent[name] += 1
+
+    def _answer(self, name: str, message: dict[str, Any]) -> None:
+        if name == "TIMESYNC" and message["tc1"] == 0:
+            self._say("TIMESYNC", tc1=self._boot_us() * 1000, ts1=int(message["ts1"]))
+            return
+        if message.get("target_system") != self._ids[0] or message.get("target_component") not in (0, self._ids[1]):
+            return
+        if name == "PARAM_REQUEST_READ":
+            parameter = bytes(message["param_id"]).split(b"\0")[0].decode("ascii", "replace")
+            if parameter in self._parameters:
+                value = self._parameters[parameter]
+                count = len(self._parameters)
+                self._say(
+                    "PARAM_VALUE", param_id=parameter.encode(), param_value=value, param_type=9, param_count=count,
+                    param_index=65535,
+                )  # fmt: skip
+        elif name == "REQUEST_DATA_STREAM" and self._autopilot == "ardupilot":
+            rate = int(message["req_message_rate"]) * int(message["start_stop"])
+            for member in _GROUPS.get(int(message["req_stream_id"]), ()):
+                self._intervals.set(member, 1e6 / rate if rate else -1, self._boot_us())
+        elif name == "COMMAND_LONG":
+            self._command(int(message["command"]), *(float(message[f"param{i}"]) for i in (1, 2, 3)))
+
+    def _command(self, command: int, first: float, second: float, third: float) -> None:
+        name = _BY_ID.get(int(first), "")
+        result = ACCEPTED
+        if command == _GET_INTERVAL:
+            self._say("MESSAGE_INTERVAL", message_id=int(first), interval_us=self._intervals.get(name))
+        elif command == _SET_INTERVAL:
+            refused = name in self._faults.denied or "*" in self._faults.denied
+            denied = refused or (third != 0 and self._autopilot == "ardupilot")
+            result = DENIED if denied else self._intervals.set(name, second, self._boot_us())
+        elif command == _REQUEST_MESSAGE and int(first) == _VERSION_ID:
+            self._say("COMMAND_ACK", command=command, result=ACCEPTED)  # ArduPilot acknowledges before it sends
+            self._say("AUTOPILOT_VERSION", flight_sw_version=_REQUEST_ID)
+            return
+        else:
+            result = DENIED if command == _REQUEST_MESSAGE else _UNSUPPORTED
+        self._say("COMMAND_ACK", command=command, result=result)

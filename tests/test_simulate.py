@@ -1,0 +1,159 @@
+"""The simulated vehicle: its logs are true, the same for the same seed, and its manners those of an autopilot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pymavlink.dialects.v20.ardupilotmega as mavlink
+import pytest
+
+import companion as c
+from companion.errors import InputError, SettingsError
+from companion.simulate import Faults, SimulatedVehicle, fly, write_flight
+from companion.strapdown import ImuModel
+
+STREAMS = {"RAW_IMU": 100.0, "HIGHRES_IMU": 100.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0, "SIM_STATE": 10.0}
+
+
+class Asker:
+    """A ground station by pymavlink: what it asks, and what the vehicle answers."""
+
+    def __init__(self, vehicle: SimulatedVehicle) -> None:
+        self.vehicle = vehicle
+        self.mav: Any = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+        self.t = 0.0
+
+    def ask(self, message: Any) -> list[Any]:
+        self.vehicle.receive(message.pack(self.mav))
+        return list(self.hear(0.01))
+
+    def hear(self, seconds: float) -> Iterator[Any]:
+        self.t += seconds
+        for _, packet in self.vehicle.advance(self.t):
+            yield from self.mav.parse_buffer(packet) or []
+
+    def command(self, number: int, *parameters: float) -> int:
+        """The MAV_RESULT of a command."""
+        padded = [*parameters, *[0.0] * (7 - len(parameters))]
+        answers = self.ask(mavlink.MAVLink_command_long_message(1, 1, number, 0, *padded))
+        (ack,) = [a for a in answers if a.get_type() == "COMMAND_ACK"]
+        assert ack.command == number
+        return int(ack.result)
+
+    def rate(self, name: str, seconds: float = 2.0) -> float:
+        count = sum(1 for m in self.hear(seconds) if m.get_type() == name)
+        return count / seconds
+
+
+def vehicle_for(seconds: float = 30.0, **changes: Any) -> SimulatedVehicle:
+    faults = changes.get("faults", Faults())
+    return SimulatedVehicle(fly(seconds, faults=faults, model=changes.pop("model", ImuModel())), **changes)
+
+
+def test_the_log_of_an_ideal_imu_is_its_truth(tmp_path: Path) -> None:
+    write_flight(vehicle_for(streams=STREAMS), tmp_path / "a.tlog")
+    (flight,) = c.open_log(tmp_path / "a.tlog")
+    assert (flight.vehicle.autopilot, flight.vehicle.type, flight.boot) == ("ARDUPILOTMEGA", "QUADROTOR", 1)
+    truth = fly(30.0, model=ImuModel()).truth
+    imu = flight.imu("HIGHRES_IMU")
+    at = np.rint(imu.t / 0.0025).astype(int)
+    np.testing.assert_allclose(imu.gyro, truth.gyro[at], atol=1e-6)
+    np.testing.assert_allclose(imu.accel, truth.accel[at], atol=1e-6)
+    raw = flight.imu("RAW_IMU")
+    assert raw.rate_hz == pytest.approx(100.0)
+    short = truth.accel[np.rint(raw.t / 0.0025).astype(int)] / raw.accel_step - raw.accel / raw.accel_step
+    assert (np.abs(short) < 1.0 + 1e-9).all()
+    assert (short * np.sign(raw.accel) > -1e-9).all(), "cut towards zero"
+    worst = c.drift(flight, horizons=(10,), imu="HIGHRES_IMU").rows[0].position_m
+    assert worst is not None
+    assert worst.max < 0.3
+
+
+def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
+    def written(name: str, seed: int) -> bytes:
+        faults = Faults(drop=0.1, duplicate=0.1, reorder=0.1, garbage=0.1)
+        vehicle = SimulatedVehicle(fly(5.0, seed=seed), streams=STREAMS, faults=faults, seed=seed)
+        write_flight(vehicle, tmp_path / name)
+        return (tmp_path / name).read_bytes()
+
+    assert written("a", 1) == written("b", 1) != written("c", 2)
+
+
+def test_intervals_are_set_with_ardupilots_manners() -> None:
+    asker = Asker(vehicle_for())
+    assert asker.rate("RAW_IMU") == 0, "nothing streams until asked"
+    assert asker.command(511, 27, 1e6 / 150) == mavlink.MAV_RESULT_ACCEPTED
+    assert asker.vehicle.interval_us("RAW_IMU") == 6000, "whole milliseconds"
+    assert asker.rate("RAW_IMU") == pytest.approx(1000 / 6, rel=0.02)
+    assert asker.command(511, 27, 2000) == mavlink.MAV_RESULT_DENIED, "faster than the loop allows"
+    assert asker.command(511, 27, 10_000, 1) == mavlink.MAV_RESULT_DENIED, "a third parameter"
+    assert asker.command(511, 999, 10_000) == mavlink.MAV_RESULT_DENIED, "an unknown message"
+    answers = asker.ask(mavlink.MAVLink_command_long_message(1, 1, 510, 0, 27, 0, 0, 0, 0, 0, 0))
+    assert [m.interval_us for m in answers if m.get_type() == "MESSAGE_INTERVAL"] == [6000]
+    assert asker.command(511, 27, -1) == mavlink.MAV_RESULT_ACCEPTED
+    assert asker.rate("RAW_IMU") == 0
+    assert asker.command(400, 1) == mavlink.MAV_RESULT_UNSUPPORTED, "it cannot be armed"
+
+
+def test_px4_accepts_what_it_never_sends() -> None:
+    asker = Asker(vehicle_for(autopilot="px4"))
+    assert asker.command(511, 27, 10_000) == mavlink.MAV_RESULT_ACCEPTED
+    assert asker.rate("RAW_IMU") == 0
+    assert asker.command(511, 26, 10_000) == mavlink.MAV_RESULT_ACCEPTED
+    assert asker.rate("SCALED_IMU") == pytest.approx(100, rel=0.02)
+
+
+def test_it_answers_parameters_versions_clocks_and_stream_requests() -> None:
+    asker = Asker(vehicle_for(parameters={"AHRS_TRIM_X": 0.02}))
+    answers = asker.ask(mavlink.MAVLink_param_request_read_message(1, 1, b"AHRS_TRIM_X", -1))
+    (value,) = [m for m in answers if m.get_type() == "PARAM_VALUE"]
+    assert (value.param_id, value.param_value) == ("AHRS_TRIM_X", pytest.approx(0.02))
+    assert asker.command(512, 148) == 0
+    assert asker.ask(mavlink.MAVLink_timesync_message(0, 77))[0].ts1 == 77
+    asker.ask(mavlink.MAVLink_request_data_stream_message(1, 1, 10, 20, 1))
+    assert asker.rate("ATTITUDE") == pytest.approx(20, rel=0.05)
+
+
+def test_a_reboot_forgets_the_intervals_and_begins_a_new_flight(tmp_path: Path) -> None:
+    asker = Asker(vehicle_for(faults=Faults(reboot=(10.0,))))
+    assert asker.command(511, 27, 10_000) == 0
+    assert asker.rate("RAW_IMU", 9.0) > 90
+    assert asker.rate("RAW_IMU", 9.0) < 20
+    write_flight(vehicle_for(faults=Faults(reboot=(10.0,)), streams=STREAMS), tmp_path / "a.tlog")
+    assert [flight.boot for flight in c.open_log(tmp_path / "a.tlog")] == [1, 2]
+
+
+def test_a_bad_link_loses_doubles_and_soils(tmp_path: Path) -> None:
+    faults = Faults(drop=0.3, duplicate=0.05, reorder=0.05, garbage=0.05, silence=((4.0, 6.0),))
+    vehicle = vehicle_for(10.0, streams=STREAMS, faults=faults)
+    write_flight(vehicle, tmp_path / "a.tlog")
+    (flight,) = c.open_log(tmp_path / "a.tlog")
+    arrived = len(flight.imu("RAW_IMU"))
+    assert vehicle.sent["RAW_IMU"] == 1001
+    assert arrived == pytest.approx(801 * 0.7, rel=0.1)
+    assert flight.messages["RAW_IMU"].duplicates > 0
+    assert (flight.messages["RAW_IMU"].longest_gap_s or 0) == pytest.approx(2.0, abs=0.1)
+
+
+def test_faults_of_sensor_and_estimator_are_seen(tmp_path: Path) -> None:
+    faults = Faults(imu_bias=(10.0, 0.05), ekf_reset=(20.0, 5.0))
+    write_flight(vehicle_for(streams=STREAMS, faults=faults), tmp_path / "a.tlog")
+    (flight,) = c.open_log(tmp_path / "a.tlog")
+    row = c.drift(flight, horizons=(2,)).rows[0]
+    assert row.excluded == {"position_jump": 1}
+    assert row.attitude_deg is not None
+    assert row.attitude_deg.max == pytest.approx(np.degrees(0.1), rel=0.1)
+
+
+def test_what_cannot_be_is_said(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match="no motion 'loop'"):
+        fly(10.0, motion="loop")
+    with pytest.raises(SettingsError, match="got 0"):
+        fly(0.0)
+    with pytest.raises(SettingsError, match="drop is a share"):
+        Faults(drop=2.0)
+    with pytest.raises(InputError, match="cannot be written"):
+        write_flight(vehicle_for(1.0), tmp_path)
