@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.analysis.compare import length
-from companion.analysis.comparison import Comparison, WindowErrors, compare, errors, windows
+from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, windows
 from companion.analysis.reference import Limits
 from companion.tracks import STANDARD_GRAVITY, Array, Flight
 
@@ -82,9 +82,13 @@ def drift(
 
 def drift_of(comparison: Comparison, horizons: Sequence[float] = HORIZONS_S) -> Drift:
     """The drift table of a comparison. Raises ValueError for a horizon that is not positive."""
+    return drift_over(comparison, [windows(comparison, horizon) for horizon in horizons])
+
+
+def drift_over(comparison: Comparison, sets: Sequence[Windows]) -> Drift:
+    """The drift table over given windows, a row for each set."""
     rows = []
-    for horizon in horizons:
-        chosen = windows(comparison, horizon)
+    for chosen in sets:
         found = errors(comparison, chosen)
         rows.append(
             DriftRow(

@@ -31,8 +31,9 @@ class ImuFigures:
 class ReferenceFigures:
     """1σ of the autopilot's own estimate at one instant, and of what relates it to the IMU. All are settings."""
 
-    tilt: float = 0.005  # rad, each horizontal axis
-    heading: float = 0.02  # rad
+    tilt: float = 0.005  # rad, each horizontal axis: an error that lasts, and leans gravity over
+    heading: float = 0.02  # rad, likewise
+    attitude_noise: float = 0.002  # rad, each axis: what changes between the ends of a window
     velocity: float = 0.05  # m/s, each axis
     position: float = 0.1  # m, each axis, over the length of a window: a constant offset cancels
     time_offset: float = 0.01  # s, IMU against the autopilot's estimate: ArduPilot's 20 Hz filter lags by 12 ms

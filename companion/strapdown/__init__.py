@@ -5,7 +5,7 @@ from companion.strapdown._scheme import METHODS
 from companion.strapdown._signal import MIDDLES
 from companion.strapdown.covariance import Propagation, propagate
 from companion.strapdown.gravity import normal_gravity
-from companion.strapdown.imu_model import ImuModel, Sensor, correct, dequantise, quantisation_density, simulate
+from companion.strapdown.imu_model import ImuModel, Sensor, correct, quantisation_density, simulate
 from companion.strapdown.increments import Increments, attitude_at, dense_attitude, increments
 from companion.strapdown.motions import Motion
 from companion.strapdown.reckon import Preintegration, preintegrate, reckon
@@ -24,7 +24,6 @@ __all__ = [
     "attitude_at",
     "correct",
     "dense_attitude",
-    "dequantise",
     "increments",
     "motions",
     "normal_gravity",

@@ -57,7 +57,7 @@ class ImuModel:
 def simulate(truth: ImuTrack, model: ImuModel, seed: int | np.random.Generator) -> ImuTrack:
     """What an IMU with this model reads where an ideal one reads `truth` (e.g. `motions.coning(t).imu`).
 
-    The same seed gives the same readings. The steps of the model are noted on the track, for `dequantise`.
+    The same seed gives the same readings. The steps of the model are noted on the track.
     """
     rng = np.random.default_rng(seed)
     return replace(
@@ -76,16 +76,6 @@ def correct(imu: ImuTrack, model: ImuModel) -> ImuTrack:
         return np.asarray(np.linalg.solve(sensor.matrix, (measured - sensor.bias).T).T)
 
     return replace(imu, gyro=freed(imu.gyro, model.gyro), accel=freed(imu.accel, model.accel))
-
-
-def dequantise(imu: ImuTrack) -> ImuTrack:
-    """Half a step added, away from zero, to the readings that were cut towards zero; zeros stay.
-
-    ArduPilot's RAW_IMU is cut to whole mrad/s and mG by a C cast: every non-zero reading is short by half a step on
-    average (GCS_Common.cpp, send_raw_imu). A track without steps comes back as it is.
-    """
-    gyro = imu.gyro + 0.5 * imu.gyro_step * np.sign(imu.gyro)
-    return replace(imu, gyro=gyro, accel=imu.accel + 0.5 * imu.accel_step * np.sign(imu.accel))
 
 
 def quantisation_density(step: float, rate: float) -> float:

@@ -1,0 +1,171 @@
+"""How far the reckoning should be off at the end of each window, and how much of that each cause accounts for.
+
+Covariances of (attitude rotation vector, velocity, position) in NED, autopilot minus IMU, by cause: the causes stay
+apart because each is a running integral along the track (docs/mathematics.md, error propagation). A budget without a
+cause is how calibration asks "what is left if I solve for the biases?".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.analysis.comparison import Comparison, IntArray, Windows, errors
+from companion.analysis.figures import ImuFigures, ReferenceFigures
+from companion.strapdown import Propagation, propagate
+from companion.tracks import Array, ImuTrack
+
+ATTITUDE, VELOCITY, POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
+
+NOISE_RATE_HZ = 40.0
+
+_Z_95 = 1.6448536  # the standard normal's 95 % point
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Budget:
+    """The expected covariance of each window's error, by cause."""
+
+    causes: Mapping[str, Array]  # name → (W, 9, 9): rad, m/s, m
+    propagation: Propagation  # where the Jacobians are
+
+    @property
+    def total(self) -> Array:
+        """The sum of all causes, (W, 9, 9)."""
+        return np.asarray(sum(self.causes.values()))
+
+    def sigma(self, block: slice) -> Array:
+        """Expected length (root mean square) of a block of the error in each window, (W,): rad, m/s or m."""
+        return np.asarray(np.sqrt(np.trace(self.total[:, block, block], axis1=1, axis2=2)))
+
+    def shares(self, block: slice) -> dict[str, float]:
+        """Part of the expected mean square of a block that each cause has, over all windows; they sum to 1."""
+        power = {name: float(np.trace(c[:, block, block], axis1=1, axis2=2).sum()) for name, c in self.causes.items()}
+        total = sum(power.values())
+        return {name: value / total for name, value in power.items()} if total > 0 else dict.fromkeys(power, 0.0)
+
+
+def budget(comparison: Comparison, chosen: Windows, imu: ImuFigures, autopilot: ReferenceFigures) -> Budget:
+    """The budget of windows of one length. White noise is the data sheet's, or what is measured where that is more."""
+    track, reference, start, end = comparison.track, comparison.reference, chosen.start, chosen.end
+    growth = propagate(
+        track,
+        comparison.path,
+        start,
+        end,
+        reference.q_ned_frd[start],
+        reference.velocity[start],
+        gravity=comparison.gravity,
+    )
+    move = growth.transition[:, :9, :9]
+    gyro_bias, accel_bias = growth.transition[:, :9, 9:12], growth.transition[:, :9, 12:15]
+    lasting = np.diag(np.square([autopilot.tilt] * 2 + [autopilot.heading]))
+    passing = np.diag(np.square([autopilot.attitude_noise] * 3 + [autopilot.velocity] * 3 + [autopilot.position] * 3))
+    leaned = move[:, :, :3] - np.eye(9, 3)  # a lasting attitude error is in both ends and cancels in the attitude
+    noise = growth.noise
+    shaken = window_noise(track, chosen)
+    gyro_density = np.maximum(imu.gyro.noise_density, shaken[:, 0])[:, None, None]
+    accel_density = np.maximum(imu.accel.noise_density, shaken[:, 1])[:, None, None]
+    gyro_steps = _step_errors(track.gyro, track.gyro_step, start, end)
+    accel_steps = _step_errors(track.accel, track.accel_step, start, end)
+    rate = track.rate_hz
+    gyro_matrix, accel_matrix = (m.reshape(-1, 9, 9) for m in (growth.gyro_matrix, growth.accel_matrix))
+    scale = np.ravel(np.eye(3))
+    turn = turn_jacobian(growth)
+    causes = {
+        "gyro_noise": gyro_density**2 * noise["gyro_noise"][:, :9, :9],
+        "accel_noise": accel_density**2 * noise["accel_noise"][:, :9, :9],
+        "gyro_bias": imu.gyro.residual_bias**2 * _square(gyro_bias),
+        "accel_bias": imu.accel.residual_bias**2 * _square(accel_bias),
+        "bias_walk": imu.gyro.bias_walk**2 * noise["gyro_walk"][:, :9, :9]
+        + imu.accel.bias_walk**2 * noise["accel_walk"][:, :9, :9],
+        "quantisation": _square(gyro_bias * gyro_steps[:, None])
+        + _square(accel_bias * accel_steps[:, None])
+        + track.gyro_step**2 / (12 * rate) * noise["gyro_noise"][:, :9, :9]
+        + track.accel_step**2 / (12 * rate) * noise["accel_noise"][:, :9, :9],
+        "sampling": _sampling(comparison, chosen),
+        "scale": _square(gyro_matrix * (imu.gyro.scale * scale)) + _square(accel_matrix * (imu.accel.scale * scale)),
+        "misalignment": autopilot.misalignment**2 * _square(turn),
+        "time_offset": autopilot.time_offset**2 * _square(growth.time_offset[:, :, None]),
+        "gravity": autopilot.gravity**2 * _square(growth.gravity[:, :, None]),
+        "autopilot_attitude": leaned @ lasting @ leaned.swapaxes(1, 2),
+        "autopilot_anchor": move @ passing @ move.swapaxes(1, 2),
+        "autopilot_end": np.broadcast_to(passing, move.shape).copy(),
+    }
+    return Budget(causes, growth)
+
+
+def turn_jacobian(growth: Propagation) -> Array:
+    """(W, 9, 3): error per small fixed rotation (rad, FRD) of the IMU against the attitude's axes: a board trim.
+
+    True readings are (1 + [r]x) times the measured ones, for gyro and accelerometer alike.
+    """
+    both = growth.gyro_matrix + growth.accel_matrix
+    return np.stack(
+        [
+            both[:, :, 2, 1] - both[:, :, 1, 2],
+            both[:, :, 0, 2] - both[:, :, 2, 0],
+            both[:, :, 1, 0] - both[:, :, 0, 1],
+        ],
+        axis=2,
+    )
+
+
+def nees(error: Array, covariance: Array) -> Array:
+    """Normalised estimation error squared of each window, (W,): errors (W, k), covariances (W, k, k)."""
+    return np.asarray(np.einsum("wi,wi->w", error, np.linalg.solve(covariance, error[..., None])[..., 0]))
+
+
+def chi_square_95(k: int) -> float:
+    """The 95 % point of chi-square with k degrees of freedom (Wilson and Hilferty 1931; within 0.5 % for k >= 3)."""
+    return float(k * (1 - 2 / (9 * k) + _Z_95 * np.sqrt(2 / (9 * k))) ** 3)
+
+
+def stacked(comparison: Comparison, chosen: Windows) -> Array:
+    """The errors of the windows in the order of a budget's covariances, (W, 9)."""
+    found = errors(comparison, chosen)
+    return np.column_stack([found.attitude, found.velocity, found.position])
+
+
+def window_noise(track: ImuTrack, chosen: Windows) -> Array:
+    """White-noise density of gyro and accelerometer in each window, (W, 2): rad/s/√Hz, m/s²/√Hz, worst axis.
+
+    From second differences, which smooth motion leaves alone. Zero below NOISE_RATE_HZ, where motion does not look
+    smooth any more.
+    """
+    if track.rate_hz < NOISE_RATE_HZ:
+        return np.zeros((len(chosen.start), 2))
+    densities = []
+    for readings in (track.gyro, track.accel):
+        bends = np.concatenate([np.zeros((2, 3)), np.diff(readings, n=2, axis=0) ** 2 / 6.0])
+        total = np.concatenate([np.zeros((1, 3)), np.cumsum(bends, axis=0)])
+        mean = (total[chosen.end + 1] - total[chosen.start]) / (chosen.end + 1 - chosen.start)[:, None]
+        densities.append(np.sqrt(mean.max(axis=1) / track.rate_hz))
+    return np.column_stack(densities)
+
+
+def _square(jacobian: Array) -> Array:
+    return np.asarray(jacobian @ jacobian.swapaxes(1, 2))
+
+
+def _sampling(comparison: Comparison, chosen: Windows) -> Array:
+    """Covariance of the error that comes of finite sampling: what the other middle sample changes (embedded pair)."""
+    fine, coarse = (errors(comparison, chosen, path=path) for path in (comparison.path, comparison.coarse))
+    d = np.column_stack([getattr(fine, n) - getattr(coarse, n) for n in ("attitude", "velocity", "position")])
+    return np.asarray(d[:, :, None] * d[:, None, :])
+
+
+def _step_errors(readings: Array, step: float, start: IntArray, end: IntArray) -> Array:
+    """Root mean square of the constant part of what truncation towards zero takes, per axis, (W, 3).
+
+    A reading that keeps its sign is short by half a step, give or take; one that stays at zero stands for anything
+    between minus one and plus one step. One that swings across steps averages out, and is noise.
+    """
+    if step == 0.0:
+        return np.zeros((len(start), 3))
+    sign, zero = np.sign(readings), readings == 0.0
+    total = np.concatenate([np.zeros((1, 6)), np.cumsum(np.column_stack([sign, zero]), axis=0)])
+    mean = (total[end + 1] - total[start]) / (end + 1 - start)[:, None]
+    return np.asarray(step * np.sqrt((0.5 * mean[:, :3]) ** 2 + mean[:, 3:] ** 2 / 3))

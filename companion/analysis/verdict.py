@@ -1,0 +1,268 @@
+"""Which of the two is wrong: everything that the analysis says about one IMU of a flight, and the sentence above it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget, chi_square_95, nees, stacked, window_noise
+from companion.analysis.calibrate import NO_CORRECTION, TIME_OFFSET, Calibration, Compare, Correction, calibrate
+from companion.analysis.comparison import Comparison, Windows, compare, windows
+from companion.analysis.drift import HORIZONS_S, Drift, drift_of, drift_over
+from companion.analysis.figures import ImuFigures, ReferenceFigures
+from companion.analysis.findings import (
+    Finding,
+    Side,
+    bias_findings,
+    jump_findings,
+    noise_findings,
+    rate_findings,
+    reading_findings,
+)
+from companion.analysis.reference import Limits
+from companion.tracks import STANDARD_GRAVITY, Flight, ImuTrack
+
+Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
+
+_BLOCKS = {"attitude": ATTITUDE, "velocity": VELOCITY, "position": POSITION}
+_JUDGED_S = 5.0  # the horizon that consistency and calibration are judged at
+_FEWEST_WINDOWS = 3
+_CONSISTENT_SHARE = 0.7  # of windows inside the 95 % bound
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """The drift that the budget allows at one horizon, 1σ of the error's length, and what it is made of."""
+
+    attitude_deg: float
+    velocity_mps: float | None
+    position_m: float | None
+    shares: Mapping[str, Mapping[str, float]]  # attitude, velocity, position → cause → part of the mean square
+    inside: Mapping[str, float]  # attitude, velocity, position → share of windows inside the 95 % bound of their NEES
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The answer."""
+
+    status: Status
+    summary: str
+    findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assessment:
+    """One IMU of a flight: drift, what it should be, calibration, verdict."""
+
+    drift: Drift
+    expected: tuple[Expected | None, ...]  # one for each row of the drift; None without windows
+    figures: ImuFigures
+    measured_noise: tuple[float, float] | None  # rad/s/√Hz, m/s²/√Hz in flight
+    calibration: Calibration | None
+    corrected: Drift | None  # with the calibration, on the windows that it was not fitted to
+    uncorrected: Drift | None  # the same windows without it
+    verdict: Verdict
+
+
+def assess(
+    flight: Flight,
+    figures: ImuFigures,
+    *,
+    autopilot: ReferenceFigures | None = None,
+    horizons: Sequence[float] = HORIZONS_S,
+    imu: str | None = None,
+    method: str = "rk4",
+    middle: str = "cubic",
+    segments: int = 1,
+    gravity: float = STANDARD_GRAVITY,
+    limits: Limits | None = None,
+    correction: Correction = NO_CORRECTION,
+) -> Assessment:
+    """Everything about one IMU of a flight. Raises as `drift` does."""
+    autopilot = autopilot or ReferenceFigures()
+    track = correction.apply(flight.imu(imu))
+
+    def compare_with(changed: ImuTrack) -> Comparison:
+        return compare(
+            flight,
+            track=changed,
+            method=method,
+            middle=middle,
+            segments=segments,
+            gravity=gravity,
+            limits=limits,
+        )
+
+    comparison = compare_with(track)
+    judged = windows(comparison, _JUDGED_S)
+    noise = _noise(comparison, judged)
+    table = drift_of(comparison, horizons)
+    expected = tuple(_expected(comparison, windows(comparison, h), figures, autopilot) for h in horizons)
+    calibration = before = after = None
+    if len(judged.start) >= _FEWEST_WINDOWS:
+        calibration = calibrate(track, compare_with, figures, autopilot, horizon=_JUDGED_S)
+        half = calibrate(track, compare_with, figures, autopilot, horizon=_JUDGED_S, fitted=slice(0, None, 2))
+        if half is not None and len(judged.start) >= 2 * _FEWEST_WINDOWS:
+            before = _held_out(comparison)
+            after = _held_out(compare_with(half.correction.apply(track)))
+    found = _findings(flight, comparison, judged, compare_with, figures, noise, calibration, autopilot)
+    return Assessment(
+        drift=table,
+        expected=expected,
+        figures=figures,
+        measured_noise=noise,
+        calibration=calibration,
+        corrected=after,
+        uncorrected=before,
+        verdict=_verdict(judged, _expected(comparison, judged, figures, autopilot), found),
+    )
+
+
+def _noise(comparison: Comparison, judged: Windows) -> tuple[float, float] | None:
+    """White-noise densities of gyro and accelerometer as they are in flight, median over windows."""
+    if not len(judged.start):
+        return None
+    gyro, accel = np.median(window_noise(comparison.track, judged), axis=0)
+    return float(gyro), float(accel)
+
+
+def _expected(
+    comparison: Comparison, chosen: Windows, figures: ImuFigures, autopilot: ReferenceFigures
+) -> Expected | None:
+    if not len(chosen.start):
+        return None
+    allowed = budget(comparison, chosen, figures, autopilot)
+    error, total = stacked(comparison, chosen), allowed.total
+    blocks = _BLOCKS if comparison.has_position else {"attitude": ATTITUDE}
+    sigma = {name: float(np.median(allowed.sigma(block))) for name, block in blocks.items()}
+    bound = chi_square_95(3)
+    return Expected(
+        attitude_deg=float(np.degrees(sigma["attitude"])),
+        velocity_mps=sigma.get("velocity"),
+        position_m=sigma.get("position"),
+        shares={name: allowed.shares(block) for name, block in blocks.items()},
+        inside={
+            name: float(np.mean(nees(error[:, block], total[:, block, block]) < bound))
+            for name, block in blocks.items()
+        },
+    )
+
+
+def _held_out(comparison: Comparison) -> Drift:
+    """The drift over every other window, those that a fit to the rest has not seen."""
+    chosen = windows(comparison, _JUDGED_S)
+    rest = Windows(chosen.horizon, chosen.start[1::2], chosen.end[1::2], {})
+    return drift_over(comparison, [rest])
+
+
+def _findings(
+    flight: Flight,
+    comparison: Comparison,
+    judged: Windows,
+    compare_with: Compare,
+    figures: ImuFigures,
+    noise: tuple[float, float] | None,
+    calibration: Calibration | None,
+    autopilot: ReferenceFigures,
+) -> tuple[Finding, ...]:
+    sampling = 0.0
+    if len(judged.start):
+        sampling = budget(comparison, judged, figures, autopilot).shares(ATTITUDE)["sampling"]
+    found = [*rate_findings(comparison, sampling)]
+    found += reading_findings(comparison, flight.require_attitude(), figures)
+    found += jump_findings(comparison, flight)
+    if noise is not None:
+        found += noise_findings(comparison, noise, figures)
+    level = comparison
+    if calibration is not None and calibration.observable[TIME_OFFSET]:
+        lag = calibration.correction.time_offset
+        # a lag of 12 ms in a flip looks like a bias of the gyro: take it out before looking for one
+        level = compare_with(replace(NO_CORRECTION, time_offset=lag).apply(comparison.track))
+        if abs(lag) > 5e-3 and abs(lag) > 3 * calibration.sigma[TIME_OFFSET]:
+            found.append(_lag(comparison, lag, float(calibration.sigma[TIME_OFFSET])))
+    found += bias_findings(level, figures)
+    found = [f for f in found if not _follows_from_frozen(f, found)]
+    return tuple(sorted(found, key=lambda f: (_ORDER[f.severity], f.start_s)))
+
+
+def _follows_from_frozen(finding: Finding, found: Sequence[Finding]) -> bool:
+    """Whether a bias or a jump is only what a frozen sensor looks like from elsewhere."""
+    return finding.kind in {"gyro_bias", "accel_bias", "heading_jump"} and any(
+        f.kind == "frozen" and f.start_s < finding.end_s and finding.start_s < f.end_s for f in found
+    )
+
+
+_ORDER = {"error": 0, "warning": 1, "info": 2}
+
+
+def _lag(comparison: Comparison, lag: float, sigma: float) -> Finding:
+    return Finding(
+        "imu_lag",
+        "data",
+        "info",
+        float(comparison.track.t[0]),
+        float(comparison.track.t[-1]),
+        f"the IMU lags {lag * 1e3:.1f} ± {sigma * 1e3:.1f} ms behind the attitude",
+        "Usual: ArduPilot's 20 Hz filter makes 12 ms. It matters in fast turns alone; the calibration takes it out.",
+    )
+
+
+def _verdict(judged: Windows, expected: Expected | None, found: tuple[Finding, ...]) -> Verdict:
+    sides: tuple[Side, ...] = ("data", "imu", "autopilot")
+    errors_of = {side: [f for f in found if f.side == side and f.severity == "error"] for side in sides}
+    if errors_of["data"]:
+        finding = errors_of["data"][0]
+        return Verdict("insufficient_data", f"This log cannot tell: {finding.evidence}.", found)
+    if expected is None or len(judged.start) < _FEWEST_WINDOWS:
+        reasons = ", ".join(f"{n} {reason}" for reason, n in judged.excluded.items()) or "the flight is short"
+        return Verdict(
+            "insufficient_data",
+            f"This log cannot tell: only {len(judged.start)} windows of {_JUDGED_S:g} s can be used ({reasons}).",
+            found,
+        )
+    for side in sides[1:]:
+        if errors_of[side]:
+            first = errors_of[side][0]
+            name = "IMU" if side == "imu" else "autopilot's estimate"
+            return Verdict(
+                "imu_suspect" if side == "imu" else "autopilot_suspect",
+                f"Suspect the {name}: {_KINDS[first.kind]} from {first.start_s:.1f} to {first.end_s:.1f} s.",
+                found,
+            )
+    outside = {name: 1 - share for name, share in expected.inside.items() if share < _CONSISTENT_SHARE}
+    if outside:
+        worst = max(outside, key=lambda name: outside[name])
+        noisy = [f for f in found if f.kind in {"gyro_noise", "accel_noise"}]
+        if noisy:
+            return Verdict(
+                "imu_suspect",
+                f"Suspect the IMU's noise, not a bias: {noisy[0].evidence}. {outside[worst]:.0%} of the windows of "
+                f"{_JUDGED_S:g} s are beyond the 95 % bound in {worst}.",
+                found,
+            )
+        return Verdict(
+            "imu_suspect",
+            f"The IMU drifts more than it should: {outside[worst]:.0%} of the windows are beyond the 95 % bound in "
+            f"{worst}, and no single cause stands out.",
+            found,
+        )
+    return Verdict(
+        "consistent",
+        f"IMU and autopilot agree: {min(expected.inside.values()):.0%} or more of the windows of {_JUDGED_S:g} s are "
+        "within what this sensor's errors explain.",
+        found,
+    )
+
+
+_KINDS = {
+    "gyro_bias": "a gyro bias",
+    "accel_bias": "an accelerometer offset",
+    "frozen": "its readings stand still",
+    "gyro_clipping": "the gyro is at the end of its range",
+    "accel_clipping": "the accelerometer is at the end of its range",
+    "position_jump": "its position jumps",
+    "heading_jump": "its heading jumps",
+}
