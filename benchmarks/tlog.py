@@ -1,9 +1,10 @@
-"""How fast telemetry logs are read beside pymavlink and fasttlogparser, on one core: `python benchmarks/tlog.py`.
+"""How fast logs are read beside pymavlink and fasttlogparser, on one core: `python benchmarks/tlog.py`.
 
 A log of 100 MB with the message mix of a real link (made here, from a fixed seed) is read by each, in one run; each
 repetition is a process of its own, so that user CPU and peak memory are its own, without the interpreter's start and
 the import of NumPy. pymavlink reads the first twentieth, which is enough to know its speed. Peers that are not
-installed are named and skipped (`pip install fasttlogparser`, which needs a C++ compiler).
+installed are named and skipped (`pip install fasttlogparser`, which needs a C++ compiler). Then the same for an
+on-board log, made of a recording beside the project again and again, if it is there.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.mavlink import encode, load_dialect, make_messages, read_tlog
+from companion.mavlink import encode, load_dialect, make_messages, read_dataflash, read_tlog
 
 # Message -> Hz on an ArduPilot link whose IMU, attitude and position were asked for, as in our own recordings.
 MIX = {
@@ -112,6 +113,21 @@ def fasttlogparser(path: Path) -> int:
     return sum(len(next(iter(fields.values()))) for fields in messages.values())
 
 
+def read_onboard(path: Path) -> int:
+    """All fields of all records."""
+    return read_dataflash(path).frames
+
+
+def dfreader(path: Path) -> int:
+    from pymavlink.DFReader import DFReader_binary  # noqa: PLC0415
+
+    reader: Any = DFReader_binary(str(path))
+    records = 0
+    while reader.recv_msg() is not None:
+        records += 1
+    return records
+
+
 READERS: dict[str, Callable[[Path], int]] = {
     "companion: all fields": read_everything,
     "companion: IMU, attitude, position": read_for_tracks,
@@ -119,13 +135,16 @@ READERS: dict[str, Callable[[Path], int]] = {
     "fasttlogparser": fasttlogparser,
     "pymavlink": pymavlink,
 }
+ONBOARD: dict[str, Callable[[Path], int]] = {"companion: on-board log": read_onboard, "pymavlink: DFReader": dfreader}
+RECORDING = Path(__file__).resolve().parents[2] / "shared/tlogs/dataflash/sitl__copter-demo.BIN"
 
 
 def measure(reader: str, path: Path) -> None:
     """In a process of its own: print frames, user CPU s, wall s and peak MB."""
-    READERS[reader](_warm(path))
+    read = (READERS | ONBOARD)[reader]
+    read(_warm(path))
     before, start = resource.getrusage(resource.RUSAGE_SELF).ru_utime, time.perf_counter()
-    frames = READERS[reader](path)
+    frames = read(path)
     wall = time.perf_counter() - start
     after = resource.getrusage(resource.RUSAGE_SELF)
     print(frames, after.ru_utime - before, wall, after.ru_maxrss / 1024)
@@ -133,7 +152,7 @@ def measure(reader: str, path: Path) -> None:
 
 def _warm(path: Path) -> Path:
     """The first 100 kB: reading them loads every module."""
-    warm = path.with_suffix(".warm.tlog")
+    warm = path.with_suffix(".warm")
     if not warm.exists():
         with path.open("rb") as file:
             warm.write_bytes(file.read(100_000))
@@ -154,21 +173,39 @@ def main() -> None:
         make_log(whole, arguments.megabytes)
         with whole.open("rb") as file:
             part.write_bytes(file.read(whole.stat().st_size // 20))
-        print(f"{whole.stat().st_size / 1e6:.0f} MB, {read_tlog(whole, names=()).frames:,} frames")
-        print(f"{'':36}{'MB/s':>8}{'s user':>9}{'s wall':>9}{'peak MB':>9}{'frames':>12}")
-        speeds = {}
-        for reader in READERS:
-            if importlib.util.find_spec(reader.partition(":")[0]) is None:
-                print(f"{reader:36}not installed")
-                continue
-            path = part if reader == "pymavlink" else whole
-            frames, user, wall, peak = _medians(reader, path, 1 if reader == "pymavlink" else arguments.repeats)
-            speeds[reader] = path.stat().st_size / 1e6 / user
-            print(f"{reader:36}{speeds[reader]:8.1f}{user:9.2f}{wall:9.2f}{peak:9.0f}{round(frames):12,}")
-    for reader in ("companion: all fields", "companion: flights with SI tracks"):
-        for peer in ("pymavlink", "fasttlogparser"):
-            if peer in speeds:
-                print(f"{reader}: {speeds[reader] / speeds[peer]:.1f} x {peer}'s speed by user CPU")
+        speeds = compare({reader: part if reader == "pymavlink" else whole for reader in READERS}, arguments.repeats)
+        for reader in ("companion: all fields", "companion: flights with SI tracks"):
+            for peer in ("pymavlink", "fasttlogparser"):
+                if peer in speeds:
+                    print(f"{reader}: {speeds[reader] / speeds[peer]:.1f} x {peer}'s speed by user CPU")
+        if not RECORDING.exists():
+            print(f"{RECORDING} is not here: on-board logs are not measured")
+            return
+        recording = RECORDING.read_bytes()
+        whole, part = Path(folder) / "onboard.bin", Path(folder) / "one.bin"
+        with whole.open("wb") as file:
+            for _ in range(round(arguments.megabytes * 1e6 / len(recording))):
+                file.write(recording)
+        part.write_bytes(recording)
+        speeds = compare({"companion: on-board log": whole, "pymavlink: DFReader": part}, arguments.repeats)
+        print(
+            f"on-board log: {speeds['companion: on-board log'] / speeds['pymavlink: DFReader']:.1f} x DFReader's speed"
+        )
+
+
+def compare(logs: dict[str, Path], repeats: int) -> dict[str, float]:
+    """Print the medians of each reader, each with its log, as a table. Returns MB per second of user CPU."""
+    print(f"\n{'':36}{'MB':>6}{'MB/s':>8}{'s user':>9}{'s wall':>9}{'peak MB':>9}{'frames':>12}")
+    speeds = {}
+    for reader, path in logs.items():
+        if importlib.util.find_spec(reader.partition(":")[0]) is None:
+            print(f"{reader:36}not installed")
+            continue
+        megabytes = path.stat().st_size / 1e6
+        frames, user, wall, peak = _medians(reader, path, repeats)
+        speeds[reader] = megabytes / user
+        print(f"{reader:36}{megabytes:6.0f}{speeds[reader]:8.1f}{user:9.2f}{wall:9.2f}{peak:9.0f}{round(frames):12,}")
+    return speeds
 
 
 def _medians(reader: str, path: Path, repeats: int) -> list[float]:

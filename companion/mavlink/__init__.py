@@ -1,7 +1,8 @@
 """Bytes to messages and back: the only part that knows MAVLink's formats (and imports pymavlink). Knows no physics."""
 
 from companion.mavlink.address import Address, is_link, parse_address
-from companion.mavlink.dataflash import DataflashLog, RecordLayout, Records, read_dataflash
+from companion.mavlink.dataflash import DataflashLog, Records, read_dataflash
+from companion.mavlink.declarations import RecordLayout
 from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, MessageLayout, dialect_names, enum_names, load_dialect
 from companion.mavlink.encode import encode, make_messages
 from companion.mavlink.frames import Damage, Decoder, Frames

@@ -19,40 +19,20 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.errors import InputError
-from companion.mavlink.crc import Bytes, Index, gather
+from companion.mavlink.crc import Bytes, Index
+from companion.mavlink.declarations import (
+    Declaration,
+    RecordLayout,
+    declarations,
+    gather_records,
+    record_layouts,
+    record_lengths,
+)
 from companion.mavlink.logfile import is_compressed, log_format, read_chunks, read_head
+from companion.mavlink.spans import first_come
 
 _HEAD_1, _HEAD_2 = 0xA3, 0x95
-_HEADER_BYTES = 3
-_FMT = 128
 _SCAN_BYTES = 2 << 20
-
-_KINDS: dict[str, Any] = {
-    "a": ("<i2", (32,)), "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8",
-    "f": "<f4", "d": "<f8", "g": "<f2", "n": "S4", "N": "S16", "Z": "S64", "M": "u1",
-    "c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4", "L": "<i4",
-}  # fmt: skip
-# Formats in hundredths, or ten-millionths of a degree: divided, not multiplied, which is the more exact (DFReader).
-_DIVISORS = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RecordLayout:
-    """How one type of record lies in this log."""
-
-    type: int  # the byte behind A3 95
-    name: str  # "IMU"
-    length: int  # bytes, the header of 3 with it
-    dtype: np.dtype[np.void]  # packed, little endian, of the body
-    divisors: Mapping[str, float]  # field -> 100 or 1e7 where the format says so; absent: none
-    units: Mapping[str, str]  # field -> label of the log's UNIT record ("s", "rad/s", "m/s/s"); absent: none
-    multipliers: Mapping[str, float]  # field -> what makes a value one in that unit (TimeUS: 1e-6); absent: 1
-    instance_field: str | None  # the column that says which of several sensors or cores ("I", "C"); None: only one
-
-    @property
-    def fields(self) -> tuple[str, ...]:
-        """Names of the columns, in order."""
-        return self.dtype.names or ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,11 +120,11 @@ def read_dataflash(path: str | Path, *, names: Collection[str] | None = None) ->
     else:
         data = np.memmap(path, np.uint8, mode="r")
     heads = _heads(data)
-    formats = _formats(data, heads)
+    formats = declarations(data, heads)
     starts, types = _records(data, heads, formats)
     if len(starts) == 0:
         raise InputError(f"{path} begins like a DataFlash log, but has no whole record in it: copy it again.")
-    layouts, undecoded = _layouts(data, formats, starts, types)
+    layouts, undecoded = record_layouts(data, formats, starts, types)
     found: dict[str, Records] = {}
     order = np.argsort(types, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(types[order])) + 1)
@@ -154,9 +134,9 @@ def read_dataflash(path: str | Path, *, names: Collection[str] | None = None) ->
             continue
         wanted = names is None or layout.name in names
         key = layout.name if layout.name not in found else f"{layout.name}#{layout.type}"
-        rows = _rows(data, starts[index], layout) if wanted else np.empty(0, layout.dtype)
+        rows = gather_records(data, starts[index], layout) if wanted else np.empty(0, layout.dtype)
         found[key] = Records(layout, starts[index], rows)
-    lengths = np.bincount(types, minlength=256) @ _lengths(formats)
+    lengths = np.bincount(types, minlength=256) @ record_lengths(formats)
     return DataflashLog(
         path=path,
         size_bytes=path.stat().st_size,
@@ -165,21 +145,6 @@ def read_dataflash(path: str | Path, *, names: Collection[str] | None = None) ->
         undecoded=MappingProxyType({name: int((types == number).sum()) for number, name in undecoded.items()}),
         messages=MappingProxyType(found),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _Format:
-    """What an FMT record declares."""
-
-    type: int
-    length: int
-    name: str
-    format: str
-    columns: tuple[str, ...]
-
-
-_FMT_BODY = np.dtype([("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")])
-_FMT_LENGTH = _HEADER_BYTES + _FMT_BODY.itemsize
 
 
 def _heads(data: Bytes) -> Index:
@@ -191,125 +156,26 @@ def _heads(data: Bytes) -> Index:
     return np.concatenate([np.empty(0, np.int64), *found])
 
 
-def _formats(data: Bytes, heads: Index) -> dict[int, _Format]:
-    """The declarations in the log, by type."""
-    starts = heads[data[heads + 2] == _FMT]
-    starts = starts[starts + _FMT_LENGTH <= len(data)]
-    known = {_FMT: _Format(_FMT, _FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))}
-    bodies = gather(data, starts + _HEADER_BYTES, _FMT_BODY.itemsize)
-    for body in sorted(np.unique(bodies, axis=0, return_index=True)[1].tolist()):
-        row = bodies[body].view(_FMT_BODY)[0]
-        name, letters, columns = (_text(row[field]) for field in ("name", "format", "columns"))
-        # Amid damage it may be no declaration: names are printable, and no record is shorter than its head.
-        if name.isalnum() and letters.isascii() and int(row["length"]) >= _HEADER_BYTES:
-            fields = tuple(columns.split(",")) if columns else ()
-            known.setdefault(int(row["type"]), _Format(int(row["type"]), int(row["length"]), name, letters, fields))
-    return known
-
-
-def _text(value: Any) -> str:
-    return bytes(value).partition(b"\0")[0].decode("ascii", errors="replace")
-
-
-def _lengths(formats: Mapping[int, _Format]) -> Index:
-    """(256,) bytes of a record by type, 0 where there is no such type."""
-    lengths = np.zeros(256, np.int64)
-    for number, declared in formats.items():
-        lengths[number] = declared.length
-    return lengths
-
-
-def _records(data: Bytes, heads: Index, formats: Mapping[int, _Format]) -> tuple[Index, Bytes]:
+def _records(data: Bytes, heads: Index, formats: Mapping[int, Declaration]) -> tuple[Index, Bytes]:
     """Where the records begin, and their types."""
     types = np.asarray(data[heads + 2])
-    length = _lengths(formats)[types]
+    length = record_lengths(formats)[types]
     known = (length > 0) & (heads + length <= len(data))
     starts, types, length = heads[known], types[known], length[known]
     if len(starts) == 0:
         return starts, types
     ends = starts + length
-    following = np.searchsorted(heads, ends)
-    has_next = (ends == len(data)) | (heads[np.minimum(following, len(heads) - 1)] == ends)
+    has_next = (ends == len(data)) | _found(ends, heads)
     # The record before damage has no successor, but begins where its predecessor ends.
-    reached = np.searchsorted(starts, ends[has_next])
-    reached = reached[reached < len(starts)]
-    taken = has_next.copy()
-    taken[reached[np.isin(starts[reached], ends[has_next])]] = True
+    taken = has_next | _found(starts, np.sort(ends[has_next], kind="stable"))
     taken[0] |= starts[0] == 0
     starts, types, ends = starts[taken], types[taken], ends[taken]
-    if bool((starts[1:] < ends[:-1]).any()):  # A3 95 inside a body that happened to fit
-        keep, position = [], 0
-        for index, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
-            if start >= position:
-                keep.append(index)
-                position = end
-        starts, types = starts[keep], types[keep]
-    return starts, types
+    keep = first_come(starts, ends)  # A3 95 inside a body sometimes fits
+    return starts[keep], types[keep]
 
 
-def _rows(data: Bytes, starts: Index, layout: RecordLayout) -> npt.NDArray[np.void]:
-    return gather(data, starts + _HEADER_BYTES, layout.dtype.itemsize).view(layout.dtype).reshape(len(starts))
-
-
-def _layouts(
-    data: Bytes, formats: Mapping[int, _Format], starts: Index, types: Bytes
-) -> tuple[dict[int, RecordLayout], dict[int, str]]:
-    """Layouts of the declared types, with units; and the names of those that cannot be decoded."""
-    plain = {number: _layout(declared, {}, {}, "", "") for number, declared in formats.items()}
-    by_name = {declared.name: number for number, declared in formats.items()}
-
-    def rows(name: str) -> npt.NDArray[np.void] | None:
-        layout = plain.get(by_name.get(name, -1))
-        return None if layout is None else _rows(data, starts[types == layout.type], layout)
-
-    labels: dict[str, str] = {}
-    factors: dict[str, float] = {}
-    described: dict[int, tuple[str, str]] = {}
-    if (units := rows("UNIT")) is not None:
-        labels = {chr(row["Id"]): _text(row["Label"]) for row in units}
-    if (factor_rows := rows("MULT")) is not None:
-        # Written as doubles, but they were single precision before: 7 digits are what they mean (DFReader).
-        factors = {chr(row["Id"]): float(f"{row['Mult']:.7g}") for row in factor_rows}
-    if (pairs := rows("FMTU")) is not None:
-        described = {int(row["FmtType"]): (_text(row["UnitIds"]), _text(row["MultIds"])) for row in pairs}
-    layouts = {}
-    for number, declared in formats.items():
-        layout = _layout(declared, labels, factors, *described.get(number, ("", "")))
-        if layout is not None:
-            layouts[number] = layout
-    present = set(np.unique(types).tolist())
-    return layouts, {n: f.name for n, f in formats.items() if n in present and n not in layouts}
-
-
-def _layout(
-    declared: _Format, labels: Mapping[str, str], factors: Mapping[str, float], unit_ids: str, mult_ids: str
-) -> RecordLayout | None:
-    """A declaration as a layout; None if it contradicts itself or has a format that we do not know."""
-    unique = len(set(declared.columns)) == len(declared.columns) == len(declared.format)
-    if not unique or any(letter not in _KINDS for letter in declared.format):
-        return None
-    dtype = np.dtype([
-        (field, *kind) if isinstance(kind := _KINDS[letter], tuple) else (field, kind)
-        for field, letter in zip(declared.columns, declared.format, strict=True)
-    ])  # fmt: skip
-    if dtype.itemsize != declared.length - _HEADER_BYTES:
-        return None
-    divisors = {f: _DIVISORS[c] for f, c in zip(declared.columns, declared.format, strict=True) if c in _DIVISORS}
-    units = {f: labels[i] for f, i in zip(declared.columns, unit_ids, strict=False) if labels.get(i)}
-    multipliers = {
-        field: factors[i]
-        for field, i in zip(declared.columns, mult_ids, strict=False)
-        # 0 stands for "none"; where the format divides already, MULT repeats the same factor.
-        if factors.get(i) and field not in divisors
-    }
-    instance = declared.columns[unit_ids.index("#")] if "#" in unit_ids[: len(declared.columns)] else None
-    return RecordLayout(
-        type=declared.type,
-        name=declared.name,
-        length=declared.length,
-        dtype=dtype,
-        divisors=MappingProxyType(divisors),
-        units=MappingProxyType(units),
-        multipliers=MappingProxyType(multipliers),
-        instance_field=instance,
-    )
+def _found(values: Index, among: Index) -> npt.NDArray[np.bool_]:
+    """Which of `values` are in `among`, which is sorted. `values` nearly is, which makes this faster than np.isin."""
+    among = np.append(among, -1) if len(among) == 0 else among
+    at = np.searchsorted(among, values)
+    return np.asarray(among[np.minimum(at, len(among) - 1)] == values)

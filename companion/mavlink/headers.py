@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from companion.mavlink.crc import Bytes, Index, frame_crc, gather
 from companion.mavlink.dialect import Dialect
+from companion.mavlink.spans import first_come
 
 MAGIC_1, MAGIC_2 = 0xFE, 0xFD
 HEADER_1, HEADER_2 = 6, 10
@@ -115,11 +116,5 @@ def merge(left: Headers, right: Headers) -> Headers:
 
 def without_overlap(headers: Headers) -> Headers:
     """Drop each that begins inside an earlier one: frames are sometimes carried in the payload of a frame."""
-    if bool((headers.start[1:] >= headers.end[:-1]).all()):
-        return headers
-    keep, reached = [], 0
-    for index, (start, end) in enumerate(zip(headers.start.tolist(), headers.end.tolist(), strict=True)):
-        if start >= reached:
-            keep.append(index)
-            reached = end
-    return headers[np.array(keep, np.int64)]
+    keep = first_come(headers.start, headers.end)
+    return headers if keep.all() else headers[keep]
