@@ -23,7 +23,7 @@ DEFAULT_SYSID, DEFAULT_COMPID = 240, 191
 """Own ids: a system of its own, as MAV_COMP_ID_ONBOARD_COMPUTER. Never 255: ArduPilot takes that for its GCS."""
 
 _GATHER_S = 0.01  # after the first byte: one decoding for what arrives together (SITL sends in bursts)
-_NOISE_S, _NOISE_BYTES = 5.0, 200  # so many bytes in so long a time without one frame are no MAVLink
+_NOISE_BYTES = 200
 
 
 @dataclass(slots=True)
@@ -43,6 +43,7 @@ class Link:
     """Frames from vehicles, and requests to them. Survives whatever the peer does; see `ports`.
 
     address: see `parse_address`. listen_only: nothing is ever sent. sysid, compid: who the companion is.
+    patience_s: how long bytes without one frame in them are put up with.
 
     Raises InputError when the link cannot be opened, SettingsError for an unknown dialect.
     """
@@ -55,6 +56,7 @@ class Link:
         listen_only: bool = False,
         sysid: int = DEFAULT_SYSID,
         compid: int = DEFAULT_COMPID,
+        patience_s: float = 5.0,
     ) -> None:
         self.address = parse_address(address)
         self.dialect = load_dialect(dialect)
@@ -65,7 +67,8 @@ class Link:
         self._packer = Packer(sysid, compid, dialect=dialect)
         self._decoder = Decoder(self.dialect, stamped=False)
         self.health.damage = self._decoder.damage
-        self._version = 2
+        self._modern = False  # whether MAVLink 2 has been heard
+        self._patience_s = patience_s
         self._sequence: dict[tuple[int, int], int] = {}
         self._port = open_port(self.address)
 
@@ -104,8 +107,7 @@ class Link:
                 health.frames += len(frames)
                 health.last_frame = now
                 self._count_lost(frames)
-                first = frames.payload - frames.start == HEADER_1
-                self._version = 1 if first.all() and (self._version == 1 or health.frames == len(frames)) else 2
+                self._modern = self._modern or bool((frames.payload - frames.start != HEADER_1).any())
         self._check_speech()
         return frames
 
@@ -113,7 +115,8 @@ class Link:
         """Send a request; nothing when the link only listens. As MAVLink 1 to who speaks nothing else."""
         if self.listen_only:
             return
-        self._port.write(self._packer.pack(request.name, request.fields, version=self._version))
+        version = 2 if self._modern or not self.health.frames else 1
+        self._port.write(self._packer.pack(request.name, request.fields, version=version))
         self.health.sent[request.name] = self.health.sent.get(request.name, 0) + 1
 
     def close(self) -> None:
@@ -130,7 +133,7 @@ class Link:
         health = self.health
         if health.frames or health.first_byte is None or health.bytes < _NOISE_BYTES:
             return
-        if time.monotonic() - health.first_byte < _NOISE_S:
+        if time.monotonic() - health.first_byte < self._patience_s:
             return
         advice = "check that MAVLink is spoken there"
         if self.address.kind == "serial":
