@@ -29,6 +29,7 @@ from companion.mavlink.declarations import (
     record_lengths,
 )
 from companion.mavlink.logfile import is_compressed, log_format, read_chunks, read_head
+from companion.mavlink.messages import as_bytes
 from companion.mavlink.spans import first_come
 
 _HEAD_1, _HEAD_2 = 0xA3, 0x95
@@ -82,7 +83,7 @@ class Records:
 
     def select(self, index: npt.NDArray[np.bool_] | npt.NDArray[np.integer[Any]] | slice) -> Records:
         """Those of a mask, an index or a slice."""
-        rows = self.rows[index] if len(self.rows) == len(self) else self.rows
+        rows = as_bytes(self.rows)[index].view(self.layout.dtype) if len(self.rows) == len(self) else self.rows
         return Records(self.layout, self.offset[index], rows)
 
 

@@ -51,6 +51,10 @@ class Messages:
 
     def select(self, index: npt.NDArray[np.bool_] | npt.NDArray[np.integer[Any]] | slice) -> Messages:
         """Those of a mask, an index or a slice."""
+        if isinstance(index, np.ndarray) and index.dtype == np.bool_:
+            if index.all():
+                return self  # most logs have one sender of each type
+            index = np.flatnonzero(index)
         return Messages(
             layout=self.layout,
             offset=self.offset[index],
@@ -59,8 +63,13 @@ class Messages:
             compid=self.compid[index],
             seq=self.seq[index],
             crc=self.crc[index],
-            rows=self.rows[index] if len(self.rows) == len(self) else self.rows,
+            rows=as_bytes(self.rows)[index].view(self.layout.dtype) if len(self.rows) == len(self) else self.rows,
         )
+
+
+def as_bytes(rows: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+    """Rows as plain items of bytes: NumPy copies those whole, but structured ones field by field, ten times slower."""
+    return rows.view(np.dtype((np.void, rows.dtype.itemsize)))
 
 
 def split_messages(frames: Frames, dialect: Dialect, names: Collection[str] | None = None) -> dict[str, Messages]:
@@ -95,7 +104,6 @@ def join(pieces: Sequence[Messages]) -> Messages:
     if len(pieces) == 1:
         return pieces[0]
     layout = pieces[0].layout
-    plain = np.dtype((np.void, layout.max_length))  # a structured dtype would be copied field by field
     return Messages(
         layout=layout,
         offset=np.concatenate([piece.offset for piece in pieces]),
@@ -104,7 +112,7 @@ def join(pieces: Sequence[Messages]) -> Messages:
         compid=np.concatenate([piece.compid for piece in pieces]),
         seq=np.concatenate([piece.seq for piece in pieces]),
         crc=np.concatenate([piece.crc for piece in pieces]),
-        rows=np.concatenate([piece.rows.view(plain) for piece in pieces]).view(layout.dtype),
+        rows=np.concatenate([as_bytes(piece.rows) for piece in pieces]).view(layout.dtype),
     )
 
 
