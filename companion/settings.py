@@ -46,6 +46,19 @@ class DriftSettings(_Section, frozen=True):
     attitude_jump_deg: Positive = 5.0
 
 
+class AutopilotSettings(_Section, frozen=True):
+    """How far the autopilot's own estimate may be off, 1σ."""
+
+    tilt: NotNegative = 0.005
+    heading: NotNegative = 0.02
+    attitude_noise: Positive = 0.002
+    velocity: Positive = 0.05
+    position: Positive = 0.1
+    time_offset: NotNegative = 0.01
+    misalignment: NotNegative = 0.005
+    gravity: NotNegative = 0.003
+
+
 class ViewSettings(_Section, frozen=True):
     """How the replay is served."""
 
@@ -60,6 +73,7 @@ class Settings(_Section, frozen=True):
     log: LogSettings = LogSettings()
     integration: IntegrationSettings = IntegrationSettings()
     drift: DriftSettings = DriftSettings()
+    autopilot: AutopilotSettings = AutopilotSettings()
     view: ViewSettings = ViewSettings()
 
 

@@ -19,6 +19,7 @@ MAY_IMPORT = {
     "errors": set[str](),
     "tracks": {"errors"},
     "settings": {"errors"},
+    "correction": GROUND | {"analysis"},
     "sensors": GROUND | {"settings", "analysis"},
     "mavlink": GROUND - {"tracks"},
     "telemetry": GROUND | {"mavlink"},
@@ -28,7 +29,7 @@ MAY_IMPORT = {
     "simulate": GROUND | {"mavlink", "strapdown"},
     "view": GROUND | {"strapdown", "analysis"},
     "cli": GROUND
-    | {"settings", "sensors", "mavlink", "telemetry", "recording", "strapdown", "analysis", "simulate", "view", "cli"},
+    | {"settings", "sensors", "correction", "mavlink", "telemetry", "recording", "strapdown", "analysis", "simulate", "view", "cli"},
     "__main__": {"cli"},
     "__init__": GROUND | {"recording", "strapdown", "analysis"},
 }
@@ -45,6 +46,7 @@ LIBRARIES = {
     "telemetry": {"numpy", "pyulog"},
     "recording": {"numpy"},
     "sensors": {"msgspec"},
+    "correction": {"msgspec", "numpy"},
     "view": {"numpy", "viser", "rich"},
     "cli": {"numpy", "msgspec", "rich"},
 }

@@ -1,18 +1,27 @@
 """Holds the IMU's reckoning against the autopilot's estimate. Pure: imports tracks and strapdown."""
 
+from companion.analysis.calibrate import NO_CORRECTION, Calibration, Correction, calibrate
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, windows
 from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, drift, drift_of
 from companion.analysis.figures import GENERIC, ImuFigures, ReferenceFigures, SensorFigures
+from companion.analysis.findings import Finding
 from companion.analysis.gravity import gravity_for
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Replay, replay
+from companion.analysis.verdict import Assessment, Expected, Verdict, assess
 
 __all__ = [
     "GENERIC",
     "HORIZONS_S",
+    "NO_CORRECTION",
+    "Assessment",
+    "Calibration",
     "Comparison",
+    "Correction",
     "Drift",
     "DriftRow",
+    "Expected",
+    "Finding",
     "ImuFigures",
     "Limits",
     "Reference",
@@ -20,8 +29,11 @@ __all__ = [
     "Replay",
     "SensorFigures",
     "Statistic",
+    "Verdict",
     "WindowErrors",
     "Windows",
+    "assess",
+    "calibrate",
     "compare",
     "drift",
     "drift_of",

@@ -99,7 +99,7 @@ def bias_findings(comparison: Comparison, imu: ImuFigures) -> Iterator[Finding]:
             "error",
             start,
             end,
-            f"the gyro reads ({_milli(value)}) mrad/s too much; after calibration {_milli(imu.gyro.residual_bias)} "
+            f"it reads ({_milli(value)}) mrad/s too much; after calibration {_milli(imu.gyro.residual_bias)} "
             f"mrad/s is usual for {imu.name}",
             "Calibrate the gyro at rest before take-off (INS_GYR_CAL = 1, keep still). If it returns, replace the IMU.",
         )
@@ -128,7 +128,7 @@ def bias_findings(comparison: Comparison, imu: ImuFigures) -> Iterator[Finding]:
             "error",
             start,
             end,
-            f"the accelerometer is off by ({value[0]:.2f}, {value[1]:.2f}, {value[2]:.2f}) m/s²; after calibration "
+            f"it is off by ({value[0]:.2f}, {value[1]:.2f}, {value[2]:.2f}) m/s²; after calibration "
             f"{imu.accel.residual_bias:.2f} m/s² is usual for {imu.name}",
             "Calibrate the accelerometer in six positions. If it returns, replace the IMU.",
         )

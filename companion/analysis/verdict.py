@@ -251,8 +251,8 @@ def _verdict(judged: Windows, expected: Expected | None, found: tuple[Finding, .
         )
     return Verdict(
         "consistent",
-        f"IMU and autopilot agree: {min(expected.inside.values()):.0%} or more of the windows of {_JUDGED_S:g} s are "
-        "within what this sensor's errors explain.",
+        f"IMU and autopilot agree: what drifts is within what this sensor's errors explain (in "
+        f"{min(expected.inside.values()):.0%} of {len(judged.start)} windows of {_JUDGED_S:g} s).",
         found,
     )
 

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.cli import options, schema
+from companion.cli import documents, options
 from companion.recording import Recording, Source
 from companion.tracks import Flight
 
@@ -29,8 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Print what is in the log."""
     recording = options.read(arguments, options.settings_of(arguments))
     if arguments.json:
-        flights = [schema.info_flight(flight) for flight in recording.flights]
-        print(schema.encode(schema.Info(log=schema.log_object(recording.source), flights=flights)))
+        print(documents.encode(documents.info(recording)))
         return 0
     console = Console(soft_wrap=True, emoji=False)
     console.print(_summary(recording.source), highlight=False)

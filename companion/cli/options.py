@@ -58,6 +58,16 @@ def add_integration(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--middle", choices=MIDDLES, help="rk4's sample in the middle of an interval (default: cubic)")
 
 
+def add_figures(parser: argparse.ArgumentParser) -> None:
+    """What the IMU is expected to be like."""
+    parser.add_argument(
+        "--imu-model",
+        metavar="NAME",
+        help="part of config/imu, or a .toml file like those (default: what the parameters name, else generic-mems)",
+    )
+    parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
+
+
 def settings_of(arguments: argparse.Namespace) -> Settings:
     """The settings file with the command line's options put over it. Raises SettingsError for one out of range."""
     given = {name: value for name, value in vars(arguments).items() if value is not None}

@@ -6,10 +6,6 @@ from collections.abc import Mapping
 
 import msgspec
 
-from companion.analysis import Drift, DriftRow, Statistic
-from companion.recording import Source
-from companion.tracks import Flight, ImuTrack
-
 SCHEMA = 1
 
 
@@ -89,6 +85,15 @@ class StatisticObject(msgspec.Struct, frozen=True):
     max: float
 
 
+class ExpectedObject(msgspec.Struct, frozen=True):
+    """The drift that the budget allows, 1σ, and what it is made of."""
+
+    attitude_deg: float
+    velocity_mps: float | None
+    position_m: float | None
+    shares: Mapping[str, Mapping[str, float]]
+
+
 class DriftObject(msgspec.Struct, frozen=True):
     """Drift at one horizon."""
 
@@ -98,6 +103,66 @@ class DriftObject(msgspec.Struct, frozen=True):
     attitude_deg: StatisticObject | None
     velocity_mps: StatisticObject | None
     position_m: StatisticObject | None
+    expected: ExpectedObject | None
+
+
+class ConsistencyObject(msgspec.Struct, frozen=True):
+    """Share of the windows of a horizon whose normalised error is inside the 95 % bound."""
+
+    horizon_s: float
+    attitude: float
+    velocity: float | None
+    position: float | None
+
+
+class FigureObject(msgspec.Struct, frozen=True):
+    """A fitted error of the IMU."""
+
+    value: tuple[float, ...]
+    sigma: tuple[float, ...]
+    observable: tuple[bool, ...]
+
+
+class CalibrationObject(msgspec.Struct, frozen=True):
+    """The IMU errors that explain the flight best, and what they gain on windows they were not fitted to."""
+
+    windows: int
+    horizon_s: float
+    gyro_bias_radps: FigureObject
+    accel_bias_mps2: FigureObject
+    mounting_rad: FigureObject
+    time_offset_s: FigureObject
+    before: DriftObject | None
+    after: DriftObject | None
+
+
+class FiguresObject(msgspec.Struct, frozen=True):
+    """The sensor figures that the budget stands on."""
+
+    name: str
+    reason: str
+    measured_gyro_noise: float | None
+    measured_accel_noise: float | None
+
+
+class FindingObject(msgspec.Struct, frozen=True):
+    """Something that stands out."""
+
+    kind: str
+    side: str
+    severity: str
+    start_s: float
+    end_s: float
+    evidence: str
+    advice: str
+
+
+class VerdictObject(msgspec.Struct, frozen=True):
+    """The answer."""
+
+    status: str
+    summary: str
+    findings: list[FindingObject]
 
 
 class AnalyzeFlight(msgspec.Struct, frozen=True):
@@ -114,6 +179,10 @@ class AnalyzeFlight(msgspec.Struct, frozen=True):
     gravity_mps2: float
     notes: tuple[str, ...]
     drift: list[DriftObject]
+    figures: FiguresObject
+    consistency: list[ConsistencyObject]
+    calibration: CalibrationObject | None
+    verdict: VerdictObject
 
 
 class Analysis(msgspec.Struct, frozen=True, kw_only=True):
@@ -122,94 +191,3 @@ class Analysis(msgspec.Struct, frozen=True, kw_only=True):
     schema: int = SCHEMA
     log: LogObject
     flights: list[AnalyzeFlight]
-
-
-def encode(document: Info | Analysis) -> str:
-    """Indented JSON text. Non-finite numbers become null."""
-    return msgspec.json.format(msgspec.json.encode(document), indent=2).decode()
-
-
-def log_object(source: Source) -> LogObject:
-    """The "log" key."""
-    return LogObject(
-        path=str(source.path),
-        size_bytes=source.size_bytes,
-        frames=source.frames,
-        bad_crc_frames=source.bad_crc_frames,
-        skipped_bytes=source.skipped_bytes,
-    )
-
-
-def info_flight(flight: Flight) -> InfoFlight:
-    """One of the "flights" of `info`."""
-    return InfoFlight(
-        vehicle=_vehicle(flight),
-        boot=flight.boot,
-        start_s=flight.start,
-        duration_s=flight.duration,
-        default_imu=flight.default_imu,
-        reference=_reference(flight),
-        notes=flight.notes,
-        messages={
-            name: StatsObject(count=s.count, rate_hz=s.rate_hz, longest_gap_s=s.longest_gap_s, duplicates=s.duplicates)
-            for name, s in flight.messages.items()
-        },
-    )
-
-
-def analyze_flight(flight: Flight, table: Drift, gaps: Mapping[str, int], gravity: float) -> AnalyzeFlight:
-    """One of the "flights" of `analyze`; gaps: holes of each IMU message, gravity: m/s²."""
-    return AnalyzeFlight(
-        vehicle=_vehicle(flight),
-        boot=flight.boot,
-        duration_s=flight.duration,
-        imu=[_imu(flight, name, track, gaps[name]) for name, track in flight.imus.items()],
-        reference=_reference(flight),
-        used_imu=table.imu,
-        method=table.method,
-        middle=table.middle,
-        gravity_mps2=gravity,
-        notes=(*flight.notes, *table.notes),
-        drift=[_drift(row) for row in table.rows],
-    )
-
-
-def _vehicle(flight: Flight) -> VehicleObject:
-    v = flight.vehicle
-    return VehicleObject(sysid=v.sysid, compid=v.compid, autopilot=v.autopilot, type=v.type, firmware=v.firmware)
-
-
-def _reference(flight: Flight) -> ReferenceObject:
-    return ReferenceObject(
-        attitude=flight.attitude.source if flight.attitude else None,
-        position=flight.position.source if flight.position else None,
-    )
-
-
-def _imu(flight: Flight, name: str, track: ImuTrack, gaps: int) -> ImuObject:
-    stats = flight.messages[name]
-    return ImuObject(
-        message=name,
-        samples=len(track),
-        rate_hz=track.rate_hz,
-        gaps=gaps,
-        longest_gap_s=stats.longest_gap_s,
-        duplicates=stats.duplicates,
-    )
-
-
-def _drift(row: DriftRow) -> DriftObject:
-    return DriftObject(
-        horizon_s=row.horizon_s,
-        windows=row.windows,
-        excluded=row.excluded,
-        attitude_deg=_statistic(row.attitude_deg),
-        velocity_mps=_statistic(row.velocity_mps),
-        position_m=_statistic(row.position_m),
-    )
-
-
-def _statistic(statistic: Statistic | None) -> StatisticObject | None:
-    if statistic is None:
-        return None
-    return StatisticObject(median=statistic.median, p95=statistic.p95, max=statistic.max)

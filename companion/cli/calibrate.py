@@ -1,0 +1,47 @@
+"""`companion calibrate LOG`: the IMU errors that best explain a flight, as a correction for others."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from companion.cli import options, tables
+from companion.cli.analyze import assessment_of
+from companion.correction import correction_text
+from companion.errors import DataError, InputError
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Register the command."""
+    parser = options.add_command(
+        commands,
+        "calibrate",
+        "The IMU's biases, mounting and lag that best explain a flight, with their standard errors.",
+        "companion calibrate flight.tlog -o imu.toml",
+    )
+    options.add_flight_choice(parser)
+    options.add_integration(parser)
+    options.add_figures(parser)
+    parser.add_argument("-o", "--output", metavar="FILE", help="write the correction for analyze --correction")
+    parser.add_argument("--force", action="store_true", help="replace FILE when it is there already")
+    parser.set_defaults(run=run, horizons=None)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the calibration; write it where asked."""
+    settings = options.settings_of(arguments)
+    recording = options.read(arguments, settings)
+    flight = recording.flights[options.choose(recording.flights, arguments)]
+    found = assessment_of(flight, arguments, settings)
+    if found.calibration is None:
+        raise DataError(f"no calibration: {found.verdict.summary}")
+    console = tables.console()
+    for line in tables.calibration_lines(found):
+        console.print(line, highlight=False)
+    if arguments.output:
+        path = Path(arguments.output)
+        if path.exists() and not arguments.force:
+            raise InputError(f"{path} exists. Choose another name, or replace it with --force.")
+        path.write_text(correction_text(found.calibration, f"{arguments.log} ({found.drift.imu})"), encoding="utf-8")
+        options.say(f"written: {path}")
+    return 0

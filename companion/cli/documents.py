@@ -1,0 +1,165 @@
+"""Results → the JSON documents of `companion.cli.schema`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+
+import msgspec
+import numpy as np
+
+from companion.analysis import Assessment, Calibration, Drift, DriftRow, Expected, Statistic
+from companion.cli import schema
+from companion.recording import Recording, Source
+from companion.tracks import Flight, ImuTrack
+
+
+def encode(document: schema.Info | schema.Analysis) -> str:
+    """Indented JSON text. Non-finite numbers become null."""
+    return msgspec.json.format(msgspec.json.encode(document), indent=2).decode()
+
+
+def info(recording: Recording) -> schema.Info:
+    """`companion info --json`."""
+    flights = [_info_flight(flight) for flight in recording.flights]
+    return schema.Info(log=_log(recording.source), flights=flights)
+
+
+def analysis(
+    source: Source, flight: Flight, found: Assessment, gaps: Mapping[str, int], gravity: float
+) -> schema.Analysis:
+    """`companion analyze --json`; gaps: holes of each IMU message, gravity: m/s²."""
+    table = found.drift
+    analysed = schema.AnalyzeFlight(
+        vehicle=_vehicle(flight),
+        boot=flight.boot,
+        duration_s=flight.duration,
+        imu=[_imu(flight, name, track, gaps[name]) for name, track in flight.imus.items()],
+        reference=_reference(flight),
+        used_imu=table.imu,
+        method=table.method,
+        middle=table.middle,
+        gravity_mps2=gravity,
+        notes=(*flight.notes, *table.notes),
+        drift=[_drift(row, expected) for row, expected in zip(table.rows, found.expected, strict=True)],
+        figures=_figures(found),
+        consistency=[
+            schema.ConsistencyObject(
+                row.horizon_s,
+                expected.inside["attitude"],
+                expected.inside.get("velocity"),
+                expected.inside.get("position"),
+            )
+            for row, expected in zip(table.rows, found.expected, strict=True)
+            if expected is not None
+        ],
+        calibration=_calibration(found.calibration, found.uncorrected, found.corrected),
+        verdict=schema.VerdictObject(
+            found.verdict.status,
+            found.verdict.summary,
+            [schema.FindingObject(**asdict(finding)) for finding in found.verdict.findings],
+        ),
+    )
+    return schema.Analysis(log=_log(source), flights=[analysed])
+
+
+def _log(source: Source) -> schema.LogObject:
+    """The "log" key."""
+    return schema.LogObject(
+        path=str(source.path),
+        size_bytes=source.size_bytes,
+        frames=source.frames,
+        bad_crc_frames=source.bad_crc_frames,
+        skipped_bytes=source.skipped_bytes,
+    )
+
+
+def _info_flight(flight: Flight) -> schema.InfoFlight:
+    """One of the "flights" of `info`."""
+    return schema.InfoFlight(
+        vehicle=_vehicle(flight),
+        boot=flight.boot,
+        start_s=flight.start,
+        duration_s=flight.duration,
+        default_imu=flight.default_imu,
+        reference=_reference(flight),
+        notes=flight.notes,
+        messages={
+            name: schema.StatsObject(
+                count=s.count, rate_hz=s.rate_hz, longest_gap_s=s.longest_gap_s, duplicates=s.duplicates
+            )
+            for name, s in flight.messages.items()
+        },
+    )
+
+
+def _vehicle(flight: Flight) -> schema.VehicleObject:
+    v = flight.vehicle
+    return schema.VehicleObject(sysid=v.sysid, compid=v.compid, autopilot=v.autopilot, type=v.type, firmware=v.firmware)
+
+
+def _reference(flight: Flight) -> schema.ReferenceObject:
+    return schema.ReferenceObject(
+        attitude=flight.attitude.source if flight.attitude else None,
+        position=flight.position.source if flight.position else None,
+    )
+
+
+def _imu(flight: Flight, name: str, track: ImuTrack, gaps: int) -> schema.ImuObject:
+    stats = flight.messages[name]
+    return schema.ImuObject(
+        message=name,
+        samples=len(track),
+        rate_hz=track.rate_hz,
+        gaps=gaps,
+        longest_gap_s=stats.longest_gap_s,
+        duplicates=stats.duplicates,
+    )
+
+
+def _figures(found: Assessment) -> schema.FiguresObject:
+    gyro, accel = found.measured_noise or (None, None)
+    return schema.FiguresObject(found.figures.name, found.figures.reason, gyro, accel)
+
+
+def _calibration(fit: Calibration | None, before: Drift | None, after: Drift | None) -> schema.CalibrationObject | None:
+    if fit is None:
+        return None
+
+    def figure(part: slice) -> schema.FigureObject:
+        return schema.FigureObject(
+            tuple(np.ravel(fit.values[part]).tolist()),
+            tuple(np.ravel(fit.sigma[part]).tolist()),
+            tuple(fit.observable[part]),
+        )
+
+    return schema.CalibrationObject(
+        windows=fit.windows,
+        horizon_s=fit.horizon_s,
+        gyro_bias_radps=figure(slice(0, 3)),
+        accel_bias_mps2=figure(slice(3, 6)),
+        mounting_rad=figure(slice(6, 9)),
+        time_offset_s=figure(slice(9, 10)),
+        before=_drift(before.rows[0], None) if before else None,
+        after=_drift(after.rows[0], None) if after else None,
+    )
+
+
+def _drift(row: DriftRow, expected: Expected | None) -> schema.DriftObject:
+    return schema.DriftObject(
+        horizon_s=row.horizon_s,
+        windows=row.windows,
+        excluded=row.excluded,
+        attitude_deg=_statistic(row.attitude_deg),
+        velocity_mps=_statistic(row.velocity_mps),
+        position_m=_statistic(row.position_m),
+        expected=None
+        if expected is None
+        else schema.ExpectedObject(expected.attitude_deg, expected.velocity_mps, expected.position_m, expected.shares),
+    )
+
+
+def _statistic(statistic: Statistic | None) -> schema.StatisticObject | None:
+    if statistic is None:
+        return None
+    return schema.StatisticObject(median=statistic.median, p95=statistic.p95, max=statistic.max)

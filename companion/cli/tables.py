@@ -1,0 +1,146 @@
+"""What `analyze` and `calibrate` show in a terminal of 80 columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from companion.analysis import Assessment, Drift, Expected, Statistic
+
+_REASONS = {
+    "imu_gap": "hole in the IMU",
+    "no_attitude": "no attitude",
+    "attitude_jump": "attitude jump",
+    "no_position": "no position",
+    "position_jump": "position jump",
+}
+_STATUS = {
+    "consistent": "green",
+    "imu_suspect": "red",
+    "autopilot_suspect": "red",
+    "insufficient_data": "yellow",
+}
+_SIGNS = {"error": "[red]✗[/]", "warning": "[yellow]![/]", "info": "·"}
+
+
+def console() -> Console:
+    """For results: no emoji codes in names like 1:100:, no folding of long lines."""
+    return Console(soft_wrap=True, emoji=False)
+
+
+def verdict_lines(found: Assessment, *, most: int = 8) -> Iterator[str]:
+    """The verdict, and the findings under it."""
+    verdict = found.verdict
+    yield f"[bold {_STATUS[verdict.status]}]{verdict.status.replace('_', ' ').upper()}[/]  {escape(verdict.summary)}"
+    for finding in verdict.findings[:most]:
+        when = f"{finding.start_s:.1f}-{finding.end_s:.1f} s"
+        yield f"  {_SIGNS[finding.severity]} {when}: {finding.kind.replace('_', ' ')}. {escape(finding.evidence)}"
+        if finding.severity != "info":
+            yield f"      {escape(finding.advice)}"
+    if len(verdict.findings) > most:
+        yield f"  and {len(verdict.findings) - most} more: --json has them all"
+
+
+def drift_table(table: Drift) -> Table:
+    """The drift as a rich table: median, 95 % and worst of the windows of each horizon."""
+    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
+    shown.add_column("\nafter", justify="right", no_wrap=True)
+    shown.add_column("\nwindows", justify="right", no_wrap=True)
+    for quantity in ("attitude, °", "velocity, m/s", "position, m"):
+        shown.add_column(f"{quantity:^18}\n{_line('median', '95 %', 'worst')}", no_wrap=True)
+    for row in table.rows:
+        shown.add_row(
+            f"{row.horizon_s:g} s",
+            f"{row.windows}",
+            *(_cell(statistic) for statistic in (row.attitude_deg, row.velocity_mps, row.position_m)),
+        )
+    return shown
+
+
+def expected_table(found: Assessment) -> Table:
+    """What the drift should be: 1σ, the share of windows inside the 95 % bound, and what it is made of."""
+    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
+    shown.add_column("\nafter", justify="right", no_wrap=True)
+    shown.add_column(f"{'expected, 1σ':^18}\n{_line('°', 'm/s', 'm')}", no_wrap=True)
+    shown.add_column(f"{'inside 95 %':^18}\n{_line('att.', 'vel.', 'pos.')}", no_wrap=True)
+    shown.add_column("\nmostly", no_wrap=True)
+    for row, expected in zip(found.drift.rows, found.expected, strict=True):
+        if expected is None:
+            continue
+        sigma = (expected.attitude_deg, expected.velocity_mps, expected.position_m)
+        inside = [expected.inside.get(name) for name in ("attitude", "velocity", "position")]
+        shown.add_row(
+            f"{row.horizon_s:g} s",
+            _line(*("-" if s is None else _short(s) for s in sigma)),
+            _line(*("-" if s is None else f"{s:.0%}" for s in inside)),
+            _largest(expected),
+        )
+    return shown
+
+
+def left_out(table: Drift) -> Iterator[str]:
+    """A line for each horizon that has windows which were not used."""
+    for row in table.rows:
+        reasons = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in row.excluded.items())
+        if reasons:
+            yield f"Left out of the windows of {row.horizon_s:g} s: {reasons}"
+
+
+def calibration_lines(found: Assessment) -> Iterator[str]:
+    """The fitted errors with their standard errors, and whether they help on windows they were not fitted to."""
+    fit = found.calibration
+    if fit is None:
+        return
+    yield f"Calibration from {fit.windows} windows of {fit.horizon_s:g} s (± one standard error):"
+    for name, unit, part, factor, digits in (
+        ("gyro bias", "mrad/s", slice(0, 3), 1e3, 2),
+        ("accelerometer bias", "m/s²", slice(3, 6), 1.0, 3),
+        ("mounting", "°", slice(6, 9), float(np.degrees(1.0)), 2),
+        ("lag", "ms", slice(9, 10), 1e3, 1),
+    ):
+        parts = [
+            f"{value * factor:.{digits}f} ± {sigma * factor:.{digits}f}" if seen else "not observable"
+            for value, sigma, seen in zip(fit.values[part], fit.sigma[part], fit.observable[part], strict=True)
+        ]
+        yield f"  {name:<19}{', '.join(parts)}{f' {unit}' if any(fit.observable[part]) else ''}"
+    if found.corrected and found.uncorrected:
+        before, after = found.uncorrected.rows[0], found.corrected.rows[0]
+        text = f"{_pair(before.attitude_deg, after.attitude_deg)}°"
+        if after.position_m:
+            text += f", {_pair(before.position_m, after.position_m)} m"
+        yield f"  out of sample      {after.windows} windows not fitted: median drift {text}"
+
+
+def _pair(before: Statistic | None, after: Statistic | None) -> str:
+    if before is None or after is None:
+        return "-"
+    return f"{_short(before.median)} → {_short(after.median)}"
+
+
+def _largest(expected: Expected) -> str:
+    """The largest cause of the position's budget, or of the attitude's where there is no position."""
+    shares = expected.shares.get("position", expected.shares["attitude"])
+    name = max(shares, key=lambda cause: shares[cause])
+    return f"{name.replace('_', ' ')} {shares[name]:.0%}"
+
+
+def _cell(statistic: Statistic | None) -> str:
+    if statistic is None:
+        return _line("-", "-", "-")
+    return _line(*(_short(value) for value in (statistic.median, statistic.p95, statistic.max)))
+
+
+def _line(*parts: str) -> str:
+    """Three numbers under one another, whatever their length: columns within a column."""
+    return "".join(f"{part:>6}" for part in parts)
+
+
+def _short(value: float) -> str:
+    """Three digits, never more than three decimals: five characters, so that the tables fit into 80 columns."""
+    digits = 3 if value < 1 else 2 if value < 10 else 1 if value < 100 else 0
+    return f"{value:.{digits}f}"
