@@ -119,7 +119,7 @@ def nees(error: Array, covariance: Array) -> Array:
 
 
 def chi_square_95(k: int) -> float:
-    """The 95 % point of chi-square with k degrees of freedom (Wilson and Hilferty 1931; within 0.5 % for k >= 3)."""
+    """The 95 % point of chi-square with k degrees of freedom (Wilson and Hilferty 1931; within 0.6 % for k >= 3)."""
     return float(k * (1 - 2 / (9 * k) + _Z_95 * np.sqrt(2 / (9 * k))) ** 3)
 
 

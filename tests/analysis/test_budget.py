@@ -1,0 +1,104 @@
+"""How far the reckoning should be off, against sensors that are off by that much."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from companion.analysis import GENERIC, ReferenceFigures, compare, windows
+from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget, chi_square_95, nees, stacked, window_noise
+from companion.strapdown import ImuModel, Sensor, motions, simulate
+from tests.flights import flight_of, seconds
+
+RNG = np.random.default_rng(6)
+CERTAIN = ReferenceFigures(0, 0, 1e-7, 1e-6, 1e-6, 0, 0, 0)
+"""An autopilot that knows the truth, and an IMU that is where it should be."""
+
+MOTION = motions.circle(seconds(40, 100))
+
+
+def drawn(seed: int) -> ImuModel:
+    """An IMU of the generic kind: its biases drawn from what is left after calibration."""
+    rng = np.random.default_rng(seed)
+    return ImuModel(
+        gyro=Sensor(
+            noise_density=GENERIC.gyro.noise_density,
+            bias_walk=GENERIC.gyro.bias_walk,
+            bias=rng.normal(0, GENERIC.gyro.residual_bias, 3),
+            matrix=np.eye(3) + np.diag(rng.normal(0, GENERIC.gyro.scale, 3)),
+        ),
+        accel=Sensor(
+            noise_density=GENERIC.accel.noise_density,
+            bias_walk=GENERIC.accel.bias_walk,
+            bias=rng.normal(0, GENERIC.accel.residual_bias, 3),
+            matrix=np.eye(3) + np.diag(rng.normal(0, GENERIC.accel.scale, 3)),
+        ),
+    )
+
+
+@pytest.mark.parametrize("horizon", [2.0, 10.0])
+def test_errors_of_drawn_sensors_are_as_large_as_the_budget_says(horizon: float) -> None:
+    """The mean NEES of 9 states over 150 sensors lies inside the 99 % band of chi-square, one window of each."""
+    flight = flight_of(MOTION)
+    normalised = []
+    for seed in range(150):
+        comparison = compare(flight, track=simulate(MOTION.imu, drawn(seed), seed))
+        chosen = windows(comparison, horizon)
+        allowed = budget(comparison, chosen, GENERIC, CERTAIN)
+        normalised.append(nees(stacked(comparison, chosen), allowed.total)[0])
+    low, high = (float(chi2.ppf(p, 9 * 150)) / 150 for p in (0.005, 0.995))
+    assert low < np.mean(normalised) < high
+
+
+def test_shares_sum_to_the_total() -> None:
+    comparison = compare(flight_of(MOTION))
+    allowed = budget(comparison, windows(comparison, 5.0), GENERIC, ReferenceFigures())
+    for block in (ATTITUDE, VELOCITY, POSITION):
+        shares = allowed.shares(block)
+        assert sum(shares.values()) == pytest.approx(1.0)
+        assert min(shares.values()) >= 0
+    assert (np.linalg.eigvalsh(allowed.total) > 0).all()
+
+
+def test_one_cause_alone_is_the_textbook() -> None:
+    """At rest a gyro bias b leans gravity over: g b t³/6 in two axes; gravity off by d: d t²/2 in one."""
+    comparison = compare(flight_of(motions.rest(seconds(20, 100))))
+    allowed = budget(comparison, windows(comparison, 10.0), GENERIC, ReferenceFigures())
+    fall = allowed.causes["gravity"][0]
+    assert np.sqrt(fall[8, 8]) == pytest.approx(0.003 * 10**2 / 2)
+    lean = allowed.causes["gyro_bias"][0]
+    assert np.sqrt(lean[6, 6]) == pytest.approx(9.80665 * GENERIC.gyro.residual_bias * 10**3 / 6, rel=1e-3)
+
+
+def test_a_coarse_rate_is_mostly_sampling() -> None:
+    def share(rate: float) -> float:
+        comparison = compare(flight_of(motions.coning(seconds(40, rate))))
+        return budget(comparison, windows(comparison, 5.0), GENERIC, ReferenceFigures()).shares(ATTITUDE)["sampling"]
+
+    assert share(200) < 0.01
+    assert share(8) > 0.9
+
+
+def test_quantisation_of_a_sensor_that_reads_zero() -> None:
+    """A reading of zero stands for anything within one step: uniform, 1/√3 of a step."""
+    flight = flight_of(motions.rest(seconds(20, 100)))
+    coarse = replace(flight.imu(), gyro_step=1e-3)
+    comparison = compare(flight, track=coarse)
+    allowed = budget(comparison, windows(comparison, 10.0), GENERIC, ReferenceFigures())
+    found = np.sqrt(allowed.causes["quantisation"][0][0, 0])
+    assert found == pytest.approx(1e-3 / np.sqrt(3) * 10, rel=0.01)
+
+
+def test_the_noise_in_flight_is_measured() -> None:
+    model = ImuModel(gyro=Sensor(noise_density=2e-3), accel=Sensor(noise_density=0.05))
+    comparison = compare(flight_of(MOTION), track=simulate(MOTION.imu, model, 1))
+    measured = np.median(window_noise(comparison.track, windows(comparison, 5.0)), axis=0)
+    assert measured == pytest.approx([2e-3, 0.05], rel=0.1)
+
+
+def test_chi_square_against_scipy() -> None:
+    for k in (3, 9):
+        assert chi_square_95(k) == pytest.approx(float(chi2.ppf(0.95, k)), rel=0.006)
