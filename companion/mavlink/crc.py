@@ -31,6 +31,8 @@ def _advance(state: npt.NDArray[np.uint16], zero_bits: int) -> npt.NDArray[np.ui
 
 _ONE_BYTE = _advance(np.arange(256, dtype=np.uint16), 8)
 _TWO_BYTES = _advance(np.arange(65536, dtype=np.uint16), 16)  # 128 KiB: it lives in the second-level cache
+_MAKES_A_CRC = np.zeros(65536, bool)  # which differences of two CRCs one last byte can make
+_MAKES_A_CRC[_ONE_BYTE] = True
 
 
 def frame_crc(data: Bytes, first: Index, count: Index, extra: Bytes) -> npt.NDArray[np.uint16]:
@@ -57,6 +59,15 @@ def frame_crc(data: Bytes, first: Index, count: Index, extra: Bytes) -> npt.NDAr
     crc = np.empty_like(state)
     crc[order] = np.where(odd, with_byte, without)
     return crc
+
+
+def fits_some_extra(data: Bytes, first: Index, count: Index, crc: npt.NDArray[np.uint16]) -> npt.NDArray[np.bool_]:
+    """Whether there is a CRC_EXTRA with which `crc` is right: true of any intact frame, of 1 in 256 others.
+
+    Arguments as of `frame_crc`. CRCs are linear, so what a last byte does to one does not depend on the bytes before.
+    """
+    without = frame_crc(data, first, count, np.zeros(len(first), np.uint8))
+    return np.asarray(_MAKES_A_CRC[without ^ crc])
 
 
 def _take_pairs(state: npt.NDArray[np.uint16], data: Bytes, first: Index, pairs: npt.NDArray[np.uint16]) -> None:

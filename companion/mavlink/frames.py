@@ -17,6 +17,7 @@ Frame formats: https://mavlink.io/en/guide/serialization.html
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,10 +36,11 @@ from companion.mavlink.headers import (
     SIGNED,
     Headers,
     crc_is_right,
+    crc_may_be_right,
     cut_headers,
     find_headers,
     merge,
-    odd_headers,
+    strange_headers,
     wire_crc,
     without_overlap,
 )
@@ -94,7 +96,7 @@ class Decoder:
         self._scan = 0  # stream position where the search continues
         self._last_end = 0  # ... where the last accepted frame ended
         self._chain = self._stamp  # ... where the chain of lengths expects the next frame; -1: the chain is broken
-        self._pending: Counter[int] = Counter()  # unknown frames on the chain since the last accepted one...
+        self._pending: list[int] = []  # ids of unknown frames on the chain since the last accepted one...
         self._pending_bytes = 0  # ... with their stamps
         self._bad_end = 0  # end of the last frame counted as bad
         self._bad_open = (np.empty(0, np.int64), np.empty(0, np.int64))  # begin and end of bad ones that may be stamps
@@ -114,7 +116,7 @@ class Decoder:
         data[len(self._carry) : size] = chunk
         base = self._base
 
-        conforming, magic_1 = find_headers(data, self._scan - base, size, self.dialect)
+        conforming, others = find_headers(data, self._scan - base, size, self.dialect)
         cut = cut_headers(data, self._scan - base, size)
         complete = conforming.end <= size
         if not complete.all():
@@ -125,10 +127,10 @@ class Decoder:
         decided = size if final else _first_uncovered(cut, frames, size)
         if len(frames) and frames.start[-1] >= decided:
             frames = frames[frames.start < decided]
-        frames, decided = self._add_odd(data, magic_1, frames, decided, size, final=final)
+        frames, unknown, decided = self._search_gaps(data, others, frames, decided, size, final=final)
 
         self._count_bad(conforming[~right & (conforming.start < decided)], frames, decided, final=final)
-        self._walk_gaps(data, frames, decided)
+        self._walk_gaps(data, frames, unknown, decided)
         result = self._frames(data, frames)
 
         if len(frames):
@@ -139,33 +141,38 @@ class Decoder:
         self._carry, self._base, self._scan = data[keep:size].copy(), base + keep, base + decided
         return result
 
-    def _add_odd(
-        self, data: Bytes, magic_1: Index, frames: Headers, decided: int, size: int, *, final: bool
-    ) -> tuple[Headers, int]:
-        """Odd frames in the gaps (rare: old or strange senders, and noise), and how far all is decided with them."""
+    def _search_gaps(
+        self, data: Bytes, others: Index, frames: Headers, decided: int, size: int, *, final: bool
+    ) -> tuple[Headers, Headers, int]:
+        """Add odd frames in the gaps (rare: old or strange senders, and noise).
+
+        Returns the frames with them, intact frames of unknown ids, and how far everything is decided.
+        """
         previous, following = _gap_edges(self._last_end - self._base, frames, decided)
         searched = following - previous != self._stamp
         searched[-1] = True  # the last gap is still open
-        magic_1 = magic_1[np.searchsorted(magic_1, previous[np.argmax(searched)]) :]  # none lies before the first gap
-        gap = np.searchsorted(frames.start, magic_1, side="right")
-        inside = searched[gap] & (magic_1 >= previous[gap]) & (magic_1 < following[gap])
-        odd = odd_headers(data, magic_1[inside], self.dialect)
-        if len(odd) == 0:
-            return frames, decided
-        gap = np.searchsorted(frames.start, odd.start, side="right")
-        is_open = gap == len(frames)
-        whole = odd.end <= np.where(is_open, size, following[gap])
+        others = np.sort(others[others >= previous[np.argmax(searched)]])  # none lies before the first gap
+        gap = np.searchsorted(frames.start, others, side="right")
+        inside = searched[gap] & (others >= previous[gap]) & (others < following[gap])
+        odd, unknown = strange_headers(data, others[inside], self.dialect)
+
+        def whole(headers: Headers) -> tuple[Headers, int]:
+            gap = np.searchsorted(frames.start, headers.start, side="right")
+            is_open = gap == len(frames)
+            inside = headers.end <= np.where(is_open, size, following[gap])
+            return headers[inside], int(headers.start[is_open & ~inside].min(initial=size))
+
+        odd, cut_odd = whole(odd)
+        unknown, cut_unknown = whole(unknown)
+        odd = odd[crc_is_right(data, odd, self.dialect)]
+        unknown = unknown[crc_may_be_right(data, unknown)]
         if not final:
-            decided = int(odd.start[is_open & ~whole].min(initial=decided))
-        odd, is_open = odd[whole], is_open[whole]
-        right = crc_is_right(data, odd, self.dialect)
-        odd, is_open = odd[right], is_open[right]
-        if not final:
-            last = odd[is_open]
-            for begin, end in zip(last.start.tolist()[::-1], last.end.tolist()[::-1], strict=True):
-                decided = begin if end > decided else decided
-        frames = without_overlap(merge(frames, odd[odd.end <= decided]))
-        return frames[frames.start < decided], decided
+            decided = min(decided, cut_odd, cut_unknown)
+            for begin, end in zip(odd.start.tolist()[::-1], odd.end.tolist()[::-1], strict=True):
+                decided = begin if begin < decided < end else decided
+        if len(odd):
+            frames = without_overlap(merge(frames, odd[odd.end <= decided]))
+        return frames[frames.start < decided], unknown, decided
 
     def _frames(self, data: Bytes, frames: Headers) -> Frames:
         """Read what else the headers say."""
@@ -211,50 +218,47 @@ class Decoder:
                 self.damage.bad_crc_frames += 1
                 self._bad_end = end
 
-    def _walk_gaps(self, data: Bytes, frames: Headers, decided: int) -> None:
+    def _walk_gaps(self, data: Bytes, frames: Headers, unknown: Headers, decided: int) -> None:
         """Explain the bytes between frames: unknown ids where the chain of lengths fits exactly, else skipped."""
+        intact = dict(zip((unknown.start + self._base).tolist(), unknown.id.tolist(), strict=True))
         previous, following = _gap_edges(self._last_end - self._base, frames, decided)
         wide = np.flatnonzero(following[:-1] - previous[:-1] != self._stamp)
-        # A gap that began in an earlier push has its chain begun already.
-        if len(frames) and (len(wide) == 0 or wide[0] != 0):
-            self._restart_chain(0)
         for gap in wide.tolist():
             begin, end = int(previous[gap]) + self._base, int(following[gap]) + self._base
-            if gap:
+            if gap:  # the first gap began in an earlier push, and with it its chain
                 self._restart_chain(begin)
-            self._follow_chain(data, end)
+            self._follow_chain(data, end, intact)
             self._close_gap(begin, end, proven=self._chain == end)
         if len(frames):
             self._restart_chain(self._base + int(frames.end[-1]))
-        self._follow_chain(data, self._base + decided)
+        self._follow_chain(data, self._base + decided, intact)
 
     def _restart_chain(self, end_of_frame: int) -> None:
         self._chain = end_of_frame + self._stamp
-        self._pending = Counter()
+        self._pending.clear()
         self._pending_bytes = 0
 
-    def _follow_chain(self, data: Bytes, limit: int) -> None:
+    def _follow_chain(self, data: Bytes, limit: int, intact: Mapping[int, int]) -> None:
+        """Go from header to header up to `limit`. `intact`: stream position -> id of intact unknown frames."""
         while 0 <= self._chain < limit:
             at = self._chain - self._base
-            head = data[at : at + HEADER_2].tobytes()
-            if head[0] == MAGIC_2 and head[2] in (0, SIGNED):
-                size = HEADER_2 + head[1] + CRC_BYTES + SIGNATURE_BYTES * head[2]
-                number = int.from_bytes(head[7:10], "little")
-            elif head[0] == MAGIC_1:
-                size = HEADER_1 + head[1] + CRC_BYTES
-                number = head[5]
+            magic, length, flags = data[at : at + 3].tolist()
+            if magic == MAGIC_2 and flags in (0, SIGNED):
+                size = HEADER_2 + length + CRC_BYTES + SIGNATURE_BYTES * flags
+            elif magic == MAGIC_1:
+                size = HEADER_1 + length + CRC_BYTES
             else:
                 self._chain = -1
                 return
-            if number not in self.dialect.by_id:
-                self._pending[number] += 1
+            if self._chain in intact:
+                self._pending.append(intact[self._chain])
                 self._pending_bytes += size + self._stamp
             self._chain += size + self._stamp
 
     def _close_gap(self, begin: int, end: int, *, proven: bool) -> None:
         skipped = max(end - begin - self._stamp, 0)
         if proven:
-            self.damage.unknown_frames += self._pending
+            self.damage.unknown_frames.update(self._pending)
             skipped -= self._pending_bytes
         self.damage.skipped_bytes += skipped
 

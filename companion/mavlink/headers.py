@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from companion.mavlink.crc import Bytes, Index, frame_crc, gather
+from companion.mavlink.crc import Bytes, Index, fits_some_extra, frame_crc, gather
 from companion.mavlink.dialect import Dialect
 from companion.mavlink.spans import first_come
 
@@ -41,29 +41,27 @@ class Headers:
 def find_headers(data: Bytes, low: int, size: int, dialect: Dialect) -> tuple[Headers, Index]:
     """Conforming headers in `data[low:size]`: known id, understood flags, and for MAVLink 1 a length of the layout.
 
-    They may reach beyond `size`; those whose header itself does are left to `cut_headers`. Also every position where a
-    MAVLink 1 header could begin, for `odd_headers`.
+    They may reach beyond `size`; those whose header itself does are left to `cut_headers`. Also every position, in no
+    order, where any other header could begin, for `strange_headers`.
     """
-    unknown = len(dialect.crc_extra) - 1
     stop = max(size - HEADER_2 + 1, low)
     start = np.flatnonzero((data[low:stop] == MAGIC_2) & (data[low + 2 : stop + 2] <= SIGNED)) + low
-    number = (gather(data, start + 6, 4).view("<u4")[:, 0] >> 8).astype(np.int64)
-    known = dialect.crc_extra[np.minimum(number, unknown)] >= 0
+    second = _version_2(data, start)
+    known = _is_known(second, dialect)
+    others = np.flatnonzero(data[low : max(size - HEADER_1 + 1, low)] == MAGIC_1) + low
     if not known.all():
-        start, number = start[known], number[known]
-    length = data[start + 1].astype(np.int64)
-    payload = start + HEADER_2
-    end = payload + length + (CRC_BYTES + SIGNATURE_BYTES * data[start + 2].astype(np.int64))
-    second = Headers(start, payload, length, end, number)
-    magic_1 = np.flatnonzero(data[low : max(size - HEADER_1 + 1, low)] == MAGIC_1) + low
-    first = _version_1(data, magic_1, dialect)
-    return merge(second, first[_fits(first, dialect)]), magic_1
+        others = np.concatenate((others, start[~known]))
+        second = second[known]
+    first = _version_1(data, others[data[others] == MAGIC_1])
+    return merge(second, first[_is_known(first, dialect) & _fits(first, dialect)]), others
 
 
-def odd_headers(data: Bytes, magic_1: Index, dialect: Dialect) -> Headers:
-    """MAVLink 1 headers at `magic_1` of a known id with a length that its layout cannot have."""
-    found = _version_1(data, magic_1, dialect)
-    return found[~_fits(found, dialect)]
+def strange_headers(data: Bytes, start: Index, dialect: Dialect) -> tuple[Headers, Headers]:
+    """Of what begins at `start`: MAVLink 1 headers of a known id with a length it cannot have, and unknown ids."""
+    is_first = data[start] == MAGIC_1
+    first, second = _version_1(data, start[is_first]), _version_2(data, start[~is_first])
+    known = _is_known(first, dialect)
+    return first[known & ~_fits(first, dialect)], merge(second, first[~known])
 
 
 def cut_headers(data: Bytes, low: int, size: int) -> Index:
@@ -74,17 +72,27 @@ def cut_headers(data: Bytes, low: int, size: int) -> Index:
     return cut
 
 
-def _version_1(data: Bytes, start: Index, dialect: Dialect) -> Headers:
-    number = np.minimum(data[start + 5].astype(np.int64), len(dialect.crc_extra) - 1)
-    known = dialect.crc_extra[number] >= 0
-    start, number = start[known], number[known]
+def _version_1(data: Bytes, start: Index) -> Headers:
     length = data[start + 1].astype(np.int64)
     payload = start + HEADER_1
-    return Headers(start, payload, length, payload + length + CRC_BYTES, number)
+    return Headers(start, payload, length, payload + length + CRC_BYTES, data[start + 5].astype(np.int64))
+
+
+def _version_2(data: Bytes, start: Index) -> Headers:
+    number = (gather(data, start + 6, 4).view("<u4")[:, 0] >> 8).astype(np.int64)
+    length = data[start + 1].astype(np.int64)
+    payload = start + HEADER_2
+    end = payload + length + (CRC_BYTES + SIGNATURE_BYTES * data[start + 2].astype(np.int64))
+    return Headers(start, payload, length, end, number)
+
+
+def _is_known(headers: Headers, dialect: Dialect) -> npt.NDArray[np.bool_]:
+    return np.asarray(dialect.crc_extra[np.minimum(headers.id, len(dialect.crc_extra) - 1)] >= 0)
 
 
 def _fits(first: Headers, dialect: Dialect) -> npt.NDArray[np.bool_]:
-    shortest, longest = dialect.min_length[first.id], dialect.max_length[first.id]
+    number = np.minimum(first.id, len(dialect.crc_extra) - 1)
+    shortest, longest = dialect.min_length[number], dialect.max_length[number]
     return np.asarray((first.length >= shortest) & (first.length <= longest))
 
 
@@ -99,6 +107,12 @@ def crc_is_right(data: Bytes, headers: Headers, dialect: Dialect) -> npt.NDArray
     extra = dialect.crc_extra[headers.id].astype(np.uint8)
     crc = frame_crc(data, first, headers.payload - first + headers.length, extra)
     return np.asarray(crc == wire_crc(data, headers))
+
+
+def crc_may_be_right(data: Bytes, headers: Headers) -> npt.NDArray[np.bool_]:
+    """For unknown ids, whose CRC_EXTRA is unknown too."""
+    first = headers.start + 1
+    return fits_some_extra(data, first, headers.payload - first + headers.length, wire_crc(data, headers))
 
 
 def merge(left: Headers, right: Headers) -> Headers:

@@ -103,9 +103,9 @@ def test_junk_at_a_thousand_places() -> None:
 
 
 def unknown_frame(number: int, payload: bytes, seq: int) -> bytes:
-    """A frame of a message that the dialect does not have; its CRC cannot be checked."""
+    """A frame of a message that the dialect does not have, with the CRC_EXTRA that its own dialect gives it."""
     body = struct.pack("<BBBBBBHB", len(payload), 0, 0, seq, 1, 1, number & 0xFFFF, number >> 16) + payload
-    return b"\xfd" + body + struct.pack("<H", mavlink.x25crc(body).crc)
+    return b"\xfd" + body + struct.pack("<H", mavlink.x25crc(body + bytes([number % 251])).crc)
 
 
 def test_a_thousand_frames_of_unknown_ids_are_named_and_nothing_is_skipped() -> None:
@@ -118,6 +118,19 @@ def test_a_thousand_frames_of_unknown_ids_are_named_and_nothing_is_skipped() -> 
     damage = expect(parts)
     assert damage.unknown_frames == {60_000: 334, 60_001: 333, 60_002: 333}
     assert damage.skipped_bytes == 0
+
+
+def test_a_damaged_id_is_not_an_unknown_message() -> None:
+    """The chain fits, but the CRC is right with no CRC_EXTRA at all."""
+    packets = log_of(50)
+    parts = [(packet, True) for packet in packets]
+    for index in range(5, 50, 10):
+        damaged = bytearray(packets[index])
+        damaged[8 + 8] = 0xEE  # the middle byte of the id
+        parts[index] = (bytes(damaged), False)
+    damage = expect(parts)
+    assert not damage.unknown_frames
+    assert damage.skipped_bytes == sum(len(packets[index]) - 8 for index in range(5, 50, 10)) + 8 * 5
 
 
 def test_cut_at_every_byte_of_the_last_frame() -> None:
