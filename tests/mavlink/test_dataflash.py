@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import struct
 from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any
@@ -113,6 +114,40 @@ def test_only_the_rows_asked_for_are_read() -> None:
         log.messages["ATT"]["Roll"]
     with pytest.raises(KeyError, match="no field"):
         log.messages["IMU"]["Gyro"]
+
+
+def record(number: int, layout: str, *values: Any) -> bytes:
+    return bytes([0xA3, 0x95, number]) + struct.pack("<" + layout, *values)
+
+
+def test_every_format_letter_and_what_the_log_says_of_units(tmp_path: Path) -> None:
+    declared = [
+        (128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"),
+        (1, 3 + 1 + 64, b"UNIT", b"bZ", b"Id,Label"),
+        (2, 3 + 1 + 8, b"MULT", b"bd", b"Id,Mult"),
+        (3, 3 + 1 + 32, b"FMTU", b"BNN", b"FmtType,UnitIds,MultIds"),
+        (4, 3 + 121, b"ALL", b"QBcCeELafdgiIqbM", b"T,I,c,C,e,E,L,a,f,d,g,i,I2,q,b,M"),
+        (5, 3 + 4, b"BAD", b"B?", b"A,B"),
+    ]
+    data = b"".join(record(128, "BB4s16s64s", *fields) for fields in declared)
+    data += record(1, "b64s", ord("s"), b"s") + record(1, "b64s", ord("#"), b"instance") + record(1, "b64s", 68, b"deg")
+    data += record(2, "bd", ord("F"), 1e-6) + record(2, "bd", ord("-"), 0.0) + record(2, "bd", ord("G"), 1e-7)
+    data += record(3, "B16s16s", 4, b"s#----D", b"F-----G")
+    values = (7_000_000, 1, -150, 250, -1, 3, -353_632_621, *range(32), 0.5, 0.1, 2.0, -3, 4, -5, -6, 200)
+    data += record(4, "QBhHiIi32hfdeiIqbB", *values) + record(5, "BBH", 1, 2, 3) + bytes(9)
+    path = tmp_path / "made.bin"
+    path.write_bytes(data)
+    log = read_dataflash(path)
+    every = log.messages["ALL"]
+    assert [every[field][0] for field in "cCeELfdg"] == [-1.5, 2.5, -0.01, 0.03, -35.3632621, 0.5, 0.1, 2.0]
+    assert [every[field][0] for field in ("i", "I2", "q", "b", "M")] == [-3, 4, -5, -6, 200]
+    assert every["a"].tolist() == [list(range(32))]
+    assert every.in_unit("T").tolist() == [7.0]
+    assert every.in_unit("L").tolist() == [-35.3632621]
+    assert every.layout.units == {"T": "s", "I": "instance", "L": "deg"}
+    assert (every.layout.instance_field, every.instances) == ("I", (1,))
+    assert log.undecoded == {"BAD": 1}
+    assert log.skipped_bytes == 9
 
 
 def same_rows(one: Records, other: Records) -> bool:

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from companion.mavlink import Damage, Decoder, load_dialect
 from tests.mavlink.link import link_frames, stamped
+from tests.recordings import shared
 
 DIALECT = load_dialect()
 EPOCH = 1_700_000_000_000_000  # µs
@@ -236,6 +237,13 @@ def right_crcs(data: bytes) -> dict[int, int]:
             if crc.crc == int.from_bytes(data[end : end + 2], "little"):
                 found[begin] = end + tail
     return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["LucaGemma__MasterThesis__mav", "SemvdH__5g_drone_ROS2__src_mav"])
+def test_damaged_recordings_give_exactly_what_the_specification_finds(name: str) -> None:
+    data = shared(f"public/{name}.tlog").read_bytes()
+    assert {offset: offset + len(frame) for offset, frame in decode(data)[0]} == right_crcs(data)
 
 
 FRAMES = [*link_frames(14, seed=7), *link_frames(7, seed=8, version=1), *link_frames(7, seed=9, signed=True)]
