@@ -8,13 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.errors import InputError
-from companion.mavlink import DEFAULT_DIALECT, Log, load_dialect, read_tlog
-from companion.telemetry import Bystander, flights, ulog_flight
+from companion.mavlink import DEFAULT_DIALECT, Log, load_dialect, log_format, read_dataflash, read_tlog
+from companion.telemetry import Bystander, dataflash_flight, flights, ulog_flight
 from companion.tracks import Flight
-
-_ULOG = b"ULog\x01\x12\x35"
-_DATAFLASH = b"\xa3\x95"
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +18,7 @@ class Source:
     """What was read, and what of it could not be."""
 
     path: Path
-    format: str  # "tlog", "raw" (MAVLink without stamps) or "ulog"
+    format: str  # "tlog", "raw" (MAVLink without stamps), "dataflash" or "ulog"
     size_bytes: int
     frames: int  # MAVLink frames with a right checksum, or messages of an on-board log
     bad_crc_frames: int = 0
@@ -41,27 +37,27 @@ class Recording:
 
 
 def read_recording(path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bool = False) -> Recording:
-    """The flights of a .tlog or PX4 .ulg: one per vehicle and boot, in SI units, FRD and NED.
+    """The flights of a .tlog, an ArduPilot .bin or a PX4 .ulg: one per vehicle and boot, in SI units, FRD and NED.
 
-    The format is told by the file's first bytes. A damaged log is read as far as possible; `Recording.source` has the
-    counts. dequantise: see `config/default.toml`.
+    The format is told by the file's first bytes, compressed (.gz, .zst) or not. A damaged log is read as far as
+    possible; `Recording.source` has the counts. dequantise: see `config/default.toml`.
 
     Raises InputError when there is no such file or nothing in it that can be read, SettingsError for an unknown
     dialect.
     """
     path = Path(path)
     names = load_dialect(dialect)
-    magic = _first_bytes(path)
-    if magic.startswith(_ULOG):
+    kind = log_format(path)
+    if kind == "ulog":
         types = {v: n.removeprefix("MAV_TYPE_") for v, n in names.enum_names("MAV_TYPE").items()}
-        flight = ulog_flight(path, types)
-        messages = sum(stats.count for stats in flight.messages.values())
-        return Recording(Source(path, "ulog", path.stat().st_size, messages), (flight,))
-    if magic.startswith(_DATAFLASH):
-        raise InputError(
-            f"{path} is an ArduPilot DataFlash log (.bin), which companion does not read yet. "
-            "Use the telemetry log (.tlog) of the flight."
-        )
+        px4 = ulog_flight(path, types)
+        messages = sum(stats.count for stats in px4.messages.values())
+        return Recording(Source(path, kind, path.stat().st_size, messages), (px4,))
+    if kind == "dataflash":
+        board = read_dataflash(path)
+        flight = dataflash_flight(board)
+        source = Source(path, kind, board.size_bytes, board.frames, skipped_bytes=board.skipped_bytes)
+        return Recording(source, (flight,) if flight else ())
     log = read_tlog(path, dialect=dialect)
     found, others = flights(log, names, dequantise=dequantise)
     return Recording(_source(log), tuple(found), tuple(others))
@@ -70,15 +66,6 @@ def read_recording(path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequanti
 def open_log(path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bool = False) -> list[Flight]:
     """The flights of a log, as `read_recording` gives them: an empty list when no vehicle speaks in it."""
     return list(read_recording(path, dialect=dialect, dequantise=dequantise).flights)
-
-
-def _first_bytes(path: Path) -> bytes:
-    """Empty when the file cannot be opened: `read_tlog` says why."""
-    try:
-        with path.open("rb") as file:
-            return file.read(len(_ULOG))
-    except OSError:
-        return b""
 
 
 def _source(log: Log) -> Source:

@@ -27,12 +27,17 @@ _SETTABLE = (
 """Options that are settings too: section, key, name of the option."""
 
 
+_PAGE_BYTES = 256
+
+
 def add_command(
     commands: argparse._SubParsersAction[argparse.ArgumentParser], name: str, summary: str, example: str
 ) -> argparse.ArgumentParser:
     """A command that takes a log, with the options that every such command has."""
     parser = commands.add_parser(name, help=summary, description=summary, epilog=f"example: {example}")
-    parser.add_argument("log", metavar="LOG", help="a telemetry log (.tlog), or demo for the bundled flight")
+    parser.add_argument(
+        "log", metavar="LOG", help="a log: .tlog, ArduPilot .bin, PX4 .ulg; or demo for the bundled flight"
+    )
     parser.add_argument("--config", metavar="FILE", help="settings file; config/default.toml describes every key")
     parser.add_argument("--dialect", metavar="NAME", help="MAVLink dialect (default: ardupilotmega)")
     return parser
@@ -126,7 +131,8 @@ def usable_samples(flight: Flight) -> int:
 
 def warn_of_damage(source: Source) -> None:
     """Say on stderr what of the log could not be read."""
-    if source.bad_crc_frames or source.skipped_bytes:
+    tail = _PAGE_BYTES if source.format == "dataflash" else 0  # the logger fills up its last page
+    if source.bad_crc_frames or source.skipped_bytes > tail:
         say(
             f"damaged log: {source.skipped_bytes:,} of {source.size_bytes:,} bytes skipped, "
             f"{source.bad_crc_frames:,} frames with a wrong checksum left out; {source.frames:,} good frames read"

@@ -1,8 +1,9 @@
 """MAVLink messages → tracks: SI units, FRD and NED, one clock per flight. Knows no physics."""
 
 from companion.telemetry.convert import IMU_MESSAGES
+from companion.telemetry.dataflash import dataflash_flight
 from companion.telemetry.flights import flights
 from companion.telemetry.split import Bystander
 from companion.telemetry.ulog import ulog_flight
 
-__all__ = ["IMU_MESSAGES", "Bystander", "flights", "ulog_flight"]
+__all__ = ["IMU_MESSAGES", "Bystander", "dataflash_flight", "flights", "ulog_flight"]

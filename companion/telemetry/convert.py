@@ -86,7 +86,7 @@ def trimmed(track: ImuTrack, parameters: Mapping[str, float]) -> tuple[ImuTrack,
 def attitude_track(messages: Messages, t: Array) -> AttitudeTrack:
     """ATTITUDE (Euler angles, rad) or ATTITUDE_QUATERNION as quaternions; rates are bias-corrected body rates."""
     if "roll" in (messages.rows.dtype.names or ()):
-        q = _q_from_euler(*(np.asarray(messages[n], np.float64) for n in ("roll", "pitch", "yaw")))
+        q = q_from_euler(*(np.asarray(messages[n], np.float64) for n in ("roll", "pitch", "yaw")))
     else:
         q = np.column_stack([messages[f"q{i}"] for i in (1, 2, 3, 4)]).astype(np.float64)
     norm = np.linalg.norm(q, axis=1)
@@ -165,7 +165,7 @@ def _vector(messages: Messages, names: tuple[str, str, str], unit: str, dequanti
     return values * factor, factor
 
 
-def _q_from_euler(roll: Array, pitch: Array, yaw: Array) -> Array:
+def q_from_euler(roll: Array, pitch: Array, yaw: Array) -> Array:
     """Aerospace Euler angles (yaw, then pitch, then roll) to q_ned_frd, wxyz. Never used inside: messages only."""
     cr, sr = np.cos(roll / 2), np.sin(roll / 2)
     cp, sp = np.cos(pitch / 2), np.sin(pitch / 2)

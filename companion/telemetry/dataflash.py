@@ -1,0 +1,189 @@
+"""ArduPilot's on-board log → its flight. The IMU is there at 25-1000 Hz, as floats.
+
+Attitude and position are those of the primary EKF core (XKQ and XKF1, or NKQ and NKF1 of EKF2), which live in the frame
+of the IMU: AHRS_TRIM plays no part. Where a log has none, ATT is taken, which is what ATTITUDE would have said.
+Sources: ArduPilot `libraries/AP_Logger/LogStructure.h`, `AP_NavEKF3/LogStructure.h`, `AP_NavEKF3_Logging.cpp`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from companion.mavlink import DataflashLog, Records
+from companion.telemetry import convert
+from companion.telemetry.arrival import arrival
+from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, Origin, PositionTrack, StatusText, Vehicle
+
+_TYPES = {
+    b"ArduCopter": "QUADROTOR",
+    b"ArduPlane": "FIXED_WING",
+    b"ArduRover": "GROUND_ROVER",
+    b"Rover": "GROUND_ROVER",
+    b"ArduSub": "SUBMARINE",
+    b"Blimp": "AIRSHIP",
+}
+_HAS_POSITION = 0b11000  # EKF solution status: horiz_pos_rel and horiz_pos_abs (nav_filter_status in AP_NavEKF)
+_INFO = 6  # MAV_SEVERITY: MSG does not say
+
+
+def dataflash_flight(log: DataflashLog) -> Flight | None:
+    """The one flight of a .bin; None when it has no times at all."""
+    records = {name: r for name, r in log.messages.items() if len(r) and "TimeUS" in r.layout.fields}
+    seconds = {name: r.in_unit("TimeUS") for name, r in records.items()}
+    if not seconds:
+        return None
+    parameters = _parameters(records)
+    core, notes = _primary_core(records)
+    imus = _imus(records)
+    attitude = _attitude(records, core, imus)
+    if attitude is not None and attitude.source == "ATT":
+        trimmed = {name: convert.trimmed(track, parameters) for name, track in imus.items()}
+        imus = {name: track for name, (track, _) in trimmed.items()}
+        notes += [note for _, note in trimmed.values() if note][:1]
+    begin, end = (float(edge(t[[0, -1]][i] for t in seconds.values())) for i, edge in ((0, min), (1, max)))
+    return Flight(
+        vehicle=_vehicle(records, parameters),
+        boot=1,
+        start=begin,
+        duration=end - begin,
+        imus=imus,
+        attitude=attitude,
+        position=_position(records, core),
+        origin=_origin(records),
+        parameters=parameters,
+        texts=_texts(records),
+        messages={name: arrival(seconds[name], 0) for name in sorted(records)},
+        notes=tuple(notes),
+    )
+
+
+def _parameters(records: Mapping[str, Records]) -> dict[str, float]:
+    if "PARM" not in records:
+        return {}
+    names = (bytes(n).split(b"\0")[0].decode("ascii", "replace") for n in records["PARM"]["Name"])
+    return dict(zip(names, records["PARM"]["Value"].astype(np.float64).tolist(), strict=True))
+
+
+def _primary_core(records: Mapping[str, Records]) -> tuple[int, list[str]]:
+    """The EKF core that flew for most of the log (XKF4.PI), and a note when it was not always the same."""
+    for name in ("XKF4", "NKF4"):
+        if name in records and "PI" in records[name].layout.fields:
+            cores, counts = np.unique(records[name]["PI"], return_counts=True)
+            core = int(cores[np.argmax(counts)])
+            if len(cores) == 1:
+                return core, []
+            return core, [f"the EKF changed its primary core ({cores.tolist()}): core {core} is the reference"]
+    return 0, []
+
+
+def _imus(records: Mapping[str, Records]) -> dict[str, ImuTrack]:
+    """IMU[0], IMU[1], ... as log viewers call them. Older logs have IMU, IMU2, IMU3 in place of the instance."""
+    found: dict[str, ImuTrack] = {}
+    for number, name in enumerate(("IMU", "IMU2", "IMU3")):
+        if name not in records:
+            continue
+        for instance in records[name].instances or (number,):
+            one = records[name].instance(instance)
+            gyro, accel = (np.column_stack([one.in_unit(f"{kind}{axis}") for axis in "XYZ"]) for kind in ("Gyr", "Acc"))
+            t = one.in_unit("TimeUS")
+            keep = convert.increasing(t, np.isfinite(np.column_stack([gyro, accel])).all(axis=1))
+            key = f"IMU[{instance}]"
+            found[key] = ImuTrack(t[keep], gyro[keep], accel[keep], source=key, instance=int(instance))
+    return found
+
+
+def _attitude(records: Mapping[str, Records], core: int, imus: Mapping[str, ImuTrack]) -> AttitudeTrack | None:
+    for name in ("XKQ", "NKQ"):
+        if name in records:
+            one = records[name].instance(core)
+            q = np.column_stack([one[f"Q{i}"] for i in (1, 2, 3, 4)]).astype(np.float64)
+            return _attitude_track(one.in_unit("TimeUS"), q, name, imus)
+    if "ATT" in records:
+        one = records["ATT"]
+        q = convert.q_from_euler(*(np.radians(one[n].astype(np.float64)) for n in ("Roll", "Pitch", "Yaw")))
+        return _attitude_track(one.in_unit("TimeUS"), q, "ATT", imus)
+    return None
+
+
+def _attitude_track(t: Array, q: Array, source: str, imus: Mapping[str, ImuTrack]) -> AttitudeTrack | None:
+    good = np.isfinite(q).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.1)
+    keep = convert.increasing(t, good)
+    if len(keep) < 2:
+        return None
+    t = t[keep]
+    return AttitudeTrack(t, convert.continuous(q[keep]), _rates(t, imus), source)
+
+
+def _rates(t: Array, imus: Mapping[str, ImuTrack]) -> Array:
+    """Body rates at times t (N, 3) rad/s: the log has none without bias, so the first IMU's mean around each time."""
+    track = next((track for track in imus.values() if len(track) > 1), None)
+    if track is None:
+        return np.zeros((len(t), 3))
+    steps = np.diff(track.t)[:, None] * 0.5 * (track.gyro[1:] + track.gyro[:-1])
+    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    edges = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
+    at = np.column_stack([np.interp(edges, track.t, column) for column in turned.T])
+    return np.asarray(np.diff(at, axis=0) / np.diff(edges)[:, None])
+
+
+def _position(records: Mapping[str, Records], core: int) -> PositionTrack | None:
+    """XKF1 or NKF1 while the filter calls its horizontal position known."""
+    for name, status in (("XKF1", "XKF4"), ("NKF1", "NKF4")):
+        if name not in records:
+            continue
+        one = records[name].instance(core)
+        t = one.in_unit("TimeUS")
+        position = np.column_stack([one.in_unit(n) for n in ("PN", "PE", "PD")])
+        velocity = np.column_stack([one.in_unit(n) for n in ("VN", "VE", "VD")])
+        good = np.isfinite(np.column_stack([position, velocity])).all(axis=1)
+        if status in records and "SS" in records[status].layout.fields:
+            solution = records[status].instance(core)
+            last = np.searchsorted(solution.in_unit("TimeUS"), t, side="right") - 1
+            good &= (solution["SS"][np.maximum(last, 0)].astype(np.int64) & _HAS_POSITION) != 0
+        keep = convert.increasing(t, np.asarray(good))
+        if len(keep) > 1:
+            return PositionTrack(t[keep], position[keep], velocity[keep], name)
+    return None
+
+
+def _origin(records: Mapping[str, Records]) -> Origin | None:
+    for name in ("POS", "GPS", "ORGN"):
+        if name not in records:
+            continue
+        latitude, longitude, height = (records[name][n].astype(np.float64) for n in ("Lat", "Lng", "Alt"))
+        fixed = np.flatnonzero((latitude != 0) | (longitude != 0))
+        if len(fixed):
+            i = fixed[0]
+            return Origin(float(np.radians(latitude[i])), float(np.radians(longitude[i])), float(height[i]))
+    return None
+
+
+def _texts(records: Mapping[str, Records]) -> tuple[StatusText, ...]:
+    if "MSG" not in records:
+        return ()
+    said = records["MSG"]
+    return tuple(
+        StatusText(t, _INFO, bytes(text).split(b"\0")[0].decode("utf-8", "replace"))
+        for t, text in zip(said.in_unit("TimeUS").tolist(), said["Message"], strict=True)
+    )
+
+
+def _vehicle(records: Mapping[str, Records], parameters: Mapping[str, float]) -> Vehicle:
+    banner = next(
+        (
+            match
+            for text in (records["MSG"]["Message"].tolist() if "MSG" in records else ())
+            if (match := re.match(rb"(Ardu\w+|Rover|Blimp) V(\d[\w.-]*)", text))
+        ),
+        None,
+    )
+    return Vehicle(
+        sysid=int(parameters.get("MAV_SYSID", parameters.get("SYSID_THISMAV", 1))),
+        compid=1,
+        autopilot="ARDUPILOTMEGA",
+        type=_TYPES.get(banner[1], "UNKNOWN") if banner else "UNKNOWN",
+        firmware=banner[2].decode("ascii") if banner else "",
+    )

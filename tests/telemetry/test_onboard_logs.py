@@ -1,0 +1,116 @@
+"""On-board logs hold the same flight as the telemetry log of it, at a higher rate."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import companion as c
+from companion.analysis.compare import attitude_error, length
+from companion.errors import InputError
+from companion.strapdown import quaternion
+from companion.tracks import Array, AttitudeTrack, PositionTrack
+from tests.recordings import shared
+
+PAIRS = [
+    ("dataflash/sitl__copter-demo.BIN", "sitl/copter-demo-100hz.tlog", "IMU[0]", "RAW_IMU"),
+    ("dataflash/sitl__copter-hover-nodrift.BIN", "sitl/copter-hover-nodrift-100hz.tlog", "IMU[0]", "HIGHRES_IMU"),
+    ("px4/px4_square_lownoise.ulg", "px4/px4_square_lownoise.tlog", "vehicle_imu", "SCALED_IMU"),
+]
+
+
+def flights(board: str, link: str) -> tuple[c.Flight, c.Flight]:
+    return c.open_log(shared(board))[0], c.open_log(shared(link))[0]
+
+
+def common(a: Array, b: Array) -> Array:
+    """Times of a that lie well inside b."""
+    return a[(a > b[0] + 1) & (a < b[-1] - 1)]
+
+
+def attitude_at(track: AttitudeTrack, t: Array) -> Array:
+    i = np.clip(np.searchsorted(track.t, t) - 1, 0, len(track) - 2)
+    u = (t - track.t[i]) / (track.t[i + 1] - track.t[i])
+    return np.asarray(quaternion.slerp(track.q_ned_frd[i], track.q_ned_frd[i + 1], u))
+
+
+def position_at(track: PositionTrack, t: Array) -> Array:
+    return np.column_stack([np.interp(t, track.t, column) for column in track.position.T])
+
+
+@pytest.mark.parametrize(("board", "link"), [pair[:2] for pair in PAIRS])
+def test_attitude_and_position_are_those_of_the_telemetry_log(board: str, link: str) -> None:
+    """Both clocks are the boot clock. In fast turns, an interval of 0.1 s between records is what remains."""
+    onboard, telemetry = flights(board, link)
+    assert onboard.attitude
+    assert telemetry.attitude
+    t = common(onboard.attitude.t, telemetry.attitude.t)
+    error = np.degrees(length(attitude_error(attitude_at(telemetry.attitude, t), attitude_at(onboard.attitude, t))))
+    assert np.median(error) < 0.1
+    assert onboard.position
+    assert telemetry.position
+    t = common(onboard.position.t, telemetry.position.t)
+    assert np.median(length(position_at(telemetry.position, t) - position_at(onboard.position, t))) < 0.05
+
+
+@pytest.mark.parametrize(("board", "link", "imu", "message"), PAIRS)
+def test_drift_is_that_of_the_telemetry_log(board: str, link: str, imu: str, message: str) -> None:
+    """The same sensor and the same estimate: what differs is the rate, and the truncation of RAW_IMU and SCALED_IMU.
+
+    One step for 5 s is 0.29° and, leaning gravity over, 0.2 m.
+    """
+    onboard, telemetry = flights(board, link)
+    assert onboard.default_imu == imu
+    mine, theirs = (c.drift(f, imu=n, horizons=(5,)).rows[0] for f, n in ((onboard, imu), (telemetry, message)))
+    assert mine.attitude_deg
+    assert theirs.attitude_deg
+    assert mine.attitude_deg.median == pytest.approx(theirs.attitude_deg.median, abs=0.29)
+    assert mine.position_m
+    assert theirs.position_m
+    assert mine.position_m.median == pytest.approx(theirs.position_m.median, abs=0.25)
+
+
+def test_what_a_dataflash_log_says_of_its_flight() -> None:
+    (flight,) = c.open_log(shared("dataflash/sitl__copter-demo.BIN"))
+    assert (flight.vehicle.autopilot, flight.vehicle.type, flight.vehicle.firmware) == (
+        "ARDUPILOTMEGA", "QUADROTOR", "4.7.0-dev",
+    )  # fmt: skip
+    assert {name: len(track) for name, track in flight.imus.items()} == {"IMU[0]": 36855, "IMU[1]": 36855}
+    assert flight.imu("imu[1]").instance == 1
+    assert flight.imu().rate_hz == pytest.approx(400, rel=0.01)
+    assert flight.parameters["SIM_WIND_SPD"] == 4
+    assert any("ArduCopter" in text.text for text in flight.texts)
+    assert flight.origin
+    assert np.degrees(flight.origin.latitude) == pytest.approx(-35.3633, abs=1e-3)
+
+
+def test_a_position_that_the_filter_does_not_vouch_for_is_left_out() -> None:
+    """A sub under water: XKF1 says zero throughout, and XKF4 that it does not know."""
+    (flight,) = c.open_log(shared("dataflash/public__clydemcqueen__ardusub_log_tools__small.BIN"))
+    assert flight.position is None
+    assert flight.vehicle.type == "SUBMARINE"
+
+
+def test_a_compressed_log_is_the_same_flight(tmp_path: Path) -> None:
+    plain = shared("dataflash/public__clydemcqueen__ardusub_log_tools__small.BIN")
+    packed = tmp_path / "small.bin.gz"
+    packed.write_bytes(gzip.compress(plain.read_bytes()))
+    ours, theirs = (c.open_log(path)[0].imu() for path in (packed, plain))
+    np.testing.assert_array_equal(ours.gyro, theirs.gyro)
+
+
+def test_a_ulog_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    whole = shared("px4/px4_gcs_default.ulg")
+    cut = tmp_path / "cut.ulg"
+    cut.write_bytes(whole.read_bytes()[:2_000_000])
+    assert 0 < len(c.open_log(cut)[0].imu()) < len(c.open_log(whole)[0].imu())
+
+
+def test_a_ulog_that_is_only_a_head_says_so(tmp_path: Path) -> None:
+    cut = tmp_path / "head.ulg"
+    cut.write_bytes(shared("px4/px4_gcs_default.ulg").read_bytes()[:12])
+    with pytest.raises(InputError, match="head.ulg"):
+        c.open_log(cut)
