@@ -11,12 +11,16 @@ from companion.mavlink.logfile import log_format
 from companion.mavlink.messages import Messages, split_messages
 from companion.mavlink.pack import Packer, Value
 from companion.mavlink.ports import Port
+from companion.mavlink.rates import Rates, Wish
+from companion.mavlink.recorder import Recorder
 from companion.mavlink.requests import ForbiddenMessageError, Request, Target
+from companion.mavlink.session import Choice, Session
 from companion.mavlink.tlog import Log, TlogWriter, follow_tlog, read_tlog, write_tlog
 
 __all__ = [
     "DEFAULT_DIALECT",
     "Address",
+    "Choice",
     "Damage",
     "DataflashLog",
     "Decoder",
@@ -30,12 +34,16 @@ __all__ = [
     "Messages",
     "Packer",
     "Port",
+    "Rates",
     "RecordLayout",
+    "Recorder",
     "Records",
     "Request",
+    "Session",
     "Target",
     "TlogWriter",
     "Value",
+    "Wish",
     "dialect_names",
     "encode",
     "enum_names",

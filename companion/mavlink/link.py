@@ -61,6 +61,7 @@ class Link:
         self.address = parse_address(address)
         self.dialect = load_dialect(dialect)
         self.listen_only = listen_only
+        self.sysid = sysid
         self.health = LinkHealth()
         if listen_only and self.address.kind == "udpout":
             raise InputError(f"{address} hears nothing unless it speaks first: use udpin: or leave --listen-only away.")

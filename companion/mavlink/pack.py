@@ -12,7 +12,7 @@ Value = int | float | bytes
 
 
 class Packer:
-    """Packs the messages of one sender and counts their sequence; in MAVLink 2, or 1 for firmware that knows no other."""
+    """Packs the messages of one sender and counts their sequence."""
 
     def __init__(self, sysid: int, compid: int, *, dialect: str = DEFAULT_DIALECT) -> None:
         load_dialect(dialect)  # says which dialects there are
@@ -22,6 +22,8 @@ class Packer:
 
     def pack(self, name: str, fields: Mapping[str, Value], *, version: int = 2) -> bytes:
         """A frame of message `name` ("RAW_IMU"), fields in wire units; those not named are zero.
+
+        version: of MAVLink; 1 for firmware that knows no other.
 
         Raises KeyError for a message or field that the dialect does not have, struct.error for a value out of range.
         """

@@ -30,6 +30,9 @@ class Target:
     sysid: int
     compid: int
 
+    def __str__(self) -> str:
+        return f"{self.sysid}:{self.compid}"
+
 
 @dataclass(frozen=True, slots=True)
 class Request:

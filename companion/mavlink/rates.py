@@ -1,0 +1,264 @@
+"""Asks one vehicle for the messages that are wanted, watches what comes, and gives back what it found.
+
+No socket and no clock in here: messages and times go in, requests and sentences come out.
+
+What ArduPilot does to requests (GCS_Common.cpp, V4.7): an interval is cut to whole ms; one that is faster than
+floor(loop_us / 800) ms is DENIED; ten distinct intervals exist for a link, a further one silently becomes the nearest;
+all streams fall to a quarter while parameters or missions are loaded; a reboot forgets them. PX4 (v1.16) accepts
+messages that it has no source for and never sends them, and takes the nearest of its source's ticks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from companion.mavlink import requests
+from companion.mavlink.dialect import Dialect
+from companion.mavlink.messages import Messages
+from companion.mavlink.requests import Request, Target
+
+_ANSWER_S = 1.0  # how long an answer may take
+_ATTEMPTS = 4  # for a request that is not answered
+_SPACING_S = 0.02  # between requests: some firmware drops what comes in one burst
+_WINDOW_S = 5.0  # over which an arriving rate is measured
+_ENOUGH = 0.6  # of the messages agreed, less their square root: fewer is "turned down"; a loss of 30 % is not
+_RETRIES = 4  # against somebody who turns a message down: no fight
+_BACK_OFF_S = 5.0  # before the second of them, doubled each time
+_SLOWEST_HZ = 5.0  # a DENIED request is halved no further
+_SILENT_S = 3.0  # after that the vehicle, or the link to it, may have forgotten everything
+_REBOOT_S = 5.0  # a fall of the clock by more than this is a reboot, as in telemetry
+_ACCEPTED, _DENIED, _IN_PROGRESS = 0, 2, 5  # MAV_RESULT
+
+PARAMETERS = ("AHRS_TRIM_X", "AHRS_TRIM_Y", "AHRS_ORIENTATION", "INS_GYRO_FILTER", "INS_ACCEL_FILTER")
+"""ArduPilot's, that the comparison needs: the frame of the attitude, and the IMU's low-pass."""
+
+_AUTOPILOT_VERSION = 148
+_STREAMS = {
+    "RAW_IMU": 1,
+    "SCALED_IMU2": 1,
+    "LOCAL_POSITION_NED": 6,
+    "GLOBAL_POSITION_INT": 6,
+    "ATTITUDE": 10,
+}
+"""Message → MAV_DATA_STREAM (RAW_SENSORS, POSITION, EXTRA1), for firmware without SET_MESSAGE_INTERVAL."""
+
+
+class State(Enum):
+    """How far a wish has come."""
+
+    FINDING = "asking for the present interval"
+    ASKING = "asking for ours"
+    WATCHING = "agreed"
+    GIVEN_UP = "given up"
+
+
+@dataclass(slots=True)
+class Wish:
+    """One message and how often it is wanted."""
+
+    name: str
+    message_id: int
+    wanted_hz: float
+    asked_hz: float  # lower than wanted when the vehicle denied that
+    received_hz: float = 0.0  # over the last 5 s
+    found_us: int | None = None  # the interval before we asked, as MESSAGE_INTERVAL says it; None: not known
+    state: State = State.FINDING
+    by_stream: bool = False  # asked for with REQUEST_DATA_STREAM
+    attempts: int = 0  # of the present request
+    retries: int = 0  # after it was turned down
+    due: float = 0.0  # s, when to ask (again)
+    count: int = 0  # arrived in this window
+    window: float | None = None  # s, when it began
+
+
+class Rates:
+    """The wishes for one vehicle, and the parameters that are read from it. Times in s of any steady clock.
+
+    wanted: message → Hz. own_sysid: answers to others are not ours.
+    """
+
+    def __init__(
+        self, target: Target, wanted: Mapping[str, float], dialect: Dialect, *, own_sysid: int, ardupilot: bool = True
+    ) -> None:
+        self.target = target
+        self.wishes = [Wish(name, dialect.by_name[name].id, hz, hz) for name, hz in wanted.items()]
+        self.said: list[str] = []  # for the user; emptied by whoever shows it
+        self._own = own_sysid
+        self._parameters = dict.fromkeys(PARAMETERS if ardupilot else (), 0)  # not yet known → times asked
+        self._version_asked = 0
+        self._waiting: Wish | None = None  # whose COMMAND_ACK is due: an ack names the command, not the message
+        self._next = self._next_extra = 0.0
+        self._boot_s = 0.0
+        self._heard: float | None = None  # s, when the vehicle was heard last
+
+    @property
+    def settled(self) -> bool:
+        """Whether every wish is agreed or given up."""
+        return all(wish.state in (State.WATCHING, State.GIVEN_UP) for wish in self.wishes)
+
+    def hear(self, messages: Mapping[str, Messages], now: float) -> None:
+        """Take note of what this vehicle sent, and nobody else."""
+        if not messages:
+            return
+        if self._heard is not None and now - self._heard > _SILENT_S:
+            self.said.append(f"vehicle {self.target} is back after {now - self._heard:.0f} s: asking again")
+            self._start_again()
+        self._heard = now
+        self._notice_reboot(messages)
+        for name, found in messages.items():
+            if name == "MESSAGE_INTERVAL":
+                for number, interval in zip(found["message_id"].tolist(), found["interval_us"].tolist(), strict=True):
+                    self._found(number, interval)
+            elif name == "PARAM_VALUE":
+                for raw in found["param_id"].tolist():
+                    self._parameters.pop(raw.split(b"\0")[0].decode("ascii", "replace"), None)
+            elif name == "AUTOPILOT_VERSION":
+                self._version_asked = _ATTEMPTS
+            elif name == "COMMAND_ACK":
+                for i in range(len(found)):
+                    mine = int(found["target_system"][i]) in (0, self._own)
+                    if mine and found["command"][i] == requests.SET_MESSAGE_INTERVAL:
+                        self._answered(int(found["result"][i]), now)
+        for wish in self.wishes:
+            wish.count += len(messages[wish.name]) if wish.name in messages else 0
+            self._measure(wish, now)
+
+    def next_request(self, now: float) -> Request | None:
+        """What to send now, if anything."""
+        if now < self._next or self._heard is None or now - self._heard > _SILENT_S:
+            return None
+        request = self._find(now) or self._ask(now) or self._extra(now)
+        if request is not None:
+            self._next = now + _SPACING_S
+        return request
+
+    def restore(self) -> list[Request]:
+        """What gives every message the interval back that it had; the vehicle's default where that is not known."""
+        given_back: list[Request] = []
+        for wish in self.wishes:
+            if wish.by_stream:
+                given_back.append(requests.request_stream(self.target, _STREAMS[wish.name], 0))
+            elif wish.state is not State.FINDING:
+                given_back.append(requests.set_interval(self.target, wish.message_id, wish.found_us or 0))
+        return given_back
+
+    def _find(self, now: float) -> Request | None:
+        for wish in self.wishes:
+            if wish.state is State.FINDING and now >= wish.due:
+                if wish.attempts >= 2:  # it does not say: then its default is what it gets back
+                    self._move(wish, State.ASKING, now)
+                    continue
+                wish.attempts, wish.due = wish.attempts + 1, now + _ANSWER_S
+                return requests.get_interval(self.target, wish.message_id)
+        return None
+
+    def _ask(self, now: float) -> Request | None:
+        if self._waiting is not None:
+            if now < self._waiting.due:
+                return None
+            self._waiting = None
+        if any(wish.state is State.FINDING for wish in self.wishes):
+            return None
+        for wish in self.wishes:
+            if wish.state is not State.ASKING or now < wish.due:
+                continue
+            if wish.attempts >= _ATTEMPTS:
+                self._refused(wish, "the vehicle does not answer", now)
+            if wish.by_stream:
+                self._move(wish, State.WATCHING, now)  # nobody acknowledges a stream
+                return requests.request_stream(self.target, _STREAMS[wish.name], round(wish.asked_hz))
+            if wish.state is State.ASKING:
+                wish.attempts, wish.due, self._waiting = wish.attempts + 1, now + _ANSWER_S, wish
+                return requests.set_interval(self.target, wish.message_id, round(1e6 / wish.asked_hz))
+        return None
+
+    def _extra(self, now: float) -> Request | None:
+        """The firmware's version and the parameters, once the streams are asked for."""
+        if now < self._next_extra or not self.settled:
+            return None
+        self._next_extra = now + _ANSWER_S / 2
+        if self._version_asked < 2:
+            self._version_asked += 1
+            return requests.request_message(self.target, _AUTOPILOT_VERSION)
+        for name, times in self._parameters.items():
+            if times < _ATTEMPTS:
+                self._parameters[name] += 1
+                return requests.read_parameter(self.target, name)
+        return None
+
+    def _found(self, number: int, interval: int) -> None:
+        for wish in self.wishes:
+            if wish.message_id == number and wish.state is State.FINDING:
+                wish.found_us = interval
+                self._move(wish, State.ASKING, 0.0)
+
+    def _answered(self, result: int, now: float) -> None:
+        wish = self._waiting
+        if wish is None or result == _IN_PROGRESS:
+            return
+        self._waiting = None
+        if result == _ACCEPTED:
+            self._move(wish, State.WATCHING, now)
+        elif result == _DENIED and wish.asked_hz / 2 >= _SLOWEST_HZ:  # perhaps faster than its loop allows
+            wish.asked_hz /= 2
+            self._move(wish, State.ASKING, now)
+        else:
+            self._refused(wish, "the vehicle refuses it", now)
+
+    def _refused(self, wish: Wish, why: str, now: float) -> None:
+        if wish.name in _STREAMS and not wish.by_stream:
+            wish.by_stream, wish.asked_hz = True, wish.wanted_hz
+            self.said.append(f"{wish.name}: {why}; asking for its stream instead")
+            self._move(wish, State.ASKING, now)
+        else:
+            self._move(wish, State.GIVEN_UP, now)
+            self.said.append(f"{wish.name}: {why}; given up")
+
+    def _measure(self, wish: Wish, now: float) -> None:
+        if wish.window is None:
+            wish.window, wish.count = now, 0
+        elapsed = now - wish.window
+        if elapsed < _WINDOW_S:
+            return
+        expected = wish.asked_hz * elapsed
+        enough = wish.count >= _ENOUGH * expected - expected**0.5
+        wish.received_hz, wish.window, wish.count = wish.count / elapsed, now, 0
+        if wish.state is not State.WATCHING:
+            return
+        if not enough:
+            self._turned_down(wish, now)
+        elif wish.asked_hz < wish.wanted_hz and not wish.retries:
+            wish.retries = 1  # said once
+            self.said.append(f"{wish.name}: {wish.wanted_hz:g} Hz is refused, {wish.received_hz:.0f} Hz arrive")
+
+    def _turned_down(self, wish: Wish, now: float) -> None:
+        arrives = f"{wish.received_hz:.1f} of {wish.asked_hz:.3g} Hz arrive"
+        if wish.retries >= _RETRIES:
+            why = "another program turns it down, or the link is too slow" if wish.received_hz else "it has no source"
+            self.said.append(f"{wish.name}: {arrives}: {why}; given up")
+            self._move(wish, State.GIVEN_UP, now)
+            return
+        self.said.append(f"{wish.name}: {arrives}; asking again")
+        self._move(wish, State.ASKING, now + (_BACK_OFF_S * 2 ** (wish.retries - 1) if wish.retries else 0.0))
+        wish.retries += 1
+
+    def _notice_reboot(self, messages: Mapping[str, Messages]) -> None:
+        for found in messages.values():
+            if "time_boot_ms" in found.layout.fields:
+                boot_s = float(found["time_boot_ms"][-1]) * 1e-3
+                if 0 < boot_s < self._boot_s - _REBOOT_S:
+                    self.said.append(f"vehicle {self.target} has rebooted: asking again")
+                    self._start_again()
+                self._boot_s = boot_s
+
+    def _start_again(self) -> None:
+        """Everything that was agreed is gone; what there was before us is what to give back all the same."""
+        self._waiting = None
+        for wish in self.wishes:
+            wish.asked_hz, wish.retries, wish.by_stream = wish.wanted_hz, 0, False
+            self._move(wish, State.FINDING if wish.found_us is None else State.ASKING, 0.0)
+
+    def _move(self, wish: Wish, state: State, due: float) -> None:
+        wish.state, wish.attempts, wish.due, wish.window = state, 0, due, None

@@ -1,0 +1,157 @@
+"""Requests for message intervals against a simulated vehicle, in simulated time: no socket, no waiting."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import pytest
+
+from companion.mavlink import Decoder, Packer, Rates, Target, load_dialect, split_messages
+from companion.mavlink.wanted import fit, load, wanted_from
+from companion.simulate import Faults, SimulatedVehicle, fly
+
+DIALECT = load_dialect()
+WANTED = wanted_from("ARDUPILOTMEGA")
+
+
+class Conversation:
+    """A vehicle and who asks it, step by step."""
+
+    def __init__(self, seconds: float = 120.0, wanted: dict[str, float] | None = None, **vehicle: Any) -> None:
+        self.vehicle = SimulatedVehicle(fly(seconds, motion="rest"), **vehicle)
+        self.rates = Rates(Target(1, 1), wanted or WANTED, DIALECT, own_sysid=240)
+        self.sent: Counter[str] = Counter()
+        self.t = 0.0
+        self._packer = Packer(240, 191)
+        self._decoder = Decoder(DIALECT, stamped=False)
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / 0.02)):
+            self.t += 0.02
+            data = b"".join(packet for _, packet in self.vehicle.advance(self.t))
+            self.rates.hear(split_messages(self._decoder.push(data), DIALECT), self.t)
+            if request := self.rates.next_request(self.t):
+                self.sent[request.name] += 1
+                self.vehicle.receive(self._packer.pack(request.name, request.fields))
+
+    def leave(self) -> None:
+        for request in self.rates.restore():
+            self.vehicle.receive(self._packer.pack(request.name, request.fields))
+
+    def received(self) -> dict[str, float]:
+        return {wish.name: wish.received_hz for wish in self.rates.wishes}
+
+    def said(self) -> str:
+        return "\n".join(self.rates.said)
+
+
+def test_a_vehicle_that_sends_nothing_is_asked_and_then_left_as_it_was() -> None:
+    talk = Conversation(streams={"ATTITUDE": 4.0})
+    talk.run(12.0)
+    assert talk.received() == pytest.approx(WANTED, rel=0.03)
+    assert talk.said() == ""
+    assert talk.sent == {"COMMAND_LONG": 11, "PARAM_REQUEST_READ": 11}  # 3 known parameters, 2 unknown 4 times
+    talk.leave()
+    assert {name: talk.vehicle.interval_us(name) for name in WANTED} == dict.fromkeys(WANTED, -1) | {
+        "ATTITUDE": 250_000
+    }
+
+
+def test_a_third_of_the_packets_lost_is_not_being_turned_down() -> None:
+    talk = Conversation(faults=Faults(drop=0.3), seed=4)
+    talk.run(40.0)
+    assert talk.received() == pytest.approx({name: 0.7 * hz for name, hz in WANTED.items()}, rel=0.25)
+    assert talk.said() == ""
+
+
+def test_what_is_too_fast_for_the_loop_is_lowered_and_said() -> None:
+    talk = Conversation(wanted={"RAW_IMU": 500.0})
+    talk.run(10.0)
+    assert talk.received()["RAW_IMU"] == pytest.approx(250.0, rel=0.03)
+    assert "500 Hz is refused, 250 Hz arrive" in talk.said()
+
+
+def test_firmware_that_denies_intervals_is_asked_for_its_streams() -> None:
+    talk = Conversation(faults=Faults(denied=frozenset("*")), wanted={"ATTITUDE": 20.0, "HIGHRES_IMU": 20.0})
+    talk.run(15.0)
+    assert talk.received()["ATTITUDE"] == pytest.approx(20.0, rel=0.05)
+    assert "ATTITUDE: the vehicle refuses it; asking for its stream instead" in talk.said()
+    assert "HIGHRES_IMU: the vehicle refuses it; given up" in talk.said()
+    assert talk.sent["REQUEST_DATA_STREAM"] == 1
+    talk.leave()
+    assert talk.vehicle.interval_us("ATTITUDE") == -1
+
+
+def test_a_message_that_is_promised_and_never_comes_is_given_up() -> None:
+    talk = Conversation(faults=Faults(never=frozenset({"HIGHRES_IMU"})), wanted={"HIGHRES_IMU": 50.0})
+    talk.run(80.0)
+    assert talk.said().count("asking again") == 4
+    assert talk.said().endswith("HIGHRES_IMU: 0.0 of 50 Hz arrive: it has no source; given up")
+    requests = talk.sent["COMMAND_LONG"]
+    talk.run(20.0)
+    assert talk.sent["COMMAND_LONG"] == requests, "no fight"
+
+
+def test_who_turns_it_down_once_is_asked_again_who_insists_wins() -> None:
+    talk = Conversation(faults=Faults(turned_down=(12.0,)))
+    talk.run(30.0)
+    assert "RAW_IMU: " in talk.said()
+    assert "asking again" in talk.said()
+    assert talk.received() == pytest.approx(WANTED, rel=0.03)
+    stubborn = Conversation(faults=Faults(turned_down=tuple(range(10, 120))), wanted={"RAW_IMU": 100.0})
+    stubborn.run(90.0)
+    assert stubborn.said().count("asking again") == 4
+    assert "another program turns it down" in stubborn.said()
+    assert stubborn.sent["COMMAND_LONG"] < 12
+
+
+def test_after_a_reboot_everything_is_asked_again() -> None:
+    talk = Conversation(faults=Faults(reboot=(20.0,)))
+    talk.run(40.0)
+    assert "vehicle 1:1 has rebooted: asking again" in talk.said()
+    assert talk.received() == pytest.approx(WANTED, rel=0.03)
+
+
+def test_after_a_silence_everything_is_asked_again() -> None:
+    talk = Conversation(faults=Faults(silence=((15.0, 25.0),), reboot=(16.0,)))
+    talk.run(24.0)
+    asked = talk.sent.total()
+    talk.run(16.0)
+    assert "back after 10 s" in talk.said()
+    assert talk.sent.total() > asked
+    assert talk.received() == pytest.approx(WANTED, rel=0.03)
+
+
+def test_px4_is_asked_for_its_independent_imu() -> None:
+    wanted = wanted_from("PX4")
+    assert list(wanted)[:2] == ["SCALED_IMU", "HIGHRES_IMU"]
+    assert "RAW_IMU" not in wanted
+    talk = Conversation(wanted=wanted, autopilot="px4")
+    talk.run(12.0)
+    assert talk.received() == pytest.approx(wanted, rel=0.03)
+
+
+def test_answers_to_others_are_not_taken_for_ours() -> None:
+    rates = Rates(Target(1, 1), {"RAW_IMU": 100.0}, DIALECT, own_sysid=240)
+    packer, decoder = Packer(1, 1), Decoder(DIALECT, stamped=False)
+
+    def hear(now: float, name: str, **fields: int) -> None:
+        rates.hear(split_messages(decoder.push(packer.pack(name, fields)), DIALECT), now)
+
+    hear(0.0, "HEARTBEAT", autopilot=3)
+    assert rates.next_request(0.0) is not None
+    hear(0.1, "MESSAGE_INTERVAL", message_id=27, interval_us=-1)
+    assert rates.next_request(0.2) is not None
+    hear(0.3, "COMMAND_ACK", command=511, result=2, target_system=255)
+    assert not rates.settled
+    hear(0.4, "COMMAND_ACK", command=511, result=0, target_system=240)
+    assert rates.settled
+
+
+def test_a_slow_line_is_not_asked_for_more_than_it_carries() -> None:
+    fitting, warning = fit(WANTED, DIALECT, 5760.0)
+    assert load(fitting, DIALECT) == pytest.approx(0.7 * 5760, rel=0.05)
+    assert "lowered to" in warning
+    assert fit(WANTED, DIALECT, None) == (WANTED, "")
+    assert fit(WANTED, DIALECT, 92_160.0) == (WANTED, "")
