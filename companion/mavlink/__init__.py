@@ -7,7 +7,7 @@ from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, MessageLayout, d
 from companion.mavlink.encode import encode, make_messages
 from companion.mavlink.frames import Damage, Decoder, Frames
 from companion.mavlink.link import Link, LinkHealth, open_port
-from companion.mavlink.logfile import log_format
+from companion.mavlink.logfile import log_format, read_chunks
 from companion.mavlink.messages import Messages, split_messages
 from companion.mavlink.pack import Packer, Value
 from companion.mavlink.ports import Port
@@ -54,6 +54,7 @@ __all__ = [
     "make_messages",
     "open_port",
     "parse_address",
+    "read_chunks",
     "read_dataflash",
     "read_tlog",
     "split_messages",

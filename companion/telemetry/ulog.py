@@ -7,6 +7,7 @@ independent witness. `sensor_combined` is the IMU that the EKF uses. Sources: PX
 
 from __future__ import annotations
 
+import io
 import struct
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from companion.errors import InputError
+from companion.mavlink import read_chunks
 from companion.telemetry.arrival import arrival
 from companion.telemetry.convert import continuous, increasing
 from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, Origin, PositionTrack, StatusText, Vehicle
@@ -35,7 +37,7 @@ def ulog_flight(path: Path, vehicle_types: Mapping[int, str]) -> Flight:
             f"{path} is a PX4 ULog, and reading it needs pyulog. Install it: pip install 'companion[ulog]'"
         ) from None
     try:
-        log = ULog(str(path), disable_str_exceptions=True)
+        log = ULog(io.BytesIO(b"".join(read_chunks(path))), disable_str_exceptions=True)
     except (ULogException, ValueError, KeyError, IndexError, TypeError, struct.error) as error:
         raise InputError(f"{path} begins like a PX4 ULog, but cannot be read: {error!r}.") from error
     topics: dict[str, Topic] = {_name(d.name, d.multi_id): d.data for d in log.data_list}

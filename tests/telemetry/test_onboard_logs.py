@@ -28,7 +28,7 @@ def flights(board: str, link: str) -> tuple[c.Flight, c.Flight]:
 
 def common(a: Array, b: Array) -> Array:
     """Times of a that lie well inside b."""
-    return a[(a > b[0] + 1) & (a < b[-1] - 1)]
+    return np.asarray(a[(a > b[0] + 1) & (a < b[-1] - 1)])
 
 
 def attitude_at(track: AttitudeTrack, t: Array) -> Array:
