@@ -89,7 +89,7 @@ def _imus(records: Mapping[str, Records]) -> dict[str, ImuTrack]:
             one = records[name].instance(instance)
             gyro, accel = (np.column_stack([one.in_unit(f"{kind}{axis}") for axis in "XYZ"]) for kind in ("Gyr", "Acc"))
             t = one.in_unit("TimeUS")
-            keep = convert.increasing(t, np.isfinite(np.column_stack([gyro, accel])).all(axis=1))
+            keep = convert.increasing(t, np.asarray(np.isfinite(np.column_stack([gyro, accel])).all(axis=1)))
             key = f"IMU[{instance}]"
             found[key] = ImuTrack(t[keep], gyro[keep], accel[keep], source=key, instance=int(instance))
     return found
