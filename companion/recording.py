@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from companion.mavlink import DEFAULT_DIALECT, Log, load_dialect, log_format, read_dataflash, read_tlog
-from companion.telemetry import Bystander, dataflash_flight, flights, ulog_flight
+from companion.telemetry import NEEDED, Bystander, dataflash_flight, flights, ulog_flight
 from companion.tracks import Flight
 
 
@@ -36,11 +36,15 @@ class Recording:
     bystanders: tuple[Bystander, ...] = ()  # who speaks in it and is no vehicle
 
 
-def read_recording(path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bool = False) -> Recording:
+def read_recording(
+    path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bool = False, every_message: bool = False
+) -> Recording:
     """The flights of a .tlog, an ArduPilot .bin or a PX4 .ulg: one per vehicle and boot, in SI units, FRD and NED.
 
     The format is told by the file's first bytes, compressed (.gz, .zst) or not. A damaged log is read as far as
-    possible; `Recording.source` has the counts. dequantise: see `config/default.toml`.
+    possible; `Recording.source` has the counts. dequantise: see `config/default.toml`. every_message: read
+    the fields of messages too that no track is made of, so that `Flight.messages` knows their rates by the vehicle's
+    own clock.
 
     Raises InputError when there is no such file or nothing in it that can be read, SettingsError for an unknown
     dialect.
@@ -58,7 +62,7 @@ def read_recording(path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequanti
         flight = dataflash_flight(board)
         source = Source(path, kind, board.size_bytes, board.frames, skipped_bytes=board.skipped_bytes)
         return Recording(source, (flight,) if flight else ())
-    log = read_tlog(path, dialect=dialect)
+    log = read_tlog(path, dialect=dialect, names=None if every_message else NEEDED)
     found, others = flights(log, names, dequantise=dequantise)
     return Recording(_source(log), tuple(found), tuple(others))
 
@@ -71,9 +75,9 @@ def open_log(path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bo
 def _source(log: Log) -> Source:
     speakers: dict[str, dict[str, int]] = {}
     for name, messages in log.messages.items():
-        who, counts = np.unique(np.stack([messages.sysid, messages.compid]), axis=1, return_counts=True)
-        for (sysid, compid), count in zip(who.T.tolist(), counts.tolist(), strict=True):
-            speakers.setdefault(f"{sysid}:{compid}", {})[name] = count
+        counts = np.bincount(messages.sysid.astype(np.uint16) << 8 | messages.compid)
+        for who in np.flatnonzero(counts).tolist():
+            speakers.setdefault(f"{who >> 8}:{who & 255}", {})[name] = int(counts[who])
     return Source(
         path=log.path,
         format=log.kind,

@@ -27,7 +27,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def run(arguments: argparse.Namespace) -> int:
     """Print what is in the log."""
-    recording = options.read(arguments, options.settings_of(arguments))
+    recording = options.read(arguments, options.settings_of(arguments), every_message=True)
     if arguments.json:
         print(documents.encode(documents.info(recording)))
         return 0

@@ -86,12 +86,14 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         raise SettingsError(f"an option on the command line is out of range: {error}.") from None
 
 
-def read(arguments: argparse.Namespace, settings: Settings) -> Recording:
-    """The log that was named."""
+def read(arguments: argparse.Namespace, settings: Settings, *, every_message: bool = False) -> Recording:
+    """The log that was named; every_message: see `read_recording`."""
     path = Path(arguments.log)
     if arguments.log == "demo" and not path.exists():
         path = data_folder("tlogs") / "copter-demo-100hz.tlog"
-    recording = read_recording(path, dialect=settings.log.dialect, dequantise=settings.log.dequantise)
+    recording = read_recording(
+        path, dialect=settings.log.dialect, dequantise=settings.log.dequantise, every_message=every_message
+    )
     warn_of_damage(recording.source)
     return recording
 

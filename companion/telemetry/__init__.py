@@ -2,8 +2,8 @@
 
 from companion.telemetry.convert import IMU_MESSAGES
 from companion.telemetry.dataflash import dataflash_flight
-from companion.telemetry.flights import flights
+from companion.telemetry.flights import NEEDED, flights
 from companion.telemetry.split import Bystander
 from companion.telemetry.ulog import ulog_flight
 
-__all__ = ["IMU_MESSAGES", "Bystander", "dataflash_flight", "flights", "ulog_flight"]
+__all__ = ["IMU_MESSAGES", "NEEDED", "Bystander", "dataflash_flight", "flights", "ulog_flight"]

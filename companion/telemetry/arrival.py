@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+
 import numpy as np
 
 from companion.mavlink import Messages
@@ -11,27 +13,57 @@ from companion.tracks import Array, MessageStats
 _ECHO_S = 2.0  # two identical frames within this time are one packet heard twice
 
 
-def message_stats(messages: Messages, t: Array) -> MessageStats:
+class Arrivals(Mapping[str, MessageStats]):
+    """The statistics of a flight's messages, each computed when it is first asked for: most never are."""
+
+    def __init__(self, messages: Mapping[str, Messages]) -> None:
+        self._waiting = dict(sorted(messages.items()))
+        self._known: dict[str, MessageStats] = {}
+
+    def __getitem__(self, name: str) -> MessageStats:
+        if name not in self._known:
+            self._known[name] = message_stats(self._waiting[name])
+        return self._known[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._waiting)
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+
+def message_stats(messages: Messages) -> MessageStats:
     """Count, rate, gap and copies; by device time where the message carries it, else by the log's stamps."""
-    times = t if device_time(messages) is not None else messages.log_time
-    return arrival(times, _copies(messages))
+    own = device_time(messages)
+    if own is None:
+        return arrival(messages.log_time, _echoes(messages))
+    return arrival(own, _copies(messages, own))
 
 
 def arrival(times: Array, duplicates: int) -> MessageStats:
-    """The statistics of messages at times (N,) s."""
-    gaps = np.diff(np.unique(times))
+    """The statistics of messages at times (N,) s; those without a time (NaN) count, and that is all."""
+    gaps = np.diff(times)
+    if not (gaps > 0).all():
+        gaps = np.diff(np.unique(times[np.isfinite(times)]))
     if not len(gaps):
         return MessageStats(len(times), None, None, duplicates)
     return MessageStats(len(times), float(1.0 / np.median(gaps)), float(gaps.max()), duplicates)
 
 
-def _copies(messages: Messages) -> int:
-    """How many messages repeat another: the same device time and content, or the same frame heard again."""
-    own = device_time(messages)
-    if own is not None:
-        order = np.argsort(own, kind="stable")
-        rows = np.ascontiguousarray(messages.rows[order]).view(np.dtype((np.void, messages.rows.dtype.itemsize)))
-        return int((rows[1:] == rows[:-1]).sum())
-    order = np.lexsort((messages.log_time, messages.crc, messages.seq))
-    same = (np.diff(messages.crc[order].astype(np.int64)) == 0) & (np.diff(messages.seq[order].astype(np.int64)) == 0)
-    return int((same & (np.diff(messages.log_time[order]) < _ECHO_S)).sum())
+def _copies(messages: Messages, own: Array) -> int:
+    """How many messages have the device time and content of another."""
+    if (np.diff(own) > 0).all():
+        return 0
+    order = np.argsort(own, kind="stable")
+    again = np.flatnonzero(np.diff(own[order]) == 0)
+    rows = np.ascontiguousarray(messages.rows).view(np.dtype((np.void, messages.rows.dtype.itemsize)))
+    return int((rows[order[again]] == rows[order[again + 1]]).sum())
+
+
+def _echoes(messages: Messages) -> int:
+    """How many frames without a device time are one that was heard just before: the same CRC, which covers `seq`."""
+    frame = messages.crc.astype(np.uint32) << 8 | messages.seq
+    order = np.argsort(frame, kind="stable")  # in file order among equals
+    same = np.flatnonzero(np.diff(frame[order]) == 0)
+    apart = messages.log_time[order[same + 1]] - messages.log_time[order[same]]
+    return int((apart < _ECHO_S).sum())

@@ -47,8 +47,13 @@ class Clock:
 
 
 def device_time(messages: Messages) -> Array | None:
-    """The message's own time in seconds, (N,): time_boot_ms, else time_usec; None when it carries neither."""
-    fields = messages.rows.dtype.names or ()
+    """The message's own time in seconds, (N,): time_boot_ms, else time_usec; None when it carries neither.
+
+    None too when its fields were not read.
+    """
+    if len(messages.rows) != len(messages):
+        return None
+    fields = messages.layout.fields
     if "time_boot_ms" in fields:
         return np.asarray(messages["time_boot_ms"] * 1e-3)
     if "time_usec" in fields and messages["time_usec"].any():  # PX4 leaves it zero in HIL_STATE_QUATERNION and others
@@ -56,21 +61,34 @@ def device_time(messages: Messages) -> Array | None:
     return None
 
 
+_CLOCKS = (
+    "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "SCALED_IMU", "SCALED_IMU2",
+    "SCALED_IMU3",
+)  # fmt: skip
+"""Messages whose time_boot_ms is the time of their sample, on every autopilot."""
+
+_CLOCKS_ENOUGH = 2
+
+
 def sender_clock(sender: dict[str, Messages]) -> Clock:
-    """The clock of one sender from everything of it that carries time_boot_ms, in file order."""
-    timed = [m for m in sender.values() if "time_boot_ms" in (m.rows.dtype.names or ()) and len(m)]
-    if not timed:
-        timed = [sender[name] for name in ("RAW_IMU", "HIGHRES_IMU") if name in sender]
+    """The clock of one sender, in file order, from the commonest of the messages that carry a sample's time_boot_ms.
+
+    Without one of those from anything with time_boot_ms, else from the time_usec of an IMU.
+    """
+    timed = sorted((sender[n] for n in _CLOCKS if n in sender), key=len, reverse=True)[:_CLOCKS_ENOUGH]
+    timed = timed or [m for m in sender.values() if "time_boot_ms" in m.layout.fields]
+    timed = timed or [sender[name] for name in ("RAW_IMU", "HIGHRES_IMU") if name in sender]
     if not timed:
         return Clock(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
     offset = np.concatenate([m.offset for m in timed])
-    t = np.concatenate([np.asarray(device_time(m)) for m in timed])
+    t = np.concatenate([own if (own := device_time(m)) is not None else np.zeros(len(m)) for m in timed])
     log_time = np.concatenate([m.log_time for m in timed])
-    known = t > 0  # 0 means "not known" (PX4's HIL messages, stamps of a link that has just begun)
-    order = np.argsort(offset[known], kind="stable")
-    offset, t, log_time = offset[known][order], t[known][order], log_time[known][order]
-    wraps = np.cumsum(np.diff(t, prepend=t[:1]) < -0.9 * _WRAP_S)
-    return Clock(offset, t + _WRAP_S * wraps, log_time)
+    order = np.argsort(offset, kind="stable")
+    if not t.all():
+        order = order[t[order] > 0]  # 0 means "not known" (stamps of a link that has just begun)
+    offset, t, log_time = offset[order], t[order], log_time[order]
+    falls = np.diff(t, prepend=t[:1]) < -0.9 * _WRAP_S
+    return Clock(offset, t + _WRAP_S * np.cumsum(falls) if falls.any() else t, log_time)
 
 
 def reboots(clock: Clock) -> list[int]:
@@ -128,8 +146,8 @@ def boot_seconds(messages: Messages, clock: Clock) -> tuple[Array, float]:
     own = device_time(messages)
     if own is None:
         return clock.at(messages.offset), 0.0
-    if "time_boot_ms" in (messages.rows.dtype.names or ()):
-        if len(clock.t):  # the wraps that the clock has undone
+    if "time_boot_ms" in messages.layout.fields:
+        if len(clock.t) and clock.t.max() > 0.9 * _WRAP_S:  # the wraps that the clock has undone
             own = own + _WRAP_S * np.round((clock.at(messages.offset) - own) / _WRAP_S)
         return own, 0.0
     if not len(clock.t) or not len(own):

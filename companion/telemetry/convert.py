@@ -46,7 +46,9 @@ def imu_track(messages: Messages, t: Array, *, dequantise: bool = False) -> tupl
     accel, accel_step = _vector(messages, ("xacc", "yacc", "zacc"), "mG", dequantise)
     if not gyro.any() and not accel.any():
         return None, [f"{name} is zero throughout: the vehicle has no such IMU"]
-    good = np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1) & np.isfinite(t)
+    good = np.isfinite(t)
+    if not gyro_step:  # whole numbers are finite
+        good &= np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1)
     instance = _INSTANCE.get(name, 0)
     if name == "HIGHRES_IMU":
         ids, counts = np.unique(messages["id"], return_counts=True)
@@ -61,7 +63,8 @@ def imu_track(messages: Messages, t: Array, *, dequantise: bool = False) -> tupl
         t[keep], gyro[keep], accel[keep], source=name, gyro_step=gyro_step, accel_step=accel_step, instance=instance
     )
     if len(track):
-        weight = float(np.median(np.linalg.norm(track.accel, axis=1))) / STANDARD_GRAVITY
+        some = track.accel[:: max(1, len(track) // 1000)]
+        weight = float(np.median(np.linalg.norm(some, axis=1))) / STANDARD_GRAVITY
         if not 0.5 < weight < 2.0:
             notes.append(f"{name}: the median specific force is {weight:.2f} g; its scale is not what the message says")
     return track, notes
@@ -141,7 +144,10 @@ def parameters(messages: Messages, *, bytewise: bool) -> dict[str, float]:
 def increasing(t: Array, good: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
     """Indices of the good samples in order of device time, the first of those that share one: echoes fall out."""
     index = np.flatnonzero(good)
-    order = index[np.argsort(t[index], kind="stable")]
+    own = t[index]
+    if len(own) and (np.diff(own) > 0).all():
+        return index
+    order = index[np.argsort(own, kind="stable")]
     return order[np.diff(t[order], prepend=-np.inf) > 0]
 
 
@@ -156,13 +162,14 @@ def continuous(q: Array) -> Array:
 def _vector(messages: Messages, names: tuple[str, str, str], unit: str, dequantise: bool) -> tuple[Array, float]:
     """Three fields as SI (N, 3), and the quantisation step in SI (0 for floats). `unit` where the dialect has none."""
     factor = _SI[messages.layout.units.get(names[0]) or unit]
-    columns = np.column_stack([messages[n] for n in names])
-    if not np.issubdtype(columns.dtype, np.integer):
-        return columns.astype(np.float64) * factor, 0.0
-    values = columns.astype(np.float64)
-    if dequantise:
+    whole = np.issubdtype(messages[names[0]].dtype, np.integer)
+    values = np.empty((len(messages), 3))
+    for axis, name in enumerate(names):
+        values[:, axis] = messages[name]
+    if whole and dequantise:
         values += 0.5 * np.sign(values)
-    return values * factor, factor
+    values *= factor
+    return values, factor if whole else 0.0
 
 
 def q_from_euler(roll: Array, pitch: Array, yaw: Array) -> Array:

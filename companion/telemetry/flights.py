@@ -6,7 +6,7 @@ import numpy as np
 
 from companion.mavlink import Dialect, Log
 from companion.telemetry import convert
-from companion.telemetry.arrival import message_stats
+from companion.telemetry.arrival import Arrivals
 from companion.telemetry.clock import boot_seconds
 from companion.telemetry.split import Boot, Bystander, boots, describe, senders
 from companion.tracks import (
@@ -19,6 +19,15 @@ from companion.tracks import (
     StatusText,
     Vehicle,
 )
+
+_TIMED = {
+    *convert.IMU_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "STATUSTEXT",
+}  # fmt: skip
+"""Messages that become tracks or texts, and need a place on the flight's clock."""
+
+
+NEEDED = _TIMED | {"HEARTBEAT", "PARAM_VALUE", "AUTOPILOT_VERSION", "GPS_RAW_INT", "GPS_GLOBAL_ORIGIN"}
+"""Messages whose fields a flight is made of."""
 
 
 def flights(log: Log, dialect: Dialect, *, dequantise: bool = False) -> tuple[list[Flight], list[Bystander]]:
@@ -43,6 +52,8 @@ def _flight(boot: Boot, parameters: dict[str, float], said: tuple[str, ...], deq
     seconds: dict[str, Array] = {}
     notes = [*said, *boot.notes]
     for name, messages in boot.messages.items():
+        if name not in _TIMED:
+            continue
         seconds[name], shift = boot_seconds(messages, boot.clock)
         if shift and name in convert.IMU_MESSAGES:
             notes.append(f"{name}.time_usec runs {shift:+.3f} s from time_boot_ms: taken out")
@@ -59,7 +70,7 @@ def _flight(boot: Boot, parameters: dict[str, float], said: tuple[str, ...], deq
         origin=_origin(boot),
         parameters=parameters,
         texts=_texts(boot, seconds),
-        messages={name: message_stats(m, seconds[name]) for name, m in sorted(boot.messages.items())},
+        messages=Arrivals(boot.messages),
         notes=(*notes, *imu_notes),
     )
 

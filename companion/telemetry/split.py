@@ -49,8 +49,8 @@ def senders(log: Log) -> dict[tuple[int, int], Sender]:
     found: dict[tuple[int, int], Sender] = {}
     for name, messages in log.messages.items():
         who = messages.sysid.astype(np.uint16) << 8 | messages.compid
-        for key in np.unique(who):
-            found.setdefault((int(key) >> 8, int(key) & 255), {})[name] = messages.select(who == key)
+        for key in np.flatnonzero(np.bincount(who)).tolist():
+            found.setdefault((key >> 8, key & 255), {})[name] = messages.select(who == key)
     return found
 
 
@@ -104,7 +104,8 @@ def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
             own = own[stale:]
         begin = 0 if number == 1 and not stale else int(own.offset[0]) if len(own.t) else 0
         end = int(clock.offset[last]) if last < len(clock.t) else np.iinfo(np.int64).max
-        cut = {name: m.select((m.offset >= begin) & (m.offset < end)) for name, m in sender.items()}
+        # in file order a boot is a slice, which copies nothing
+        cut = {name: m.select(slice(*np.searchsorted(m.offset, (begin, end)))) for name, m in sender.items()}
         cut, own, stepped = _without_steps_back(cut, own)
         yield Boot(vehicle, number, {n: m for n, m in cut.items() if len(m)}, own, (*notes, *stepped))
 
