@@ -67,6 +67,16 @@ class ViewSettings(_Section, frozen=True):
     reanchor_s: NotNegative = 10.0
 
 
+class LiveSettings(_Section, frozen=True):
+    """What a live link is asked for, and as whom."""
+
+    imu_hz: Positive = 100.0
+    attitude_hz: Positive = 50.0
+    position_hz: Positive = 20.0
+    sysid: Annotated[int, msgspec.Meta(ge=1, le=254)] = 240
+    compid: Annotated[int, msgspec.Meta(ge=1, le=255)] = 191
+
+
 class Settings(_Section, frozen=True):
     """Everything that can be set."""
 
@@ -75,6 +85,7 @@ class Settings(_Section, frozen=True):
     drift: DriftSettings = DriftSettings()
     autopilot: AutopilotSettings = AutopilotSettings()
     view: ViewSettings = ViewSettings()
+    live: LiveSettings = LiveSettings()
 
 
 def load_settings(path: str | Path | None = None) -> Settings:

@@ -11,11 +11,12 @@ from companion.mavlink.logfile import log_format, read_chunks
 from companion.mavlink.messages import Messages, split_messages
 from companion.mavlink.pack import Packer, Value
 from companion.mavlink.ports import Port
-from companion.mavlink.rates import Rates, Wish
+from companion.mavlink.rates import Rates
 from companion.mavlink.recorder import Recorder
 from companion.mavlink.requests import ForbiddenMessageError, Request, Target
 from companion.mavlink.session import Choice, Session
 from companion.mavlink.tlog import Log, TlogWriter, follow_tlog, read_tlog, write_tlog
+from companion.mavlink.wishes import State, Wish
 
 __all__ = [
     "DEFAULT_DIALECT",
@@ -40,6 +41,7 @@ __all__ = [
     "Records",
     "Request",
     "Session",
+    "State",
     "Target",
     "TlogWriter",
     "Value",

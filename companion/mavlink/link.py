@@ -70,7 +70,7 @@ class Link:
         self.health.damage = self._decoder.damage
         self._modern = False  # whether MAVLink 2 has been heard
         self._patience_s = patience_s
-        self._sequence: dict[tuple[int, int], int] = {}
+        self._sequence: dict[tuple[int, int], tuple[int, int]] = {}  # last, and how far it is behind the highest
         self._port = open_port(self.address)
 
     @property
@@ -144,15 +144,18 @@ class Link:
         raise InputError(f"{self.address}: {health.bytes} bytes and not one MAVLink frame in them; {advice}.")
 
     def _count_lost(self, frames: Frames) -> None:
-        """Holes in the sequence of each sender; a step back is a packet out of order or a copy, not a hole."""
+        """Holes in the sequence of each sender. One that comes late fills its hole; a copy fills none."""
         sender = frames.sysid.astype(np.int64) << 8 | frames.compid
         for who in np.unique(sender).tolist():
             ids = (who >> 8, who & 255)
             seq = frames.seq[sender == who].astype(np.int64)
-            before = self._sequence.get(ids, int(seq[0]) - 1)
-            step = (np.diff(seq, prepend=before) - 1) % 256
-            self.health.lost[ids] = self.health.lost.get(ids, 0) + int(step[step < 128].sum())
-            self._sequence[ids] = int(seq[-1])
+            before, behind = self._sequence.get(ids, (int(seq[0]) - 1, 0))
+            step = (np.diff(seq, prepend=before) + 128) % 256 - 128
+            place = np.cumsum(step) - behind  # against the highest so far
+            ahead = max(int(place.max()), 0)
+            missing = ahead - int((step != 0).sum())
+            self.health.lost[ids] = max(self.health.lost.get(ids, 0) + missing, 0)
+            self._sequence[ids] = (int(seq[-1]), ahead - int(place[-1]))
 
 
 def open_port(address: Address) -> Port:

@@ -11,13 +11,12 @@ messages that it has no source for and never sends them, and takes the nearest o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from enum import Enum
 
 from companion.mavlink import requests
 from companion.mavlink.dialect import Dialect
 from companion.mavlink.messages import Messages
 from companion.mavlink.requests import Request, Target
+from companion.mavlink.wishes import State, Wish
 
 _ANSWER_S = 1.0  # how long an answer may take
 _ATTEMPTS = 4  # for a request that is not answered
@@ -45,34 +44,6 @@ _STREAMS = {
 """Message → MAV_DATA_STREAM (RAW_SENSORS, POSITION, EXTRA1), for firmware without SET_MESSAGE_INTERVAL."""
 
 
-class State(Enum):
-    """How far a wish has come."""
-
-    FINDING = "asking for the present interval"
-    ASKING = "asking for ours"
-    WATCHING = "agreed"
-    GIVEN_UP = "given up"
-
-
-@dataclass(slots=True)
-class Wish:
-    """One message and how often it is wanted."""
-
-    name: str
-    message_id: int
-    wanted_hz: float
-    asked_hz: float  # lower than wanted when the vehicle denied that
-    received_hz: float = 0.0  # over the last 5 s
-    found_us: int | None = None  # the interval before we asked, as MESSAGE_INTERVAL says it; None: not known
-    state: State = State.FINDING
-    by_stream: bool = False  # asked for with REQUEST_DATA_STREAM
-    attempts: int = 0  # of the present request
-    retries: int = 0  # after it was turned down
-    due: float = 0.0  # s, when to ask (again)
-    count: int = 0  # arrived in this window
-    window: float | None = None  # s, when it began
-
-
 class Rates:
     """The wishes for one vehicle, and the parameters that are read from it. Times in s of any steady clock.
 
@@ -92,6 +63,8 @@ class Rates:
         self._next = self._next_extra = 0.0
         self._boot_s = 0.0
         self._heard: float | None = None  # s, when the vehicle was heard last
+        self._streamed: float | None = None  # s, when something that we asked for came last
+        self._restarts = 0
 
     @property
     def settled(self) -> bool:
@@ -107,23 +80,13 @@ class Rates:
             self._start_again()
         self._heard = now
         self._notice_reboot(messages)
-        for name, found in messages.items():
-            if name == "MESSAGE_INTERVAL":
-                for number, interval in zip(found["message_id"].tolist(), found["interval_us"].tolist(), strict=True):
-                    self._found(number, interval)
-            elif name == "PARAM_VALUE":
-                for raw in found["param_id"].tolist():
-                    self._parameters.pop(raw.split(b"\0")[0].decode("ascii", "replace"), None)
-            elif name == "AUTOPILOT_VERSION":
-                self._version_asked = _ATTEMPTS
-            elif name == "COMMAND_ACK":
-                for i in range(len(found)):
-                    mine = int(found["target_system"][i]) in (0, self._own)
-                    if mine and found["command"][i] == requests.SET_MESSAGE_INTERVAL:
-                        self._answered(int(found["result"][i]), now)
+        self._take_answers(messages, now)
         for wish in self.wishes:
-            wish.count += len(messages[wish.name]) if wish.name in messages else 0
+            if wish.name in messages:
+                wish.count += len(messages[wish.name])
+                self._streamed = now
             self._measure(wish, now)
+        self._notice_end(now)
 
     def next_request(self, now: float) -> Request | None:
         """What to send now, if anything."""
@@ -188,6 +151,22 @@ class Rates:
                 return requests.read_parameter(self.target, name)
         return None
 
+    def _take_answers(self, messages: Mapping[str, Messages], now: float) -> None:
+        for name, found in messages.items():
+            if name == "MESSAGE_INTERVAL":
+                for number, interval in zip(found["message_id"].tolist(), found["interval_us"].tolist(), strict=True):
+                    self._found(number, interval)
+            elif name == "PARAM_VALUE":
+                for raw in found["param_id"].tolist():
+                    self._parameters.pop(raw.split(b"\0")[0].decode("ascii", "replace"), None)
+            elif name == "AUTOPILOT_VERSION":
+                self._version_asked = _ATTEMPTS
+            elif name == "COMMAND_ACK":
+                for i in range(len(found)):
+                    mine = int(found["target_system"][i]) in (0, self._own)
+                    if mine and found["command"][i] == requests.SET_MESSAGE_INTERVAL:
+                        self._answered(int(found["result"][i]), now)
+
     def _found(self, number: int, interval: int) -> None:
         for wish in self.wishes:
             if wish.message_id == number and wish.state is State.FINDING:
@@ -250,12 +229,22 @@ class Rates:
                 boot_s = float(found["time_boot_ms"][-1]) * 1e-3
                 if 0 < boot_s < self._boot_s - _REBOOT_S:
                     self.said.append(f"vehicle {self.target} has rebooted: asking again")
+                    self._restarts = 0
                     self._start_again()
                 self._boot_s = boot_s
 
+    def _notice_end(self, now: float) -> None:
+        """A reboot shows first in that only heartbeats come any more: not even the messages with the clock."""
+        if self._streamed is None or now - self._streamed < _SILENT_S or self._restarts >= _RETRIES:
+            return
+        if any(wish.state is State.WATCHING for wish in self.wishes):
+            self._restarts += 1
+            self.said.append(f"vehicle {self.target} sends nothing of what was agreed any more: asking again")
+            self._start_again()
+
     def _start_again(self) -> None:
         """Everything that was agreed is gone; what there was before us is what to give back all the same."""
-        self._waiting = None
+        self._waiting = self._streamed = None
         for wish in self.wishes:
             wish.asked_hz, wish.retries, wish.by_stream = wish.wanted_hz, 0, False
             self._move(wish, State.FINDING if wish.found_us is None else State.ASKING, 0.0)

@@ -20,8 +20,8 @@ _STEP_S = 0.005
 def serve(
     vehicle: SimulatedVehicle, port: Port, *, speed: float = 1.0, stop: Callable[[], bool] = lambda: False
 ) -> None:
-    """Fly the vehicle to its end, or until `stop()`, at `speed` times the pace of the clock."""
-    begin = time.monotonic()
+    """Fly the vehicle from where it is to its end, or until `stop()`, at `speed` times the pace of the clock."""
+    begin = time.monotonic() - vehicle.t / speed
     while not vehicle.finished and not stop():
         port.wait(0.0)
         if data := port.read():

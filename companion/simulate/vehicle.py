@@ -65,6 +65,11 @@ class SimulatedVehicle:
         self._boot()
 
     @property
+    def t(self) -> float:
+        """Seconds of the flight that have been flown."""
+        return self._step * LOOP_US * 1e-6
+
+    @property
     def finished(self) -> bool:
         """Whether the flight is over."""
         return self._step >= len(self.flown)

@@ -93,6 +93,22 @@ def test_a_loss_of_a_third_is_counted_and_survived(udp: Link) -> None:
     assert udp.health.lost == {(1, 1): 199}  # of the 200, the first was before anything was heard
 
 
+def test_late_packets_and_copies_are_no_losses(udp: Link) -> None:
+    packets = list(link_frames(600))
+    order = [1 if i == 0 else 0 if i == 1 else i for i in range(600)]
+    for i in range(10, 590, 7):
+        order[i], order[i + 1] = order[i + 1], order[i]
+    with udp_peer(udp.port) as peer:
+        for i in order:
+            if i % 50 != 5:  # 12 are lost
+                peer.send(packets[i])
+                if i % 9 == 0:
+                    peer.send(packets[i])
+        while udp.health.frames < 588 + 66:
+            udp.receive(0.05)
+    assert udp.health.lost[1, 1] == pytest.approx(12, abs=1)
+
+
 def test_two_vehicles_on_one_link_are_counted_apart(udp: Link) -> None:
     with udp_peer(udp.port) as one, udp_peer(udp.port) as two:
         for i in range(50):

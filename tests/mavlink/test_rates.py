@@ -109,6 +109,7 @@ def test_who_turns_it_down_once_is_asked_again_who_insists_wins() -> None:
 def test_after_a_reboot_everything_is_asked_again() -> None:
     talk = Conversation(faults=Faults(reboot=(20.0,)))
     talk.run(40.0)
+    assert "vehicle 1:1 sends nothing of what was agreed any more: asking again" in talk.said()
     assert "vehicle 1:1 has rebooted: asking again" in talk.said()
     assert talk.received() == pytest.approx(WANTED, rel=0.03)
 

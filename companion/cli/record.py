@@ -1,0 +1,49 @@
+"""`companion record LINK`: attach to a vehicle, ask for its IMU and record everything that it sends."""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from companion.cli import live, options
+from companion.mavlink import Recorder, Session
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Register the command."""
+    summary = "Attach to a vehicle or simulator, ask for its IMU, and record a telemetry log until Ctrl-C."
+    example = "example: companion record udpin:0.0.0.0:14550 -o flight.tlog"
+    parser = commands.add_parser("record", help=summary, description=summary, epilog=example)
+    live.add_link(parser)
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", help="a new .tlog (default: YYYY-MM-DD hh-mm-ss.tlog in this folder)"
+    )
+    parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Record until Ctrl-C, SIGTERM or the duration; then give the vehicle its message intervals back."""
+    settings = options.settings_of(arguments)
+    choice = live.choice_of(arguments, settings)
+    with (
+        live.until_told() as told,
+        live.open_link(arguments, settings) as link,
+        Recorder(arguments.output) as recorder,
+    ):
+        session = Session(link, choice=choice, recorder=recorder)
+        status = live.StatusLine(session)
+        options.say(f"Recording {link.address} into {recorder.path}  (Ctrl-C ends it)")
+        end = time.monotonic() + arguments.duration if arguments.duration else None
+        while not told() and (end is None or time.monotonic() < end):
+            session.step()
+            status.show()
+        session.leave()
+        status.end()
+    if not link.health.frames:
+        if recorder.path.is_file():
+            recorder.path.unlink()
+        options.say("nothing was received, so nothing is recorded: does the vehicle send to this address?")
+        return 0
+    print(f"{recorder.path}: {recorder.size_bytes:,} bytes, {link.health.frames:,} frames", flush=True)
+    return 0
