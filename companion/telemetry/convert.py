@@ -141,13 +141,15 @@ def parameters(messages: Messages, *, bytewise: bool) -> dict[str, float]:
     return dict(zip(names, values.tolist(), strict=True))
 
 
-def increasing(t: Array, good: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
-    """Indices of the good samples in order of device time, the first of those that share one: echoes fall out."""
+def increasing(t: Array, good: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64] | slice:
+    """The good samples in order of device time, the first of those that share one: echoes fall out.
+
+    Indices, or where nothing is to be done a slice, so that nothing is copied.
+    """
+    if good.all() and (np.diff(t) > 0).all():
+        return slice(None)
     index = np.flatnonzero(good)
-    own = t[index]
-    if len(own) and (np.diff(own) > 0).all():
-        return index
-    order = index[np.argsort(own, kind="stable")]
+    order = index[np.argsort(t[index], kind="stable")]
     return order[np.diff(t[order], prepend=-np.inf) > 0]
 
 

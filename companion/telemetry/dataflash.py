@@ -111,9 +111,9 @@ def _attitude(records: Mapping[str, Records], core: int, imus: Mapping[str, ImuT
 def _attitude_track(t: Array, q: Array, source: str, imus: Mapping[str, ImuTrack]) -> AttitudeTrack | None:
     good = np.isfinite(q).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.1)
     keep = convert.increasing(t, good)
-    if len(keep) < 2:
-        return None
     t = t[keep]
+    if len(t) < 2:
+        return None
     return AttitudeTrack(t, convert.continuous(q[keep]), _rates(t, imus), source)
 
 
@@ -144,8 +144,9 @@ def _position(records: Mapping[str, Records], core: int) -> PositionTrack | None
             last = np.searchsorted(solution.in_unit("TimeUS"), t, side="right") - 1
             good &= (solution["SS"][np.maximum(last, 0)].astype(np.int64) & _HAS_POSITION) != 0
         keep = convert.increasing(t, np.asarray(good))
-        if len(keep) > 1:
-            return PositionTrack(t[keep], position[keep], velocity[keep], name)
+        track = PositionTrack(t[keep], position[keep], velocity[keep], name)
+        if len(track) > 1:
+            return track
     return None
 
 

@@ -136,14 +136,15 @@ def _attitude(topics: Mapping[str, Topic]) -> AttitudeTrack | None:
     t = _seconds(topic, "timestamp_sample")
     q = _columns(topic, *(f"q[{i}]" for i in range(4)))
     keep = increasing(t, np.isfinite(q).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.1))
-    rates = np.zeros((len(keep), 3))
+    t = t[keep]
+    if len(t) < 2:
+        return None
+    rates = np.zeros((len(t), 3))
     if "vehicle_angular_velocity" in topics:
         body = topics["vehicle_angular_velocity"]
         turned = _xyz(body, "xyz")
-        rates = np.column_stack([np.interp(t[keep], _seconds(body, "timestamp_sample"), c) for c in turned.T])
-    return (
-        AttitudeTrack(t[keep], continuous(q[keep]), np.nan_to_num(rates), "vehicle_attitude") if len(keep) > 1 else None
-    )
+        rates = np.column_stack([np.interp(t, _seconds(body, "timestamp_sample"), c) for c in turned.T])
+    return AttitudeTrack(t, continuous(q[keep]), np.nan_to_num(rates), "vehicle_attitude")
 
 
 def _origin(topics: Mapping[str, Topic]) -> Origin | None:
