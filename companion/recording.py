@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -37,14 +37,19 @@ class Recording:
 
 
 def read_recording(
-    path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bool = False, every_message: bool = False
+    path: str | Path,
+    *,
+    dialect: str = DEFAULT_DIALECT,
+    dequantise: bool = False,
+    every_message: bool = False,
+    progress: Callable[[int], None] | None = None,
 ) -> Recording:
     """The flights of a .tlog, an ArduPilot .bin or a PX4 .ulg: one per vehicle and boot, in SI units, FRD and NED.
 
     The format is told by the file's first bytes, compressed (.gz, .zst) or not. A damaged log is read as far as
     possible; `Recording.source` has the counts. dequantise: see `config/default.toml`. every_message: read
     the fields of messages too that no track is made of, so that `Flight.messages` knows their rates by the vehicle's
-    own clock.
+    own clock. progress: told the bytes of each piece of a .tlog that was read.
 
     Raises InputError when there is no such file or nothing in it that can be read, SettingsError for an unknown
     dialect.
@@ -62,7 +67,7 @@ def read_recording(
         flight = dataflash_flight(board)
         source = Source(path, kind, board.size_bytes, board.frames, skipped_bytes=board.skipped_bytes)
         return Recording(source, (flight,) if flight else ())
-    log = read_tlog(path, dialect=dialect, names=None if every_message else NEEDED)
+    log = read_tlog(path, dialect=dialect, names=None if every_message else NEEDED, progress=progress)
     found, others = flights(log, names, dequantise=dequantise)
     return Recording(_source(log), tuple(found), tuple(others))
 

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress
 
 from companion.errors import DataError, SettingsError
 from companion.recording import Recording, Source, read_recording
@@ -28,6 +32,7 @@ _SETTABLE = (
 
 
 _PAGE_BYTES = 256
+_LARGE_BYTES = 20_000_000
 
 
 def add_command(
@@ -91,11 +96,28 @@ def read(arguments: argparse.Namespace, settings: Settings, *, every_message: bo
     path = Path(arguments.log)
     if arguments.log == "demo" and not path.exists():
         path = data_folder("tlogs") / "copter-demo-100hz.tlog"
-    recording = read_recording(
-        path, dialect=settings.log.dialect, dequantise=settings.log.dequantise, every_message=every_message
-    )
+    with _progress(path) as progress:
+        recording = read_recording(
+            path,
+            dialect=settings.log.dialect,
+            dequantise=settings.log.dequantise,
+            every_message=every_message,
+            progress=progress,
+        )
     warn_of_damage(recording.source)
     return recording
+
+
+@contextlib.contextmanager
+def _progress(path: Path) -> Iterator[Callable[[int], None] | None]:
+    """A bar on stderr while a large file is read by someone who is watching."""
+    size = path.stat().st_size if path.is_file() else 0
+    if size < _LARGE_BYTES or not sys.stderr.isatty():
+        yield None
+        return
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(f"reading {escape(path.name)}", total=size)
+        yield lambda read: bar.advance(task, read)
 
 
 def choose(flights: Sequence[Flight], arguments: argparse.Namespace) -> int:

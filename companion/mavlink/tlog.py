@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -43,10 +43,17 @@ class Log:
     kind: str = "tlog"  # "tlog", or "raw" for a stream without stamps
 
 
-def read_tlog(path: str | Path, *, dialect: str = DEFAULT_DIALECT, names: Collection[str] | None = None) -> Log:
+def read_tlog(
+    path: str | Path,
+    *,
+    dialect: str = DEFAULT_DIALECT,
+    names: Collection[str] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Log:
     """Read a telemetry log, as far as it can be read.
 
     `names`: the message types whose fields are wanted (None: all); of the others only the header columns are kept.
+    `progress` is told the bytes of each chunk that was read.
     A damaged log is never an error: see `Log.bad_crc_frames` and `Log.skipped_bytes`.
 
     Raises InputError if the file cannot be opened or has no MAVLink frame in it, SettingsError for an unknown dialect.
@@ -58,6 +65,8 @@ def read_tlog(path: str | Path, *, dialect: str = DEFAULT_DIALECT, names: Collec
     columns = _Columns(spoken, names)
     for chunk in read_chunks(path):
         columns.add(decoder.push(chunk))
+        if progress is not None:
+            progress(len(chunk))
     columns.add(decoder.finish())
     if columns.count == 0:
         raise InputError(_no_mavlink(path, head, dialect))

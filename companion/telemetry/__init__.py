@@ -4,6 +4,7 @@ from companion.telemetry.convert import IMU_MESSAGES
 from companion.telemetry.dataflash import dataflash_flight
 from companion.telemetry.flights import NEEDED, flights
 from companion.telemetry.split import Bystander
+from companion.telemetry.stream import Stream
 from companion.telemetry.ulog import ulog_flight
 
-__all__ = ["IMU_MESSAGES", "NEEDED", "Bystander", "dataflash_flight", "flights", "ulog_flight"]
+__all__ = ["IMU_MESSAGES", "NEEDED", "Bystander", "Stream", "dataflash_flight", "flights", "ulog_flight"]

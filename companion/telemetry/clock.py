@@ -68,6 +68,7 @@ _CLOCKS = (
 """Messages whose time_boot_ms is the time of their sample, on every autopilot."""
 
 _CLOCKS_ENOUGH = 2
+_CLOCK_PACKETS = 50_000  # of each: enough to place a packet that has no time of its own
 
 
 def sender_clock(sender: dict[str, Messages]) -> Clock:
@@ -78,17 +79,31 @@ def sender_clock(sender: dict[str, Messages]) -> Clock:
     timed = sorted((sender[n] for n in _CLOCKS if n in sender), key=len, reverse=True)[:_CLOCKS_ENOUGH]
     timed = timed or [m for m in sender.values() if "time_boot_ms" in m.layout.fields]
     timed = timed or [sender[name] for name in ("RAW_IMU", "HIGHRES_IMU") if name in sender]
-    if not timed:
+    pieces = [_sparse(m.offset, own, m.log_time) for m in timed if (own := device_time(m)) is not None]
+    if not pieces:
         return Clock(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
-    offset = np.concatenate([m.offset for m in timed])
-    t = np.concatenate([own if (own := device_time(m)) is not None else np.zeros(len(m)) for m in timed])
-    log_time = np.concatenate([m.log_time for m in timed])
+    offset, t, log_time = (np.concatenate(column) for column in zip(*pieces, strict=True))
     order = np.argsort(offset, kind="stable")
     if not t.all():
         order = order[t[order] > 0]  # 0 means "not known" (stamps of a link that has just begun)
     offset, t, log_time = offset[order], t[order], log_time[order]
     falls = np.diff(t, prepend=t[:1]) < -0.9 * _WRAP_S
     return Clock(offset, t + _WRAP_S * np.cumsum(falls) if falls.any() else t, log_time)
+
+
+def _sparse(offset: IntArray, t: Array, log_time: Array) -> tuple[IntArray, Array, Array]:
+    """Some of very many packets: every n-th, and all around the places where the time does not simply go on."""
+    every = len(t) // _CLOCK_PACKETS
+    if every < 2:
+        return offset, t, log_time
+    keep = np.zeros(len(t), np.bool_)
+    keep[::every] = True
+    keep[-1] = True
+    step = np.diff(t)
+    odd = np.flatnonzero((step < 0) | (step > STALE_JUMP_S / 2))
+    around = np.clip(np.add.outer(odd, np.arange(-_WINDOW, _WINDOW + 2)), 0, len(t) - 1)
+    keep[around.ravel()] = True
+    return offset[keep], t[keep], log_time[keep]
 
 
 def reboots(clock: Clock) -> list[int]:

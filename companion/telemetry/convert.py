@@ -130,6 +130,16 @@ def origin(messages: Messages) -> Origin | None:
     )
 
 
+def ned_between(a: Origin, b: Origin) -> Array:
+    """Where `b` lies seen from `a`: NED (3,), m."""
+    latitude, longitude, height = (np.array(pair) for pair in zip(*(_geodetic(place) for place in (a, b)), strict=True))
+    return np.asarray(_ned_about(latitude, longitude, height, 0)[1])
+
+
+def _geodetic(place: Origin) -> tuple[float, float, float]:
+    return place.latitude, place.longitude, place.height
+
+
 def parameters(messages: Messages, *, bytewise: bool) -> dict[str, float]:
     """The last value of every parameter. `bytewise` (PX4): integers are sent as their bytes in the float."""
     values = messages["param_value"].astype(np.float64)

@@ -26,7 +26,7 @@ _TYPES = {
     b"Blimp": "AIRSHIP",
 }
 _HAS_POSITION = 0b11000  # EKF solution status: horiz_pos_rel and horiz_pos_abs (nav_filter_status in AP_NavEKF)
-_INFO = 6  # MAV_SEVERITY: MSG does not say
+_INFO, _ERROR = 6, 3  # MAV_SEVERITY: MSG and EV do not say
 
 
 def dataflash_flight(log: DataflashLog) -> Flight | None:
@@ -163,13 +163,19 @@ def _origin(records: Mapping[str, Records]) -> Origin | None:
 
 
 def _texts(records: Mapping[str, Records]) -> tuple[StatusText, ...]:
-    if "MSG" not in records:
-        return ()
-    said = records["MSG"]
-    return tuple(
-        StatusText(t, _INFO, bytes(text).split(b"\0")[0].decode("utf-8", "replace"))
-        for t, text in zip(said.in_unit("TimeUS").tolist(), said["Message"], strict=True)
-    )
+    """MSG, and what EV (events) and ERR (errors of a subsystem) say in numbers."""
+    said: list[StatusText] = []
+    if "MSG" in records:
+        for t, text in zip(records["MSG"].in_unit("TimeUS").tolist(), records["MSG"]["Message"], strict=True):
+            said.append(StatusText(t, _INFO, bytes(text).split(b"\0")[0].decode("utf-8", "replace")))
+    if "EV" in records:
+        for t, event in zip(records["EV"].in_unit("TimeUS").tolist(), records["EV"]["Id"].tolist(), strict=True):
+            said.append(StatusText(t, _INFO, f"EV {event}"))
+    if "ERR" in records:
+        columns = (records["ERR"][n].tolist() for n in ("Subsys", "ECode"))
+        for t, subsystem, code in zip(records["ERR"].in_unit("TimeUS").tolist(), *columns, strict=True):
+            said.append(StatusText(t, _ERROR, f"ERR subsystem {subsystem}, code {code}"))
+    return tuple(sorted(said, key=lambda text: text.t))
 
 
 def _vehicle(records: Mapping[str, Records], parameters: Mapping[str, float]) -> Vehicle:

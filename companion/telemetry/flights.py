@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.mavlink import Dialect, Log
+from companion.mavlink import Dialect
 from companion.telemetry import convert
 from companion.telemetry.arrival import Arrivals
 from companion.telemetry.clock import boot_seconds
-from companion.telemetry.split import Boot, Bystander, boots, describe, senders
+from companion.telemetry.split import Boot, Bystander, HasMessages, boots, describe, senders
 from companion.tracks import (
     Array,
     AttitudeTrack,
@@ -30,7 +30,7 @@ NEEDED = _TIMED | {"HEARTBEAT", "PARAM_VALUE", "AUTOPILOT_VERSION", "GPS_RAW_INT
 """Messages whose fields a flight is made of."""
 
 
-def flights(log: Log, dialect: Dialect, *, dequantise: bool = False) -> tuple[list[Flight], list[Bystander]]:
+def flights(log: HasMessages, dialect: Dialect, *, dequantise: bool = False) -> tuple[list[Flight], list[Bystander]]:
     """Every flight of the log, vehicles in order of their ids, boots in order of time; and who else speaks in it."""
     found: list[Flight] = []
     others: list[Bystander] = []

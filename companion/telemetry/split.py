@@ -6,10 +6,11 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
-from companion.mavlink import Dialect, Log, Messages
+from companion.mavlink import Dialect, Messages
 from companion.telemetry.clock import Clock, reboots, sender_clock, stale_start, steps_back
 from companion.tracks import Vehicle
 
@@ -44,7 +45,15 @@ class Boot:
     notes: tuple[str, ...]
 
 
-def senders(log: Log) -> dict[tuple[int, int], Sender]:
+class HasMessages(Protocol):
+    """A log, or what has arrived of a stream so far."""
+
+    @property
+    def messages(self) -> Mapping[str, Messages]:
+        """By name, each in the order of arrival."""
+
+
+def senders(log: HasMessages) -> dict[tuple[int, int], Sender]:
     """The log's messages by (sysid, compid) of who sent them."""
     found: dict[tuple[int, int], Sender] = {}
     for name, messages in log.messages.items():

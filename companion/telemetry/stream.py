@@ -1,0 +1,192 @@
+"""Flights while they happen: bytes or frames in, in any pieces; flights out, by the same functions as a whole log.
+
+The columns of what has arrived are kept, not the tracks: a law of telemetry (which message is the attitude, where a
+boot begins, what a late packet belongs to) looks at all of them, and so gives what it would give for the log. With
+`window_s` only the last so many seconds are kept, which bounds the memory, and `recent` looks at the last few seconds,
+which bounds the work.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.mavlink import DEFAULT_DIALECT, Decoder, Frames, Messages, join, load_dialect, split_messages
+from companion.telemetry.clock import reboots, sender_clock
+from companion.telemetry.convert import ned_between
+from companion.telemetry.flights import NEEDED, flights
+from companion.telemetry.split import senders
+from companion.tracks import Flight, Origin
+
+_BLOCK = 2048  # messages of a type that are joined for good
+_PIECES = 64  # pieces of a type that are joined on the way there
+_SLACK = 1.1  # of the window: trimmed when it has grown to this
+
+_SURE = 25  # packets with a clock after a reboot: fewer may be an echo of old ones
+_SAME_BYTES = 100_000  # two reboots nearer than this in the stream are one, seen in other messages
+
+_LASTING = {"PARAM_VALUE": "param_id", "AUTOPILOT_VERSION": None, "GPS_GLOBAL_ORIGIN": None}
+"""Sent once and true for long: the last of each sender (and value of a field) is kept whatever the window."""
+
+_TELLING = frozenset({"HEARTBEAT", *_LASTING})
+"""Rare messages that say what the vehicle is: `recent` looks at all of them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """Messages by name, as a log has them."""
+
+    messages: Mapping[str, Messages]
+
+
+class Stream:
+    """What has arrived so far.
+
+    stamped: `push` is given a tlog, with a time stamp before each frame, not the plain bytes of a link.
+    window_s: forget what arrived longer ago; None keeps everything. dequantise: see `config/default.toml`.
+    """
+
+    def __init__(
+        self,
+        *,
+        dialect: str = DEFAULT_DIALECT,
+        stamped: bool = False,
+        window_s: float | None = None,
+        dequantise: bool = False,
+    ) -> None:
+        self.dialect = load_dialect(dialect)
+        self.window_s = window_s
+        self._dequantise = dequantise
+        self._decoder = Decoder(self.dialect, stamped=stamped)
+        self._columns: dict[str, _Column] = {}
+        self._begin = self._newest = np.nan  # s UNIX, of what is kept
+        self._reboots: dict[tuple[int, int], list[int]] = {}  # vehicle → where in the stream it has rebooted
+        self._origins: dict[tuple[int, int, int], Origin] = {}  # vehicle and boot → where its NED began
+
+    def push(self, chunk: bytes, received: float | None = None) -> None:
+        """Take the next bytes; received: s UNIX, for the plain bytes of a link."""
+        self.add(self._decoder.push(chunk), received)
+
+    def finish(self) -> None:
+        """Take what the decoder held back: nothing more will come."""
+        self.add(self._decoder.finish())
+
+    def add(self, frames: Frames, received: float | None = None) -> None:
+        """Take frames that somebody else has decoded (`Session.on_frames`); received: s UNIX, when they have no stamp."""
+        for name, messages in split_messages(frames, self.dialect, NEEDED).items():
+            piece = messages
+            if received is not None:
+                piece = replace(messages, log_time=np.full(len(messages), round(received, 6)))
+            self._columns.setdefault(name, _Column()).add(piece)
+            times = piece.log_time[np.isfinite(piece.log_time)]
+            if len(times):
+                self._newest = float(np.fmax(self._newest, times.max()))
+                self._begin = float(np.fmin(self._begin, times.min()))
+        if self.window_s is not None and self._newest - self._begin > _SLACK * self.window_s:
+            self._trim(self._newest - self.window_s)
+
+    def flights(self) -> list[Flight]:
+        """The flights in everything that is kept: without a window the same as those of the whole log."""
+        return self._flights({name: column.all() for name, column in self._columns.items()})
+
+    def recent(self, seconds: float) -> list[Flight]:
+        """The flights in what arrived in the last so many seconds: cheap enough for every frame of a display."""
+        since = self._newest - seconds
+        found = {n: c.all() if n in _TELLING else c.since(since) for n, c in self._columns.items()}
+        return self._flights({name: messages for name, messages in found.items() if len(messages)})
+
+    @property
+    def messages(self) -> int:
+        """How many messages are kept."""
+        return sum(len(column) for column in self._columns.values())
+
+    def _flights(self, messages: dict[str, Messages]) -> list[Flight]:
+        columns = Columns(dict(sorted(messages.items(), key=lambda item: int(item[1].offset[0]))))
+        found, _ = flights(columns, self.dialect, dequantise=self._dequantise)
+        if self.window_s is None and messages.keys() == self._columns.keys():
+            return found
+        earlier = {who: self._reboots_before(who, sender) for who, sender in senders(columns).items()}
+        return [self._placed(flight, earlier[flight.vehicle.sysid, flight.vehicle.compid]) for flight in found]
+
+    def _reboots_before(self, who: tuple[int, int], sender: dict[str, Messages]) -> int:
+        """How many times a vehicle has rebooted before these messages of it begin."""
+        clock = sender_clock(sender)
+        places = [int(clock.offset[i]) for i in reboots(clock) if len(clock.t) - i >= _SURE]
+        known = self._reboots.setdefault(who, [])
+        known += [place for place in places if all(abs(place - other) > _SAME_BYTES for other in known)]
+        return len(known) - len(places)
+
+    def _placed(self, flight: Flight, earlier: int) -> Flight:
+        """The flight with its number and its origin as they were when it began, perhaps before the window did."""
+        flight = replace(flight, boot=flight.boot + earlier)
+        if flight.origin is None:
+            return flight
+        key = (flight.vehicle.sysid, flight.vehicle.compid, flight.boot)
+        origin = self._origins.setdefault(key, flight.origin)
+        position = flight.position
+        if origin != flight.origin and position is not None and position.source == "GLOBAL_POSITION_INT":
+            position = replace(position, position=position.position + ned_between(origin, flight.origin))
+        return replace(flight, origin=origin, position=position)
+
+    def _trim(self, since: float) -> None:
+        for name, column in self._columns.items():
+            if name in _LASTING:
+                column.keep_last(_LASTING[name])
+            else:
+                column.trim(since)
+        self._columns = {name: column for name, column in self._columns.items() if len(column)}
+        self._begin = since
+
+
+class _Column:
+    """The messages of one type, in pieces that grow together."""
+
+    def __init__(self) -> None:
+        self._blocks: list[Messages] = []  # joined for good
+        self._pieces: list[Messages] = []  # not yet
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def add(self, piece: Messages) -> None:
+        self._pieces.append(piece)
+        self._count += len(piece)
+        if len(self._pieces) > _PIECES:
+            self._pieces = [join(self._pieces)]
+            if len(self._pieces[0]) >= _BLOCK:
+                self._blocks += self._pieces
+                self._pieces = []
+
+    def all(self) -> Messages:
+        return join([*self._blocks, *self._pieces])
+
+    def since(self, t: float) -> Messages:
+        """Those that arrived at `t` s UNIX or later; all without a time."""
+        late: list[Messages] = []
+        for piece in reversed(self._parts()):
+            late.append(piece.select(~(piece.log_time < t)))
+            if not len(late[-1]):
+                break
+        return join(late[::-1])
+
+    def trim(self, t: float) -> None:
+        """Forget what arrived before `t`."""
+        kept = [piece.select(~(piece.log_time < t)) for piece in self._parts()]
+        self._blocks, self._pieces = [], [piece for piece in kept if len(piece)]
+        self._count = sum(map(len, self._pieces))
+
+    def keep_last(self, field: str | None) -> None:
+        """Forget all but the last of each sender, and of each value of the field."""
+        messages = self.all()
+        values = messages[field].tolist() if field else [b""] * len(messages)
+        last = {
+            key: i for i, key in enumerate(zip(messages.sysid.tolist(), messages.compid.tolist(), values, strict=True))
+        }
+        self._blocks, self._pieces = [], [messages.select(np.array(sorted(last.values())))]
+        self._count = len(last)
+
+    def _parts(self) -> list[Messages]:
+        return [*self._blocks, *self._pieces]
