@@ -8,7 +8,7 @@ from companion.mavlink.encode import encode, make_messages
 from companion.mavlink.frames import Damage, Decoder, Frames
 from companion.mavlink.link import Link, LinkHealth, open_port
 from companion.mavlink.logfile import log_format, read_chunks
-from companion.mavlink.messages import Messages, split_messages
+from companion.mavlink.messages import Messages, join, split_messages
 from companion.mavlink.pack import Packer, Value
 from companion.mavlink.ports import Port
 from companion.mavlink.rates import Rates
@@ -51,6 +51,7 @@ __all__ = [
     "enum_names",
     "follow_tlog",
     "is_link",
+    "join",
     "load_dialect",
     "log_format",
     "make_messages",

@@ -74,7 +74,7 @@ class Stream:
         self.add(self._decoder.finish())
 
     def add(self, frames: Frames, received: float | None = None) -> None:
-        """Take frames that somebody else has decoded (`Session.on_frames`); received: s UNIX, when they have no stamp."""
+        """Take frames that were decoded elsewhere (`Session.on_frames`); received: s UNIX, for those without a stamp."""
         for name, messages in split_messages(frames, self.dialect, NEEDED).items():
             piece = messages
             if received is not None:
