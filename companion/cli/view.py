@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import webbrowser
 
-from companion.analysis import Replay, gravity_for, replay
+from companion.analysis import gravity_for, replay
 from companion.cli import options
 from companion.cli.analyze import limits_of
 from companion.tracks import Flight
@@ -36,24 +36,26 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve the replay until Ctrl-C."""
-    from companion.view import ReplayChoice, Viewer  # noqa: PLC0415  (viser takes a second to import: only here)
+    from companion.view import Reckoning, ReplayChoice, Viewer, without_bias  # noqa: PLC0415  (viser is slow to import)
 
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings)
     chosen = options.choose(recording.flights, arguments)
     integration, limits = settings.integration, limits_of(settings)
 
-    def recompute(flight: Flight, choice: ReplayChoice) -> Replay:
-        return replay(
-            flight,
-            imu=choice.imu,
-            method=choice.method,
-            middle=choice.middle,
-            segments=integration.segments,
-            reanchor_s=choice.reanchor_s,
-            start_s=choice.start_s,
-            gravity=gravity_for(flight, integration.gravity),
-            limits=limits,
+    def recompute(flight: Flight, choice: ReplayChoice) -> Reckoning:
+        return Reckoning(
+            replay(
+                without_bias(flight, choice),
+                imu=choice.imu,
+                method=choice.method,
+                middle=choice.middle,
+                segments=choice.segments,
+                reanchor_s=choice.reanchor_s,
+                start_s=choice.start_s,
+                gravity=gravity_for(flight, choice.gravity),
+                limits=limits,
+            )
         )
 
     start = ReplayChoice(
@@ -62,6 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
         middle=integration.middle,
         reanchor_s=settings.view.reanchor_s or None,
         start_s=None,
+        segments=integration.segments,
+        gravity=integration.gravity,
     )
     with Viewer(
         recording.flights,

@@ -59,8 +59,12 @@ class Viewer:
         self._stage = Stage(self._server, tuple(flights), recompute, first, first.result, self._events.put)
 
         @self._server.on_client_connect
-        async def _(_: viser.ClientHandle) -> None:
-            self._events.put(events.Joined())
+        async def _(client: viser.ClientHandle) -> None:
+            self._events.put(events.Joined(client.client_id))
+
+        @self._server.on_client_disconnect
+        async def _(client: viser.ClientHandle) -> None:
+            self._events.put(events.Left(client.client_id))
 
         self._thread = threading.Thread(target=self._loop, name="companion-view", daemon=True)
         self._thread.start()

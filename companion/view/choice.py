@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from companion.analysis import Replay
+import numpy as np
+
 from companion.errors import CompanionError
+from companion.strapdown import ImuModel, Sensor, correct
 from companion.tracks import Flight
-from companion.view.moment import Footage, footage
+from companion.view.moment import Footage, Reckoning, footage
+
+NO_BIAS = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,10 +25,24 @@ class ReplayChoice:
     middle: str = "cubic"  # the sample in mid-step: linear or cubic
     reanchor_s: float | None = 10.0  # start again from the autopilot's state every so many s; None: run free
     start_s: float | None = None  # s, boot clock, of the first anchor; None: as early as possible
+    segments: int = 1  # steps between two samples, 1 ... 64
+    gravity: str | float = "standard"  # "standard" (9.80665), "normal" (WGS-84 where it flew), or m/s²
+    gyro_bias: tuple[float, float, float] = NO_BIAS  # rad/s, FRD, taken off the readings
+    accel_bias: tuple[float, float, float] = NO_BIAS  # m/s², FRD, taken off the readings
 
 
-Recompute = Callable[[Flight, ReplayChoice], Replay]
+Recompute = Callable[[Flight, ReplayChoice], Reckoning]
 """Reckons a flight as chosen. Raises CompanionError when that cannot be done. Runs in a worker thread."""
+
+
+def without_bias(flight: Flight, choice: ReplayChoice) -> Flight:
+    """The flight with the chosen biases taken off the chosen IMU's readings."""
+    if choice.gyro_bias == NO_BIAS and choice.accel_bias == NO_BIAS:
+        return flight
+    gyro, accel = Sensor(bias=np.array(choice.gyro_bias)), Sensor(bias=np.array(choice.accel_bias))
+    imu = flight.imu(choice.imu)
+    name = next(name for name, track in flight.imus.items() if track is imu)
+    return replace(flight, imus={**flight.imus, name: correct(imu, ImuModel(gyro, accel))})
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,9 +1,13 @@
-"""What a user can ask of the view: small messages from the browser's callbacks to the one thread that acts."""
+"""What a user can ask of the view: small messages from the browser's callbacks to the one thread that acts.
+
+`browser` is the number that viser gives each page that is open.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from companion.view.choice import ReplayChoice
 from companion.view.framing import CameraMode
@@ -16,14 +20,14 @@ class Toggle:
 
 @dataclass(frozen=True, slots=True)
 class Seek:
-    """Go to a time, s since the flight's start."""
+    """Go to a time, s, boot clock."""
 
-    seconds: float
+    t: float
 
 
 @dataclass(frozen=True, slots=True)
 class SeekShare:
-    """Go to a share (0 ... 1) of the whole."""
+    """Go to a share (0 ... 1) of the part that is played."""
 
     share: float
 
@@ -36,6 +40,28 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
+class StepSample:
+    """Pause and move by so many IMU samples, forward or back."""
+
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class Jump:
+    """Pause and go to the next anchor or mark, or to the one before."""
+
+    to: Literal["anchor", "mark"]
+    forward: bool
+
+
+@dataclass(frozen=True, slots=True)
+class JumpToMark:
+    """Pause and go to a mark, by its place in the list."""
+
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
 class SetSpeed:
     """Play so many times as fast as it was flown."""
 
@@ -44,9 +70,23 @@ class SetSpeed:
 
 @dataclass(frozen=True, slots=True)
 class SetLoop:
-    """Start over at the end, or stop there."""
+    """Start over where the part ends, or stop there."""
 
     loop: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SetBackwards:
+    """Let time run backwards, or forwards."""
+
+    backwards: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SetPart:
+    """Play and plot only what comes from the instant shown on, or up to it, or the whole again."""
+
+    edge: Literal["from", "to", "whole"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +109,17 @@ class PickFlight:
 
 
 @dataclass(frozen=True, slots=True)
-class SetCamera:
-    """Move the camera otherwise."""
+class PickCharts:
+    """Show the charts of the errors, or of what the IMU read."""
 
+    imu: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SetCamera:
+    """Move one browser's camera otherwise."""
+
+    browser: int
     mode: CameraMode
 
 
@@ -91,6 +139,13 @@ class SetSize:
 
 
 @dataclass(frozen=True, slots=True)
+class SetArrows:
+    """Draw velocity and gravity as arrows, or not."""
+
+    shown: bool
+
+
+@dataclass(frozen=True, slots=True)
 class SetDark:
     """Dark or light page."""
 
@@ -98,24 +153,28 @@ class SetDark:
 
 
 @dataclass(frozen=True, slots=True)
+class Save:
+    """Send one browser the picture it shows as PNG, or the 3D replay as a page of its own."""
+
+    browser: int
+    what: Literal["picture", "page"]
+
+
+@dataclass(frozen=True, slots=True)
 class Joined:
     """Another browser has opened the page."""
 
+    browser: int
 
-Event = (
-    Toggle
-    | Seek
-    | SeekShare
-    | Step
-    | SetSpeed
-    | SetLoop
-    | Choose
-    | StartHere
-    | PickFlight
-    | SetCamera
-    | SetTrail
-    | SetSize
-    | SetDark
-    | Joined
-)
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """A browser has closed the page, or lost it."""
+
+    browser: int
+
+
+Look = SetCamera | SetTrail | SetSize | SetArrows | SetDark
+Move = Toggle | Seek | SeekShare | Step | StepSample | Jump | JumpToMark | SetSpeed | SetLoop | SetBackwards | SetPart
+Event = Move | Look | Choose | StartHere | PickFlight | PickCharts | Save | Joined | Left
 Post = Callable[[Event], None]

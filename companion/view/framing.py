@@ -21,6 +21,7 @@ FIELD_OF_VIEW = np.radians(45.0)  # vertical
 
 ASPECT = 0.8  # width by height of what the panels leave of a window; a wider one shows more
 MARGIN = 0.9  # share of the picture that a flight may fill
+COVERED = 0.24  # share of the picture's height that the timeline covers, at the bottom
 OVERVIEW = (25.0, 28.0)  # degrees, azimuth and elevation of the first view
 
 
@@ -84,12 +85,24 @@ def nice(length: float) -> float:
     return float(power * max(m for m in (1.0, 2.0, 5.0) if m * power <= length * (1 + 1e-9)))
 
 
+def grid_cell(distance: float, cell: float) -> float:
+    """Side of the grid's squares, m, for a camera `distance` m away, where `cell` is drawn now.
+
+    A tenth of the distance, and no change before it is worth one: at a border between two sizes it must not flicker.
+    """
+    wanted = max(distance, 1e-3) / 10
+    return cell if cell > 0 and cell / 1.25 < wanted < 3.0 * cell else nice(wanted)
+
+
 def camera(mode: CameraMode, framing: Framing) -> Camera:
     """Where a browser's camera starts in `mode`."""
     distance = framing.distance
     near, far = max(distance / 2000, 0.01), 60 * distance + 2000.0
     if mode == "Free":
-        look_at, away = framing.centre, distance * _direction(*OVERVIEW)
+        towards = _direction(*OVERVIEW)
+        # Everything moves up by what is covered below: the camera looks at what is that much lower.
+        lower = COVERED * float(np.tan(FIELD_OF_VIEW / 2)) * distance * _upright(towards)
+        look_at, away = framing.centre - lower, distance * towards
     else:
         look_at = np.zeros(3)
         close = min(max(0.45 * distance, 8.0), 60.0)
@@ -136,14 +149,27 @@ def screen_up(line_of_sight: Array) -> Array:
 
 
 def _distance(offsets: Array) -> float:
-    """How far from the centre to stand so that the points at `offsets` (N, 3) from it are all in the picture."""
+    """How far from the centre to stand so that the points at `offsets` (N, 3) from it are all in the picture.
+
+    Above what the timeline covers: with D the distance, T the tangent of half the field of view, M the margin and c
+    what is covered, a point that lies `up` above the centre and `near` towards the camera is seen at the height
+    (up + c T D) / (T (D - near)), which has to lie between -(1 - 2c) M and M. Solved for D, each bound is linear.
+    """
     towards = _direction(*OVERVIEW)
-    right = np.cross(np.array([0.0, 0.0, -1.0]), towards)
-    right /= np.linalg.norm(right)
-    up = np.cross(towards, right)
-    half = MARGIN * np.tan(FIELD_OF_VIEW / 2)
-    needed = np.maximum(np.abs(offsets @ right) / (half * ASPECT), np.abs(offsets @ up) / half)
-    return float((offsets @ towards + needed).max())
+    up = _upright(towards)
+    right = np.cross(towards, up)
+    tangent, low = float(np.tan(FIELD_OF_VIEW / 2)), (1 - 2 * COVERED) * MARGIN
+    near, above = offsets @ towards, offsets @ up
+    aside = near + np.abs(offsets @ right) / (MARGIN * tangent * ASPECT)
+    top = (above / tangent + MARGIN * near) / (MARGIN - COVERED)
+    bottom = (-above / tangent + low * near) / (low + COVERED)
+    return float(np.max([aside, top, bottom]))
+
+
+def _upright(towards: Array) -> Array:
+    """Unit vector that is up in the picture of a camera that lies `towards` (unit) from what it looks at, NED."""
+    up = screen_up(-towards)
+    return np.asarray(up / np.linalg.norm(up), dtype=np.float64)
 
 
 def _direction(azimuth: float, elevation: float) -> Array:

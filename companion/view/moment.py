@@ -9,7 +9,27 @@ import numpy as np
 from companion.analysis import Replay
 from companion.errors import DataError
 from companion.tracks import Array
+from companion.view.marks import Mark
 from companion.view.thin import Indices
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Envelope:
+    """How far apart both are expected to be: one standard deviation of each error, at times of its own."""
+
+    t: Array  # (M,) s, boot clock, increasing
+    attitude_deg: Array  # (M,)
+    velocity_mps: Array  # (M,)
+    position_m: Array  # (M,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reckoning:
+    """A replay with what else is known of it: what an analysis expected, and what it found."""
+
+    replay: Replay
+    envelope: Envelope | None = None
+    findings: tuple[Mark, ...] = ()  # shown on the timeline beside what the vehicle said
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,6 +46,10 @@ class Moment:
     velocity_mps: float
     position_m: float
     since_anchor_s: float
+    velocity_imu: Array  # (3,) NED, m/s
+    velocity_ref: Array  # (3,) NED, m/s, the autopilot's
+    sigma_m: float  # expected position error, one standard deviation; 0 when nothing is expected
+    known: bool  # whether the autopilot's state is known here, or only interpolated across a hole
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +62,8 @@ class Footage:
     velocity_mps: Array  # (N,)
     position_m: Array  # (N,)
     restarts: Indices  # (A,) the first sample at or after each anchor: the IMU's track is broken just before it
+    envelope: Envelope | None  # at the replay's own times
+    findings: tuple[Mark, ...]
 
     @property
     def start(self) -> float:
@@ -78,14 +104,26 @@ class Footage:
             velocity_mps=float(line(self.velocity_mps, imu_share)),
             position_m=float(line(self.position_m, imu_share)),
             since_anchor_s=max(t - float(r.anchors[anchor]), 0.0) if anchor >= 0 else 0.0,
+            velocity_imu=line(r.velocity_imu, imu_share),
+            velocity_ref=line(r.velocity_ref, share),
+            sigma_m=0.0 if self.envelope is None else float(line(self.envelope.position_m, imu_share)),
+            known=bool(r.reference_valid[left] and r.reference_valid[right]),
         )
 
+    def sample_from(self, t: float, samples: int) -> float:
+        """The time, s, of the sample that lies `samples` steps after the instant `t` (before it, when negative)."""
+        here = np.searchsorted(self.replay.t, t + SAME_TIME, side="right") - 1  # the last sample that has been
+        if samples < 0 and t - self.replay.t[here] > SAME_TIME:
+            samples += 1  # between two samples, the one just before is a whole step back
+        return float(self.replay.t[int(np.clip(here + samples, 0, len(self.replay.t) - 1))])
 
-def footage(replay: Replay) -> Footage:
-    """`replay` without the samples that a screen cannot show: non-finite ones and quaternions of no length.
+
+def footage(reckoning: Reckoning) -> Footage:
+    """The replay without the samples that a screen cannot show: non-finite ones and quaternions of no length.
 
     Raises DataError when nothing is left.
     """
+    replay = reckoning.replay
     q_norms = np.minimum(np.linalg.norm(replay.q_imu, axis=1), np.linalg.norm(replay.q_ref, axis=1))
     # A track that diverged to 1e30 m is finite here and infinite as the float32 that the browser gets.
     good = np.isfinite(replay.t) & (q_norms > 1e-9) & (q_norms < np.inf)
@@ -112,6 +150,8 @@ def footage(replay: Replay) -> Footage:
         velocity_mps=np.linalg.norm(clean.velocity_error, axis=1),
         position_m=np.linalg.norm(clean.position_error, axis=1),
         restarts=np.searchsorted(clean.t, clean.anchors, side="left").astype(np.intp),
+        envelope=None if reckoning.envelope is None else _resampled(reckoning.envelope, clean.t),
+        findings=reckoning.findings,
     )
 
 
@@ -127,6 +167,16 @@ _COLUMNS = (
     "position_error",
 )
 _LARGEST = 1e12
+SAME_TIME = 5e-7  # s: half a tick of MAVLink's finest clock
+
+
+def _resampled(envelope: Envelope, t: Array) -> Envelope:
+    """`envelope` at times t, finite."""
+
+    def at(sigma: Array) -> Array:
+        return np.asarray(np.interp(t, envelope.t, np.clip(np.nan_to_num(sigma, posinf=_LARGEST), 0.0, _LARGEST)))
+
+    return Envelope(t, at(envelope.attitude_deg), at(envelope.velocity_mps), at(envelope.position_m))
 
 
 def _unit(q: Array) -> Array:

@@ -8,6 +8,8 @@ IMU: Rgb = (230, 97, 1)  # vermillion: what the IMU alone says
 AUTOPILOT: Rgb = (0, 114, 178)  # blue: what the autopilot says
 DIFFERENCE: Rgb = (204, 84, 152)  # reddish purple, a little deeper for thin lines: the error between both
 HEADING: Rgb = (0, 158, 115)  # bluish green: the heading part of the attitude error
+AXES: tuple[Rgb, Rgb, Rgb] = ((214, 145, 0), (0, 158, 115), (86, 180, 233))
+"""Forward, right and down: amber, green and sky, none of them a source's colour."""
 CURSOR: Rgb = (130, 130, 130)  # the current instant
 
 CONTROLS: Rgb = (84, 96, 112)  # buttons: no source's colour

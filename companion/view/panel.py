@@ -1,26 +1,23 @@
-"""What can be pressed, chosen and read beside the picture. Every press becomes an event for the view thread."""
+"""What can be chosen and read beside the picture. Every choice becomes an event for the view thread."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
-from typing import Any, Literal
 
 import viser
 
 from companion.tracks import Flight
 from companion.view import events, palette
-from companion.view.choice import ReplayChoice
-from companion.view.framing import CAMERA_MODES
+from companion.view.choice import NO_BIAS, ReplayChoice
+from companion.view.controls import bounded, listen, write
 from companion.view.moment import Moment
 from companion.view.palette import Rgb
-from companion.view.player import Player
 
-Key = Literal["space", "arrowleft", "arrowright", "home", "end"]
-SPEEDS = ("0.1×", "0.2×", "0.5×", "1×", "2×", "5×", "10×", "20×", "50×")
 METHODS = {"RK4 (most exact)": "rk4", "Midpoint": "midpoint", "Euler (simplest)": "euler"}
 MIDDLES = {"Straight lines (linear)": "linear", "Curves (cubic)": "cubic"}
+GRAVITIES: dict[str, str | float] = {"9.80665 (standard)": "standard", "Where it flew (WGS-84)": "normal"}
 TRAILS = {
     "Path so far": events.SetTrail(None),
     "Last 10 s": events.SetTrail(10.0),
@@ -28,25 +25,21 @@ TRAILS = {
     "Whole path": events.SetTrail(None, ahead=True),
 }
 SIZES = {"Easy to see": 1.0, "Larger": 1.7, "Smaller": 0.5, "True size": None}
-STEPS = {"Start": None, "−10": -10.0, "−1": -1.0, "+1": 1.0, "+10": 10.0}
+MOST_SEGMENTS = 64
+GYRO_RANGE, ACCEL_RANGE = 20.0, 0.5  # mrad/s and m/s², either way
+AXES = ("forward", "right", "down")
 
 
 class Panel:
-    """The controls. Built once; `load` fits them to a flight, `show` writes the instant into them.
-
-    `post` is called in the server's event loop and must not block.
-    """
+    """The controls. Built once; `load` fits them to a flight, `show` writes the instant into them."""
 
     def __init__(self, gui: viser.GuiApi, flights: Sequence[Flight], post: events.Post) -> None:
         self._post = post
         self._flight = flights[0]
+        self._gravities = GRAVITIES
         self._legend = gui.add_html("")
         self._numbers = gui.add_html("")
-        self._play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
-        self._steps = gui.add_button_group("Step, s", tuple(STEPS), hint="Arrow keys: 1 s; Home, End: the ends")
-        self._time = gui.add_slider("Time, s", 0.0, 1.0, 0.01, 0.0, hint="Seconds since the flight's first message")
-        self._speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1×")
-        self._loop = gui.add_checkbox("Repeat", False)
+        self.playing = gui.add_folder("Playing")  # filled by the timeline
         with gui.add_folder("Reckoning from the IMU"):
             names = tuple(f"{i + 1}: {_title(f)}" for i, f in enumerate(flights))
             self._pick = gui.add_dropdown("Flight", names, visible=len(flights) > 1)
@@ -55,52 +48,64 @@ class Panel:
             self._middle = gui.add_dropdown(
                 "Joined by", tuple(MIDDLES), hint="How the readings are taken to run from one sample to the next"
             )
+            self._segments = gui.add_number(
+                "Segments", 1, min=1, max=MOST_SEGMENTS, step=1, hint="Steps of the integrator between two samples"
+            )
+            self._gravity = gui.add_dropdown("Gravity, m/s²", tuple(GRAVITIES))
             self._anchored = gui.add_checkbox(
                 "Re-anchor", True, hint="Start again from the autopilot's state, over and over; off: run free"
             )
             self._period = gui.add_number("every, s", 10.0, min=0.5, max=3600.0, step=0.5)
-            self._start = gui.add_number("from, s", 0.0, min=0.0, step=0.1, hint="Seconds since the flight's start")
+            self._start = gui.add_number("from, s", 0.0, min=0.0, step=0.1, hint="Seconds since the vehicle's boot")
             self._here = gui.add_button("Start from the instant shown", icon=viser.Icon.ANCHOR)
             self._status = gui.add_html("")
-        with gui.add_folder("Picture"):
-            self._camera = gui.add_dropdown("Camera", CAMERA_MODES)
+        with gui.add_folder("Take a bias off the IMU", expand_by_default=False):
+            self._gyro = [gui.add_slider(f"Gyro {axis}, mrad/s", -GYRO_RANGE, GYRO_RANGE, 0.1, 0.0) for axis in AXES]
+            self._accel = [
+                gui.add_slider(f"Accel {axis}, m/s²", -ACCEL_RANGE, ACCEL_RANGE, 0.005, 0.0) for axis in AXES
+            ]
+            self._reset = gui.add_button("No bias", icon=viser.Icon.RESTORE)
+        self.picture = gui.add_folder("Picture")
+        with self.picture:
             self._trail = gui.add_dropdown("Paths", tuple(TRAILS))
             self._size = gui.add_dropdown("Drones", tuple(SIZES))
+            self._arrows = gui.add_checkbox("Arrows", False, hint="Velocity of both, and gravity")
             self._dark = gui.add_checkbox("Dark", False)
+        with gui.add_folder("Save", expand_by_default=False):
+            self._save_picture = gui.add_button("This picture (PNG)", icon=viser.Icon.CAMERA)
+            self._save_page = gui.add_button("The 3D replay (HTML)", icon=viser.Icon.FILE_EXPORT)
         self._listen()
-        self._bind_keys(gui)
 
-    def load(self, flight: Flight, choice: ReplayChoice, player: Player, cell: float, has_position: bool) -> None:
-        """Fit the controls to what is shown now. Values set here come back as no events."""
+    def load(self, flight: Flight, choice: ReplayChoice, start: float, has_position: bool) -> None:
+        """Fit the controls to what is shown now. `start`: s, boot clock, where the reckoning begins.
+
+        Values set here come back as no events.
+        """
         self._flight = flight
-        self._legend.content = _legend(flight, cell, has_position)
+        self._legend.content = _legend(flight, has_position)
         self._imu.options = tuple(flight.imus) or ("none",)
         if choice.imu is not None and choice.imu in flight.imus:
-            _write(self._imu, choice.imu)
-        _write(self._method, _key(METHODS, choice.method))
-        _write(self._middle, _key(MIDDLES, choice.middle))
-        _write(self._anchored, choice.reanchor_s is not None)
+            write(self._imu, choice.imu)
+        write(self._method, _key(METHODS, choice.method))
+        write(self._middle, _key(MIDDLES, choice.middle))
+        write(self._segments, choice.segments)
+        if choice.gravity not in self._gravities.values():
+            self._gravities = GRAVITIES | {f"{choice.gravity:g}": choice.gravity}
+            self._gravity.options = tuple(self._gravities)
+        write(self._gravity, next(key for key, meaning in self._gravities.items() if meaning == choice.gravity))
+        write(self._anchored, choice.reanchor_s is not None)
         self._period.visible = choice.reanchor_s is not None
         if choice.reanchor_s is not None:
-            _write(self._period, choice.reanchor_s)
-        first = player.start if choice.start_s is None else choice.start_s
-        _write(self._start, round(max(first - flight.start, 0.0), 3))
-        low, high = round(player.start - flight.start, 2), round(player.end - flight.start, 2)
-        # The bounds move one at a time and must never cross, and the value must always lie between them.
-        self._time.max = max(high, self._time.max)
-        self._time.min = low
-        _write(self._time, round(player.time - flight.start, 2))
-        self._time.max = high
+            write(self._period, choice.reanchor_s)
+        write(self._start, round(start if choice.start_s is None else choice.start_s, 3))
+        for slider, rate in zip(self._gyro, choice.gyro_bias, strict=True):
+            write(slider, bounded(1e3 * rate, -GYRO_RANGE, 0.0, GYRO_RANGE))
+        for slider, force in zip(self._accel, choice.accel_bias, strict=True):
+            write(slider, bounded(force, -ACCEL_RANGE, 0.0, ACCEL_RANGE))
 
-    def show(self, moment: Moment, player: Player, has_position: bool) -> None:
-        """Write the instant into the numbers, the slider and the play button."""
-        now = moment.t - self._flight.start
-        _write(self._time, round(now, 2))
-        label = "Pause" if player.playing else "Play"
-        if self._play.label != label:
-            self._play.label = label
-            self._play.icon = viser.Icon.PLAYER_PAUSE if player.playing else viser.Icon.PLAYER_PLAY
-        self._numbers.content = _numbers(moment, now, has_position)
+    def show(self, moment: Moment, cell: float, has_position: bool) -> None:
+        """Write the instant, and the side of the grid's squares (m), into the numbers."""
+        self._numbers.content = _numbers(moment, moment.t - self._flight.start, cell, has_position)
 
     def status(self, text: str, *, trouble: bool = False) -> None:
         """Say what the reckoning is doing, or why it failed. `text` may hold anything."""
@@ -111,77 +116,49 @@ class Panel:
 
     def _listen(self) -> None:
         post = self._post
-        self._on(self._time, lambda: events.Seek(float(self._time.value)))
-        self._on(self._speed, lambda: events.SetSpeed(float(self._speed.value.rstrip("×"))))
-        self._on(self._loop, lambda: events.SetLoop(self._loop.value))
-        self._on(self._pick, lambda: events.PickFlight(int(self._pick.value.split(":")[0]) - 1))
-        self._on(self._camera, lambda: events.SetCamera(self._camera.value))
-        self._on(self._trail, lambda: TRAILS[self._trail.value])
-        self._on(self._size, lambda: events.SetSize(SIZES[self._size.value]))
-        self._on(self._dark, lambda: events.SetDark(self._dark.value))
-        for handle in (self._imu, self._method, self._middle, self._anchored, self._period, self._start):
-            self._on(handle, lambda: events.Choose(self._choice()))
-
-        @self._play.on_click
-        async def _(_: object) -> None:
-            post(events.Toggle())
+        listen(self._pick, post, lambda: events.PickFlight(int(self._pick.value.split(":")[0]) - 1))
+        listen(self._trail, post, lambda: TRAILS[self._trail.value])
+        listen(self._size, post, lambda: events.SetSize(SIZES[self._size.value]))
+        listen(self._arrows, post, lambda: events.SetArrows(self._arrows.value))
+        listen(self._dark, post, lambda: events.SetDark(self._dark.value))
+        reckoning = (self._imu, self._method, self._middle, self._segments, self._gravity, self._anchored)
+        for handle in (*reckoning, self._period, self._start, *self._gyro, *self._accel):
+            listen(handle, post, lambda: events.Choose(self._choice()))
 
         @self._here.on_click
         async def _(_: object) -> None:
             post(events.StartHere())
 
-        @self._steps.on_click
+        @self._reset.on_click
         async def _(_: object) -> None:
-            seconds = STEPS[self._steps.value]
-            post(events.SeekShare(0.0) if seconds is None else events.Step(seconds))
+            post(events.Choose(replace(self._choice(), gyro_bias=NO_BIAS, accel_bias=NO_BIAS)))
 
-    def _on(self, handle: Any, event: Callable[[], events.Event]) -> None:
-        """Post `event` when a browser changes `handle`; what this thread writes itself is no event."""
+        @self._save_picture.on_click
+        async def _(click: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            if click.client_id is not None:
+                post(events.Save(click.client_id, "picture"))
 
-        async def changed(update: Any) -> None:
-            if update.client_id is not None:
-                self._post(event())
-
-        handle.on_update(changed)
+        @self._save_page.on_click
+        async def _(click: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            if click.client_id is not None:
+                post(events.Save(click.client_id, "page"))
 
     def _choice(self) -> ReplayChoice:
         """What the controls say. A browser may send anything: names are looked up, numbers kept in bounds."""
+        flight = self._flight
+        gyro = [1e-3 * bounded(slider.value, -GYRO_RANGE, 0.0, GYRO_RANGE) for slider in self._gyro]
+        accel = [bounded(slider.value, -ACCEL_RANGE, 0.0, ACCEL_RANGE) for slider in self._accel]
         return ReplayChoice(
-            imu=self._imu.value if self._imu.value in self._flight.imus else None,
+            imu=self._imu.value if self._imu.value in flight.imus else None,
             method=METHODS.get(self._method.value, "rk4"),
             middle=MIDDLES.get(self._middle.value, "cubic"),
-            reanchor_s=_bounded(self._period.value, 0.5, 10.0, 3600.0) if self._anchored.value else None,
-            start_s=self._flight.start + _bounded(self._start.value, 0.0, 0.0, self._flight.duration),
+            reanchor_s=bounded(self._period.value, 0.5, 10.0, 3600.0) if self._anchored.value else None,
+            start_s=bounded(self._start.value, flight.start, flight.start, flight.start + flight.duration),
+            segments=int(bounded(self._segments.value, 1, 1, MOST_SEGMENTS)),
+            gravity=self._gravities.get(self._gravity.value, "standard"),
+            gyro_bias=(gyro[0], gyro[1], gyro[2]),
+            accel_bias=(accel[0], accel[1], accel[2]),
         )
-
-    def _bind_keys(self, gui: viser.GuiApi) -> None:
-        """Keys go through the command palette, which lists them under Ctrl-K."""
-        keys: list[tuple[str, Key, events.Event]] = [
-            ("Play or pause", "space", events.Toggle()),
-            ("Back 1 s", "arrowleft", events.Step(-1.0)),
-            ("Forward 1 s", "arrowright", events.Step(1.0)),
-            ("To the start", "home", events.SeekShare(0.0)),
-            ("To the end", "end", events.SeekShare(1.0)),
-        ]
-        for label, key, event in keys:
-            self._command(gui, label, key, event)
-
-    def _command(self, gui: viser.GuiApi, label: str, key: Key, event: events.Event) -> None:
-        @gui.add_command(label, hotkey=key).on_trigger
-        async def _(_: object) -> None:
-            self._post(event)
-
-
-def _write(handle: Any, value: object) -> None:
-    """Set an input's value. Untyped, because viser declares the setter where mypy does not see it."""
-    handle.value = value
-
-
-def _bounded(value: object, low: float, default: float, high: float) -> float:
-    """`value` within bounds, or `default` for what is no number."""
-    if not isinstance(value, int | float) or not math.isfinite(value):
-        return default
-    return min(max(float(value), low), high)
 
 
 def _title(flight: Flight) -> str:
@@ -200,7 +177,7 @@ def _swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:
     )
 
 
-def _legend(flight: Flight, cell: float, has_position: bool) -> str:
+def _legend(flight: Flight, has_position: bool) -> str:
     """Who is who. Text that came from the vehicle is escaped: it is untrusted, and this is markup."""
     vehicle = flight.vehicle
     autopilot = {"ARDUPILOTMEGA": "ArduPilot"}.get(vehicle.autopilot, vehicle.autopilot)
@@ -211,7 +188,7 @@ def _legend(flight: Flight, cell: float, has_position: bool) -> str:
         f"{_swatch(palette.AUTOPILOT, 0.6)}<b>See-through: the autopilot</b>, its own estimate",
     ]
     if has_position:
-        rows.append(f"{_swatch(palette.DIFFERENCE, 1.0, line)}The distance between them; grid squares {cell:g} m")
+        rows.append(f"{_swatch(palette.DIFFERENCE, 1.0, line)}The distance between them")
     else:
         rows.append("This log has no position: only the attitudes are compared.")
     lines = "".join(f"<div>{row}</div>" for row in rows)
@@ -221,14 +198,15 @@ def _legend(flight: Flight, cell: float, has_position: bool) -> str:
     )
 
 
-def _numbers(moment: Moment, now: float, has_position: bool) -> str:
+def _numbers(moment: Moment, since_start: float, cell: float, has_position: bool) -> str:
     rows = [
-        ("Time", f"{now:.1f} s", f"{moment.since_anchor_s:.1f} s since anchor"),
+        ("Since boot", f"{moment.t:.2f} s", f"{since_start:.1f} s into the log"),
+        ("Since anchor", f"{moment.since_anchor_s:.1f} s", "" if moment.known else "autopilot silent here"),
         ("Attitude error", f"{moment.tilt_deg:.2f}° tilt", f"{moment.heading_deg:+.2f}° heading"),
     ]
     if has_position:
         rows.append(("Velocity error", f"{moment.velocity_mps:.2f} m/s", ""))
-        rows.append(("Position error", f"{moment.position_m:.2f} m", ""))
+        rows.append(("Position error", f"{moment.position_m:.2f} m", f"grid squares {cell:g} m"))
     cells = "".join(
         f'<tr><td style="opacity:0.7">{name}</td><td style="text-align:right;font-weight:600">{first}</td>'
         f'<td style="text-align:right">{second}</td></tr>'
@@ -236,5 +214,5 @@ def _numbers(moment: Moment, now: float, has_position: bool) -> str:
     )
     return (
         '<div style="padding:0.2em 1em"><table style="width:100%;font-size:0.88em;'
-        f'font-variant-numeric:tabular-nums;border-spacing:0 0.15em">{cells}</table></div>'
+        f'font-variant-numeric:tabular-nums;border-spacing:0 0.1em">{cells}</table></div>'
     )

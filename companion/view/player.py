@@ -8,28 +8,50 @@ SLOWEST, FASTEST = 0.1, 50.0  # times real time
 
 
 class Player:
-    """A clock over the interval `[start, end]` of a flight's boot clock, in seconds.
+    """A clock over the interval `[first, last]` of a flight's boot clock, s, or over a part `[start, end]` of it.
 
     It has no clock of its own: whoever owns it calls `advance` with the seconds that have passed in the room.
+    Whatever is done, `first <= start <= time <= end <= last`.
     """
 
-    def __init__(self, start: float, end: float) -> None:
+    def __init__(self, first: float, last: float) -> None:
         self.playing = False
         self.loop = False
+        self.backwards = False
         self._speed = 1.0
-        self.start, self.end, self.time = start, end, start
-        self.load(start, end)
+        self.first = self.start = self.time = first
+        self.last = self.end = last
+        self.load(first, last)
 
-    def load(self, start: float, end: float, time: float | None = None) -> None:
-        """Take another interval, at `time` as near as it allows (default: its start); speed and loop are kept."""
-        if not (math.isfinite(start) and math.isfinite(end) and start <= end):
-            raise ValueError(f"a play interval needs finite bounds in order, got [{start}, {end}]")
-        self.start, self.end = start, end
-        self.seek(start if time is None else time)
+    def load(self, first: float, last: float, time: float | None = None) -> None:
+        """Take another interval, at `time` as near as it allows (default: its start); speed and loop are kept.
+
+        With a `time` it is the same flight reckoned anew, and the part stays as far as it still lies within.
+        """
+        if not (math.isfinite(first) and math.isfinite(last) and first <= last):
+            raise ValueError(f"a play interval needs finite bounds in order, got [{first}, {last}]")
+        low = first if time is None or self.start <= self.first else self.start
+        high = last if time is None or self.end >= self.last else self.end
+        self.first, self.last = first, last
+        self.choose_part(low, high)
+        self.seek(self.start if time is None else time)
+
+    def choose_part(self, low: float, high: float) -> None:
+        """Stay between two times, in either order; no part at all is the whole."""
+        if math.isfinite(low) and math.isfinite(high):
+            low, high = (min(max(t, self.first), self.last) for t in sorted((low, high)))
+            whole = low >= high
+            self.start, self.end = (self.first, self.last) if whole else (low, high)
+            self.seek(self.time)
+
+    @property
+    def is_part(self) -> bool:
+        """Whether less than the whole is played."""
+        return self.start > self.first or self.end < self.last
 
     @property
     def duration(self) -> float:
-        """Length of the interval, s."""
+        """Length of the part that is played, s."""
         return self.end - self.start
 
     @property
@@ -44,8 +66,8 @@ class Player:
 
     def toggle(self) -> None:
         """Play or pause. Play at the end starts over, as every player does."""
-        if not self.playing and self.time >= self.end:
-            self.time = self.start
+        if not self.playing and self.time == self._goal:
+            self.time = self.end if self.backwards else self.start
         self.playing = not self.playing
 
     def seek(self, time: float) -> None:
@@ -53,19 +75,25 @@ class Player:
         if math.isfinite(time):
             self.time = min(max(time, self.start), self.end)
 
-    def step(self, seconds: float) -> None:
-        """Pause and move by `seconds`, forward or back."""
+    def go(self, time: float) -> None:
+        """Pause and go to `time`, or to the nearest bound."""
         self.playing = False
-        self.seek(self.time + seconds)
+        self.seek(time)
 
     def advance(self, dt: float) -> None:
-        """Let `dt` seconds of the room pass. At the end: pause there, or start over when looping."""
+        """Let `dt` seconds of the room pass. Where the part ends: pause there, or start over when looping."""
         if not self.playing or not 0 < dt < math.inf:
             return
-        time = self.time + dt * self._speed
-        if time < self.end:
+        step = dt * self._speed
+        time = self.time - step if self.backwards else self.time + step
+        if self.start < time < self.end:
             self.time = time
         elif self.loop and self.duration > 0:
-            self.time = self.start + (time - self.start) % self.duration
+            # Rounding may put the remainder on the bound itself.
+            self.seek(self.start + (time - self.start) % self.duration)
         else:
-            self.time, self.playing = self.end, False
+            self.time, self.playing = self._goal, False
+
+    @property
+    def _goal(self) -> float:
+        return self.start if self.backwards else self.end

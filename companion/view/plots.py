@@ -1,145 +1,206 @@
-"""Errors against time, as small charts with a line at the current instant."""
+"""Charts over time with a line at the current instant: how far both are apart, and what the IMU read."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import viser
 from viser import uplot
 
-from companion.tracks import Array
-from companion.view import palette
-from companion.view.moment import Footage
+from companion.tracks import Array, ImuTrack
+from companion.view import events, palette
+from companion.view.controls import button_row
+from companion.view.curves import Curves, curves
+from companion.view.moment import SAME_TIME, Footage
 from companion.view.palette import Rgb
-from companion.view.thin import extremes
 
-MOST_POINTS = 300
-"""Points a chart: a moving cursor resends them all, 5 times a second, to every browser."""
+HEIGHT = 152  # of a chart, pixels
+STYLE = (  # the line at the current instant is a series: its entry in the legend would say nothing
+    "<style>.uplot .u-legend{margin:-2px 0 4px}.uplot .u-legend .u-series:last-child{display:none}</style>"
+)
 
-HEIGHT = 182  # of a chart, pixels
+Line = tuple[str, Rgb]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curves:
-    """What one chart draws: thinned, finite, over seconds since the flight's start."""
+class _Drawing:
+    """What one chart is to show. With an envelope the last two of `values` are its 1σ and 3σ."""
 
-    t: Array  # (M,) s
-    values: tuple[Array, ...]  # each (M,)
-
-    def at(self, now: float) -> tuple[Array, ...]:
-        """The chart's columns: times, values, and a last one that leaps from -1 to 2 and back at `now`.
-
-        On a scale of 0 to 1 that leap is a vertical line from edge to edge and its base lies out of sight. A gap of
-        NaN would do as well, but then a number that is not finite would be on its way to the screen.
-        """
-        k = int(np.searchsorted(self.t, now))
-        inserted = (np.insert(v, k, [np.interp(now, self.t, v)] * 3) for v in self.values)
-        cursor = np.full(len(self.t) + 3, -1.0)
-        cursor[k + 1] = 2.0
-        return (np.insert(self.t, k, [now] * 3), *inserted, cursor)
+    t: Array  # (N,) s, boot clock
+    values: tuple[Array, ...]  # each (N,)
+    known: Array | None = None  # (N,) 0 where the autopilot's state is not known
+    envelope: bool = False
 
 
-def curves(t: Array, *values: Array) -> Curves:
-    """Thin `values` over `t` to what a chart can draw, keeping every peak."""
-    kept = extremes(values, MOST_POINTS)
-    return Curves(t[kept], tuple(v[kept] for v in values))
+class _Chart:
+    """One chart with its title, in which the values at the current instant stand."""
 
+    def __init__(self, gui: viser.GuiApi, title: str, unit: str, lines: Sequence[Line]) -> None:
+        self._title, self._lines = title, tuple(lines)
+        self._heading = gui.add_html("")
+        self._envelope = False
+        nothing = Curves(np.array([0.0, 1.0]), (np.zeros(2),) * len(lines), np.zeros(2))
+        self._drawing, self._drawn = _Drawing(nothing.t, nothing.values), nothing
+        self.handle = gui.add_uplot(
+            nothing.at(0.0),
+            self._series(),
+            scales=_scales((0.0, 1.0)),
+            axes=(
+                uplot.Axis(size=30, space=40),
+                uplot.Axis(label=unit, labelSize=16, size=44, labelGap=0),
+            ),
+            legend=uplot.Legend(show=True, live=True),
+            cursor=uplot.Cursor(sync={"key": "time"}, drag={"x": True, "y": False}),
+            height=HEIGHT,
+            padding=(6, 14, 0, 0),
+        )
 
-class Plots:
-    """The three charts: attitude, velocity and position error. Only the view thread may call it."""
+    def load(self, drawing: _Drawing, part: tuple[float, float]) -> None:
+        """Draw something else, between two times (s, boot clock)."""
+        self._drawing = drawing
+        self._drawn = curves(drawing.t, drawing.values, drawing.known, part)
+        if drawing.envelope != self._envelope:
+            self._envelope = drawing.envelope
+            # Series and data have to change together, or the chart has lines without points.
+            self.handle.series, self.handle.data = self._series(), self._drawn.at(part[0])
+        scales = _scales(part)
+        if self.handle.scales != scales:  # a change builds the chart anew and forgets how the user has zoomed
+            self.handle.scales = scales
 
-    def __init__(self, gui: viser.GuiApi, film: Footage, start: float) -> None:
-        tilt, heading = ("tilt", palette.DIFFERENCE), ("heading", palette.HEADING)
-        drawn = _drawn(film, start)
-        _heading(gui, f"Attitude error, degrees: {_key(*tilt)} {_key(*heading)}")
-        self._charts = [_chart(gui, "deg", drawn[0], tilt, heading)]
-        self._headings = []
-        for name, unit, lines in (
-            ("Velocity error, metres per second", "m/s", drawn[1]),
-            ("Position error, metres", "m", drawn[2]),
-        ):
-            self._headings.append(_heading(gui, name))
-            self._charts.append(_chart(gui, unit, lines, (name, palette.DIFFERENCE)))
-        self._drawn, self._now = drawn, math.nan
-        self.load(film, start)
+    def show(self, now: float) -> None:
+        """Move the line to `now`, s, boot clock."""
+        if not self.handle.visible:
+            return
+        self.handle.data = self._drawn.at(now)
+        sample = max(int(np.searchsorted(self._drawing.t, now + SAME_TIME, side="right")) - 1, 0)
+        values = zip(self._lines, self._drawing.values[: len(self._lines)], strict=True)
+        said = " ".join(_key(name, float(v[sample]), colour) for (name, colour), v in values)
+        self._heading.content = _row(f'<span style="font-weight:600">{self._title}</span><span>{said}</span>')
 
-    def load(self, film: Footage, start: float) -> None:
-        """Draw another reckoning, over seconds since `start` (boot clock)."""
-        self._drawn = _drawn(film, start)
-        self._now = math.nan  # equal to nothing: the next cursor is sent
-        for chart, lines in zip(self._charts, self._drawn, strict=True):
-            scales = _scales(lines)
-            if chart.scales != scales:  # a change builds the chart anew and forgets how the user has zoomed
-                chart.scales = scales
-        for heading, chart in zip(self._headings, self._charts[1:], strict=True):
-            heading.visible = chart.visible = film.replay.has_position
+    def set_visible(self, visible: bool) -> None:
+        """Show it, or not."""
+        if self.handle.visible != visible:
+            self._heading.visible = self.handle.visible = visible
 
     def relayout(self) -> None:
-        """Make every browser lay its charts out again, by a pixel of height.
+        """Make every browser lay the chart out again, by a pixel of height.
 
         A page whose first width and next data come in one breath shows no time axis: uplot-react 1.2 calls setSize,
         then setData and redraw(), and redraw forgets that the axes were to be laid out again. A new size that comes
         alone mends it, and keeps the user's zoom.
         """
+        self.handle.height = HEIGHT + 1 if self.handle.height == HEIGHT else HEIGHT
+
+    def _series(self) -> tuple[uplot.Series, ...]:
+        envelope = [("1σ", (5.0, 4.0)), ("3σ", (2.0, 4.0))] if self._envelope else []
+        return (
+            uplot.Series(label="s since boot"),
+            *(_line(name, colour, 1.6) for name, colour in self._lines),
+            *(_line(name, palette.CURSOR, 1.3, dash) for name, dash in envelope),
+            _line("now", palette.CURSOR, 1.2, scale="now", fill="rgba(130,130,130,0.22)"),
+        )
+
+
+class Plots:
+    """The charts of the errors, and the charts of the IMU's readings. Only the view thread may call it."""
+
+    def __init__(self, gui: viser.GuiApi, post: events.Post) -> None:
+        shown = {"Errors": events.PickCharts(imu=False), "IMU readings": events.PickCharts(imu=True)}
+        button_row(gui, "Show", shown, post, "Drag over a chart to zoom in, double-click to see all of it again")
+        gui.add_html(STYLE)
+        self._errors = [
+            _Chart(gui, "Attitude error, °", "deg", [("tilt", palette.DIFFERENCE), ("heading", palette.HEADING)]),
+            _Chart(gui, "Velocity error, m/s", "m/s", [("apart", palette.DIFFERENCE)]),
+            _Chart(gui, "Position error, m", "m", [("apart", palette.DIFFERENCE)]),
+        ]
+        axes = list(zip(("forward", "right", "down"), palette.AXES, strict=True))
+        self._readings = [_Chart(gui, "Gyro, °/s", "deg/s", axes), _Chart(gui, "Accelerometer, m/s²", "m/s²", axes)]
+        self._charts = [*self._errors, *self._readings]
+        self._drawings: list[_Drawing] = []
+        self._show_readings = self._has_position = False
+        self._now = math.nan
+
+    def load(self, film: Footage, imu: ImuTrack, part: tuple[float, float]) -> None:
+        """Draw another reckoning, between two times (s, boot clock). `imu`: the readings that it was made from."""
+        replay, expected = film.replay, film.envelope
+        known = replay.reference_valid.astype(np.float64)
+
+        def error(values: tuple[Array, ...], sigma: Array | None) -> _Drawing:
+            envelope = () if sigma is None else (sigma, 3 * sigma)
+            return _Drawing(replay.t, values + envelope, known, envelope=sigma is not None)
+
+        self._drawings = [
+            error((film.tilt_deg, film.heading_deg), expected.attitude_deg if expected else None),
+            error((film.velocity_mps,), expected.velocity_mps if expected else None),
+            error((film.position_m,), expected.position_m if expected else None),
+            _Drawing(imu.t, tuple(np.degrees(imu.gyro.T))),
+            _Drawing(imu.t, tuple(imu.accel.T)),
+        ]
+        self._has_position = replay.has_position
+        self.choose_part(part)
+        self.pick(imu=self._show_readings)
+
+    def choose_part(self, part: tuple[float, float]) -> None:
+        """Show what lies between two times (s, boot clock), thinned anew: the shorter, the finer."""
+        for chart, drawing in zip(self._charts, self._drawings, strict=True):
+            chart.load(drawing, part)
+        self._now = math.nan  # equal to nothing: the next line is sent
+
+    def pick(self, *, imu: bool) -> None:
+        """Show the IMU's readings, or the errors."""
+        self._show_readings = imu
+        for i, chart in enumerate(self._errors):
+            chart.set_visible(not imu and (i == 0 or self._has_position))
+        for chart in self._readings:
+            chart.set_visible(imu)
+        self._now = math.nan
+
+    def relayout(self) -> None:
+        """Make every browser lay its charts out again; see _Chart.relayout."""
         for chart in self._charts:
-            chart.height = HEIGHT + 1 if chart.height == HEIGHT else HEIGHT
+            chart.relayout()
 
     def show(self, now: float) -> None:
-        """Move the cursor to `now`, s since the flight's start. A cursor that stands still costs nothing."""
+        """Move the line to `now`, s, boot clock. A line that stands still costs nothing."""
         if now == self._now:
             return
         self._now = now
-        for chart, lines in zip(self._charts, self._drawn, strict=True):
-            if chart.visible:
-                chart.data = lines.at(now)
+        for chart in self._charts:
+            chart.show(now)
 
 
-def _drawn(film: Footage, start: float) -> list[Curves]:
-    t = film.replay.t - start
-    return [
-        curves(t, film.tilt_deg, film.heading_deg),
-        curves(t, film.velocity_mps),
-        curves(t, film.position_m),
-    ]
+def _scales(part: tuple[float, float]) -> dict[str, uplot.Scale]:
+    # The bounds said outright, so that the line's points never move them and a zoom stays where it is.
+    return {"x": uplot.Scale(time=False, range=part), "now": uplot.Scale(range=(0.0, 1.0))}
 
 
-def _scales(lines: Curves) -> dict[str, uplot.Scale]:
-    # The bounds said outright, so that the cursor's points never move them and a zoom stays where it is.
-    return {
-        "x": uplot.Scale(time=False, range=(float(lines.t[0]), float(lines.t[-1]))),
-        "now": uplot.Scale(range=(0.0, 1.0)),
-    }
+def _line(
+    label: str,
+    colour: Rgb,
+    width: float,
+    dash: tuple[float, ...] | None = None,
+    scale: str | None = None,
+    fill: str | None = None,
+) -> uplot.Series:
+    series = uplot.Series(label=label, stroke=palette.css(colour), width=width, points={"show": False})
+    if dash is not None:
+        series["dash"] = dash
+    if scale is not None:
+        series["scale"] = scale
+    if fill is not None:
+        series["fill"] = fill
+    return series
 
 
-def _heading(gui: viser.GuiApi, markup: str) -> viser.GuiHtmlHandle:
-    return gui.add_html(f'<div style="padding:0 1em;font-size:0.8em">{markup}</div>')
-
-
-def _key(name: str, colour: Rgb) -> str:
-    return f'<span style="color:{palette.css(colour)};font-weight:600">{name}</span>'
-
-
-def _chart(gui: viser.GuiApi, unit: str, drawn: Curves, *lines: tuple[str, Rgb]) -> viser.GuiUplotHandle:
-    series = (
-        uplot.Series(label="time, s"),
-        *(
-            uplot.Series(label=name, stroke=palette.css(colour), width=1.6, points={"show": False})
-            for name, colour in lines
-        ),
-        uplot.Series(label="now", scale="now", stroke=palette.css(palette.CURSOR), width=1.2, points={"show": False}),
+def _row(markup: str) -> str:
+    return (
+        '<div style="padding:0 1em;font-size:0.8em;display:flex;justify-content:space-between;flex-wrap:wrap;'
+        f'font-variant-numeric:tabular-nums">{markup}</div>'
     )
-    return gui.add_uplot(
-        drawn.at(float(drawn.t[0])),
-        series,
-        scales=_scales(drawn),
-        axes=(
-            uplot.Axis(label="time, s", labelSize=16, size=30, labelGap=0),
-            uplot.Axis(label=unit, labelSize=16, size=44, labelGap=0),
-        ),
-        legend=uplot.Legend(show=False),
-        cursor=uplot.Cursor(sync={"key": "time"}, drag={"x": True, "y": False}),
-        height=HEIGHT,
-        padding=(6, 14, 0, 0),
-    )
+
+
+def _key(name: str, value: float, colour: Rgb) -> str:
+    return f'<span style="color:{palette.css(colour)};font-weight:600;margin-left:0.6em">{name} {value:.2f}</span>'

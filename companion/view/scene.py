@@ -5,78 +5,16 @@ from __future__ import annotations
 import numpy as np
 import viser
 
-from companion.tracks import Array
 from companion.view import palette
-from companion.view.framing import Framing, Pose
+from companion.view.arrows import Arrows
+from companion.view.body import Body
+from companion.view.framing import Framing
 from companion.view.moment import Footage, Moment
-from companion.view.palette import Rgb
 from companion.view.shapes import Drone
 from companion.view.trail import Trail
 
 WORLD = "/world"
-GHOST_SCALE = 0.94
-"""The ghost is a little smaller: where both drones coincide it is inside the solid one and does not flicker."""
-
-
-class Body:
-    """One drone on screen: a place, an attitude, a size, a name and a stick down to the ground."""
-
-    def __init__(self, scene: viser.SceneApi, name: str, label: str, colour: Rgb, drone: Drone, ghost: bool) -> None:
-        self._scale = GHOST_SCALE if ghost else 1.0
-        self._place = scene.add_frame(f"{WORLD}/{name}", show_axes=False)
-        self._attitude = scene.add_frame(f"{WORLD}/{name}/attitude", show_axes=False)
-        self._meshes = [
-            scene.add_mesh_simple(
-                f"{WORLD}/{name}/attitude/{part}",
-                mesh.vertices,
-                mesh.faces,
-                color=tint,
-                opacity=0.45 if ghost else None,
-                flat_shading=True,
-                cast_shadow=False,
-                receive_shadow=False,
-            )
-            for part, mesh, tint in (
-                ("body", drone.body, colour),
-                ("front", drone.front, palette.mix(colour, (255, 255, 255), 0.6)),
-            )
-        ]
-        self._name = scene.add_label(f"{WORLD}/{name}/name", label, font_screen_scale=1.1)
-        self._span = 0.0
-
-    @property
-    def wxyz(self) -> Array:
-        """The attitude on screen, NED/FRD."""
-        return np.array(self._attitude.wxyz)  # a copy: viser writes into its own
-
-    @property
-    def position(self) -> Array:
-        """The place on screen, NED m."""
-        return np.array(self._place.position)
-
-    @property
-    def name(self) -> str:
-        """What is written beside it."""
-        return self._name.text
-
-    @name.setter
-    def name(self, text: str) -> None:
-        if text != self._name.text:
-            self._name.text = text
-
-    def put(self, wxyz: Array, position: Array) -> None:
-        """Set attitude (4,) and place (3,)."""
-        self._attitude.wxyz = wxyz
-        self._place.position = position
-
-    def resize(self, span: float, *, name_above: bool) -> None:
-        """Draw the drone `span` m wide, its name above or below; a change too small to see is not sent."""
-        if abs(span - self._span) > 0.04 * self._span:
-            self._span = span
-            for mesh in self._meshes:
-                mesh.scale = span * self._scale
-        self._name.anchor = "bottom-center" if name_above else "top-center"
-        self._name.position = (0.0, 0.0, -0.42 * self._span if name_above else 0.42 * self._span)
+"""Everything hangs on this node. Each browser has a node of its own under this name, which moves the world for it."""
 
 
 class Scene:
@@ -90,7 +28,7 @@ class Scene:
         scene.configure_environment_map(None)
         scene.add_light_ambient("/light_around", intensity=1.7)
         scene.add_light_directional("/light_above", intensity=2.2, position=(-300.0, -500.0, -1000.0))
-        self._world = scene.add_frame(WORLD, show_axes=False)
+        scene.add_frame(WORLD, show_axes=False)
         self._grid = scene.add_grid(
             f"{WORLD}/grid",
             plane="xy",
@@ -100,8 +38,20 @@ class Scene:
         self.shade(dark=False)
         self._north = scene.add_arrows(f"{WORLD}/north", np.zeros((1, 2, 3)), (90, 90, 90))
         self._north_name = scene.add_label(f"{WORLD}/north_name", "North", anchor="center-center")
-        self.autopilot = Body(scene, "autopilot", "Autopilot", palette.AUTOPILOT, drone, ghost=True)
-        self.imu = Body(scene, "imu", "IMU alone", palette.IMU, drone, ghost=False)
+        self._home = scene.add_line_segments(
+            f"{WORLD}/home",
+            np.zeros((1, 2, 3), dtype=np.float32),
+            (90, 90, 90),
+            thickness=3.0,
+            thickness_units="screen",
+        )
+        self._home_name = scene.add_label(f"{WORLD}/home_name", "Start", anchor="top-center")
+        self.autopilot = Body(scene, f"{WORLD}/autopilot", "Autopilot", palette.AUTOPILOT, drone, ghost=True)
+        self.imu = Body(scene, f"{WORLD}/imu", "IMU alone", palette.IMU, drone, ghost=False)
+        self.arrows = Arrows(scene, f"{WORLD}/arrows")
+        self._expected = scene.add_icosphere(
+            f"{WORLD}/expected", 1.0, palette.IMU, opacity=0.12, visible=False, cast_shadow=False, receive_shadow=False
+        )
         self._trails = {
             "autopilot": Trail(scene, f"{WORLD}/trail_autopilot", palette.AUTOPILOT, 2.5),
             "imu": Trail(scene, f"{WORLD}/trail_imu", palette.IMU, 2.5),
@@ -120,18 +70,34 @@ class Scene:
             thickness=1.0,
             thickness_units="screen",
         )
-        self._ground = 0.0
+        self._ground = self._cell = 0.0
         self._has_position = True
 
-    def load(self, film: Footage, framing: Framing) -> None:
-        """Lay out the ground for another reckoning, and its trails."""
+    @property
+    def cell(self) -> float:
+        """Side of the grid's squares, m."""
+        return self._cell
+
+    def load(self, film: Footage, framing: Framing, drone: Drone) -> None:
+        """Lay out the ground for another reckoning, its trails, and the vehicle."""
         replay = film.replay
+        for body in (self.autopilot, self.imu):
+            if body.drone is not drone:
+                body.reshape(drone)
+        self.arrows.load(float(np.linalg.norm(replay.velocity_ref, axis=1).max()))
         self._has_position = replay.has_position
         self._ground = framing.ground
         self._grid.position = np.array([0.0, 0.0, framing.ground])
-        self._grid.cell_size = framing.cell
-        self._grid.section_size = 5 * framing.cell
         self._grid.fade_distance = 12 * framing.radius
+        self.rule(framing.cell)
+        north, east = (float(x) for x in replay.position_ref[0, :2])
+        arm = 0.04 * framing.radius
+        cross = [[(north - arm, east), (north + arm, east)], [(north, east - arm), (north, east + arm)]]
+        self._home.points = np.pad(np.array(cross), ((0, 0), (0, 0), (0, 1)), constant_values=framing.ground).astype(
+            np.float32
+        )
+        self._home_name.position = np.array([north, east, framing.ground])
+        self._home.visible = self._home_name.visible = replay.has_position
         size = 0.3 * framing.radius
         start = np.array([framing.low[0], (framing.centre[1] + framing.high[1]) / 2, framing.ground])
         self._north.points = np.array([[start, start + np.array([size, 0.0, 0.0])]], dtype=np.float32)
@@ -145,15 +111,20 @@ class Scene:
         self._error_name.visible = False
         self.imu.name = "IMU alone"
 
+    def rule(self, cell: float) -> None:
+        """Draw the ground in squares of `cell` m."""
+        if cell != self._cell:
+            self._cell = cell
+            self._grid.cell_size = cell
+            self._grid.section_size = 5 * cell
+
     def shade(self, *, dark: bool) -> None:
         """Ground lines that are there and do not shout, on a dark page or a light one."""
         self._grid.cell_color = (52, 52, 52) if dark else (222, 222, 222)
         self._grid.section_color = (90, 90, 90) if dark else (190, 190, 190)
 
-    def show(self, moment: Moment, world: Pose) -> None:
+    def show(self, moment: Moment) -> None:
         """Put both drones, and what hangs on them, where they are at `moment`."""
-        self._world.wxyz = world.wxyz
-        self._world.position = world.position
         self.imu.put(moment.q_imu, moment.position_imu)
         self.autopilot.put(moment.q_ref, moment.position_ref)
         if self._has_position:
@@ -162,6 +133,9 @@ class Scene:
             feet[:, 2] = self._ground
             self._error.points = ends[None].astype(np.float32)
             self._sticks.points = np.stack([ends, feet], axis=1).astype(np.float32)
+        self.arrows.show(moment, self._has_position)
+        if moment.sigma_m > 0:
+            self._expected.position = moment.position_imu
 
     def annotate(self, moment: Moment, span: float, *, imu_above: bool) -> None:
         """What a reader needs less often than an eye: the length of the error line, the size of the drones.
@@ -170,6 +144,8 @@ class Scene:
         """
         self.imu.resize(span, name_above=imu_above)
         self.autopilot.resize(span, name_above=not imu_above)
+        self.arrows.resize(span)
+        self._expect(moment.sigma_m if self._has_position else 0.0)
         if not self._has_position:
             return
         # On the line when there is room between the drones, else with the name of the one that is wrong.
@@ -181,6 +157,14 @@ class Scene:
         if roomy:
             self._error_name.text = apart
             self._error_name.position = (moment.position_ref + moment.position_imu) / 2
+
+    def _expect(self, sigma: float) -> None:
+        """The ball in which the autopilot should be, three standard deviations wide."""
+        visible = sigma > 0
+        if self._expected.visible != visible:
+            self._expected.visible = visible
+        if visible and abs(3 * sigma - self._expected.radius) > 0.02 * self._expected.radius:
+            self._expected.radius = 3 * sigma
 
     def trails(self, since: float, until: float) -> None:
         """Show both paths between two times, s."""

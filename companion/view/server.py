@@ -12,6 +12,7 @@ import rich
 import viser
 
 from companion.errors import InputError
+from companion.view.doorkeeper import admit_only_own_pages
 
 PORTS_TRIED = 100
 
@@ -90,9 +91,11 @@ def _bindable(family: int, address: str, port: int) -> bool:
 
 
 def open_server(address: Address) -> viser.ViserServer:
-    """Start viser's server there, without its banner."""
+    """Start viser's server there, without its banner, and closed to pages of other sites."""
     with _quiet():
-        return viser.ViserServer(host=address.host, port=address.port, label="companion", verbose=False)
+        server = viser.ViserServer(host=address.host, port=address.port, label="companion", verbose=False)
+    admit_only_own_pages(server, address.host)
+    return server
 
 
 def close_server(server: viser.ViserServer) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from companion.analysis import Replay
 from companion.errors import DataError
 from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, Vehicle
-from companion.view import ReplayChoice
+from companion.view import Reckoning, ReplayChoice
 
 RATE = 50.0
 DURATION = 60.0
@@ -48,7 +48,12 @@ def make_flight(radius: float = 40.0, sysid: int = 1, duration: float = DURATION
     )
 
 
-def recompute(flight: Flight, choice: ReplayChoice) -> Replay:
+def recompute(flight: Flight, choice: ReplayChoice) -> Reckoning:
+    """`reckon`, as the viewer asks for it."""
+    return Reckoning(reckon(flight, choice))
+
+
+def reckon(flight: Flight, choice: ReplayChoice) -> Replay:
     """A stand-in for the analysis: errors that grow with the time since the anchor, faster with Euler."""
     if flight.attitude is None or flight.position is None:
         raise DataError("This flight has no attitude. Record one with ATTITUDE.")

@@ -14,10 +14,9 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-from companion.analysis import Replay
-from companion.tracks import Flight, Vehicle
-from companion.view import ReplayChoice, Viewer
-from tests.view.circles import make_flight, recompute
+from companion.tracks import Flight, StatusText, Vehicle
+from companion.view import Envelope, Mark, Reckoning, ReplayChoice, Viewer, events
+from tests.view.circles import BOOT, make_flight, reckon, recompute
 
 pytestmark = pytest.mark.browser
 
@@ -96,7 +95,7 @@ def choose(page: Page, label: str, option: str) -> None:
 
 
 def cursor(page: Page) -> float:
-    """Where the first chart in the page has its line, s."""
+    """Where the first chart in the page has its line, s, boot clock."""
     script = """() => {
         const chart = Object.values(window.__viserTestpoints.uplots)[0].chart;
         const line = chart.data[chart.data.length - 1];
@@ -137,7 +136,7 @@ def test_play(page: Page, flight: Flight) -> None:
 def test_scrub_and_keys(page: Page, flight: Flight) -> None:
     with Viewer([flight], recompute, port=0) as viewer:
         visit(page, viewer)
-        page.mouse.click(800, 850)  # on the ground: the keys go to the page
+        page.mouse.click(800, 550)  # on the ground: the keys go to the page
         page.keyboard.press("End")
         until(lambda: viewer.player.time == viewer.player.end, "the End key")
         page.keyboard.press("ArrowLeft")
@@ -148,6 +147,17 @@ def test_scrub_and_keys(page: Page, flight: Flight) -> None:
         until(lambda: viewer.player.playing, "the space bar")
         page.keyboard.press("Space")
         until(lambda: not viewer.player.playing, "the space bar again")
+        page.keyboard.press("5")
+        until(lambda: viewer.player.time == pytest.approx(viewer.player.start + 0.5 * viewer.player.duration), "5")
+        page.keyboard.press("PageDown")
+        until(lambda: viewer.player.time == pytest.approx(BOOT + 30.0), "the next anchor")
+        page.keyboard.press("Shift+ArrowRight")
+        until(lambda: viewer.player.time == pytest.approx(BOOT + 30.02), "one sample on")
+        page.keyboard.press("i")
+        until(lambda: viewer.player.start == pytest.approx(BOOT + 30.02), "a part from here")
+        page.keyboard.press("b")
+        until(lambda: not viewer.player.is_part, "the whole again")
+        page.keyboard.press("Home")
         page.get_by_role("button", name="+10", exact=True).click()
         until(lambda: viewer.player.time > viewer.player.start + 9.9, "the button that steps forward")
         slider = page.get_by_role("slider").first
@@ -161,7 +171,7 @@ def test_scrub_and_keys(page: Page, flight: Flight) -> None:
 def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
     asked: list[ReplayChoice] = []
 
-    def listen(flight: Flight, choice: ReplayChoice) -> Replay:
+    def listen(flight: Flight, choice: ReplayChoice) -> Reckoning:
         asked.append(choice)
         return recompute(flight, choice)
 
@@ -177,10 +187,20 @@ def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
         page.get_by_role("button", name="Start from the instant shown").click()
         until(lambda: asked[-1].start_s == pytest.approx(110.0, abs=0.1), "the start")
         until(lambda: viewer.player.start == pytest.approx(110.0, abs=0.1), "the new interval")
+        page.get_by_role("textbox", name="Segments").fill("4")
+        until(lambda: asked[-1].segments == 4, "the segments")
+        choose(page, "Gravity, m/s²", "Where it flew (WGS-84)")
+        until(lambda: asked[-1].gravity == "normal", "the gravity")
+        page.get_by_text("Take a bias off the IMU").click()
+        row = "xpath=//label[.='Gyro forward, mrad/s']/ancestor::div[contains(@class,'Flex')][1]//input[@type='text']"
+        page.locator(row).fill("3")
+        until(lambda: asked[-1].gyro_bias == pytest.approx((3e-3, 0.0, 0.0)), "a gyro bias")
+        page.get_by_role("button", name="No bias").click()
+        until(lambda: asked[-1].gyro_bias == (0.0, 0.0, 0.0), "no bias")
         page.get_by_role("checkbox", name="Re-anchor").click()
         until(lambda: asked[-1].reanchor_s is None, "free running")
         page.get_by_role("button", name="+10", exact=True).click()
-        expect(page.get_by_text("10.0 s since anchor")).to_be_visible()
+        expect(page.get_by_role("cell", name="10.0 s", exact=True)).to_be_visible()
         choose(page, "Camera", "Follow")
         choose(page, "Drones", "Smaller")
         time.sleep(1.0)
@@ -201,18 +221,20 @@ def test_a_flight_chooser_and_hostile_names(page: Page) -> None:
 
 
 def test_a_flight_without_position(page: Page, flight: Flight) -> None:
-    def attitude_only(flight: Flight, choice: ReplayChoice) -> Replay:
-        replay = recompute(flight, choice)
+    def attitude_only(flight: Flight, choice: ReplayChoice) -> Reckoning:
+        replay = reckon(flight, choice)
         nothing = np.zeros_like(replay.position_ref)
-        return replace(
-            replay,
-            has_position=False,
-            velocity_imu=nothing,
-            position_imu=nothing,
-            velocity_ref=nothing,
-            position_ref=nothing,
-            velocity_error=nothing,
-            position_error=nothing,
+        return Reckoning(
+            replace(
+                replay,
+                has_position=False,
+                velocity_imu=nothing,
+                position_imu=nothing,
+                velocity_ref=nothing,
+                position_ref=nothing,
+                velocity_error=nothing,
+                position_error=nothing,
+            )
         )
 
     with Viewer([flight], attitude_only, port=0) as viewer:
@@ -233,4 +255,120 @@ def test_smaller_windows(browser: Browser, flight: Flight, width: int, height: i
         page.wait_for_selector("canvas")
         time.sleep(2.0)
         assert shoot(page, f"window-{width}x{height}").std() > 5
+    context.close()
+
+
+def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
+    evil = "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'</script>"
+    said = tuple(StatusText(BOOT + 10.0 * i, 4, f"{i} {evil}") for i in range(1, 4))
+    speaking = replace(flight, texts=said, parameters={evil: 1.0})
+
+    def find(flight: Flight, choice: ReplayChoice) -> Reckoning:
+        return Reckoning(reckon(flight, choice), findings=(Mark(BOOT + 45.0, f"finding {evil}", "finding"),))
+
+    with Viewer([speaking], find, port=0) as viewer:
+        visit(page, viewer)
+        expect(page.get_by_text("1 <img src=x onerror=").first).to_be_visible()  # as text
+        page.get_by_role("button", name="event ›").click()
+        until(lambda: viewer.player.time == pytest.approx(BOOT + 10.0), "the first thing it said")
+        page.get_by_role("combobox", name="Go to", exact=True).click()
+        page.get_by_role("option", name="4: 145.0 s, finding").click()
+        until(lambda: viewer.player.time == pytest.approx(BOOT + 45.0), "the finding")
+        time.sleep(0.5)
+        assert page.title() != "owned"
+        assert page.locator("img[src=x]").count() == 0
+        shoot(page, "hostile-texts")
+
+
+def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight) -> None:
+    zoom = """() => Object.values(window.__viserTestpoints.uplots).map(
+        p => [p.createCount, p.chart.scales.x.min, p.chart.scales.x.max])"""
+    with Viewer([flight], recompute, port=0) as viewer:
+        visit(page, viewer)
+        time.sleep(6.0)  # until the charts have been laid out for the last time
+        box = page.locator(".u-over").first.bounding_box()
+        assert box is not None
+        y = box["y"] + box["height"] / 2
+        page.mouse.move(box["x"] + 0.25 * box["width"], y)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 0.5 * box["width"], y, steps=5)
+        page.mouse.up()
+        before = page.evaluate(zoom)
+        assert before[0][1] == pytest.approx(BOOT + 15.0, abs=1.0)
+        assert before[0][2] == pytest.approx(BOOT + 30.0, abs=1.0)
+        assert page.locator(".u-legend .u-value").first.inner_text() != "--"  # the values where the pointer is
+        viewer.post(events.Toggle())
+        time.sleep(2.0)
+        viewer.post(events.Toggle())
+        assert page.evaluate(zoom) == before
+        shoot(page, "zoomed")
+        viewer.post(events.Seek(BOOT + 40.0))
+        viewer.post(events.SetPart("from"))  # a part is a zoom that all charts share, and is thinned anew
+        until(lambda: page.evaluate(zoom)[0][1] == pytest.approx(BOOT + 40.0), "the charts of the part")
+
+
+def test_two_browsers_have_a_camera_each(browser: Browser, flight: Flight) -> None:
+    with Viewer([flight], recompute, port=0) as viewer:
+        pages = [browser.new_context(viewport={"width": 1280, "height": 800}).new_page() for _ in range(2)]
+        for page in pages:
+            visit(page, viewer)
+        choose(pages[0], "Camera", "Chase")
+        viewer.post(events.Seek(BOOT + 20.0))
+        time.sleep(1.5)
+        assert pages[0].get_by_role("combobox", name="Camera", exact=True).input_value() == "Chase"
+        assert pages[1].get_by_role("combobox", name="Camera", exact=True).input_value() == "Free"
+        shots = [shoot(page, f"two-browsers-{i}") for i, page in enumerate(pages)]
+        assert np.abs(shots[0][:, 350:900].astype(int) - shots[1][:, 350:900]).mean() > 1
+        pages[0].context.close()
+        choose(pages[1], "Camera", "Follow")  # whoever stays is served on
+        viewer.post(events.Seek(BOOT + 30.0))
+        time.sleep(0.5)
+        assert viewer.player.time == BOOT + 30.0
+        pages[1].context.close()
+
+
+def test_what_is_expected_and_what_is_not_known(page: Page, flight: Flight) -> None:
+    def expect_growth(flight: Flight, choice: ReplayChoice) -> Reckoning:
+        replay = reckon(flight, choice)
+        age = replay.t - replay.anchors[np.searchsorted(replay.anchors, replay.t, side="right") - 1]
+        known = np.abs(replay.t - (BOOT + 33.0)) > 2.0
+        return Reckoning(
+            replace(replay, reference_valid=known), Envelope(replay.t, 0.2 * age, 0.08 * age, 0.03 * age**2)
+        )
+
+    with Viewer([flight], expect_growth, port=0) as viewer:
+        visit(page, viewer)
+        viewer.post(events.Seek(BOOT + 33.0))
+        viewer.post(events.SetArrows(True))
+        expect(page.get_by_text("autopilot silent here")).to_be_visible()
+        viewer.post(events.Seek(BOOT + 28.0))
+        time.sleep(5.5)
+        assert page.evaluate("() => Object.values(window.__viserTestpoints.uplots)[0].chart.series.length") == 6
+        shoot(page, "envelope")
+        page.get_by_role("button", name="IMU readings").click()
+        expect(page.get_by_text("Gyro, °/s")).to_be_visible()
+        expect(page.get_by_text("Position error, m", exact=True)).to_have_count(0)
+        time.sleep(1.0)
+        shoot(page, "imu-readings")
+
+
+def test_the_picture_and_the_replay_can_be_taken_along(browser: Browser, flight: Flight, tmp_path: Path) -> None:
+    context = browser.new_context(viewport={"width": 1280, "height": 800}, accept_downloads=True)
+    page = context.new_page()
+    with Viewer([flight], recompute, port=0) as viewer:
+        visit(page, viewer)
+        page.get_by_text("Save", exact=True).click()
+        with page.expect_download() as download:
+            page.get_by_role("button", name="This picture (PNG)").click()
+        download.value.save_as(tmp_path / "picture.png")
+        pixels = np.asarray(Image.open(tmp_path / "picture.png").convert("RGB"))
+        assert near(pixels, (230, 97, 1)) > 100
+        with page.expect_download(timeout=30_000) as download:
+            page.get_by_role("button", name="The 3D replay (HTML)").click()
+        download.value.save_as(tmp_path / "replay.html")
+    context.set_offline(True)
+    page.goto(f"file://{tmp_path / 'replay.html'}")
+    page.wait_for_selector("canvas")
+    time.sleep(3.0)
+    assert near(shoot(page, "replay-page"), (230, 97, 1)) > 100
     context.close()

@@ -7,11 +7,10 @@ import time
 
 import pytest
 
-from companion.analysis import Replay
 from companion.errors import DataError
 from companion.tracks import Flight
 from companion.view.choice import Outcome, Recomputer, ReplayChoice
-from companion.view.moment import Footage
+from companion.view.moment import Footage, Reckoning
 from tests.view.circles import recompute
 
 
@@ -29,7 +28,7 @@ def wait_for(worker: Recomputer) -> Outcome:
 def test_the_newest_request_wins_and_those_between_are_never_begun(flight: Flight) -> None:
     gate, begun = threading.Event(), list[str]()
 
-    def slow(flight: Flight, choice: ReplayChoice) -> Replay:
+    def slow(flight: Flight, choice: ReplayChoice) -> Reckoning:
         begun.append(choice.method)
         gate.wait(10)
         return recompute(flight, choice)
@@ -50,7 +49,7 @@ def test_the_newest_request_wins_and_those_between_are_never_begun(flight: Fligh
 
 
 def test_what_cannot_be_reckoned_is_an_outcome_and_a_bug_is_raised(flight: Flight) -> None:
-    def fail(_: Flight, choice: ReplayChoice) -> Replay:
+    def fail(_: Flight, choice: ReplayChoice) -> Reckoning:
         raise DataError("no attitude") if choice.method == "euler" else KeyError("bug")
 
     worker = Recomputer(fail)

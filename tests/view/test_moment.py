@@ -12,16 +12,22 @@ from hypothesis import strategies as st
 from companion.analysis import Replay
 from companion.errors import DataError
 from companion.tracks import Flight
-from companion.view import ReplayChoice
-from companion.view.moment import Moment, footage
-from tests.view.circles import BOOT, make_flight, recompute
+from companion.view import Envelope, Reckoning, ReplayChoice
+from companion.view.moment import Footage, Moment
+from companion.view.moment import footage as film_of
+from tests.view.circles import BOOT, RATE, make_flight, reckon
 
-FILM = footage(recompute(make_flight(), ReplayChoice()))
+
+def footage(replay: Replay) -> Footage:
+    return film_of(Reckoning(replay))
+
+
+FILM = footage(reckon(make_flight(), ReplayChoice()))
 
 
 @pytest.fixture
 def replay(flight: Flight) -> Replay:
-    return recompute(flight, ReplayChoice())
+    return reckon(flight, ReplayChoice())
 
 
 def numbers(moment: Moment) -> list[float]:
@@ -94,3 +100,32 @@ def test_a_single_sample_is_shown(replay: Replay) -> None:
     columns = {name: getattr(replay, name)[:1] for name in Replay.__slots__ if name not in ("anchors", "has_position")}
     film = footage(replace(replay, **columns))
     assert film.at(BOOT + 5).position_ref == pytest.approx(replay.position_ref[0])
+
+
+@given(st.integers(0, 2999), st.integers(-5, 5))
+def test_a_frame_is_one_sample(i: int, samples: int) -> None:
+    t = FILM.replay.t
+    wanted = t[min(max(i + samples, 0), len(t) - 1)]
+    assert FILM.sample_from(float(t[i]), samples) == wanted
+    if samples and i + 1 < len(t):  # from between two samples, the next one is the neighbour on either side
+        between = float(t[i] + 0.3 / RATE)
+        beside = i + samples + (samples < 0)
+        assert FILM.sample_from(between, samples) == t[min(max(beside, 0), len(t) - 1)]
+
+
+def test_what_the_autopilot_did_not_say_is_marked(replay: Replay) -> None:
+    known = np.ones(len(replay.t), dtype=np.bool_)
+    known[100:200] = False
+    film = footage(replace(replay, reference_valid=known))
+    assert [film.at(float(replay.t[i])).known for i in (98, 150, 201)] == [True, False, True]
+
+
+def test_an_envelope_is_taken_to_the_times_of_the_replay(replay: Replay) -> None:
+    t = np.array([BOOT, BOOT + 60.0])
+    envelope = Envelope(t, np.array([0.0, 1.0]), np.array([0.0, np.inf]), np.array([0.0, 6.0]))
+    film = film_of(Reckoning(replay, envelope))
+    assert film.envelope is not None
+    np.testing.assert_allclose(film.envelope.position_m, (replay.t - BOOT) / 10)
+    assert np.isfinite(film.envelope.velocity_mps).all()
+    assert film.at(BOOT + 30.0).sigma_m == pytest.approx(3.0)
+    assert FILM.at(BOOT + 30.0).sigma_m == 0.0

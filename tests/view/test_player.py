@@ -54,12 +54,48 @@ def test_an_interval_of_one_instant_can_be_played() -> None:
     assert (player.time, player.playing) == (5.0, False)
 
 
-def test_step_pauses() -> None:
+def test_going_somewhere_pauses() -> None:
     player = playing()
-    player.step(3.0)
+    player.go(13.0)
     assert (player.time, player.playing) == (13.0, False)
-    player.step(-99.0)
+    player.go(-99.0)
     assert player.time == 10.0
+
+
+def test_backwards_is_forwards_seen_from_the_other_end() -> None:
+    there, back = playing(), playing()
+    back.backwards = True
+    back.seek(back.end)
+    for dt in (0.3, 2.0, 1.1):
+        there.advance(dt)
+        back.advance(dt)
+        assert there.time - there.start == pytest.approx(back.end - back.time)
+    back.advance(60.0)
+    assert (back.time, back.playing) == (10.0, False)
+    back.toggle()
+    assert (back.time, back.playing) == (20.0, True)
+
+
+def test_a_part_is_played_and_nothing_else() -> None:
+    player = playing()
+    player.loop = True
+    player.choose_part(16.0, 12.0)  # in either order
+    assert (player.start, player.end, player.time, player.is_part) == (12.0, 16.0, 12.0, True)
+    player.advance(5.0)
+    assert player.time == pytest.approx(13.0)
+    player.seek(19.0)
+    assert player.time == 16.0
+    player.choose_part(14.0, 14.0)
+    assert (player.start, player.end, player.is_part) == (10.0, 20.0, False)
+
+
+def test_the_part_outlives_a_new_reckoning_of_the_same_flight_and_not_another_flight() -> None:
+    player = playing()
+    player.choose_part(12.0, 16.0)
+    player.load(13.0, 20.0, time=14.0)
+    assert (player.start, player.end) == (13.0, 16.0)
+    player.load(100.0, 120.0)
+    assert (player.start, player.end, player.is_part) == (100.0, 120.0, False)
 
 
 def test_loading_keeps_the_place_where_it_can() -> None:
@@ -75,18 +111,25 @@ def test_an_interval_needs_bounds_in_order(bounds: tuple[float, float]) -> None:
         Player(*bounds)
 
 
-@given(st.lists(st.tuples(st.sampled_from(["advance", "seek", "step", "speed", "toggle"]), st.floats()), max_size=30))
+WHAT = ["advance", "seek", "go", "speed", "toggle", "backwards", "part"]
+
+
+@given(st.lists(st.tuples(st.sampled_from(WHAT), st.floats()), max_size=30))
 def test_whatever_happens_the_time_stays_within_the_interval(steps: list[tuple[str, float]]) -> None:
     player = playing(-3.0, 7.5)
     player.loop = True
     for what, value in steps:
         if what == "speed":
             player.speed = value
+        elif what == "backwards":
+            player.backwards = value > 0
+        elif what == "part":
+            player.choose_part(player.time, value)
         elif what == "toggle":
             player.toggle()
         else:
             getattr(player, what)(value)
-        assert player.start <= player.time <= player.end
+        assert player.first <= player.start <= player.time <= player.end <= player.last
         assert SLOWEST <= player.speed <= FASTEST
 
 

@@ -9,37 +9,23 @@ from hypothesis import strategies as st
 
 from companion.tracks import Array
 from companion.view import ReplayChoice
-from companion.view.framing import ASPECT, CAMERA_MODES, FIELD_OF_VIEW, camera, frame, heading, nice, world
+from companion.view.arrows import LONGEST, SHORTEST, arrow_length
+from companion.view.framing import (
+    ASPECT,
+    CAMERA_MODES,
+    COVERED,
+    FIELD_OF_VIEW,
+    camera,
+    frame,
+    grid_cell,
+    heading,
+    nice,
+    world,
+)
 from companion.view.moment import footage
-from companion.view.shapes import Mesh, quadrotor
 from tests.view.circles import make_flight, quaternion, recompute
 
 FILM = footage(recompute(make_flight(), ReplayChoice()))
-
-
-def volume(mesh: Mesh) -> float:
-    """Signed, by the divergence theorem: positive when every triangle faces outward."""
-    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
-    return float((a * np.cross(b, c)).sum() / 6)
-
-
-@pytest.mark.parametrize("part", ["body", "front"])
-def test_meshes_are_closed_finite_and_face_outward(part: str) -> None:
-    mesh: Mesh = getattr(quadrotor(), part)
-    assert np.isfinite(mesh.vertices).all()
-    assert mesh.faces.max() < len(mesh.vertices)
-    edges = np.concatenate([mesh.faces[:, [i, (i + 1) % 3]] for i in range(3)])
-    there, back = {tuple(e) for e in edges.tolist()}, {tuple(e[::-1]) for e in edges.tolist()}
-    assert there == back  # every edge is walked once each way: no holes, one orientation
-    assert volume(mesh) > 0
-
-
-def test_the_nose_points_forward_and_the_legs_down() -> None:
-    drone = quadrotor()
-    assert drone.front.vertices[:, 0].min() > 0
-    assert drone.body.vertices[:, 2].max() > abs(drone.body.vertices[:, 2].min())  # FRD: down is positive
-    for mesh in (drone.body, drone.front):
-        assert mesh.vertices[:, 1].min() == pytest.approx(-mesh.vertices[:, 1].max())
 
 
 @given(st.floats(-np.pi, np.pi), st.floats(-1.0, 1.0), st.floats(-1.2, 1.2))
@@ -57,6 +43,23 @@ def test_grid_cells_are_one_two_or_five(length: float) -> None:
     assert 0.39 * length < cell <= length * (1 + 1e-6)
 
 
+@given(st.floats(0.1, 1e5), st.floats(0.1, 1e5))
+def test_the_grid_follows_the_camera_and_does_not_flicker(here: float, there: float) -> None:
+    cell = grid_cell(there, grid_cell(here, 0.0))
+    assert 0.2 * cell < there / 10 < 4.0 * cell  # neither a carpet nor a desert
+    assert grid_cell(1.1 * there, cell) in (cell, nice(1.1 * there / 10))
+    for wobble in (0.999, 1.001, 0.999):
+        assert grid_cell(wobble * there, grid_cell(there, 0.0)) == grid_cell(there, 0.0)
+
+
+@given(st.floats(0.0, 100.0), st.floats(0.0, 100.0))
+def test_an_arrow_grows_with_the_speed(slow: float, more: float) -> None:
+    lengths = [arrow_length(v, 60.0) for v in (slow, slow + more)]
+    assert 0.0 <= lengths[0] <= lengths[1] <= LONGEST
+    assert arrow_length(0.0, 60.0) == 0.0
+    assert arrow_length(1.0, 60.0) >= SHORTEST
+
+
 @given(
     st.lists(st.tuples(*[st.floats(-500, 500)] * 3), min_size=1, max_size=20),
 )
@@ -72,7 +75,9 @@ def test_the_first_view_shows_the_whole_flight(points: list[tuple[float, float, 
     assert (depth < view.far).all()
     tangent = np.tan(FIELD_OF_VIEW / 2)
     assert (np.abs((path - view.position) @ right) < depth * tangent * ASPECT).all()
-    assert (np.abs((path - view.position) @ np.cross(right, forward)) < depth * tangent).all()
+    height = (path - view.position) @ np.cross(right, forward) / (depth * tangent)
+    assert (height < 1.0).all()
+    assert (height > 2 * COVERED - 1.0).all()  # above the timeline
 
 
 @pytest.mark.parametrize("mode", CAMERA_MODES)

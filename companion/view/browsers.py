@@ -1,0 +1,86 @@
+"""The pages that are open, each with its own camera.
+
+Every browser gets a node of its own under the world's name. It takes the place of the shared one there, and with it
+moves everything that hangs on that name, in this browser alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import viser
+
+from companion.tracks import Array
+from companion.view import events
+from companion.view.controls import listen
+from companion.view.framing import CAMERA_MODES, Camera, CameraMode, Framing, Pose, camera, world
+from companion.view.moment import Moment
+from companion.view.scene import WORLD
+
+
+@dataclass(slots=True)
+class _Browser:
+    client: viser.ClientHandle
+    world: viser.FrameHandle
+    pose: Pose
+    mode: CameraMode = "Free"
+
+
+class Browsers:
+    """Who looks, and how. Only the view thread may call it."""
+
+    def __init__(self, server: viser.ViserServer, folder: viser.GuiFolderHandle, post: events.Post) -> None:
+        self._server, self._folder, self._post = server, folder, post
+        self._open: dict[int, _Browser] = {}
+
+    def __len__(self) -> int:
+        return len(self._open)
+
+    def join(self, number: int) -> None:
+        """A page has been opened. One that is closed again already is passed over."""
+        client = self._server.get_clients().get(number)
+        if client is None or number in self._open:
+            return
+        with self._folder:  # the list is this browser's own, in the folder that all share
+            choose = client.gui.add_dropdown("Camera", CAMERA_MODES, order=-1.0)
+        listen(choose, self._post, lambda: events.SetCamera(number, choose.value))
+        frame = client.scene.add_frame(WORLD, show_axes=False)
+        self._open[number] = _Browser(client, frame, Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)))
+
+    def leave(self, number: int) -> None:
+        """A page has been closed."""
+        self._open.pop(number, None)
+
+    def choose(self, number: int, mode: CameraMode, framing: Framing) -> None:
+        """Look otherwise in one browser."""
+        browser = self._open.get(number)
+        if browser is not None and mode in CAMERA_MODES:
+            browser.mode = mode
+            _stand(browser.client, camera(mode, framing))
+
+    def reframe(self, framing: Framing) -> None:
+        """Take every browser's camera to where its mode begins. From there on it is the user's."""
+        for browser in self._open.values():
+            _stand(browser.client, camera(browser.mode, framing))
+
+    def show(self, moment: Moment) -> None:
+        """Move the world where a camera follows. A world that stands still costs nothing."""
+        for browser in self._open.values():
+            pose = world(browser.mode, moment)
+            if not np.array_equal(pose.position, browser.pose.position):
+                browser.world.position = pose.position
+            if not np.array_equal(pose.wxyz, browser.pose.wxyz):
+                browser.world.wxyz = pose.wxyz
+            browser.pose = pose
+
+    def last_moved(self, framing: Framing) -> tuple[Array, Pose]:
+        """Where the camera that moved last is, and how its world stands: sizes and names are one for all browsers."""
+        if not self._open:
+            return camera("Free", framing).position, Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+        browser = max(self._open.values(), key=lambda b: b.client.camera.update_timestamp)
+        return browser.client.camera.position, browser.pose
+
+
+def _stand(client: viser.ClientHandle, view: Camera) -> None:
+    client.camera.position, client.camera.look_at = view.position, view.look_at

@@ -1,0 +1,49 @@
+"""What all controls have in common: a browser's change becomes an event, and our own writing does not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import viser
+
+from companion.view import events
+
+
+def listen(handle: Any, post: events.Post, event: Callable[[], events.Event]) -> None:
+    """Post `event` when a browser changes `handle`; what this thread writes itself is no event.
+
+    `post` is called in the server's event loop and must not block.
+    """
+
+    async def changed(update: Any) -> None:
+        if update.client_id is not None:
+            post(event())
+
+    handle.on_update(changed)
+
+
+def button_row(
+    gui: viser.GuiApi, label: str, buttons: Mapping[str, events.Event], post: events.Post, hint: str
+) -> None:
+    """A row of buttons, each of which posts its event."""
+    row = gui.add_button_group(label, tuple(buttons), hint=hint)
+
+    @row.on_click
+    async def _(_: object) -> None:
+        event = buttons.get(row.value)
+        if event is not None:
+            post(event)
+
+
+def write(handle: Any, value: object) -> None:
+    """Set an input's value. Untyped, because viser declares the setter where mypy does not see it."""
+    handle.value = value
+
+
+def bounded(value: object, low: float, default: float, high: float) -> float:
+    """`value` within bounds, or `default` for what is no number: a browser may send anything."""
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        return default
+    return min(max(float(value), low), high)

@@ -1,0 +1,80 @@
+"""Taking the view along: the picture in a browser as PNG, the whole replay as an HTML page that needs no server."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import numpy as np
+import numpy.typing as npt
+import viser
+
+from companion.view.framing import FIELD_OF_VIEW, camera, frame, readable_span
+from companion.view.moment import Footage
+from companion.view.scene import Scene
+from companion.view.server import Address, close_server, open_server
+from companion.view.shapes import Drone
+
+FRAMES_HZ = 10.0
+MOST_FRAMES = 3000  # five minutes; a longer flight gets fewer a second, so that the page stays small
+RENDER_TIMEOUT_S = 30.0
+
+Pixels = npt.NDArray[np.uint8]
+
+
+def picture(client: viser.ClientHandle, *, dark: bool) -> bytes:
+    """What the browser's canvas shows, as PNG. Blocks until the browser has drawn it: not for the view thread.
+
+    Raises RuntimeError when the browser has gone, TimeoutError when it does not answer.
+    """
+    view = client.camera
+    pixels = client.get_render(view.image_height, view.image_width, transport_format="png", timeout=RENDER_TIMEOUT_S)
+    return png(over(np.asarray(pixels, dtype=np.uint8), 26 if dark else 255))
+
+
+def over(rgba: Pixels, grey: int) -> Pixels:
+    """Pixels (H, W, 4) laid over an even background, (H, W, 3)."""
+    opacity = rgba[..., 3:].astype(np.float64) / 255
+    return np.asarray(rgba[..., :3] * opacity + grey * (1 - opacity)).round().astype(np.uint8)
+
+
+def png(rgb: Pixels) -> bytes:
+    """Pixels (H, W, 3) as a PNG file (W3C PNG specification, third edition): one IDAT, no filter."""
+    height, width, _ = rgb.shape
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)  # each row begins with its filter: 0, none
+    rows[:, 1:] = rgb.reshape(height, 3 * width)
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    body = chunk(b"IDAT", zlib.compress(rows.tobytes(), 6))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + body + chunk(b"IEND", b"")
+
+
+def page(film: Footage, drone: Drone, *, dark: bool = False) -> str:
+    """The 3D replay as one HTML file with its own player. Takes a second or two: not for the view thread."""
+    framing = frame(film.replay.position_ref, film.replay.position_imu)
+    view = camera("Free", framing)
+    # The scene is drawn a second time, on a server of its own, so that nobody's picture moves meanwhile.
+    server = open_server(Address("127.0.0.1", 0, loopback=True))
+    try:
+        first = server.initial_camera
+        first.position, first.look_at = view.position, view.look_at
+        first.near, first.far, first.fov = view.near, view.far, float(FIELD_OF_VIEW)
+        scene = Scene(server.scene, drone)
+        scene.shade(dark=dark)
+        scene.load(film, framing, drone)
+        scene.trails(-np.inf, np.inf)
+        span = readable_span(framing.distance, drone.span_m, 1.0)
+        duration = film.end - film.start
+        step = max(1.0 / FRAMES_HZ, duration / MOST_FRAMES)
+        recording = server.get_scene_serializer()
+        for t in np.arange(film.start, film.end + 0.5 * step, step):
+            moment = film.at(float(t))
+            scene.show(moment)
+            scene.annotate(moment, span, imu_above=True)
+            recording.insert_sleep(step)
+        return recording.as_html(dark_mode=dark)
+    finally:
+        close_server(server)
