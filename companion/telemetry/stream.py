@@ -63,6 +63,7 @@ class Stream:
         self._columns: dict[str, _Column] = {}
         self._begin = self._newest = np.nan  # s UNIX, of what is kept
         self._reboots: dict[tuple[int, int], list[int]] = {}  # vehicle → where in the stream it has rebooted
+        self._firmware: dict[tuple[int, int], str] = {}  # vehicle → what it said it runs, which it may say only once
         self._origins: dict[tuple[int, int, int], Origin] = {}  # vehicle and boot → where its NED began
 
     def push(self, chunk: bytes, received: float | None = None) -> None:
@@ -74,7 +75,7 @@ class Stream:
         self.add(self._decoder.finish())
 
     def add(self, frames: Frames, received: float | None = None) -> None:
-        """Take frames that were decoded elsewhere (`Session.on_frames`); received: s UNIX, for those without a stamp."""
+        """Take frames that were decoded elsewhere (`Session.on_frames`); received: s UNIX, where they have no stamp."""
         for name, messages in split_messages(frames, self.dialect, NEEDED).items():
             piece = messages
             if received is not None:
@@ -120,10 +121,15 @@ class Stream:
 
     def _placed(self, flight: Flight, earlier: int) -> Flight:
         """The flight with its number and its origin as they were when it began, perhaps before the window did."""
-        flight = replace(flight, boot=flight.boot + earlier)
+        vehicle = flight.vehicle
+        who = (vehicle.sysid, vehicle.compid)
+        if vehicle.firmware:
+            self._firmware[who] = vehicle.firmware
+        vehicle = replace(vehicle, firmware=self._firmware.get(who, ""))
+        flight = replace(flight, vehicle=vehicle, boot=flight.boot + earlier)
         if flight.origin is None:
             return flight
-        key = (flight.vehicle.sysid, flight.vehicle.compid, flight.boot)
+        key = (*who, flight.boot)
         origin = self._origins.setdefault(key, flight.origin)
         position = flight.position
         if origin != flight.origin and position is not None and position.source == "GLOBAL_POSITION_INT":
@@ -131,6 +137,7 @@ class Stream:
         return replace(flight, origin=origin, position=position)
 
     def _trim(self, since: float) -> None:
+        self.flights()  # which remembers what is said only once: reboots, origin, firmware
         for name, column in self._columns.items():
             if name in _LASTING:
                 column.keep_last(_LASTING[name])
