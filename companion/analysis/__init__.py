@@ -8,6 +8,7 @@ from companion.analysis.findings import Finding
 from companion.analysis.gravity import gravity_for
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Replay, replay
+from companion.analysis.siblings import Sibling, odd_one_out, siblings
 from companion.analysis.verdict import Assessment, Expected, Verdict, assess
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "ReferenceFigures",
     "Replay",
     "SensorFigures",
+    "Sibling",
     "Statistic",
     "Verdict",
     "WindowErrors",
@@ -39,7 +41,9 @@ __all__ = [
     "drift_of",
     "errors",
     "gravity_for",
+    "odd_one_out",
     "reference_at",
     "replay",
+    "siblings",
     "windows",
 ]

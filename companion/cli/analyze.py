@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 
 import msgspec
 import numpy as np
 from rich.markup import escape
 
-from companion.analysis import NO_CORRECTION, Assessment, Limits, ReferenceFigures, assess, gravity_for
+from companion.analysis import (
+    NO_CORRECTION,
+    Assessment,
+    Comparison,
+    ImuFigures,
+    Limits,
+    ReferenceFigures,
+    Sibling,
+    assess,
+    compare,
+    gravity_for,
+    odd_one_out,
+    siblings,
+)
 from companion.cli import documents, options, tables
 from companion.cli.info import reference_line
 from companion.correction import load_correction
@@ -46,14 +60,18 @@ def run(arguments: argparse.Namespace) -> int:
     recording = options.read(arguments, settings)
     flight = recording.flights[options.choose(recording.flights, arguments)]
     found = assessment_of(flight, arguments, settings)
+    others = _siblings(flight, arguments, settings)
+    if (odd := odd_one_out(others)) is not None:
+        verdict = replace(found.verdict, findings=(*found.verdict.findings, odd))
+        found = replace(found, verdict=verdict)
     gravity = gravity_for(flight, settings.integration.gravity)
     limits = limits_of(settings)
     gaps = {name: int((np.diff(track.t) > limits.hole(track.t)).sum()) for name, track in flight.imus.items()}
     if arguments.json:
-        document = documents.analysis(recording.source, flight, found, gaps, gravity)
+        document = documents.analysis(recording.source, flight, found, others, gaps, gravity)
         print(documents.encode(document))
     else:
-        _print(flight, found, gaps[found.drift.imu], gravity)
+        _print(flight, found, others, gaps[found.drift.imu], gravity)
     status = found.verdict.status
     failed = {"suspect": status.endswith("suspect"), "insufficient": status != "consistent"}
     return 1 if arguments.fail_on and failed[arguments.fail_on] else 0
@@ -79,6 +97,27 @@ def assessment_of(flight: Flight, arguments: argparse.Namespace, settings: Setti
     )
 
 
+def _siblings(flight: Flight, arguments: argparse.Namespace, settings: Settings) -> tuple[Sibling, ...]:
+    """Every IMU of the flight, integrated alike. A correction is of one IMU, and is left aside here."""
+    integration = settings.integration
+
+    def compare_imu(imu: str) -> Comparison:
+        return compare(
+            flight,
+            imu=imu,
+            method=integration.method,
+            middle=integration.middle,
+            segments=integration.segments,
+            gravity=gravity_for(flight, integration.gravity),
+            limits=limits_of(settings),
+        )
+
+    def figures(imu: str) -> ImuFigures:
+        return load_imu_figures(arguments.imu_model) if arguments.imu_model else figures_of(flight, imu)
+
+    return siblings(flight, compare_imu, figures, ReferenceFigures(**msgspec.structs.asdict(settings.autopilot)))
+
+
 def limits_of(settings: Settings) -> Limits:
     """What the settings call a hole or a jump."""
     return Limits(
@@ -89,7 +128,7 @@ def limits_of(settings: Settings) -> Limits:
     )
 
 
-def _print(flight: Flight, found: Assessment, gaps: int, gravity: float) -> None:
+def _print(flight: Flight, found: Assessment, others: tuple[Sibling, ...], gaps: int, gravity: float) -> None:
     console, table = tables.console(), found.drift
     track, vehicle = flight.imu(table.imu), flight.vehicle
     for line in tables.verdict_lines(found):
@@ -123,6 +162,9 @@ def _print(flight: Flight, found: Assessment, gaps: int, gravity: float) -> None
         return
     console.print("\n[bold]What it should be, with these figures[/]")
     console.print(tables.expected_table(found), no_wrap=True)
+    if len(others) > 1:
+        console.print("\n[bold]Every IMU after 5 s[/]")
+        console.print(tables.siblings_table(others), no_wrap=True)
     console.print()
     for line in tables.calibration_lines(found):
         console.print(line, highlight=False)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 import msgspec
 import numpy as np
 
-from companion.analysis import Assessment, Calibration, Drift, DriftRow, Expected, Statistic
+from companion.analysis import Assessment, Calibration, Drift, DriftRow, Expected, Sibling, Statistic
 from companion.cli import schema
 from companion.recording import Recording, Source
 from companion.tracks import Flight, ImuTrack
@@ -26,7 +26,12 @@ def info(recording: Recording) -> schema.Info:
 
 
 def analysis(
-    source: Source, flight: Flight, found: Assessment, gaps: Mapping[str, int], gravity: float
+    source: Source,
+    flight: Flight,
+    found: Assessment,
+    others: Sequence[Sibling],
+    gaps: Mapping[str, int],
+    gravity: float,
 ) -> schema.Analysis:
     """`companion analyze --json`; gaps: holes of each IMU message, gravity: m/s²."""
     table = found.drift
@@ -54,6 +59,7 @@ def analysis(
             if expected is not None
         ],
         calibration=_calibration(found.calibration, found.uncorrected, found.corrected),
+        imus=[_sibling(other) for other in others],
         verdict=schema.VerdictObject(
             found.verdict.status,
             found.verdict.summary,
@@ -114,6 +120,19 @@ def _imu(flight: Flight, name: str, track: ImuTrack, gaps: int) -> schema.ImuObj
         gaps=gaps,
         longest_gap_s=stats.longest_gap_s,
         duplicates=stats.duplicates,
+    )
+
+
+def _sibling(other: Sibling) -> schema.SiblingObject:
+    row = other.drift
+    return schema.SiblingObject(
+        message=other.imu,
+        rate_hz=other.rate_hz,
+        horizon_s=row.horizon_s,
+        windows=row.windows,
+        attitude_deg=_statistic(row.attitude_deg),
+        position_m=_statistic(row.position_m),
+        inside=other.inside,
     )
 
 

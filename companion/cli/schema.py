@@ -136,6 +136,18 @@ class CalibrationObject(msgspec.Struct, frozen=True):
     after: DriftObject | None
 
 
+class SiblingObject(msgspec.Struct, frozen=True):
+    """One IMU of several, through the same windows."""
+
+    message: str
+    rate_hz: float
+    horizon_s: float
+    windows: int
+    attitude_deg: StatisticObject | None
+    position_m: StatisticObject | None
+    inside: Mapping[str, float]
+
+
 class FiguresObject(msgspec.Struct, frozen=True):
     """The sensor figures that the budget stands on."""
 
@@ -182,6 +194,7 @@ class AnalyzeFlight(msgspec.Struct, frozen=True):
     figures: FiguresObject
     consistency: list[ConsistencyObject]
     calibration: CalibrationObject | None
+    imus: list[SiblingObject]
     verdict: VerdictObject
 
 

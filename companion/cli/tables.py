@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from rich import box
@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import Assessment, Drift, Expected, Statistic
+from companion.analysis import Assessment, Drift, Expected, Sibling, Statistic
 
 _REASONS = {
     "imu_gap": "hole in the IMU",
@@ -83,6 +83,26 @@ def expected_table(found: Assessment) -> Table:
     return shown
 
 
+def siblings_table(others: Sequence[Sibling]) -> Table:
+    """The IMUs of a flight side by side."""
+    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
+    shown.add_column("IMU", no_wrap=True)
+    for heading in ("Hz", "windows", "median °", "median m", "inside 95 %: att.", "pos."):
+        shown.add_column(heading, justify="right", no_wrap=True)
+    for other in others:
+        row = other.drift
+        cells = [None if s is None else s.median for s in (row.attitude_deg, row.position_m)]
+        shares = [other.inside.get(name) for name in ("attitude", "position")]
+        shown.add_row(
+            escape(other.imu),
+            f"{other.rate_hz:.1f}",
+            f"{row.windows}",
+            *("-" if cell is None else _short(cell) for cell in cells),
+            *("-" if share is None else f"{share:.0%}" for share in shares),
+        )
+    return shown
+
+
 def left_out(table: Drift) -> Iterator[str]:
     """A line for each horizon that has windows which were not used."""
     for row in table.rows:
@@ -114,6 +134,8 @@ def calibration_lines(found: Assessment) -> Iterator[str]:
         if after.position_m:
             text += f", {_pair(before.position_m, after.position_m)} m"
         yield f"  out of sample      {after.windows} windows not fitted: median drift {text}"
+        if before.attitude_deg and after.attitude_deg and after.attitude_deg.median > 2 * before.attitude_deg.median:
+            yield "  [yellow]It makes the rest of the flight worse: the errors are not constant. Do not use it.[/]"
 
 
 def _pair(before: Statistic | None, after: Statistic | None) -> str:
