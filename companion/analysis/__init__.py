@@ -4,7 +4,7 @@ from companion.analysis.calibrate import NO_CORRECTION, Calibration, Correction,
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, windows
 from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, drift, drift_of
 from companion.analysis.figures import GENERIC, ImuFigures, ReferenceFigures, SensorFigures
-from companion.analysis.findings import Finding
+from companion.analysis.finding import Finding
 from companion.analysis.gravity import gravity_for
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Replay, replay

@@ -11,7 +11,7 @@ from companion.analysis.budget import ATTITUDE, POSITION, budget, chi_square_95,
 from companion.analysis.comparison import Comparison, windows
 from companion.analysis.drift import DriftRow, drift_of
 from companion.analysis.figures import ImuFigures, ReferenceFigures
-from companion.analysis.findings import Finding
+from companion.analysis.finding import Finding
 from companion.tracks import Flight
 
 _HORIZON_S = 5.0

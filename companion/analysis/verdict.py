@@ -8,20 +8,15 @@ from typing import Literal
 
 import numpy as np
 
+from companion.analysis.biases import bias_findings, noise_findings, rate_findings
 from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget, chi_square_95, nees, stacked, window_noise
 from companion.analysis.calibrate import NO_CORRECTION, TIME_OFFSET, Calibration, Compare, Correction, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
 from companion.analysis.drift import HORIZONS_S, Drift, drift_of, drift_over
 from companion.analysis.figures import ImuFigures, ReferenceFigures
-from companion.analysis.findings import (
-    Finding,
-    Side,
-    bias_findings,
-    jump_findings,
-    noise_findings,
-    rate_findings,
-    reading_findings,
-)
+from companion.analysis.finding import Finding, Side
+from companion.analysis.jumps import jump_findings
+from companion.analysis.readings import axes_findings, reading_findings, stuck_findings
 from companion.analysis.reference import Limits
 from companion.tracks import STANDARD_GRAVITY, Flight, ImuTrack
 
@@ -173,6 +168,8 @@ def _findings(
         sampling = budget(comparison, judged, figures, autopilot).shares(ATTITUDE)["sampling"]
     found = [*rate_findings(comparison, sampling)]
     found += reading_findings(comparison, flight.require_attitude(), figures)
+    found += stuck_findings(comparison)
+    found += axes_findings(comparison)
     found += jump_findings(comparison, flight)
     if noise is not None:
         found += noise_findings(comparison, noise, figures)
@@ -184,16 +181,19 @@ def _findings(
         if abs(lag) > 5e-3 and abs(lag) > 3 * calibration.sigma[TIME_OFFSET]:
             found.append(_lag(comparison, lag, float(calibration.sigma[TIME_OFFSET])))
     found += bias_findings(level, figures)
-    found = [f for f in found if not _follows_from_frozen(f, found)]
+    found = [f for f in found if not _follows(f, found)]
     return tuple(sorted(found, key=lambda f: (_ORDER[f.severity], f.start_s)))
 
 
-def _follows_from_frozen(finding: Finding, found: Sequence[Finding]) -> bool:
-    """Whether a bias or a jump is only what a frozen sensor looks like from elsewhere."""
-    return finding.kind in {"gyro_bias", "accel_bias", "heading_jump"} and any(
-        f.kind == "frozen" and f.start_s < finding.end_s and finding.start_s < f.end_s for f in found
+def _follows(finding: Finding, found: Sequence[Finding]) -> bool:
+    """Whether a bias or a jump is only what a frozen, stuck or turned sensor looks like from elsewhere."""
+    return finding.kind in {"gyro_bias", "accel_bias", "heading_jump", "stuck_axis"} and any(
+        f.kind in _CAUSES[finding.kind == "stuck_axis" :] and f.start_s < finding.end_s and finding.start_s < f.end_s
+        for f in found
     )
 
+
+_CAUSES = ("stuck_axis", "frozen", "axes_wrong")
 
 _ORDER = {"error": 0, "warning": 1, "info": 2}
 
@@ -261,6 +261,8 @@ _KINDS = {
     "gyro_bias": "a gyro bias",
     "accel_bias": "an accelerometer offset",
     "frozen": "its readings stand still",
+    "stuck_axis": "an axis stands still",
+    "axes_wrong": "its axes are not the body's",
     "gyro_clipping": "the gyro is at the end of its range",
     "accel_clipping": "the accelerometer is at the end of its range",
     "position_jump": "its position jumps",

@@ -198,3 +198,25 @@ def test_the_lag_of_ardupilots_filter_is_found() -> None:
     found = assess(flight, GENERIC)
     assert found.calibration
     assert found.calibration.correction.time_offset == pytest.approx(0.012, abs=0.0015)
+
+
+def test_a_stuck_axis() -> None:
+    def stuck(imu: c.ImuTrack) -> Any:
+        held = imu.gyro.copy()
+        during_it = (imu.t >= 44) & (imu.t < 46)
+        held[during_it, 1] = held[np.argmax(during_it), 1]
+        return held
+
+    found = assess(with_readings(gyro=stuck), GENERIC)
+    assert found.verdict.status == "imu_suspect"
+    finding = of_kind(found, "stuck_axis")
+    assert (finding.start_s, finding.end_s) == pytest.approx((44, 46), abs=0.1)
+    assert finding.evidence.startswith("gyro y")
+
+
+def test_a_board_mounted_the_wrong_way() -> None:
+    """Turned by 90° about down: what is right reads as forward."""
+    turn = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+    found = assess(with_readings(gyro=lambda imu: imu.gyro @ turn.T, accel=lambda imu: imu.accel @ turn.T), GENERIC)
+    assert found.verdict.status == "imu_suspect"
+    assert "(-y, x, z)" in of_kind(found, "axes_wrong").evidence

@@ -1,0 +1,41 @@
+"""A finding: something that stands out in a flight."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.analysis.reference import BoolArray
+
+IntArray = npt.NDArray[np.intp]
+
+Side = Literal["imu", "autopilot", "data"]
+Severity = Literal["info", "warning", "error"]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something that stands out."""
+
+    kind: str
+    side: Side  # whom it speaks against
+    severity: Severity  # an error decides the verdict; a warning may explain it; info is said
+    start_s: float  # boot clock
+    end_s: float
+    evidence: str
+    advice: str
+
+
+def run_edges(flags: BoolArray) -> tuple[IntArray, IntArray]:
+    """First and last index of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return edges[::2], edges[1::2] - 1
+
+
+def runs(flags: BoolArray) -> Iterator[tuple[int, int]]:
+    """The same, run by run."""
+    yield from zip(*(edge.tolist() for edge in run_edges(flags)), strict=True)

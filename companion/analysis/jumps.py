@@ -1,0 +1,94 @@
+"""Findings about the autopilot: its estimate jumps where the IMU felt nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from companion.analysis.compare import length
+from companion.analysis.comparison import Comparison
+from companion.analysis.finding import Finding, Severity, runs
+from companion.strapdown import quaternion
+from companion.tracks import Flight, PositionTrack
+
+_STEP_RATE_HZ = 20.0  # below it a turn between two samples looks like a step of the heading
+_STEP_S = 0.2  # length of the windows in which a heading step is looked for
+_TOGETHER_S = 1.0  # jumps closer than this are one finding
+
+
+def jump_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
+    """The autopilot's estimate steps where neither its own velocity, its own rates nor the IMU say so."""
+    known = comparison.reference.t[comparison.reference.position_known]
+    settled = float(known[0]) if len(known) else float(comparison.track.t[0])
+    position = flight.position
+    if position is not None:
+        yield from _position_findings(comparison, position, settled)
+    for start, end, step in _heading_steps(comparison):
+        severity: Severity = "info" if start < settled or step < np.radians(10.0) else "error"
+        yield Finding(
+            "heading_jump",
+            "autopilot",
+            severity,
+            start,
+            end,
+            f"the heading steps by {np.degrees(step):.1f}° that the gyro did not feel",
+            "The estimator has set its yaw anew. Some degrees after take-off are usual; more is a compass problem.",
+        )
+
+
+def _position_findings(comparison: Comparison, position: PositionTrack, settled: float) -> Iterator[Finding]:
+    """Jumps of the position, those close together as one, and times without any position."""
+    steps = comparison.position_steps
+    lost = steps[:, 1] - steps[:, 0] > comparison.limits.hole(position.t)
+    for start, end in steps[lost]:
+        i, j = np.searchsorted(position.t, [start, end])
+        yield Finding(
+            "position_lost",
+            "autopilot",
+            "warning",
+            float(start),
+            float(end),
+            f"no position for {end - start:.1f} s, in which it moved by "
+            f"{length(position.position[j] - position.position[i]):.1f} m",
+            "The estimator had lost its position: GPS outage. Windows over it are left out.",
+        )
+    steps = steps[~lost]
+    if not len(steps):
+        return
+    for group in np.split(steps, np.flatnonzero(np.diff(steps[:, 0]) > _TOGETHER_S) + 1):
+        i, j = np.searchsorted(position.t, group[:, 0]), np.searchsorted(position.t, group[:, 1])
+        moved = float(length(position.position[j] - position.position[i]).max())
+        start, end = float(group[0, 0]), float(group[-1, 1])
+        many = f"{len(group)} times in {end - start:.1f} s, by up to" if len(group) > 1 else "by"
+        yield Finding(
+            "position_jump",
+            "autopilot",
+            "error" if start >= settled else "info",
+            start,
+            end,
+            f"the position steps {many} {moved:.1f} m within {np.diff(group, axis=1).max():.2f} s at "
+            f"{length(position.velocity[j]).max():.1f} m/s; the IMU felt nothing",
+            "A GPS glitch or a reset of the estimator. Look at the GPS's satellites and at EKF messages of that time.",
+        )
+
+
+def _heading_steps(comparison: Comparison) -> Iterator[tuple[float, float, float]]:
+    """(start, end, size rad) of steps of the heading against the integrated gyro, larger than 1.5° in 0.2 s."""
+    t, q = comparison.track.t, comparison.reference.q_ned_frd
+    if comparison.track.rate_hz < _STEP_RATE_HZ:
+        return
+    span = max(1, round(_STEP_S * comparison.track.rate_hz))
+    start = np.arange(0, len(t) - span)
+    end = start + span
+    known = comparison.reference.attitude_known
+    turned = quaternion.multiply(quaternion.conjugate(comparison.path.q[start]), comparison.path.q[end])
+    seen = quaternion.multiply(q[end], quaternion.conjugate(quaternion.multiply(q[start], turned)))
+    error = quaternion.log(seen)
+    tilt = length(error[:, :2])
+    big = (np.abs(error[:, 2]) > np.radians(1.5)) & (tilt < 0.5 * np.abs(error[:, 2])) & known[start] & known[end]
+    big &= t[end] - t[start] < 2 * _STEP_S
+    for first, last in runs(np.asarray(big)):
+        peak = first + int(np.argmax(np.abs(error[first : last + 1, 2])))
+        edges = sorted((float(t[start[last]]), float(t[end[first]])))
+        yield edges[0], edges[1], float(abs(error[peak, 2]))

@@ -1,0 +1,174 @@
+"""Findings about readings that cannot be: frozen, stuck, at the end of the range, about the wrong axes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import permutations, product
+
+import numpy as np
+
+from companion.analysis.comparison import Comparison, IntArray
+from companion.analysis.figures import ImuFigures
+from companion.analysis.finding import Finding, run_edges, runs
+from companion.strapdown import quaternion
+from companion.tracks import STANDARD_GRAVITY, Array, AttitudeTrack
+
+_FROZEN_S = 0.5
+_STUCK_S = 1.0
+_STUCK_RATE_HZ = 20.0
+_TURN_S = 0.5  # over which turns and forces are averaged to find out about the axes
+
+
+def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuFigures) -> Iterator[Finding]:
+    """Readings that cannot be: frozen while the vehicle turns, at the end of the sensor's range."""
+    track = comparison.track
+    same = (np.diff(track.gyro, axis=0) == 0).all(axis=1) & (np.diff(track.accel, axis=0) == 0).all(axis=1)
+    for first, last in runs(np.asarray(same)):
+        start, end = float(track.t[first]), float(track.t[last + 1])
+        during = (attitude.t >= start) & (attitude.t <= end)
+        # a vehicle at rest reads the same whole milli-units for ever: only one that moves proves a frozen sensor
+        if end - start < _FROZEN_S or during.sum() < 3:
+            continue
+        moved = float(np.abs(np.diff(_heading_free(attitude.q_ned_frd[during]), axis=0)).sum(axis=0).max())
+        if moved > np.radians(1.0):
+            yield Finding(
+                "frozen",
+                "imu",
+                "error",
+                start,
+                end,
+                f"every axis reads the same for {end - start:.1f} s while the autopilot's attitude moves by "
+                f"{np.degrees(moved):.0f}°",
+                "The sensor or its bus has stopped while its messages go on. Replace the IMU.",
+            )
+    for name, readings, full in (
+        ("gyro", track.gyro, imu.gyro.full_scale),
+        ("accel", track.accel, imu.accel.full_scale),
+    ):
+        for first, last in runs(np.asarray((np.abs(readings) >= 0.98 * full).any(axis=1))):
+            yield Finding(
+                f"{name}_clipping",
+                "imu",
+                "error",
+                float(track.t[first]),
+                float(track.t[last]),
+                f"{last - first + 1} samples at the end of the range, {full:.1f}",
+                "Damp the mounting: vibration or a shock is larger than the sensor can read.",
+            )
+
+
+def _heading_free(q: Array) -> Array:
+    """Where the body's down points, as angles: what turns when the vehicle tilts, whatever the yaw does."""
+    return np.asarray(quaternion.rotate(quaternion.conjugate(q), np.broadcast_to([0.0, 0.0, 1.0], (len(q), 3))))
+
+
+def stuck_findings(comparison: Comparison) -> Iterator[Finding]:
+    """One axis that reads the same for a second or more while its neighbours go on and the vehicle moves about it.
+
+    Whole milli-units read the same for long when nothing happens: there, what the autopilot's attitude says that the
+    axis should have read has to move by ten steps.
+    """
+    track = comparison.track
+    if track.rate_hz < _STUCK_RATE_HZ:
+        return
+    for name, readings, step in (("gyro", track.gyro, track.gyro_step), ("accel", track.accel, track.accel_step)):
+        same = np.diff(readings, axis=0) == 0
+        for axis in range(3):
+            first, last = run_edges(np.asarray(same[:, axis]))
+            lasted = track.t[last + 1] - track.t[first]
+            for i in np.flatnonzero(lasted > _STUCK_S):
+                stretch = slice(int(first[i]), int(last[i]) + 2)
+                others = np.delete(same[stretch], axis, axis=1)
+                if others.mean(axis=0).max() > 0.8:
+                    continue
+                low, high = np.percentile(_should_read(comparison, name, stretch)[:, axis], [20, 80])
+                if step and high - low < 10 * step:  # not the whole range: a yaw reset is no turn
+                    continue
+                yield Finding(
+                    "stuck_axis",
+                    "imu",
+                    "error",
+                    float(track.t[first[i]]),
+                    float(track.t[last[i] + 1]),
+                    f"{name} {'xyz'[axis]} reads {readings[first[i], axis]:.4g} for {lasted[i]:.1f} s while the other "
+                    "axes go on",
+                    "The sensor or its driver has lost an axis. Replace the IMU.",
+                )
+
+
+def _should_read(comparison: Comparison, name: str, stretch: slice) -> Array:
+    """What the autopilot's attitude says the gyro turned (rad/s), or gravity weighs on the accelerometer (m/s²)."""
+    t, q = comparison.track.t[stretch], comparison.reference.q_ned_frd[stretch]
+    if name == "accel":
+        return quaternion.rotate(quaternion.conjugate(q), np.broadcast_to([0.0, 0.0, -STANDARD_GRAVITY], (len(q), 3)))
+    span = max(1, len(t) // 10)
+    turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:]))
+    return np.asarray(turned / (t[span:] - t[:-span])[:, None])
+
+
+def axes_findings(comparison: Comparison) -> Iterator[Finding]:
+    """The IMU's axes are not the body's: another of the 24 right-handed rotations fits turns and gravity far better.
+
+    Turns are those of the autopilot's attitude, the force is that of its velocity, less gravity.
+    """
+    track, reference = comparison.track, comparison.reference
+    span = max(1, round(_TURN_S * track.rate_hz))
+    start = np.arange(0, len(track) - span, span)
+    end = start + span
+    known = reference.attitude_known[start] & reference.attitude_known[end]
+    known &= track.t[end] - track.t[start] < 2 * _TURN_S
+    if known.sum() < 10:
+        return
+    start, end = start[known], end[known]
+    q = reference.q_ned_frd
+    turn = (
+        quaternion.log(quaternion.multiply(quaternion.conjugate(q[start]), q[end]))
+        / (track.t[end] - track.t[start])[:, None]
+    )
+    seconds = (track.t[end] - track.t[start])[:, None]
+    moved = np.where(reference.position_known[start, None], reference.velocity[end] - reference.velocity[start], 0.0)
+    force = moved / seconds / STANDARD_GRAVITY - [0.0, 0.0, 1.0]
+    half = quaternion.exp(0.5 * turned)  # to the middle of the window, which its mean force belongs to
+    pull = quaternion.rotate(quaternion.conjugate(quaternion.multiply(q[start], half)), force)
+    turn = turned / seconds
+    gyro, accel = (_mean(readings, start, end) for readings in (track.gyro, track.accel / STANDARD_GRAVITY))
+    misfit = {
+        name: float(
+            np.median(np.linalg.norm(pull - accel @ r.T, axis=1)) + np.median(np.linalg.norm(turn - gyro @ r.T, axis=1))
+        )
+        for name, r in _ROTATIONS.items()
+    }
+    best = min(misfit, key=lambda name: misfit[name])
+    own = misfit["x y z"]
+    if own > 0.5 and misfit[best] < 0.3 * own:
+        yield Finding(
+            "axes_wrong",
+            "imu",
+            "error",
+            float(track.t[0]),
+            float(track.t[-1]),
+            f"forward, right, down are the IMU's ({best.replace(' ', ', ')}): so the readings fit "
+            f"{own / misfit[best]:.0f} times better",
+            "Set AHRS_ORIENTATION (SENS_BOARD_ROT on PX4) to how the board is mounted, and calibrate again.",
+        )
+
+
+def _mean(readings: Array, start: IntArray, end: IntArray) -> Array:
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(readings, axis=0)])
+    return np.asarray((total[end] - total[start]) / (end - start)[:, None])
+
+
+def _rotations() -> dict[str, Array]:
+    """The 24 right-handed ways to name three axes: "y -x z" takes the IMU's y as forward, its -x as right."""
+    found = {}
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            matrix = np.zeros((3, 3))
+            matrix[range(3), order] = signs
+            if np.linalg.det(matrix) > 0:
+                names = (f"{'-' if sign < 0 else ''}{'xyz'[axis]}" for sign, axis in zip(signs, order, strict=True))
+                found[" ".join(names)] = matrix
+    return found
+
+
+_ROTATIONS = _rotations()
