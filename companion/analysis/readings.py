@@ -7,6 +7,7 @@ from itertools import permutations, product
 
 import numpy as np
 
+from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison, IntArray
 from companion.analysis.figures import ImuFigures
 from companion.analysis.finding import Finding, run_edges, runs
@@ -121,10 +122,7 @@ def axes_findings(comparison: Comparison) -> Iterator[Finding]:
         return
     start, end = start[known], end[known]
     q = reference.q_ned_frd
-    turn = (
-        quaternion.log(quaternion.multiply(quaternion.conjugate(q[start]), q[end]))
-        / (track.t[end] - track.t[start])[:, None]
-    )
+    turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[start]), q[end]))
     seconds = (track.t[end] - track.t[start])[:, None]
     moved = np.where(reference.position_known[start, None], reference.velocity[end] - reference.velocity[start], 0.0)
     force = moved / seconds / STANDARD_GRAVITY - [0.0, 0.0, 1.0]
@@ -133,9 +131,7 @@ def axes_findings(comparison: Comparison) -> Iterator[Finding]:
     turn = turned / seconds
     gyro, accel = (_mean(readings, start, end) for readings in (track.gyro, track.accel / STANDARD_GRAVITY))
     misfit = {
-        name: float(
-            np.median(np.linalg.norm(pull - accel @ r.T, axis=1)) + np.median(np.linalg.norm(turn - gyro @ r.T, axis=1))
-        )
+        name: float(np.median(length(pull - accel @ r.T)) + np.median(length(turn - gyro @ r.T)))
         for name, r in _ROTATIONS.items()
     }
     best = min(misfit, key=lambda name: misfit[name])
