@@ -115,6 +115,8 @@ def test_it_answers_parameters_versions_clocks_and_stream_requests() -> None:
     assert asker.ask(mavlink.MAVLink_timesync_message(0, 77))[0].ts1 == 77
     asker.ask(mavlink.MAVLink_request_data_stream_message(1, 1, 10, 20, 1))
     assert asker.rate("ATTITUDE") == pytest.approx(20, rel=0.05)
+    asker.ask(mavlink.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
+    assert asker.rate("ATTITUDE") == pytest.approx(4, rel=0.3), "a ground station asks for everything at 4 Hz"
 
 
 def test_a_reboot_forgets_the_intervals_and_begins_a_new_flight(tmp_path: Path) -> None:

@@ -225,7 +225,7 @@ class Rates:
 
     def _notice_reboot(self, messages: Mapping[str, Messages]) -> None:
         for found in messages.values():
-            if "time_boot_ms" in found.layout.fields:
+            if "time_boot_ms" in found.layout.fields and len(found.rows):  # the session reads those it needs
                 boot_s = float(found["time_boot_ms"][-1]) * 1e-3
                 if 0 < boot_s < self._boot_s - _REBOOT_S:
                     self.said.append(f"vehicle {self.target} has rebooted: asking again")

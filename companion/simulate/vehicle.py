@@ -16,8 +16,13 @@ _GET_INTERVAL, _SET_INTERVAL, _REQUEST_MESSAGE = 510, 511, 512  # MAV_CMD
 _UNSUPPORTED = 3  # MAV_RESULT
 _CODES = {"ardupilot": 3, "px4": 12}  # MAV_AUTOPILOT
 _REQUEST_ID, _VERSION_ID = 4 << 24 | 7 << 16 | 255, 148  # 4.7.0; AUTOPILOT_VERSION
-_GROUPS = {1: ("RAW_IMU", "SCALED_IMU2"), 6: ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"), 10: ("ATTITUDE",)}
-"""MAV_DATA_STREAM → messages, as ArduPilot groups them (RAW_SENSORS, POSITION, EXTRA1)."""
+_GROUPS = {
+    0: tuple(STREAMS),
+    1: ("RAW_IMU", "SCALED_IMU2"),
+    6: ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"),
+    10: ("ATTITUDE",),
+}
+"""MAV_DATA_STREAM → messages, as ArduPilot groups them (ALL, RAW_SENSORS, POSITION, EXTRA1)."""
 
 _BY_ID = {number: name for name, number in STREAMS.items()}
 _WITHOUT = {"ardupilot": {"SCALED_IMU"}, "px4": {"RAW_IMU", "SCALED_IMU2"}}

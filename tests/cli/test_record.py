@@ -79,7 +79,7 @@ def pymavlink_counts(path: Path) -> dict[str, int]:
 def test_a_signal_ends_it_with_the_recording_whole_and_the_vehicle_as_it_was(tmp_path: Path, end: int) -> None:
     port = free_port()
     with (
-        flying(port, streams={"ATTITUDE": 4.0}) as vehicle,
+        flying(port, streams={"ATTITUDE": 4.0, "ATTITUDE_QUATERNION": 4.0}) as vehicle,
         recording(port, "-o", "a.tlog", folder=tmp_path) as process,
     ):
         wait_for(lambda: size(tmp_path / "a.tlog") > 20_000, 10.0)
