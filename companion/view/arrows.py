@@ -8,11 +8,12 @@ import viser
 from companion.tracks import STANDARD_GRAVITY, Array
 from companion.view import palette
 from companion.view.moment import Moment
+from companion.view.palette import Rgb
 
 LONGEST = 2.4  # spans of a drone: the arrow of the fastest instant of the flight
 SHORTEST = 0.7  # spans: shorter ones would be hidden in the drone
 STILL = 0.05  # m/s: what the autopilot's estimate wanders at rest
-BLACK = (70, 70, 70)
+GREY = (110, 110, 110)
 
 
 def arrow_length(speed: float, fastest: float) -> float:
@@ -28,8 +29,8 @@ class Arrows:
     def __init__(self, scene: viser.SceneApi, root: str) -> None:
         nothing = np.zeros((1, 2, 3))
         self._handles = [
-            scene.add_arrows(f"{root}/{name}", nothing, colour, visible=False)
-            for name, colour in (("ref", palette.AUTOPILOT), ("imu", palette.IMU), ("gravity", BLACK))
+            scene.add_arrows(f"{root}/{name}", nothing, _linear(colour), visible=False)
+            for name, colour in (("ref", palette.AUTOPILOT), ("imu", palette.IMU), ("gravity", GREY))
         ]
         self._fastest, self._span = STILL, 0.0
         self.shown = False
@@ -60,6 +61,12 @@ class Arrows:
                 handle.points = np.stack([origin, tip])[None].astype(np.float32)
             if handle.visible != visible:
                 handle.visible = visible
+
+
+def _linear(colour: Rgb) -> Rgb:
+    """`colour` as viser 1.1 wants it for arrows: it takes their colours for linear light, and orange turns yellow."""
+    r, g, b = (round(255 * (c / 255) ** 2.2) for c in colour)
+    return r, g, b
 
 
 def _norm(v: Array) -> float:

@@ -34,6 +34,7 @@ JUMPS: dict[str, events.Event] = {
     "‹ event": events.Jump("mark", forward=False),
     "event ›": events.Jump("mark", forward=True),
 }
+PHONE: dict[str, events.Event] = {"▶ / ❚❚": events.Toggle(), "−10 s": events.Step(-10.0), "+10 s": events.Step(10.0)}
 PARTS: dict[str, events.Event] = {
     "from here": events.SetPart("from"),
     "to here": events.SetPart("to"),
@@ -57,6 +58,7 @@ KEYS: list[tuple[str, Key, bool, events.Event]] = [  # name, key, with shift, wh
 ]
 TENTHS: tuple[Key, ...] = ("1", "2", "3", "4", "5", "6", "7", "8", "9")
 NO_MARK = "choose an event"
+MOST_ANCHORS = 100  # ticks; more than that is a grey bar
 MOST_MARKS = 300  # in the list of events; a talkative vehicle says thousands of things
 
 
@@ -74,6 +76,7 @@ class Timeline:
             button_row(gui, "Jump", JUMPS, post, "Up and down: events; Page up and down: anchors; 1 to 9: tenths")
         panel.float(x=10, y=-10, width=WIDTH)
         with folder:
+            button_row(gui, "Play", PHONE, post, "The same as in the timeline, which a phone shows at the very bottom")
             self._speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1×")
             self._backwards = gui.add_checkbox("Backwards", False)
             self._loop = gui.add_checkbox("Repeat", False, hint="Start over where the part ends")
@@ -112,12 +115,13 @@ class Timeline:
     def choose_part(self, player: Player) -> None:
         """Draw the strip of marks with the part that is played."""
         low, high = player.first, player.last
-        anchors = [Mark(t, "the IMU starts again here", "anchor") for t in self._anchors]
+        shown = self._anchors if len(self._anchors) <= MOST_ANCHORS else ()
+        anchors = [Mark(t, "the IMU starts again here", "anchor") for t in shown]
         part = (player.start, player.end) if player.is_part else None
         # The strip lies under the slider's track: beside it are the label and the number.
         self._strip.content = (
             f'<div style="padding:0 calc(0.75em + 58px) 0 calc(7.25em + 0.75em)">'
-            f"{strip([*anchors, *self._marks], low, high, part)}</div>"
+            f"{strip([*anchors, *self._marks[:MOST_MARKS]], low, high, part)}</div>"
         )
 
     def show(self, player: Player) -> None:
