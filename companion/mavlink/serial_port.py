@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import select
 import time
 from typing import Any
 
@@ -12,7 +11,7 @@ from companion.errors import InputError
 from companion.mavlink.address import Address
 from companion.mavlink.ports import BackOff
 
-_READ = 65_536
+_WAIT_S = 0.05  # that a read waits for its first byte
 
 
 class SerialPort:
@@ -28,6 +27,7 @@ class SerialPort:
         self._library: Any = serial
         self._address = address
         self._retry = BackOff()
+        self._first = b""  # read while waiting
         try:
             self._serial: Any = self._open()
         except (OSError, ValueError) as error:  # SerialException is an OSError
@@ -48,20 +48,17 @@ class SerialPort:
             except (OSError, ValueError):
                 self._retry.failed()
                 return False
-        try:
-            return bool(select.select([self._serial], [], [], timeout_s)[0])
-        except (OSError, ValueError):
-            self._lose()
-            return False
+        # pyserial's own waiting, because Windows cannot select on a serial line.
+        until = time.monotonic() + timeout_s
+        while self._serial is not None and not self._first:
+            self._first = self._take(1)
+            if time.monotonic() >= until:
+                break
+        return bool(self._first)
 
     def read(self) -> bytes:
-        if self._serial is None:
-            return b""
-        try:
-            return bytes(self._serial.read(_READ))
-        except (OSError, TypeError):  # TypeError: pyserial's file descriptor became None under it
-            self._lose()
-            return b""
+        data, self._first = self._first + self._take(), b""
+        return data
 
     def write(self, data: bytes) -> None:
         if self._serial is None:
@@ -78,8 +75,19 @@ class SerialPort:
 
     def _open(self) -> Any:
         return self._library.Serial(
-            self._address.device, self._address.baud, timeout=0, write_timeout=0.2, exclusive=True
+            self._address.device, self._address.baud, timeout=_WAIT_S, write_timeout=0.2, exclusive=True
         )
+
+    def _take(self, count: int | None = None) -> bytes:
+        """So many bytes, waiting a moment for them; None: those that are there."""
+        if self._serial is None:
+            return b""
+        try:
+            count = self._serial.in_waiting if count is None else count
+            return bytes(self._serial.read(count)) if count else b""
+        except (OSError, TypeError):  # TypeError: pyserial's file descriptor became None under it
+            self._lose()
+            return b""
 
     def _lose(self) -> None:
         if self._serial is not None:

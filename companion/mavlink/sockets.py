@@ -22,6 +22,7 @@ from companion.mavlink.ports import BackOff
 _READ = 65_536
 _AT_ONCE = 1 << 20  # bytes taken in one read: more waits in the kernel
 _BUFFER = 1 << 22  # bytes asked of the kernel, so that a busy moment loses no datagram
+_PEERS = 32  # that are remembered at most
 _PEER_S = 30.0  # a UDP peer that has been silent for longer is not answered any more
 _CONNECT_S = 3.0
 _RECONNECT_S = 0.5
@@ -59,6 +60,8 @@ class UdpPort:
             except ConnectionError:  # "port unreachable" came back for something that was sent
                 continue
             self._peers[peer] = time.monotonic()
+            if len(self._peers) > _PEERS:
+                self._peers.pop(min(self._peers, key=self._peers.__getitem__))
             pieces.append(data)
             size += len(data)
         return b"".join(pieces)

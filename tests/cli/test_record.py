@@ -126,10 +126,10 @@ def test_listening_only_sends_nothing_at_all(tmp_path: Path, monkeypatch: pytest
 
 def test_a_bad_link_and_a_reboot_are_survived(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     port = free_port()
-    faults = Faults(drop=0.3, duplicate=0.1, reorder=0.1, garbage=0.1, reboot=(25.0,))
+    faults = Faults(drop=0.3, duplicate=0.1, reorder=0.1, garbage=0.1, reboot=(24.0,))
     path = tmp_path / "a.tlog"
     with flying(port, since=20.0, faults=faults, seed=3) as vehicle:
-        assert main(["record", f"udpin:127.0.0.1:{port}", "-o", str(path), "--duration", "11"]) == 0
+        assert main(["record", f"udpin:127.0.0.1:{port}", "-o", str(path), "--duration", "11.5"]) == 0
         assert set(vehicle.heard) <= ALLOWED_MESSAGES
     told = capsys.readouterr().err
     assert "asking again" in told
