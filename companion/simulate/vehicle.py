@@ -83,6 +83,10 @@ class SimulatedVehicle:
         """How often a message is sent, as MESSAGE_INTERVAL would say it: -1 for never."""
         return self._intervals.get(name)
 
+    def reboot(self) -> None:
+        """Start again at the next step: clock, sequence and intervals are gone."""
+        self._events.insert(0, (self.t, "reboot"))
+
     def receive(self, data: bytes) -> None:
         """Hear what somebody sent. Answers go out with the next `advance`."""
         found = split_messages(self._decoder.push(data), self._dialect)
