@@ -27,9 +27,10 @@ MAY_IMPORT = {
     "analysis": GROUND | {"strapdown"},
     "recording": GROUND | {"mavlink", "telemetry"},
     "simulate": GROUND | {"mavlink", "strapdown"},
+    "live": GROUND | {"telemetry", "analysis"},
     "view": GROUND | {"strapdown", "analysis"},
     "cli": GROUND
-    | {"settings", "sensors", "correction", "mavlink", "telemetry", "recording", "strapdown", "analysis", "simulate", "view", "cli"},
+    | {"settings", "sensors", "correction", "mavlink", "telemetry", "recording", "strapdown", "analysis", "simulate", "live", "view", "cli"},
     "__main__": {"cli"},
     "__init__": GROUND | {"recording", "strapdown", "analysis"},
 }
