@@ -95,6 +95,11 @@ class Viewer:
         return self._stage.scene
 
     @property
+    def browsers(self) -> int:
+        """How many pages are open."""
+        return self._stage.browsers
+
+    @property
     def pose_updates(self) -> int:
         """How often both poses have been written since the start."""
         return self._stage.pose_updates

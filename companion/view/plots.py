@@ -14,7 +14,7 @@ from companion.tracks import Array, ImuTrack
 from companion.view import events, palette
 from companion.view.controls import button_row
 from companion.view.curves import Curves, curves
-from companion.view.moment import SAME_TIME, Footage
+from companion.view.moment import SAME_TIME, Footage, Moment
 from companion.view.palette import Rgb
 
 HEIGHT = 152  # of a chart, pixels
@@ -70,14 +70,15 @@ class _Chart:
         if self.handle.scales != scales:  # a change builds the chart anew and forgets how the user has zoomed
             self.handle.scales = scales
 
-    def show(self, now: float) -> None:
-        """Move the line to `now`, s, boot clock."""
+    def show(self, now: float, values: tuple[float, ...] = ()) -> None:
+        """Move the line to `now`, s, boot clock, where `values` hold (default: those of the last sample)."""
         if not self.handle.visible:
             return
         self.handle.data = self._drawn.at(now)
-        sample = max(int(np.searchsorted(self._drawing.t, now + SAME_TIME, side="right")) - 1, 0)
-        values = zip(self._lines, self._drawing.values[: len(self._lines)], strict=True)
-        said = " ".join(_key(name, float(v[sample]), colour) for (name, colour), v in values)
+        if not values:
+            sample = max(int(np.searchsorted(self._drawing.t, now + SAME_TIME, side="right")) - 1, 0)
+            values = tuple(float(v[sample]) for v in self._drawing.values)
+        said = " ".join(_key(name, v, colour) for (name, colour), v in zip(self._lines, values, strict=True))
         self._heading.content = _row(f'<span style="font-weight:600">{self._title}</span><span>{said}</span>')
 
     def set_visible(self, visible: bool) -> None:
@@ -163,13 +164,16 @@ class Plots:
         for chart in self._charts:
             chart.relayout()
 
-    def show(self, now: float) -> None:
-        """Move the line to `now`, s, boot clock. A line that stands still costs nothing."""
-        if now == self._now:
+    def show(self, moment: Moment) -> None:
+        """Move the line to `moment`. A line that stands still costs nothing."""
+        if moment.t == self._now:
             return
-        self._now = now
-        for chart in self._charts:
-            chart.show(now)
+        self._now = moment.t
+        said = ((moment.tilt_deg, moment.heading_deg), (moment.velocity_mps,), (moment.position_m,))
+        for chart, values in zip(self._errors, said, strict=True):
+            chart.show(moment.t, values)
+        for chart in self._readings:
+            chart.show(moment.t)
 
 
 def _scales(part: tuple[float, float]) -> dict[str, uplot.Scale]:

@@ -76,6 +76,11 @@ class Stage:
         self._browsers = Browsers(server, self._panel.picture, post)
         self._framing = self._load()
 
+    @property
+    def browsers(self) -> int:
+        """How many pages are open."""
+        return len(self._browsers)
+
     def close(self) -> None:
         """End the workers."""
         self._recomputer.close()
@@ -87,7 +92,7 @@ class Stage:
         if outcome is not None:
             self._take(outcome)
         elif self._recomputer.busy and now - self._asked > 1.0:
-            self._panel.status(f"Reckoning for {now - self._asked:.0f} s. Another choice puts an end to it.")
+            self._panel.status(f"Reckoning for {now - self._asked:.0f} s. Another choice takes its place.")
         said = self._saver.poll()
         if said is not None:
             self._panel.status(said, trouble=True)
@@ -212,7 +217,7 @@ class Stage:
                 self._relayouts.pop(0)
                 self._plots.relayout()
         elif self._is_due("plots", PLOT_HZ, now):
-            self._plots.show(moment.t)
+            self._plots.show(moment)
 
     def _is_due(self, what: str, rate: float, now: float) -> bool:
         if now < self._due[what]:

@@ -173,12 +173,16 @@ def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
 
     def listen(flight: Flight, choice: ReplayChoice) -> Reckoning:
         asked.append(choice)
+        if choice.method == "euler" and len(asked) == 2:
+            time.sleep(2.0)  # longer work
         return recompute(flight, choice)
 
     with Viewer([flight], listen, port=0) as viewer:
         visit(page, viewer)
         choose(page, "Integrator", "Euler (simplest)")
         until(lambda: asked[-1].method == "euler", "the integrator")
+        expect(page.get_by_text("Reckoning for 1 s")).to_be_visible()
+        expect(page.get_by_text("Reckoning for")).to_have_count(0)  # done
         choose(page, "IMU", "SCALED_IMU2")
         until(lambda: asked[-1].imu == "SCALED_IMU2", "the IMU")
         choose(page, "Joined by", "Straight lines (linear)")
@@ -372,3 +376,16 @@ def test_the_picture_and_the_replay_can_be_taken_along(browser: Browser, flight:
     time.sleep(3.0)
     assert near(shoot(page, "replay-page"), (230, 97, 1)) > 100
     context.close()
+
+
+def test_a_page_finds_its_way_back_to_a_server_that_was_restarted(page: Page, flight: Flight) -> None:
+    with Viewer([flight], recompute, port=0) as viewer:
+        port = viewer.port
+        visit(page, viewer)
+    with Viewer([flight], recompute, port=port) as viewer:
+        assert viewer.port == port
+        until(lambda: viewer.browsers == 1, "the page comes back", seconds=20.0)
+        page.get_by_role("button", name="+10", exact=True).click()
+        until(lambda: viewer.player.time == pytest.approx(BOOT + 10.0), "its buttons work")
+        choose(page, "Camera", "Chase")  # a list of the new session
+        shoot(page, "reconnected")
