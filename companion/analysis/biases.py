@@ -12,10 +12,10 @@ import numpy as np
 from companion.analysis.budget import VELOCITY, window_noise
 from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison, errors, windows
-from companion.analysis.figures import ImuFigures
+from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding, runs
 from companion.strapdown import propagate, quaternion
-from companion.tracks import Array
+from companion.tracks import STANDARD_GRAVITY, Array
 
 _GYRO_BIAS = slice(9, 12)  # place in the 15-state error of `propagate`
 _SHORT_S = 2.0  # length of the windows in which a bias is looked for
@@ -51,10 +51,11 @@ def rate_findings(comparison: Comparison, sampling_share: float) -> Iterator[Fin
         )
 
 
-def bias_findings(comparison: Comparison, imu: ImuFigures) -> Iterator[Finding]:
+def bias_findings(comparison: Comparison, imu: ImuFigures, autopilot: ReferenceFigures) -> Iterator[Finding]:
     """A rate or specific force that stays wrong over several short windows, by more than a calibrated sensor can.
 
-    Where the readings are noisy, four standard errors of a window's mean are allowed on top.
+    Where the readings are noisy, four standard errors of a window's mean are allowed on top; for the force also what
+    the autopilot's own tilt and heading may be off by.
     """
     chosen = windows(comparison, _SHORT_S)
     if len(chosen.start) < 3 or comparison.track.rate_hz < _BIAS_RATE_HZ:
@@ -65,7 +66,8 @@ def bias_findings(comparison: Comparison, imu: ImuFigures) -> Iterator[Finding]:
     noise = window_noise(comparison.track, chosen) / np.sqrt(span)
     # to first order truth minus estimate is -(bias) t: with the sign turned, and in the body, it is the bias
     rate = -quaternion.rotate(back, found.attitude) / span
-    limit = 3.0 * imu.gyro.residual_bias + 4.0 * noise[:, 0]
+    # four of one axis: three axes together pass three in 3 % of all sensors; and half a step of each axis
+    limit = 4.0 * imu.gyro.residual_bias + 4.0 * noise[:, 0] + comparison.track.gyro_step
     turning = list(_stretches(found.anchor_s, found.end_s, rate, limit))
     for start, end, value in turning:
         yield Finding(
@@ -92,7 +94,10 @@ def bias_findings(comparison: Comparison, imu: ImuFigures) -> Iterator[Finding]:
     # a gyro bias leans gravity over; that is not the accelerometer's
     leaned = np.einsum("wij,wj->wi", growth.transition[:, VELOCITY, _GYRO_BIAS], rate)
     force = -quaternion.rotate(back, found.velocity - leaned) / span
+    level = quaternion.rotate(comparison.reference.q_ned_frd[chosen.start], comparison.track.accel[chosen.start])
+    sideways = length(level[:, :2])
     limit = 5.0 * imu.accel.residual_bias + 4.0 * noise[:, 1]
+    limit = limit + 3.0 * (autopilot.tilt * STANDARD_GRAVITY + autopilot.heading * sideways)
     for start, end, value in _stretches(found.anchor_s, found.end_s, force, limit):
         # a gyro bias throws the estimator's own tilt off by degrees until it is learned: not the accelerometer's
         if length(value) < 1.0 and any(s < end and start < e for s, e, _ in turning):

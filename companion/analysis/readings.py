@@ -136,7 +136,7 @@ def axes_findings(comparison: Comparison) -> Iterator[Finding]:
     }
     best = min(misfit, key=lambda name: misfit[name])
     own = misfit["x y z"]
-    if own > 0.5 and misfit[best] < 0.3 * own:
+    if own > 0.2 and misfit[best] < 0.3 * own:
         yield Finding(
             "axes_wrong",
             "imu",

@@ -9,7 +9,17 @@ from typing import Literal
 import numpy as np
 
 from companion.analysis.biases import bias_findings, noise_findings, rate_findings
-from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget, chi_square_95, nees, stacked, window_noise
+from companion.analysis.budget import (
+    ATTITUDE,
+    POSITION,
+    VELOCITY,
+    budget,
+    chi_square,
+    chi_square_95,
+    nees,
+    stacked,
+    window_noise,
+)
 from companion.analysis.calibrate import NO_CORRECTION, TIME_OFFSET, Calibration, Compare, Correction, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
 from companion.analysis.drift import HORIZONS_S, Drift, drift_of, drift_over
@@ -25,7 +35,8 @@ Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient
 _BLOCKS = {"attitude": ATTITUDE, "velocity": VELOCITY, "position": POSITION}
 _JUDGED_S = 5.0  # the horizon that consistency and calibration are judged at
 _FEWEST_WINDOWS = 3
-_CONSISTENT_SHARE = 0.7  # of windows inside the 95 % bound
+_CONSISTENT_SHARE = 0.7  # of windows inside the 99.9 % bound: the windows of a flight share one draw of its biases
+_Z_999 = 3.0902
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +48,7 @@ class Expected:
     position_m: float | None
     shares: Mapping[str, Mapping[str, float]]  # attitude, velocity, position → cause → part of the mean square
     inside: Mapping[str, float]  # attitude, velocity, position → share of windows inside the 95 % bound of their NEES
+    plausible: Mapping[str, float]  # the same for the 99.9 % bound
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,16 +145,14 @@ def _expected(
     error, total = stacked(comparison, chosen), allowed.total
     blocks = _BLOCKS if comparison.has_position else {"attitude": ATTITUDE}
     sigma = {name: float(np.median(allowed.sigma(block))) for name, block in blocks.items()}
-    bound = chi_square_95(3)
+    normalised = {name: nees(error[:, block], total[:, block, block]) for name, block in blocks.items()}
     return Expected(
         attitude_deg=float(np.degrees(sigma["attitude"])),
         velocity_mps=sigma.get("velocity"),
         position_m=sigma.get("position"),
         shares={name: allowed.shares(block) for name, block in blocks.items()},
-        inside={
-            name: float(np.mean(nees(error[:, block], total[:, block, block]) < bound))
-            for name, block in blocks.items()
-        },
+        inside={name: float(np.mean(value < chi_square_95(3))) for name, value in normalised.items()},
+        plausible={name: float(np.mean(value < chi_square(3, _Z_999))) for name, value in normalised.items()},
     )
 
 
@@ -180,19 +190,28 @@ def _findings(
         level = compare_with(replace(NO_CORRECTION, time_offset=lag).apply(comparison.track))
         if abs(lag) > 5e-3 and abs(lag) > 3 * calibration.sigma[TIME_OFFSET]:
             found.append(_lag(comparison, lag, float(calibration.sigma[TIME_OFFSET])))
-    found += bias_findings(level, figures)
+    found += bias_findings(level, figures, autopilot)
     found = [f for f in found if not _follows(f, found)]
     return tuple(sorted(found, key=lambda f: (_ORDER[f.severity], f.start_s)))
 
 
 def _follows(finding: Finding, found: Sequence[Finding]) -> bool:
-    """Whether a bias or a jump is only what a frozen, stuck or turned sensor looks like from elsewhere."""
-    return finding.kind in {"gyro_bias", "accel_bias", "heading_jump", "stuck_axis"} and any(
-        f.kind in _CAUSES[finding.kind == "stuck_axis" :] and f.start_s < finding.end_s and finding.start_s < f.end_s
-        for f in found
+    """Whether a bias or a jump is only what another fault looks like from elsewhere.
+
+    A frozen, stuck or turned sensor also looks biased; and once the autopilot's heading has jumped, the forces that it
+    sees point the wrong way for as long as it does not notice.
+    """
+    if finding.kind not in {"gyro_bias", "accel_bias", "heading_jump", "stuck_axis"}:
+        return False
+    causes = _CAUSES[1:] if finding.kind == "stuck_axis" else _CAUSES
+    if any(f.kind in causes and f.start_s < finding.end_s and finding.start_s < f.end_s for f in found):
+        return True
+    return finding.kind == "accel_bias" and any(
+        f.kind == "heading_jump" and f.severity == "error" and f.start_s < finding.start_s + 2 * _JUMP_S for f in found
     )
 
 
+_JUMP_S = 2.0  # a bias is found in windows of this length
 _CAUSES = ("stuck_axis", "frozen", "axes_wrong")
 
 _ORDER = {"error": 0, "warning": 1, "info": 2}
@@ -232,7 +251,7 @@ def _verdict(judged: Windows, expected: Expected | None, found: tuple[Finding, .
                 f"Suspect the {name}: {_KINDS[first.kind]} from {first.start_s:.1f} to {first.end_s:.1f} s.",
                 found,
             )
-    outside = {name: 1 - share for name, share in expected.inside.items() if share < _CONSISTENT_SHARE}
+    outside = {name: 1 - share for name, share in expected.plausible.items() if share < _CONSISTENT_SHARE}
     if outside:
         worst = max(outside, key=lambda name: outside[name])
         noisy = [f for f in found if f.kind in {"gyro_noise", "accel_noise"}]
@@ -240,12 +259,12 @@ def _verdict(judged: Windows, expected: Expected | None, found: tuple[Finding, .
             return Verdict(
                 "imu_suspect",
                 f"Suspect the IMU's noise, not a bias: {noisy[0].evidence}. {outside[worst]:.0%} of the windows of "
-                f"{_JUDGED_S:g} s are beyond the 95 % bound in {worst}.",
+                f"{_JUDGED_S:g} s are beyond the 99.9 % bound in {worst}.",
                 found,
             )
         return Verdict(
             "imu_suspect",
-            f"The IMU drifts more than it should: {outside[worst]:.0%} of the windows are beyond the 95 % bound in "
+            f"The IMU drifts more than it should: {outside[worst]:.0%} of the windows are beyond the 99.9 % bound in "
             f"{worst}, and no single cause stands out.",
             found,
         )
