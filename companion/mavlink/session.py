@@ -18,7 +18,6 @@ from companion.mavlink.requests import Target
 from companion.mavlink.wanted import fit, wanted_from
 
 _HEARTBEAT_S = 1.0
-_NO_IMU_S = 10.0
 _LEAVING_S = (0.5, 0.4)  # to hear that the intervals are restored, at the first and the second attempt
 _IMU = ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU")
 _HEARD = (
@@ -26,6 +25,7 @@ _HEARD = (
     "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT",
 )  # fmt: skip
 """The messages whose fields a session reads: those of requests, and those with the vehicle's clock."""
+_NO_VEHICLES = {5, 6, 18, 26, 27, 30, 31}  # MAV_TYPE: tracker, GCS, companion, gimbal, ADS-B, camera, charging station
 _NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: ground stations, cameras, companions
 
 
@@ -40,7 +40,11 @@ class Choice:
 
 
 class Session:
-    """Call `step` again and again; then `leave`. `said` collects sentences for the user."""
+    """Call `step` again and again; then `leave`. `said` collects sentences for the user.
+
+    on_frames: is given what arrives, and when (s UNIX). patience_s: how long a vehicle may send no IMU message before
+    that is said.
+    """
 
     def __init__(
         self,
@@ -49,6 +53,7 @@ class Session:
         choice: Choice = Choice(),
         recorder: Recorder | None = None,
         on_frames: Callable[[Frames, float], None] | None = None,
+        patience_s: float = 10.0,
     ) -> None:
         self.link = link
         self.recorder = recorder
@@ -59,6 +64,7 @@ class Session:
         self._target: Target | None = None
         self._choice = choice
         self._on_frames = on_frames
+        self._patience_s = patience_s
         self._names = link.dialect.enum_names("MAV_AUTOPILOT")
         self._beat = 0.0
         self._found_at = 0.0
@@ -118,10 +124,10 @@ class Session:
             self.rates.said.clear()
 
     def _meet(self, beats: Messages, now: float) -> None:
-        who = np.column_stack([beats.sysid, beats.compid, beats["autopilot"]])
-        for sysid, compid, autopilot in np.unique(who, axis=0).tolist():
+        who = np.column_stack([beats.sysid, beats.compid, beats["autopilot"], beats["type"]])
+        for sysid, compid, autopilot, kind in np.unique(who, axis=0).tolist():
             target = Target(sysid, compid)
-            if autopilot == _NO_AUTOPILOT or target in self.vehicles:
+            if autopilot == _NO_AUTOPILOT or kind in _NO_VEHICLES or target in self.vehicles:
                 continue
             name = self._names.get(autopilot, f"autopilot {autopilot}").removeprefix("MAV_AUTOPILOT_")
             self.vehicles[target] = name
@@ -149,7 +155,7 @@ class Session:
         if self.rates is not None and (request := self.rates.next_request(now)):
             self.link.send(request)
         silent = self._target is not None and not any(name in self.counts for name in _IMU)
-        if silent and not self._told["imu"] and now - self._found_at > _NO_IMU_S:
+        if silent and not self._told["imu"] and now - self._found_at > self._patience_s:
             self._told["imu"] = True
             how = "raise the stream rate on the vehicle: SRx_RAW_SENS, or MAVx_RAW_SENS from ArduPilot 4.7"
             why = "--listen-only asks for none" if self.link.listen_only else "it was asked, and sends none"

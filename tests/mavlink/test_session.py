@@ -1,0 +1,67 @@
+"""A session on a real socket: whom it takes for a vehicle, and what it says."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from companion.mavlink import Choice, Link, Packer, Session
+from tests.mavlink.peers import udp_peer
+
+
+def heartbeat(sysid: int, *, kind: int, autopilot: int = 3, compid: int = 1) -> bytes:
+    return Packer(sysid, compid).pack("HEARTBEAT", {"type": kind, "autopilot": autopilot, "mavlink_version": 3})
+
+
+def stepped(session: Session, seconds: float) -> None:
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        session.step(0.02)
+
+
+def test_ground_stations_gimbals_and_companions_are_no_vehicles() -> None:
+    with Link("udpin:127.0.0.1:0") as link, udp_peer(link.port) as peer:
+        session = Session(link)
+        for beat in (heartbeat(255, kind=6), heartbeat(1, kind=26, compid=154), heartbeat(1, kind=18, compid=191)):
+            peer.send(beat)
+        stepped(session, 0.1)
+        assert session.vehicles == {}
+        assert set(link.health.sent) == {"HEARTBEAT"}
+        peer.send(heartbeat(7, kind=2))
+        stepped(session, 0.1)
+        assert [str(target) for target in session.vehicles] == ["7:1"]
+        assert session.said == ["vehicle 7:1 (ARDUPILOTMEGA) is heard"]
+        assert link.health.sent["COMMAND_LONG"] > 0
+
+
+def test_a_chosen_vehicle_is_waited_for() -> None:
+    with Link("udpin:127.0.0.1:0") as link, udp_peer(link.port) as peer:
+        session = Session(link, choice=Choice(vehicle="2:1"))
+        peer.send(heartbeat(1, kind=2))
+        stepped(session, 0.1)
+        assert session.rates is None
+        peer.send(heartbeat(2, kind=2))
+        stepped(session, 0.1)
+        assert session.rates is not None
+        assert str(session.rates.target) == "2:1"
+
+
+def test_frames_are_handed_on_with_the_time_of_their_arrival() -> None:
+    taken: list[tuple[int, float]] = []
+    with Link("udpin:127.0.0.1:0") as link, udp_peer(link.port) as peer:
+        session = Session(link, on_frames=lambda frames, received: taken.append((len(frames), received)))
+        for _ in range(5):
+            peer.send(heartbeat(1, kind=2))
+        stepped(session, 0.2)
+    assert sum(count for count, _ in taken) == 5
+    assert np.ptp([received - time.time() for _, received in taken]) < 5.0
+
+
+def test_a_vehicle_without_an_imu_is_told_of() -> None:
+    with Link("udpin:127.0.0.1:0", listen_only=True) as link, udp_peer(link.port) as peer:
+        session = Session(link, patience_s=0.2)
+        for _ in range(6):
+            peer.send(heartbeat(1, kind=2))
+            stepped(session, 0.1)
+        assert sum("sends no IMU message (--listen-only asks for none)" in sentence for sentence in session.said) == 1
