@@ -30,7 +30,20 @@ MAY_IMPORT = {
     "live": GROUND | {"telemetry", "analysis"},
     "view": GROUND | {"strapdown", "analysis"},
     "cli": GROUND
-    | {"settings", "sensors", "correction", "mavlink", "telemetry", "recording", "strapdown", "analysis", "simulate", "live", "view", "cli"},
+    | {
+        "settings",
+        "sensors",
+        "correction",
+        "mavlink",
+        "telemetry",
+        "recording",
+        "strapdown",
+        "analysis",
+        "simulate",
+        "live",
+        "view",
+        "cli",
+    },
     "__main__": {"cli"},
     "__init__": GROUND | {"recording", "strapdown", "analysis"},
 }
