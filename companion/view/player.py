@@ -86,7 +86,7 @@ class Player:
             return
         step = dt * self._speed
         time = self.time - step if self.backwards else self.time + step
-        if self.start < time < self.end:
+        if time > self.start if self.backwards else time < self.end:
             self.time = time
         elif self.loop and self.duration > 0:
             # Rounding may put the remainder on the bound itself.

@@ -76,6 +76,16 @@ def test_backwards_is_forwards_seen_from_the_other_end() -> None:
     assert (back.time, back.playing) == (20.0, True)
 
 
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_step_too_small_to_count_is_not_the_end(backwards: bool) -> None:
+    player = playing()
+    player.backwards = backwards
+    player.seek(player.end if backwards else player.start)
+    before = player.time
+    player.advance(1e-300)
+    assert (player.time, player.playing) == (before, True)
+
+
 def test_a_part_is_played_and_nothing_else() -> None:
     player = playing()
     player.loop = True
