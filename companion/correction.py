@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 import numpy as np
@@ -11,14 +12,23 @@ import numpy as np
 from companion.analysis import Calibration, Correction
 from companion.errors import InputError, SettingsError
 
-Vector = tuple[float, float, float]
+
+def _bounded(most: float) -> msgspec.Meta:
+    """Infinity and NaN are out of every bound."""
+    return msgspec.Meta(ge=-most, le=most)
+
+
+Rate = Annotated[float, _bounded(10)]  # rad/s
+Force = Annotated[float, _bounded(100)]  # m/s²
+Angle = Annotated[float, _bounded(1)]  # rad, small
+Lag = Annotated[float, _bounded(1)]  # s
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    gyro_bias: Vector
-    accel_bias: Vector
-    mounting: Vector
-    time_offset: float
+    gyro_bias: tuple[Rate, Rate, Rate]
+    accel_bias: tuple[Force, Force, Force]
+    mounting: tuple[Angle, Angle, Angle]
+    time_offset: Lag
 
 
 def load_correction(path: str | Path) -> Correction:

@@ -6,7 +6,7 @@ import math
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -51,7 +51,7 @@ _ARDUPILOT_SITL = 0x2A
 
 
 class _Figure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    value: float
+    value: Annotated[float, msgspec.Meta(gt=0, le=1e6)]
     unit: str
     kind: Literal["datasheet", "secondary", "typical"]
     source: str

@@ -12,8 +12,10 @@ import msgspec
 
 from companion.errors import InputError, SettingsError
 
-Positive = Annotated[float, msgspec.Meta(gt=0)]
-NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+Positive = Annotated[float, msgspec.Meta(gt=0, le=1e6)]  # the upper bound keeps infinity out
+NotNegative = Annotated[float, msgspec.Meta(ge=0, le=1e6)]
+Small = Annotated[float, msgspec.Meta(ge=0, le=10)]
+SmallPositive = Annotated[float, msgspec.Meta(gt=0, le=10)]
 
 
 class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -49,14 +51,14 @@ class DriftSettings(_Section, frozen=True):
 class AutopilotSettings(_Section, frozen=True):
     """How far the autopilot's own estimate may be off, 1σ."""
 
-    tilt: NotNegative = 0.005
-    heading: NotNegative = 0.02
-    attitude_noise: Positive = 0.002
-    velocity: Positive = 0.05
-    position: Positive = 0.1
-    time_offset: NotNegative = 0.01
-    misalignment: NotNegative = 0.005
-    gravity: NotNegative = 0.003
+    tilt: Small = 0.005
+    heading: Small = 0.02
+    attitude_noise: SmallPositive = 0.002
+    velocity: SmallPositive = 0.05
+    position: SmallPositive = 0.1
+    time_offset: Small = 0.01
+    misalignment: Small = 0.005
+    gravity: Small = 0.003
 
 
 class ViewSettings(_Section, frozen=True):
@@ -97,7 +99,7 @@ def load_settings(path: str | Path | None = None) -> Settings:
     if path is None:
         return Settings()
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(
             f"cannot read the settings file {path}: {error}. Give --config the path of a TOML file."

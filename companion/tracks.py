@@ -240,6 +240,11 @@ class Flight:
 
     def require_attitude(self) -> AttitudeTrack:
         """The attitude track. Raises DataError when the flight has none."""
+        if self.attitude is None and self.messages.keys() & {"ATTITUDE", "ATTITUDE_QUATERNION", "XKQ", "ATT"}:
+            raise DataError(
+                f"vehicle {self.vehicle}, boot {self.boot}: fewer than two usable samples of the attitude. "
+                "Record longer, or use the on-board log."
+            )
         if self.attitude is None:
             raise DataError(
                 f"vehicle {self.vehicle}, boot {self.boot}: no ATTITUDE or ATTITUDE_QUATERNION to compare with "

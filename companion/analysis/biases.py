@@ -110,7 +110,7 @@ def bias_findings(comparison: Comparison, imu: ImuFigures, autopilot: ReferenceF
             end,
             f"it is off by ({value[0]:.2f}, {value[1]:.2f}, {value[2]:.2f}) m/s²; after calibration "
             f"{imu.accel.residual_bias:.2f} m/s² is usual for {imu.name}",
-            "Calibrate the accelerometer in six positions. If it returns, replace the IMU.",
+            "Calibrate the accelerometer in six positions. If another IMU shows the same, it is the autopilot's tilt.",
         )
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from companion.analysis.biases import bias_findings, noise_findings, rate_findings
 from companion.analysis.budget import (
     ATTITUDE,
     POSITION,
@@ -20,13 +19,12 @@ from companion.analysis.budget import (
     stacked,
     window_noise,
 )
-from companion.analysis.calibrate import NO_CORRECTION, TIME_OFFSET, Calibration, Compare, Correction, calibrate
+from companion.analysis.calibrate import NO_CORRECTION, Calibration, Correction, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
+from companion.analysis.detect import findings
 from companion.analysis.drift import HORIZONS_S, Drift, drift_of, drift_over
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding, Side
-from companion.analysis.jumps import jump_findings
-from companion.analysis.readings import axes_findings, reading_findings, stuck_findings
 from companion.analysis.reference import Limits
 from companion.tracks import STANDARD_GRAVITY, Flight, ImuTrack
 
@@ -73,6 +71,15 @@ class Assessment:
     uncorrected: Drift | None  # the same windows without it
     verdict: Verdict
 
+    @property
+    def made_worse(self) -> bool:
+        """Whether the calibration makes windows worse that it was not fitted to: then the errors are not constant."""
+        if self.corrected is None or self.uncorrected is None:
+            return False
+        after, before = self.corrected.rows[0], self.uncorrected.rows[0]
+        pairs = ((after.attitude_deg, before.attitude_deg), (after.position_m, before.position_m))
+        return any(a is not None and b is not None and a.median > 2 * b.median for a, b in pairs)
+
 
 def assess(
     flight: Flight,
@@ -115,7 +122,7 @@ def assess(
         if half is not None and len(judged.start) >= 2 * _FEWEST_WINDOWS:
             before = _held_out(comparison)
             after = _held_out(compare_with(half.correction.apply(track)))
-    found = _findings(flight, comparison, judged, compare_with, figures, noise, calibration, autopilot)
+    found = findings(flight, comparison, judged, compare_with, figures, noise, calibration, autopilot)
     return Assessment(
         drift=table,
         expected=expected,
@@ -161,72 +168,6 @@ def _held_out(comparison: Comparison) -> Drift:
     chosen = windows(comparison, _JUDGED_S)
     rest = Windows(chosen.horizon, chosen.start[1::2], chosen.end[1::2], {})
     return drift_over(comparison, [rest])
-
-
-def _findings(
-    flight: Flight,
-    comparison: Comparison,
-    judged: Windows,
-    compare_with: Compare,
-    figures: ImuFigures,
-    noise: tuple[float, float] | None,
-    calibration: Calibration | None,
-    autopilot: ReferenceFigures,
-) -> tuple[Finding, ...]:
-    sampling = 0.0
-    if len(judged.start):
-        sampling = budget(comparison, judged, figures, autopilot).shares(ATTITUDE)["sampling"]
-    found = [*rate_findings(comparison, sampling)]
-    found += reading_findings(comparison, flight.require_attitude(), figures)
-    found += stuck_findings(comparison)
-    found += axes_findings(comparison)
-    found += jump_findings(comparison, flight)
-    if noise is not None:
-        found += noise_findings(comparison, noise, figures)
-    level = comparison
-    if calibration is not None and calibration.observable[TIME_OFFSET]:
-        lag = calibration.correction.time_offset
-        # a lag of 12 ms in a flip looks like a bias of the gyro: take it out before looking for one
-        level = compare_with(replace(NO_CORRECTION, time_offset=lag).apply(comparison.track))
-        if abs(lag) > 5e-3 and abs(lag) > 3 * calibration.sigma[TIME_OFFSET]:
-            found.append(_lag(comparison, lag, float(calibration.sigma[TIME_OFFSET])))
-    found += bias_findings(level, figures, autopilot)
-    found = [f for f in found if not _follows(f, found)]
-    return tuple(sorted(found, key=lambda f: (_ORDER[f.severity], f.start_s)))
-
-
-def _follows(finding: Finding, found: Sequence[Finding]) -> bool:
-    """Whether a bias or a jump is only what another fault looks like from elsewhere.
-
-    A frozen, stuck or turned sensor also looks biased; and once the autopilot's heading has jumped, the forces that it
-    sees point the wrong way for as long as it does not notice.
-    """
-    if finding.kind not in {"gyro_bias", "accel_bias", "heading_jump", "stuck_axis"}:
-        return False
-    causes = _CAUSES[1:] if finding.kind == "stuck_axis" else _CAUSES
-    if any(f.kind in causes and f.start_s < finding.end_s and finding.start_s < f.end_s for f in found):
-        return True
-    return finding.kind == "accel_bias" and any(
-        f.kind == "heading_jump" and f.severity == "error" and f.start_s < finding.start_s + 2 * _JUMP_S for f in found
-    )
-
-
-_JUMP_S = 2.0  # a bias is found in windows of this length
-_CAUSES = ("stuck_axis", "frozen", "axes_wrong")
-
-_ORDER = {"error": 0, "warning": 1, "info": 2}
-
-
-def _lag(comparison: Comparison, lag: float, sigma: float) -> Finding:
-    return Finding(
-        "imu_lag",
-        "data",
-        "info",
-        float(comparison.track.t[0]),
-        float(comparison.track.t[-1]),
-        f"the IMU lags {lag * 1e3:.1f} ± {sigma * 1e3:.1f} ms behind the attitude",
-        "Usual: ArduPilot's 20 Hz filter makes 12 ms. It matters in fast turns alone; the calibration takes it out.",
-    )
 
 
 def _verdict(judged: Windows, expected: Expected | None, found: tuple[Finding, ...]) -> Verdict:

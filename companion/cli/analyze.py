@@ -44,6 +44,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     options.add_flight_choice(parser)
     options.add_integration(parser)
     options.add_figures(parser)
+    parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
     parser.add_argument("--horizons", type=_horizons, metavar="S,S,...", help="seconds (default: 1,2,5,10,30)")
     parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
     parser.add_argument(
@@ -68,10 +69,10 @@ def run(arguments: argparse.Namespace) -> int:
     limits = limits_of(settings)
     gaps = {name: int((np.diff(track.t) > limits.hole(track.t)).sum()) for name, track in flight.imus.items()}
     if arguments.json:
-        document = documents.analysis(recording.source, flight, found, others, gaps, gravity)
+        document = documents.analysis(recording.source, flight, found, others, gaps, gravity, arguments.correction)
         print(documents.encode(document))
     else:
-        _print(flight, found, others, gaps[found.drift.imu], gravity)
+        _print(flight, found, others, gaps[found.drift.imu], gravity, arguments.correction)
     status = found.verdict.status
     failed = {"suspect": status.endswith("suspect"), "insufficient": status != "consistent"}
     return 1 if arguments.fail_on and failed[arguments.fail_on] else 0
@@ -128,7 +129,14 @@ def limits_of(settings: Settings) -> Limits:
     )
 
 
-def _print(flight: Flight, found: Assessment, others: tuple[Sibling, ...], gaps: int, gravity: float) -> None:
+def _print(
+    flight: Flight,
+    found: Assessment,
+    others: tuple[Sibling, ...],
+    gaps: int,
+    gravity: float,
+    correction: str | None,
+) -> None:
     console, table = tables.console(), found.drift
     track, vehicle = flight.imu(table.imu), flight.vehicle
     for line in tables.verdict_lines(found):
@@ -144,6 +152,8 @@ def _print(flight: Flight, found: Assessment, others: tuple[Sibling, ...], gaps:
         f"Reference: {reference_line(flight)}",
         f"Method:    {table.method}{middle}, gravity {gravity:.5f} m/s²",
     ]
+    if correction:
+        lines.append(f"Corrected: by {escape(correction)}")
     lines += [f"Note:      {escape(note)}" for note in (*flight.notes, *table.notes)]
     if track.rate_hz < _LOW_RATE_HZ:
         lines.append(

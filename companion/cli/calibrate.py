@@ -23,12 +23,19 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     options.add_integration(parser)
     options.add_figures(parser)
     parser.add_argument("-o", "--output", metavar="FILE", help="write the correction for analyze --correction")
-    parser.add_argument("--force", action="store_true", help="replace FILE when it is there already")
-    parser.set_defaults(run=run, horizons=None)
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="replace FILE when it is there already, and write it when the flight is no good for it",
+    )
+    parser.set_defaults(run=run, horizons=None, correction=None)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the calibration; write it where asked."""
+    path = Path(arguments.output) if arguments.output else None
+    if path is not None:
+        _check(path, force=arguments.force)
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings)
     flight = recording.flights[options.choose(recording.flights, arguments)]
@@ -36,12 +43,25 @@ def run(arguments: argparse.Namespace) -> int:
     if found.calibration is None:
         raise DataError(f"no calibration: {found.verdict.summary}")
     console = tables.console()
-    for line in tables.calibration_lines(found):
+    for line in (*tables.verdict_lines(found, most=3), "", *tables.calibration_lines(found)):
         console.print(line, highlight=False)
-    if arguments.output:
-        path = Path(arguments.output)
-        if path.exists() and not arguments.force:
-            raise InputError(f"{path} exists. Choose another name, or replace it with --force.")
+    if path is None:
+        return 0
+    if not arguments.force and (found.verdict.status == "insufficient_data" or found.made_worse):
+        raise DataError(
+            "not written: this flight cannot tell the IMU's constant errors (see above). Write it all the same: --force"
+        )
+    try:
         path.write_text(correction_text(found.calibration, f"{arguments.log} ({found.drift.imu})"), encoding="utf-8")
-        options.say(f"written: {path}")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}. Choose another place.") from None
+    options.say(f"written: {path}")
     return 0
+
+
+def _check(path: Path, *, force: bool) -> None:
+    """Whether a file can be written there, before the work is done."""
+    if path.is_dir() or not path.parent.is_dir():
+        raise InputError(f"cannot write {path}: {'it is a folder' if path.is_dir() else 'there is no such folder'}.")
+    if path.exists() and not force:
+        raise InputError(f"{path} exists. Choose another name, or replace it with --force.")

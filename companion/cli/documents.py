@@ -22,7 +22,9 @@ def encode(document: schema.Info | schema.Analysis) -> str:
 def info(recording: Recording) -> schema.Info:
     """`companion info --json`."""
     flights = [_info_flight(flight) for flight in recording.flights]
-    return schema.Info(log=_log(recording.source), flights=flights)
+    others = [schema.OtherObject(other.sysid, other.compid, other.reason) for other in recording.bystanders]
+    unknown = {str(number): count for number, count in recording.source.unknown_frames.items()}
+    return schema.Info(log=_log(recording.source), flights=flights, others=others, unknown_frames=unknown)
 
 
 def analysis(
@@ -32,8 +34,11 @@ def analysis(
     others: Sequence[Sibling],
     gaps: Mapping[str, int],
     gravity: float,
+    correction: str | None,
 ) -> schema.Analysis:
-    """`companion analyze --json`; gaps: holes of each IMU message, gravity: m/s²."""
+    """`companion analyze --json`; gaps: holes of each IMU message, gravity: m/s².
+
+    correction: the file that was applied."""
     table = found.drift
     analysed = schema.AnalyzeFlight(
         vehicle=_vehicle(flight),
@@ -45,6 +50,7 @@ def analysis(
         method=table.method,
         middle=table.middle,
         gravity_mps2=gravity,
+        correction=correction,
         notes=(*flight.notes, *table.notes),
         drift=[_drift(row, expected) for row, expected in zip(table.rows, found.expected, strict=True)],
         figures=_figures(found),
@@ -72,7 +78,7 @@ def analysis(
 def _log(source: Source) -> schema.LogObject:
     """The "log" key."""
     return schema.LogObject(
-        path=str(source.path),
+        path=str(source.path).encode("utf-8", "replace").decode(),  # a name need not be UTF-8, JSON has to be
         size_bytes=source.size_bytes,
         frames=source.frames,
         bad_crc_frames=source.bad_crc_frames,
@@ -112,14 +118,14 @@ def _reference(flight: Flight) -> schema.ReferenceObject:
 
 
 def _imu(flight: Flight, name: str, track: ImuTrack, gaps: int) -> schema.ImuObject:
-    stats = flight.messages[name]
+    stats = flight.messages.get(name)  # an on-board log has one message for all its IMUs
     return schema.ImuObject(
         message=name,
         samples=len(track),
         rate_hz=track.rate_hz,
         gaps=gaps,
-        longest_gap_s=stats.longest_gap_s,
-        duplicates=stats.duplicates,
+        longest_gap_s=float(np.diff(track.t).max()) if len(track) > 1 else None,
+        duplicates=stats.duplicates if stats else 0,
     )
 
 

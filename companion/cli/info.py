@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.cli import documents, options
+from companion.cli import documents, options, tables
 from companion.recording import Recording, Source
 from companion.tracks import Flight
 
@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(documents.encode(documents.info(recording)))
         return 0
-    console = Console(soft_wrap=True, emoji=False)
+    console = tables.console()
     console.print(_summary(recording.source), highlight=False)
     if not recording.flights:
         console.print("No vehicle speaks in this log.")

@@ -75,7 +75,6 @@ def add_figures(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="part of config/imu, or a .toml file like those (default: what the parameters name, else generic-mems)",
     )
-    parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
 
 
 def settings_of(arguments: argparse.Namespace) -> Settings:
@@ -127,7 +126,7 @@ def choose(flights: Sequence[Flight], arguments: argparse.Namespace) -> int:
     """
     if not flights:
         raise DataError(
-            f"no vehicle speaks in {arguments.log}: it has MAVLink, but no heartbeat of an autopilot with telemetry. "
+            f"no vehicle speaks in {arguments.log}: no telemetry of an autopilot was found in it. "
             "See what it has with: companion info"
         )
     matching = [i for i, flight in enumerate(flights) if _matches(flight, arguments)]

@@ -58,12 +58,22 @@ class InfoFlight(msgspec.Struct, frozen=True):
     messages: Mapping[str, StatsObject]
 
 
+class OtherObject(msgspec.Struct, frozen=True):
+    """Someone who speaks in the log and is no vehicle."""
+
+    sysid: int
+    compid: int
+    reason: str
+
+
 class Info(msgspec.Struct, frozen=True, kw_only=True):
     """`companion info --json`."""
 
     schema: int = SCHEMA
     log: LogObject
     flights: list[InfoFlight]
+    others: list[OtherObject]
+    unknown_frames: Mapping[str, int]
 
 
 class ImuObject(msgspec.Struct, frozen=True):
@@ -189,6 +199,7 @@ class AnalyzeFlight(msgspec.Struct, frozen=True):
     method: str
     middle: str
     gravity_mps2: float
+    correction: str | None
     notes: tuple[str, ...]
     drift: list[DriftObject]
     figures: FiguresObject

@@ -28,9 +28,15 @@ _STATUS = {
 _SIGNS = {"error": "[red]✗[/]", "warning": "[yellow]![/]", "info": "·"}
 
 
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        """Leave it to `main`: rich would exit with 1, which means "suspect" here."""
+        raise BrokenPipeError
+
+
 def console() -> Console:
     """For results: no emoji codes in names like 1:100:, no folding of long lines."""
-    return Console(soft_wrap=True, emoji=False)
+    return _Console(soft_wrap=True, emoji=False)
 
 
 def verdict_lines(found: Assessment, *, most: int = 8) -> Iterator[str]:
@@ -134,7 +140,7 @@ def calibration_lines(found: Assessment) -> Iterator[str]:
         if after.position_m:
             text += f", {_pair(before.position_m, after.position_m)} m"
         yield f"  out of sample      {after.windows} windows not fitted: median drift {text}"
-        if before.attitude_deg and after.attitude_deg and after.attitude_deg.median > 2 * before.attitude_deg.median:
+        if found.made_worse:
             yield "  [yellow]It makes the rest of the flight worse: the errors are not constant. Do not use it.[/]"
 
 

@@ -19,11 +19,16 @@ IntArray = npt.NDArray[np.int64]
 REBOOT_FALL_S = 5.0
 """A fall of the device clock by more than this, that lasts, is a reboot. Smaller ones exist without (1.4 s, once)."""
 
+_REBOOT_SILENCE_S = 10.0
+
 STEP_BACK_S = 0.5
 """Smaller falls are messages of different sample times in the order in which they were sent."""
 
 STALE_JUMP_S = 10.0
 """A forward jump of the device clock by more than this while log time stands still: what came before was stale."""
+
+UNIX_S = 1e8
+"""Larger times count from 1970: three years since boot are none."""
 
 _WRAP_S = 2.0**32 * 1e-3  # time_boot_ms is a uint32
 _WINDOW = 25  # samples on either side that have to agree on a fall, so that an echo out of order is none
@@ -87,8 +92,8 @@ def sender_clock(sender: dict[str, Messages]) -> Clock:
     if not t.all():
         order = order[t[order] > 0]  # 0 means "not known" (stamps of a link that has just begun)
     offset, t, log_time = offset[order], t[order], log_time[order]
-    falls = np.diff(t, prepend=t[:1]) < -0.9 * _WRAP_S
-    return Clock(offset, t + _WRAP_S * np.cumsum(falls) if falls.any() else t, log_time)
+    wraps = np.round(np.diff(t, prepend=t[:1]) / _WRAP_S)  # up as well: one late packet is of before the wrap
+    return Clock(offset, t - _WRAP_S * np.cumsum(wraps) if wraps.any() else t, log_time)
 
 
 def _sparse(offset: IntArray, t: Array, log_time: Array) -> tuple[IntArray, Array, Array]:
@@ -110,10 +115,11 @@ def reboots(clock: Clock) -> list[int]:
     """Indices into the clock at which a new boot begins: the device time falls by REBOOT_FALL_S or more and stays."""
     t = clock.t
     starts: list[int] = []
-    for i in np.flatnonzero(np.diff(t) < -REBOOT_FALL_S) + 1:
+    silent = np.diff(clock.log_time) > _REBOOT_SILENCE_S  # a short boot falls by little, but it takes its time
+    for i in np.flatnonzero((np.diff(t) < -REBOOT_FALL_S) | (silent & (np.diff(t) < -STEP_BACK_S))) + 1:
         before = t[max(i - _WINDOW, starts[-1] if starts else 0) : i]
         after = t[i : i + _WINDOW]
-        if np.median(after) < np.median(before) - REBOOT_FALL_S / 2 and after.min() > 0:
+        if np.median(after) < np.median(before) - STEP_BACK_S / 2 and after.min() > 0:
             if starts and i - starts[-1] < _WINDOW:
                 continue  # the same fall, seen again in packets that arrived out of order
             starts.append(int(i))
@@ -167,5 +173,22 @@ def boot_seconds(messages: Messages, clock: Clock) -> tuple[Array, float]:
         return own, 0.0
     if not len(clock.t) or not len(own):
         return own, 0.0
-    shift = float(np.median(own - clock.at(messages.offset)))
+    shift = _shift(own, messages.offset, clock)
     return (own - shift, shift) if abs(shift) > 0.5 else (own, 0.0)
+
+
+def _shift(own: Array, offset: IntArray, clock: Clock) -> float:
+    """The constant by which a message's own stamps differ from the clock, s; 0 where it is not constant.
+
+    Each message was sent between the clock packets on either side of it in the file, which bounds the constant from
+    below and from above: together, the bounds of all leave little room.
+    """
+    after = np.searchsorted(clock.offset, offset)
+    inside = (after > 0) & (after < len(clock.t))
+    if not inside.any():  # nothing to compare with, but UNIX time is no time since boot
+        return float(own[0] - clock.t[0]) if own[0] > UNIX_S else 0.0
+    own, after = own[inside], after[inside]
+    low, high = own - clock.t[after], own - clock.t[after - 1]
+    if np.subtract(*np.percentile(0.5 * (low + high), [75, 25])) > 0.5:
+        return 0.0
+    return float(0.5 * (np.percentile(low, 95) + np.percentile(high, 5)))

@@ -31,6 +31,8 @@ _SI = {
     "mm": 1e-3,
 }
 
+_MOST = 1e4  # rad/s, m/s²: no sensor reads so much; NaN is not less either
+
 _WGS84_A, _WGS84_E2 = 6378137.0, 6.69437999014e-3  # semi-major axis, m; first eccentricity squared
 
 
@@ -48,7 +50,7 @@ def imu_track(messages: Messages, t: Array, *, dequantise: bool = False) -> tupl
         return None, [f"{name} is zero throughout: the vehicle has no such IMU"]
     good = np.isfinite(t)
     if not gyro_step:  # whole numbers are finite
-        good &= np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1)
+        good &= (np.abs(gyro) < _MOST).all(axis=1) & (np.abs(accel) < _MOST).all(axis=1)
     instance = _INSTANCE.get(name, 0)
     if name == "HIGHRES_IMU":
         ids, counts = np.unique(messages["id"], return_counts=True)
@@ -58,7 +60,7 @@ def imu_track(messages: Messages, t: Array, *, dequantise: bool = False) -> tupl
             notes.append(f"{name} speaks of IMUs {ids.tolist()}: only IMU {instance} is used")
     keep = increasing(t, good)
     if dropped := int((~good).sum()):
-        notes.append(f"{name}: {dropped} samples left out that are not finite or of another IMU")
+        notes.append(f"{name}: {dropped} samples left out that are no readings or of another IMU")
     track = ImuTrack(
         t[keep], gyro[keep], accel[keep], source=name, gyro_step=gyro_step, accel_step=accel_step, instance=instance
     )

@@ -121,13 +121,14 @@ def _attitude(boot: Boot, seconds: dict[str, Array]) -> AttitudeTrack | None:
 
 
 def _position(boot: Boot, seconds: dict[str, Array]) -> PositionTrack | None:
-    """LOCAL_POSITION_NED, else GLOBAL_POSITION_INT."""
-    for name in ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"):
-        if name in boot.messages:
-            track = convert.position_track(boot.messages[name], seconds[name])
-            if len(track) > 1:
-                return track
-    return None
+    """LOCAL_POSITION_NED, unless GLOBAL_POSITION_INT covers more than twice its time."""
+    names = ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
+    tracks = [convert.position_track(boot.messages[n], seconds[n]) for n in names if n in boot.messages]
+    usable = [track for track in tracks if len(track) > 1]
+    if not usable:
+        return None
+    local, other = usable[0], usable[-1]
+    return other if np.ptp(other.t) > 2 * np.ptp(local.t) else local
 
 
 def _origin(boot: Boot) -> Origin | None:

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from companion.mavlink import Dialect, Messages
-from companion.telemetry.clock import Clock, reboots, sender_clock, stale_start, steps_back
+from companion.telemetry.clock import UNIX_S, Clock, device_time, reboots, sender_clock, stale_start, steps_back
 from companion.tracks import Vehicle
 
 Sender = dict[str, Messages]
@@ -111,12 +111,36 @@ def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
                 f"{own.t[stale]:.1f} s while log time stands still"
             )
             own = own[stale:]
-        begin = 0 if number == 1 and not stale else int(own.offset[0]) if len(own.t) else 0
-        end = int(clock.offset[last]) if last < len(clock.t) else np.iinfo(np.int64).max
-        # in file order a boot is a slice, which copies nothing
-        cut = {name: m.select(slice(*np.searchsorted(m.offset, (begin, end)))) for name, m in sender.items()}
+        cut = {
+            name: m.select(
+                slice(
+                    _first_of(m, clock, first) if first > 0 else 0,
+                    _first_of(m, clock, last) if last < len(clock.t) else len(m),
+                )
+            )
+            for name, m in sender.items()
+        }
+        if stale:
+            cut = {name: m.select(m.offset >= own.offset[0]) for name, m in cut.items()}
         cut, own, stepped = _without_steps_back(cut, own)
         yield Boot(vehicle, number, {n: m for n, m in cut.items() if len(m)}, own, (*notes, *stepped))
+
+
+def _first_of(messages: Messages, clock: Clock, packet: int) -> int:
+    """Index of the first message that belongs to the boot which begins with this packet of the clock.
+
+    Between the last clock packet of one boot and the first of the next, a message goes to the one whose time is nearer
+    to its own; one without a time of its own, to the one that is nearer in the log.
+    """
+    low, high = np.searchsorted(messages.offset, clock.offset[[packet - 1, packet]], side="right")
+    between = slice(int(low), int(high))
+    own = device_time(messages.select(between))
+    if own is None or (own > UNIX_S).any():
+        own, old, new = messages.log_time[between], clock.log_time[packet - 1], clock.log_time[packet]
+    else:
+        old, new = clock.t[packet - 1], clock.t[packet]
+    later = np.flatnonzero(np.abs(own - new) <= np.abs(own - old))
+    return int(low + later[0]) if len(later) else int(high)
 
 
 def _without_steps_back(sender: Sender, clock: Clock) -> tuple[Sender, Clock, list[str]]:

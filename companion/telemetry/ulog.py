@@ -7,8 +7,10 @@ independent witness. `sensor_combined` is the IMU that the EKF uses. Sources: PX
 
 from __future__ import annotations
 
+import contextlib
 import io
 import struct
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -37,9 +39,12 @@ def ulog_flight(path: Path, vehicle_types: Mapping[int, str]) -> Flight:
             f"{path} is a PX4 ULog, and reading it needs pyulog. Install it: pip install 'companion[ulog]'"
         ) from None
     try:
-        log = ULog(io.BytesIO(b"".join(read_chunks(path))), disable_str_exceptions=True)
+        with contextlib.redirect_stdout(sys.stderr):  # it prints what it thinks of a file
+            log = ULog(io.BytesIO(b"".join(read_chunks(path))), disable_str_exceptions=True)
     except (ULogException, ValueError, KeyError, IndexError, TypeError, struct.error) as error:
         raise InputError(f"{path} begins like a PX4 ULog, but cannot be read: {error!r}.") from error
+    if not log.data_list:
+        raise InputError(f"{path} begins like a PX4 ULog, but has no data in it: it was cut off. Copy it again.")
     topics: dict[str, Topic] = {_name(d.name, d.multi_id): d.data for d in log.data_list}
     parameters = {str(k): float(v) for k, v in log.initial_parameters.items()}
     parameters |= {str(name): float(value) for _, name, value in log.changed_parameters}

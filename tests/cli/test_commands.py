@@ -173,6 +173,8 @@ def test_bad_logs(command: str, make: Callable[[Path], None], expected: str, tmp
         ("[integration]\nmethod = 'rk5'\n", 2, "rk5"),
         ("[view]\n# comment\nport = 'http'\n", 3, "int"),
         ("[drift]\nhorizons_s = [1, -2]\n", 2, "> 0"),
+        ("[drift]\ngap_s = inf\n", 2, "1000000"),
+        ("[autopilot]\ntilt = 1e300\n", 2, "10"),
         ("[wiev]\nport = 1\n", 1, "wiev"),
         ("[view\n", 1, "TOML"),
     ],
@@ -221,11 +223,12 @@ def test_help_has_an_example(command: str, capsys: Captured) -> None:
     assert f"example: companion {command} flight.tlog" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("json_too", [[], ["--json"]])
 @pytest.mark.parametrize("command", ["info", "analyze"])
 @pytest.mark.parametrize("path", all_shared(), ids=lambda p: p.name)
-def test_every_recording_goes_through(command: str, path: Path, capsys: Captured) -> None:
+def test_every_recording_goes_through(command: str, path: Path, json_too: list[str], capsys: Captured) -> None:
     """With a result, or with a sentence and exit code 2: never a traceback."""
-    code = main([command, str(path)])
+    code = main([command, str(path), *json_too])
     said = capsys.readouterr()
     assert code in {0, 2}
     if code:
@@ -233,3 +236,55 @@ def test_every_recording_goes_through(command: str, path: Path, capsys: Captured
         assert command == "analyze", "info reads every log"
     else:
         assert said.out
+        if json_too:
+            assert json.loads(said.out)["schema"] == 1
+
+
+def test_a_calibration_is_written_and_applied(tmp_path: Path, capsys: Captured) -> None:
+    target = tmp_path / "imu.toml"
+    assert main(["calibrate", DEMO, "-o", str(target)]) == 0
+    assert "CONSISTENT" in capsys.readouterr().out
+    assert "exists" in refused(["calibrate", DEMO, "-o", str(target)], capsys)
+    assert main(["analyze", DEMO, "--correction", str(target), "--json"]) == 0
+    flight = json.loads(capsys.readouterr().out)["flights"][0]
+    assert flight["correction"] == str(target)
+    assert abs(flight["calibration"]["gyro_bias_radps"]["value"][2]) < 1e-4, "what is left after it"
+
+
+@pytest.mark.parametrize("target", ["/no/such/folder/imu.toml", "/tmp"])
+def test_a_calibration_that_cannot_be_written(target: str, capsys: Captured) -> None:
+    assert "cannot write" in refused(["calibrate", DEMO, "-o", target], capsys)
+
+
+def test_a_calibration_of_a_flight_that_cannot_tell_is_not_written(tmp_path: Path, capsys: Captured) -> None:
+    target = tmp_path / "imu.toml"
+    log = str(BUNDLED / "copter-mission-default-rates.tlog")
+    assert main(["calibrate", log, "-o", str(target)]) == 2
+    assert "not written" in capsys.readouterr().err
+    assert not target.exists()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["gyro_bias = [nan, 0, 0]", "time_offset = inf", "gyro_bias = [1e30, 0, 0]", "accel_bias = [1, 2]", "bias = 3"],
+)
+def test_a_correction_that_is_none(text: str, tmp_path: Path, capsys: Captured) -> None:
+    whole = {"gyro_bias": "[0, 0, 0]", "accel_bias": "[0, 0, 0]", "mounting": "[0, 0, 0]", "time_offset": "0"}
+    key, value = text.split(" = ")
+    path = tmp_path / "c.toml"
+    path.write_text("\n".join(f"{k} = {v}" for k, v in (whole | {key: value}).items()))
+    assert "is no correction" in refused(["analyze", DEMO, "--correction", str(path)], capsys)
+
+
+def test_fail_on(capsys: Captured) -> None:
+    low = str(BUNDLED / "copter-mission-default-rates.tlog")
+    assert main(["analyze", DEMO, "--fail-on", "insufficient", "--json"]) == 0
+    assert main(["analyze", low, "--fail-on", "suspect", "--json"]) == 0
+    assert main(["analyze", low, "--fail-on", "insufficient", "--json"]) == 1
+    capsys.readouterr()
+
+
+def test_an_imu_model_can_be_chosen(capsys: Captured) -> None:
+    assert main(["analyze", DEMO, "--imu-model", "icm-42688-p"]) == 0
+    assert "icm-42688-p (asked for)" in capsys.readouterr().out
+    assert "bmi088" in refused(["analyze", DEMO, "--imu-model", "bmi99"], capsys)

@@ -173,6 +173,87 @@ def test_a_heartbeat_that_contradicts_the_others_is_said(log: Writer) -> None:
     assert flight.notes[0].startswith("1 of 7 heartbeats contradict")
 
 
+@pytest.mark.parametrize("begin", [0, 60])
+def test_an_attitude_over_part_of_the_log_moves_no_clock(begin: int, log: Writer) -> None:
+    """time_usec is right; that there is nothing to compare it with for most of the log says nothing against it."""
+    for i in range(5001):
+        log.raw_imu(i / 50, 10 + i / 50)
+        if begin <= i / 50 < begin + 40:
+            log.attitude(i / 50, 10 + i / 50)
+    flight = c.open_log(log.close())[0]
+    assert flight.imu().t[[0, -1]] == pytest.approx([10, 110], abs=1e-6)
+    assert not any("time_usec runs" in note for note in flight.notes)
+
+
+def test_the_constant_between_two_clocks_is_found_closely(log: Writer) -> None:
+    for i in range(300):
+        log.attitude(i / 4, 10 + i / 4)
+        log.raw_imu(i / 4, 10 + i / 4 + 2.567)
+    imu = c.open_log(log.close())[0].imu()
+    assert imu.t[5] == pytest.approx(11.25, abs=0.13), "half of what lies between two messages of 4 Hz"
+
+
+def test_a_boot_begins_with_its_own_first_packet(log: Writer) -> None:
+    """After a reboot the IMU streams 4 s before the attitude does."""
+    for i in range(2000):
+        log.raw_imu(i / 50, 50 + i / 50)
+        log.attitude(i / 50, 50 + i / 50)
+    for i in range(2000):
+        log.raw_imu(45 + i / 50, 1 + i / 50)
+        if i >= 200:
+            log.attitude(45 + i / 50, 1 + i / 50)
+    log.send(44.9, "statustext", severity=6, text=b"booting", id=0, chunk_seq=0)
+    first, second = c.open_log(log.close())
+    assert (len(first.imu()), len(second.imu())) == (2000, 2000)
+    assert first.imu().t[[0, -1]] == pytest.approx([50, 89.98])
+    assert second.imu().t[[0, -1]] == pytest.approx([1, 40.98])
+
+
+def test_a_wrap_that_messages_cross_out_of_order(log: Writer) -> None:
+    wrap = 2**32 / 1e3
+    for i in range(800):
+        t = wrap - 8 + i * 0.02
+        log.attitude(i * 0.02, t % wrap)
+        log.local_position(i * 0.02, (t - 0.08) % wrap)
+    (flight,) = c.open_log(log.close())
+    assert flight.duration == pytest.approx(800 * 0.02 + 0.06, abs=1e-3)
+    assert flight.position
+    assert len(flight.position) == 800
+
+
+def test_a_short_first_boot_is_a_flight(log: Writer) -> None:
+    log.rest(3.0, boot=1.0)
+    log.rest(20.0, begin=63.0, boot=1.0)
+    assert [f.boot for f in c.open_log(log.close())] == [1, 2]
+
+
+def test_a_few_local_positions_do_not_hide_the_global_ones(log: Writer) -> None:
+    for i in range(600):
+        log.attitude(i / 10, 10 + i / 10)
+        if i < 3:
+            log.local_position(i / 10, 10 + i / 10)
+        log.send(
+            i / 10, "global_position_int", time_boot_ms=round((10 + i / 10) * 1e3), lat=450000000, lon=80000000,
+            alt=100_000, relative_alt=0, vx=0, vy=0, vz=0, hdg=0,
+        )  # fmt: skip
+    position = c.open_log(log.close())[0].position
+    assert position
+    assert position.source == "GLOBAL_POSITION_INT"
+
+
+def test_readings_that_cannot_be_are_left_out(log: Writer) -> None:
+    for i in range(200):
+        broken = 1e20 if i % 10 == 0 else float("nan") if i % 10 == 1 else 0.0
+        log.send(
+            i / 50, "highres_imu", time_usec=round((10 + i / 50) * 1e6), xacc=0, yacc=0, zacc=-9.8, xgyro=broken,
+            ygyro=0, zgyro=0, xmag=0, ymag=0, zmag=0, abs_pressure=0, diff_pressure=0, pressure_alt=0, temperature=0,
+            fields_updated=63, id=0,
+        )  # fmt: skip
+    flight = c.open_log(log.close())[0]
+    assert len(flight.imu()) == 160
+    assert any("40 samples left out" in note for note in flight.notes)
+
+
 def test_an_all_zero_imu_is_no_imu(log: Writer) -> None:
     log.rest(1.0)
     for i in range(10):
