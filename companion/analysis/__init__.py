@@ -3,6 +3,7 @@
 from companion.analysis.calibrate import NO_CORRECTION, Calibration, Correction, calibrate
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, windows
 from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, drift, drift_of
+from companion.analysis.envelope import expected_since_anchor
 from companion.analysis.figures import GENERIC, ImuFigures, ReferenceFigures, SensorFigures
 from companion.analysis.finding import Finding
 from companion.analysis.gravity import gravity_for
@@ -40,6 +41,7 @@ __all__ = [
     "drift",
     "drift_of",
     "errors",
+    "expected_since_anchor",
     "gravity_for",
     "odd_one_out",
     "reference_at",

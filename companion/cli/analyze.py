@@ -80,21 +80,27 @@ def run(arguments: argparse.Namespace) -> int:
 
 def assessment_of(flight: Flight, arguments: argparse.Namespace, settings: Settings) -> Assessment:
     """Everything about the IMU that was asked for."""
+    return assess_imu(flight, arguments.imu, arguments.imu_model, arguments.correction, settings)
+
+
+def assess_imu(
+    flight: Flight, imu: str | None, imu_model: str | None, correction: str | None, settings: Settings
+) -> Assessment:
+    """Everything about one IMU of a flight, as the settings have it."""
     integration = settings.integration
-    imu = flight.imu(arguments.imu).source
-    model = arguments.imu_model
+    name = flight.imu(imu).source
     return assess(
         flight,
-        load_imu_figures(model) if model else figures_of(flight, imu),
+        load_imu_figures(imu_model) if imu_model else figures_of(flight, name),
         autopilot=ReferenceFigures(**msgspec.structs.asdict(settings.autopilot)),
         horizons=settings.drift.horizons_s,
-        imu=imu,
+        imu=name,
         method=integration.method,
         middle=integration.middle,
         segments=integration.segments,
         gravity=gravity_for(flight, integration.gravity),
         limits=limits_of(settings),
-        correction=load_correction(arguments.correction) if arguments.correction else NO_CORRECTION,
+        correction=load_correction(correction) if correction else NO_CORRECTION,
     )
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import webbrowser
 
-from companion.analysis import gravity_for, replay
+from companion.analysis import Assessment, expected_since_anchor, gravity_for, replay
 from companion.cli import options
-from companion.cli.analyze import limits_of
+from companion.cli.analyze import assess_imu, limits_of
 from companion.tracks import Flight
 
 
@@ -36,27 +36,45 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def run(arguments: argparse.Namespace) -> int:
     """Serve the replay until Ctrl-C."""
-    from companion.view import Reckoning, ReplayChoice, Viewer, without_bias  # noqa: PLC0415  (viser is slow to import)
+    from companion.view import (  # noqa: PLC0415  (viser is slow to import)
+        Envelope,
+        Mark,
+        Reckoning,
+        ReplayChoice,
+        Viewer,
+        without_bias,
+    )
 
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings)
     chosen = options.choose(recording.flights, arguments)
     integration, limits = settings.integration, limits_of(settings)
+    known: dict[tuple[int, str | None], Assessment] = {}
+
+    def assessed(flight: Flight, imu: str | None) -> Assessment:
+        """The same numbers as `companion analyze`, once for each IMU."""
+        if (id(flight), imu) not in known:
+            known[id(flight), imu] = assess_imu(flight, imu, None, None, settings)
+        return known[id(flight), imu]
 
     def recompute(flight: Flight, choice: ReplayChoice) -> Reckoning:
-        return Reckoning(
-            replay(
-                without_bias(flight, choice),
-                imu=choice.imu,
-                method=choice.method,
-                middle=choice.middle,
-                segments=choice.segments,
-                reanchor_s=choice.reanchor_s,
-                start_s=choice.start_s,
-                gravity=gravity_for(flight, choice.gravity),
-                limits=limits,
-            )
+        shown = replay(
+            without_bias(flight, choice),
+            imu=choice.imu,
+            method=choice.method,
+            middle=choice.middle,
+            segments=choice.segments,
+            reanchor_s=choice.reanchor_s,
+            start_s=choice.start_s,
+            gravity=gravity_for(flight, choice.gravity),
+            limits=limits,
         )
+        found = assessed(flight, choice.imu)
+        marks = tuple(
+            Mark(f.start_s, f"{f.kind.replace('_', ' ')}: {f.evidence}", "finding") for f in found.verdict.findings
+        )
+        sigma = expected_since_anchor(found, shown)
+        return Reckoning(shown, envelope=Envelope(*sigma) if sigma else None, findings=marks)
 
     start = ReplayChoice(
         imu=arguments.imu,

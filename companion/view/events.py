@@ -139,6 +139,13 @@ class SetSize:
 
 
 @dataclass(frozen=True, slots=True)
+class SetRange:
+    """Draw the ball of three expected standard deviations, or not."""
+
+    shown: bool
+
+
+@dataclass(frozen=True, slots=True)
 class SetArrows:
     """Draw velocity and gravity as arrows, or not."""
 
@@ -174,7 +181,7 @@ class Left:
     browser: int
 
 
-Look = SetCamera | SetTrail | SetSize | SetArrows | SetDark
+Look = SetCamera | SetTrail | SetSize | SetRange | SetArrows | SetDark
 Move = Toggle | Seek | SeekShare | Step | StepSample | Jump | JumpToMark | SetSpeed | SetLoop | SetBackwards | SetPart
 Event = Move | Look | Choose | StartHere | PickFlight | PickCharts | Save | Joined | Left
 Post = Callable[[Event], None]

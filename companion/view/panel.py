@@ -69,6 +69,9 @@ class Panel:
         with self.picture:
             self._trail = gui.add_dropdown("Paths", tuple(TRAILS))
             self._size = gui.add_dropdown("Drones", tuple(SIZES))
+            self._range = gui.add_checkbox(
+                "3σ ball", False, hint="Around the IMU: where the autopilot should be, if nothing is wrong"
+            )
             self._arrows = gui.add_checkbox("Arrows", False, hint="Velocity of both, and gravity")
             self._dark = gui.add_checkbox("Dark", False)
         with gui.add_folder("Save", expand_by_default=False):
@@ -119,6 +122,7 @@ class Panel:
         listen(self._pick, post, lambda: events.PickFlight(int(self._pick.value.split(":")[0]) - 1))
         listen(self._trail, post, lambda: TRAILS[self._trail.value])
         listen(self._size, post, lambda: events.SetSize(SIZES[self._size.value]))
+        listen(self._range, post, lambda: events.SetRange(self._range.value))
         listen(self._arrows, post, lambda: events.SetArrows(self._arrows.value))
         listen(self._dark, post, lambda: events.SetDark(self._dark.value))
         reckoning = (self._imu, self._method, self._middle, self._segments, self._gravity, self._anchored)

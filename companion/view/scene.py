@@ -49,6 +49,7 @@ class Scene:
         self.autopilot = Body(scene, f"{WORLD}/autopilot", "Autopilot", palette.AUTOPILOT, drone, ghost=True)
         self.imu = Body(scene, f"{WORLD}/imu", "IMU alone", palette.IMU, drone, ghost=False)
         self.arrows = Arrows(scene, f"{WORLD}/arrows")
+        self.range_shown = False
         self._expected = scene.add_icosphere(
             f"{WORLD}/expected", 1.0, palette.IMU, opacity=0.12, visible=False, cast_shadow=False, receive_shadow=False
         )
@@ -145,7 +146,7 @@ class Scene:
         self.imu.resize(span, name_above=imu_above)
         self.autopilot.resize(span, name_above=not imu_above)
         self.arrows.resize(span)
-        self._expect(moment.sigma_m if self._has_position else 0.0)
+        self._expect(moment.sigma_m if self._has_position and self.range_shown else 0.0)
         if not self._has_position:
             return
         # On the line when there is room between the drones, else with the name of the one that is wrong.

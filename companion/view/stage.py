@@ -112,7 +112,14 @@ class Stage:
                     self._request(other, replace(self._choice, imu=other.default_imu, start_s=None))
             case events.PickCharts(imu):
                 self._plots.pick(imu=imu)
-            case events.SetCamera() | events.SetTrail() | events.SetSize() | events.SetArrows() | events.SetDark():
+            case (
+                events.SetCamera()
+                | events.SetTrail()
+                | events.SetSize()
+                | events.SetRange()
+                | events.SetArrows()
+                | events.SetDark()
+            ):
                 self._look(event)
             case events.Save(browser, what):
                 self._save(browser, what)
@@ -137,6 +144,8 @@ class Stage:
                 self._due["trails"] = 0.0
             case events.SetSize(size):
                 self._size = size
+            case events.SetRange(shown):
+                self.scene.range_shown = shown
             case events.SetArrows(shown):
                 self.scene.arrows.shown = shown
             case events.SetDark(dark):
