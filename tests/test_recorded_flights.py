@@ -47,22 +47,18 @@ def medians(flight: c.Flight, horizon: float) -> np.ndarray[Any, np.dtype[np.flo
 @pytest.mark.parametrize("horizon", [5, 10, 30])
 @pytest.mark.parametrize("name", INDEPENDENT)
 def test_drift_agrees_with_independent_figures(name: str, horizon: int) -> None:
-    """Within 15 %, or where the windows begin explains the difference.
+    """Attitude, velocity and position together within 3 %, on one and the same grid of windows.
 
-    The independent windows began at another time. Where few windows make a median (3-5 of 30 s), or the error is a
-    hundredth of a degree, that alone moves it by more: then the figure must lie among the medians of sixty grids that
-    begin at other times.
+    Where the independent windows began is not known to the second, and with five windows of 30 s, some of them over
+    flips, it matters: grids that begin up to 1.5 s after the position does are tried.
     """
     flight = c.open_log(shared(f"sitl/{name}.tlog"))[0]
-    theirs = np.array(INDEPENDENT[name][horizon])
-    agrees = np.abs(medians(flight, horizon) / theirs - 1) < 0.15
     position = flight.position
     assert position
-    grids = []
-    for begin in position.t[0] + horizon * np.arange(60) / 60:
+    found = []
+    for begin in position.t[0] + np.arange(0, 1.51, 0.1):
         late = position.t >= begin
         later = c.PositionTrack(position.t[late], position.position[late], position.velocity[late], position.source)
-        grids.append(medians(replace(flight, position=later), horizon))
-    explained = (np.min(grids, axis=0) * 0.85 < theirs) & (theirs < np.max(grids, axis=0) * 1.15)
-    assert (agrees | explained).all()
-    assert horizon == 30 or agrees[1:].all(), "velocity and position have windows enough at 5 and 10 s"
+        found.append(medians(replace(flight, position=later), horizon) / INDEPENDENT[name][horizon] - 1)
+    best = min(found, key=lambda off: float(np.abs(off).max()))
+    assert np.abs(best).max() < 0.03
