@@ -1,4 +1,4 @@
-"""How often the verdict is right on simulated flights whose fault is known: `python benchmarks/verdicts.py`.
+"""How often the verdict is right on simulated flights whose fault is known: `python benchmarks/accuracy/verdicts.py`.
 
 Random motion, a random sensor of config/imu with errors drawn from its figures, RAW_IMU's whole milli-units, an
 autopilot with small errors of its own; then one fault, or none. Right means the right status, a finding of the right
