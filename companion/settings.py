@@ -133,16 +133,22 @@ def _line(text: str, complaint: str) -> int:
     keys = [key for key in keys if key != "..."]
     if unknown := re.search(r"unknown field `([^`]*)`", complaint):
         keys.append(unknown[1])
-    table = ""
+    table: list[str] = []
     best = 1
     for number, line in enumerate(text.splitlines(), 1):
         if header := re.match(r"\s*\[\s*([^\]]+?)\s*\]", line):
-            table = header[1]
-            if keys[:1] == [table]:
+            table = _dotted(header[1])
+            if table == keys:
+                return number
+            if table == keys[:1]:
                 best = number
-        elif match := re.match(r"\s*([\w.\"-]+)\s*=", line):
-            name = match[1].strip('"')
-            path = [*([table] if table else []), *name.split(".")]
+        elif match := re.match(r"\s*([\w.\"'-]+)\s*=", line):
+            path = [*table, *_dotted(match[1])]
             if path == keys[: len(path)]:
                 return number
     return best
+
+
+def _dotted(key: str) -> list[str]:
+    """The parts of a TOML key: drift.gap_s, 'drift'.gap_s."""
+    return [part.strip(" '\"") for part in key.split(".")]

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from companion.analysis.biases import bias_findings, noise_findings, rate_findings
-from companion.analysis.budget import ATTITUDE, budget
 from companion.analysis.calibrate import NO_CORRECTION, TIME_OFFSET, Calibration, Compare
-from companion.analysis.comparison import Comparison, Windows
+from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding
 from companion.analysis.jumps import jump_findings
@@ -19,17 +18,14 @@ from companion.tracks import Flight
 def findings(
     flight: Flight,
     comparison: Comparison,
-    judged: Windows,
+    sampling_share: float,
     compare_with: Compare,
     figures: ImuFigures,
     noise: tuple[float, float] | None,
     calibration: Calibration | None,
     autopilot: ReferenceFigures,
 ) -> tuple[Finding, ...]:
-    sampling = 0.0
-    if len(judged.start):
-        sampling = budget(comparison, judged, figures, autopilot).shares(ATTITUDE)["sampling"]
-    found = [*rate_findings(comparison, sampling)]
+    found = [*rate_findings(comparison, sampling_share)]
     found += reading_findings(comparison, flight.require_attitude(), figures)
     if flight.vehicle.autopilot == "PX4" and comparison.track.source == "HIGHRES_IMU":
         found.append(_not_independent(comparison))

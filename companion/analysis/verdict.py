@@ -22,7 +22,7 @@ from companion.analysis.budget import (
 from companion.analysis.calibrate import NO_CORRECTION, Calibration, Correction, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
 from companion.analysis.detect import findings
-from companion.analysis.drift import HORIZONS_S, Drift, drift_of, drift_over
+from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding, Side
 from companion.analysis.reference import Limits
@@ -113,8 +113,8 @@ def assess(
     comparison = compare_with(track)
     judged = windows(comparison, _JUDGED_S)
     noise = _noise(comparison, judged)
-    table = drift_of(comparison, horizons)
-    expected = tuple(_expected(comparison, windows(comparison, h), figures, autopilot) for h in horizons)
+    sets = [windows(comparison, horizon) for horizon in horizons]
+    allowed = _expected(comparison, judged, figures, autopilot)
     calibration = before = after = None
     if len(judged.start) >= _FEWEST_WINDOWS:
         calibration = calibrate(track, compare_with, figures, autopilot, horizon=_JUDGED_S)
@@ -122,16 +122,17 @@ def assess(
         if half is not None and len(judged.start) >= 2 * _FEWEST_WINDOWS:
             before = _held_out(comparison)
             after = _held_out(compare_with(half.correction.apply(track)))
-    found = findings(flight, comparison, judged, compare_with, figures, noise, calibration, autopilot)
+    sampling = allowed.shares["attitude"]["sampling"] if allowed else 0.0
+    found = findings(flight, comparison, sampling, compare_with, figures, noise, calibration, autopilot)
     return Assessment(
-        drift=table,
-        expected=expected,
+        drift=drift_over(comparison, sets),
+        expected=tuple(_expected(comparison, chosen, figures, autopilot) for chosen in sets),
         figures=figures,
         measured_noise=noise,
         calibration=calibration,
         corrected=after,
         uncorrected=before,
-        verdict=_verdict(judged, _expected(comparison, judged, figures, autopilot), found),
+        verdict=_verdict(judged, allowed, found),
     )
 
 

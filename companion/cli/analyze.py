@@ -91,8 +91,8 @@ def assess_imu(
     name = flight.imu(imu).source
     return assess(
         flight,
-        load_imu_figures(imu_model) if imu_model else figures_of(flight, name),
-        autopilot=ReferenceFigures(**msgspec.structs.asdict(settings.autopilot)),
+        _figures(flight, name, imu_model),
+        autopilot=_autopilot(settings),
         horizons=settings.drift.horizons_s,
         imu=name,
         method=integration.method,
@@ -119,10 +119,17 @@ def _siblings(flight: Flight, arguments: argparse.Namespace, settings: Settings)
             limits=limits_of(settings),
         )
 
-    def figures(imu: str) -> ImuFigures:
-        return load_imu_figures(arguments.imu_model) if arguments.imu_model else figures_of(flight, imu)
+    return siblings(flight, compare_imu, lambda imu: _figures(flight, imu, arguments.imu_model), _autopilot(settings))
 
-    return siblings(flight, compare_imu, figures, ReferenceFigures(**msgspec.structs.asdict(settings.autopilot)))
+
+def _figures(flight: Flight, imu: str, imu_model: str | None) -> ImuFigures:
+    """The sensor figures that were asked for, else those of the part that the vehicle names."""
+    return load_imu_figures(imu_model) if imu_model else figures_of(flight, imu)
+
+
+def _autopilot(settings: Settings) -> ReferenceFigures:
+    """How far the settings let the autopilot be off."""
+    return ReferenceFigures(**msgspec.structs.asdict(settings.autopilot))
 
 
 def limits_of(settings: Settings) -> Limits:

@@ -174,6 +174,8 @@ def test_bad_logs(command: str, make: Callable[[Path], None], expected: str, tmp
         ("[view]\n# comment\nport = 'http'\n", 3, "int"),
         ("[drift]\nhorizons_s = [1, -2]\n", 2, "> 0"),
         ("[drift]\ngap_s = inf\n", 2, "1000000"),
+        ("[view]\nport = 1\n\n[drift]\ngap_s = 1\n[drift.sub]\nx = 1\n", 6, "sub"),
+        ("[view]\n\n['drift']\ngap_s = 'x'\n", 4, "float"),
         ("[autopilot]\ntilt = 1e300\n", 2, "10"),
         ("[wiev]\nport = 1\n", 1, "wiev"),
         ("[view\n", 1, "TOML"),
