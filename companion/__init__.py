@@ -10,7 +10,7 @@ Conventions: SI units, seconds of the vehicle's boot clock, body FRD, world NED,
 body to world.
 """
 
-from companion.analysis import Drift, DriftRow, Limits, Replay, Statistic, drift, replay
+from companion.analysis import Drift, DriftRow, Integration, Limits, Replay, Statistic, drift, replay
 from companion.errors import CompanionError, DataError, InputError, SettingsError
 from companion.recording import open_log
 from companion.strapdown import reckon
@@ -35,6 +35,7 @@ __all__ = [
     "Flight",
     "ImuTrack",
     "InputError",
+    "Integration",
     "Limits",
     "MessageStats",
     "NavState",

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion.analysis import Limits, Replay, replay
+from companion.analysis import Integration, Replay, replay
 from companion.errors import DataError
 from companion.telemetry import Stream
-from companion.tracks import STANDARD_GRAVITY, Flight
+from companion.tracks import Flight
 
 _MARGIN_S = 3.0  # beside the re-anchor period: late packets, and the autopilot's messages around the anchor
 
@@ -34,12 +34,8 @@ class LiveReplay:
         *,
         vehicle: str | None = None,
         imu: str | None = None,
-        method: str = "rk4",
-        middle: str = "cubic",
-        segments: int = 1,
+        how: Integration | None = None,
         reanchor_s: float = 10.0,
-        gravity: float = STANDARD_GRAVITY,
-        limits: Limits | None = None,
     ) -> None:
         if not reanchor_s > 0:
             raise ValueError(f"the re-anchor period must be positive seconds, got {reanchor_s}")
@@ -47,10 +43,8 @@ class LiveReplay:
         self._stream = stream
         self._vehicle = vehicle
         self._imu = imu
-        self._method, self._middle, self._segments = method, middle, segments
+        self._how = how or Integration()
         self._reanchor_s = reanchor_s
-        self._gravity = gravity
-        self._limits = limits
         self._boot: tuple[str, int] | None = None
         self._anchor: float | None = None  # s, boot clock
 
@@ -73,13 +67,9 @@ class LiveReplay:
             both = replay(
                 flight,
                 imu=self._imu,
-                method=self._method,
-                middle=self._middle,
-                segments=self._segments,
+                how=self._how,
                 reanchor_s=self._reanchor_s,
                 start_s=start,
-                gravity=self._gravity,
-                limits=self._limits,
             )
         except DataError as reason:
             self.why_not = str(reason)

@@ -28,6 +28,8 @@ MAY_IMPORT = {
     "analysis": GROUND | {"strapdown"},
     "recording": GROUND | {"mavlink", "telemetry"},
     "simulate": GROUND | {"mavlink", "strapdown"},
+    "examination": GROUND | {"settings", "sensors", "correction", "analysis"},
+    "documents": GROUND | {"recording", "analysis", "examination"},
     "live": GROUND | {"telemetry", "analysis"},
     "view": GROUND | {"strapdown", "analysis"},
     "cli": GROUND
@@ -35,6 +37,8 @@ MAY_IMPORT = {
         "settings",
         "sensors",
         "correction",
+        "examination",
+        "documents",
         "mavlink",
         "telemetry",
         "recording",
@@ -62,6 +66,8 @@ LIBRARIES = {
     "recording": {"numpy"},
     "sensors": {"msgspec"},
     "correction": {"msgspec", "numpy"},
+    "examination": {"msgspec", "numpy"},
+    "documents": {"msgspec", "numpy"},
     "view": {"numpy", "viser", "rich"},
     "cli": {"numpy", "msgspec", "rich"},
 }

@@ -37,7 +37,7 @@ INDEPENDENT = {
 
 
 def medians(flight: c.Flight, horizon: float) -> np.ndarray[Any, np.dtype[np.float64]]:
-    row = c.drift(flight, horizons=(horizon,), imu="RAW_IMU", middle="linear").rows[0]
+    row = c.drift(flight, horizons=(horizon,), imu="RAW_IMU", how=c.Integration(middle="linear")).rows[0]
     assert row.attitude_deg
     assert row.velocity_mps
     assert row.position_m

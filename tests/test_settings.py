@@ -9,9 +9,10 @@ from itertools import pairwise
 import msgspec
 import pytest
 
-from companion.analysis import HORIZONS_S, Limits, drift, replay
+from companion.analysis import HORIZONS_S, Integration, replay
+from companion.examination import integration_of
+from companion.recording import open_log
 from companion.settings import Settings, data_folder, load_settings
-from companion.tracks import STANDARD_GRAVITY
 
 DEFAULT = data_folder("config") / "default.toml"
 
@@ -31,13 +32,5 @@ def test_every_setting_is_described() -> None:
 def test_the_defaults_of_the_functions_are_the_same() -> None:
     settings = Settings()
     assert settings.drift.horizons_s == HORIZONS_S
-    assert settings.integration.gravity == "standard"
-    for function in (drift, replay):
-        assert inspect.signature(function).parameters["gravity"].default == STANDARD_GRAVITY
-    limits = Limits()
-    assert limits == Limits(**{name: getattr(settings.drift, name) for name in limits.__dataclass_fields__})
-    for function in (drift, replay):
-        parameters = inspect.signature(function).parameters
-        for name in ("method", "middle", "segments"):
-            assert parameters[name].default == getattr(settings.integration, name)
+    assert integration_of(settings, open_log(data_folder("tlogs") / "copter-demo-100hz.tlog")[0]) == Integration()
     assert inspect.signature(replay).parameters["reanchor_s"].default == pytest.approx(settings.view.reanchor_s)

@@ -7,6 +7,7 @@ from companion.analysis.envelope import expected_since_anchor
 from companion.analysis.figures import GENERIC, ImuFigures, ReferenceFigures, SensorFigures
 from companion.analysis.finding import Finding
 from companion.analysis.gravity import gravity_for
+from companion.analysis.integration import Integration
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Replay, replay
 from companion.analysis.siblings import Sibling, odd_one_out, siblings
@@ -25,6 +26,7 @@ __all__ = [
     "Expected",
     "Finding",
     "ImuFigures",
+    "Integration",
     "Limits",
     "Reference",
     "ReferenceFigures",

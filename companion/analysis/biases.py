@@ -89,7 +89,7 @@ def bias_findings(comparison: Comparison, imu: ImuFigures, autopilot: ReferenceF
         chosen.end,
         comparison.reference.q_ned_frd[chosen.start],
         comparison.reference.velocity[chosen.start],
-        gravity=comparison.gravity,
+        gravity=comparison.how.gravity,
     )
     # a gyro bias leans gravity over; that is not the accelerometer's
     leaned = np.einsum("wij,wj->wi", growth.transition[:, VELOCITY, _GYRO_BIAS], rate)

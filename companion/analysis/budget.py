@@ -57,7 +57,7 @@ def budget(comparison: Comparison, chosen: Windows, imu: ImuFigures, autopilot: 
         end,
         reference.q_ned_frd[start],
         reference.velocity[start],
-        gravity=comparison.gravity,
+        gravity=comparison.how.gravity,
     )
     move = growth.transition[:, :9, :9]
     gyro_bias, accel_bias = growth.transition[:, :9, 9:12], growth.transition[:, :9, 12:15]

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from companion.analysis.compare import attitude_error
+from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import (
     BoolArray,
-    Limits,
     Reference,
     attitude_jumps,
     nearest,
@@ -19,26 +20,28 @@ from companion.analysis.reference import (
     reference_at,
 )
 from companion.strapdown import Preintegration, preintegrate
-from companion.tracks import STANDARD_GRAVITY, Array, Flight, ImuTrack
+from companion.tracks import Array, Flight, ImuTrack
 
 IntArray = npt.NDArray[np.intp]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Comparison:
     """The reckoning of one IMU and the autopilot's state at its samples."""
 
     track: ImuTrack
     path: Preintegration  # one pass over the track; carries any window
-    coarse: Preintegration  # the same with the other middle sample: their difference is the error of the sampling
     reference: Reference  # at the samples of the track
-    gravity: float  # m/s²
-    limits: Limits
+    how: Integration
     holes: BoolArray  # (N-1,) intervals of the track that are a hole
     attitude_steps: Array  # (J, 2) s, jumps of the autopilot's attitude
     position_steps: Array  # (J, 2) s, jumps of its position
-    method: str
-    middle: str
+
+    @cached_property
+    def coarse(self) -> Preintegration:
+        """The same pass with rk4's other middle sample: the difference is the error of the sampling."""
+        other = "linear" if self.how.middle == "cubic" else "cubic"
+        return preintegrate(self.track, method="rk4", middle=other, segments=self.how.segments)
 
     @property
     def has_position(self) -> bool:
@@ -71,11 +74,7 @@ def compare(
     flight: Flight,
     *,
     imu: str | None = None,
-    method: str = "rk4",
-    middle: str = "cubic",
-    segments: int = 1,
-    gravity: float = STANDARD_GRAVITY,
-    limits: Limits | None = None,
+    how: Integration = DEFAULT,
     track: ImuTrack | None = None,
 ) -> Comparison:
     """Integrate one IMU of the flight and find the autopilot's state at its samples.
@@ -85,20 +84,15 @@ def compare(
     """
     track = track or flight.imu(imu)
     attitude = flight.require_attitude()
-    limits = limits or Limits()
-    other = "linear" if middle == "cubic" else "cubic"
+    limits = how.limits
     return Comparison(
         track=track,
-        path=preintegrate(track, method=method, middle=middle, segments=segments),
-        coarse=preintegrate(track, method="rk4", middle=other, segments=segments),
+        path=preintegrate(track, method=how.method, middle=how.middle, segments=how.segments),
         reference=reference_at(attitude, flight.position, track.t, limits),
-        gravity=gravity,
-        limits=limits,
+        how=how,
         holes=np.diff(track.t) > limits.hole(track.t),
         attitude_steps=attitude_jumps(attitude, limits),
         position_steps=position_jumps(flight.position, limits) if flight.position else np.zeros((0, 2)),
-        method=method,
-        middle=middle,
     )
 
 
@@ -140,7 +134,7 @@ def errors(comparison: Comparison, chosen: Windows, *, path: Preintegration | No
         reference.q_ned_frd[start],
         reference.velocity[start],
         reference.position[start],
-        gravity=comparison.gravity,
+        gravity=comparison.how.gravity,
     )
     return WindowErrors(
         anchor_s=reference.t[start],

@@ -14,8 +14,8 @@ import numpy as np
 
 from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, windows
-from companion.analysis.reference import Limits
-from companion.tracks import STANDARD_GRAVITY, Array, Flight
+from companion.analysis.integration import DEFAULT, Integration
+from companion.tracks import Array, Flight
 
 HORIZONS_S = (1.0, 2.0, 5.0, 10.0, 30.0)
 
@@ -57,12 +57,8 @@ def drift(
     flight: Flight,
     *,
     horizons: Sequence[float] = HORIZONS_S,
-    method: str = "rk4",
-    middle: str = "cubic",
-    segments: int = 1,
     imu: str | None = None,
-    gravity: float = STANDARD_GRAVITY,
-    limits: Limits | None = None,
+    how: Integration = DEFAULT,
 ) -> Drift:
     """The drift of the flight's IMU against its autopilot after each horizon (s).
 
@@ -74,10 +70,7 @@ def drift(
     Raises DataError when the flight has no usable IMU or no attitude, ValueError for an unknown method or a horizon
     that is not positive.
     """
-    comparison = compare(
-        flight, imu=imu, method=method, middle=middle, segments=segments, gravity=gravity, limits=limits
-    )
-    return drift_of(comparison, horizons)
+    return drift_of(compare(flight, imu=imu, how=how), horizons)
 
 
 def drift_of(comparison: Comparison, horizons: Sequence[float] = HORIZONS_S) -> Drift:
@@ -101,7 +94,9 @@ def drift_over(comparison: Comparison, sets: Sequence[Windows]) -> Drift:
                 errors=found,
             )
         )
-    return Drift(comparison.track.source, comparison.method, comparison.middle, tuple(rows), comparison.path.notes)
+    return Drift(
+        comparison.track.source, comparison.how.method, comparison.how.middle, tuple(rows), comparison.path.notes
+    )
 
 
 def _statistic(values: Array) -> Statistic | None:

@@ -40,7 +40,7 @@ def jump_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
 def _position_findings(comparison: Comparison, position: PositionTrack, settled: float) -> Iterator[Finding]:
     """Jumps of the position, those close together as one, and times without any position."""
     steps = comparison.position_steps
-    lost = steps[:, 1] - steps[:, 0] > comparison.limits.hole(position.t)
+    lost = steps[:, 1] - steps[:, 0] > comparison.how.limits.hole(position.t)
     for start, end in steps[lost]:
         i, j = np.searchsorted(position.t, [start, end])
         yield Finding(

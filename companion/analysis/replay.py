@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.analysis.compare import attitude_error
-from companion.analysis.reference import BoolArray, Limits, nearest, reference_at
+from companion.analysis.integration import DEFAULT, Integration
+from companion.analysis.reference import BoolArray, nearest, reference_at
 from companion.errors import DataError
 from companion.strapdown import preintegrate, quaternion
-from companion.tracks import STANDARD_GRAVITY, Array, Flight
+from companion.tracks import Array, Flight
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,13 +41,9 @@ def replay(
     flight: Flight,
     *,
     imu: str | None = None,
-    method: str = "rk4",
-    middle: str = "cubic",
-    segments: int = 1,
+    how: Integration = DEFAULT,
     reanchor_s: float | None = 10.0,
     start_s: float | None = None,
-    gravity: float = STANDARD_GRAVITY,
-    limits: Limits | None = None,
 ) -> Replay:
     """The reckoning of the flight's IMU beside its autopilot, at every IMU sample.
 
@@ -60,8 +57,7 @@ def replay(
     track, attitude = flight.imu(imu), flight.require_attitude()
     if reanchor_s is not None and not reanchor_s > 0:
         raise ValueError(f"the re-anchor period must be positive seconds or None, got {reanchor_s}")
-    limits = limits or Limits()
-    reference = reference_at(attitude, flight.position, track.t, limits)
+    reference = reference_at(attitude, flight.position, track.t, how.limits)
     # an attitude-only flight is compared in attitude alone; one with a position starts when that is known too
     has_position = bool(reference.position_known.any())
     valid = reference.position_known if has_position else reference.attitude_known
@@ -81,11 +77,11 @@ def replay(
         later = nearest(track.t, wanted)
         delayed = np.searchsorted(usable, later)
         anchors = np.unique(np.concatenate([anchors, usable[delayed[delayed < len(usable)]]]))
-    path = preintegrate(track[shown], method=method, middle=middle, segments=segments)
+    path = preintegrate(track[shown], method=how.method, middle=how.middle, segments=how.segments)
     index = anchors - shown.start
     owner = index[np.searchsorted(index, np.arange(len(t)), side="right") - 1]
     q_ref, v_ref, p_ref = (a[shown] for a in (reference.q_ned_frd, reference.velocity, reference.position))
-    q, v, p = path.carry(owner, np.arange(len(t)), q_ref[owner], v_ref[owner], p_ref[owner], gravity=gravity)
+    q, v, p = path.carry(owner, np.arange(len(t)), q_ref[owner], v_ref[owner], p_ref[owner], gravity=how.gravity)
     if not has_position:
         v, p = v_ref, p_ref
     return Replay(

@@ -25,8 +25,8 @@ from companion.analysis.detect import findings
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding, Side
-from companion.analysis.reference import Limits
-from companion.tracks import STANDARD_GRAVITY, Flight, ImuTrack
+from companion.analysis.integration import DEFAULT, Integration
+from companion.tracks import Flight, ImuTrack
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
 
@@ -62,6 +62,7 @@ class Verdict:
 class Assessment:
     """One IMU of a flight: drift, what it should be, calibration, verdict."""
 
+    comparison: Comparison  # of the IMU as it was judged, corrected if that was asked for
     drift: Drift
     expected: tuple[Expected | None, ...]  # one for each row of the drift; None without windows
     figures: ImuFigures
@@ -88,11 +89,7 @@ def assess(
     autopilot: ReferenceFigures | None = None,
     horizons: Sequence[float] = HORIZONS_S,
     imu: str | None = None,
-    method: str = "rk4",
-    middle: str = "cubic",
-    segments: int = 1,
-    gravity: float = STANDARD_GRAVITY,
-    limits: Limits | None = None,
+    how: Integration = DEFAULT,
     correction: Correction = NO_CORRECTION,
 ) -> Assessment:
     """Everything about one IMU of a flight. Raises as `drift` does."""
@@ -100,15 +97,7 @@ def assess(
     track = correction.apply(flight.imu(imu))
 
     def compare_with(changed: ImuTrack) -> Comparison:
-        return compare(
-            flight,
-            track=changed,
-            method=method,
-            middle=middle,
-            segments=segments,
-            gravity=gravity,
-            limits=limits,
-        )
+        return compare(flight, track=changed, how=how)
 
     comparison = compare_with(track)
     judged = windows(comparison, _JUDGED_S)
@@ -125,6 +114,7 @@ def assess(
     sampling = allowed.shares["attitude"]["sampling"] if allowed else 0.0
     found = findings(flight, comparison, sampling, compare_with, figures, noise, calibration, autopilot)
     return Assessment(
+        comparison=comparison,
         drift=drift_over(comparison, sets),
         expected=tuple(_expected(comparison, chosen, figures, autopilot) for chosen in sets),
         figures=figures,

@@ -3,32 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 
-import msgspec
 import numpy as np
 from rich.markup import escape
 
-from companion.analysis import (
-    NO_CORRECTION,
-    Assessment,
-    Comparison,
-    ImuFigures,
-    Limits,
-    ReferenceFigures,
-    Sibling,
-    assess,
-    compare,
-    gravity_for,
-    odd_one_out,
-    siblings,
-)
-from companion.cli import documents, options, tables
+from companion.cli import options, tables
 from companion.cli.info import reference_line
-from companion.correction import load_correction
-from companion.sensors import figures_of, load_imu_figures
-from companion.settings import Settings
-from companion.tracks import Flight
+from companion.documents import analysis_document, encode
+from companion.examination import Examination, examine
 
 _LOW_RATE_HZ = 40.0  # RAW_IMU is low-passed at 20 Hz: below twice that, motion aliases into the samples
 
@@ -60,97 +42,22 @@ def run(arguments: argparse.Namespace) -> int:
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings)
     flight = recording.flights[options.choose(recording.flights, arguments)]
-    found = assessment_of(flight, arguments, settings)
-    others = _siblings(flight, arguments, settings)
-    if (odd := odd_one_out(others)) is not None:
-        verdict = replace(found.verdict, findings=(*found.verdict.findings, odd))
-        found = replace(found, verdict=verdict)
-    gravity = gravity_for(flight, settings.integration.gravity)
-    limits = limits_of(settings)
-    gaps = {name: int((np.diff(track.t) > limits.hole(track.t)).sum()) for name, track in flight.imus.items()}
+    examined = examine(
+        flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
+    )
     if arguments.json:
-        document = documents.analysis(recording.source, flight, found, others, gaps, gravity, arguments.correction)
-        print(documents.encode(document))
+        print(encode(analysis_document(recording.source, examined)))
     else:
-        _print(flight, found, others, gaps[found.drift.imu], gravity, arguments.correction)
-    status = found.verdict.status
+        _print(examined)
+    status = examined.assessment.verdict.status
     failed = {"suspect": status.endswith("suspect"), "insufficient": status != "consistent"}
     return 1 if arguments.fail_on and failed[arguments.fail_on] else 0
 
 
-def assessment_of(flight: Flight, arguments: argparse.Namespace, settings: Settings) -> Assessment:
-    """Everything about the IMU that was asked for."""
-    return assess_imu(flight, arguments.imu, arguments.imu_model, arguments.correction, settings)
-
-
-def assess_imu(
-    flight: Flight, imu: str | None, imu_model: str | None, correction: str | None, settings: Settings
-) -> Assessment:
-    """Everything about one IMU of a flight, as the settings have it."""
-    integration = settings.integration
-    name = flight.imu(imu).source
-    return assess(
-        flight,
-        _figures(flight, name, imu_model),
-        autopilot=_autopilot(settings),
-        horizons=settings.drift.horizons_s,
-        imu=name,
-        method=integration.method,
-        middle=integration.middle,
-        segments=integration.segments,
-        gravity=gravity_for(flight, integration.gravity),
-        limits=limits_of(settings),
-        correction=load_correction(correction) if correction else NO_CORRECTION,
-    )
-
-
-def _siblings(flight: Flight, arguments: argparse.Namespace, settings: Settings) -> tuple[Sibling, ...]:
-    """Every IMU of the flight, integrated alike. A correction is of one IMU, and is left aside here."""
-    integration = settings.integration
-
-    def compare_imu(imu: str) -> Comparison:
-        return compare(
-            flight,
-            imu=imu,
-            method=integration.method,
-            middle=integration.middle,
-            segments=integration.segments,
-            gravity=gravity_for(flight, integration.gravity),
-            limits=limits_of(settings),
-        )
-
-    return siblings(flight, compare_imu, lambda imu: _figures(flight, imu, arguments.imu_model), _autopilot(settings))
-
-
-def _figures(flight: Flight, imu: str, imu_model: str | None) -> ImuFigures:
-    """The sensor figures that were asked for, else those of the part that the vehicle names."""
-    return load_imu_figures(imu_model) if imu_model else figures_of(flight, imu)
-
-
-def _autopilot(settings: Settings) -> ReferenceFigures:
-    """How far the settings let the autopilot be off."""
-    return ReferenceFigures(**msgspec.structs.asdict(settings.autopilot))
-
-
-def limits_of(settings: Settings) -> Limits:
-    """What the settings call a hole or a jump."""
-    return Limits(
-        gap_periods=settings.drift.gap_periods,
-        gap_s=settings.drift.gap_s,
-        position_jump_m=settings.drift.position_jump_m,
-        attitude_jump_deg=settings.drift.attitude_jump_deg,
-    )
-
-
-def _print(
-    flight: Flight,
-    found: Assessment,
-    others: tuple[Sibling, ...],
-    gaps: int,
-    gravity: float,
-    correction: str | None,
-) -> None:
+def _print(examined: Examination) -> None:
+    flight, found = examined.flight, examined.assessment
     console, table = tables.console(), found.drift
+    gaps = examined.gaps[table.imu]
     track, vehicle = flight.imu(table.imu), flight.vehicle
     for line in tables.verdict_lines(found):
         console.print(line, highlight=False)
@@ -163,10 +70,10 @@ def _print(
         + (f", {gaps} holes" if gaps else ""),
         f"Figures:   {found.figures.name} ({escape(found.figures.reason)})",
         f"Reference: {reference_line(flight)}",
-        f"Method:    {table.method}{middle}, gravity {gravity:.5f} m/s²",
+        f"Method:    {table.method}{middle}, gravity {found.comparison.how.gravity:.5f} m/s²",
     ]
-    if correction:
-        lines.append(f"Corrected: by {escape(correction)}")
+    if examined.correction:
+        lines.append(f"Corrected: by {escape(examined.correction)}")
     lines += [f"Note:      {escape(note)}" for note in (*flight.notes, *table.notes)]
     if track.rate_hz < _LOW_RATE_HZ:
         lines.append(
@@ -185,9 +92,9 @@ def _print(
         return
     console.print("\n[bold]What it should be, with these figures[/]")
     console.print(tables.expected_table(found), no_wrap=True)
-    if len(others) > 1:
+    if len(examined.siblings) > 1:
         console.print("\n[bold]Every IMU after 5 s[/]")
-        console.print(tables.siblings_table(others), no_wrap=True)
+        console.print(tables.siblings_table(examined.siblings), no_wrap=True)
     console.print()
     for line in tables.calibration_lines(found):
         console.print(line, highlight=False)

@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 
 from companion.cli import options, tables
-from companion.cli.analyze import assessment_of
 from companion.correction import correction_text
 from companion.errors import DataError, InputError
+from companion.examination import assess_imu
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -28,7 +28,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         action="store_true",
         help="replace FILE when it is there already, and write it when the flight is no good for it",
     )
-    parser.set_defaults(run=run, horizons=None, correction=None)
+    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings)
     flight = recording.flights[options.choose(recording.flights, arguments)]
-    found = assessment_of(flight, arguments, settings)
+    found = assess_imu(flight, settings, imu=arguments.imu, imu_model=arguments.imu_model)
     if found.calibration is None:
         raise DataError(f"no calibration: {found.verdict.summary}")
     console = tables.console()

@@ -8,7 +8,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.cli import documents, options, tables
+from companion.cli import options, tables
+from companion.documents import encode, info_document
 from companion.recording import Recording, Source
 from companion.tracks import Flight
 
@@ -29,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Print what is in the log."""
     recording = options.read(arguments, options.settings_of(arguments), every_message=True)
     if arguments.json:
-        print(documents.encode(documents.info(recording)))
+        print(encode(info_document(recording)))
         return 0
     console = tables.console()
     console.print(_summary(recording.source), highlight=False)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import webbrowser
+from dataclasses import replace
 
 from companion.analysis import Assessment, expected_since_anchor, gravity_for, replay
 from companion.cli import options
-from companion.cli.analyze import assess_imu, limits_of
+from companion.examination import assess_imu, integration_of
 from companion.tracks import Flight
 
 
@@ -48,26 +49,28 @@ def run(arguments: argparse.Namespace) -> int:
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings)
     chosen = options.choose(recording.flights, arguments)
-    integration, limits = settings.integration, limits_of(settings)
+    integration = settings.integration
     known: dict[tuple[int, str | None], Assessment] = {}
 
     def assessed(flight: Flight, imu: str | None) -> Assessment:
         """The same numbers as `companion analyze`, once for each IMU."""
         if (id(flight), imu) not in known:
-            known[id(flight), imu] = assess_imu(flight, imu, None, None, settings)
+            known[id(flight), imu] = assess_imu(flight, settings, imu=imu)
         return known[id(flight), imu]
 
     def recompute(flight: Flight, choice: ReplayChoice) -> Reckoning:
         shown = replay(
             without_bias(flight, choice),
             imu=choice.imu,
-            method=choice.method,
-            middle=choice.middle,
-            segments=choice.segments,
+            how=replace(
+                integration_of(settings, flight),
+                method=choice.method,
+                middle=choice.middle,
+                segments=choice.segments,
+                gravity=gravity_for(flight, choice.gravity),
+            ),
             reanchor_s=choice.reanchor_s,
             start_s=choice.start_s,
-            gravity=gravity_for(flight, choice.gravity),
-            limits=limits,
         )
         found = assessed(flight, choice.imu)
         marks = tuple(

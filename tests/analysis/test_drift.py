@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.analysis import Limits, drift
+from companion.analysis import Integration, Limits, drift
 from companion.errors import DataError
 from companion.strapdown import motions, quaternion, reckon
 from companion.tracks import AttitudeTrack, Flight, ImuTrack, NavState, PositionTrack
@@ -62,7 +62,7 @@ def test_one_pass_equals_integrating_every_window_by_itself() -> None:
     flight = flight_of(motion, every=5)
     imu = flight.imu()
     imu = replace(imu, gyro=imu.gyro + [0.01, 0.0, -0.02])
-    errors = drift(with_imu(flight, imu), horizons=(7,), middle="linear").rows[0].errors
+    errors = drift(with_imu(flight, imu), horizons=(7,), how=Integration(middle="linear")).rows[0].errors
     for anchor, end, position in zip(errors.anchor_s, errors.end_s, errors.position, strict=True):
         k, e = np.searchsorted(imu.t, [anchor, end])
         start = NavState(imu.t[k], motion.q_ned_frd[k], motion.velocity[k], motion.position[k])
@@ -79,7 +79,7 @@ def test_windows_over_a_hole_are_left_out_and_counted() -> None:
     assert row.windows == 11
     assert row.attitude_deg
     assert row.attitude_deg.max < 0.01
-    bridged = drift(flight, horizons=(5,), limits=Limits(gap_s=10)).rows[0]
+    bridged = drift(flight, horizons=(5,), how=Integration(limits=Limits(gap_s=10))).rows[0]
     assert bridged.attitude_deg
     assert bridged.attitude_deg.max > 1.0, "the test's hole would not have mattered"
 

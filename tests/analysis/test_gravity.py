@@ -31,7 +31,7 @@ def test_the_models() -> None:
 
 
 def test_a_gravity_error_falls_as_half_t_squared() -> None:
-    row = c.drift(FLIGHT, horizons=(10,), gravity=9.80665 + 0.01).rows[0]
+    row = c.drift(FLIGHT, horizons=(10,), how=c.Integration(gravity=9.80665 + 0.01)).rows[0]
     assert row.position_m
     assert row.position_m.median == pytest.approx(0.5 * 0.01 * 10**2, rel=1e-6)
 

@@ -1,15 +1,15 @@
-"""Results → the JSON documents of `companion.cli.schema`."""
+"""Results → the JSON documents of `companion.documents.schema`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 import msgspec
 import numpy as np
 
 from companion.analysis import Assessment, Calibration, Drift, DriftRow, Expected, Sibling, Statistic
-from companion.cli import schema
+from companion.documents import schema
+from companion.examination import Examination
 from companion.recording import Recording, Source
 from companion.tracks import Flight, ImuTrack
 
@@ -19,7 +19,7 @@ def encode(document: schema.Info | schema.Analysis) -> str:
     return msgspec.json.format(msgspec.json.encode(document), indent=2).decode()
 
 
-def info(recording: Recording) -> schema.Info:
+def info_document(recording: Recording) -> schema.Info:
     """`companion info --json`."""
     flights = [_info_flight(flight) for flight in recording.flights]
     others = [schema.OtherObject(other.sysid, other.compid, other.reason) for other in recording.bystanders]
@@ -27,30 +27,21 @@ def info(recording: Recording) -> schema.Info:
     return schema.Info(log=_log(recording.source), flights=flights, others=others, unknown_frames=unknown)
 
 
-def analysis(
-    source: Source,
-    flight: Flight,
-    found: Assessment,
-    others: Sequence[Sibling],
-    gaps: Mapping[str, int],
-    gravity: float,
-    correction: str | None,
-) -> schema.Analysis:
-    """`companion analyze --json`; gaps: holes of each IMU message, gravity: m/s².
-
-    correction: the file that was applied."""
+def analysis_document(source: Source, examined: Examination) -> schema.Analysis:
+    """`companion analyze --json`."""
+    flight, found = examined.flight, examined.assessment
     table = found.drift
     analysed = schema.AnalyzeFlight(
         vehicle=_vehicle(flight),
         boot=flight.boot,
         duration_s=flight.duration,
-        imu=[_imu(flight, name, track, gaps[name]) for name, track in flight.imus.items()],
+        imu=[_imu(flight, name, track, examined.gaps[name]) for name, track in flight.imus.items()],
         reference=_reference(flight),
         used_imu=table.imu,
         method=table.method,
         middle=table.middle,
-        gravity_mps2=gravity,
-        correction=correction,
+        gravity_mps2=found.comparison.how.gravity,
+        correction=examined.correction,
         notes=(*flight.notes, *table.notes),
         drift=[_drift(row, expected) for row, expected in zip(table.rows, found.expected, strict=True)],
         figures=_figures(found),
@@ -65,7 +56,7 @@ def analysis(
             if expected is not None
         ],
         calibration=_calibration(found.calibration, found.uncorrected, found.corrected),
-        imus=[_sibling(other) for other in others],
+        imus=[_sibling(other) for other in examined.siblings],
         verdict=schema.VerdictObject(
             found.verdict.status,
             found.verdict.summary,

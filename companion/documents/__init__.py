@@ -1,0 +1,5 @@
+"""Results as JSON documents (docs/json.md)."""
+
+from companion.documents.build import analysis_document, encode, info_document
+
+__all__ = ["analysis_document", "encode", "info_document"]

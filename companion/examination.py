@@ -1,0 +1,117 @@
+"""A flight examined as the settings say: the one set of numbers that terminal, JSON, page, report and fleet show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from companion.analysis import (
+    NO_CORRECTION,
+    Assessment,
+    Comparison,
+    ImuFigures,
+    Integration,
+    Limits,
+    ReferenceFigures,
+    Sibling,
+    assess,
+    compare,
+    gravity_for,
+    odd_one_out,
+    siblings,
+)
+from companion.correction import load_correction
+from companion.sensors import figures_of, load_imu_figures
+from companion.settings import Settings
+from companion.tracks import Flight
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Examination:
+    """One IMU of a flight assessed, and every other IMU beside it."""
+
+    flight: Flight
+    assessment: Assessment
+    siblings: tuple[Sibling, ...]  # every IMU, uncorrected: a correction is of one IMU
+    gaps: Mapping[str, int]  # holes of each IMU message
+    correction: str | None  # the file that was applied
+
+
+def examine(
+    flight: Flight,
+    settings: Settings,
+    *,
+    imu: str | None = None,
+    imu_model: str | None = None,
+    correction: str | Path | None = None,
+) -> Examination:
+    """The whole analysis of a flight.
+
+    imu: the message to integrate; imu_model: a part of config/imu in place of the one that the vehicle names;
+    correction: a file of `companion calibrate`. Raises DataError when the flight has no usable IMU or no attitude,
+    InputError and SettingsError for files that cannot be read.
+    """
+    found = assess_imu(flight, settings, imu=imu, imu_model=imu_model, correction=correction)
+    how = found.comparison.how
+
+    def compare_imu(name: str) -> Comparison:
+        own = found.comparison.track.source == name and correction is None
+        return found.comparison if own else compare(flight, imu=name, how=how)
+
+    others = siblings(flight, compare_imu, lambda name: _figures(flight, name, imu_model), autopilot_of(settings))
+    if (odd := odd_one_out(others)) is not None:
+        found = replace(found, verdict=replace(found.verdict, findings=(*found.verdict.findings, odd)))
+    gaps = {name: int((np.diff(track.t) > how.limits.hole(track.t)).sum()) for name, track in flight.imus.items()}
+    return Examination(flight, found, others, gaps, str(correction) if correction is not None else None)
+
+
+def assess_imu(
+    flight: Flight,
+    settings: Settings,
+    *,
+    imu: str | None = None,
+    imu_model: str | None = None,
+    correction: str | Path | None = None,
+) -> Assessment:
+    """One IMU of a flight alone, without its siblings. Arguments and errors as `examine`."""
+    name = flight.imu(imu).source
+    return assess(
+        flight,
+        _figures(flight, name, imu_model),
+        autopilot=autopilot_of(settings),
+        horizons=settings.drift.horizons_s,
+        imu=name,
+        how=integration_of(settings, flight),
+        correction=load_correction(correction) if correction is not None else NO_CORRECTION,
+    )
+
+
+def integration_of(settings: Settings, flight: Flight) -> Integration:
+    """How the settings have an IMU of this flight integrated: gravity may depend on where it flew."""
+    chosen, drift = settings.integration, settings.drift
+    return Integration(
+        method=chosen.method,
+        middle=chosen.middle,
+        segments=chosen.segments,
+        gravity=gravity_for(flight, chosen.gravity),
+        limits=Limits(
+            gap_periods=drift.gap_periods,
+            gap_s=drift.gap_s,
+            position_jump_m=drift.position_jump_m,
+            attitude_jump_deg=drift.attitude_jump_deg,
+        ),
+    )
+
+
+def autopilot_of(settings: Settings) -> ReferenceFigures:
+    """How far the settings let the autopilot be off."""
+    return ReferenceFigures(**msgspec.structs.asdict(settings.autopilot))
+
+
+def _figures(flight: Flight, imu: str, imu_model: str | None) -> ImuFigures:
+    """The sensor figures that were asked for, else those of the part that the vehicle names."""
+    return load_imu_figures(imu_model) if imu_model else figures_of(flight, imu)
