@@ -30,7 +30,7 @@ MAY_IMPORT = {
     "simulate": GROUND | {"mavlink", "strapdown"},
     "examination": GROUND | {"settings", "sensors", "correction", "analysis"},
     "documents": GROUND | {"recording", "analysis", "examination"},
-    "live": GROUND | {"telemetry", "analysis"},
+    "live": GROUND | {"mavlink", "telemetry", "analysis"},
     "view": GROUND | {"strapdown", "analysis"},
     "cli": GROUND
     | {

@@ -6,10 +6,12 @@ from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, dri
 from companion.analysis.envelope import expected_since_anchor
 from companion.analysis.figures import GENERIC, ImuFigures, ReferenceFigures, SensorFigures
 from companion.analysis.finding import Finding
+from companion.analysis.free_run import FreeRun, FreeState
 from companion.analysis.gravity import gravity_for
 from companion.analysis.integration import Integration
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Replay, replay
+from companion.analysis.running_drift import RunningDrift
 from companion.analysis.siblings import Sibling, odd_one_out, siblings
 from companion.analysis.verdict import Assessment, Expected, Verdict, assess
 
@@ -25,12 +27,15 @@ __all__ = [
     "DriftRow",
     "Expected",
     "Finding",
+    "FreeRun",
+    "FreeState",
     "ImuFigures",
     "Integration",
     "Limits",
     "Reference",
     "ReferenceFigures",
     "Replay",
+    "RunningDrift",
     "SensorFigures",
     "Sibling",
     "Statistic",

@@ -59,6 +59,16 @@ class Windows:
     excluded: Mapping[str, int]  # left out, by reason
 
 
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Which windows of a longer flight are wanted from a piece of it."""
+
+    origin_s: float  # s, boot clock, where the grid of the whole flight stands: see `grid_origin`
+    has_position: bool  # whether the whole flight has one
+    first: int | None = None  # the edge of the grid to begin with; None: the piece's first
+    before_s: float = np.inf  # s, boot clock, when a window must have ended
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowErrors:
     """The error of every window at its end, autopilot minus IMU."""
@@ -96,22 +106,24 @@ def compare(
     )
 
 
-def windows(comparison: Comparison, horizon: float) -> Windows:
+def windows(comparison: Comparison, horizon: float, part: Part | None = None) -> Windows:
     """Windows of `horizon` seconds end to end, without those that have a hole, an unknown end or a jump in them.
 
-    A flight that has a position is judged where it has one. Raises ValueError for a horizon that is not positive.
+    A flight that has a position is judged where it has one. part: of a longer flight, of which the comparison is a
+    piece. Raises ValueError for a horizon that is not positive.
     """
     if not (np.isfinite(horizon) and horizon > 0):
         raise ValueError(f"horizons must be positive seconds, got {horizon}")
     track, reference = comparison.track, comparison.reference
-    start, end = _grid(track.t, reference, horizon)
+    has_position = part.has_position if part else comparison.has_position
+    start, end = _grid(comparison, horizon, part)
     running = np.concatenate([[0], np.cumsum(comparison.holes)])
     reasons = {
         "imu_gap": running[end] > running[start],
         "no_attitude": ~(reference.attitude_known[start] & reference.attitude_known[end]),
         "attitude_jump": _touched(comparison.attitude_steps, track.t, start, end),
     }
-    if comparison.has_position:
+    if has_position:
         reasons |= {
             "no_position": ~(reference.position_known[start] & reference.position_known[end]),
             "position_jump": _touched(comparison.position_steps, track.t, start, end),
@@ -145,19 +157,35 @@ def errors(comparison: Comparison, chosen: Windows, *, path: Preintegration | No
     )
 
 
-def _grid(t: Array, reference: Reference, horizon: float) -> tuple[IntArray, IntArray]:
-    """Sample indices of anchors and ends over all of the flight that has an attitude.
-
-    The grid stands on the first sample with a known position, so that none of the time with a position is given away.
+def grid_origin(comparison: Comparison) -> float | None:
+    """Where the windows of every length stand, s: on the first sample with a known position, so that none of the time
+    with a position is given away. On the first known attitude without any position; None without an attitude.
     """
-    known = np.flatnonzero(reference.attitude_known)
-    if not len(known) or horizon < 0.5 * np.median(np.diff(t)):
-        return np.zeros(0, np.intp), np.zeros(0, np.intp)
-    first, last = t[known[0]], t[known[-1]]
-    middle = t[np.argmax(reference.position_known)] if reference.position_known.any() else first
+    reference = comparison.reference
+    known = reference.position_known if comparison.has_position else reference.attitude_known
+    return float(reference.t[np.argmax(known)]) if known.any() else None
+
+
+def edges(comparison: Comparison, horizon: float, part: Part | None = None) -> IntArray:
+    """Where windows begin and end, over all that has an attitude: at grid_origin + horizon times these numbers."""
+    t, known = comparison.track.t, np.flatnonzero(comparison.reference.attitude_known)
+    origin = part.origin_s if part else grid_origin(comparison)
+    if origin is None or not len(known) or horizon < 0.5 * np.median(np.diff(t)):
+        return np.zeros(0, np.intp)
+    last = min(float(t[known[-1]]), part.before_s) if part else t[known[-1]]
     slack = 1e-9 * horizon  # so that an end that falls on the last sample is kept in spite of rounding
-    before, after = (int((span + slack) / horizon) for span in (middle - first, last - middle))
-    index = nearest(t, middle + horizon * np.arange(-before, after + 1))
+    before, after = (int(np.floor((span + slack) / horizon)) for span in (origin - t[known[0]], last - origin))
+    first = -before if part is None or part.first is None else max(-before, part.first)
+    return np.arange(first, after + 1, dtype=np.intp)
+
+
+def _grid(comparison: Comparison, horizon: float, part: Part | None) -> tuple[IntArray, IntArray]:
+    """Sample indices of anchors and ends."""
+    numbers, t = edges(comparison, horizon, part), comparison.track.t
+    origin = part.origin_s if part else grid_origin(comparison)
+    if origin is None or len(numbers) < 2:
+        return np.zeros(0, np.intp), np.zeros(0, np.intp)
+    index = nearest(t, origin + horizon * numbers.astype(np.float64))
     apart = np.diff(index) > 0  # in a hole, or at a very low rate, two edges can fall on one sample
     return index[:-1][apart], index[1:][apart]
 

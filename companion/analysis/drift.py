@@ -80,22 +80,23 @@ def drift_of(comparison: Comparison, horizons: Sequence[float] = HORIZONS_S) -> 
 
 def drift_over(comparison: Comparison, sets: Sequence[Windows]) -> Drift:
     """The drift table over given windows, a row for each set."""
-    rows = []
-    for chosen in sets:
-        found = errors(comparison, chosen)
-        rows.append(
-            DriftRow(
-                horizon_s=chosen.horizon,
-                windows=len(chosen.start),
-                excluded=chosen.excluded,
-                attitude_deg=_statistic(np.degrees(length(found.attitude))),
-                velocity_mps=_statistic(length(found.velocity)) if comparison.has_position else None,
-                position_m=_statistic(length(found.position)) if comparison.has_position else None,
-                errors=found,
-            )
-        )
-    return Drift(
-        comparison.track.source, comparison.how.method, comparison.how.middle, tuple(rows), comparison.path.notes
+    rows = tuple(
+        drift_row(chosen.horizon, chosen.excluded, errors(comparison, chosen), has_position=comparison.has_position)
+        for chosen in sets
+    )
+    return Drift(comparison.track.source, comparison.how.method, comparison.how.middle, rows, comparison.path.notes)
+
+
+def drift_row(horizon_s: float, excluded: Mapping[str, int], found: WindowErrors, *, has_position: bool) -> DriftRow:
+    """The statistics of windows of one length."""
+    return DriftRow(
+        horizon_s=horizon_s,
+        windows=len(found.anchor_s),
+        excluded=excluded,
+        attitude_deg=_statistic(np.degrees(length(found.attitude))),
+        velocity_mps=_statistic(length(found.velocity)) if has_position else None,
+        position_m=_statistic(length(found.position)) if has_position else None,
+        errors=found,
     )
 
 

@@ -14,13 +14,14 @@ from companion.mavlink.ports import Port
 from companion.mavlink.rates import Rates
 from companion.mavlink.recorder import Recorder
 from companion.mavlink.requests import ForbiddenMessageError, Request, Target
-from companion.mavlink.session import Choice, Session
+from companion.mavlink.session import Arriving, Choice, Report, Session
 from companion.mavlink.tlog import Log, TlogWriter, follow_tlog, read_tlog, write_tlog
 from companion.mavlink.wishes import State, Wish
 
 __all__ = [
     "DEFAULT_DIALECT",
     "Address",
+    "Arriving",
     "Choice",
     "Damage",
     "DataflashLog",
@@ -39,6 +40,7 @@ __all__ = [
     "RecordLayout",
     "Recorder",
     "Records",
+    "Report",
     "Request",
     "Session",
     "State",

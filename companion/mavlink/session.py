@@ -16,6 +16,7 @@ from companion.mavlink.rates import Rates
 from companion.mavlink.recorder import Recorder
 from companion.mavlink.requests import Target
 from companion.mavlink.wanted import fit, wanted_from
+from companion.mavlink.wishes import State
 
 _HEARTBEAT_S = 1.0
 _LEAVING_S = (0.5, 0.4)  # to hear that the intervals are restored, at the first and the second attempt
@@ -27,6 +28,31 @@ _HEARD = (
 """The messages whose fields a session reads: those of requests, and those with the vehicle's clock."""
 _NO_VEHICLES = {5, 6, 18, 26, 27, 30, 31}  # MAV_TYPE: tracker, GCS, companion, gimbal, ADS-B, camera, charging station
 _NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: ground stations, cameras, companions
+
+
+@dataclass(frozen=True, slots=True)
+class Arriving:
+    """One message that is asked for."""
+
+    name: str
+    wanted_hz: float
+    received_hz: float  # over the last 5 s
+    state: State
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """How a session stands: plain values, to be read in any thread."""
+
+    link: str
+    problem: str  # why nothing is received at present; "" while frames arrive
+    vehicles: tuple[str, ...]  # every autopilot heard
+    arriving: tuple[Arriving, ...]
+    frames: int
+    lost: int  # frames missing by sequence
+    recording: str  # file; "" for none
+    recorded_bytes: int
+    recording_problem: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +89,7 @@ class Session:
         self.said: list[str] = []
         self._target: Target | None = None
         self._choice = choice
-        self._on_frames = on_frames
+        self.on_frames = on_frames
         self._patience_s = patience_s
         self._names = link.dialect.enum_names("MAV_AUTOPILOT")
         self._beat = 0.0
@@ -79,12 +105,28 @@ class Session:
             if self.recorder.problem and not self._told["disk"]:
                 self._told["disk"] = True
                 self.said.append(self.recorder.problem)
-        if self._on_frames is not None and len(frames):
-            self._on_frames(frames, time.time())
+        if self.on_frames is not None and len(frames):
+            self.on_frames(frames, time.time())
         if len(frames):
             self._notice(split_messages(frames, self.link.dialect, _HEARD), now)
         self._speak(now)
         return frames
+
+    def report(self) -> Report:
+        """How it stands."""
+        link, recorder = self.link, self.recorder
+        wishes = self.rates.wishes if self.rates is not None else []
+        return Report(
+            link=str(link.address),
+            problem=link.problem,
+            vehicles=tuple(map(str, self.vehicles)),
+            arriving=tuple(Arriving(w.name, w.wanted_hz, w.received_hz, w.state) for w in wishes),
+            frames=link.health.frames,
+            lost=sum(link.health.lost.values()),
+            recording=str(recorder.path) if recorder else "",
+            recorded_bytes=recorder.size_bytes if recorder else 0,
+            recording_problem=recorder.problem if recorder else "",
+        )
 
     def leave(self) -> None:
         """Give the vehicle its intervals back; takes less than a second."""

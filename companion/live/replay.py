@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from companion.analysis import Integration, Replay, replay
@@ -11,19 +12,23 @@ from companion.tracks import Flight
 
 _MARGIN_S = 3.0  # beside the re-anchor period: late packets, and the autopilot's messages around the anchor
 
+_STEADY_S = 5.0  # how long another IMU message must be the better one
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Present:
     """Where a live flight stands."""
 
     flight: Flight  # its last seconds
+    imu: str  # the message that is integrated
     replay: Replay  # since the anchor before the last; its last row is now
 
 
 class LiveReplay:
     """Both poses of a stream's vehicle, now: `look` as often as something is to be shown.
 
-    vehicle: SYSID or SYSID:COMPID; None: the one with the most IMU samples. The other options are those of `replay`.
+    vehicle: SYSID or SYSID:COMPID; None: the one with the most IMU samples. how: how to integrate, or a function that
+    says so for a flight. The other options are those of `replay`; vehicle and reanchor_s may be changed at any time.
     The reckoning starts again from the autopilot every `reanchor_s`, at the times at which that of the whole flight
     would, give or take a sample; after a reboot at the first state that is known.
     """
@@ -34,19 +39,31 @@ class LiveReplay:
         *,
         vehicle: str | None = None,
         imu: str | None = None,
-        how: Integration | None = None,
+        how: Integration | Callable[[Flight], Integration] = Integration(),  # noqa: B008  (frozen)
         reanchor_s: float = 10.0,
     ) -> None:
-        if not reanchor_s > 0:
-            raise ValueError(f"the re-anchor period must be positive seconds, got {reanchor_s}")
+        self.vehicle = vehicle
+        self.vehicles: tuple[str, ...] = ()  # those with an IMU at the last look
+        self.reanchor_s = reanchor_s
         self.why_not = "nothing has been received"  # why the last `look` found nothing, for the user
         self._stream = stream
-        self._vehicle = vehicle
         self._imu = imu
-        self._how = how or Integration()
-        self._reanchor_s = reanchor_s
+        self._how = how
         self._boot: tuple[str, int] | None = None
         self._anchor: float | None = None  # s, boot clock
+        self._chosen: str | None = None  # the IMU that is shown when the user names none
+        self._doubted: float | None = None  # s, boot clock, since when another would be the default
+
+    @property
+    def reanchor_s(self) -> float:
+        """The re-anchor period, s. Raises ValueError for one that is not positive."""
+        return self._reanchor_s
+
+    @reanchor_s.setter
+    def reanchor_s(self, seconds: float) -> None:
+        if not seconds > 0:
+            raise ValueError(f"the re-anchor period must be positive seconds, got {seconds}")
+        self._reanchor_s = seconds
 
     def anchor_now(self) -> None:
         """Start again from the autopilot at the next look."""
@@ -59,15 +76,16 @@ class LiveReplay:
             return None
         boot = (str(flight.vehicle), flight.boot)
         if boot != self._boot:
-            self._boot, self._anchor = boot, None
+            self._boot, self._anchor, self._chosen = boot, None, None
+        imu = self._imu or self._steady_imu(flight)
         start = self._anchor
         if start is None or start < flight.start + flight.duration - self._span:
             start = _nearly_now(flight)
         try:
             both = replay(
                 flight,
-                imu=self._imu,
-                how=self._how,
+                imu=imu,
+                how=self._how(flight) if callable(self._how) else self._how,
                 reanchor_s=self._reanchor_s,
                 start_s=start,
             )
@@ -77,7 +95,7 @@ class LiveReplay:
         # one anchor back, so that the last error before a new anchor is still shown with it
         self._anchor = float(both.anchors[-2 if len(both.anchors) > 1 else -1])
         self.why_not = ""
-        return Present(flight, both)
+        return Present(flight, flight.imu(imu).source, both)
 
     @property
     def _span(self) -> float:
@@ -85,14 +103,27 @@ class LiveReplay:
 
     def _choose(self) -> Flight | None:
         found = self._stream.recent(self._span)
-        if self._vehicle is not None:
-            found = [f for f in found if self._vehicle in (str(f.vehicle), str(f.vehicle.sysid))]
         newest = {f.vehicle.sysid: f for f in found}  # the last boot of each
         usable = [f for f in newest.values() if f.default_imu is not None]
+        self.vehicles = tuple(str(f.vehicle) for f in usable)
+        if self.vehicle is not None:
+            usable = [f for f in usable if self.vehicle in (str(f.vehicle), str(f.vehicle.sysid))]
         if not usable:
             self.why_not = "no IMU messages" if newest else "no vehicle is heard"
             return None
-        return max(usable, key=lambda f: len(f.imus[f.default_imu or ""]))
+        shown = self._boot[0] if self._boot else ""  # two vehicles that send alike must not take turns
+        return max(usable, key=lambda f: (str(f.vehicle) == shown, len(f.imus[f.default_imu or ""])))
+
+    def _steady_imu(self, flight: Flight) -> str | None:
+        """The flight's default; another than before only when it has been that for a while: losses come and go."""
+        default, now = flight.default_imu, flight.start + flight.duration
+        if default == self._chosen:
+            self._doubted = None
+        elif self._chosen not in flight.imus or (self._doubted is not None and now - self._doubted > _STEADY_S):
+            self._chosen, self._doubted, self._anchor = default, None, None
+        elif self._doubted is None:
+            self._doubted = now
+        return self._chosen
 
 
 def _nearly_now(flight: Flight) -> float | None:

@@ -1,0 +1,90 @@
+"""The IMU left alone since an anchor, carried on as samples arrive: what re-anchoring hides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.analysis.compare import attitude_error
+from companion.analysis.integration import DEFAULT, Integration
+from companion.analysis.replay import Replay
+from companion.strapdown import Reckoner
+from companion.tracks import Array, ImuTrack, NavState
+
+_SETTLED_S = 2.0  # samples older than this change no more: packets come late, and the last cubic is one-sided
+_CONTEXT = 3  # samples before the state, for the cubic through four
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FreeState:
+    """Where the IMU alone would have the vehicle, and how far from the autopilot that is."""
+
+    anchor_s: float  # s, boot clock, when it was the autopilot's state
+    state: NavState
+    attitude_error: Array  # (3,) rotation vector of q_ref ⊗ q⁻¹ in NED, rad
+    velocity_error: Array  # (3,) autopilot minus IMU, NED m/s; zero for a flight without a position
+    position_error: Array  # (3,) likewise, m
+
+
+class FreeRun:
+    """Call `take` with every new replay of the flight's newest seconds; it goes on from where it was.
+
+    A hole in the samples ends the run, because integrating across one is the largest false error there is: the next
+    `take` begins another at the anchor of its replay.
+    """
+
+    def __init__(self) -> None:
+        self.ended = ""  # why the last run ended, for the user
+        self._anchor_s: float | None = None
+        self._settled: NavState | None = None
+
+    def anchor_now(self) -> None:
+        """Begin another run with the next `take`."""
+        self._settled = self._anchor_s = None
+        self.ended = ""
+
+    def take(self, track: ImuTrack, replay: Replay, how: Integration = DEFAULT) -> FreeState | None:
+        """Carry the run on over the samples of `track` (the IMU of `replay`, whatever part of it) to the replay's end.
+
+        None where a run has just ended.
+        """
+        end = int(np.searchsorted(track.t, replay.t[-1] + 5e-7))
+        settled = self._settled or self._begin(replay)
+        at = int(np.searchsorted(track.t, settled.t - 5e-7))
+        if at >= end or abs(track.t[at] - settled.t) > 5e-7:
+            self._end("its samples are forgotten")
+            return None
+        steps = np.diff(track.t[at:end])
+        if len(steps) and steps.max() > how.limits.hole(track.t):
+            self._end(f"the IMU was silent for {steps.max():.1f} s")
+            return None
+        reckoner = Reckoner(settled, method=how.method, middle=how.middle, segments=how.segments, gravity=how.gravity)
+        begun = reckoner.push(track[max(at - _CONTEXT, 0) : end])
+        rest = reckoner.finish()
+        t = np.concatenate([begun.t, rest.t])
+        old = int(np.searchsorted(t, t[-1] - _SETTLED_S)) - 1
+        if 0 <= old < len(begun):
+            self._settled = NavState(float(t[old]), begun.q_ned_frd[old], begun.velocity[old], begun.position[old])
+        now = reckoner.state
+        q_error = attitude_error(replay.q_ref[-1], now.q_ned_frd)
+        here = replay.has_position
+        zero = np.zeros(3)
+        return FreeState(
+            anchor_s=self._anchor_s or 0.0,
+            state=now,
+            attitude_error=q_error,
+            velocity_error=replay.velocity_ref[-1] - now.velocity if here else zero,
+            position_error=replay.position_ref[-1] - now.position if here else zero,
+        )
+
+    def _begin(self, replay: Replay) -> NavState:
+        """The autopilot's state at the last anchor of the replay."""
+        at = int(np.searchsorted(replay.t, replay.anchors[-1] - 5e-7))
+        self._anchor_s = float(replay.t[at])
+        self._settled = NavState(self._anchor_s, replay.q_ref[at], replay.velocity_ref[at], replay.position_ref[at])
+        return self._settled
+
+    def _end(self, why: str) -> None:
+        self._settled = self._anchor_s = None
+        self.ended = why

@@ -1,0 +1,93 @@
+"""The drift table of a flight that is still going on: every window counted once, as soon as it is complete."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from companion.analysis.comparison import Comparison, Part, WindowErrors, compare, edges, errors, grid_origin, windows
+from companion.analysis.drift import HORIZONS_S, DriftRow, drift_row
+from companion.analysis.integration import DEFAULT, Integration
+from companion.errors import DataError
+from companion.tracks import Array, Flight
+
+MOST_WINDOWS = 40_000
+"""Of a horizon. At 1 s that is 11 h; then the oldest are forgotten, which bounds the memory."""
+
+
+class RunningDrift:
+    """Give `take` the flight's newest seconds now and then: at least the longest horizon and what has come since.
+
+    The windows stand where those of the whole flight stand and are judged by the same functions, so that in the end the
+    table is that of `drift` over the whole.
+    """
+
+    def __init__(self, horizons: Sequence[float] = HORIZONS_S) -> None:
+        self._tables = [_Table(horizon) for horizon in horizons]
+        self._part: Part | None = None
+        self._begin = np.nan  # s, boot clock, the first known attitude
+
+    @property
+    def rows(self) -> tuple[DriftRow, ...]:
+        """The table so far."""
+        return tuple(
+            table.row(has_position=self._part is not None and self._part.has_position) for table in self._tables
+        )
+
+    def take(
+        self, flight: Flight, *, imu: str | None = None, how: Integration = DEFAULT, settled_s: float = np.inf
+    ) -> None:
+        """Judge the windows that have become complete. settled_s: s, boot clock; what is later may still change.
+
+        A flight whose position is known only now begins anew, because it is judged where it has one.
+        """
+        try:
+            comparison = compare(flight, imu=imu, how=how)
+        except DataError:
+            return  # not yet, or not any more
+        origin = grid_origin(comparison)
+        if origin is None:
+            return
+        begin = float(comparison.reference.t[np.argmax(comparison.reference.attitude_known)])
+        self._begin = float(np.fmin(self._begin, begin))
+        if self._part is None or (comparison.has_position and not self._part.has_position):
+            self._part = Part(origin, comparison.has_position)
+            for table in self._tables:
+                earlier = int((origin - self._begin) / table.horizon) - int((origin - begin) / table.horizon)
+                table.begin({"no_position": earlier} if earlier else {})
+        for table in self._tables:
+            table.take(comparison, replace(self._part, before_s=settled_s))
+
+
+class _Table:
+    """The windows of one horizon: anchor, end, and the errors in attitude, velocity and position."""
+
+    def __init__(self, horizon: float) -> None:
+        self.horizon = horizon
+        self._excluded: Counter[str] = Counter()
+        self._errors = np.zeros((0, 11))
+        self._next: int | None = None  # edge of the grid
+
+    def begin(self, excluded: dict[str, int]) -> None:
+        self._excluded = Counter(excluded)
+        self._errors, self._next = np.zeros((0, 11)), None
+
+    def take(self, comparison: Comparison, part: Part) -> None:
+        part = replace(part, first=self._next)
+        numbers = edges(comparison, self.horizon, part)
+        if len(numbers) < 2:
+            return
+        self._next = int(numbers[-1])
+        found = windows(comparison, self.horizon, part)
+        self._excluded.update(found.excluded)
+        e = errors(comparison, found)
+        new = np.column_stack([e.anchor_s, e.end_s, e.attitude, e.velocity, e.position])
+        self._errors = np.concatenate([self._errors, new])[-MOST_WINDOWS:]
+
+    def row(self, *, has_position: bool) -> DriftRow:
+        e: Array = self._errors
+        found = WindowErrors(e[:, 0], e[:, 1], e[:, 2:5], e[:, 5:8], e[:, 8:11])
+        return drift_row(self.horizon, dict(self._excluded), found, has_position=has_position)

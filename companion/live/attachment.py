@@ -1,0 +1,89 @@
+"""A session on a link in a thread of its own: whoever looks at it neither waits for it nor makes it wait."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+
+from companion.mavlink import Frames, Report, Session
+
+_REPORT_S = 0.25
+_MOST_HELD = 6000  # receipts that nobody has fetched: a minute of a busy link
+
+Receipt = tuple[Frames, float]
+"""What arrived together, and when, s UNIX."""
+
+
+class Attachment:
+    """Steps a session until `close`, which gives the vehicle its intervals back.
+
+    A resource: close it, or use it in a `with` block. What goes wrong in the thread is raised by `check`.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._receipts: deque[Receipt] = deque(maxlen=_MOST_HELD)
+        self._stopping = threading.Event()
+        self._failure: BaseException | None = None
+        self._said: deque[str] = deque()
+        self._report = session.report()
+        session.on_frames = lambda frames, received: self._receipts.append((frames, received))
+        self._thread = threading.Thread(target=self._run, name="companion-link", daemon=True)
+        self._thread.start()
+
+    @property
+    def report(self) -> Report:
+        """How the session stands, a quarter of a second ago at most."""
+        return self._report
+
+    def fetch(self) -> list[Receipt]:
+        """What has arrived since the last time. For one thread."""
+        found: list[Receipt] = []
+        while self._receipts:
+            found.append(self._receipts.popleft())
+        return found
+
+    def said(self) -> list[str]:
+        """The sentences for the user since the last time. For one thread."""
+        found: list[str] = []
+        while self._said:
+            found.append(self._said.popleft())
+        return found
+
+    def check(self) -> None:
+        """Raise what has ended the thread, if anything: InputError where the link carries no MAVLink."""
+        failure, self._failure = self._failure, None
+        if failure is not None:
+            raise failure
+
+    def close(self) -> None:
+        """Leave the vehicle as it was found; takes a second at most. A second call does nothing."""
+        self._stopping.set()
+        self._thread.join()
+
+    def __enter__(self) -> Attachment:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _run(self) -> None:
+        session = self._session
+        try:
+            due = 0.0
+            while not self._stopping.is_set():
+                session.step()
+                now = time.monotonic()
+                if now >= due or session.said:
+                    due = now + _REPORT_S
+                    self._tell()
+            session.leave()
+            self._tell()
+        except BaseException as error:  # noqa: BLE001 - handed to `check`, which raises it in the main thread
+            self._failure = error
+
+    def _tell(self) -> None:
+        self._said.extend(self._session.said)
+        self._session.said.clear()
+        self._report = self._session.report()
