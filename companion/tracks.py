@@ -172,6 +172,15 @@ class Origin:
     latitude: float  # rad
     longitude: float  # rad
     height: float  # m above mean sea level
+    t: float | None = None  # s, boot clock, when the vehicle was there; None: it is the zero of the position track
+
+
+@dataclass(frozen=True, slots=True)
+class Epoch:
+    """When the boot clock was zero, in the world's time."""
+
+    unix_s: float  # s since 1970, UTC
+    source: str  # SYSTEM_TIME, GPS, ...: the vehicle's own word; "log stamps": the recording computer's
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,6 +195,7 @@ class Flight:
     attitude: AttitudeTrack | None = None
     position: PositionTrack | None = None
     origin: Origin | None = None
+    epoch: Epoch | None = None  # None where the log does not tell the date
     parameters: Mapping[str, float] = field(default_factory=dict)
     texts: tuple[StatusText, ...] = ()
     messages: Mapping[str, MessageStats] = field(default_factory=dict)

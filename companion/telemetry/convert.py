@@ -117,18 +117,23 @@ def position_track(messages: Messages, t: Array) -> PositionTrack:
     return PositionTrack(t[keep], position[keep], velocity[keep], source=messages.layout.name)
 
 
-def origin(messages: Messages) -> Origin | None:
-    """Where GLOBAL_POSITION_INT, GPS_RAW_INT or GPS_GLOBAL_ORIGIN first says it was; None without a fix."""
-    names = (
-        ("latitude", "longitude", "altitude") if messages.layout.name == "GPS_GLOBAL_ORIGIN" else ("lat", "lon", "alt")
-    )
+def origin(messages: Messages, t: Array) -> Origin | None:
+    """Where GLOBAL_POSITION_INT, GPS_RAW_INT or GPS_GLOBAL_ORIGIN, at times t (N,), first says it was.
+
+    None without a fix. GPS_GLOBAL_ORIGIN is where LOCAL_POSITION_NED is zero, wherever the vehicle is by then.
+    """
+    is_zero = messages.layout.name == "GPS_GLOBAL_ORIGIN"
+    names = ("latitude", "longitude", "altitude") if is_zero else ("lat", "lon", "alt")
     latitude, longitude, height = (messages[n] for n in names)
     fixed = np.flatnonzero((latitude != 0) | (longitude != 0))
     if not len(fixed):
         return None
     i = fixed[0]
     return Origin(
-        float(np.radians(latitude[i] * 1e-7)), float(np.radians(longitude[i] * 1e-7)), float(height[i] * 1e-3)
+        float(np.radians(latitude[i] * 1e-7)),
+        float(np.radians(longitude[i] * 1e-7)),
+        float(height[i] * 1e-3),
+        None if is_zero else float(t[i]),
     )
 
 

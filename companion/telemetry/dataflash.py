@@ -15,7 +15,8 @@ import numpy as np
 from companion.mavlink import DataflashLog, Records
 from companion.telemetry import convert
 from companion.telemetry.arrival import arrival
-from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, Origin, PositionTrack, StatusText, Vehicle
+from companion.telemetry.epoch import epoch_of, gps_to_unix
+from companion.tracks import Array, AttitudeTrack, Epoch, Flight, ImuTrack, Origin, PositionTrack, StatusText, Vehicle
 
 _TYPES = {
     b"ArduCopter": "QUADROTOR",
@@ -53,6 +54,7 @@ def dataflash_flight(log: DataflashLog) -> Flight | None:
         attitude=attitude,
         position=_position(records, core),
         origin=_origin(records),
+        epoch=_epoch(records),
         parameters=parameters,
         texts=_texts(records),
         messages={name: arrival(seconds[name], 0) for name in sorted(records)},
@@ -158,8 +160,19 @@ def _origin(records: Mapping[str, Records]) -> Origin | None:
         fixed = np.flatnonzero((latitude != 0) | (longitude != 0))
         if len(fixed):
             i = fixed[0]
-            return Origin(float(np.radians(latitude[i])), float(np.radians(longitude[i])), float(height[i]))
+            t = None if name == "ORGN" else float(records[name].in_unit("TimeUS")[i])
+            return Origin(float(np.radians(latitude[i])), float(np.radians(longitude[i])), float(height[i]), t)
     return None
+
+
+def _epoch(records: Mapping[str, Records]) -> Epoch | None:
+    """By the GPS's own week and time of week, where it has a fix (Status 3 and more)."""
+    gps = records.get("GPS")
+    if gps is None or not {"GWk", "GMS", "Status"} <= set(gps.layout.fields):
+        return None
+    fixed = gps["Status"] >= 3
+    week, seconds = gps["GWk"][fixed].astype(np.float64), gps["GMS"][fixed] * 1e-3
+    return epoch_of(gps_to_unix(week, seconds), gps.in_unit("TimeUS")[fixed], "GPS")
 
 
 def _texts(records: Mapping[str, Records]) -> tuple[StatusText, ...]:

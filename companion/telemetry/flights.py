@@ -8,6 +8,7 @@ from companion.mavlink import Dialect
 from companion.telemetry import convert
 from companion.telemetry.arrival import Arrivals
 from companion.telemetry.clock import boot_seconds
+from companion.telemetry.epoch import system_epoch
 from companion.telemetry.split import Boot, Bystander, HasMessages, boots, describe, senders
 from companion.tracks import (
     Array,
@@ -26,7 +27,9 @@ _TIMED = {
 """Messages that become tracks or texts, and need a place on the flight's clock."""
 
 
-NEEDED = _TIMED | {"HEARTBEAT", "PARAM_VALUE", "AUTOPILOT_VERSION", "GPS_RAW_INT", "GPS_GLOBAL_ORIGIN"}
+NEEDED = _TIMED | {
+    "HEARTBEAT", "PARAM_VALUE", "AUTOPILOT_VERSION", "GPS_RAW_INT", "GPS_GLOBAL_ORIGIN", "SYSTEM_TIME",
+}  # fmt: skip
 """Messages whose fields a flight is made of."""
 
 
@@ -68,6 +71,7 @@ def _flight(boot: Boot, parameters: dict[str, float], said: tuple[str, ...], deq
         attitude=_attitude(boot, seconds),
         position=_position(boot, seconds),
         origin=_origin(boot),
+        epoch=system_epoch(boot.messages.get("SYSTEM_TIME"), boot.clock),
         parameters=parameters,
         texts=_texts(boot, seconds),
         messages=Arrivals(boot.messages),
@@ -133,7 +137,9 @@ def _position(boot: Boot, seconds: dict[str, Array]) -> PositionTrack | None:
 
 def _origin(boot: Boot) -> Origin | None:
     names = ("GLOBAL_POSITION_INT", "GPS_RAW_INT", "GPS_GLOBAL_ORIGIN")
-    known = (convert.origin(boot.messages[name]) for name in names if name in boot.messages)
+    known = (
+        convert.origin(m, boot_seconds(m, boot.clock)[0]) for n in names if (m := boot.messages.get(n)) is not None
+    )
     return next((place for place in known if place is not None), None)
 
 

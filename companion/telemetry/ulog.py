@@ -21,7 +21,8 @@ from companion.errors import InputError
 from companion.mavlink import read_chunks
 from companion.telemetry.arrival import arrival
 from companion.telemetry.convert import continuous, increasing
-from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, Origin, PositionTrack, StatusText, Vehicle
+from companion.telemetry.epoch import epoch_of
+from companion.tracks import Array, AttitudeTrack, Epoch, Flight, ImuTrack, Origin, PositionTrack, StatusText, Vehicle
 
 Topic = Mapping[str, Any]  # field -> column
 
@@ -71,6 +72,7 @@ def ulog_flight(path: Path, vehicle_types: Mapping[int, str]) -> Flight:
         attitude=_attitude(topics),
         position=_position(topics),
         origin=_origin(topics),
+        epoch=_epoch(topics),
         parameters=parameters,
         texts=tuple(
             StatusText(m.timestamp * 1e-6, m.log_level - ord("0"), str(m.message)) for m in log.logged_messages
@@ -160,6 +162,14 @@ def _origin(topics: Mapping[str, Topic]) -> Origin | None:
         return None
     latitude, longitude, height = (float(topic[name][known[0]]) for name in ("ref_lat", "ref_lon", "ref_alt"))
     return Origin(float(np.radians(latitude)), float(np.radians(longitude)), height)
+
+
+def _epoch(topics: Mapping[str, Topic]) -> Epoch | None:
+    """By the receiver's UTC; zero where it does not know it yet."""
+    for name in ("vehicle_gps_position", "sensor_gps"):
+        if name in topics and "time_utc_usec" in topics[name]:
+            return epoch_of(_seconds(topics[name], "time_utc_usec"), _seconds(topics[name], "timestamp"), "GPS")
+    return None
 
 
 def _position(topics: Mapping[str, Topic]) -> PositionTrack | None:

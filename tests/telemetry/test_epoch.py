@@ -1,0 +1,67 @@
+"""The date of a flight: from the vehicle's own word, from GPS, from the stamps of the log."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from companion.recording import open_log
+from companion.telemetry.epoch import gps_to_unix
+from companion.tracks import Epoch
+from tests.recordings import BUNDLED, shared
+from tests.tlogs import EPOCH, Writer
+
+
+def epoch(path: Path) -> Epoch | None:
+    return open_log(path)[0].epoch
+
+
+def test_the_stamps_of_a_log_date_it(tmp_path: Path) -> None:
+    log = Writer(tmp_path / "log.tlog")
+    log.rest(20.0, boot=300.0)
+    assert epoch(log.close()) == Epoch(pytest.approx(EPOCH - 300.0, abs=2e-3), "log stamps")
+
+
+def test_the_vehicle_knows_better_than_the_stamps(tmp_path: Path) -> None:
+    log = Writer(tmp_path / "log.tlog")
+    log.rest(20.0, boot=300.0)
+    for i in range(5):  # the first without a fix, counted from 1970
+        unix = round((EPOCH + 3600.0 + i) * 1e6) if i else 5
+        log.send(float(i), "system_time", time_unix_usec=unix, time_boot_ms=300_000 + 1000 * i)
+    assert epoch(log.close()) == Epoch(pytest.approx(EPOCH + 3600.0 - 300.0), "SYSTEM_TIME")
+
+
+def test_stamps_that_run_at_another_pace_date_nothing(tmp_path: Path) -> None:
+    log = Writer(tmp_path / "log.tlog")
+    for i in range(200):  # a replay at thirty times the speed
+        log.heartbeat(i / 30)
+        log.attitude(i / 30, 300.0 + i)
+    assert epoch(log.close()) is None
+
+
+def test_both_logs_of_one_flight_are_of_the_same_time() -> None:
+    """The telemetry log by SYSTEM_TIME, the on-board log by GPS week, leap seconds and all: 0.2 s apart at most."""
+    told, measured = (
+        epoch(path) for path in (BUNDLED / "copter-demo-100hz.tlog", shared("dataflash/sitl__copter-demo.BIN"))
+    )
+    assert told is not None
+    assert measured is not None
+    assert (told.source, measured.source) == ("SYSTEM_TIME", "GPS")
+    assert measured.unix_s == pytest.approx(told.unix_s, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    ("week", "seconds", "utc"),
+    [  # https://www.ngs.noaa.gov/CORS/Gpscal.shtml, and the leap seconds of Bulletin C
+        (1930, 0.0, datetime(2017, 1, 1, tzinfo=UTC)),
+        (2295, 345_600.0, datetime(2024, 1, 4, tzinfo=UTC)),
+        (1800, 86_400.0, datetime(2014, 7, 7, tzinfo=UTC)),
+    ],
+)
+def test_gps_time_is_utc_with_leap_seconds(week: int, seconds: float, utc: datetime) -> None:
+    leap = 16 if utc.year == 2014 else 18
+    found = gps_to_unix(np.array([float(week)]), np.array([seconds + leap]))
+    assert found[0] == utc.timestamp()
