@@ -14,6 +14,7 @@ from companion.view.choice import NO_BIAS, ReplayChoice
 from companion.view.controls import bounded, listen, write
 from companion.view.moment import Moment
 from companion.view.palette import Rgb
+from companion.view.picture import PictureControls
 
 METHODS = {"RK4 (most exact)": "rk4", "Midpoint": "midpoint", "Euler (simplest)": "euler"}
 MIDDLES = {"Straight lines (linear)": "linear", "Curves (cubic)": "cubic"}
@@ -24,7 +25,6 @@ TRAILS = {
     "Last 30 s": events.SetTrail(30.0),
     "Whole path": events.SetTrail(None, ahead=True),
 }
-SIZES = {"Easy to see": 1.0, "Larger": 1.7, "Smaller": 0.5, "True size": None}
 MOST_SEGMENTS = 64
 GYRO_RANGE, ACCEL_RANGE = 20.0, 0.5  # mrad/s and m/s², either way
 AXES = ("forward", "right", "down")
@@ -65,19 +65,16 @@ class Panel:
                 gui.add_slider(f"Accel {axis}, m/s²", -ACCEL_RANGE, ACCEL_RANGE, 0.005, 0.0) for axis in AXES
             ]
             self._reset = gui.add_button("No bias", icon=viser.Icon.RESTORE)
-        self.picture = gui.add_folder("Picture")
-        with self.picture:
-            self._trail = gui.add_dropdown("Paths", tuple(TRAILS))
-            self._size = gui.add_dropdown("Drones", tuple(SIZES))
-            self._range = gui.add_checkbox(
-                "3σ ball", False, hint="Around the IMU: where the autopilot should be, if nothing is wrong"
-            )
-            self._arrows = gui.add_checkbox("Arrows", False, hint="Velocity of both, and gravity")
-            self._dark = gui.add_checkbox("Dark", False)
+        self._picture = PictureControls(gui, TRAILS, post)
         with gui.add_folder("Save", expand_by_default=False):
             self._save_picture = gui.add_button("This picture (PNG)", icon=viser.Icon.CAMERA)
             self._save_page = gui.add_button("The 3D replay (HTML)", icon=viser.Icon.FILE_EXPORT)
         self._listen()
+
+    @property
+    def picture(self) -> viser.GuiFolderHandle:
+        """The folder in which each browser finds its own camera."""
+        return self._picture.folder
 
     def load(self, flight: Flight, choice: ReplayChoice, start: float, has_position: bool) -> None:
         """Fit the controls to what is shown now. `start`: s, boot clock, where the reckoning begins.
@@ -120,11 +117,6 @@ class Panel:
     def _listen(self) -> None:
         post = self._post
         listen(self._pick, post, lambda: events.PickFlight(int(self._pick.value.split(":")[0]) - 1))
-        listen(self._trail, post, lambda: TRAILS[self._trail.value])
-        listen(self._size, post, lambda: events.SetSize(SIZES[self._size.value]))
-        listen(self._range, post, lambda: events.SetRange(self._range.value))
-        listen(self._arrows, post, lambda: events.SetArrows(self._arrows.value))
-        listen(self._dark, post, lambda: events.SetDark(self._dark.value))
         reckoning = (self._imu, self._method, self._middle, self._segments, self._gravity, self._anchored)
         for handle in (*reckoning, self._period, self._start, *self._gyro, *self._accel):
             listen(handle, post, lambda: events.Choose(self._choice()))

@@ -3,106 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import viser
-from viser import uplot
 
 from companion.tracks import Array, ImuTrack
 from companion.view import events, palette
+from companion.view.chart import STYLE, Chart, Drawing
 from companion.view.controls import button_row
-from companion.view.curves import Curves, curves
-from companion.view.moment import SAME_TIME, Footage, Moment
-from companion.view.palette import Rgb
-
-HEIGHT = 152  # of a chart, pixels
-STYLE = (  # the line at the current instant is a series: its entry in the legend would say nothing
-    "<style>.uplot .u-legend{margin:-2px 0 4px}.uplot .u-legend .u-series:last-child{display:none}</style>"
-)
-
-Line = tuple[str, Rgb]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Drawing:
-    """What one chart is to show. With an envelope the last two of `values` are its 1σ and 3σ."""
-
-    t: Array  # (N,) s, boot clock
-    values: tuple[Array, ...]  # each (N,)
-    known: Array | None = None  # (N,) 0 where the autopilot's state is not known
-    envelope: bool = False
-
-
-class _Chart:
-    """One chart with its title, in which the values at the current instant stand."""
-
-    def __init__(self, gui: viser.GuiApi, title: str, unit: str, lines: Sequence[Line]) -> None:
-        self._title, self._lines = title, tuple(lines)
-        self._heading = gui.add_html("")
-        self._envelope = False
-        nothing = Curves(np.array([0.0, 1.0]), (np.zeros(2),) * len(lines), np.zeros(2))
-        self._drawing, self._drawn = _Drawing(nothing.t, nothing.values), nothing
-        self.handle = gui.add_uplot(
-            nothing.at(0.0),
-            self._series(),
-            scales=_scales((0.0, 1.0)),
-            axes=(
-                uplot.Axis(size=30, space=40),
-                uplot.Axis(label=unit, labelSize=16, size=44, labelGap=0),
-            ),
-            legend=uplot.Legend(show=True, live=True),
-            cursor=uplot.Cursor(sync={"key": "time"}, drag={"x": True, "y": False}),
-            height=HEIGHT,
-            padding=(6, 14, 0, 0),
-        )
-
-    def load(self, drawing: _Drawing, part: tuple[float, float]) -> None:
-        """Draw something else, between two times (s, boot clock)."""
-        self._drawing = drawing
-        self._drawn = curves(drawing.t, drawing.values, drawing.known, part)
-        if drawing.envelope != self._envelope:
-            self._envelope = drawing.envelope
-            # Series and data have to change together, or the chart has lines without points.
-            self.handle.series, self.handle.data = self._series(), self._drawn.at(part[0])
-        scales = _scales(part)
-        if self.handle.scales != scales:  # a change builds the chart anew and forgets how the user has zoomed
-            self.handle.scales = scales
-
-    def show(self, now: float, values: tuple[float, ...] = ()) -> None:
-        """Move the line to `now`, s, boot clock, where `values` hold (default: those of the last sample)."""
-        if not self.handle.visible:
-            return
-        self.handle.data = self._drawn.at(now)
-        if not values:
-            sample = max(int(np.searchsorted(self._drawing.t, now + SAME_TIME, side="right")) - 1, 0)
-            values = tuple(float(v[sample]) for v in self._drawing.values)
-        said = " ".join(_key(name, v, colour) for (name, colour), v in zip(self._lines, values, strict=True))
-        self._heading.content = _row(f'<span style="font-weight:600">{self._title}</span><span>{said}</span>')
-
-    def set_visible(self, visible: bool) -> None:
-        """Show it, or not."""
-        if self.handle.visible != visible:
-            self._heading.visible = self.handle.visible = visible
-
-    def relayout(self) -> None:
-        """Make every browser lay the chart out again, by a pixel of height.
-
-        A page whose first width and next data come in one breath shows no time axis: uplot-react 1.2 calls setSize,
-        then setData and redraw(), and redraw forgets that the axes were to be laid out again. A new size that comes
-        alone mends it, and keeps the user's zoom.
-        """
-        self.handle.height = HEIGHT + 1 if self.handle.height == HEIGHT else HEIGHT
-
-    def _series(self) -> tuple[uplot.Series, ...]:
-        envelope = [("1σ", (5.0, 4.0)), ("3σ", (2.0, 4.0))] if self._envelope else []
-        return (
-            uplot.Series(label="s since boot"),
-            *(_line(name, colour, 1.6) for name, colour in self._lines),
-            *(_line(name, palette.CURSOR, 1.3, dash) for name, dash in envelope),
-            _line("now", palette.CURSOR, 1.2, scale="now", fill="rgba(130,130,130,0.22)"),
-        )
+from companion.view.moment import Footage, Moment
 
 
 class Plots:
@@ -113,14 +22,14 @@ class Plots:
         button_row(gui, "Show", shown, post, "Drag over a chart to zoom in, double-click to see all of it again")
         gui.add_html(STYLE)
         self._errors = [
-            _Chart(gui, "Attitude error, °", "deg", [("tilt", palette.DIFFERENCE), ("heading", palette.HEADING)]),
-            _Chart(gui, "Velocity error, m/s", "m/s", [("apart", palette.DIFFERENCE)]),
-            _Chart(gui, "Position error, m", "m", [("apart", palette.DIFFERENCE)]),
+            Chart(gui, "Attitude error, °", "deg", [("tilt", palette.DIFFERENCE), ("heading", palette.HEADING)]),
+            Chart(gui, "Velocity error, m/s", "m/s", [("apart", palette.DIFFERENCE)]),
+            Chart(gui, "Position error, m", "m", [("apart", palette.DIFFERENCE)]),
         ]
         axes = list(zip(("forward", "right", "down"), palette.AXES, strict=True))
-        self._readings = [_Chart(gui, "Gyro, °/s", "deg/s", axes), _Chart(gui, "Accelerometer, m/s²", "m/s²", axes)]
+        self._readings = [Chart(gui, "Gyro, °/s", "deg/s", axes), Chart(gui, "Accelerometer, m/s²", "m/s²", axes)]
         self._charts = [*self._errors, *self._readings]
-        self._drawings: list[_Drawing] = []
+        self._drawings: list[Drawing] = []
         self._show_readings = self._has_position = False
         self._now = math.nan
 
@@ -129,16 +38,16 @@ class Plots:
         replay, expected = film.replay, film.envelope
         known = replay.reference_valid.astype(np.float64)
 
-        def error(values: tuple[Array, ...], sigma: Array | None) -> _Drawing:
+        def error(values: tuple[Array, ...], sigma: Array | None) -> Drawing:
             envelope = () if sigma is None else (sigma, 3 * sigma)
-            return _Drawing(replay.t, values + envelope, known, envelope=sigma is not None)
+            return Drawing(replay.t, values + envelope, known, envelope=sigma is not None)
 
         self._drawings = [
             error((film.tilt_deg, film.heading_deg), expected.attitude_deg if expected else None),
             error((film.velocity_mps,), expected.velocity_mps if expected else None),
             error((film.position_m,), expected.position_m if expected else None),
-            _Drawing(imu.t, tuple(np.degrees(imu.gyro.T))),
-            _Drawing(imu.t, tuple(imu.accel.T)),
+            Drawing(imu.t, tuple(np.degrees(imu.gyro.T))),
+            Drawing(imu.t, tuple(imu.accel.T)),
         ]
         self._has_position = replay.has_position
         self.choose_part(part)
@@ -160,7 +69,7 @@ class Plots:
         self._now = math.nan
 
     def relayout(self) -> None:
-        """Make every browser lay its charts out again; see _Chart.relayout."""
+        """Make every browser lay its charts out again; see Chart.relayout."""
         for chart in self._charts:
             chart.relayout()
 
@@ -174,37 +83,3 @@ class Plots:
             chart.show(moment.t, values)
         for chart in self._readings:
             chart.show(moment.t)
-
-
-def _scales(part: tuple[float, float]) -> dict[str, uplot.Scale]:
-    # The bounds said outright, so that the line's points never move them and a zoom stays where it is.
-    return {"x": uplot.Scale(time=False, range=part), "now": uplot.Scale(range=(0.0, 1.0))}
-
-
-def _line(
-    label: str,
-    colour: Rgb,
-    width: float,
-    dash: tuple[float, ...] | None = None,
-    scale: str | None = None,
-    fill: str | None = None,
-) -> uplot.Series:
-    series = uplot.Series(label=label, stroke=palette.css(colour), width=width, points={"show": False})
-    if dash is not None:
-        series["dash"] = dash
-    if scale is not None:
-        series["scale"] = scale
-    if fill is not None:
-        series["fill"] = fill
-    return series
-
-
-def _row(markup: str) -> str:
-    return (
-        '<div style="padding:0 1em;font-size:0.8em;display:flex;justify-content:space-between;flex-wrap:wrap;'
-        f'font-variant-numeric:tabular-nums">{markup}</div>'
-    )
-
-
-def _key(name: str, value: float, colour: Rgb) -> str:
-    return f'<span style="color:{palette.css(colour)};font-weight:600;margin-left:0.6em">{name} {value:.2f}</span>'

@@ -1,0 +1,150 @@
+"""A page as a resource: a server, the one thread that turns what stands behind it, and their end."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from types import TracebackType
+from typing import Generic, Protocol, Self, TypeVar
+
+import viser
+
+from companion.view import events
+from companion.view.server import close_server, find_address, open_server
+
+
+class Turned(Protocol):
+    """What stands behind a page. All of it runs in the view thread."""
+
+    def handle(self, event: events.Event) -> None:
+        """Do what a control of the page asks for."""
+
+    def turn(self, now: float, dt: float) -> None:
+        """Draw: at `now`, s of a steady clock, `dt` s after the last time."""
+
+    def close(self) -> None:
+        """End whatever works beside the view thread."""
+
+    @property
+    def browsers(self) -> int:
+        """How many pages are open."""
+
+
+Behind = TypeVar("Behind", bound=Turned)
+
+
+class Page(Generic[Behind]):
+    """A web page. A resource: close it, or use it in a `with` block.
+
+    build: makes what stands behind the page, once the server is up. Raises InputError for an address that is none.
+    """
+
+    def __init__(
+        self, host: str, port: int, rate_hz: float, build: Callable[[viser.ViserServer, events.Post], Behind]
+    ) -> None:
+        self._address = find_address(host, port)
+        self._server = open_server(self._address)
+        self._address = replace(self._address, port=self._server.get_port())
+        self._events: queue.SimpleQueue[events.Event] = queue.SimpleQueue()
+        self._stopping = threading.Event()
+        self._closed = False
+        self._failure: BaseException | None = None
+        self._period = 1.0 / rate_hz
+        self._behind = build(self._server, self._events.put)
+
+        @self._server.on_client_connect
+        async def _(client: viser.ClientHandle) -> None:
+            self._events.put(events.Joined(client.client_id))
+
+        @self._server.on_client_disconnect
+        async def _(client: viser.ClientHandle) -> None:
+            self._events.put(events.Left(client.client_id))
+
+        self._thread = threading.Thread(target=self._loop, name="companion-view", daemon=True)
+        self._thread.start()
+
+    @property
+    def port(self) -> int:
+        """The port that is really used."""
+        return self._address.port
+
+    @property
+    def url(self) -> str:
+        """What to open in a browser on this machine."""
+        return self._address.url
+
+    @property
+    def warning(self) -> str | None:
+        """A sentence for the user when others can reach the page, else None."""
+        return self._address.warning
+
+    @property
+    def browsers(self) -> int:
+        """How many pages are open."""
+        return self._behind.browsers
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the page is at its end, also because of an error in the view thread."""
+        return self._stopping.is_set()
+
+    def run(self) -> None:
+        """Serve until `stop`, Ctrl-C, or an error in the view thread, which is raised here."""
+        try:
+            while not self._stopping.wait(0.5):
+                pass
+        except KeyboardInterrupt:
+            pass
+        finally:
+            self.close()
+        self._reraise()
+
+    def stop(self) -> None:
+        """Make `run` return; may be called from any thread."""
+        self._stopping.set()
+
+    def close(self) -> None:
+        """Stop the view thread, the workers and the server. A second call does nothing."""
+        self._stopping.set()
+        if self._closed:
+            return
+        self._closed = True
+        self._thread.join()
+        self._behind.close()
+        close_server(self._server)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+        if error is None:
+            self._reraise()
+
+    def post(self, event: events.Event) -> None:
+        """Do what a control of the page would do."""
+        self._events.put(event)
+
+    def _reraise(self) -> None:
+        failure, self._failure = self._failure, None
+        if failure is not None:
+            raise failure
+
+    def _loop(self) -> None:
+        before = time.monotonic()
+        try:
+            while not self._stopping.is_set():
+                now = time.monotonic()
+                while not self._events.empty():
+                    self._behind.handle(self._events.get())
+                self._behind.turn(now, now - before)
+                before = now
+                self._stopping.wait(max(0.0, self._period - (time.monotonic() - now)))
+        except BaseException as error:  # noqa: BLE001 - handed to `run`, which raises it in the main thread
+            self._failure = error
+            self._stopping.set()

@@ -1,0 +1,32 @@
+"""What can be chosen of the picture, whatever it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import viser
+
+from companion.view import events
+from companion.view.controls import listen
+
+SIZES = {"Easy to see": 1.0, "Larger": 1.7, "Smaller": 0.5, "True size": None}
+
+
+class PictureControls:
+    """A folder of choices. `folder` is there for the cameras, of which each browser has its own."""
+
+    def __init__(self, gui: viser.GuiApi, trails: Mapping[str, events.SetTrail], post: events.Post) -> None:
+        self.folder = gui.add_folder("Picture")
+        with self.folder:
+            trail = gui.add_dropdown("Paths", tuple(trails))
+            size = gui.add_dropdown("Drones", tuple(SIZES))
+            ball = gui.add_checkbox(
+                "3σ ball", False, hint="Around the IMU: where the autopilot should be, if nothing is wrong"
+            )
+            arrows = gui.add_checkbox("Arrows", False, hint="Velocity of both, and gravity")
+            dark = gui.add_checkbox("Dark", False)
+        listen(trail, post, lambda: trails[trail.value])
+        listen(size, post, lambda: events.SetSize(SIZES[size.value]))
+        listen(ball, post, lambda: events.SetRange(ball.value))
+        listen(arrows, post, lambda: events.SetArrows(arrows.value))
+        listen(dark, post, lambda: events.SetDark(dark.value))
