@@ -13,6 +13,7 @@ body to world.
 from companion.analysis import Drift, DriftRow, Integration, Limits, Replay, Statistic, drift, replay
 from companion.errors import CompanionError, DataError, InputError, SettingsError
 from companion.recording import open_log
+from companion.series import Event, Series
 from companion.strapdown import reckon
 from companion.tracks import (
     AttitudeTrack,
@@ -32,6 +33,7 @@ __all__ = [
     "DataError",
     "Drift",
     "DriftRow",
+    "Event",
     "Flight",
     "ImuTrack",
     "InputError",
@@ -41,6 +43,7 @@ __all__ = [
     "NavState",
     "PositionTrack",
     "Replay",
+    "Series",
     "SettingsError",
     "Statistic",
     "StatusText",

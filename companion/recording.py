@@ -64,7 +64,7 @@ def read_recording(
         return Recording(Source(path, kind, path.stat().st_size, messages), (px4,))
     if kind == "dataflash":
         board = read_dataflash(path)
-        flight = dataflash_flight(board)
+        flight = dataflash_flight(board, names)
         source = Source(path, kind, board.size_bytes, board.frames, skipped_bytes=board.skipped_bytes)
         return Recording(source, (flight,) if flight else ())
     log = read_tlog(path, dialect=dialect, names=None if every_message else NEEDED, progress=progress)

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.errors import DataError
+from companion.series import Event, Series
 
 Array = npt.NDArray[np.float64]
 
@@ -196,6 +197,9 @@ class Flight:
     position: PositionTrack | None = None
     origin: Origin | None = None
     epoch: Epoch | None = None  # None where the log does not tell the date
+    home: Origin | None = None  # where it says that it returns to
+    series: Mapping[str, Series] = field(default_factory=dict)  # "vibration", "gps", "gps:GPS2_RAW", ...
+    events: tuple[Event, ...] = ()  # arming, modes, errors, in order of time
     parameters: Mapping[str, float] = field(default_factory=dict)
     texts: tuple[StatusText, ...] = ()
     messages: Mapping[str, MessageStats] = field(default_factory=dict)

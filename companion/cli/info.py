@@ -22,7 +22,11 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         commands, "info", "What is in a log: vehicles, boots, messages, rates, gaps.", "companion info flight.tlog"
     )
     parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
-    parser.add_argument("--verbose", action="store_true", help="also: the vehicle's texts, and who else speaks and why")
+    parser.add_argument(
+        "--verbose",
+        action="store_true",
+        help="also: arming, modes, errors and texts of the vehicle; who else speaks, and why it is no vehicle",
+    )
     parser.set_defaults(run=run)
 
 
@@ -39,16 +43,19 @@ def run(arguments: argparse.Namespace) -> int:
     for flight in recording.flights:
         _print_flight(console, flight)
         if arguments.verbose:
-            _print_texts(console, flight)
+            _print_said(console, flight)
     if arguments.verbose or not recording.flights:
         _print_bystanders(console, recording)
     return 0
 
 
-def _print_texts(console: Console, flight: Flight) -> None:
+def _print_said(console: Console, flight: Flight) -> None:
+    lines = [(event.t, event.kind, "" if event.text == event.kind else event.text) for event in flight.events]
     for text in flight.texts:
         severity = _SEVERITIES[text.severity] if 0 <= text.severity < len(_SEVERITIES) else str(text.severity)
-        console.print(f"  {text.t:9.2f} s  {severity:<9} {escape(text.text)}", highlight=False)
+        lines.append((text.t, severity, text.text))
+    for t, kind, words in sorted(lines, key=lambda line: line[0]):
+        console.print(f"  {t:9.2f} s  {kind:<9} {escape(words)}", highlight=False)
 
 
 def _print_bystanders(console: Console, recording: Recording) -> None:

@@ -9,6 +9,7 @@ from companion.mavlink.frames import Damage, Decoder, Frames
 from companion.mavlink.link import Link, LinkHealth, open_port
 from companion.mavlink.logfile import log_format, read_chunks
 from companion.mavlink.messages import Messages, join, split_messages
+from companion.mavlink.modes import mode_name, px4_nav_state_name
 from companion.mavlink.pack import Packer, Value
 from companion.mavlink.ports import Port
 from companion.mavlink.rates import Rates
@@ -57,8 +58,10 @@ __all__ = [
     "load_dialect",
     "log_format",
     "make_messages",
+    "mode_name",
     "open_port",
     "parse_address",
+    "px4_nav_state_name",
     "read_chunks",
     "read_dataflash",
     "read_tlog",

@@ -65,6 +65,10 @@ class Dialect:
     max_length: npt.NDArray[np.uint8]  # same shape, bytes
     _enums: Mapping[str, Mapping[int, Any]]
 
+    def has_enum(self, enum: str) -> bool:
+        """Whether the dialect has an enum of this name."""
+        return enum in self._enums
+
     def enum_names(self, enum: str) -> dict[int, str]:
         """Value -> name of an enum ("MAV_AUTOPILOT" -> {3: "MAV_AUTOPILOT_ARDUPILOTMEGA", ...}).
 

@@ -2,34 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
 from companion.mavlink import Messages
 from companion.telemetry.clock import device_time
+from companion.telemetry.lazy import Lazy
 from companion.tracks import Array, MessageStats
 
 _ECHO_S = 2.0  # two identical frames within this time are one packet heard twice
 
 
-class Arrivals(Mapping[str, MessageStats]):
-    """The statistics of a flight's messages, each computed when it is first asked for: most never are."""
-
-    def __init__(self, messages: Mapping[str, Messages]) -> None:
-        self._waiting = dict(sorted(messages.items()))
-        self._known: dict[str, MessageStats] = {}
-
-    def __getitem__(self, name: str) -> MessageStats:
-        if name not in self._known:
-            self._known[name] = message_stats(self._waiting[name])
-        return self._known[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._waiting)
-
-    def __len__(self) -> int:
-        return len(self._waiting)
+def arrivals(messages: Mapping[str, Messages]) -> Mapping[str, MessageStats]:
+    """The statistics of a flight's messages by name."""
+    return Lazy({name: partial(message_stats, messages[name]) for name in sorted(messages)})
 
 
 def message_stats(messages: Messages) -> MessageStats:

@@ -13,23 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.mavlink import Messages
+from companion.telemetry.units import SI
 from companion.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, Origin, PositionTrack
 
 IMU_MESSAGES = ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU")
 
 _INSTANCE = {"SCALED_IMU2": 1, "SCALED_IMU3": 2}
-
-_SI = {
-    "mG": STANDARD_GRAVITY * 1e-3,
-    "mrad/s": 1e-3,
-    "m/s/s": 1.0,
-    "rad/s": 1.0,
-    "rad": 1.0,
-    "m": 1.0,
-    "m/s": 1.0,
-    "cm/s": 1e-2,
-    "mm": 1e-3,
-}
 
 _MOST = 1e4  # rad/s, m/s²: no sensor reads so much; NaN is not less either
 
@@ -137,6 +126,12 @@ def origin(messages: Messages, t: Array) -> Origin | None:
     )
 
 
+def home(messages: Messages) -> Origin:
+    """Where the last HOME_POSITION is: home is set again where the vehicle arms."""
+    latitude, longitude, height = (float(messages[n][-1]) for n in ("latitude", "longitude", "altitude"))
+    return Origin(float(np.radians(latitude * 1e-7)), float(np.radians(longitude * 1e-7)), height * 1e-3)
+
+
 def ned_between(a: Origin, b: Origin) -> Array:
     """Where `b` lies seen from `a`: NED (3,), m."""
     latitude, longitude, height = (np.array(pair) for pair in zip(*(_geodetic(place) for place in (a, b)), strict=True))
@@ -180,7 +175,7 @@ def continuous(q: Array) -> Array:
 
 def _vector(messages: Messages, names: tuple[str, str, str], unit: str, dequantise: bool) -> tuple[Array, float]:
     """Three fields as SI (N, 3), and the quantisation step in SI (0 for floats). `unit` where the dialect has none."""
-    factor = _SI[messages.layout.units.get(names[0]) or unit]
+    factor = SI[messages.layout.units.get(names[0]) or unit]
     whole = np.issubdtype(messages[names[0]].dtype, np.integer)
     values = np.empty((len(messages), 3))
     for axis, name in enumerate(names):

@@ -12,10 +12,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from companion.mavlink import DataflashLog, Records
+from companion.mavlink import DataflashLog, Dialect, Records
 from companion.telemetry import convert
 from companion.telemetry.arrival import arrival
 from companion.telemetry.epoch import epoch_of, gps_to_unix
+from companion.telemetry.events import dataflash_events
+from companion.telemetry.sensors import record_sensors
 from companion.tracks import Array, AttitudeTrack, Epoch, Flight, ImuTrack, Origin, PositionTrack, StatusText, Vehicle
 
 _TYPES = {
@@ -27,11 +29,12 @@ _TYPES = {
     b"Blimp": "AIRSHIP",
 }
 _HAS_POSITION = 0b11000  # EKF solution status: horiz_pos_rel and horiz_pos_abs (nav_filter_status in AP_NavEKF)
-_INFO, _ERROR = 6, 3  # MAV_SEVERITY: MSG and EV do not say
+_HOME = 1  # ORGN.Type: LogOriginType::ahrs_home
+_INFO = 6  # MAV_SEVERITY: MSG does not say
 
 
-def dataflash_flight(log: DataflashLog) -> Flight | None:
-    """The one flight of a .bin; None when it has no times at all."""
+def dataflash_flight(log: DataflashLog, dialect: Dialect) -> Flight | None:
+    """The one flight of a .bin; None when it has no times at all. dialect: has the names of the modes."""
     records = {name: r for name, r in log.messages.items() if len(r) and "TimeUS" in r.layout.fields}
     seconds = {name: r.in_unit("TimeUS") for name, r in records.items()}
     if not seconds:
@@ -45,8 +48,9 @@ def dataflash_flight(log: DataflashLog) -> Flight | None:
         imus = {name: track for name, (track, _) in trimmed.items()}
         notes += [note for _, note in trimmed.values() if note][:1]
     begin, end = (float(edge(t[[0, -1]][i] for t in seconds.values())) for i, edge in ((0, min), (1, max)))
+    vehicle = _vehicle(records, parameters)
     return Flight(
-        vehicle=_vehicle(records, parameters),
+        vehicle=vehicle,
         boot=1,
         start=begin,
         duration=end - begin,
@@ -55,6 +59,9 @@ def dataflash_flight(log: DataflashLog) -> Flight | None:
         position=_position(records, core),
         origin=_origin(records),
         epoch=_epoch(records),
+        home=_home(records),
+        series=record_sensors(records, core),
+        events=dataflash_events(records, vehicle, dialect),
         parameters=parameters,
         texts=_texts(records),
         messages={name: arrival(seconds[name], 0) for name in sorted(records)},
@@ -175,20 +182,22 @@ def _epoch(records: Mapping[str, Records]) -> Epoch | None:
     return epoch_of(gps_to_unix(week, seconds), gps.in_unit("TimeUS")[fixed], "GPS")
 
 
+def _home(records: Mapping[str, Records]) -> Origin | None:
+    """The last home that ORGN names: it is set again where the vehicle arms."""
+    if "ORGN" not in records or "Type" not in records["ORGN"].layout.fields:
+        return None
+    homes = records["ORGN"].select(records["ORGN"]["Type"] == _HOME)
+    if not len(homes):
+        return None
+    latitude, longitude, height = (float(homes[n][-1]) for n in ("Lat", "Lng", "Alt"))
+    return Origin(float(np.radians(latitude)), float(np.radians(longitude)), height)
+
+
 def _texts(records: Mapping[str, Records]) -> tuple[StatusText, ...]:
-    """MSG, and what EV (events) and ERR (errors of a subsystem) say in numbers."""
-    said: list[StatusText] = []
-    if "MSG" in records:
-        for t, text in zip(records["MSG"].in_unit("TimeUS").tolist(), records["MSG"]["Message"], strict=True):
-            said.append(StatusText(t, _INFO, bytes(text).split(b"\0")[0].decode("utf-8", "replace")))
-    if "EV" in records:
-        for t, event in zip(records["EV"].in_unit("TimeUS").tolist(), records["EV"]["Id"].tolist(), strict=True):
-            said.append(StatusText(t, _INFO, f"EV {event}"))
-    if "ERR" in records:
-        columns = (records["ERR"][n].tolist() for n in ("Subsys", "ECode"))
-        for t, subsystem, code in zip(records["ERR"].in_unit("TimeUS").tolist(), *columns, strict=True):
-            said.append(StatusText(t, _ERROR, f"ERR subsystem {subsystem}, code {code}"))
-    return tuple(sorted(said, key=lambda text: text.t))
+    if "MSG" not in records:
+        return ()
+    rows = zip(records["MSG"].in_unit("TimeUS").tolist(), records["MSG"]["Message"].tolist(), strict=True)
+    return tuple(StatusText(t, _INFO, text.split(b"\0")[0].decode("utf-8", "replace")) for t, text in rows)
 
 
 def _vehicle(records: Mapping[str, Records], parameters: Mapping[str, float]) -> Vehicle:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from companion.mavlink import Dialect
+from companion.series import Event
 from companion.telemetry import convert
-from companion.telemetry.arrival import Arrivals
+from companion.telemetry.arrival import arrivals
 from companion.telemetry.clock import boot_seconds
 from companion.telemetry.epoch import system_epoch
+from companion.telemetry.events import heartbeat_events
+from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
 from companion.telemetry.split import Boot, Bystander, HasMessages, boots, describe, senders
 from companion.tracks import (
     Array,
@@ -21,15 +24,14 @@ from companion.tracks import (
     Vehicle,
 )
 
-_TIMED = {
+_TIMED = SENSOR_MESSAGES | {
     *convert.IMU_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "STATUSTEXT",
+    "HEARTBEAT",
 }  # fmt: skip
-"""Messages that become tracks or texts, and need a place on the flight's clock."""
+"""Messages that become tracks, series, events or texts, and need a place on the flight's clock."""
 
 
-NEEDED = _TIMED | {
-    "HEARTBEAT", "PARAM_VALUE", "AUTOPILOT_VERSION", "GPS_RAW_INT", "GPS_GLOBAL_ORIGIN", "SYSTEM_TIME",
-}  # fmt: skip
+NEEDED = _TIMED | {"PARAM_VALUE", "AUTOPILOT_VERSION", "GPS_GLOBAL_ORIGIN", "HOME_POSITION", "SYSTEM_TIME"}
 """Messages whose fields a flight is made of."""
 
 
@@ -47,11 +49,13 @@ def flights(log: HasMessages, dialect: Dialect, *, dequantise: bool = False) -> 
             if "PARAM_VALUE" in boot.messages:  # parameters outlive a reboot, and are seldom read again after it
                 bytewise = vehicle.autopilot == "PX4"
                 known = known | convert.parameters(boot.messages["PARAM_VALUE"], bytewise=bytewise)
-            found.append(_flight(boot, known, notes, dequantise))
+            found.append(_flight(boot, known, notes, dialect, dequantise))
     return found, others
 
 
-def _flight(boot: Boot, parameters: dict[str, float], said: tuple[str, ...], dequantise: bool) -> Flight:
+def _flight(
+    boot: Boot, parameters: dict[str, float], said: tuple[str, ...], dialect: Dialect, dequantise: bool
+) -> Flight:
     seconds: dict[str, Array] = {}
     notes = [*said, *boot.notes]
     for name, messages in boot.messages.items():
@@ -72,9 +76,12 @@ def _flight(boot: Boot, parameters: dict[str, float], said: tuple[str, ...], deq
         position=_position(boot, seconds),
         origin=_origin(boot),
         epoch=system_epoch(boot.messages.get("SYSTEM_TIME"), boot.clock),
+        home=convert.home(boot.messages["HOME_POSITION"]) if "HOME_POSITION" in boot.messages else None,
+        series=message_sensors(boot.messages, seconds, px4=boot.vehicle.autopilot == "PX4"),
+        events=_events(boot, seconds, dialect),
         parameters=parameters,
         texts=_texts(boot, seconds),
-        messages=Arrivals(boot.messages),
+        messages=arrivals(boot.messages),
         notes=(*notes, *imu_notes),
     )
 
@@ -141,6 +148,12 @@ def _origin(boot: Boot) -> Origin | None:
         convert.origin(m, boot_seconds(m, boot.clock)[0]) for n in names if (m := boot.messages.get(n)) is not None
     )
     return next((place for place in known if place is not None), None)
+
+
+def _events(boot: Boot, seconds: dict[str, Array], dialect: Dialect) -> tuple[Event, ...]:
+    if "HEARTBEAT" not in boot.messages:
+        return ()
+    return heartbeat_events(boot.messages["HEARTBEAT"], seconds["HEARTBEAT"], boot.vehicle, dialect)
 
 
 def _texts(boot: Boot, seconds: dict[str, Array]) -> tuple[StatusText, ...]:

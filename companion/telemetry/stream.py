@@ -27,7 +27,7 @@ _SLACK = 1.1  # of the window: trimmed when it has grown to this
 _SURE = 25  # packets with a clock after a reboot: fewer may be an echo of old ones
 _SAME_BYTES = 100_000  # two reboots nearer than this in the stream are one, seen in other messages
 
-_LASTING = {"PARAM_VALUE": "param_id", "AUTOPILOT_VERSION": None, "GPS_GLOBAL_ORIGIN": None}
+_LASTING = {"PARAM_VALUE": "param_id", "AUTOPILOT_VERSION": None, "GPS_GLOBAL_ORIGIN": None, "HOME_POSITION": None}
 """Sent once and true for long: the last of each sender (and value of a field) is kept whatever the window."""
 
 _TELLING = frozenset({"HEARTBEAT", *_LASTING})

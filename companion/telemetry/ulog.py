@@ -18,13 +18,18 @@ from typing import Any
 import numpy as np
 
 from companion.errors import InputError
-from companion.mavlink import read_chunks
+from companion.mavlink import px4_nav_state_name, read_chunks
+from companion.series import Event
 from companion.telemetry.arrival import arrival
 from companion.telemetry.convert import continuous, increasing
 from companion.telemetry.epoch import epoch_of
+from companion.telemetry.events import changes, in_order
+from companion.telemetry.sensors import topic_sensors
 from companion.tracks import Array, AttitudeTrack, Epoch, Flight, ImuTrack, Origin, PositionTrack, StatusText, Vehicle
 
 Topic = Mapping[str, Any]  # field -> column
+
+_ARMED = 2  # vehicle_status.arming_state
 
 
 def ulog_flight(path: Path, vehicle_types: Mapping[int, str]) -> Flight:
@@ -73,6 +78,9 @@ def ulog_flight(path: Path, vehicle_types: Mapping[int, str]) -> Flight:
         position=_position(topics),
         origin=_origin(topics),
         epoch=_epoch(topics),
+        home=_home(topics),
+        series=topic_sensors(topics),
+        events=_events(topics),
         parameters=parameters,
         texts=tuple(
             StatusText(m.timestamp * 1e-6, m.log_level - ord("0"), str(m.message)) for m in log.logged_messages
@@ -170,6 +178,31 @@ def _epoch(topics: Mapping[str, Topic]) -> Epoch | None:
         if name in topics and "time_utc_usec" in topics[name]:
             return epoch_of(_seconds(topics[name], "time_utc_usec"), _seconds(topics[name], "timestamp"), "GPS")
     return None
+
+
+def _home(topics: Mapping[str, Topic]) -> Origin | None:
+    """The last home_position that calls itself valid."""
+    topic = topics.get("home_position", {})
+    known = np.flatnonzero(np.asarray(topic.get("valid_hpos", ())))
+    if not len(known):
+        return None
+    latitude, longitude, height = (float(topic[name][known[-1]]) for name in ("lat", "lon", "alt"))
+    return Origin(float(np.radians(latitude)), float(np.radians(longitude)), height)
+
+
+def _events(topics: Mapping[str, Topic]) -> tuple[Event, ...]:
+    """Arming, modes and failsafes of vehicle_status."""
+    if "vehicle_status" not in topics:
+        return ()
+    topic = topics["vehicle_status"]
+    t = _seconds(topic, "timestamp")
+    found = list(changes(t, np.asarray(topic["arming_state"]) == _ARMED, topic["nav_state"], px4_nav_state_name))
+    failsafe = np.asarray(topic.get("failsafe", np.zeros(len(t))), np.bool_)
+    turns = (np.flatnonzero(np.diff(failsafe)) + 1).tolist()
+    found += [
+        Event(float(t[i]), *(("error", "failsafe") if failsafe[i] else ("event", "failsafe over"))) for i in turns
+    ]
+    return in_order(found)
 
 
 def _position(topics: Mapping[str, Topic]) -> PositionTrack | None:

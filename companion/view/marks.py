@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Literal
 
+from companion.series import Event
 from companion.tracks import Flight, StatusText
 from companion.view import palette
 from companion.view.palette import Rgb
@@ -40,8 +41,16 @@ _WARNING = 4  # MAV_SEVERITY_WARNING; smaller is worse
 
 
 def text_marks(flight: Flight) -> list[Mark]:
-    """What the vehicle said in words, sorted by time."""
-    return sorted((Mark(text.t, text.text, _kind(text)) for text in flight.texts), key=lambda mark: mark.t)
+    """What the vehicle said in words, and what happened to it, sorted by time."""
+    said = [Mark(text.t, text.text, _kind(text)) for text in flight.texts]
+    return sorted([*said, *map(_event_mark, flight.events)], key=lambda mark: mark.t)
+
+
+def _event_mark(event: Event) -> Mark:
+    if event.kind == "mode":
+        return Mark(event.t, f"mode {event.text}", "mode")
+    kinds: dict[str, MarkKind] = {"armed": "arming", "disarmed": "arming", "error": "trouble"}
+    return Mark(event.t, event.text, kinds.get(event.kind, "text"))
 
 
 def neighbour(times: Sequence[float], now: float, *, forward: bool, margin: float = 1e-6) -> float | None:

@@ -1,0 +1,113 @@
+"""Columns of any format → the series of a flight: vibration, barometer, GPS, magnetometer, temperatures, estimator.
+
+The first source of a kind is called by the kind ("gps"), each further one by kind and source ("gps:GPS2_RAW");
+temperatures, of which each belongs to an IMU, always by both. What the columns mean is in docs/messages.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.series import Series
+from companion.telemetry.convert import increasing
+from companion.telemetry.lazy import Lazy
+from companion.telemetry.units import SI
+from companion.tracks import Array
+
+Raw = npt.NDArray[Any]
+Fields = Mapping[str, tuple[str, str]]
+"""Column → the field that it comes from, and its unit where the log does not say."""
+
+COLUMNS: Mapping[str, tuple[str, ...]] = {
+    "vibration": ("x_mps2", "y_mps2", "z_mps2", "clips_0", "clips_1", "clips_2"),
+    "barometer": ("pressure_pa", "altitude_m", "temperature_degc"),
+    "gps": ("lat_rad", "lon_rad", "height_m", "speed_mps", "satellites", "fix_type", "hdop"),
+    "magnetometer": ("x_tesla", "y_tesla", "z_tesla"),
+    "temperature": ("temperature_degc",),
+    "estimator": ("velocity_ratio", "position_ratio", "height_ratio", "compass_ratio", "airspeed_ratio", "flags"),
+}
+"""The columns of each kind, whatever the format. PX4's own vibration metrics have their own names."""
+
+_ABSENT = {"satellites": 255.0, "speed_mps": 655.35, "hdop": 655.35}  # what GPS_RAW_INT sends for "not known"
+_FIX_2D, _FIX_3D = 2, 3  # GPS_FIX_TYPE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """The raw columns of one source, and what makes them SI."""
+
+    kind: str
+    source: str
+    t: Array  # (N,) s, boot clock; NaN where it is not known
+    raw: Mapping[str, Raw]  # column → (N,), as the log has it
+    factors: Mapping[str, float]
+
+
+def find(
+    kind: str,
+    source: str,
+    t: Array,
+    fields: Fields,
+    column: Callable[[str], Raw | None],
+    units: Mapping[str, str] | None = None,
+) -> Found | None:
+    """What a source has of a kind; None when that is nothing. `column` gives a field of the source, None for none."""
+    raw: dict[str, Raw] = {}
+    factors: dict[str, float] = {}
+    for name, (field, unit) in fields.items():
+        values = column(field)
+        if values is not None:
+            raw[name] = np.array(values)  # not a view: the rows need not stay for it
+            stated = (units or {}).get(field, "")
+            factors[name] = SI[stated if stated in SI and stated else unit]
+    silent = kind in ("magnetometer", "temperature", "gps") and not any(v.any() for v in raw.values())
+    return None if not raw or not len(t) or silent else Found(kind, source, t, raw, factors)
+
+
+def series_of(found: Iterable[Found | None]) -> Mapping[str, Series]:
+    """The series of a flight by key, in the order found, each made when it is asked for."""
+    makers: dict[str, Callable[[], Series]] = {}
+    for one in found:
+        if one is not None:
+            alone = one.kind != "temperature" and one.kind not in makers
+            makers[one.kind if alone else f"{one.kind}:{one.source}"] = partial(_series, one)
+    return Lazy(makers)
+
+
+def _series(found: Found) -> Series:
+    names = COLUMNS[found.kind] if found.raw.keys() <= set(COLUMNS[found.kind]) else tuple(found.raw)
+    values = np.full((len(found.t), len(names)), np.nan)
+    for i, name in enumerate(names):
+        if name in found.raw:
+            values[:, i] = found.raw[name] * found.factors[name]
+    columns = {name: values[:, i] for i, name in enumerate(names)}  # views: what follows changes `values`
+    values[~np.isfinite(values)] = np.nan
+    if found.kind == "gps":
+        _without_unknown(columns)
+    if found.kind == "barometer" and np.isnan(columns["altitude_m"]).all():
+        columns["altitude_m"][:] = _pressure_altitude(columns["pressure_pa"])
+    good = np.isfinite(found.t) & ~np.isnan(values).all(axis=1)
+    if found.kind == "temperature":
+        good &= values[:, 0] != 0.0  # MAVLink: 0 is "no thermometer", and a true 0 °C is sent as 0.01
+    keep = increasing(found.t, np.asarray(good))
+    return Series(found.t[keep], values[keep], names, found.source)
+
+
+def _without_unknown(gps: Mapping[str, Array]) -> None:
+    for name, absent in _ABSENT.items():
+        gps[name][np.isclose(gps[name], absent, atol=1e-6)] = np.nan
+    gps["lat_rad"][gps["fix_type"] < _FIX_2D] = np.nan
+    gps["lon_rad"][gps["fix_type"] < _FIX_2D] = np.nan
+    gps["height_m"][gps["fix_type"] < _FIX_3D] = np.nan
+
+
+def _pressure_altitude(pressure: Array) -> Array:
+    """m, where the standard atmosphere has this pressure (ICAO Doc 7488, below 11 km)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(44330.77 * (1.0 - (pressure / 101325.0) ** 0.1902632))
