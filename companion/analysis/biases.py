@@ -1,7 +1,4 @@
-"""Findings about the level of the readings: too slow, biased, noisy.
-
-Short windows say when a bias begins and ends, which a fit to the whole flight cannot.
-"""
+"""Findings about readings that stay wrong, and which side they speak against."""
 
 from __future__ import annotations
 
@@ -9,136 +6,167 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from companion.analysis.budget import VELOCITY, window_noise
+from companion.analysis.blame import attitude_turned, leaning
 from companion.analysis.compare import length
-from companion.analysis.comparison import Comparison, errors, windows
+from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding, runs
-from companion.strapdown import propagate, quaternion
+from companion.analysis.residuals import Residuals
+from companion.strapdown import quaternion
 from companion.tracks import STANDARD_GRAVITY, Array
 
-_GYRO_BIAS = slice(9, 12)  # place in the 15-state error of `propagate`
-_SHORT_S = 2.0  # length of the windows in which a bias is looked for
-_BIAS_RATE_HZ = 10.0  # below it the motion between the samples looks like a bias
+BIAS_RATE_HZ = 10.0  # below it the motion between the samples looks like a bias
+_FEWEST = 3  # windows in a row
+_BEFORE = 15  # windows before a force in which the attitude may have begun to lean
+_TURNED = np.radians(60.0)  # the heading has to change by this much to tell a tilt from an accelerometer's bias
+_SLOWEST = 0.5  # m/s that the position may move against its own velocity
+
+Stretch = tuple[int, int, Array]  # first and last window, median
 
 
-def rate_findings(comparison: Comparison, sampling_share: float) -> Iterator[Finding]:
-    """The sample rate is too low for the motion: nothing else in the budget matters then."""
-    track = comparison.track
-    rate = track.rate_hz
-    if rate < 10.0 or sampling_share > 0.5:
-        yield Finding(
-            "rate_too_low",
-            "data",
-            "error",
-            float(track.t[0]),
-            float(track.t[-1]),
-            f"{track.source} at {rate:.1f} Hz"
-            + (f"; sampling is {sampling_share:.0%} of the expected attitude error" if sampling_share > 0.05 else ""),
-            "Record the IMU at 50-200 Hz (SRx_RAW_SENS, SET_MESSAGE_INTERVAL), or use the on-board log.",
-        )
-    holes = np.flatnonzero(comparison.holes)
-    if len(holes):
-        lost = float((track.t[holes + 1] - track.t[holes]).sum())
-        yield Finding(
-            "samples_missing",
-            "data",
-            "warning" if lost > 0.01 * (track.t[-1] - track.t[0]) else "info",
-            float(track.t[holes[0]]),
-            float(track.t[holes[-1] + 1]),
-            f"{len(holes)} holes, {lost:.1f} s in all, the longest {np.diff(track.t).max():.2f} s",
-            "Look at the link's quality, or use the on-board log. Windows over holes are left out.",
-        )
-
-
-def bias_findings(comparison: Comparison, imu: ImuFigures, autopilot: ReferenceFigures) -> Iterator[Finding]:
+def bias_findings(
+    comparison: Comparison, found: Residuals, own: Array, imu: ImuFigures, autopilot: ReferenceFigures
+) -> Iterator[Finding]:
     """A rate or specific force that stays wrong over several short windows, by more than a calibrated sensor can.
 
     Where the readings are noisy, four standard errors of a window's mean are allowed on top; for the force also what
-    the autopilot's own tilt and heading may be off by.
+    the autopilot's own tilt and heading may be off by. own: `blame.own_rates`, (W, 3).
     """
-    chosen = windows(comparison, _SHORT_S)
-    if len(chosen.start) < 3 or comparison.track.rate_hz < _BIAS_RATE_HZ:
+    if len(found) < _FEWEST or comparison.track.rate_hz < BIAS_RATE_HZ:
         return
-    found = errors(comparison, chosen)
-    back = quaternion.conjugate(comparison.reference.q_ned_frd[chosen.start])
-    span = (found.end_s - found.anchor_s)[:, None]
-    noise = window_noise(comparison.track, chosen) / np.sqrt(span)
-    # to first order truth minus estimate is -(bias) t: with the sign turned, and in the body, it is the bias
-    rate = -quaternion.rotate(back, found.attitude) / span
     # four of one axis: three axes together pass three in 3 % of all sensors; and half a step of each axis
-    limit = 4.0 * imu.gyro.residual_bias + 4.0 * noise[:, 0] + comparison.track.gyro_step
-    turning = list(_stretches(found.anchor_s, found.end_s, rate, limit))
-    for start, end, value in turning:
-        yield Finding(
-            "gyro_bias",
-            "imu",
-            "error",
-            start,
-            end,
-            f"it reads ({_milli(value)}) mrad/s too much; after calibration {_milli(imu.gyro.residual_bias)} "
-            f"mrad/s is usual for {imu.name}",
-            "Calibrate the gyro at rest before take-off (INS_GYR_CAL = 1, keep still). If it returns, replace the IMU.",
-        )
+    limit = 4.0 * imu.gyro.residual_bias + 4.0 * found.noise[:, 0] + comparison.track.gyro_step
+    turning = list(_stretches(found.rate, limit))
+    leant: list[float] = []  # when an attitude began to lean
+    for first, last, value in turning:
+        if attitude_turned(found, own, first, last):
+            leant.append(float(found.begin[first]))
+            yield _diverging(found, first, last)
+        else:
+            yield Finding(
+                "gyro_bias",
+                "imu",
+                "error",
+                float(found.begin[first]),
+                float(found.end[last]),
+                f"it reads ({_milli(value)}) mrad/s too much; after calibration {_milli(imu.gyro.residual_bias)} "
+                f"mrad/s is usual for {imu.name}",
+                "Calibrate the gyro at rest before take-off (INS_GYR_CAL = 1, keep still). If it returns, replace "
+                "the IMU.",
+            )
     if not comparison.has_position:
         return
-    growth = propagate(
-        comparison.track,
-        comparison.path,
-        chosen.start,
-        chosen.end,
-        comparison.reference.q_ned_frd[chosen.start],
-        comparison.reference.velocity[chosen.start],
-        gravity=comparison.how.gravity,
-    )
-    # a gyro bias leans gravity over; that is not the accelerometer's
-    leaned = np.einsum("wij,wj->wi", growth.transition[:, VELOCITY, _GYRO_BIAS], rate)
-    force = -quaternion.rotate(back, found.velocity - leaned) / span
-    level = quaternion.rotate(comparison.reference.q_ned_frd[chosen.start], comparison.track.accel[chosen.start])
-    sideways = length(level[:, :2])
-    limit = 5.0 * imu.accel.residual_bias + 4.0 * noise[:, 1]
-    limit = limit + 3.0 * (autopilot.tilt * STANDARD_GRAVITY + autopilot.heading * sideways)
-    for start, end, value in _stretches(found.anchor_s, found.end_s, force, limit):
-        # a gyro bias throws the estimator's own tilt off by degrees until it is learned: not the accelerometer's
-        if length(value) < 1.0 and any(s < end and start < e for s, e, _ in turning):
+    start = found.chosen.start
+    heavy = quaternion.rotate(comparison.reference.q_ned_frd[start], comparison.track.accel[start])
+    limit = 5.0 * imu.accel.residual_bias + 4.0 * found.noise[:, 1]
+    limit = limit + 3.0 * (autopilot.tilt * STANDARD_GRAVITY + autopilot.heading * length(heavy[:, :2]))
+    for first, last, value in _stretches(found.force, limit):
+        begin, end = float(found.begin[first]), float(found.end[last])
+        # what leans stays leaning until the estimator notices
+        if any(begin > since - 4.0 for since in leant):
             continue
-        yield Finding(
-            "accel_bias",
-            "imu",
-            "error",
-            start,
-            end,
-            f"it is off by ({value[0]:.2f}, {value[1]:.2f}, {value[2]:.2f}) m/s²; after calibration "
-            f"{imu.accel.residual_bias:.2f} m/s² is usual for {imu.name}",
-            "Calibrate the accelerometer in six positions. If another IMU shows the same, it is the autopilot's tilt.",
-        )
-
-
-def noise_findings(comparison: Comparison, measured: tuple[float, float], imu: ImuFigures) -> Iterator[Finding]:
-    """Readings far noisier than the data sheet: vibration, or a simulator that shakes."""
-    track = comparison.track
-    for name, density, sheet, unit in (
-        ("gyro", measured[0], imu.gyro.noise_density, "rad/s/√Hz"),
-        ("accel", measured[1], imu.accel.noise_density, "m/s²/√Hz"),
-    ):
-        if density > 10.0 * sheet:
+        # a gyro bias throws the estimator's own tilt off by degrees until it is learned: not the accelerometer's
+        if length(value) < 1.0 and any(found.begin[i] < end and begin < found.end[j] for i, j, _ in turning):
+            continue
+        share = leaning(found, max(0, first - _BEFORE), last)
+        if share is not None and 0.5 < share < 2.0:
+            leant.append(begin)
+            yield _diverging(found, max(0, first - _BEFORE), last)
+        elif _tilted(found, first, last):
+            yield _tilt(found, first, last)
+        else:
             yield Finding(
-                f"{name}_noise",
+                "accel_bias",
                 "imu",
-                "warning",
-                float(track.t[0]),
-                float(track.t[-1]),
-                f"{density:.2g} {unit} in flight, {density / sheet:.0f} times the {sheet:.2g} of {imu.name}",
-                "Vibration reaches the sensor: look at VIBE and at the damping. The budget below allows for it.",
+                "error",
+                begin,
+                end,
+                f"it is off by ({value[0]:.2f}, {value[1]:.2f}, {value[2]:.2f}) m/s²; after calibration "
+                f"{imu.accel.residual_bias:.2f} m/s² is usual for {imu.name}",
+                "Calibrate the accelerometer in six positions. If another IMU shows the same, it is the autopilot's "
+                "tilt.",
             )
 
 
-def _stretches(begin: Array, end: Array, value: Array, limit: Array) -> Iterator[tuple[float, float, Array]]:
-    """(start, end, median) of three or more windows in a row that are all beyond the limit in one direction."""
+def _diverging(found: Residuals, first: int, last: int) -> Finding:
+    part = slice(first, last + 1)
+    rate = -np.median(quaternion.rotate(found.q_ned_frd[part], found.rate[part]), axis=0)
+    lasted = float(found.end[last] - found.begin[first])
+    about = "its heading" if abs(rate[2]) > 2 * length(rate[:2]) else "it"
+    return Finding(
+        "attitude_diverging",
+        "autopilot",
+        "error",
+        float(found.begin[first]),
+        float(found.end[last]),
+        f"{about} turns by {np.degrees(length(rate)):.2f}°/s, {np.degrees(length(rate)) * lasted:.0f}° in all, that "
+        "neither the IMU nor the forces on it explain",
+        "The estimator is being pulled away: look at its compass and GPS innovations (EKF_STATUS_REPORT, XKF4) then.",
+    )
+
+
+def _tilted(found: Residuals, first: int, last: int) -> bool:
+    """Whether a force stands still in the world while the vehicle turns under it, and lies flat: a leaning attitude."""
+    part = slice(first, last + 1)
+    q, body = found.q_ned_frd[part], found.force[part]
+    world = quaternion.rotate(q, body)
+    nose = quaternion.rotate(q, np.broadcast_to([1.0, 0.0, 0.0], (len(q), 3)))
+    heading = np.unwrap(np.arctan2(nose[:, 1], nose[:, 0]))
+    middle = np.median(world, axis=0)
+    if np.ptp(heading) < _TURNED or abs(middle[2]) > 0.5 * length(middle):
+        return False
+    scatter = [float(np.median(length(x - np.median(x, axis=0)))) for x in (world, body)]
+    return scatter[0] < 0.5 * scatter[1]
+
+
+def _tilt(found: Residuals, first: int, last: int) -> Finding:
+    part = slice(first, last + 1)
+    world = np.median(quaternion.rotate(found.q_ned_frd[part], found.force[part]), axis=0)
+    angle = np.degrees(length(world[:2]) / STANDARD_GRAVITY)
+    return Finding(
+        "attitude_tilted",
+        "autopilot",
+        "error",
+        float(found.begin[first]),
+        float(found.end[last]),
+        f"it leans by {angle:.1f}° towards one side of the world, whichever way the vehicle points",
+        "The estimator's tilt is wrong, not the accelerometer: that would turn with the vehicle. Look at its GPS "
+        "velocity.",
+    )
+
+
+def position_findings(comparison: Comparison, found: Residuals) -> Iterator[Finding]:
+    """The autopilot's position moves steadily against its own velocity."""
+    reference, start, end = comparison.reference, found.chosen.start, found.chosen.end
+    if not comparison.has_position or len(found) < _FEWEST:
+        return
+    total = np.concatenate(
+        [
+            np.zeros((1, 3)),
+            np.cumsum(0.5 * (reference.velocity[1:] + reference.velocity[:-1]) * np.diff(reference.t)[:, None], axis=0),
+        ]
+    )
+    creep = (reference.position[end] - reference.position[start] - (total[end] - total[start])) / found.span
+    for first, last, value in _stretches(creep, np.full(len(creep), _SLOWEST)):
+        lasted = float(found.end[last] - found.begin[first])
+        yield Finding(
+            "position_diverging",
+            "autopilot",
+            "error",
+            float(found.begin[first]),
+            float(found.end[last]),
+            f"it moves by {length(value):.1f} m/s, {length(value) * lasted:.0f} m in all, that its own velocity does "
+            "not know of",
+            "The estimator is being pulled away: look at the GPS and at the position innovations (XKF3) of that time.",
+        )
+
+
+def _stretches(value: Array, limit: Array) -> Iterator[Stretch]:
+    """Three or more windows in a row that are all beyond the limit in one direction."""
     for first, last in runs(np.asarray(length(value) > limit)):
         middle = np.median(value[first : last + 1], axis=0)
-        if last - first >= 2 and length(middle) > np.median(limit[first : last + 1]):
-            yield float(begin[first]), float(end[last]), middle
+        if last - first >= _FEWEST - 1 and length(middle) > np.median(limit[first : last + 1]):
+            yield first, last, middle
 
 
 def _milli(value: float | Array) -> str:

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 
-from companion.analysis.biases import bias_findings, noise_findings, rate_findings
-from companion.analysis.calibrate import NO_CORRECTION, TIME_OFFSET, Calibration, Compare
+import numpy as np
+
+from companion.analysis.axes import axes_findings
+from companion.analysis.biases import bias_findings, position_findings
+from companion.analysis.blame import own_rates
+from companion.analysis.calibrate import Compare
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding
+from companion.analysis.heading import heading_findings
+from companion.analysis.installation import Installation, installation, level
 from companion.analysis.jumps import jump_findings
-from companion.analysis.readings import axes_findings, reading_findings, stuck_findings
+from companion.analysis.readings import reading_findings, stuck_findings
+from companion.analysis.residuals import SHORT_S, residuals
+from companion.analysis.sampling import rate_findings
+from companion.analysis.vibration import noise_findings
 from companion.tracks import Flight
 
 
@@ -22,9 +30,9 @@ def findings(
     compare_with: Compare,
     figures: ImuFigures,
     noise: tuple[float, float] | None,
-    calibration: Calibration | None,
     autopilot: ReferenceFigures,
-) -> tuple[Finding, ...]:
+) -> tuple[tuple[Finding, ...], Comparison]:
+    """What stands out, and the comparison with what is no fault taken out: how the IMU sits in the vehicle."""
     found = [*rate_findings(comparison, sampling_share)]
     found += reading_findings(comparison, flight.require_attitude(), figures)
     if flight.vehicle.autopilot == "PX4" and comparison.track.source == "HIGHRES_IMU":
@@ -34,16 +42,22 @@ def findings(
     found += jump_findings(comparison, flight)
     if noise is not None:
         found += noise_findings(comparison, noise, figures)
-    level = comparison
-    if calibration is not None and calibration.observable[TIME_OFFSET]:
-        lag = calibration.correction.time_offset
+    raw = residuals(comparison)
+    found += position_findings(comparison, raw)
+    if not any(f.kind == "heading_jump" and f.severity == "error" for f in found):
+        found += heading_findings(comparison, raw, figures, autopilot)
+    wrong = [f.start_s for f in found if f.kind in _HEADING and f.severity == "error"]
+    fitted = installation(comparison, raw, figures, autopilot, min(wrong, default=np.inf))
+    clean = comparison
+    if fitted is not None and fitted.moved:
+        found += _installed(comparison, fitted)
         # a lag of 12 ms in a flip looks like a bias of the gyro: take it out before looking for one
-        level = compare_with(replace(NO_CORRECTION, time_offset=lag).apply(comparison.track))
-        if abs(lag) > 5e-3 and abs(lag) > 3 * calibration.sigma[TIME_OFFSET]:
-            found.append(_lag(comparison, lag, float(calibration.sigma[TIME_OFFSET])))
-    found += bias_findings(level, figures, autopilot)
+        clean = level(comparison, fitted, compare_with)
+        raw = residuals(clean)
+    own = own_rates(flight.require_attitude(), raw, comparison.how.limits)
+    found += bias_findings(clean, raw, own, figures, autopilot)
     found = [f for f in found if not _follows(f, found)]
-    return tuple(sorted(found, key=lambda f: (_ORDER[f.severity], f.start_s)))
+    return tuple(sorted(found, key=lambda f: (_ORDER[f.severity], f.start_s))), clean
 
 
 def _follows(finding: Finding, found: Sequence[Finding]) -> bool:
@@ -52,20 +66,73 @@ def _follows(finding: Finding, found: Sequence[Finding]) -> bool:
     A frozen, stuck or turned sensor also looks biased; and once the autopilot's heading has jumped, the forces that it
     sees point the wrong way for as long as it does not notice.
     """
-    if finding.kind not in {"gyro_bias", "accel_bias", "heading_jump", "stuck_axis"}:
+    if finding.kind not in _EFFECTS:
         return False
-    causes = _CAUSES[1:] if finding.kind == "stuck_axis" else _CAUSES
+    causes: Sequence[str] = _CAUSES[1:] if finding.kind == "stuck_axis" else _CAUSES
+    if finding.kind == "position_diverging":  # the estimator believes a bad IMU for a while
+        causes = (*_CAUSES, "gyro_bias", "accel_bias")
     if any(f.kind in causes and f.start_s < finding.end_s and finding.start_s < f.end_s for f in found):
         return True
-    return finding.kind == "accel_bias" and any(
-        f.kind == "heading_jump" and f.severity == "error" and f.start_s < finding.start_s + 2 * _JUMP_S for f in found
+    return finding.kind in _FORCES and any(
+        f.kind in _HEADING and f.severity == "error" and f.start_s < finding.start_s + 2 * SHORT_S for f in found
     )
 
 
-_JUMP_S = 2.0  # a bias is found in windows of this length
+_HEADING = ("heading_jump", "heading_wrong")
+_FORCES = ("accel_bias", "attitude_tilted")
+_EFFECTS = {
+    *_FORCES,
+    "gyro_bias",
+    "attitude_diverging",
+    "heading_jump",
+    "heading_wrong",
+    "mounting",
+    "position_diverging",
+    "stuck_axis",
+}
 _CAUSES = ("stuck_axis", "frozen", "axes_wrong")
-
 _ORDER = {"error": 0, "warning": 1, "info": 2}
+_LAG_S, _MOUNTING_RAD = 5e-3, np.radians(2.0)
+
+
+def _installed(comparison: Comparison, fitted: Installation) -> Iterator[Finding]:
+    """What is said of how the IMU sits in the vehicle."""
+    begin, end = float(comparison.track.t[0]), float(comparison.track.t[-1])
+    if fitted.lag:
+        yield Finding(
+            "imu_lag",
+            "data",
+            "info",
+            begin,
+            end,
+            f"the IMU lags {fitted.lag * 1e3:.1f} ± {fitted.lag_sigma * 1e3:.1f} ms behind the attitude",
+            "Usual: ArduPilot's 20 Hz filter makes 12 ms. It matters in fast turns alone; the calibration takes it "
+            "out.",
+        )
+    if fitted.mounting.any():
+        size = float(np.linalg.norm(fitted.mounting))
+        roll, pitch, yaw = np.degrees(fitted.mounting)
+        yield Finding(
+            "mounting",
+            "data",
+            "warning" if size > _MOUNTING_RAD else "info",
+            begin,
+            end,
+            f"the IMU is turned by ({roll:.1f}, {pitch:.1f}, {yaw:.1f})° against the axes of the attitude, throughout",
+            "A board trim (AHRS_TRIM_X, AHRS_TRIM_Y; SENS_BOARD_X_OFF on PX4) that the log does not name, or the "
+            "board sits askew. A flight that stays level cannot tell it from an accelerometer's offset.",
+        )
+    if fitted.lever.any():
+        x, y, z = fitted.lever
+        yield Finding(
+            "lever_arm",
+            "data",
+            "info",
+            begin,
+            end,
+            f"the IMU sits ({x:.2f}, {y:.2f}, {z:.2f}) m from the point that the position speaks of",
+            "Set INS_POSn_X, _Y, _Z to where the IMU is, so that the autopilot knows too.",
+        )
 
 
 def _not_independent(comparison: Comparison) -> Finding:
@@ -77,16 +144,4 @@ def _not_independent(comparison: Comparison) -> Finding:
         float(comparison.track.t[-1]),
         "PX4 has subtracted its EKF's biases from HIGHRES_IMU: it agrees with the autopilot even where both are wrong",
         "Ask for SCALED_IMU (SET_MESSAGE_INTERVAL), or use the .ulg log.",
-    )
-
-
-def _lag(comparison: Comparison, lag: float, sigma: float) -> Finding:
-    return Finding(
-        "imu_lag",
-        "data",
-        "info",
-        float(comparison.track.t[0]),
-        float(comparison.track.t[-1]),
-        f"the IMU lags {lag * 1e3:.1f} ± {sigma * 1e3:.1f} ms behind the attitude",
-        "Usual: ArduPilot's 20 Hz filter makes 12 ms. It matters in fast turns alone; the calibration takes it out.",
     )

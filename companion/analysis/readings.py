@@ -1,14 +1,12 @@
-"""Findings about readings that cannot be: frozen, stuck, at the end of the range, about the wrong axes."""
+"""Findings about readings that cannot be: frozen, stuck, at the end of the range."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import permutations, product
 
 import numpy as np
 
-from companion.analysis.compare import length
-from companion.analysis.comparison import Comparison, IntArray
+from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures
 from companion.analysis.finding import Finding, run_edges, runs
 from companion.strapdown import quaternion
@@ -17,7 +15,6 @@ from companion.tracks import STANDARD_GRAVITY, Array, AttitudeTrack
 _FROZEN_S = 0.5
 _STUCK_S = 1.0
 _STUCK_RATE_HZ = 20.0
-_TURN_S = 0.5  # over which turns and forces are averaged to find out about the axes
 
 
 def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuFigures) -> Iterator[Finding]:
@@ -105,66 +102,3 @@ def _should_read(comparison: Comparison, name: str, stretch: slice) -> Array:
     span = max(1, len(t) // 10)
     turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:]))
     return np.asarray(turned / (t[span:] - t[:-span])[:, None])
-
-
-def axes_findings(comparison: Comparison) -> Iterator[Finding]:
-    """The IMU's axes are not the body's: another of the 24 right-handed rotations fits turns and gravity far better.
-
-    Turns are those of the autopilot's attitude, the force is that of its velocity, less gravity.
-    """
-    track, reference = comparison.track, comparison.reference
-    span = max(1, round(_TURN_S * track.rate_hz))
-    start = np.arange(0, len(track) - span, span)
-    end = start + span
-    known = reference.attitude_known[start] & reference.attitude_known[end]
-    known &= track.t[end] - track.t[start] < 2 * _TURN_S
-    if known.sum() < 10:
-        return
-    start, end = start[known], end[known]
-    q = reference.q_ned_frd
-    turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[start]), q[end]))
-    seconds = (track.t[end] - track.t[start])[:, None]
-    moved = np.where(reference.position_known[start, None], reference.velocity[end] - reference.velocity[start], 0.0)
-    force = moved / seconds / STANDARD_GRAVITY - [0.0, 0.0, 1.0]
-    half = quaternion.exp(0.5 * turned)  # to the middle of the window, which its mean force belongs to
-    pull = quaternion.rotate(quaternion.conjugate(quaternion.multiply(q[start], half)), force)
-    turn = turned / seconds
-    gyro, accel = (_mean(readings, start, end) for readings in (track.gyro, track.accel / STANDARD_GRAVITY))
-    misfit = {
-        name: float(np.median(length(pull - accel @ r.T)) + np.median(length(turn - gyro @ r.T)))
-        for name, r in _ROTATIONS.items()
-    }
-    best = min(misfit, key=lambda name: misfit[name])
-    own = misfit["x y z"]
-    if own > 0.2 and misfit[best] < 0.3 * own:
-        yield Finding(
-            "axes_wrong",
-            "imu",
-            "error",
-            float(track.t[0]),
-            float(track.t[-1]),
-            f"forward, right, down are the IMU's ({best.replace(' ', ', ')}): so the readings fit "
-            f"{own / misfit[best]:.0f} times better",
-            "Set AHRS_ORIENTATION (SENS_BOARD_ROT on PX4) to how the board is mounted, and calibrate again.",
-        )
-
-
-def _mean(readings: Array, start: IntArray, end: IntArray) -> Array:
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(readings, axis=0)])
-    return np.asarray((total[end] - total[start]) / (end - start)[:, None])
-
-
-def _rotations() -> dict[str, Array]:
-    """The 24 right-handed ways to name three axes: "y -x z" takes the IMU's y as forward, its -x as right."""
-    found = {}
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            matrix = np.zeros((3, 3))
-            matrix[range(3), order] = signs
-            if np.linalg.det(matrix) > 0:
-                names = (f"{'-' if sign < 0 else ''}{'xyz'[axis]}" for sign, axis in zip(signs, order, strict=True))
-                found[" ".join(names)] = matrix
-    return found
-
-
-_ROTATIONS = _rotations()

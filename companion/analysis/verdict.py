@@ -112,7 +112,10 @@ def assess(
             before = _held_out(comparison)
             after = _held_out(compare_with(half.correction.apply(track)))
     sampling = allowed.shares["attitude"]["sampling"] if allowed else 0.0
-    found = findings(flight, comparison, sampling, compare_with, figures, noise, calibration, autopilot)
+    found, clean = findings(flight, comparison, sampling, compare_with, figures, noise, autopilot)
+    if clean is not comparison:
+        judged = windows(clean, _JUDGED_S)
+        allowed = _expected(clean, judged, figures, autopilot)
     return Assessment(
         comparison=comparison,
         drift=drift_over(comparison, sets),
@@ -218,4 +221,8 @@ _KINDS = {
     "accel_clipping": "the accelerometer is at the end of its range",
     "position_jump": "its position jumps",
     "heading_jump": "its heading jumps",
+    "heading_wrong": "its heading is wrong",
+    "attitude_diverging": "its attitude drifts away",
+    "attitude_tilted": "its attitude leans over",
+    "position_diverging": "its position drifts away",
 }

@@ -1,0 +1,89 @@
+"""Findings about the IMU's axes: another of the 24 rotations fits far better."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import permutations, product
+
+import numpy as np
+
+from companion.analysis.compare import length
+from companion.analysis.comparison import Comparison, IntArray
+from companion.analysis.finding import Finding
+from companion.strapdown import quaternion
+from companion.tracks import STANDARD_GRAVITY, Array
+
+_TURN_S = 0.5  # over which turns and forces are averaged
+_PLAIN = 0.2  # misfit, g plus rad/s, from which on a far better rotation is enough
+_NOTHING = 0.015  # misfit of a good sensor
+_LEAST = 0.04  # below it a bias explains it as well
+
+
+def axes_findings(comparison: Comparison) -> Iterator[Finding]:
+    """The IMU's axes are not the body's: another of the 24 right-handed rotations fits turns and gravity far better.
+
+    Turns are those of the autopilot's attitude, the force is that of its velocity, less gravity.
+    """
+    track, reference = comparison.track, comparison.reference
+    span = max(1, round(_TURN_S * track.rate_hz))
+    start = np.arange(0, len(track) - span, span)
+    end = start + span
+    known = reference.attitude_known[start] & reference.attitude_known[end]
+    known &= track.t[end] - track.t[start] < 2 * _TURN_S
+    if known.sum() < 10:
+        return
+    start, end = start[known], end[known]
+    q = reference.q_ned_frd
+    turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[start]), q[end]))
+    seconds = (track.t[end] - track.t[start])[:, None]
+    moved = np.where(reference.position_known[start, None], reference.velocity[end] - reference.velocity[start], 0.0)
+    force = moved / seconds / STANDARD_GRAVITY - [0.0, 0.0, 1.0]
+    half = quaternion.exp(0.5 * turned)  # to the middle of the window, which its mean force belongs to
+    pull = quaternion.rotate(quaternion.conjugate(quaternion.multiply(q[start], half)), force)
+    turn = turned / seconds
+    gyro, accel = (_mean(readings, start, end) for readings in (track.gyro, track.accel / STANDARD_GRAVITY))
+    misfit = {name: _misfit(pull, accel, turn, gyro, r) for name, r in _ROTATIONS.items()}
+    total = {name: sum(parts) for name, parts in misfit.items()}
+    best = min(total, key=lambda name: total[name])
+    own = total["x y z"]
+    # where little is wrong, turns and forces both have to say so: else it is a bias
+    both = all(
+        better < 0.5 * worse or worse < _NOTHING for better, worse in zip(misfit[best], misfit["x y z"], strict=True)
+    )
+    if total[best] < 0.3 * own and (own > _PLAIN or (own > _LEAST and both)):
+        yield Finding(
+            "axes_wrong",
+            "imu",
+            "error",
+            float(track.t[0]),
+            float(track.t[-1]),
+            f"forward, right, down are the IMU's ({best.replace(' ', ', ')}): so the readings fit "
+            f"{own / total[best]:.0f} times better",
+            "Set AHRS_ORIENTATION (SENS_BOARD_ROT on PX4) to how the board is mounted, and calibrate again.",
+        )
+
+
+def _misfit(pull: Array, accel: Array, turn: Array, gyro: Array, rotation: Array) -> tuple[float, float]:
+    """Median over windows for forces, g, and turns, rad/s."""
+    return float(np.median(length(pull - accel @ rotation.T))), float(np.median(length(turn - gyro @ rotation.T)))
+
+
+def _mean(readings: Array, start: IntArray, end: IntArray) -> Array:
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(readings, axis=0)])
+    return np.asarray((total[end] - total[start]) / (end - start)[:, None])
+
+
+def _rotations() -> dict[str, Array]:
+    """The 24 right-handed ways to name three axes: "y -x z" takes the IMU's y as forward, its -x as right."""
+    found = {}
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            matrix = np.zeros((3, 3))
+            matrix[range(3), order] = signs
+            if np.linalg.det(matrix) > 0:
+                names = (f"{'-' if sign < 0 else ''}{'xyz'[axis]}" for sign, axis in zip(signs, order, strict=True))
+                found[" ".join(names)] = matrix
+    return found
+
+
+_ROTATIONS = _rotations()

@@ -1,0 +1,196 @@
+"""How the IMU sits in the vehicle: turned, late, off the origin. No fault of the sensor, and to be taken out first.
+
+A board trim that the log does not name, ArduPilot's filter and a lever arm all make windows drift, and none of them is
+a bias. Each is linear in the error of a short window; a robust fit to all windows with gyro and accelerometer bias
+beside them tells them apart as far as the flight can. The lag is fitted to the turns alone: where the autopilot's
+heading is wrong, its velocity points past every force, and looks late.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.analysis.budget import ATTITUDE, VELOCITY, turn_jacobian
+from companion.analysis.calibrate import NO_CORRECTION
+from companion.analysis.comparison import Comparison
+from companion.analysis.figures import ImuFigures, ReferenceFigures
+from companion.analysis.residuals import ACCEL_BIAS, GYRO_BIAS, Residuals
+from companion.strapdown import quaternion
+from companion.tracks import Array, ImuTrack
+
+_TURNED, _LATE, _OFF = 0.1, 0.02, 0.3  # what may be expected beforehand, 1σ: rad, s, m
+_POINTED = 0.1  # rad, the autopilot's heading
+_CERTAIN = 5.0  # standard errors from which on it is believed
+_TURNED_MOST = np.radians(12.0)  # AHRS_TRIM reaches ±10°; more is another orientation
+_TURNED_LEAST, _LATE_LEAST, _OFF_LEAST = np.radians(1.0), 0.005, 0.05
+_FEWEST = 5  # windows
+_ROUNDS = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Installation:
+    """What is certain about it; zero is what is not."""
+
+    mounting: Array  # (3,) rad, as in `Correction`
+    mounting_sigma: Array  # (3,) rad
+    lag: float  # s
+    lag_sigma: float
+    lever: Array  # (3,) m, FRD, from the body's origin to the IMU
+    lever_sigma: Array  # (3,)
+
+    @property
+    def moved(self) -> bool:
+        """Whether there is anything to take out."""
+        return bool(self.mounting.any() or self.lag or self.lever.any())
+
+    def without_mounting(self) -> Installation:
+        return replace(self, mounting=np.zeros(3))
+
+
+def installation(
+    comparison: Comparison, found: Residuals, imu: ImuFigures, autopilot: ReferenceFigures, trusted_until: float
+) -> Installation | None:
+    """Fit it; None with too few windows. trusted_until: s, from when on the autopilot's heading is known to be off."""
+    if len(found) < _FEWEST:
+        return None
+    turning = _turns(comparison, found, imu, autopilot)
+    lag, lag_sigma = float(turning.x[6]), float(turning.sigma[6])
+    if abs(lag) < max(_LATE_LEAST, 3.0 * lag_sigma):
+        lag = 0.0
+    mounting, mounting_sigma = turning.x[3:6], turning.sigma[3:6]
+    lever, lever_sigma = np.zeros(3), np.full(3, _OFF)
+    if comparison.has_position and (found.end < trusted_until).sum() >= _FEWEST:
+        both = _turns_and_forces(comparison, found, imu, autopilot, trusted_until)
+        mounting, mounting_sigma = both.x[6:9], both.sigma[6:9]
+        lever, lever_sigma = both.x[9:12], both.sigma[9:12]
+    size = float(np.linalg.norm(mounting))
+    sure = np.abs(mounting) > _CERTAIN * mounting_sigma
+    if not (_TURNED_LEAST < size < _TURNED_MOST and sure.any()):
+        mounting = np.zeros(3)
+    mounting = np.where(mounting_sigma < 0.3 * _TURNED, mounting, 0.0)
+    sure = (np.abs(lever) > _CERTAIN * lever_sigma) & (np.abs(lever) > _OFF_LEAST)
+    lever = np.where(lever_sigma < 0.3 * _OFF, lever, 0.0) if sure.any() else np.zeros(3)
+    return Installation(mounting, mounting_sigma, lag, lag_sigma, lever, lever_sigma)
+
+
+def level(comparison: Comparison, found: Installation, compare_with: Callable[[ImuTrack], Comparison]) -> Comparison:
+    """The comparison with the installation taken out: the IMU turned and in time, the autopilot's state at the IMU."""
+    if found.mounting.any() or found.lag:
+        correction = replace(NO_CORRECTION, mounting=found.mounting, time_offset=found.lag)
+        comparison = compare_with(correction.apply(comparison.track))
+    if not found.lever.any():
+        return comparison
+    reference = comparison.reference
+    away = quaternion.rotate(reference.q_ned_frd, np.broadcast_to(found.lever, (len(reference.t), 3)))
+    swing = quaternion.rotate(reference.q_ned_frd, np.cross(_smooth(comparison.track.gyro), found.lever))
+    return replace(
+        comparison,
+        reference=replace(reference, velocity=reference.velocity + swing, position=reference.position + away),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    x: Array
+    sigma: Array
+
+
+def _turns(comparison: Comparison, found: Residuals, imu: ImuFigures, autopilot: ReferenceFigures) -> _Fit:
+    """Gyro bias, mounting, lag from the turns alone."""
+    growth = found.growth
+    jacobian = np.concatenate(
+        [
+            growth.transition[:, ATTITUDE, GYRO_BIAS],
+            turn_jacobian(growth)[:, ATTITUDE],
+            growth.time_offset[:, ATTITUDE, None],
+        ],
+        axis=2,
+    )
+    prior = np.concatenate([np.full(3, imu.gyro.offset), np.full(3, _TURNED), [_LATE]])
+    return _robust([(jacobian, found.attitude, _turn_sigma(comparison, found, autopilot))], prior)
+
+
+def _turns_and_forces(
+    comparison: Comparison, found: Residuals, imu: ImuFigures, autopilot: ReferenceFigures, trusted_until: float
+) -> _Fit:
+    """Gyro bias, accelerometer bias, mounting, lever arm, lag, the autopilot's attitude from turns and velocities.
+
+    Without the last, a heading that is two degrees off would look like a mounting that is.
+    """
+    growth, chosen = found.growth, found.chosen
+    q = comparison.reference.q_ned_frd
+    gyro = _smooth(comparison.track.gyro)
+    swing = [
+        quaternion.to_matrix(q[index]) @ np.cross(gyro[index][:, None, :], np.eye(3)).swapaxes(1, 2)
+        for index in (chosen.start, chosen.end)
+    ]
+    rows = slice(0, 6)
+    lever = np.concatenate([np.zeros((len(found), 3, 3)), swing[0] - swing[1]], axis=1)
+    jacobian = np.concatenate(
+        [
+            growth.transition[:, rows, GYRO_BIAS],
+            growth.transition[:, rows, ACCEL_BIAS],
+            turn_jacobian(growth)[:, rows],
+            lever,
+            growth.time_offset[:, rows, None],
+            growth.transition[:, rows, ATTITUDE] - np.eye(6, 3),
+        ],
+        axis=2,
+    )
+    prior = np.concatenate(
+        [
+            np.full(3, imu.gyro.offset),
+            np.full(3, imu.accel.residual_bias),
+            np.full(3, _TURNED),
+            np.full(3, _OFF),
+            [_LATE, autopilot.tilt, autopilot.tilt, _POINTED],
+        ]
+    )
+    speed = np.sqrt(2.0 * autopilot.velocity**2 + (found.noise[:, 1] * found.span[:, 0]) ** 2)
+    speed = np.where(found.end < trusted_until, speed, np.inf)
+    return _robust(
+        [
+            (jacobian[:, ATTITUDE], found.attitude, _turn_sigma(comparison, found, autopilot)),
+            (jacobian[:, VELOCITY], found.velocity, speed),
+        ],
+        prior,
+    )
+
+
+def _turn_sigma(comparison: Comparison, found: Residuals, autopilot: ReferenceFigures) -> Array:
+    """(W,) rad, 1σ of each axis."""
+    step = 0.3 * comparison.track.gyro_step * found.span[:, 0]
+    noise = found.noise[:, 0] * found.span[:, 0]
+    return np.asarray(np.sqrt(2.0 * autopilot.attitude_noise**2 + noise**2 + step**2))
+
+
+def _robust(blocks: list[tuple[Array, Array, Array]], prior: Array) -> _Fit:
+    """Least squares over windows, (W, k, n) Jacobian, (W, k) error, (W,) 1σ, with Cauchy's weights in each block.
+
+    Windows that a fault spoils pull with a weight that falls with the square of how far off they are.
+    """
+    x = np.zeros(len(prior))
+    information, spread = np.zeros((len(prior), len(prior))), 1.0
+    for _ in range(_ROUNDS):
+        information, pull = np.diag(prior**-2.0), np.zeros(len(prior))
+        misfit = []
+        for jacobian, error, sigma in blocks:
+            normalised = np.einsum("wi,wi->w", error - jacobian @ x, error - jacobian @ x) / sigma**2
+            misfit.append(normalised[np.isfinite(sigma)])
+            weight = 1.0 / (sigma**2 * (1.0 + normalised / 6.0))
+            information = information + np.einsum("w,wij,wik->jk", weight, jacobian, jacobian)
+            pull = pull + np.einsum("w,wij,wi->j", weight, jacobian, error)
+        x = np.linalg.solve(information, pull)
+        spread = float(np.median(np.concatenate(misfit))) / 2.4  # the median of chi-square with three degrees
+    return _Fit(x, np.sqrt(np.diag(np.linalg.inv(information)) * max(1.0, spread)))
+
+
+def _smooth(readings: Array) -> Array:
+    """The mean of five neighbours: an angular rate that noise does not shake."""
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(readings, axis=0)])
+    index = np.arange(len(readings))
+    low, high = np.maximum(index - 2, 0), np.minimum(index + 3, len(readings))
+    return np.asarray((total[high] - total[low]) / (high - low)[:, None])

@@ -1,0 +1,77 @@
+"""What an IMU reads too much, in short windows: they say when an error begins and ends, which no long fit can."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.analysis.budget import VELOCITY, window_noise
+from companion.analysis.comparison import Comparison, Windows, errors, windows
+from companion.strapdown import Propagation, propagate, quaternion
+from companion.tracks import Array
+
+SHORT_S = 2.0  # length of the windows
+GYRO_BIAS = slice(9, 12)  # places in the 15-state error of `propagate`
+ACCEL_BIAS = slice(12, 15)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residuals:
+    """The errors of short windows, as readings that are too large. Force is zero for a flight without position."""
+
+    chosen: Windows
+    begin: Array  # (W,) s, boot clock
+    end: Array  # (W,)
+    q_ned_frd: Array  # (W, 4) the autopilot's attitude where the window begins
+    attitude: Array  # (W, 3) error at the end, autopilot minus IMU: rotation vector in NED, rad
+    velocity: Array  # (W, 3) likewise, NED m/s
+    growth: Propagation
+    noise: Array  # (W, 2) standard error of a window's mean reading: rad/s, m/s²
+    rate: Array  # (W, 3) rad/s, FRD: what the gyro turned more than the attitude
+    force: Array  # (W, 3) m/s², FRD: what the accelerometer felt more than the velocity says
+
+    def __len__(self) -> int:
+        return len(self.begin)
+
+    @property
+    def span(self) -> Array:
+        """(W, 1) s"""
+        return (self.end - self.begin)[:, None]
+
+
+def residuals(comparison: Comparison) -> Residuals:
+    """The short windows of a comparison."""
+    chosen = windows(comparison, SHORT_S)
+    found = errors(comparison, chosen)
+    q = comparison.reference.q_ned_frd[chosen.start]
+    growth = propagate(
+        comparison.track,
+        comparison.path,
+        chosen.start,
+        chosen.end,
+        q,
+        comparison.reference.velocity[chosen.start],
+        gravity=comparison.how.gravity,
+    )
+    span = (found.end_s - found.anchor_s)[:, None]
+    back = quaternion.conjugate(q)
+    # to first order truth minus estimate is -(bias) t: with the sign turned, and in the body, it is the bias
+    rate = -quaternion.rotate(back, found.attitude) / span
+    force = np.zeros_like(rate)
+    if comparison.has_position:
+        # a gyro bias leans gravity over; that is not the accelerometer's
+        leaned = np.einsum("wij,wj->wi", growth.transition[:, VELOCITY, GYRO_BIAS], rate)
+        force = -quaternion.rotate(back, found.velocity - leaned) / span
+    return Residuals(
+        chosen=chosen,
+        begin=found.anchor_s,
+        end=found.end_s,
+        q_ned_frd=q,
+        attitude=found.attitude,
+        velocity=found.velocity if comparison.has_position else np.zeros_like(rate),
+        growth=growth,
+        noise=window_noise(comparison.track, chosen) / np.sqrt(span),
+        rate=rate,
+        force=force,
+    )
