@@ -33,6 +33,7 @@ MAY_IMPORT = {
     "documents": GROUND | {"recording", "analysis", "examination"},
     "live": GROUND | {"mavlink", "telemetry", "analysis"},
     "view": GROUND | {"strapdown", "analysis"},
+    "report": GROUND | {"settings", "recording", "strapdown", "analysis", "examination", "documents", "view", "report"},
     "cli": GROUND
     | {
         "settings",
@@ -48,6 +49,7 @@ MAY_IMPORT = {
         "simulate",
         "live",
         "view",
+        "report",
         "cli",
     },
     "__main__": {"cli"},
@@ -71,6 +73,7 @@ LIBRARIES = {
     "examination": {"msgspec", "numpy"},
     "documents": {"msgspec", "numpy"},
     "view": {"numpy", "viser", "rich"},
+    "report": {"numpy", "msgspec", "plotly"},
     "cli": {"numpy", "msgspec", "rich"},
 }
 """Part of the house → what it may import from outside, beside the standard library."""
@@ -135,7 +138,7 @@ def test_the_core_starts_without_viser() -> None:
     """`companion info` has to answer at once, and a notebook that integrates needs no web server."""
     import subprocess  # noqa: PLC0415  (this test alone starts a process)
 
-    code = "import companion.cli, sys; sys.exit('viser' in sys.modules)"
+    code = "import companion.cli, sys; sys.exit('viser' in sys.modules or 'plotly' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

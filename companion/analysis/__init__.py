@@ -13,6 +13,7 @@ from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Replay, replay
 from companion.analysis.running_drift import RunningDrift
 from companion.analysis.siblings import Sibling, odd_one_out, siblings
+from companion.analysis.spectrum import Spectrum, Vibration, imu_spectrum, vibration, welch
 from companion.analysis.verdict import Assessment, Expected, Verdict, assess
 
 __all__ = [
@@ -38,8 +39,10 @@ __all__ = [
     "RunningDrift",
     "SensorFigures",
     "Sibling",
+    "Spectrum",
     "Statistic",
     "Verdict",
+    "Vibration",
     "WindowErrors",
     "Windows",
     "assess",
@@ -50,9 +53,12 @@ __all__ = [
     "errors",
     "expected_since_anchor",
     "gravity_for",
+    "imu_spectrum",
     "odd_one_out",
     "reference_at",
     "replay",
     "siblings",
+    "vibration",
+    "welch",
     "windows",
 ]

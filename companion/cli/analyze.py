@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-import numpy as np
 from rich.markup import escape
 
 from companion.cli import options, tables
@@ -23,11 +22,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "Do IMU and autopilot agree? How far the IMU drifts by itself, how far it should, and who is wrong.",
         "companion analyze flight.tlog --imu RAW_IMU --horizons 1,5,10",
     )
-    options.add_flight_choice(parser)
-    options.add_integration(parser)
-    options.add_figures(parser)
-    parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
-    parser.add_argument("--horizons", type=_horizons, metavar="S,S,...", help="seconds (default: 1,2,5,10,30)")
+    options.add_judgement(parser)
     parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
     parser.add_argument(
         "--fail-on",
@@ -98,10 +93,3 @@ def _print(examined: Examination) -> None:
     console.print()
     for line in tables.calibration_lines(found):
         console.print(line, highlight=False)
-
-
-def _horizons(text: str) -> tuple[float, ...]:
-    values = tuple(float(part) for part in text.split(","))
-    if not all(np.isfinite(v) and v > 0 for v in values):
-        raise argparse.ArgumentTypeError(f"must be positive seconds like 1,5,10, got {text!r}")
-    return values

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from companion.cli import options, tables
+from companion.cli import destination, options, tables
 from companion.correction import correction_text
-from companion.errors import DataError, InputError
+from companion.errors import DataError
 from companion.examination import assess_imu
 
 
@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the calibration; write it where asked."""
     path = Path(arguments.output) if arguments.output else None
     if path is not None:
-        _check(path, force=arguments.force)
+        destination.check(path, force=arguments.force)
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings)
     flight = recording.flights[options.choose(recording.flights, arguments)]
@@ -51,17 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise DataError(
             "not written: this flight cannot tell the IMU's constant errors (see above). Write it all the same: --force"
         )
-    try:
-        path.write_text(correction_text(found.calibration, f"{arguments.log} ({found.drift.imu})"), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}. Choose another place.") from None
+    with destination.replacing(path) as part:
+        part.write_text(correction_text(found.calibration, f"{arguments.log} ({found.drift.imu})"), encoding="utf-8")
     options.say(f"written: {path}")
     return 0
-
-
-def _check(path: Path, *, force: bool) -> None:
-    """Whether a file can be written there, before the work is done."""
-    if path.is_dir() or not path.parent.is_dir():
-        raise InputError(f"cannot write {path}: {'it is a folder' if path.is_dir() else 'there is no such folder'}.")
-    if path.exists() and not force:
-        raise InputError(f"{path} exists. Choose another name, or replace it with --force.")

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
@@ -75,6 +76,15 @@ def add_figures(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="part of config/imu, or a .toml file like those (default: what the parameters name, else generic-mems)",
     )
+
+
+def add_judgement(parser: argparse.ArgumentParser) -> None:
+    """How a flight is examined: which IMU of which flight, what it should be like, over which windows."""
+    add_flight_choice(parser)
+    add_integration(parser)
+    add_figures(parser)
+    parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
+    parser.add_argument("--horizons", type=_horizons, metavar="S,S,...", help="seconds (default: 1,2,5,10,30)")
 
 
 def settings_of(arguments: argparse.Namespace) -> Settings:
@@ -171,3 +181,10 @@ def _matches(flight: Flight, arguments: argparse.Namespace) -> bool:
     asked = str(arguments.vehicle) if arguments.vehicle is not None else None
     vehicle = asked is None or asked in {str(flight.vehicle), str(flight.vehicle.sysid)}
     return vehicle and arguments.boot in {None, flight.boot}
+
+
+def _horizons(text: str) -> tuple[float, ...]:
+    values = tuple(float(part) for part in text.split(","))
+    if not all(np.isfinite(v) and v > 0 for v in values):
+        raise argparse.ArgumentTypeError(f"must be positive seconds like 1,5,10, got {text!r}")
+    return values

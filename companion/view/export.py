@@ -10,10 +10,10 @@ import numpy.typing as npt
 import viser
 
 from companion.view.framing import FIELD_OF_VIEW, camera, frame, readable_span
-from companion.view.moment import Footage
+from companion.view.moment import Footage, Reckoning, footage
 from companion.view.scene import Scene
 from companion.view.server import Address, close_server, open_server
-from companion.view.shapes import Drone
+from companion.view.shapes import Drone, drone_for
 
 FRAMES_HZ = 10.0
 MOST_FRAMES = 3000  # five minutes; a longer flight gets fewer a second, so that the page stays small
@@ -50,6 +50,11 @@ def png(rgb: Pixels) -> bytes:
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     body = chunk(b"IDAT", zlib.compress(rows.tobytes(), 6))
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + body + chunk(b"IEND", b"")
+
+
+def replay_page(reckoning: Reckoning, mav_type: str, *, dark: bool = False) -> str:
+    """`page` for who has no view open; mav_type as in `Vehicle.type`. Raises DataError when nothing can be shown."""
+    return page(footage(reckoning), drone_for(mav_type), dark=dark)
 
 
 def page(film: Footage, drone: Drone, *, dark: bool = False) -> str:

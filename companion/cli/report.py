@@ -1,0 +1,51 @@
+"""`companion report LOG`: the whole examination of a flight as one HTML file."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+
+from companion.cli import destination, options
+from companion.examination import examine
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Register the command."""
+    parser = options.add_command(
+        commands,
+        "report",
+        "One HTML file with the verdict, the charts and the 3D playback of a flight: to mail, to print, to keep.",
+        "companion report flight.tlog -o report.html",
+    )
+    options.add_judgement(parser)
+    parser.add_argument("-o", "--output", metavar="FILE", help="where to write it (default: LOG's name, .html, here)")
+    parser.add_argument("--force", action="store_true", help="replace FILE when it is there already")
+    parser.add_argument("--no-playback", action="store_true", help="leave the 3D playback out: a smaller file")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the report of one flight."""
+    from companion.report import report_html  # noqa: PLC0415  (viser and plotly are slow to import)
+
+    path = Path(arguments.output or f"{Path(arguments.log).stem}.html")
+    destination.check(path, force=arguments.force)
+    settings = options.settings_of(arguments)
+    recording = options.read(arguments, settings, every_message=True)
+    flight = recording.flights[options.choose(recording.flights, arguments)]
+    examined = examine(
+        flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
+    )
+    page = report_html(
+        examined,
+        recording.source,
+        settings,
+        command=shlex.join(["companion", *sys.argv[1:]]),
+        with_playback=not arguments.no_playback,
+    )
+    with destination.replacing(path) as part:
+        part.write_text(page, encoding="utf-8")
+    print(f"{path}: {path.stat().st_size:,} bytes. {examined.assessment.verdict.summary}")
+    return 0

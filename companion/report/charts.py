@@ -1,0 +1,74 @@
+"""The charts of a page: collected while its sections are made, drawn by plotly.js when the page is opened."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+from typing import Any
+
+from companion.errors import InputError
+from companion.report.markup import text
+from companion.report.traces import Figure
+
+ROW_PX = 190
+"""Height of one panel."""
+
+_LAYOUT: dict[str, Any] = {
+    "template": {},
+    "autosize": True,
+    "hovermode": "x unified",
+    "margin": {"l": 62, "r": 14, "t": 8, "b": 44},
+    "legend": {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom", "bgcolor": "rgba(0,0,0,0)"},
+    "paper_bgcolor": "rgba(0,0,0,0)",
+    "plot_bgcolor": "rgba(0,0,0,0)",
+    "font": {"family": "system-ui, sans-serif", "size": 12},
+}
+"""Beneath every chart. Its colours of text and lines come from the page's style sheet, so that they follow the reader's
+choice of dark or light, and paper."""
+_AXIS: dict[str, Any] = {"zeroline": False, "automargin": True, "title": {"standoff": 6}}
+
+
+class Charts:
+    """The figures of one page. Raises InputError when plotly is not installed."""
+
+    def __init__(self) -> None:
+        try:
+            from plotly import graph_objects, offline  # noqa: PLC0415  (an extra: needed for reports alone)
+        except ImportError:
+            raise InputError(
+                "a report needs plotly for its charts. Install it: pip install 'companion[report]'"
+            ) from None
+        self._figure, self._library = graph_objects.Figure, offline.get_plotlyjs
+        self._drawn: list[str] = []
+
+    def add(self, figure: Figure, caption: str, *, rows: float = 1.5, square: bool = False) -> str:
+        """The place of a figure, as HTML. `caption` is text; the figure is `rows` panels high, or `square`.
+
+        Raises ValueError for a figure that is none to plotly.
+        """
+        layout = _merged(_LAYOUT, figure["layout"])
+        for axis in [name for name in layout if name[1:5] == "axis"] or ["xaxis", "yaxis"]:
+            layout[axis] = _merged(_AXIS, layout.get(axis, {}))
+        self._drawn.append(self._figure({"data": figure["data"], "layout": layout}).to_json())
+        kind = "chart square" if square else "chart"
+        height = "" if square else f' style="height:{60 + rows * ROW_PX:.0f}px"'
+        return (
+            f'<figure><div class="{kind}" id="chart{len(self._drawn)}"{height}></div>'
+            f"<figcaption>{text(caption)}</figcaption></figure>"
+        )
+
+    def json(self) -> str:
+        """All figures as one JSON array, chart1 first."""
+        return f"[{','.join(self._drawn)}]"
+
+    def library(self) -> str:
+        """plotly.js, gzip and base64: a third of its size."""
+        return base64.b64encode(gzip.compress(self._library().encode(), 6, mtime=0)).decode()
+
+
+def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """Two layouts, the second over the first, table by table."""
+    both = dict(below)
+    for key, value in above.items():
+        both[key] = _merged(both[key], value) if isinstance(value, dict) and isinstance(both.get(key), dict) else value
+    return both

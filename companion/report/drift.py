@@ -1,0 +1,176 @@
+"""How far the IMU drifts by itself, how far it should, and what that is made of."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.report import traces
+from companion.report.markup import paragraph, percent, short, table, words
+from companion.report.subject import Section, Subject
+from companion.tracks import Array
+from companion.view import palette
+
+_QUANTITIES = (("attitude", "attitude_deg", "°"), ("velocity", "velocity_mps", "m/s"), ("position", "position_m", "m"))
+
+_CAUSES: dict[str, tuple[palette.Rgb, float]] = {
+    "gyro_bias": (palette.IMU, 0.0),
+    "gyro_noise": (palette.IMU, 0.3),
+    "accel_bias": (palette.AXES[0], 0.0),
+    "accel_noise": (palette.AXES[0], 0.4),
+    "bias_walk": (palette.IMU, 0.55),
+    "scale": (palette.IMU, 0.72),
+    "autopilot_attitude": (palette.AUTOPILOT, 0.0),
+    "autopilot_anchor": (palette.AUTOPILOT, 0.35),
+    "autopilot_end": (palette.AUTOPILOT, 0.65),
+    "sampling": (palette.DIFFERENCE, 0.0),
+    "quantisation": (palette.DIFFERENCE, 0.4),
+    "time_offset": (palette.HEADING, 0.0),
+    "misalignment": (palette.HEADING, 0.35),
+    "gravity": (palette.HEADING, 0.65),
+}
+"""Cause → colour and how much white is in it: by whom it comes from."""
+
+
+def drift(subject: Subject) -> Section:
+    """Drift against horizon, measured and expected."""
+    rows = subject.numbers.drift
+    excluded = [
+        f"Left out of the windows of {row.horizon_s:g} s: "
+        + ", ".join(f"{count} {words(reason)}" for reason, count in row.excluded.items())
+        for row in rows
+        if row.excluded
+    ]
+    if not any(row.windows for row in rows):
+        reason = "No window could be used: the flight is too short." if not excluded else "No window could be used."
+        return Section("drift", "Drift", "".join(paragraph(line) for line in (reason, *excluded)))
+    panels = [
+        traces.Panel(f"{name}, {unit}", _measured(subject, attribute), {"type": "log", "dtick": 1})
+        for name, attribute, unit in _QUANTITIES
+        if any(getattr(row, attribute) for row in rows)
+    ]
+    ticks = [row.horizon_s for row in rows]
+    figure = traces.stack(
+        panels, "seconds on the IMU alone", type="log", tickvals=ticks, ticktext=[f"{h:g}" for h in ticks]
+    )
+    caption = "Every window starts from the autopilot's own state and is held against it at its end."
+    chart = subject.charts.add(figure, caption, rows=len(panels))
+    cells = []
+    for row in rows:
+        cells.append([f"{row.horizon_s:g} s", str(row.windows)])
+        for _, attribute, _ in _QUANTITIES:
+            statistic = getattr(row, attribute)
+            cells[-1] += [short(getattr(statistic, key, None)) for key in ("median", "p95", "max")]
+            cells[-1].append(short(getattr(row.expected, attribute, None)))
+    headings = ["after", "windows"]
+    for _, _, unit in _QUANTITIES:
+        headings += [f"median, {unit}", "95 %", "worst", "expected 1σ"]
+    if not subject.comparison.has_position:
+        caption = "This flight has no position: attitude alone is compared."
+        chart += paragraph(caption)
+        headings, cells = headings[:6], [row[:6] for row in cells]
+    return Section(
+        "drift",
+        "Drift of the IMU alone from the autopilot",
+        chart + table(headings, cells, name="drift-table") + "".join(paragraph(e, "quiet") for e in excluded),
+    )
+
+
+def budget(subject: Subject) -> Section:
+    """What the expected error is made of."""
+    rows = [row for row in subject.numbers.drift if row.expected]
+    title = "What it should be, and why"
+    if not rows:
+        return Section("budget", title, paragraph("Without windows there is no error to expect."))
+    names = [
+        name
+        for name in ("attitude", "velocity", "position")
+        if any(name in r.expected.shares for r in rows if r.expected)
+    ]
+    causes = list(dict.fromkeys(c for r in rows if r.expected for s in r.expected.shares.values() for c in s))
+    causes.sort(key=lambda c: list(_CAUSES).index(c) if c in _CAUSES else len(_CAUSES))
+    panels = []
+    for name in names:
+        bars = [
+            {
+                "type": "bar",
+                "x": [f"{row.horizon_s:g} s" for row in rows],
+                "y": [100 * row.expected.shares[name].get(cause, 0.0) if row.expected else 0.0 for row in rows],
+                "name": words(cause),
+                "marker": {"color": _colour(cause)},
+                "hovertemplate": "%{y:.1f} %",
+            }
+            for cause in causes
+            if any(r.expected and r.expected.shares[n].get(cause, 0.0) > 0.01 for r in rows for n in names)
+        ]
+        panels.append(traces.Panel(f"{name}, %", bars, {"range": [0, 100]}))
+    figure = traces.stack(panels, "seconds on the IMU alone", type="category")
+    figure["layout"] |= {"barmode": "stack", "bargap": 0.35, "hovermode": "closest"}
+    chart = subject.charts.add(
+        figure,
+        "Part of the expected mean square that each cause has; causes below 1 % everywhere are not drawn.",
+        rows=len(panels),
+    )
+    figures = subject.numbers.figures
+    lines = [f"Figures of {figures.name}: {figures.reason}."]
+    if figures.measured_gyro_noise and figures.measured_accel_noise:
+        lines.append(
+            f"Noise in flight: {figures.measured_gyro_noise:.2g} rad/s/√Hz and "
+            f"{figures.measured_accel_noise:.2g} m/s²/√Hz: the budget takes it where it is more than the data sheet's."
+        )
+    inside = table(
+        ["after", "attitude", "velocity", "position"],
+        [
+            [f"{c.horizon_s:g} s", *(percent(share) for share in (c.attitude, c.velocity, c.position))]
+            for c in subject.numbers.consistency
+        ],
+        name="inside-table",
+    )
+    shares = table(
+        ["cause", *(f"{name} {row.horizon_s:g} s" for name in names for row in rows)],
+        [
+            [
+                words(c),
+                *(f"{100 * r.expected.shares[n].get(c, 0.0):.1f} %" if r.expected else "" for n in names for r in rows),
+            ]
+            for c in causes
+        ],
+        name="shares-table",
+    )
+    return Section(
+        "budget",
+        title,
+        "".join(paragraph(line) for line in lines)
+        + chart
+        + "<h3>Windows inside their 95 % bound</h3>"
+        + inside
+        + f"<details><summary>Every cause in numbers</summary>{shares}</details>",
+    )
+
+
+def _measured(subject: Subject, attribute: str) -> list[traces.Trace]:
+    """Median, 95 % and worst of the windows, every window as a dot, and what was expected."""
+    rows = [row for row in subject.numbers.drift if getattr(row, attribute)]
+    horizons = np.array([row.horizon_s for row in rows])
+
+    def measured(key: str) -> Array:
+        return np.array([getattr(getattr(row, attribute), key) for row in rows])
+
+    found = [
+        traces.curve(horizons, measured("median"), "median", palette.DIFFERENCE, width=2.5, mode="lines+markers"),
+        traces.curve(
+            horizons, measured("p95"), "95 %", palette.DIFFERENCE, line={"dash": "dash"}, mode="lines+markers"
+        ),
+        traces.curve(
+            horizons, measured("max"), "worst", palette.DIFFERENCE, line={"dash": "dot"}, mode="lines+markers"
+        ),
+    ]
+    expected = [(row.horizon_s, getattr(row.expected, attribute)) for row in rows if row.expected]
+    known = np.array([(h, s) for h, s in expected if s is not None]).reshape(-1, 2)
+    for factor, name, width in ((1.0, "expected 1σ", 2.0), (3.0, "expected 3σ", 1.0)):
+        found.append(traces.curve(known[:, 0], factor * known[:, 1], name, traces.GREY, width=width))
+    return found
+
+
+def _colour(cause: str) -> str:
+    colour, white = _CAUSES.get(cause, (traces.GREY, 0.0))
+    return palette.css(palette.mix(colour, (255, 255, 255), white))

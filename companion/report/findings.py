@@ -1,0 +1,157 @@
+"""What stands out, each with the readings around it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.analysis import errors, windows
+from companion.documents import schema
+from companion.report import traces
+from companion.report.flown import TIME
+from companion.report.markup import paragraph, table, text, words
+from companion.report.subject import AXES, Section, Subject, gaps
+from companion.strapdown import quaternion
+from companion.tracks import Array
+from companion.view import palette
+
+MOST_DRAWN = 12
+"""Findings with a chart, the worst first; a log can have hundreds."""
+
+_SEVERITIES = ("error", "warning", "info")
+_RAW = ("frozen", "stuck", "clipping", "axes", "noise")  # in a kind: what shows in the readings themselves
+_DIFFERENCE_S = 1.0  # windows over which a bias is seen
+
+
+def findings(subject: Subject) -> Section:
+    """All findings, the worst with a chart."""
+    found = sorted(subject.numbers.verdict.findings, key=lambda f: (_SEVERITIES.index(f.severity), f.start_s))
+    if not found:
+        return Section("findings", "Findings", paragraph("Nothing stands out in this flight."))
+    parts = [_drawn(subject, finding) for finding in found[:MOST_DRAWN]]
+    if rest := found[MOST_DRAWN:]:
+        parts.append(paragraph(f"And {len(rest)} more, without a chart:"))
+        parts.append(
+            table(
+                ["finding", "side", "severity", "evidence", "from, s", "to, s"],
+                [[words(f.kind), f.side, f.severity, f.evidence, f"{f.start_s:.1f}", f"{f.end_s:.1f}"] for f in rest],
+                words=4,
+            )
+        )
+    return Section("findings", "Findings", "".join(parts))
+
+
+def _drawn(subject: Subject, finding: schema.FindingObject) -> str:
+    when = f"{finding.start_s:.1f}–{finding.end_s:.1f} s"
+    advice = paragraph(finding.advice, "advice") if finding.severity != "info" else ""
+    margin = max(5.0, 0.2 * (finding.end_s - finding.start_s))
+    first, last = subject.ends
+    around = max(finding.start_s - margin, first), min(finding.end_s + margin, last)
+    chart = ""
+    if around[1] > around[0]:
+        panels, caption = _panels(subject, finding, *around)
+        if panels:
+            figure = traces.stack(panels, TIME, spans=[(finding.start_s, finding.end_s)], range=list(around))
+            chart = subject.charts.add(figure, caption, rows=len(panels))
+    return (
+        f'<article class="finding {text(finding.severity)}"><h3>{text(words(finding.kind)).capitalize()} '
+        f'<span class="quiet">{text(finding.severity)}, {text(finding.side)}, {when}</span></h3>'
+        f"{paragraph(finding.evidence)}{advice}{chart}</article>"
+    )
+
+
+def _panels(subject: Subject, finding: schema.FindingObject, low: float, high: float) -> tuple[list[traces.Panel], str]:
+    """What there is to see of a finding between two times, s."""
+    if finding.side == "data":
+        return _intervals(subject, low, high), "Time between two samples of the IMU."
+    if finding.side == "autopilot":
+        return _errors(subject, low, high), "The IMU alone and the autopilot around it."
+    if any(part in finding.kind for part in _RAW):
+        return _readings(subject, low, high), f"What {subject.numbers.used_imu} read around it."
+    panels = _differences(subject, low, high)
+    if not panels:
+        return _readings(subject, low, high), f"What {subject.numbers.used_imu} read around it."
+    return panels, (
+        "IMU minus what the autopilot's attitude and velocity did, mean of each second: a bias shows as a level."
+    )
+
+
+def _readings(subject: Subject, low: float, high: float) -> list[traces.Panel]:
+    track = subject.comparison.track
+    part = _between(track.t, low, high)
+    breaks = gaps(track.t[part], subject.comparison.how.limits.hole(track.t))
+    return [
+        traces.Panel(title, _axes(track.t[part], values[part], breaks))
+        for title, values in (("gyro, rad/s", track.gyro), ("accel, m/s²", track.accel))
+    ]
+
+
+def _differences(subject: Subject, low: float, high: float) -> list[traces.Panel]:
+    """The mean error of rate and specific force in each second, in the body, from short windows of the comparison."""
+    comparison = subject.comparison
+    chosen = windows(comparison, _DIFFERENCE_S)
+    if len(chosen.start) < 3:
+        return []
+    off = errors(comparison, chosen)
+    back = quaternion.conjugate(comparison.reference.q_ned_frd[chosen.start])
+    span = (off.end_s - off.anchor_s)[:, None]
+    middle = 0.5 * (off.end_s + off.anchor_s)
+    part = _between(middle, low, high)
+    if part.stop - part.start < 2:
+        return []
+    breaks = gaps(middle[part], 1.5 * _DIFFERENCE_S)
+    shown = [("gyro off by, mrad/s", -1e3 * quaternion.rotate(back, off.attitude) / span)]
+    if comparison.has_position:
+        shown.append(("accel off by, m/s²", -quaternion.rotate(back, off.velocity) / span))
+    return [traces.Panel(title, _axes(middle[part], values[part], breaks)) for title, values in shown]
+
+
+def _errors(subject: Subject, low: float, high: float) -> list[traces.Panel]:
+    """Heading and place of both."""
+    shown = subject.replay
+    if shown is None:
+        return []
+    part = _between(shown.t, low, high)
+    t = shown.t[part]
+    if len(t) < 2:
+        return []
+    headings = [
+        ("IMU alone", palette.IMU, _heading(shown.q_imu[part]), shown.anchors),
+        ("autopilot", palette.AUTOPILOT, _heading(shown.q_ref[part]), None),
+    ]
+    panels = [traces.Panel("heading, °", [traces.line(t, y, name, c, breaks=b) for name, c, y, b in headings])]
+    if not shown.has_position:
+        return panels
+    for i, axis in enumerate(("north, m", "east, m")):
+        panels.append(
+            traces.Panel(
+                axis,
+                [
+                    traces.line(t, shown.position_imu[part, i], "IMU alone", palette.IMU, breaks=shown.anchors),
+                    traces.line(t, shown.position_ref[part, i], "autopilot", palette.AUTOPILOT),
+                ],
+            )
+        )
+    return panels
+
+
+def _intervals(subject: Subject, low: float, high: float) -> list[traces.Panel]:
+    t = subject.comparison.track.t
+    part = _between(t[1:], low, high)
+    if part.stop - part.start < 2:
+        return []
+    drawn = traces.line(t[1:][part], np.diff(t)[part], subject.numbers.used_imu, palette.IMU)
+    return [traces.Panel("interval, s", [drawn], {"rangemode": "tozero"})]
+
+
+def _heading(q: Array) -> Array:
+    """Heading (N,) of attitudes (N, 4) without steps at ±180°, °."""
+    w, x, y, z = q.T
+    return np.asarray(np.degrees(np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))))
+
+
+def _axes(t: Array, values: Array, breaks: Array) -> list[traces.Trace]:
+    return [traces.line(t, values[:, i], name, colour, breaks=breaks) for i, (name, colour) in enumerate(AXES)]
+
+
+def _between(t: Array, low: float, high: float) -> slice:
+    return slice(int(np.searchsorted(t, low)), int(np.searchsorted(t, high, side="right")))

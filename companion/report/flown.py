@@ -1,0 +1,138 @@
+"""The flight on one time axis and on the map: errors with what to expect of them, ground track, altitude."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.analysis import Replay, expected_since_anchor
+from companion.report import traces
+from companion.report.markup import paragraph
+from companion.report.subject import Section, Subject
+from companion.tracks import Array
+from companion.view import extremes, palette
+
+TIME = "seconds since boot"
+
+
+def errors(subject: Subject) -> Section:
+    """Attitude, velocity and position errors over the flight with their 1σ and 3σ."""
+    title = "Errors over the flight"
+    shown = subject.replay
+    if shown is None:
+        return Section("errors", title, paragraph(f"Not drawn: {subject.why_no_replay}"))
+    sigma = expected_since_anchor(subject.found, shown)
+    degrees = np.degrees(shown.attitude_error)
+    measured = [("attitude", "°", np.linalg.norm(degrees, axis=1))]
+    if shown.has_position:
+        measured.append(("velocity", "m/s", np.linalg.norm(shown.velocity_error, axis=1)))
+        measured.append(("position", "m", np.linalg.norm(shown.position_error, axis=1)))
+    panels = []
+    for i, (name, unit, error) in enumerate(measured):
+        drawn = [] if sigma is None else _envelope(sigma[0], sigma[i + 1])
+        drawn.append(traces.line(shown.t, error, "IMU from autopilot", palette.DIFFERENCE, breaks=_unknown(shown)))
+        panels.append(traces.Panel(f"{name}, {unit}", drawn, _room(error, None if sigma is None else sigma[i + 1])))
+    horizontal = np.linalg.norm(degrees[:, :2], axis=1)
+    panels.insert(
+        1,
+        traces.Panel(
+            "tilt, heading, °",
+            [
+                traces.line(shown.t, horizontal, "tilt", palette.DIFFERENCE, line={"dash": "dot"}),
+                traces.line(shown.t, degrees[:, 2], "heading", palette.HEADING),
+            ],
+        ),
+    )
+    severe = [(f.start_s, f.end_s) for f in subject.numbers.verdict.findings if f.severity != "info"]
+    figure = traces.stack(panels, TIME, spans=severe)
+    period = subject.settings.view.reanchor_s
+    caption = (
+        f"The IMU alone, started again from the autopilot's state every {period:g} s. "
+        if period
+        else "The IMU alone from beginning to end. "
+    )
+    caption += (
+        "Grey: what is expected since the start, 1σ and 3σ. "
+        if sigma
+        else "Nothing is expected here: the IMU runs for longer than the longest horizon, or had too few windows. "
+    )
+    caption += "Warnings and errors are shaded." if severe else ""
+    note = "" if shown.has_position else paragraph("This flight has no position: attitude alone is compared.")
+    return Section("errors", title, note + subject.charts.add(figure, caption, rows=len(panels)))
+
+
+def track(subject: Subject) -> Section:
+    """Ground track and altitude."""
+    title = "Ground track and altitude"
+    shown = subject.replay
+    if shown is None:
+        return Section("track", title, paragraph(f"Not drawn: {subject.why_no_replay}"))
+    if not shown.has_position:
+        return Section("track", title, paragraph("Not drawn: this flight has no position."))
+    both = [
+        ("IMU alone", palette.IMU, shown.position_imu, shown.anchors),
+        ("autopilot", palette.AUTOPILOT, shown.position_ref, _unknown(shown)),
+    ]
+    start = shown.position_ref[0]
+    figure = {
+        "data": [
+            *(_map(shown.t, position, name, colour, breaks) for name, colour, position, breaks in both),
+            _place(start, "start", "circle"),
+            _place(shown.position_ref[-1], "end", "square"),
+        ],
+        "layout": {
+            "xaxis": {"title": {"text": "east, m"}},
+            "yaxis": {"title": {"text": "north, m"}, "scaleanchor": "x", "scaleratio": 1},
+            "hovermode": "closest",
+        },
+    }
+    origin = subject.flight.origin
+    where = "North is up; metres from the flight's origin"
+    if origin is not None:
+        where += f" at {np.degrees(origin.latitude):.5f}°, {np.degrees(origin.longitude):.5f}°"
+    chart = subject.charts.add(figure, f"{where}.", square=True)
+    heights = [traces.line(shown.t, -p[:, 2], name, colour, breaks=breaks) for name, colour, p, breaks in both]
+    altitude = traces.stack([traces.Panel("height above origin, m", heights)], TIME)
+    return Section("track", title, chart + subject.charts.add(altitude, "Height of both over time."))
+
+
+def _envelope(t: Array, sigma: Array) -> list[traces.Trace]:
+    return [
+        traces.band(t, 3 * sigma, "expected 3σ", traces.GREY, 0.16),
+        traces.band(t, sigma, "expected 1σ", traces.GREY, 0.28),
+    ]
+
+
+def _room(error: Array, sigma: Array | None) -> dict[str, object]:
+    """The range of an axis: all of the error, and no more of the envelope than leaves the error readable."""
+    top = float(np.max(error, initial=0.0))
+    if sigma is not None and len(sigma):
+        top = max(1.1 * top, min(3.3 * float(sigma.max()), 3.0 * top))
+    return {"range": [0, top or 1.0]}
+
+
+def _unknown(shown: Replay) -> Array:
+    """Where the autopilot's state becomes known again after a hole: there its line is interrupted."""
+    return shown.t[1:][np.diff(shown.reference_valid.astype(np.int8)) > 0]
+
+
+def _map(t: Array, position: Array, name: str, colour: palette.Rgb, breaks: Array) -> traces.Trace:
+    kept = extremes((position[:, 0], position[:, 1]), 2 * traces.MOST_POINTS)
+    t, position = t[kept], position[kept]
+    at = np.unique(np.searchsorted(t, breaks))
+    at = at[(at > 0) & (at < len(t))]
+    east, north = (np.insert(position[:, i], at, np.nan) for i in (1, 0))
+    return traces.curve(
+        east, north, name, colour, customdata=np.insert(t, at, np.nan), hovertemplate="%{customdata:.1f} s"
+    )
+
+
+def _place(position: Array, name: str, symbol: str) -> traces.Trace:
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": [float(position[1])],
+        "y": [float(position[0])],
+        "name": name,
+        "marker": {"symbol": symbol, "size": 10, "color": palette.css(palette.AUTOPILOT)},
+        "hovertemplate": name,
+    }

@@ -1,0 +1,62 @@
+"""HTML from data. Text from vehicles, logs and file names is untrusted: nothing becomes markup but through here."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterable, Sequence
+
+Row = Sequence[object]
+
+
+def text(value: object) -> str:
+    """A value as HTML text, good in an attribute too: escaped, printable, valid in UTF-8."""
+    plain = str(value).encode("utf-8", "replace").decode()
+    return html.escape("".join(c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in plain))
+
+
+def table(headings: Sequence[str], rows: Iterable[Row], *, name: str = "", words: int = 1) -> str:
+    """A table whose first `words` columns are words and whose others are numbers. Cells are escaped."""
+    head = "".join(f"<th{'' if i < words else _RIGHT}>{text(heading)}</th>" for i, heading in enumerate(headings))
+    body = "".join(
+        "<tr>" + "".join(f"<td{'' if i < words else _RIGHT}>{text(cell)}</td>" for i, cell in enumerate(row)) + "</tr>"
+        for row in rows
+    )
+    return (
+        f'<div class="wide"><table id="{text(name)}"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+        if name
+        else f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    )
+
+
+def details(summary: str, body: str) -> str:
+    """A part that is folded up on screen; `summary` is escaped, `body` is HTML."""
+    return f"<details><summary>{text(summary)}</summary>{body}</details>"
+
+
+def paragraph(words: str, kind: str = "") -> str:
+    """Escaped text as a paragraph."""
+    return f'<p class="{text(kind)}">{text(words)}</p>' if kind else f"<p>{text(words)}</p>"
+
+
+def short(value: float | None) -> str:
+    """Three digits, as the terminal's tables have them; "-" for a number that does not exist."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    size = abs(value)
+    if size >= 1e5 or 0 < size < 5e-4:
+        return f"{value:.2g}"
+    return f"{value:.{3 if size < 1 else 2 if size < 10 else 1 if size < 100 else 0}f}"
+
+
+def percent(share: float | None) -> str:
+    """A share as whole per cent."""
+    return "–" if share is None else f"{share:.0%}"
+
+
+def words(name: str) -> str:
+    """An identifier as people write it."""
+    return name.replace("_", " ")
+
+
+_RIGHT = ' class="number"'

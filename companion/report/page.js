@@ -1,0 +1,54 @@
+"use strict";
+(async () => {
+  const content = (id) => document.getElementById(id)?.textContent;
+  const say = (words) => {
+    const line = document.createElement("p");
+    line.className = "warning";
+    line.textContent = words;
+    document.querySelector("main").before(line);
+  };
+
+  // The player is a document of its own, in a frame without our origin: its scripts cannot reach this page.
+  const place = document.getElementById("playback-place");
+  document.getElementById("playback-start")?.addEventListener("click", () => {
+    const frame = document.createElement("iframe");
+    frame.title = "3D playback";
+    frame.setAttribute("sandbox", "allow-scripts");
+    frame.srcdoc = JSON.parse(content("player"));
+    place.replaceChildren(frame);
+  });
+
+  if (!("DecompressionStream" in window)) {
+    say("The charts need Chrome or Edge 80, Firefox 113, Safari 16.4 or newer. The tables are complete.");
+    return;
+  }
+  const packed = Uint8Array.from(atob(content("plotly")), (c) => c.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const library = document.createElement("script");
+  library.textContent = await new Response(stream).text();
+  document.head.append(library);
+
+  const options = {
+    responsive: true,
+    displaylogo: false,
+    modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
+    toImageButtonOptions: { format: "svg" },
+  };
+  const charts = [];
+  for (const [i, figure] of JSON.parse(content("figures")).entries()) {
+    const chart = document.getElementById(`chart${i + 1}`);
+    await Plotly.newPlot(chart, figure.data, figure.layout, options);
+    charts.push(chart);
+    await new Promise((resume) => setTimeout(resume));
+  }
+
+  // Paper is as wide as A4 between its margins, whatever the window is.
+  const PAPER = 680;
+  addEventListener("beforeprint", () => {
+    for (const chart of charts) Plotly.relayout(chart, { width: Math.min(PAPER, chart.clientWidth), autosize: false });
+  });
+  addEventListener("afterprint", () => {
+    for (const chart of charts) Plotly.relayout(chart, { width: null, autosize: true });
+  });
+  document.documentElement.dataset.ready = "yes";
+})();

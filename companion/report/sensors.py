@@ -1,0 +1,142 @@
+"""The IMU's constant errors that explain the flight, and every IMU side by side."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.documents import schema
+from companion.report import traces
+from companion.report.markup import paragraph, percent, short, table
+from companion.report.subject import AXES, Section, Subject
+from companion.view import palette
+
+_PARTS = (
+    ("gyro bias", "gyro_bias_radps", "mrad/s", 1e3, 2),
+    ("accelerometer bias", "accel_bias_mps2", "m/s²", 1.0, 3),
+    ("mounting", "mounting_rad", "°", float(np.degrees(1.0)), 2),
+)
+
+
+def calibration(subject: Subject) -> Section:
+    """Fitted errors with their standard errors, and what they gain."""
+    title = "Calibration"
+    fit = subject.numbers.calibration
+    if fit is None:
+        return Section("calibration", title, paragraph("Not made: too few windows of 5 s, or none that can be fitted."))
+    rows = []
+    for name, attribute, unit, factor, digits in _PARTS:
+        figure: schema.FigureObject = getattr(fit, attribute)
+        rows.append([f"{name}, {unit}", *_cells(figure, factor, digits)])
+    lag = _cells(fit.time_offset_s, 1e3, 1)[0]
+    shown = table(["± one standard error", *(name for name, _ in AXES)], rows, name="calibration-table")
+    gain = paragraph(f"Lag of the IMU behind the attitude: {lag} ms.")
+    if fit.before and fit.after:
+        gain += paragraph(
+            f"Median drift on {fit.after.windows} windows that were not fitted: "
+            f"{_pair(fit.before.attitude_deg, fit.after.attitude_deg)}°"
+            + (f", {_pair(fit.before.position_m, fit.after.position_m)} m." if fit.after.position_m else ".")
+        )
+    if subject.found.made_worse:
+        words = "It makes the rest of the flight worse: the errors are not constant. Do not use it."
+        gain += paragraph(words, "warning")
+    caption = (
+        f"From {fit.windows} windows of {fit.horizon_s:g} s. Bars: ± two standard errors. What the flight cannot tell "
+        "is left out."
+    )
+    return Section("calibration", title, shown + gain + subject.charts.add(_intervals(fit), caption, rows=2.2))
+
+
+def siblings(subject: Subject) -> Section:
+    """Every IMU through the same windows."""
+    title = "Every IMU side by side"
+    others = subject.numbers.imus
+    if len(others) < 2:
+        return Section("imus", title, paragraph("This flight has one IMU message with enough samples."))
+    shown = table(
+        ["IMU", "Hz", "windows", "median, °", "median, m", "attitude inside 95 %", "position inside 95 %"],
+        [
+            [
+                other.message,
+                f"{other.rate_hz:.1f}",
+                other.windows,
+                short(other.attitude_deg.median if other.attitude_deg else None),
+                short(other.position_m.median if other.position_m else None),
+                percent(other.inside.get("attitude")),
+                percent(other.inside.get("position")),
+            ]
+            for other in others
+        ],
+        name="imus-table",
+    )
+    known = [other for other in others if other.attitude_deg]
+    if not known:
+        return Section("imus", title, shown)
+    panels = [("attitude, °", "attitude_deg")]
+    if any(other.position_m for other in known):
+        panels.append(("position, m", "position_m"))
+    figure = traces.stack(
+        [traces.Panel(name, [_bars(known, attribute, subject.numbers.used_imu)]) for name, attribute in panels],
+        "",
+        type="category",
+    )
+    figure["layout"] |= {"hovermode": "closest", "bargap": 0.5, "showlegend": False}
+    caption = f"Drift after {others[0].horizon_s:g} s: bar to the median, line to 95 %. Orange: the IMU of this report."
+    return Section("imus", title, shown + subject.charts.add(figure, caption, rows=len(panels)))
+
+
+def _cells(figure: schema.FigureObject, factor: float, digits: int) -> list[str]:
+    return [
+        f"{value * factor:.{digits}f} ± {sigma * factor:.{digits}f}" if seen else "not observable"
+        for value, sigma, seen in zip(figure.value, figure.sigma, figure.observable, strict=True)
+    ]
+
+
+def _pair(before: schema.StatisticObject | None, after: schema.StatisticObject | None) -> str:
+    return f"{short(before.median if before else None)} → {short(after.median if after else None)}"
+
+
+def _intervals(fit: schema.CalibrationObject) -> traces.Figure:
+    """The three vectors, each with a unit of its own."""
+    panels = []
+    for name, attribute, unit, factor, _ in _PARTS:
+        figure: schema.FigureObject = getattr(fit, attribute)
+        seen = [k for k in range(3) if figure.observable[k]]
+        points = {
+            "type": "scatter",
+            "mode": "markers",
+            "x": [AXES[k][0] for k in seen],
+            "y": [figure.value[k] * factor for k in seen],
+            "error_y": {
+                "array": [2 * figure.sigma[k] * factor for k in seen],
+                "thickness": 1.5,
+                "color": palette.css(palette.CURSOR),
+            },
+            "marker": {"size": 9, "color": [palette.css(AXES[k][1]) for k in seen]},
+            "name": name,
+            "hovertemplate": "%{x}: %{y:.3~g} ± %{error_y.array:.2~g} (2σ)",
+        }
+        panels.append(traces.Panel(f"{name},<br>{unit}", [points], {"zeroline": True}))
+    names = [name for name, _ in AXES]
+    drawn = traces.stack(panels, "", type="category", categoryorder="array", categoryarray=names)
+    drawn["layout"] |= {"showlegend": False, "hovermode": "closest"}
+    return drawn
+
+
+def _bars(others: list[schema.SiblingObject], attribute: str, used: str) -> traces.Trace:
+    statistics = [getattr(other, attribute) for other in others]
+    median = [s.median if s else 0.0 for s in statistics]
+    return {
+        "type": "bar",
+        "x": [other.message for other in others],
+        "y": median,
+        "error_y": {
+            "array": [s.p95 - m if s else 0.0 for s, m in zip(statistics, median, strict=True)],
+            "color": palette.css(palette.DIFFERENCE),
+            "symmetric": False,
+            "arrayminus": [0.0] * len(median),
+        },
+        "name": attribute,
+        "width": 0.35,
+        "marker": {"color": [palette.css(palette.IMU if o.message == used else palette.CURSOR) for o in others]},
+        "hovertemplate": "%{x}: %{y:.3~g}",
+    }

@@ -1,0 +1,98 @@
+"""What the IMU shakes with: spectra of gyro and accelerometer, and vibration over the flight."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.analysis import Spectrum, imu_spectrum, vibration
+from companion.report import traces
+from companion.report.flown import TIME
+from companion.report.markup import paragraph
+from companion.report.subject import AXES, Section, Subject
+from companion.tracks import Array
+from companion.view import palette
+
+_VIBE_LIMIT = 30.0  # m/s²: ArduPilot's wiki, "Measuring Vibration": below 30 is normally fine
+_FEWEST_HZ = 20.0
+
+
+def spectra(subject: Subject) -> Section:
+    """Power spectral densities beside the sensor's own noise."""
+    title = "IMU spectra"
+    comparison, figures = subject.comparison, subject.found.figures
+    found = imu_spectrum(comparison.track, comparison.how.limits)
+    if found is None:
+        reason = "Not drawn: no stretch without a hole is long enough for a spectrum (32 samples)."
+        return Section("spectra", title, paragraph(reason))
+    panels = [
+        traces.Panel("gyro, rad/s/√Hz", _densities(found, found.gyro, figures.gyro.noise_density), {"type": "log"}),
+        traces.Panel("accel, m/s²/√Hz", _densities(found, found.accel, figures.accel.noise_density), {"type": "log"}),
+    ]
+    figure = traces.stack(panels, "frequency, Hz", type="log")
+    caption = (
+        f"Amplitude density of {comparison.track.source} by Welch's method: mean of {found.segments} segments of "
+        f"{1 / found.frequency_hz[1]:.2g} s. Grey: the white noise of {figures.name}. What moves faster than "
+        f"{found.frequency_hz[-1]:.0f} Hz is folded into what is shown."
+    )
+    return Section("spectra", title, subject.charts.add(figure, caption, rows=3))
+
+
+def shaking(subject: Subject) -> Section:
+    """Vibration over the flight: the vehicle's own measure, and what the IMU's samples show of it."""
+    title = "Vibration"
+    told = _told(subject)
+    seen = _seen(subject)
+    if told is None and seen is None:
+        rate = subject.comparison.track.rate_hz
+        why = f"{rate:.1f} Hz is too slow" if rate < _FEWEST_HZ else "no stretch without a hole is long enough"
+        words = f"Not drawn: the vehicle did not tell its vibration, and {why} to see it in {subject.numbers.used_imu}."
+        return Section("vibration", title, paragraph(words))
+    return Section("vibration", title, (told or "") + (seen or ""))
+
+
+def _told(subject: Subject) -> str | None:
+    """What the vehicle says of its vibration, and how often an accelerometer was at its limit."""
+    series = subject.flight.series.get("vibration")
+    names = [name for name in ("x_mps2", "y_mps2", "z_mps2", "accel_mps2") if series and name in series.columns]
+    if series is None or not names or len(series) < 2:
+        return None
+    colours = [palette.IMU] if len(names) == 1 else palette.AXES
+    titles = ["all axes"] if len(names) == 1 else [name for name, _ in AXES]
+    lines = [
+        traces.line(series.t, series[name], title, colour)
+        for name, title, colour in zip(names, titles, colours, strict=True)
+    ]
+    figure = traces.stack([traces.Panel("vibration, m/s²", lines, {"rangemode": "tozero"})], TIME)
+    clips = [float(np.nanmax(series[c]) - np.nanmin(series[c])) for c in series.columns if c.startswith("clips_")]
+    caption = f"The vehicle's own measure ({series.source})."
+    if len(names) == 3:
+        caption += f" Below {_VIBE_LIMIT:.0f} m/s² is normally fine for ArduPilot."
+    if clips:
+        caption += f" An accelerometer was at its limit {sum(clips):.0f} times."
+    return subject.charts.add(figure, caption)
+
+
+def _seen(subject: Subject) -> str | None:
+    """What is left of it in the samples."""
+    comparison = subject.comparison
+    found = vibration(comparison.track, comparison.how.limits)
+    if found is None:
+        return None
+    lines = [traces.line(found.t, found.accel[:, i], name, colour) for i, (name, colour) in enumerate(AXES)]
+    figure = traces.stack([traces.Panel("above 5 Hz, m/s²", lines, {"rangemode": "tozero"})], TIME)
+    caption = (
+        f"Specific force of {comparison.track.source} above 5 Hz, RMS of each second. ArduPilot's VIBE is the same "
+        "from the IMU at its full rate: what the stream's low-pass and rate have lost is missing here."
+    )
+    return subject.charts.add(figure, caption)
+
+
+def _densities(found: Spectrum, power: Array, sheet: float) -> list[traces.Trace]:
+    used = slice(1, None)  # a logarithmic axis has no zero
+    frequency = found.frequency_hz[used]
+    lines = [
+        traces.line(frequency, np.sqrt(np.maximum(power[used, i], 1e-30)), name, colour, limit=2048)
+        for i, (name, colour) in enumerate(AXES)
+    ]
+    floor = traces.curve(frequency[[0, -1]], np.full(2, sheet), "data sheet", palette.CURSOR, line={"dash": "dash"})
+    return [*lines, floor]

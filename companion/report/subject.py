@@ -1,0 +1,89 @@
+"""What a report is about: one examined flight with everything that its sections draw on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from companion.analysis import Assessment, Comparison, Replay, replay
+from companion.documents import analysis_document, schema
+from companion.errors import CompanionError
+from companion.examination import Examination
+from companion.recording import Source
+from companion.report.charts import Charts
+from companion.settings import Settings
+from companion.tracks import Array, Flight
+from companion.view import palette
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of the page."""
+
+    anchor: str
+    title: str
+    body: str  # HTML
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Subject:
+    """One flight, examined. Tables are made from `document`: what `companion analyze --json` prints."""
+
+    examined: Examination
+    source: Source
+    settings: Settings
+    document: schema.Analysis
+    replay: Replay | None
+    why_no_replay: str
+    charts: Charts
+
+    @property
+    def flight(self) -> Flight:
+        """As it was read."""
+        return self.examined.flight
+
+    @property
+    def found(self) -> Assessment:
+        """The assessment of the IMU that was used."""
+        return self.examined.assessment
+
+    @property
+    def comparison(self) -> Comparison:
+        """That IMU, corrected if that was asked for, beside the autopilot."""
+        return self.found.comparison
+
+    @property
+    def numbers(self) -> schema.AnalyzeFlight:
+        """The flight in the document."""
+        return self.document.flights[0]
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """First and last sample of the IMU, s, boot clock."""
+        t = self.comparison.track.t
+        return float(t[0]), float(t[-1])
+
+
+def subject_of(examined: Examination, source: Source, settings: Settings, charts: Charts) -> Subject:
+    """Everything that the sections share; where there is no replay, why."""
+    comparison = examined.assessment.comparison
+    track, flight = comparison.track, examined.flight
+    shown, why = None, ""
+    try:
+        shown = replay(
+            replace(flight, imus={**flight.imus, track.source: track}),
+            imu=track.source,
+            how=comparison.how,
+            reanchor_s=settings.view.reanchor_s or None,
+        )
+    except CompanionError as error:
+        why = str(error)
+    return Subject(examined, source, settings, analysis_document(source, examined), shown, why, charts)
+
+
+AXES: tuple[tuple[str, palette.Rgb], ...] = tuple(zip(("forward", "right", "down"), palette.AXES, strict=True))
+"""The body's axes and their colours."""
+
+
+def gaps(t: Array, hole: float) -> Array:
+    """(G,) the times after which a track has a hole: where its line is interrupted."""
+    return t[1:][t[1:] - t[:-1] > hole]

@@ -1,0 +1,114 @@
+"""What every chart is made of: lines, bands and panels as plotly's own dictionaries, in the colours of the view."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from companion.tracks import Array
+from companion.view import extremes, palette
+
+Trace = dict[str, Any]
+Figure = dict[str, Any]
+
+MOST_POINTS = 1200
+"""Points of a line: about one a pixel. What is thinned keeps every peak and dip."""
+
+AXES = ("forward", "right", "down")
+GREY = palette.CURSOR
+
+
+def line(
+    x: Array,
+    y: Array,
+    name: str,
+    colour: palette.Rgb,
+    *,
+    breaks: Array | None = None,
+    limit: int = MOST_POINTS,
+    **more: Any,
+) -> Trace:
+    """A line (N,) over (N,), thinned, interrupted at `breaks` (times)."""
+    kept = extremes((np.nan_to_num(y, posinf=1e300, neginf=-1e300),), limit)
+    x, y = x[kept], y[kept]
+    if breaks is not None and len(breaks):
+        at = np.unique(np.searchsorted(x, breaks))
+        at = at[(at > 0) & (at < len(x))]
+        x, y = np.insert(x, at, x[at]), np.insert(y, at, np.nan)
+    return curve(x, y, name, colour, **more)
+
+
+def curve(x: Array, y: Array, name: str, colour: palette.Rgb, *, width: float = 1.4, **more: Any) -> Trace:
+    """A line through all its points."""
+    style = {"color": palette.css(colour), "width": width} | more.pop("line", {})
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "x": np.asarray(x, dtype=np.float64),
+        "y": np.asarray(y, dtype=np.float32),
+        "name": name,
+        "line": style,
+        "hovertemplate": "%{y:.3~g}",
+        **more,
+    }
+
+
+def band(x: Array, y: Array, name: str, colour: palette.Rgb, opacity: float) -> Trace:
+    """The area between zero and a line."""
+    return curve(x, y, name, colour, width=0, fill="tozeroy", fillcolor=f"rgba({','.join(map(str, colour))},{opacity})")
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One of several charts over one another with a common time axis."""
+
+    title: str  # of the y axis, with its unit
+    traces: Sequence[Trace]
+    axis: Mapping[str, Any] | None = None  # more about the y axis
+
+
+def stack(panels: Sequence[Panel], x_title: str, *, spans: Sequence[tuple[float, float]] = (), **axis: Any) -> Figure:
+    """Panels from top to bottom over one x axis; `spans` are shaded; `axis`: more about the x axis.
+
+    A name that comes again is one entry of the legend.
+    """
+    gap = 0.28 / (len(panels) + 1)
+    height = (1.0 - gap * (len(panels) - 1)) / len(panels)
+    data: list[Trace] = []
+    layout: dict[str, Any] = {"xaxis": {"title": {"text": x_title}, "anchor": f"y{len(panels)}", **axis}}
+    seen: set[str] = set()
+    for i, panel in enumerate(panels, 1):
+        top = 1.0 - (i - 1) * (height + gap)
+        layout[f"yaxis{i}"] = {
+            "title": {"text": panel.title},
+            "domain": [max(top - height, 0.0), top],
+            **(panel.axis or {}),
+        }
+        for trace in panel.traces:
+            name = str(trace.get("name", ""))
+            data.append(
+                trace
+                | {"xaxis": "x", "yaxis": f"y{i}", "legendgroup": name}
+                | ({"showlegend": False} if name in seen else {})
+            )
+            seen.add(name)
+    layout["shapes"] = [
+        {
+            "type": "rect",
+            "xref": "x",
+            "yref": "paper",
+            "x0": a,
+            "x1": b,
+            "y0": 0,
+            "y1": 1,
+            "fillcolor": palette.css(palette.IMU),
+            "opacity": 0.12,
+            "line": {"width": 0},
+            "layer": "below",
+        }
+        for a, b in spans
+    ]
+    return {"data": data, "layout": layout}

@@ -1,0 +1,110 @@
+"""The numbers of the page are those of `companion analyze --json`."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from companion.cli import main
+from tests.recordings import BUNDLED
+
+DEMO = str(BUNDLED / "copter-demo-100hz.tlog")
+
+
+class Tables(HTMLParser):
+    """The cells of every table that has an id, and the contents of every script that has one."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tables: dict[str, list[list[str]]] = {}
+        self.scripts: dict[str, str] = {}
+        self._table: list[list[str]] | None = None
+        self._script: str | None = None
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        name = dict(attrs).get("id")
+        if tag == "table":
+            self._table = self.tables.setdefault(name, []) if name else None
+        elif tag == "tr" and self._table is not None:
+            self._table.append([])
+        elif tag in ("td", "th") and self._table is not None:
+            self._table[-1].append("")
+        elif tag == "script":
+            self._script = name
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag == "table":
+            self._table = None
+        elif tag == "script":
+            self._script = None
+
+    def handle_data(self, data: str) -> None:
+        if self._script is not None:
+            self.scripts[self._script] = self.scripts.get(self._script, "") + data
+        elif self._table and self._table[-1]:
+            self._table[-1][-1] += data
+
+
+def report(log: str, path: Path, *more: str) -> str:
+    """The page that the command writes."""
+    assert main(["report", log, "-o", str(path), *more]) == 0
+    return path.read_text(encoding="utf-8")
+
+
+def close(cell: str, value: float | None) -> bool:
+    """Whether a cell of three digits says the value."""
+    if value is None:
+        return cell == "–"
+    return abs(float(cell) - value) <= max(0.006 * abs(value), 0.0006)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return report(DEMO, tmp_path_factory.mktemp("report") / "demo.html", "--no-playback")
+
+
+def test_report_and_json_say_the_same(page: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["analyze", DEMO, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    found = Tables(page)
+    assert json.loads(found.scripts["companion"]) == document
+    flight = document["flights"][0]
+    assert flight["verdict"]["summary"] in re.sub("&#x27;", "'", page)
+
+    rows = [row for row in found.tables["drift-table"] if row[0].endswith(" s")]
+    assert len(rows) == len(flight["drift"]) == 5
+    for cells, row in zip(rows, flight["drift"], strict=True):
+        assert cells[:2] == [f"{row['horizon_s']:g} s", str(row["windows"])]
+        values = []
+        for quantity in ("attitude_deg", "velocity_mps", "position_m"):
+            values += [row[quantity][key] for key in ("median", "p95", "max")] + [row["expected"][quantity]]
+        assert all(close(cell, value) for cell, value in zip(cells[2:], values, strict=True))
+
+    for cells, row in zip(found.tables["inside-table"][1:], flight["consistency"], strict=True):
+        assert cells == [f"{row['horizon_s']:g} s", *(f"{row[q]:.0%}" for q in ("attitude", "velocity", "position"))]
+    for cells, imu in zip(found.tables["imus-table"][1:], flight["imus"], strict=True):
+        assert cells[0] == imu["message"]
+        assert close(cells[3], imu["attitude_deg"]["median"])
+        assert close(cells[4], imu["position_m"]["median"])
+    for cells, imu in zip(found.tables["rates-table"][1:], flight["imu"], strict=True):
+        assert cells[:2] == [imu["message"], str(imu["samples"])]
+    fitted = flight["calibration"]["gyro_bias_radps"]
+    for cell, value, sigma in zip(
+        found.tables["calibration-table"][1][1:], fitted["value"], fitted["sigma"], strict=True
+    ):
+        assert cell == f"{1e3 * value:.2f} ± {1e3 * sigma:.2f}"
+
+
+def test_the_charts_are_drawn_from_the_same_numbers(page: str) -> None:
+    found = Tables(page)
+    flight = json.loads(found.scripts["companion"])["flights"][0]
+    figures = json.loads(found.scripts["figures"])
+    bars = {t["name"]: t for figure in figures for t in figure["data"] if t["type"] == "bar" and t["yaxis"] == "y"}
+    shares = [100 * row["expected"]["shares"]["attitude"]["gyro_bias"] for row in flight["drift"]]
+    assert bars["gyro bias"]["y"] == pytest.approx(shares)
+    assert re.findall(r'id="chart(\d+)"', page) == [str(i + 1) for i in range(len(figures))]
