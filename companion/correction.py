@@ -9,8 +9,11 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from companion.analysis import Calibration, Correction
+from companion.analysis import PARTS, Calibration, Correction
 from companion.errors import InputError, SettingsError
+
+_FORMAT = 2
+"""1, which files without `format` have, turned the mounting the other way."""
 
 
 def _bounded(most: float) -> msgspec.Meta:
@@ -22,6 +25,8 @@ Rate = Annotated[float, _bounded(10)]  # rad/s
 Force = Annotated[float, _bounded(100)]  # m/s²
 Angle = Annotated[float, _bounded(1)]  # rad, small
 Lag = Annotated[float, _bounded(1)]  # s
+Part = Annotated[float, _bounded(0.5)]  # of the reading
+Length = Annotated[float, _bounded(100)]  # m
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -29,6 +34,28 @@ class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     accel_bias: tuple[Force, Force, Force]
     mounting: tuple[Angle, Angle, Angle]
     time_offset: Lag
+    gyro_scale: tuple[Part, Part, Part] = (0.0, 0.0, 0.0)
+    accel_scale: tuple[Part, Part, Part] = (0.0, 0.0, 0.0)
+    gyro_misalignment: tuple[Angle, Angle, Angle, Angle, Angle, Angle] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    accel_misalignment: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+    lever_arm: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
+    format: Annotated[int, msgspec.Meta(ge=1, le=_FORMAT)] = 1
+
+
+_UNITS = {
+    "gyro_bias": "rad/s",
+    "accel_bias": "m/s²",
+    "mounting": "rad",
+    "time_offset": "s",
+    "gyro_scale": "1",
+    "accel_scale": "1",
+    "gyro_misalignment": "rad; xy, xz, yx, yz, zx, zy",
+    "accel_misalignment": "rad; yx, zx, zy",
+    "lever_arm": "m",
+}
+
+
+_UNTOLD = "not observable in this flight"
 
 
 def load_correction(path: str | Path) -> Correction:
@@ -41,26 +68,35 @@ def load_correction(path: str | Path) -> Correction:
         ) from None
     except (tomllib.TOMLDecodeError, msgspec.ValidationError, UnicodeDecodeError) as error:
         raise SettingsError(f"{path} is no correction: {error}. Make one: companion calibrate LOG -o {path}") from None
-    return Correction(
-        np.array(found.gyro_bias), np.array(found.accel_bias), np.array(found.mounting), found.time_offset
-    )
+    vectors = {part: np.array(getattr(found, part)) for part in PARTS if part != "time_offset"}
+    if found.format == 1:
+        vectors["mounting"] = -vectors["mounting"]
+    return Correction(**vectors, time_offset=found.time_offset)
 
 
 def correction_text(calibration: Calibration, origin: str) -> str:
     """The file of a calibration: what the flight tells, zero for what it does not, each with its standard error."""
-    values = np.where(calibration.observable, calibration.values, 0.0)
+    values = calibration.correction.values
     lines = [f"# IMU correction from {origin}, {calibration.windows} windows of {calibration.horizon_s:g} s."]
-    lines += ["# true = (1 + [mounting]x) (measured - bias), at t - time_offset; body FRD."]
-    for name, unit, part in (
-        ("gyro_bias", "rad/s", slice(0, 3)),
-        ("accel_bias", "m/s²", slice(3, 6)),
-        ("mounting", "rad", slice(6, 9)),
-    ):
-        error = ", ".join(
-            f"{sigma:.2g}" if seen else "not observable in this flight"
-            for sigma, seen in zip(calibration.sigma[part], calibration.observable[part], strict=True)
-        )
-        lines.append(f"{name} = [{', '.join(f'{v:.8f}' for v in values[part])}]  # {unit}, ± {error}")
-    seen = f"± {calibration.sigma[9]:.2g}" if calibration.observable[9] else "not observable in this flight"
-    lines.append(f"time_offset = {values[9]:.6f}  # s, {seen}")
+    lines += [
+        "# true = (1 + [mounting]x)(1 + scale and misalignment)(measured - bias), at t - time_offset; body FRD.",
+        "# The lever arm is from the point whose position the autopilot reports to the IMU.",
+        f"format = {_FORMAT}",
+    ]
+    for part, place in PARTS.items():
+        error = ", ".join(_known(calibration, i) for i in range(place.start, place.stop))
+        if error == ", ".join([_UNTOLD] * (place.stop - place.start)):
+            error = _UNTOLD
+        numbers = ", ".join(f"{v:.8f}" for v in values[place])
+        written = numbers if part == "time_offset" else f"[{numbers}]"
+        lines.append(f"{part} = {written}  # {_UNITS[part]}: {error}")
     return "\n".join(lines) + "\n"
+
+
+def _known(calibration: Calibration, figure: int) -> str:
+    """How well a figure is known, in words."""
+    if calibration.observable[figure]:
+        return f"± {calibration.sigma[figure]:.2g}"
+    if calibration.assumed[figure]:
+        return f"± {calibration.assumed_sigma[figure]:.2g} if what is not observable is 0"
+    return _UNTOLD

@@ -122,4 +122,5 @@ def _sensor(sensor: _Sensor) -> SensorFigures:
         offset=sensor.offset.si,
         scale=_CALIBRATED_SCALE * sensor.scale.si,
         full_scale=sensor.full_scale.si,
+        scale_tolerance=sensor.scale.si,
     )

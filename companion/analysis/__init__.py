@@ -1,7 +1,8 @@
 """Holds the IMU's reckoning against the autopilot's estimate. Pure: imports tracks and strapdown."""
 
-from companion.analysis.calibrate import NO_CORRECTION, Calibration, Correction, calibrate
+from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, windows
+from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correction
 from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, drift, drift_of
 from companion.analysis.envelope import expected_since_anchor
 from companion.analysis.figures import GENERIC, ImuFigures, ReferenceFigures, SensorFigures
@@ -19,7 +20,9 @@ from companion.analysis.verdict import Assessment, Expected, Verdict, assess
 __all__ = [
     "GENERIC",
     "HORIZONS_S",
+    "NAMES",
     "NO_CORRECTION",
+    "PARTS",
     "Assessment",
     "Calibration",
     "Comparison",

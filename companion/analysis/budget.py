@@ -102,12 +102,12 @@ def turn_jacobian(growth: Propagation) -> Array:
 
     True readings are (1 + [r]x) times the measured ones, for gyro and accelerometer alike.
     """
-    both = growth.gyro_matrix + growth.accel_matrix
+    both = growth.gyro_matrix + growth.accel_matrix  # per error that is taken off the readings
     return np.stack(
         [
-            both[:, :, 2, 1] - both[:, :, 1, 2],
-            both[:, :, 0, 2] - both[:, :, 2, 0],
-            both[:, :, 1, 0] - both[:, :, 0, 1],
+            both[:, :, 1, 2] - both[:, :, 2, 1],
+            both[:, :, 2, 0] - both[:, :, 0, 2],
+            both[:, :, 0, 1] - both[:, :, 1, 0],
         ],
         axis=2,
     )
@@ -152,6 +152,11 @@ def window_noise(track: ImuTrack, chosen: Windows) -> Array:
         mean = (total[chosen.end + 1] - total[chosen.start]) / (chosen.end + 1 - chosen.start)[:, None]
         densities.append(np.sqrt(mean.max(axis=1) / track.rate_hz))
     return np.column_stack(densities)
+
+
+def lasting_step_error(readings: Array, step: float) -> Array:
+    """What truncation may take from every reading (N, 3) of a whole flight, 1σ per axis (3,): no fit can tell it."""
+    return np.asarray(_step_errors(readings, step, np.array([0]), np.array([len(readings) - 1]))[0])
 
 
 def _square(jacobian: Array) -> Array:

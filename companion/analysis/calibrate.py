@@ -1,67 +1,64 @@
-"""The IMU errors that best explain a flight: biases, mounting, time offset, with their uncertainty.
+"""The constant IMU errors that best explain a flight, with their uncertainty, and what the flight does not tell.
 
 Each window's error is linear in them, r = J x + ε, with the Jacobians of the error propagation and the budget of
 everything else as the covariance of ε. Solved by weighted least squares with the sensor's tolerances as prior, robust
-against single windows (Huber on the normalised error), and again about the corrected track until it stands still. What
-the flight does not tell is said: a hover cannot tell an accelerometer bias from a tilt.
+against single windows (Huber on the normalised error), and again about the corrected track until it stands still.
+
+What lasts through the flight and is not the IMU's is solved for beside them, so that no figure claims to be better
+known than it is: the autopilot's own tilt and heading error, and gravity. No average over windows makes those smaller.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
-from companion.analysis.budget import Budget, budget, chi_square_95, nees, stacked, turn_jacobian
+from companion.analysis.budget import Budget, budget, chi_square_95, lasting_step_error, nees, stacked, turn_jacobian
 from companion.analysis.comparison import Comparison, Windows, windows
+from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS, Correction
 from companion.analysis.figures import ImuFigures, ReferenceFigures
-from companion.tracks import Array, ImuTrack
+from companion.analysis.reference import BoolArray
+from companion.strapdown import quaternion
+from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack
 
-GYRO_BIAS, ACCEL_BIAS, MOUNTING, TIME_OFFSET = slice(0, 3), slice(3, 6), slice(6, 9), 9
-NAMES = ("gyro_bias_x", "gyro_bias_y", "gyro_bias_z", "accel_bias_x", "accel_bias_y", "accel_bias_z",
-         "mounting_x", "mounting_y", "mounting_z", "time_offset")  # fmt: skip
+_COUNT = len(NAMES)
+_LASTING: Final = ("autopilot_tilt_north", "autopilot_tilt_east", "autopilot_heading", "gravity")
+_SOLVED_FOR: Final = ("gyro_bias", "accel_bias", "misalignment", "time_offset", "scale", "gravity")
+"""Causes of the budget that the unknowns replace."""
 
-_SOLVED_FOR = ("gyro_bias", "accel_bias", "misalignment", "time_offset")  # causes that the unknowns replace
-_MOUNTING_PRIOR, _TIME_PRIOR = 0.1, 0.05  # rad, s
+_MOUNTING_PRIOR, _TIME_PRIOR, _LEVER_PRIOR = 0.1, 0.05, 0.3  # rad, s, m
 _OBSERVABLE = 0.3
 """A figure is observable when its standard error is below this part of what was possible beforehand."""
 
+_CONFOUNDED = 0.7
+"""Correlation of two figures from which on the one is said not to be told apart from the other."""
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Correction:
-    """What is taken from an IMU's readings: true = (1 + [mounting]x) (measured - bias), at t - time_offset."""
-
-    gyro_bias: Array  # (3,) rad/s, FRD
-    accel_bias: Array  # (3,) m/s², FRD
-    mounting: Array  # (3,) rad, small rotation of the IMU's axes into those of the attitude
-    time_offset: float  # s by which the IMU's times lag behind the autopilot's estimate
-
-    def apply(self, track: ImuTrack) -> ImuTrack:
-        """The track freed of these errors."""
-        turn = np.eye(3) + np.cross(np.eye(3), -self.mounting)
-        return replace(
-            track,
-            t=track.t - self.time_offset,
-            gyro=(track.gyro - self.gyro_bias) @ turn.T,
-            accel=(track.accel - self.accel_bias) @ turn.T,
-        )
-
-
-NO_CORRECTION = Correction(np.zeros(3), np.zeros(3), np.zeros(3), 0.0)
+_STILL = 0.02
+"""The fit stands still when no figure moves by more than this part of its standard error."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """The correction that explains the flight best."""
+    """The errors that explain the flight best."""
 
-    correction: Correction
-    values: Array  # (10,) in the order of NAMES
-    sigma: Array  # (10,) standard errors
-    observable: tuple[bool, ...]  # (10,)
+    correction: Correction  # what is worth applying: what is observable or `assumed`, zero for the rest
+    values: Array  # (28,) in the order of NAMES; where not observable mostly the prior
+    sigma: Array  # (28,) standard errors
+    observable: tuple[bool, ...]  # (28,)
+    assumed: tuple[bool, ...]  # (28,) biases that are told only if all that is not observable is zero: in `correction`
+    assumed_sigma: Array  # (28,) their standard errors then; elsewhere `sigma`
+    confounded: tuple[str, ...]  # (28,) the figure that a figure which is not observable goes with, or ""
+    level_force: tuple[float, float]  # m/s² that accel z is off by at 1 g, bias and scale together, and standard error
     windows: int  # fitted
     horizon_s: float
     residual: float  # median normalised error of the windows after the fit, per degree of freedom; about 1 is right
+
+    def told(self, part: str) -> bool:
+        """Whether the flight tells any figure of a part of PARTS."""
+        return any(self.observable[PARTS[part]])
 
 
 Compare = Callable[[ImuTrack], Comparison]
@@ -76,54 +73,142 @@ def calibrate(
     *,
     horizon: float = 5.0,
     fitted: slice = slice(None),
-    iterations: int = 4,
+    iterations: int = 8,
 ) -> Calibration | None:
     """Fit the errors of `track` to windows of `horizon` seconds, or to some of them. None without windows."""
-    prior = np.concatenate(
-        [np.full(3, imu.gyro.offset), np.full(3, imu.accel.offset), np.full(3, _MOUNTING_PRIOR), [_TIME_PRIOR]]
-    )
-    values = np.zeros(10)
-    weight_of = np.ones(0)
+    prior = _prior(imu, autopilot)
+    values = np.zeros(_COUNT)
+    weight = np.ones(0)
     for _ in range(iterations):
-        comparison = compare_with(_correction(values).apply(track))
+        comparison = compare_with(Correction.of(values).apply(track))
         chosen = windows(comparison, horizon)
         chosen = Windows(chosen.horizon, chosen.start[fitted], chosen.end[fitted], chosen.excluded)
         if not len(chosen.start):
             return None
         size = 9 if comparison.has_position else 3
         expected = budget(comparison, chosen, imu, autopilot)
-        jacobian, covariance = _jacobian(expected)[:, :size], _rest(expected)[:, :size, :size]
+        jacobian, covariance = _jacobian(expected, comparison, chosen)[:, :size], _rest(expected)[:, :size, :size]
         error = stacked(comparison, chosen)[:, :size]
-        if len(weight_of) != len(error):
-            weight_of = np.ones(len(error))
-        information, pull = np.diag(prior**-2.0), -values * prior**-2.0
-        step, information = _solve(error, jacobian, covariance, weight_of, information, pull)
+        if len(weight) != len(error):
+            weight = np.ones(len(error))
+        step, joint = _solve(error, jacobian, covariance, weight, prior, values)
         normalised = nees(error - jacobian @ step, covariance)
-        weight_of = np.minimum(1.0, np.sqrt(chi_square_95(size) / np.maximum(normalised, 1e-12)))
-        values = values + step
+        weight = np.minimum(1.0, chi_square_95(size) / np.maximum(normalised, 1e-12))
+        values = values + step[:_COUNT]
+        if (np.abs(step[:_COUNT]) < _STILL * np.sqrt(np.diag(joint)[:_COUNT])).all():
+            break
     spread = float(np.median(normalised)) / size
-    sigma = np.sqrt(np.diag(np.linalg.inv(information)) * max(1.0, spread))
+    joint = joint * max(1.0, spread)
+    for part, readings, each in (
+        ("gyro_bias", track.gyro, track.gyro_step),
+        ("accel_bias", track.accel, track.accel_step),
+    ):
+        joint[PARTS[part], PARTS[part]] += np.diag(lasting_step_error(readings, each) ** 2)
+    return _calibration(values, joint, prior[:_COUNT], len(error), horizon, spread)
+
+
+def _calibration(values: Array, joint: Array, prior: Array, count: int, horizon: float, residual: float) -> Calibration:
+    """What the flight tells of figures with a joint covariance (32, 32)."""
+    own = joint[:_COUNT, :_COUNT]
+    sigma = np.sqrt(np.diag(own))
+    enough = _OBSERVABLE * np.maximum(prior, np.abs(values))  # a sensor may be off by more than its kind
+    seen = sigma < enough
+    biases = np.arange(_COUNT) < PARTS["accel_bias"].stop
+    # What tilt, mounting and bias explain together is put down to the bias, if the flight tells it then.
+    kept, left = _given_zero(values, own, ~seen & ~biases)
+    given = np.sqrt(np.diag(left))
+    assumed = ~seen & biases & (given < enough)
+    kept, _ = _given_zero(kept, left, ~seen & ~assumed)
+    alike = np.abs(joint / np.sqrt(np.outer(np.diag(joint), np.diag(joint))))
+    np.fill_diagonal(alike, 0.0)
+    partner = alike[:_COUNT].argmax(axis=1)
+    known = (*NAMES, *_LASTING)
+    vertical = np.zeros(_COUNT)
+    vertical[PARTS["accel_bias"].stop - 1], vertical[PARTS["accel_scale"].stop - 1] = 1.0, STANDARD_GRAVITY
     return Calibration(
-        correction=_correction(values),
+        correction=Correction.of(kept),
         values=values,
         sigma=sigma,
-        observable=tuple((sigma < _OBSERVABLE * prior).tolist()),
-        windows=len(error),
+        observable=tuple(seen.tolist()),
+        assumed=tuple(assumed.tolist()),
+        assumed_sigma=np.where(assumed, given, sigma),
+        confounded=tuple(
+            known[j] if not seen[i] and alike[i, j] > _CONFOUNDED else "" for i, j in enumerate(partner.tolist())
+        ),
+        level_force=(float(vertical @ values), float(np.sqrt(vertical @ own @ vertical))),
+        windows=count,
         horizon_s=horizon,
-        residual=spread,
+        residual=residual,
     )
 
 
-def _correction(values: Array) -> Correction:
-    return Correction(values[GYRO_BIAS], values[ACCEL_BIAS], values[MOUNTING], float(values[TIME_OFFSET]))
+def _given_zero(values: Array, covariance: Array, zero: BoolArray) -> tuple[Array, Array]:
+    """Values and covariance of the rest once some figures are taken to be zero (those have no covariance then)."""
+    rest = ~zero
+    gain = covariance[:, zero] @ np.linalg.pinv(covariance[np.ix_(zero, zero)], hermitian=True)
+    kept = np.where(rest, values - gain @ values[zero], 0.0)
+    return kept, (covariance - gain @ covariance[zero]) * np.outer(rest, rest)
 
 
-def _jacobian(expected: Budget) -> Array:
-    """(W, 9, 10) change of the error per unit of each unknown."""
+def _prior(imu: ImuFigures, autopilot: ReferenceFigures) -> Array:
+    """1σ (32,) of what is possible beforehand: the sensor's tolerances, then what lasts beside them.
+
+    No autopilot calibrates a gyro's scale, so there it is the part's tolerance; an accelerometer's is what is left when
+    it has been calibrated in six positions.
+    """
+    parts = {
+        "gyro_bias": imu.gyro.offset,
+        "accel_bias": imu.accel.offset,
+        "mounting": _MOUNTING_PRIOR,
+        "time_offset": _TIME_PRIOR,
+        "gyro_scale": imu.gyro.scale_tolerance,
+        "accel_scale": imu.accel.scale,
+        "gyro_misalignment": autopilot.misalignment,
+        "accel_misalignment": autopilot.misalignment,
+        "lever_arm": _LEVER_PRIOR,
+    }
+    lasting = (autopilot.tilt, autopilot.tilt, autopilot.heading, autopilot.gravity)
+    own = [np.full(place.stop - place.start, parts[name]) for name, place in PARTS.items()]
+    return np.asarray(np.maximum(np.concatenate([*own, lasting]), 1e-9))  # a setting may be zero
+
+
+def _jacobian(expected: Budget, comparison: Comparison, chosen: Windows) -> Array:
+    """(W, 9, 32) change of the error per unit of each unknown."""
     growth = expected.propagation
+    diagonal = np.arange(3)
+    gyro_rows, gyro_columns = zip(*GYRO_MISALIGNED, strict=True)
+    accel_rows, accel_columns = zip(*ACCEL_MISALIGNED, strict=True)
     return np.concatenate(
-        [growth.transition[:, :9, 9:15], turn_jacobian(growth), growth.time_offset[:, :, None]], axis=2
+        [
+            growth.transition[:, :9, 9:15],
+            turn_jacobian(growth),
+            growth.time_offset[:, :, None],
+            # the matrices are per error δ = E w that is taken off; here it is added
+            -growth.gyro_matrix[:, :, diagonal, diagonal],
+            -growth.accel_matrix[:, :, diagonal, diagonal],
+            -growth.gyro_matrix[:, :, gyro_rows, gyro_columns],
+            -growth.accel_matrix[:, :, accel_rows, accel_columns],
+            _lever_jacobian(comparison, chosen),
+            growth.transition[:, :9, :3] - np.eye(9, 3),  # both ends lean alike: the attitude itself does not show it
+            growth.gravity[:, :, None],
+        ],
+        axis=2,
     )
+
+
+def _lever_jacobian(comparison: Comparison, chosen: Windows) -> Array:
+    """(W, 9, 3): error per metre from the point that the autopilot reports to the IMU, FRD.
+
+    The IMU is at p + C r and moves with v + C (ω x r), but is started from v and p: the reckoning is of another point.
+    """
+    track, reference = comparison.track, comparison.reference
+    (c0, swing0), (c1, swing1) = (
+        (c, c @ np.cross(np.eye(3), track.gyro[i][:, None]))  # the rows of [ω]x are e x ω
+        for i in (chosen.start, chosen.end)
+        for c in (quaternion.to_matrix(reference.q_ned_frd[i]),)
+    )
+    tau = (track.t[chosen.end] - track.t[chosen.start])[:, None, None]
+    return np.concatenate([np.zeros_like(c0), swing0 - swing1, c0 + swing0 * tau - c1], axis=1)
 
 
 def _rest(expected: Budget) -> Array:
@@ -132,10 +217,13 @@ def _rest(expected: Budget) -> Array:
 
 
 def _solve(
-    error: Array, jacobian: Array, covariance: Array, weight: Array, information: Array, pull: Array
+    error: Array, jacobian: Array, covariance: Array, weight: Array, prior: Array, values: Array
 ) -> tuple[Array, Array]:
-    """One Gauss-Newton step and the information matrix after it."""
-    whitened = np.linalg.solve(covariance, np.concatenate([jacobian, error[..., None]], axis=2))
-    sums = np.einsum("w,wij,wik->jk", weight, jacobian, whitened)
-    information = information + sums[:, :-1]
-    return np.linalg.solve(information, sums[:, -1] + pull), information
+    """One Gauss-Newton step (32,) and the covariance (32, 32) after it; in units of the prior, which are alike."""
+    scaled = jacobian * prior
+    whitened = np.linalg.solve(covariance, np.concatenate([scaled, error[..., None]], axis=2))
+    sums = np.einsum("w,wij,wik->jk", weight, scaled, whitened)
+    pull = sums[:, -1].copy()
+    pull[: len(values)] -= values / prior[: len(values)]
+    joint = np.linalg.inv(sums[:, :-1] + np.eye(len(prior)))
+    return joint @ pull * prior, joint * np.outer(prior, prior)

@@ -15,6 +15,7 @@ class SensorFigures:
     offset: float  # u, the part's own bias before any calibration (tolerance)
     scale: float  # 1σ scale error after calibration, no unit
     full_scale: float  # u
+    scale_tolerance: float = 0.01  # 1σ scale error of the part before any calibration, no unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +44,8 @@ class ReferenceFigures:
 
 GENERIC = ImuFigures(
     "generic-mems",
-    SensorFigures(1.2e-4, 1.94e-5, 1.75e-3, 0.087, 1e-3, 34.9),
-    SensorFigures(1.57e-3, 3.0e-3, 0.098, 0.49, 2e-3, 157.0),
+    SensorFigures(1.2e-4, 1.94e-5, 1.75e-3, 0.087, 1e-3, 34.9, 0.01),
+    SensorFigures(1.57e-3, 3.0e-3, 0.098, 0.49, 2e-3, 157.0, 0.02),
     "no part is named",
 )
 """The middle of the parts in config/imu, for use without that library; there `generic-mems.toml` names the sources."""

@@ -19,8 +19,9 @@ from companion.analysis.budget import (
     stacked,
     window_noise,
 )
-from companion.analysis.calibrate import NO_CORRECTION, Calibration, Correction, calibrate
+from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
+from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.detect import findings
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.figures import ImuFigures, ReferenceFigures

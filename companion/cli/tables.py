@@ -10,8 +10,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import Assessment, Drift, Expected, Sibling, Statistic
+from companion.analysis import PARTS, Assessment, Drift, Expected, Sibling, Statistic
 
+_DEGREES = float(np.degrees(1.0))
 _REASONS = {
     "imu_gap": "hole in the IMU",
     "no_attitude": "no attitude",
@@ -25,6 +26,19 @@ _STATUS = {
     "autopilot_suspect": "red",
     "insufficient_data": "yellow",
 }
+_CALIBRATED = {
+    "gyro_bias": ("gyro bias", "mrad/s", 1e3, 2),
+    "accel_bias": ("accelerometer bias", "m/s²", 1.0, 3),
+    "gyro_scale": ("gyro scale", "%", 1e2, 2),
+    "accel_scale": ("accelerometer scale", "%", 1e2, 2),
+    "gyro_misalignment": ("gyro axes", "°", _DEGREES, 2),
+    "accel_misalignment": ("accelerometer axes", "°", _DEGREES, 2),
+    "mounting": ("mounting", "°", _DEGREES, 2),
+    "lever_arm": ("lever arm", "m", 1.0, 3),
+    "time_offset": ("lag", "ms", 1e3, 1),
+}
+"""Part of a calibration → its name here, unit, factor and decimals."""
+
 _SIGNS = {"error": "[red]✗[/]", "warning": "[yellow]![/]", "info": "·"}
 
 
@@ -123,17 +137,26 @@ def calibration_lines(found: Assessment) -> Iterator[str]:
     if fit is None:
         return
     yield f"Calibration from {fit.windows} windows of {fit.horizon_s:g} s (± one standard error):"
-    for name, unit, part, factor, digits in (
-        ("gyro bias", "mrad/s", slice(0, 3), 1e3, 2),
-        ("accelerometer bias", "m/s²", slice(3, 6), 1.0, 3),
-        ("mounting", "°", slice(6, 9), float(np.degrees(1.0)), 2),
-        ("lag", "ms", slice(9, 10), 1e3, 1),
-    ):
+    for part, (name, unit, factor, digits) in _CALIBRATED.items():
+        if not fit.told(part):
+            continue
+        place = PARTS[part]
         parts = [
             f"{value * factor:.{digits}f} ± {sigma * factor:.{digits}f}" if seen else "not observable"
-            for value, sigma, seen in zip(fit.values[part], fit.sigma[part], fit.observable[part], strict=True)
+            for value, sigma, seen in zip(fit.values[place], fit.sigma[place], fit.observable[place], strict=True)
         ]
-        yield f"  {name:<19}{', '.join(parts)}{f' {unit}' if any(fit.observable[part]) else ''}"
+        yield f"  {name:<19}{', '.join(parts)} {unit}"
+    untold = [name for part, (name, *_) in _CALIBRATED.items() if not fit.told(part)]
+    if untold:
+        yield f"  not observable     in this flight: {', '.join(untold)}"
+    place = PARTS["accel_bias"]
+    if any(fit.assumed[place]):
+        best = zip(fit.correction.accel_bias, fit.assumed_sigma[place], fit.assumed[place], strict=True)
+        parts = [f"{'xyz'[i]} {value:.3f} ± {sigma:.3f}" for i, (value, sigma, taken) in enumerate(best) if taken]
+        yield f"  if mounting is 0   accelerometer bias {', '.join(parts)} m/s²"
+    if not fit.observable[PARTS["accel_scale"]][2]:
+        value, sigma = fit.level_force
+        yield f"  at 1 g             z reads {value:.3f} ± {sigma:.3f} m/s² too much: bias and scale together"
     if found.corrected and found.uncorrected:
         before, after = found.uncorrected.rows[0], found.corrected.rows[0]
         text = f"{_pair(before.attitude_deg, after.attitude_deg)}°"

@@ -7,7 +7,7 @@ from dataclasses import asdict
 import msgspec
 import numpy as np
 
-from companion.analysis import Assessment, Calibration, Drift, DriftRow, Expected, Sibling, Statistic
+from companion.analysis import PARTS, Assessment, Calibration, Drift, DriftRow, Expected, Sibling, Statistic
 from companion.documents import schema
 from companion.examination import Examination
 from companion.recording import Recording, Source
@@ -142,20 +142,28 @@ def _calibration(fit: Calibration | None, before: Drift | None, after: Drift | N
     if fit is None:
         return None
 
-    def figure(part: slice) -> schema.FigureObject:
+    def figure(part: str) -> schema.FigureObject:
+        place = PARTS[part]
         return schema.FigureObject(
-            tuple(np.ravel(fit.values[part]).tolist()),
-            tuple(np.ravel(fit.sigma[part]).tolist()),
-            tuple(fit.observable[part]),
+            tuple(fit.values[place].tolist()),
+            tuple(fit.sigma[place].tolist()),
+            fit.observable[place],
+            tuple(other or None for other in fit.confounded[place]),
         )
 
     return schema.CalibrationObject(
         windows=fit.windows,
         horizon_s=fit.horizon_s,
-        gyro_bias_radps=figure(slice(0, 3)),
-        accel_bias_mps2=figure(slice(3, 6)),
-        mounting_rad=figure(slice(6, 9)),
-        time_offset_s=figure(slice(9, 10)),
+        gyro_bias_radps=figure("gyro_bias"),
+        accel_bias_mps2=figure("accel_bias"),
+        mounting_rad=figure("mounting"),
+        time_offset_s=figure("time_offset"),
+        gyro_scale=figure("gyro_scale"),
+        accel_scale=figure("accel_scale"),
+        gyro_misalignment_rad=figure("gyro_misalignment"),
+        accel_misalignment_rad=figure("accel_misalignment"),
+        lever_arm_m=figure("lever_arm"),
+        level_force_mps2=schema.EstimateObject(*fit.level_force),
         before=_drift(before.rows[0], None) if before else None,
         after=_drift(after.rows[0], None) if after else None,
     )

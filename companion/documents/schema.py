@@ -131,6 +131,14 @@ class FigureObject(msgspec.Struct, frozen=True):
     value: tuple[float, ...]
     sigma: tuple[float, ...]
     observable: tuple[bool, ...]
+    confounded: tuple[str | None, ...]
+
+
+class EstimateObject(msgspec.Struct, frozen=True):
+    """A number and its standard error."""
+
+    value: float
+    sigma: float
 
 
 class CalibrationObject(msgspec.Struct, frozen=True):
@@ -142,6 +150,12 @@ class CalibrationObject(msgspec.Struct, frozen=True):
     accel_bias_mps2: FigureObject
     mounting_rad: FigureObject
     time_offset_s: FigureObject
+    gyro_scale: FigureObject
+    accel_scale: FigureObject
+    gyro_misalignment_rad: FigureObject
+    accel_misalignment_rad: FigureObject
+    lever_arm_m: FigureObject
+    level_force_mps2: EstimateObject
     before: DriftObject | None
     after: DriftObject | None
 

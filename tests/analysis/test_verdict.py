@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis import GENERIC, Assessment, Finding, assess
+from companion.analysis import GENERIC, PARTS, Assessment, Finding, assess
 from companion.sensors import figures_of
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from companion.tracks import AttitudeTrack, Flight, PositionTrack
@@ -197,7 +197,7 @@ def test_the_lag_of_ardupilots_filter_is_found() -> None:
     flight = c.open_log(shared("sitl/copter-square-100hz.tlog"))[0]
     found = assess(flight, GENERIC)
     assert found.calibration
-    assert found.calibration.correction.time_offset == pytest.approx(0.012, abs=0.0015)
+    assert found.calibration.values[PARTS["time_offset"]] == pytest.approx(0.012, abs=0.0015)
 
 
 def test_a_stuck_axis() -> None:
