@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.analysis.budget import ATTITUDE, VELOCITY, turn_jacobian
-from companion.analysis.correction import NO_CORRECTION
 from companion.analysis.comparison import Comparison
+from companion.analysis.correction import NO_CORRECTION
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.residuals import ACCEL_BIAS, GYRO_BIAS, Residuals
 from companion.strapdown import quaternion
