@@ -68,8 +68,10 @@ def read_recording(
         source = Source(path, kind, board.size_bytes, board.frames, skipped_bytes=board.skipped_bytes)
         return Recording(source, (flight,) if flight else ())
     log = read_tlog(path, dialect=dialect, names=None if every_message else NEEDED, progress=progress)
-    found, others = flights(log, names, dequantise=dequantise)
-    return Recording(_source(log), tuple(found), tuple(others))
+    source, taken = _source(log), dict(log.messages)
+    del log  # `flights` lets go of what it has read
+    found, others = flights(taken, names, dequantise=dequantise)
+    return Recording(source, tuple(found), tuple(others))
 
 
 def open_log(path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bool = False) -> list[Flight]:

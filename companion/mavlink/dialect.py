@@ -63,23 +63,18 @@ class Dialect:
     crc_extra: npt.NDArray[np.int16]  # (largest id + 2,), -1 where no message has that id; the last entry is always -1
     min_length: npt.NDArray[np.uint8]  # same shape, bytes
     max_length: npt.NDArray[np.uint8]  # same shape, bytes
-    _enums: Mapping[str, Mapping[int, Any]]
+    enums: Mapping[str, Mapping[int, Any]]  # as pymavlink has them
 
     def has_enum(self, enum: str) -> bool:
         """Whether the dialect has an enum of this name."""
-        return enum in self._enums
+        return enum in self.enums
 
-    def enum_names(self, enum: str) -> dict[int, str]:
+    def enum_names(self, enum: str) -> Mapping[int, str]:
         """Value -> name of an enum ("MAV_AUTOPILOT" -> {3: "MAV_AUTOPILOT_ARDUPILOTMEGA", ...}).
 
         Raises SettingsError, with the nearest names, if the dialect has no such enum.
         """
-        try:
-            entries = self._enums[enum]
-        except KeyError:
-            raise SettingsError(f"The dialect {self.name} has no enum {enum!r}.{_nearest(enum, self._enums)}") from None
-        # The generator ends each enum with a sentinel that is no value of it.
-        return {value: str(entry.name) for value, entry in entries.items() if not entry.name.endswith("_ENUM_END")}
+        return enum_names(self, enum)
 
 
 @cache
@@ -109,13 +104,18 @@ def load_dialect(name: str = DEFAULT_DIALECT) -> Dialect:
         crc_extra=crc_extra,
         min_length=min_length,
         max_length=max_length,
-        _enums=module.enums,
+        enums=module.enums,
     )
 
 
-def enum_names(dialect: Dialect, enum: str) -> dict[int, str]:
+@cache
+def enum_names(dialect: Dialect, enum: str) -> Mapping[int, str]:
     """`dialect.enum_names(enum)`, as a function."""
-    return dialect.enum_names(enum)
+    if not dialect.has_enum(enum):
+        raise SettingsError(f"The dialect {dialect.name} has no enum {enum!r}.{_nearest(enum, dialect.enums)}")
+    # The generator ends each enum with a sentinel that is no value of it.
+    entries = dialect.enums[enum].items()
+    return MappingProxyType({value: str(e.name) for value, e in entries if not e.name.endswith("_ENUM_END")})
 
 
 @cache

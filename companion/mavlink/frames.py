@@ -116,20 +116,24 @@ class Decoder:
         data[len(self._carry) : size] = chunk
         base = self._base
 
-        conforming, others = find_headers(data, self._scan - base, size, self.dialect)
-        cut = cut_headers(data, self._scan - base, size)
-        complete = conforming.end <= size
-        if not complete.all():
-            cut = np.concatenate((cut, conforming.start[~complete]))
-            conforming = conforming[complete]
-        right = crc_is_right(data, conforming, self.dialect)
-        frames = without_overlap(conforming if right.all() else conforming[right])
-        decided = size if final else _first_uncovered(cut, frames, size)
-        if len(frames) and frames.start[-1] >= decided:
-            frames = frames[frames.start < decided]
+        second, first, others = find_headers(data, self._scan - base, size, self.dialect)
+        cut = [cut_headers(data, self._scan - base, size)]
+        good, bad = [], []
+        # Apart, for one of them is almost always empty when it comes to sorting them together.
+        for conforming in (second, first):
+            complete = conforming.end <= size
+            cut.append(conforming.start[~complete])
+            whole = conforming[complete]
+            right = crc_is_right(data, whole, self.dialect)
+            good.append(whole[right])
+            bad.append(whole[~right])
+        frames = without_overlap(merge(*good))
+        decided = size if final else _first_uncovered(np.concatenate(cut), frames, size)
+        frames = frames[: int(np.searchsorted(frames.start, decided))]
         frames, unknown, decided = self._search_gaps(data, others, frames, decided, size, final=final)
 
-        self._count_bad(conforming[~right & (conforming.start < decided)], frames, decided, final=final)
+        wrong = merge(*bad)
+        self._count_bad(wrong[wrong.start < decided], frames, decided, final=final)
         self._walk_gaps(data, frames, unknown, decided)
         result = self._frames(data, frames)
 
@@ -172,7 +176,7 @@ class Decoder:
                 decided = begin if begin < decided < end else decided
         if len(odd):
             frames = without_overlap(merge(frames, odd[odd.end <= decided]))
-        return frames[frames.start < decided], unknown, decided
+        return frames[: int(np.searchsorted(frames.start, decided))], unknown, decided
 
     def _frames(self, data: Bytes, frames: Headers) -> Frames:
         """Read what else the headers say."""

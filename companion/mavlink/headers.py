@@ -31,29 +31,34 @@ class Headers:
     end: Index
     id: Index
 
-    def __getitem__(self, index: npt.NDArray[np.bool_] | Index) -> Headers:
+    def __getitem__(self, index: npt.NDArray[np.bool_] | Index | slice) -> Headers:
+        if isinstance(index, np.ndarray) and index.dtype == np.bool_:
+            if index.all():
+                return self
+            index = np.flatnonzero(index)  # once, not once for each column
         return Headers(self.start[index], self.payload[index], self.length[index], self.end[index], self.id[index])
 
     def __len__(self) -> int:
         return len(self.start)
 
 
-def find_headers(data: Bytes, low: int, size: int, dialect: Dialect) -> tuple[Headers, Index]:
+def find_headers(data: Bytes, low: int, size: int, dialect: Dialect) -> tuple[Headers, Headers, Index]:
     """Conforming headers in `data[low:size]`: known id, understood flags, and for MAVLink 1 a length of the layout.
 
-    They may reach beyond `size`; those whose header itself does are left to `cut_headers`. Also every position, in no
-    order, where any other header could begin, for `strange_headers`.
+    Those of MAVLink 2, those of MAVLink 1, and every position, in no order, where any other header could begin, for
+    `strange_headers`. They may reach beyond `size`; those whose header itself does are left to `cut_headers`.
     """
     stop = max(size - HEADER_2 + 1, low)
-    start = np.flatnonzero((data[low:stop] == MAGIC_2) & (data[low + 2 : stop + 2] <= SIGNED)) + low
+    start = np.flatnonzero(data[low:stop] == MAGIC_2) + low
+    start = start[data[start + 2] <= SIGNED]
     second = _version_2(data, start)
     known = _is_known(second, dialect)
     others = np.flatnonzero(data[low : max(size - HEADER_1 + 1, low)] == MAGIC_1) + low
+    first = _version_1(data, others)
     if not known.all():
         others = np.concatenate((others, start[~known]))
         second = second[known]
-    first = _version_1(data, others[data[others] == MAGIC_1])
-    return merge(second, first[_is_known(first, dialect) & _fits(first, dialect)]), others
+    return second, first[_is_known(first, dialect) & _fits(first, dialect)], others
 
 
 def strange_headers(data: Bytes, start: Index, dialect: Dialect) -> tuple[Headers, Headers]:
@@ -116,8 +121,8 @@ def crc_may_be_right(data: Bytes, headers: Headers) -> npt.NDArray[np.bool_]:
 
 
 def merge(left: Headers, right: Headers) -> Headers:
-    if len(right) == 0:
-        return left
+    if len(left) == 0 or len(right) == 0:
+        return left if len(left) else right
     both = Headers(
         np.concatenate((left.start, right.start)),
         np.concatenate((left.payload, right.payload)),

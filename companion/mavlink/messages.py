@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,17 +74,9 @@ def as_bytes(rows: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
 
 def split_messages(frames: Frames, dialect: Dialect, names: Collection[str] | None = None) -> dict[str, Messages]:
     """Frames as columns per message type. `names`: the types whose rows are gathered (None: all)."""
-    if len(frames) == 0:
-        return {}
-    number = frames.id
-    if int(number.max()) < 1 << 16:
-        number = number.astype(np.uint16)  # NumPy sorts 16-bit integers by radix
-    order = np.argsort(number, kind="stable")
-    ordered = number[order]
     times = log_time(frames.stamp)
     found = {}
-    for index in np.split(order, np.flatnonzero(ordered[1:] != ordered[:-1]) + 1):
-        layout = dialect.by_id[int(number[index[0]])]
+    for layout, index in grouped(frames, dialect):
         wanted = names is None or layout.name in names
         found[layout.name] = Messages(
             layout=layout,
@@ -97,6 +89,19 @@ def split_messages(frames: Frames, dialect: Dialect, names: Collection[str] | No
             rows=gather_rows(frames, index, layout) if wanted else np.empty(0, layout.dtype),
         )
     return found
+
+
+def grouped(frames: Frames, dialect: Dialect) -> Iterator[tuple[MessageLayout, Index]]:
+    """Each message type among the frames, and the indices of its frames in stream order."""
+    if len(frames) == 0:
+        return
+    number = frames.id
+    if int(number.max()) < 1 << 16:
+        number = number.astype(np.uint16)  # NumPy sorts 16-bit integers by radix
+    order = np.argsort(number, kind="stable")
+    ordered = number[order]
+    for index in np.split(order, np.flatnonzero(ordered[1:] != ordered[:-1]) + 1):
+        yield dialect.by_id[int(number[index[0]])], index
 
 
 def join(pieces: Sequence[Messages]) -> Messages:
@@ -116,14 +121,16 @@ def join(pieces: Sequence[Messages]) -> Messages:
     )
 
 
-def gather_rows(frames: Frames, index: Index, layout: MessageLayout) -> npt.NDArray[np.void]:
+def gather_rows(
+    frames: Frames, index: Index, layout: MessageLayout, *, out: Bytes | None = None
+) -> npt.NDArray[np.void]:
     """Payloads of `frames[index]`, all of type `layout`, as rows (K,) of layout.dtype.
 
     Zeros that MAVLink 2 trimmed off, and extension fields that MAVLink 1 lacks, are zero; bytes that a newer dialect
-    added behind are dropped.
+    added behind are dropped. out: (K, layout.max_length) to write them into.
     """
     width = layout.max_length
-    rows = np.empty((len(index), width), np.uint8)
+    rows = np.empty((len(index), width), np.uint8) if out is None else out
     column = np.arange(width, dtype=np.uint8)
     step = max(_BLOCK_BYTES // width, 1)
     for begin in range(0, len(index), step):

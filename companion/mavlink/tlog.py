@@ -6,7 +6,6 @@ replaces by the number of the link.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,11 +16,20 @@ from typing import Self
 import numpy as np
 
 from companion.errors import InputError
+from companion.mavlink.columns import Collected
 from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, load_dialect
 from companion.mavlink.encode import encode
 from companion.mavlink.frames import Decoder, Frames
-from companion.mavlink.logfile import CHUNK_BYTES, HEAD_BYTES, log_format, open_file, read_chunks, read_head
-from companion.mavlink.messages import Messages, join, log_time, split_messages
+from companion.mavlink.logfile import (
+    CHUNK_BYTES,
+    HEAD_BYTES,
+    is_compressed,
+    log_format,
+    open_file,
+    read_chunks,
+    read_head,
+)
+from companion.mavlink.messages import Messages, split_messages
 
 _OTHER_FORMATS = {"dataflash": "an ArduPilot DataFlash log (.bin)", "ulog": "a PX4 ULog (.ulg)"}
 
@@ -62,12 +70,15 @@ def read_tlog(
     spoken = load_dialect(dialect)
     head = read_head(path)
     decoder = Decoder(spoken, stamped=_is_stamped(head, spoken))
-    columns = _Columns(spoken, names)
+    columns = Collected(spoken, names)
+    size, read = path.stat().st_size, 0
+    known = not is_compressed(path)
     for chunk in read_chunks(path):
-        columns.add(decoder.push(chunk))
+        read += len(chunk)
+        columns.add(decoder.push(chunk), min(read / size, 1.0) if known else 0.0)
         if progress is not None:
             progress(len(chunk))
-    columns.add(decoder.finish())
+    columns.add(decoder.finish(), 1.0)
     if columns.count == 0:
         raise InputError(_no_mavlink(path, head, dialect))
     damage = decoder.damage
@@ -153,34 +164,6 @@ class TlogWriter:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-class _Columns:
-    """Collects frames chunk by chunk, as pieces of the columns of each message type."""
-
-    def __init__(self, dialect: Dialect, names: Collection[str] | None) -> None:
-        self._dialect = dialect
-        self._names = names
-        self._pieces: dict[str, list[Messages]] = {}
-        self.count = 0
-        self.first_log_time = self.last_log_time = math.nan
-
-    def add(self, frames: Frames) -> None:
-        """Take over what `frames` holds; their bytes are not kept."""
-        self.count += len(frames)
-        times = log_time(frames.stamp)
-        believable = times[np.isfinite(times)]
-        if len(believable):
-            self.last_log_time = float(believable[-1])
-            if math.isnan(self.first_log_time):
-                self.first_log_time = float(believable[0])
-        for name, piece in split_messages(frames, self._dialect, self._names).items():
-            self._pieces.setdefault(name, []).append(piece)
-
-    def messages(self) -> dict[str, Messages]:
-        """Everything by message name. Empties the collection on the way: no more than one type is held twice."""
-        names = sorted(self._pieces, key=lambda name: int(self._pieces[name][0].offset[0]))
-        return {name: join(self._pieces.pop(name)) for name in names}
 
 
 def _is_stamped(beginning: bytes, dialect: Dialect) -> bool:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.mavlink import Messages
 from companion.telemetry.clock import device_time
@@ -15,17 +16,24 @@ from companion.tracks import Array, MessageStats
 _ECHO_S = 2.0  # two identical frames within this time are one packet heard twice
 
 
-def arrivals(messages: Mapping[str, Messages]) -> Mapping[str, MessageStats]:
-    """The statistics of a flight's messages by name."""
-    return Lazy({name: partial(message_stats, messages[name]) for name in sorted(messages)})
+def arrivals(messages: Mapping[str, Messages], seconds: Mapping[str, Array]) -> Mapping[str, MessageStats]:
+    """The statistics of a flight's messages by name, each made when it is asked for; `seconds`: their known times.
+
+    By device time where the message carries it, else by the log's stamps. No message is kept for it, only its times.
+    """
+    makers: dict[str, Callable[[], MessageStats]] = {}
+    for name in sorted(messages):
+        one = messages[name]
+        own = device_time(one)
+        if own is None:
+            makers[name] = partial(_stamped, one.log_time, one.crc, one.seq)
+        else:
+            makers[name] = partial(arrival, seconds.get(name, own), _copies(one, own))
+    return Lazy(makers)
 
 
-def message_stats(messages: Messages) -> MessageStats:
-    """Count, rate, gap and copies; by device time where the message carries it, else by the log's stamps."""
-    own = device_time(messages)
-    if own is None:
-        return arrival(messages.log_time, _echoes(messages))
-    return arrival(own, _copies(messages, own))
+def _stamped(log_time: Array, crc: npt.NDArray[np.uint16], seq: npt.NDArray[np.uint8]) -> MessageStats:
+    return arrival(log_time, _echoes(log_time, crc, seq))
 
 
 def arrival(times: Array, duplicates: int) -> MessageStats:
@@ -48,10 +56,10 @@ def _copies(messages: Messages, own: Array) -> int:
     return int((rows[order[again]] == rows[order[again + 1]]).sum())
 
 
-def _echoes(messages: Messages) -> int:
+def _echoes(log_time: Array, crc: npt.NDArray[np.uint16], seq: npt.NDArray[np.uint8]) -> int:
     """How many frames without a device time are one that was heard just before: the same CRC, which covers `seq`."""
-    frame = messages.crc.astype(np.uint32) << 8 | messages.seq
+    frame = crc.astype(np.uint32) << 8 | seq
     order = np.argsort(frame, kind="stable")  # in file order among equals
     same = np.flatnonzero(np.diff(frame[order]) == 0)
-    apart = messages.log_time[order[same + 1]] - messages.log_time[order[same]]
+    apart = log_time[order[same + 1]] - log_time[order[same]]
     return int((apart < _ECHO_S).sum())

@@ -20,6 +20,7 @@ IMU_MESSAGES = ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_
 
 _INSTANCE = {"SCALED_IMU2": 1, "SCALED_IMU3": 2}
 
+_BLOCK = 8192  # samples
 _MOST = 1e4  # rad/s, m/s²: no sensor reads so much; NaN is not less either
 
 _WGS84_A, _WGS84_E2 = 6378137.0, 6.69437999014e-3  # semi-major axis, m; first eccentricity squared
@@ -61,8 +62,8 @@ def imu_track(messages: Messages, t: Array, *, dequantise: bool = False) -> tupl
     return track, notes
 
 
-def trimmed(track: ImuTrack, parameters: Mapping[str, float]) -> tuple[ImuTrack, str | None]:
-    """The track in the frame that ATTITUDE speaks of, and a note when that is not the one it was sent in.
+def trim(parameters: Mapping[str, float]) -> tuple[Array, str] | None:
+    """The rotation (3, 3) of an IMU into the frame that ATTITUDE speaks of, and a note; None where they are one.
 
     ArduPilot subtracts AHRS_TRIM from the attitude that it sends, but not from the IMU: both gyro and accelerometer are
     turned by R = from_euler(AHRS_TRIM_X, AHRS_TRIM_Y, 0). With a trim of 0.05/-0.06 rad: 39 m after 10 s without it,
@@ -70,11 +71,15 @@ def trimmed(track: ImuTrack, parameters: Mapping[str, float]) -> tuple[ImuTrack,
     """
     roll, pitch = parameters.get("AHRS_TRIM_X", 0.0), parameters.get("AHRS_TRIM_Y", 0.0)
     if not np.isfinite([roll, pitch]).all() or (roll == 0.0 and pitch == 0.0):
-        return track, None
+        return None
     cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
     turn = np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
-    turned = replace(track, gyro=track.gyro @ turn.T, accel=track.accel @ turn.T)
-    return turned, f"AHRS_TRIM ({roll:+.4f}, {pitch:+.4f}) rad applied to the IMUs"
+    return turn, f"AHRS_TRIM ({roll:+.4f}, {pitch:+.4f}) rad applied to the IMUs"
+
+
+def turned(track: ImuTrack, turn: Array) -> ImuTrack:
+    """The track in a frame that is turned by (3, 3)."""
+    return replace(track, gyro=track.gyro @ turn.T, accel=track.accel @ turn.T)
 
 
 def attitude_track(messages: Messages, t: Array) -> AttitudeTrack:
@@ -188,6 +193,14 @@ def _vector(messages: Messages, names: tuple[str, str, str], unit: str, dequanti
 
 def q_from_euler(roll: Array, pitch: Array, yaw: Array) -> Array:
     """Aerospace Euler angles (yaw, then pitch, then roll) to q_ned_frd, wxyz. Never used inside: messages only."""
+    q = np.empty((len(roll), 4))
+    for begin in range(0, len(roll), _BLOCK):  # what lies in between stays in cache
+        block = slice(begin, begin + _BLOCK)
+        q[block] = _q_from_euler(roll[block], pitch[block], yaw[block])
+    return q
+
+
+def _q_from_euler(roll: Array, pitch: Array, yaw: Array) -> Array:
     cr, sr = np.cos(roll / 2), np.sin(roll / 2)
     cp, sp = np.cos(pitch / 2), np.sin(pitch / 2)
     cy, sy = np.cos(yaw / 2), np.sin(yaw / 2)

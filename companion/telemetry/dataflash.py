@@ -43,10 +43,9 @@ def dataflash_flight(log: DataflashLog, dialect: Dialect) -> Flight | None:
     core, notes = _primary_core(records)
     imus = _imus(records)
     attitude = _attitude(records, core, imus)
-    if attitude is not None and attitude.source == "ATT":
-        trimmed = {name: convert.trimmed(track, parameters) for name, track in imus.items()}
-        imus = {name: track for name, (track, _) in trimmed.items()}
-        notes += [note for _, note in trimmed.values() if note][:1]
+    if attitude is not None and attitude.source == "ATT" and (trim := convert.trim(parameters)):
+        imus = {name: convert.turned(track, trim[0]) for name, track in imus.items()}
+        notes.append(trim[1])
     begin, end = (float(edge(t[[0, -1]][i] for t in seconds.values())) for i, edge in ((0, min), (1, max)))
     vehicle = _vehicle(records, parameters)
     return Flight(

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 
-from companion.mavlink import Dialect
+from companion.mavlink import Dialect, Messages
 from companion.series import Event
 from companion.telemetry import convert
 from companion.telemetry.arrival import arrivals
@@ -12,7 +15,7 @@ from companion.telemetry.clock import boot_seconds
 from companion.telemetry.epoch import system_epoch
 from companion.telemetry.events import heartbeat_events
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
-from companion.telemetry.split import Boot, Bystander, HasMessages, boots, describe, senders
+from companion.telemetry.split import Boot, Bystander, boots, describe, senders
 from companion.tracks import (
     Array,
     AttitudeTrack,
@@ -35,27 +38,67 @@ NEEDED = _TIMED | {"PARAM_VALUE", "AUTOPILOT_VERSION", "GPS_GLOBAL_ORIGIN", "HOM
 """Messages whose fields a flight is made of."""
 
 
-def flights(log: HasMessages, dialect: Dialect, *, dequantise: bool = False) -> tuple[list[Flight], list[Bystander]]:
-    """Every flight of the log, vehicles in order of their ids, boots in order of time; and who else speaks in it."""
+def flights(
+    messages: dict[str, Messages], dialect: Dialect, *, dequantise: bool = False
+) -> tuple[list[Flight], list[Bystander]]:
+    """Every flight in the messages, vehicles in order of their ids, boots in time's; and who else speaks in them.
+
+    The messages are taken over: the dictionary is empty afterwards, and what has become a track is let go at once, so
+    that a large log is not held twice.
+    """
     found: list[Flight] = []
     others: list[Bystander] = []
-    for ids, sender in sorted(senders(log).items()):
+    speaking = senders(messages)
+    messages.clear()
+    for ids in sorted(speaking):
+        sender = speaking.pop(ids)
         vehicle, notes = describe(ids, sender, dialect)
         if isinstance(vehicle, Bystander):
             others.append(vehicle)
             continue
-        known: dict[str, float] = {}
-        for boot in boots(vehicle, sender):
-            if "PARAM_VALUE" in boot.messages:  # parameters outlive a reboot, and are seldom read again after it
-                bytewise = vehicle.autopilot == "PX4"
-                known = known | convert.parameters(boot.messages["PARAM_VALUE"], bytewise=bytewise)
-            found.append(_flight(boot, known, notes, dialect, dequantise))
+        found += _boots_of(vehicle, sender, notes, dialect, dequantise)
     return found, others
 
 
-def _flight(
-    boot: Boot, parameters: dict[str, float], said: tuple[str, ...], dialect: Dialect, dequantise: bool
-) -> Flight:
+def _boots_of(
+    vehicle: Vehicle, sender: dict[str, Messages], said: tuple[str, ...], dialect: Dialect, dequantise: bool
+) -> list[Flight]:
+    """The flights of one vehicle. First all but the tracks; then message by message the tracks of all its boots.
+
+    So the messages of a type are let go before the next become tracks.
+    """
+    begun: list[tuple[Boot, dict[str, Array], Flight]] = []
+    parameters: dict[str, float] = {}
+    for boot in boots(vehicle, sender):
+        if "PARAM_VALUE" in boot.messages:  # parameters outlive a reboot, and are seldom read again after it
+            bytewise = vehicle.autopilot == "PX4"
+            parameters = parameters | convert.parameters(boot.messages["PARAM_VALUE"], bytewise=bytewise)
+        begun.append((boot, *_without_tracks(boot, parameters, said, dialect)))
+    tracks: list[tuple[dict[str, ImuTrack], list[str]]] = [({}, []) for _ in begun]
+    for name in convert.IMU_MESSAGES:
+        for (boot, seconds, flight), (imus, notes) in zip(begun, tracks, strict=True):
+            if name in boot.messages:
+                track, told = convert.imu_track(boot.messages.pop(name), seconds.pop(name), dequantise=dequantise)
+                notes.extend(told)
+                if track is not None:
+                    trim = convert.trim(flight.parameters) if _is_ardupilot(vehicle) else None
+                    imus[name] = convert.turned(track, trim[0]) if trim else track
+    return [
+        replace(
+            flight,
+            imus=imus,
+            attitude=_attitude(boot, seconds),
+            position=_position(boot, seconds),
+            notes=(*flight.notes, *notes, *_doubts(vehicle, imus, flight.parameters)),
+        )
+        for (boot, seconds, flight), (imus, notes) in zip(begun, tracks, strict=True)
+    ]
+
+
+def _without_tracks(
+    boot: Boot, parameters: dict[str, float], said: tuple[str, ...], dialect: Dialect
+) -> tuple[dict[str, Array], Flight]:
+    """The boot times of its messages, and its flight as far as it needs no track."""
     seconds: dict[str, Array] = {}
     notes = [*said, *boot.notes]
     for name, messages in boot.messages.items():
@@ -64,16 +107,12 @@ def _flight(
         seconds[name], shift = boot_seconds(messages, boot.clock)
         if shift and name in convert.IMU_MESSAGES:
             notes.append(f"{name}.time_usec runs {shift:+.3f} s from time_boot_ms: taken out")
-    imus, imu_notes = _imus(boot, seconds, parameters, dequantise)
     first, last = _span(boot)
-    return Flight(
+    return seconds, Flight(
         vehicle=boot.vehicle,
         boot=boot.number,
         start=first,
         duration=last - first,
-        imus=imus,
-        attitude=_attitude(boot, seconds),
-        position=_position(boot, seconds),
         origin=_origin(boot),
         epoch=system_epoch(boot.messages.get("SYSTEM_TIME"), boot.clock),
         home=convert.home(boot.messages["HOME_POSITION"]) if "HOME_POSITION" in boot.messages else None,
@@ -81,8 +120,8 @@ def _flight(
         events=_events(boot, seconds, dialect),
         parameters=parameters,
         texts=_texts(boot, seconds),
-        messages=arrivals(boot.messages),
-        notes=(*notes, *imu_notes),
+        messages=arrivals(boot.messages, seconds),
+        notes=tuple(notes),
     )
 
 
@@ -94,29 +133,18 @@ def _span(boot: Boot) -> tuple[float, float]:
     return 0.0, float(stamps.max() - stamps.min())
 
 
-def _imus(
-    boot: Boot, seconds: dict[str, Array], parameters: dict[str, float], dequantise: bool
-) -> tuple[dict[str, ImuTrack], list[str]]:
-    imus: dict[str, ImuTrack] = {}
-    notes: list[str] = []
-    trim = None
-    for name in convert.IMU_MESSAGES:
-        if name not in boot.messages:
-            continue
-        track, said = convert.imu_track(boot.messages[name], seconds[name], dequantise=dequantise)
-        notes += said
-        if track is None:
-            continue
-        if _is_ardupilot(boot.vehicle):
-            track, trim = convert.trimmed(track, parameters)
-        imus[name] = track
-    if imus and _is_ardupilot(boot.vehicle) and "AHRS_TRIM_X" not in parameters:
-        trim = "AHRS_TRIM is not in the log: if the board is trimmed, the accelerometer looks tilted by it"
-    if boot.vehicle.autopilot == "PX4" and imus.keys() == {"HIGHRES_IMU"}:
-        notes.append(
-            "HIGHRES_IMU is all there is: PX4 has subtracted its EKF's biases, so it is no independent witness"
-        )
-    return imus, notes + ([trim] if trim else [])
+def _doubts(vehicle: Vehicle, imus: Mapping[str, ImuTrack], parameters: Mapping[str, float]) -> list[str]:
+    """What is to be known of a flight's IMUs as a whole."""
+    if not imus:
+        return []
+    if vehicle.autopilot == "PX4" and imus.keys() == {"HIGHRES_IMU"}:
+        return ["HIGHRES_IMU is all there is: PX4 has subtracted its EKF's biases, so it is no independent witness"]
+    if not _is_ardupilot(vehicle):
+        return []
+    if "AHRS_TRIM_X" not in parameters:
+        return ["AHRS_TRIM is not in the log: if the board is trimmed, the accelerometer looks tilted by it"]
+    trim = convert.trim(parameters)
+    return [trim[1]] if trim else []
 
 
 def _is_ardupilot(vehicle: Vehicle) -> bool:
@@ -126,7 +154,7 @@ def _is_ardupilot(vehicle: Vehicle) -> bool:
 def _attitude(boot: Boot, seconds: dict[str, Array]) -> AttitudeTrack | None:
     """The better sampled of ATTITUDE_QUATERNION and ATTITUDE."""
     names = ("ATTITUDE_QUATERNION", "ATTITUDE")
-    tracks = [convert.attitude_track(boot.messages[n], seconds[n]) for n in names if n in boot.messages]
+    tracks = [convert.attitude_track(boot.messages.pop(n), seconds[n]) for n in names if n in boot.messages]
     usable = [track for track in tracks if len(track) > 1]
     return max(usable, key=len) if usable else None
 
@@ -134,7 +162,7 @@ def _attitude(boot: Boot, seconds: dict[str, Array]) -> AttitudeTrack | None:
 def _position(boot: Boot, seconds: dict[str, Array]) -> PositionTrack | None:
     """LOCAL_POSITION_NED, unless GLOBAL_POSITION_INT covers more than twice its time."""
     names = ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
-    tracks = [convert.position_track(boot.messages[n], seconds[n]) for n in names if n in boot.messages]
+    tracks = [convert.position_track(boot.messages.pop(n), seconds[n]) for n in names if n in boot.messages]
     usable = [track for track in tracks if len(track) > 1]
     if not usable:
         return None

@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 
@@ -40,26 +39,18 @@ class Boot:
 
     vehicle: Vehicle
     number: int  # 1 for the first in the log
-    messages: Sender
+    messages: Sender  # for its taker to empty
     clock: Clock
     notes: tuple[str, ...]
 
 
-class HasMessages(Protocol):
-    """A log, or what has arrived of a stream so far."""
-
-    @property
-    def messages(self) -> Mapping[str, Messages]:
-        """By name, each in the order of arrival."""
-
-
-def senders(log: HasMessages) -> dict[tuple[int, int], Sender]:
-    """The log's messages by (sysid, compid) of who sent them."""
+def senders(messages: Mapping[str, Messages]) -> dict[tuple[int, int], Sender]:
+    """Messages (by name, each in the order of arrival) by (sysid, compid) of who sent them."""
     found: dict[tuple[int, int], Sender] = {}
-    for name, messages in log.messages.items():
-        who = messages.sysid.astype(np.uint16) << 8 | messages.compid
+    for name, one in messages.items():
+        who = one.sysid.astype(np.uint16) << 8 | one.compid
         for key in np.flatnonzero(np.bincount(who)).tolist():
-            found.setdefault((key >> 8, key & 255), {})[name] = messages.select(who == key)
+            found.setdefault((key >> 8, key & 255), {})[name] = one.select(who == key)
     return found
 
 
@@ -93,7 +84,11 @@ def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect) -> tuple[Ve
 
 
 def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
-    """The vehicle's packets, cut where its clock starts again."""
+    """The vehicle's packets, cut where its clock starts again. `sender` is taken over: it is empty afterwards.
+
+    Of the last boot, which mostly is the only one, nothing is kept here, so that its taker can let go of what it has
+    read.
+    """
     clock = sender_clock(sender)
     edges = [0, *reboots(clock), len(clock.t)]
     for number, (first, last) in enumerate(pairwise(edges), 1):
@@ -120,10 +115,13 @@ def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
             )
             for name, m in sender.items()
         }
+        if last == len(clock.t):
+            sender.clear()
         if stale:
             cut = {name: m.select(m.offset >= own.offset[0]) for name, m in cut.items()}
         cut, own, stepped = _without_steps_back(cut, own)
-        yield Boot(vehicle, number, {n: m for n, m in cut.items() if len(m)}, own, (*notes, *stepped))
+        cut = {n: m for n, m in cut.items() if len(m)}
+        yield Boot(vehicle, number, cut, own, (*notes, *stepped))
 
 
 def _first_of(messages: Messages, clock: Clock, packet: int) -> int:

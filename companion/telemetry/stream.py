@@ -8,8 +8,7 @@ which bounds the work.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,13 +31,6 @@ _LASTING = {"PARAM_VALUE": "param_id", "AUTOPILOT_VERSION": None, "GPS_GLOBAL_OR
 
 _TELLING = frozenset({"HEARTBEAT", *_LASTING})
 """Rare messages that say what the vehicle is: `recent` looks at all of them."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Columns:
-    """Messages by name, as a log has them."""
-
-    messages: Mapping[str, Messages]
 
 
 class Stream:
@@ -104,11 +96,11 @@ class Stream:
         return sum(len(column) for column in self._columns.values())
 
     def _flights(self, messages: dict[str, Messages]) -> list[Flight]:
-        columns = Columns(dict(sorted(messages.items(), key=lambda item: int(item[1].offset[0]))))
-        found, _ = flights(columns, self.dialect, dequantise=self._dequantise)
+        ordered = dict(sorted(messages.items(), key=lambda item: int(item[1].offset[0])))
+        found, _ = flights(dict(ordered), self.dialect, dequantise=self._dequantise)
         if self.window_s is None and messages.keys() == self._columns.keys():
             return found
-        earlier = {who: self._reboots_before(who, sender) for who, sender in senders(columns).items()}
+        earlier = {who: self._reboots_before(who, sender) for who, sender in senders(ordered).items()}
         return [self._placed(flight, earlier[flight.vehicle.sysid, flight.vehicle.compid]) for flight in found]
 
     def _reboots_before(self, who: tuple[int, int], sender: dict[str, Messages]) -> int:
