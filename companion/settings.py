@@ -75,6 +75,7 @@ class LiveSettings(_Section, frozen=True):
     imu_hz: Positive = 100.0
     attitude_hz: Positive = 50.0
     position_hz: Positive = 20.0
+    window_min: Annotated[float, msgspec.Meta(ge=0.5, le=240)] = 10.0
     sysid: Annotated[int, msgspec.Meta(ge=1, le=254)] = 240
     compid: Annotated[int, msgspec.Meta(ge=1, le=255)] = 191
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 
 from companion.cli import options
 from companion.errors import SettingsError
-from companion.mavlink import Choice, Link, Session
+from companion.mavlink import Choice, Link, Recorder, Session
 from companion.settings import Settings
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -28,14 +28,23 @@ def add_link(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", metavar="FILE", help="settings file; config/default.toml describes every key")
     parser.add_argument("--dialect", metavar="NAME", help="MAVLink dialect (default: ardupilotmega)")
     parser.add_argument("--vehicle", metavar="SYSID[:COMPID]", help="the vehicle to ask (default: the first heard)")
+    add_manners(parser)
+    parser.add_argument("-o", "--output", metavar="FILE", help=OUTPUT)
+
+
+OUTPUT = "a new .tlog to record into (default: YYYY-MM-DD hh-mm-ss.tlog in this folder)"
+
+
+def add_manners(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
+    """What may be asked of the vehicle."""
     parser.add_argument("--rate", type=float, metavar="HZ", help="how often to ask for the IMU (default: 100)")
     parser.add_argument("--listen-only", action="store_true", help="send nothing at all, ever")
 
 
-def open_link(arguments: argparse.Namespace, settings: Settings) -> Link:
+def open_link(address: str, arguments: argparse.Namespace, settings: Settings) -> Link:
     """The link that was named."""
     return Link(
-        arguments.link,
+        address,
         dialect=settings.log.dialect,
         listen_only=arguments.listen_only,
         sysid=settings.live.sysid,
@@ -62,6 +71,16 @@ def until_told() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def conclude(link: Link, recorder: Recorder) -> None:
+    """Say what has been recorded; a recording of nothing is not left behind."""
+    if not link.health.frames:
+        if recorder.path.is_file():
+            recorder.path.unlink()
+        options.say("nothing was received, so nothing is recorded: does the vehicle send to this address?")
+        return
+    print(f"{recorder.path}: {recorder.size_bytes:,} bytes, {link.health.frames:,} frames", flush=True)
 
 
 class StatusLine:

@@ -37,13 +37,18 @@ _LARGE_BYTES = 20_000_000
 
 
 def add_command(
-    commands: argparse._SubParsersAction[argparse.ArgumentParser], name: str, summary: str, example: str
+    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+    name: str,
+    summary: str,
+    example: str,
+    *,
+    takes_link: bool = False,
 ) -> argparse.ArgumentParser:
-    """A command that takes a log, with the options that every such command has."""
+    """A command that takes a log, with the options that every such command has. takes_link: or a link."""
     parser = commands.add_parser(name, help=summary, description=summary, epilog=f"example: {example}")
-    parser.add_argument(
-        "log", metavar="LOG", help="a log: .tlog, ArduPilot .bin, PX4 .ulg; or demo for the bundled flight"
-    )
+    log = "a log: .tlog, ArduPilot .bin, PX4 .ulg; or demo for the bundled flight"
+    link = ", or a link: udpin:HOST:PORT, tcp:HOST:PORT, /dev/ttyACM0[:BAUD]" if takes_link else ""
+    parser.add_argument("log", metavar="LOG|LINK" if takes_link else "LOG", help=log + link)
     parser.add_argument("--config", metavar="FILE", help="settings file; config/default.toml describes every key")
     parser.add_argument("--dialect", metavar="NAME", help="MAVLink dialect (default: ardupilotmega)")
     return parser

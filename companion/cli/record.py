@@ -15,9 +15,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     example = "example: companion record udpin:0.0.0.0:14550 -o flight.tlog"
     parser = commands.add_parser("record", help=summary, description=summary, epilog=example)
     live.add_link(parser)
-    parser.add_argument(
-        "-o", "--output", metavar="FILE", help="a new .tlog (default: YYYY-MM-DD hh-mm-ss.tlog in this folder)"
-    )
     parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds")
     parser.set_defaults(run=run)
 
@@ -28,7 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     choice = live.choice_of(arguments, settings)
     with (
         live.until_told() as told,
-        live.open_link(arguments, settings) as link,
+        live.open_link(arguments.link, arguments, settings) as link,
         Recorder(arguments.output) as recorder,
     ):
         session = Session(link, choice=choice, recorder=recorder)
@@ -40,10 +37,5 @@ def run(arguments: argparse.Namespace) -> int:
             status.show()
         session.leave()
         status.end()
-    if not link.health.frames:
-        if recorder.path.is_file():
-            recorder.path.unlink()
-        options.say("nothing was received, so nothing is recorded: does the vehicle send to this address?")
-        return 0
-    print(f"{recorder.path}: {recorder.size_bytes:,} bytes, {link.health.frames:,} frames", flush=True)
+    live.conclude(link, recorder)
     return 0

@@ -1,15 +1,20 @@
-"""`companion view LOG`: the replay in the browser."""
+"""`companion view`: a log replayed in the browser, or a link as it is now."""
 
 from __future__ import annotations
 
 import argparse
 import webbrowser
 from dataclasses import replace
+from pathlib import Path
 
 from companion.analysis import Assessment, expected_since_anchor, gravity_for, replay
-from companion.cli import options
+from companion.cli import live, options
+from companion.errors import SettingsError
 from companion.examination import assess_imu, integration_of
+from companion.mavlink import is_link
 from companion.tracks import Flight
+
+_OF_LINKS = ("rate", "listen-only", "output", "no-record")
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -17,8 +22,10 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = options.add_command(
         commands,
         "view",
-        "See the flight twice in the browser: as the autopilot had it and as the IMU alone would have it.",
-        "companion view flight.tlog --open",
+        "See the flight twice in the browser: as the autopilot had it and as the IMU alone would have it. "
+        "A log is replayed; a link is shown live, and recorded.",
+        "companion view flight.tlog --open, companion view udpin:0.0.0.0:14550",
+        takes_link=True,
     )
     options.add_flight_choice(parser)
     options.add_integration(parser)
@@ -31,12 +38,29 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         metavar="S",
         help="start again from the autopilot's state every S seconds; 0 lets it run free (default: 10)",
     )
+    on_link = parser.add_argument_group("on a link")
+    live.add_manners(on_link)
+    on_link.add_argument("-o", "--output", metavar="FILE", help=live.OUTPUT)
+    on_link.add_argument("--no-record", action="store_true", help="record nothing")
     parser.add_argument("--open", action="store_true", help="open the browser")
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve the replay until Ctrl-C."""
+    """Serve the page until Ctrl-C."""
+    if is_link(arguments.log) and not Path(arguments.log).is_file():
+        from companion.cli import view_link  # noqa: PLC0415  (viser is slow to import)
+
+        if arguments.boot is not None:
+            raise SettingsError("--boot chooses a flight of a log; a link shows the present one.")
+        return view_link.run(arguments)
+    given = [f"--{name}" for name in _OF_LINKS if getattr(arguments, name.replace("-", "_"))]
+    if given:
+        raise SettingsError(f"{' and '.join(given)} is for a link, and {arguments.log} is none.")
+    return _replay(arguments)
+
+
+def _replay(arguments: argparse.Namespace) -> int:
     from companion.view import (  # noqa: PLC0415  (viser is slow to import)
         Envelope,
         Mark,

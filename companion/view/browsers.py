@@ -30,8 +30,15 @@ class _Browser:
 class Browsers:
     """Who looks, and how. Only the view thread may call it."""
 
-    def __init__(self, server: viser.ViserServer, folder: viser.GuiFolderHandle, post: events.Post) -> None:
-        self._server, self._folder, self._post = server, folder, post
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        folder: viser.GuiFolderHandle,
+        post: events.Post,
+        *,
+        mode: CameraMode = "Free",
+    ) -> None:
+        self._server, self._folder, self._post, self._mode = server, folder, post, mode
         self._open: dict[int, _Browser] = {}
 
     def __len__(self) -> int:
@@ -43,10 +50,10 @@ class Browsers:
         if client is None or number in self._open:
             return
         with self._folder:  # the list is this browser's own, in the folder that all share
-            choose = client.gui.add_dropdown("Camera", CAMERA_MODES, order=-1.0)
+            choose = client.gui.add_dropdown("Camera", CAMERA_MODES, initial_value=self._mode, order=-1.0)
         listen(choose, self._post, lambda: events.SetCamera(number, choose.value))
         frame = client.scene.add_frame(WORLD, show_axes=False)
-        self._open[number] = _Browser(client, frame, Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)))
+        self._open[number] = _Browser(client, frame, Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), self._mode)
 
     def leave(self, number: int) -> None:
         """A page has been closed."""

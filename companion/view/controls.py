@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Literal
 
 import viser
 
 from companion.view import events
+
+Key = Literal[
+    "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "pageup", "pagedown", "home", "end", "A", "B", "I", "O"
+] | Literal["1", "2", "3", "4", "5", "6", "7", "8", "9"]  # fmt: skip
+"""Keys that viser knows, of those that are used."""
 
 
 def listen(handle: Any, post: events.Post, event: Callable[[], events.Event]) -> None:
@@ -47,3 +52,11 @@ def bounded(value: object, low: float, default: float, high: float) -> float:
     if not isinstance(value, int | float) or not math.isfinite(value):
         return default
     return min(max(float(value), low), high)
+
+
+def command(gui: viser.GuiApi, post: events.Post, name: str, key: Key, shift: bool, event: events.Event) -> None:
+    """Keys go through the command palette, which lists them under Ctrl-K."""
+
+    @gui.add_command(name, hotkey=key, modifier="shift" if shift else None).on_trigger
+    async def _(_: object) -> None:
+        post(event)

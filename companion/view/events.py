@@ -181,7 +181,55 @@ class Left:
     browser: int
 
 
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """Hold the live picture while the recording goes on, or follow it again; None: whichever it is not."""
+
+    paused: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LookBack:
+    """Hold the live picture and show the instant so many seconds before its end (0 or less)."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class StepBack:
+    """Hold the live picture and move by so many seconds."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class SetReanchor:
+    """Start again from the autopilot every so many seconds."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class AnchorNow:
+    """Start again from the autopilot at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class PickVehicle:
+    """Look at another vehicle of the link."""
+
+    vehicle: str
+
+
+@dataclass(frozen=True, slots=True)
+class PickRun:
+    """Show the charts of the free run, or those since the last anchor."""
+
+    free: bool
+
+
 Look = SetCamera | SetTrail | SetSize | SetRange | SetArrows | SetDark
 Move = Toggle | Seek | SeekShare | Step | StepSample | Jump | JumpToMark | SetSpeed | SetLoop | SetBackwards | SetPart
-Event = Move | Look | Choose | StartHere | PickFlight | PickCharts | Save | Joined | Left
+Live = Pause | LookBack | StepBack | SetReanchor | AnchorNow | PickVehicle | PickRun
+Event = Live | Move | Look | Choose | StartHere | PickFlight | PickCharts | Save | Joined | Left
 Post = Callable[[Event], None]

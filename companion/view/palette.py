@@ -5,6 +5,7 @@ from __future__ import annotations
 Rgb = tuple[int, int, int]
 
 IMU: Rgb = (230, 97, 1)  # vermillion: what the IMU alone says
+FREE: Rgb = (243, 170, 110)  # pale vermillion: the same IMU, left alone for longer
 AUTOPILOT: Rgb = (0, 114, 178)  # blue: what the autopilot says
 DIFFERENCE: Rgb = (204, 84, 152)  # reddish purple, a little deeper for thin lines: the error between both
 HEADING: Rgb = (0, 158, 115)  # bluish green: the heading part of the attitude error

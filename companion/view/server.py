@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ipaddress
 import socket
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -93,6 +94,8 @@ def _bindable(family: int, address: str, port: int) -> bool:
 def open_server(address: Address) -> viser.ViserServer:
     """Start viser's server there, without its banner, and closed to pages of other sites."""
     with _quiet():
+        # A page may be closed between two writes, and it does not miss what it is not sent.
+        warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
         server = viser.ViserServer(host=address.host, port=address.port, label="companion", verbose=False)
     admit_only_own_pages(server, address.host)
     return server

@@ -129,7 +129,7 @@ class Stage:
                 self._relayouts = [now + 1.0, now + 2.5, now + 5.0]  # a page is laid out after 1 to 3 s
             case events.Left(browser):
                 self._browsers.leave(browser)
-            case _:
+            case _ if isinstance(event, events.Move):
                 move(self.player, event, self._film, self._marks)
                 if isinstance(event, events.SetPart):
                     self._timeline.choose_part(self.player)

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 import viser
 
 from companion.view import events
-from companion.view.controls import button_row, listen, write
+from companion.view.controls import Key, button_row, command, listen, write
 from companion.view.marks import Mark, short, strip
 from companion.view.player import Player
-
-Key = Literal[
-    "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "pageup", "pagedown", "home", "end", "I", "O", "B"
-] | Literal["1", "2", "3", "4", "5", "6", "7", "8", "9"]  # fmt: skip
 
 WIDTH = 600  # pixels: what the panels leave of a window 1280 wide
 SPEEDS = ("0.1×", "0.2×", "0.5×", "1×", "2×", "5×", "10×", "20×", "50×")
@@ -95,9 +90,9 @@ class Timeline:
             post(events.Toggle())
 
         for name, key, shift, event in KEYS:
-            _command(gui, post, name, key, shift, event)
+            command(gui, post, name, key, shift, event)
         for i, key in enumerate(TENTHS, start=1):
-            _command(gui, post, f"To {i} tenths", key, False, events.SeekShare(i / 10))
+            command(gui, post, f"To {i} tenths", key, False, events.SeekShare(i / 10))
 
     def load(self, player: Player, marks: Sequence[Mark], anchors: Sequence[float]) -> None:
         """Fit the controls to what is shown now. Values set here come back as no events."""
@@ -137,11 +132,3 @@ def _number(name: str) -> int:
     """What an entry of the list of events begins with; 0 for none."""
     number = name.partition(":")[0]
     return int(number) if number.isdecimal() else 0
-
-
-def _command(gui: viser.GuiApi, post: events.Post, name: str, key: Key, shift: bool, event: events.Event) -> None:
-    """Keys go through the command palette, which lists them under Ctrl-K."""
-
-    @gui.add_command(name, hotkey=key, modifier="shift" if shift else None).on_trigger
-    async def _(_: object) -> None:
-        post(event)

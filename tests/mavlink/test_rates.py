@@ -150,6 +150,18 @@ def test_answers_to_others_are_not_taken_for_ours() -> None:
     assert rates.settled
 
 
+def test_two_vehicles_with_one_id_are_told_of_and_not_asked_for_ever() -> None:
+    rates = Rates(Target(1, 1), {"RAW_IMU": 100.0}, DIALECT, own_sysid=240)
+    packer, decoder, sent = Packer(1, 1), Decoder(DIALECT, stamped=False), 0
+    for i in range(2000):
+        packet = packer.pack("ATTITUDE", {"time_boot_ms": 1000 * (100 if i % 2 else 500) + 10 * i})
+        rates.hear(split_messages(decoder.push(packet), DIALECT), 0.01 * i)
+        sent += rates.next_request(0.01 * i) is not None
+    assert sum("two clocks speak as vehicle 1:1" in sentence for sentence in rates.said) == 1
+    assert len(rates.said) < 8
+    assert sent < 40
+
+
 def test_a_slow_line_is_not_asked_for_more_than_it_carries() -> None:
     fitting, warning = fit(WANTED, DIALECT, 5760.0)
     assert load(fitting, DIALECT) == pytest.approx(0.7 * 5760, rel=0.05)

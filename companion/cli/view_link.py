@@ -1,0 +1,165 @@
+"""`companion view LINK`: the live page, and the recording that goes on behind it."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import time
+import webbrowser
+from collections import deque
+from collections.abc import Sequence
+
+from companion.analysis import DriftRow
+from companion.cli import live, options
+from companion.cli.running_verdict import RunningVerdict
+from companion.errors import SettingsError
+from companion.examination import integration_of
+from companion.live import Attachment, Watch
+from companion.mavlink import Recorder, Session, State
+from companion.settings import Settings
+from companion.view import Judgement, LinkState, LiveViewer, Seen, StreamState
+
+_MOST_SAID = 100  # sentences that the page keeps
+_NOTES = {State.FINDING: "asking", State.ASKING: "asking", State.GIVEN_UP: "given up"}
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Serve the live page and record until Ctrl-C or SIGTERM; then give the vehicle its message intervals back."""
+    settings = options.settings_of(arguments)
+    if not settings.view.reanchor_s > 0:
+        raise SettingsError("--reanchor is positive on a link; the free run is shown beside it.")
+    with contextlib.ExitStack() as opened:
+        told = opened.enter_context(live.until_told())
+        link = opened.enter_context(live.open_link(arguments.log, arguments, settings))
+        recorder = None if arguments.no_record else opened.enter_context(Recorder(arguments.output))
+        session = Session(link, choice=live.choice_of(arguments, settings), recorder=recorder)
+        attachment = opened.enter_context(Attachment(session))
+        feed = _Feed(attachment, _watch(arguments, settings), arguments)
+        opened.callback(feed.close)
+        viewer = opened.enter_context(
+            LiveViewer(feed, window_s=60.0 * settings.live.window_min, host=settings.view.host, port=settings.view.port)
+        )
+        _announce(arguments, settings, viewer, recorder)
+        while not told() and not viewer.stopped:
+            for sentence in feed.news():
+                options.say(sentence)
+            attachment.check()
+            time.sleep(0.1)
+        attachment.close()  # first of all: the vehicle gets its intervals back
+        for sentence in feed.news():
+            options.say(sentence)
+        attachment.check()
+    if recorder is not None:
+        live.conclude(link, recorder)
+    return 0
+
+
+def _watch(arguments: argparse.Namespace, settings: Settings) -> Watch:
+    return Watch(
+        dialect=settings.log.dialect,
+        dequantise=settings.log.dequantise,
+        how=lambda flight: integration_of(settings, flight),
+        horizons=settings.drift.horizons_s,
+        imu=arguments.imu,
+        vehicle=arguments.vehicle,
+        reanchor_s=settings.view.reanchor_s,
+    )
+
+
+def _announce(arguments: argparse.Namespace, settings: Settings, viewer: LiveViewer, recorder: Recorder | None) -> None:
+    if viewer.port != settings.view.port:
+        options.say(f"port {settings.view.port} is taken: using {viewer.port}")
+    if viewer.warning:
+        options.say(viewer.warning)
+    where = f"recording into {recorder.path}" if recorder else "not recorded"
+    print(f"Live view of {arguments.log}, {where}: {viewer.url}  (Ctrl-C ends it)", flush=True)
+    if arguments.open:
+        webbrowser.open(viewer.url)
+
+
+class _Feed:
+    """What the live page looks at, from the link's thread and the verdict's process."""
+
+    def __init__(self, attachment: Attachment, watch: Watch, arguments: argparse.Namespace) -> None:
+        self.said: deque[str] = deque(maxlen=_MOST_SAID)
+        self._news: deque[str] = deque()
+        self._attachment, self._watch = attachment, watch
+        self._same = [
+            word
+            for name in ("config", "dialect", "imu", "method", "middle")
+            if (value := getattr(arguments, name)) is not None
+            for word in (f"--{name}", str(value))
+        ]
+        self._shown: list[str] = []
+        path = attachment.report.recording
+        self._verdict = RunningVerdict(path, lambda: [*self._same, *self._shown]) if path else None
+
+    @property
+    def reanchor_s(self) -> float:
+        return self._watch.reanchor_s
+
+    @reanchor_s.setter
+    def reanchor_s(self, seconds: float) -> None:
+        self._watch.reanchor_s = seconds
+
+    @property
+    def why_not(self) -> str:
+        return self._watch.why_not
+
+    @property
+    def vehicles(self) -> Sequence[str]:
+        return self._watch.vehicles
+
+    @property
+    def link(self) -> LinkState:
+        report = self._attachment.report
+        return LinkState(
+            link=report.link,
+            problem=report.problem,
+            streams=tuple(
+                StreamState(a.name, a.wanted_hz, a.received_hz, _NOTES.get(a.state, "")) for a in report.arriving
+            ),
+            frames=report.frames,
+            lost=report.lost,
+            recording=report.recording,
+            recorded_bytes=report.recorded_bytes,
+            recording_problem=report.recording_problem,
+        )
+
+    @property
+    def drift(self) -> Sequence[DriftRow]:
+        return self._watch.drift
+
+    @property
+    def judgement(self) -> Judgement:
+        return self._verdict.judgement if self._verdict else Judgement("", "No verdict without a recording.")
+
+    def look(self) -> Seen | None:
+        for sentence in self._attachment.said():
+            self.said.append(f"{time.strftime('%H:%M:%S')} {sentence}")
+            self._news.append(sentence)
+        self._watch.hear(self._attachment.fetch())
+        found = self._watch.look()
+        if found is None:
+            return None
+        present = found.present
+        self._shown = ["--vehicle", str(present.flight.vehicle), "--boot", str(present.flight.boot)]
+        return Seen(present.flight, present.imu, present.replay, found.free)
+
+    def pick(self, vehicle: str) -> None:
+        self._watch.pick(vehicle)
+
+    def anchor_now(self) -> None:
+        self._watch.anchor_now()
+
+    def news(self) -> list[str]:
+        """The sentences that the terminal has not shown yet."""
+        found = []
+        while self._news:
+            found.append(self._news.popleft())
+        return found
+
+    def close(self) -> None:
+        """End the verdict's process."""
+        if self._verdict is not None:
+            self._verdict.close()

@@ -1,0 +1,38 @@
+"""The live page as a resource."""
+
+from __future__ import annotations
+
+from companion.view.feed import Feed
+from companion.view.livestage import LOOK_HZ, LiveStage
+from companion.view.page import Page
+from companion.view.scene import Scene
+
+
+class LiveViewer(Page[LiveStage]):
+    """A link in the browser. A resource, see `Page`.
+
+    feed: belongs to the view thread from now on. window_s: how far charts and trails reach back.
+    """
+
+    def __init__(self, feed: Feed, *, window_s: float = 600.0, host: str = "127.0.0.1", port: int = 8080) -> None:
+        super().__init__(host, port, LOOK_HZ, lambda server, post: LiveStage(server, feed, window_s, post))
+
+    @property
+    def scene(self) -> Scene:
+        """The world. To be read: where the drones are and how they stand."""
+        return self._behind.scene
+
+    @property
+    def pose_updates(self) -> int:
+        """How often both poses have been written since the start."""
+        return self._behind.pose_updates
+
+    @property
+    def newest(self) -> float:
+        """The boot time, s, of the pose that was written last."""
+        return self._behind.newest
+
+    @property
+    def held(self) -> bool:
+        """Whether the picture is held while the recording goes on."""
+        return self._behind.held

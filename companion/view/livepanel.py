@@ -1,0 +1,120 @@
+"""What can be chosen and read beside the live picture. Nothing in here reaches the vehicle: anybody may press it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import viser
+
+from companion.view import events, livewords
+from companion.view.controls import Key, bounded, command, listen, write
+from companion.view.feed import Feed
+from companion.view.moment import Moment
+from companion.view.picture import PictureControls
+
+LONGEST_REANCHOR_S = 60.0
+
+
+class LivePanel:
+    """The controls. Built once; only the view thread may call it."""
+
+    def __init__(self, gui: viser.GuiApi, feed: Feed, window_s: float, post: events.Post) -> None:
+        self._vehicles: tuple[str, ...] = ()
+        self._banner = gui.add_html("")
+        self._pause = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
+        self._back = gui.add_slider(
+            "Look back, s", -window_s, 0.0, 0.1, 0.0, hint="The picture is held while the recording goes on"
+        )
+        self._legend = gui.add_html("")
+        self._numbers = gui.add_html("")
+        with gui.add_folder("Reckoning from the IMU"):
+            self._vehicle = gui.add_dropdown("Vehicle", ("none",), visible=False)
+            self._period = gui.add_number(
+                "Re-anchor, s",
+                float(feed.reanchor_s),
+                min=0.5,
+                max=LONGEST_REANCHOR_S,
+                step=0.5,
+                hint="Start again from the autopilot's state so often",
+            )
+            self._anchor = gui.add_button("Anchor now", icon=viser.Icon.ANCHOR, hint="Also begins the free run again")
+        with gui.add_folder("Verdict and drift so far"):
+            self._drift = gui.add_html("")
+        with gui.add_folder("Link"):
+            self._health = gui.add_html("")
+        with gui.add_folder("Said", expand_by_default=False):
+            self._said = gui.add_html("")
+        trails = {
+            "Last 30 s": events.SetTrail(30.0),
+            "Last 2 minutes": events.SetTrail(120.0),
+            "All that is kept": events.SetTrail(None),
+        }
+        self._picture = PictureControls(gui, trails, post)
+        self._listen(gui, post, window_s)
+
+    @property
+    def picture(self) -> viser.GuiFolderHandle:
+        """The folder in which each browser finds its own camera."""
+        return self._picture.folder
+
+    def introduce(self, vehicle: str, *, has_position: bool) -> None:
+        """Say who is shown."""
+        self._legend.content = livewords.legend(vehicle, has_position=has_position)
+
+    def show(self, moment: Moment, free: Sequence[float] | None, free_age_s: float, *, has_position: bool) -> None:
+        """Write the instant into the numbers."""
+        self._numbers.content = livewords.numbers(moment, free, free_age_s, has_position=has_position)
+
+    def report(self, feed: Feed, held_s: float | None) -> None:
+        """Write how everything stands. held_s: how long ago the held picture was; None: live."""
+        state = feed.link
+        for handle, content in (
+            (self._banner, livewords.banner(state, feed.why_not, held_s)),
+            (self._health, livewords.health(state)),
+            (self._drift, livewords.drift(feed.drift, feed.judgement)),
+            (self._said, livewords.sentences(feed.said)),
+        ):
+            if handle.content != content:
+                handle.content = content
+        self._offer(tuple(feed.vehicles))
+
+    def hold(self, at_s: float | None, duration_s: float) -> None:
+        """The picture is held at so many s before its end (0 or less); None: it is live. duration_s: how far back."""
+        paused = at_s is not None
+        self._pause.label = "Live" if paused else "Pause"
+        self._pause.icon = viser.Icon.PLAYER_PLAY if paused else viser.Icon.PLAYER_PAUSE
+        low = -max(round(duration_s, 1), 0.1)
+        if paused and self._back.min != low:
+            self._back.min = low
+        write(self._back, max(at_s or 0.0, low))
+
+    def _offer(self, vehicles: tuple[str, ...]) -> None:
+        if vehicles != self._vehicles and vehicles:
+            self._vehicles = vehicles
+            self._vehicle.options = vehicles
+            self._vehicle.visible = len(vehicles) > 1
+
+    def _listen(self, gui: viser.GuiApi, post: events.Post, window_s: float) -> None:
+        listen(self._back, post, lambda: events.LookBack(bounded(self._back.value, -window_s, 0.0, 0.0)))
+        listen(
+            self._period, post, lambda: events.SetReanchor(bounded(self._period.value, 0.5, 10.0, LONGEST_REANCHOR_S))
+        )
+        listen(self._vehicle, post, lambda: events.PickVehicle(self._vehicle.value))
+
+        @self._pause.on_click
+        async def _(_: object) -> None:
+            post(events.Pause())
+
+        @self._anchor.on_click
+        async def _(_: object) -> None:
+            post(events.AnchorNow())
+
+        keys: tuple[tuple[str, Key, events.Event], ...] = (
+            ("Pause, or live again", "space", events.Pause()),
+            ("Live", "end", events.Pause(paused=False)),
+            ("1 s back", "arrowleft", events.StepBack(-1.0)),
+            ("1 s on", "arrowright", events.StepBack(1.0)),
+            ("Anchor now", "A", events.AnchorNow()),
+        )
+        for name, key, event in keys:
+            command(gui, post, name, key, False, event)

@@ -1,0 +1,292 @@
+"""What stands behind the live page: where the vehicle is now, what is held of the past, what the browsers hear of it.
+
+Everything here runs in the view thread, which alone writes to viser and alone looks at the feed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import viser
+
+from companion.errors import DataError
+from companion.tracks import Array
+from companion.view import events, palette
+from companion.view.browsers import Browsers
+from companion.view.feed import Feed, Seen
+from companion.view.framing import (
+    FIELD_OF_VIEW,
+    CameraMode,
+    Framing,
+    camera,
+    frame,
+    grid_cell,
+    readable_span,
+    screen_up,
+)
+from companion.view.history import History, Past, free_errors, present
+from companion.view.livecharts import LiveCharts
+from companion.view.livepanel import LivePanel
+from companion.view.moment import Footage, Moment
+from companion.view.scene import WORLD, Scene
+from companion.view.shapes import drone_for
+from companion.view.wake import Wake
+
+LOOK_HZ = 20.0
+ALONE_HZ = 4.0  # looks while no browser is open
+PANEL_HZ, TRAIL_HZ, CHART_HZ = 4.0, 8.0, 2.0
+SIDE = 330  # width of either panel, pixels
+_MODE: CameraMode = "Follow"  # the camera of a vehicle that may fly anywhere
+
+
+class LiveStage:
+    """Built when the server is up, then turned over and over by the view thread."""
+
+    def __init__(self, server: viser.ViserServer, feed: Feed, window_s: float, post: events.Post) -> None:
+        self._server, self._feed = server, feed
+        self._history = History(window_s, LOOK_HZ)
+        self.pose_updates = 0
+        self.newest = 0.0  # s, boot clock, of the pose that was written last
+        self._shown: tuple[str, int] | None = None  # vehicle and boot
+        self._introduced: tuple[str, bool] | None = None  # IMU, and whether there is a position
+        self._film: Footage | None = None  # the present
+        self._free: tuple[tuple[float, ...], float, Array] | None = None  # errors, age s, position
+        self._held: tuple[Past, float] | None = None  # what is looked back at, and where, s before its end
+        self._trail = events.SetTrail(30.0)
+        self._size: float | None = 1.0
+        self._dark = False
+        self._relayouts: list[float] = []
+        self._due = dict.fromkeys(("look", "panel", "trails", "charts"), 0.0)
+        self._drone = drone_for("QUADROTOR")
+        self._theme()
+        self.scene = Scene(server.scene, self._drone)
+        self._ball = server.scene.add_icosphere(f"{WORLD}/free", 1.0, palette.FREE, visible=False, cast_shadow=False)
+        self._wakes = {
+            "autopilot": Wake(server.scene, f"{WORLD}/wake_autopilot", palette.AUTOPILOT, 2.5, window_s),
+            "imu": Wake(server.scene, f"{WORLD}/wake_imu", palette.IMU, 2.5, window_s),
+            "free": Wake(server.scene, f"{WORLD}/wake_free", palette.FREE, 2.0, window_s),
+        }
+        self._panel = LivePanel(server.gui, feed, window_s, post)
+        side = server.gui.add_panel()
+        with side.add_tab("Charts", viser.Icon.CHART_LINE):
+            self._charts = LiveCharts(server.gui, window_s, post)
+        server.gui.main_panel.dock_right()
+        server.gui.main_panel.set_width(SIDE)
+        side.dock_left()
+        side.set_width(SIDE)
+        self._browsers = Browsers(server, self._panel.picture, post, mode=_MODE)
+        self._framing = self._place(frame(np.zeros((2, 3))))
+
+    @property
+    def browsers(self) -> int:
+        """How many pages are open."""
+        return len(self._browsers)
+
+    @property
+    def held(self) -> bool:
+        """Whether the picture is held while the recording goes on."""
+        return self._held is not None
+
+    def close(self) -> None:
+        """Nothing works beside the view thread."""
+
+    def turn(self, now: float, dt: float) -> None:  # noqa: ARG002  (the vehicle's clock counts here)
+        """Look, and draw what is seen: at `now`, s of any steady clock."""
+        if self._is_due("look", LOOK_HZ if self.browsers else ALONE_HZ, now):
+            seen = self._feed.look()
+            if seen is not None:
+                self._take(seen)
+        moment = self._moment()
+        with self._server.atomic():
+            if moment is not None:
+                self.scene.show(moment)
+                self._browsers.show(moment)
+                self.pose_updates += 1
+                self.newest = moment.t
+            if self._is_due("panel", PANEL_HZ, now):
+                self._report(moment)
+            if self._is_due("trails", TRAIL_HZ, now):
+                self._trails()
+        if self._relayouts and now >= self._relayouts[0]:
+            self._relayouts.pop(0)
+            self._charts.relayout()
+        elif self._is_due("charts", CHART_HZ, now):
+            self._chart()
+
+    def handle(self, event: events.Event) -> None:
+        """Do what a control of a page asks for."""
+        match event:
+            case events.Pause(paused):
+                self._hold((0.0 if self._held is None else None) if paused is None else 0.0 if paused else None)
+            case events.LookBack(seconds):
+                self._hold(seconds)
+            case events.StepBack(seconds):
+                self._hold((self._held[1] if self._held else 0.0) + seconds)
+            case events.SetReanchor(seconds):
+                self._feed.reanchor_s = seconds
+            case events.AnchorNow():
+                self._feed.anchor_now()
+            case events.PickVehicle(vehicle):
+                if vehicle in self._feed.vehicles:
+                    self._feed.pick(vehicle)
+                    self._hold(None)
+            case events.PickRun(free):
+                self._charts.pick(free=free)
+                self._due["charts"] = 0.0
+            case events.Joined(browser):
+                self._browsers.join(browser)
+                self._relayouts = [self._due["look"] + s for s in (1.0, 2.5, 5.0)]  # a page is laid out after 1 to 3 s
+            case events.Left(browser):
+                self._browsers.leave(browser)
+            case _:
+                self._look(event)
+
+    def _look(self, event: events.Event) -> None:
+        match event:
+            case events.SetCamera(browser, mode):
+                self._browsers.choose(browser, mode, self._framing)
+            case events.SetTrail():
+                self._trail = event
+                self._due["trails"] = 0.0
+            case events.SetSize(size):
+                self._size = size
+            case events.SetRange(shown):
+                self.scene.range_shown = shown
+            case events.SetArrows(shown):
+                self.scene.arrows.shown = shown
+            case events.SetDark(dark):
+                self._dark = dark
+                self._theme()
+                self.scene.shade(dark=dark)
+
+    def _take(self, seen: Seen) -> None:
+        """Keep what is seen now. Another vehicle or boot begins with nothing behind it."""
+        try:
+            film = present(seen.replay)
+        except DataError:
+            return  # it has diverged beyond what a screen can show: the next anchor mends it
+        shown = (str(seen.flight.vehicle), seen.flight.boot)
+        if shown != self._shown:
+            self._shown = shown
+            self._begin(seen, film)
+        self._introduce(seen)
+        before = self._film
+        self._film = film
+        broken = before is None or film.replay.anchors[-1] != before.replay.anchors[-1]
+        t, here = film.end, film.replay.has_position
+        if here:
+            self._wakes["autopilot"].add(t, film.replay.position_ref[-1])
+            self._wakes["imu"].add(t, film.replay.position_imu[-1], broken=broken)
+        free = seen.free
+        begun = self._free is None
+        self._free = None
+        if free is not None:
+            self._free = (free_errors(free), t - free.anchor_s, free.state.position)
+            if here:
+                self._wakes["free"].add(t, free.state.position, broken=begun or self._free[1] < 1.5)
+        self._history.add(seen.replay, free)
+
+    def _begin(self, seen: Seen, film: Footage) -> None:
+        self._history.clear()
+        for wake in self._wakes.values():
+            wake.clear()
+        self._held, self._free, self._introduced = None, None, None
+        self._drone = drone_for(seen.flight.vehicle.type)
+        ground = np.array([*film.replay.position_ref[-1, :2], max(0.0, float(film.replay.position_ref[-1, 2]))])
+        framing = frame(np.vstack([seen.replay.position_ref, ground]))
+        self._framing = self._place(framing)
+        self.scene.load(film, framing, self._drone)
+        self._browsers.reframe(framing)
+
+    def _introduce(self, seen: Seen) -> None:
+        now = (seen.imu, seen.replay.has_position)
+        if now == self._introduced:
+            return
+        self._introduced = now
+        vehicle = seen.flight.vehicle
+        kind = f"{vehicle.autopilot} {vehicle.type.lower()}".replace("_", " ")
+        who = f"{kind}, vehicle {vehicle}, boot {seen.flight.boot}, {seen.imu}"
+        self._panel.introduce(who, has_position=seen.replay.has_position)
+
+    def _place(self, framing: Framing) -> Framing:
+        """Let new browsers begin there."""
+        view, initial = camera(_MODE, framing), self._server.initial_camera
+        initial.position, initial.look_at = view.position, view.look_at
+        initial.near, initial.far, initial.fov = view.near, view.far, float(FIELD_OF_VIEW)
+        return framing
+
+    def _hold(self, at: float | None) -> None:
+        """Hold the picture at so many s before its end, or follow again."""
+        if at is None or not len(self._history):
+            self._held = None
+        else:
+            past = self._held[0] if self._held else self._history.past()
+            self._held = (past, min(max(at, past.film.start), 0.0))
+        self._panel.hold(self._held[1] if self._held else None, -self._held[0].film.start if self._held else 0.0)
+        self._due = dict.fromkeys(self._due, 0.0)
+
+    def _moment(self) -> Moment | None:
+        """What is shown: the present, or the instant that is looked back at. Its time is on the boot clock."""
+        if self._held is None:
+            return self._film.at(self._film.end) if self._film else None
+        past, at = self._held
+        moment = past.film.at(at)
+        return replace(moment, t=moment.t + past.end)
+
+    def _free_now(self) -> tuple[tuple[float, ...] | None, float, Array | None]:
+        """Errors, age and position of the free run at the instant shown."""
+        if self._held is None:
+            return self._free if self._free else (None, 0.0, None)
+        past, at = self._held
+        row = int(np.clip(np.searchsorted(past.film.replay.t, at + 1e-6) - 1, 0, len(past.free) - 1))
+        values = tuple(past.free[row].tolist())
+        if not np.isfinite(values).all():
+            return None, 0.0, None
+        return values, at + past.end - float(past.free_anchor[row]), past.free_position[row]
+
+    def _report(self, moment: Moment | None) -> None:
+        if moment is not None and self._film is not None:
+            here = self._film.replay.has_position
+            eye, pose = self._browsers.last_moved(self._framing)
+            target = pose.apply(moment.position_ref)
+            apart = pose.apply(moment.position_imu) - target
+            distance = float(np.linalg.norm(eye - target))
+            span = self._drone.span_m
+            if self._size is not None:
+                span = readable_span(distance, span, self._size)
+            self.scene.annotate(moment, span, imu_above=float(apart @ screen_up(target - eye)) >= 0)
+            self.scene.rule(grid_cell(distance, self.scene.cell))
+            free, age, position = self._free_now()
+            self._panel.show(moment, free, age, has_position=here)
+            self._ball.visible = here and position is not None
+            if position is not None and np.abs(position).max() < 1e7:
+                self._ball.position = position
+                self._ball.radius = 0.12 * span
+        held_s = None if self._held is None or self._film is None or moment is None else self._film.end - moment.t
+        self._panel.report(self._feed, held_s)
+
+    def _trails(self) -> None:
+        moment = self._moment()
+        if moment is None:
+            return
+        since = -np.inf if self._trail.seconds is None else moment.t - self._trail.seconds
+        for wake in self._wakes.values():
+            wake.show(since, moment.t)
+
+    def _chart(self) -> None:
+        if self._held is not None:
+            self._charts.show(*self._held)
+        elif len(self._history) > 1 and self.browsers:
+            self._charts.show(self._history.past(), 0.0)
+
+    def _is_due(self, what: str, rate: float, now: float) -> bool:
+        if now < self._due[what]:
+            return False
+        self._due[what] = now + 1.0 / rate
+        return True
+
+    def _theme(self) -> None:
+        self._server.gui.configure_theme(
+            dark_mode=self._dark, show_logo=False, show_share_button=False, brand_color=palette.CONTROLS
+        )
