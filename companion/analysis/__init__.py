@@ -10,6 +10,7 @@ from companion.analysis.finding import Finding
 from companion.analysis.free_run import FreeRun, FreeState
 from companion.analysis.gravity import gravity_for
 from companion.analysis.integration import Integration
+from companion.analysis.pose_error import PoseError, Spread, ape, rpe
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Replay, replay
 from companion.analysis.running_drift import RunningDrift
@@ -36,6 +37,7 @@ __all__ = [
     "ImuFigures",
     "Integration",
     "Limits",
+    "PoseError",
     "Reference",
     "ReferenceFigures",
     "Replay",
@@ -43,11 +45,13 @@ __all__ = [
     "SensorFigures",
     "Sibling",
     "Spectrum",
+    "Spread",
     "Statistic",
     "Verdict",
     "Vibration",
     "WindowErrors",
     "Windows",
+    "ape",
     "assess",
     "calibrate",
     "compare",
@@ -60,6 +64,7 @@ __all__ = [
     "odd_one_out",
     "reference_at",
     "replay",
+    "rpe",
     "siblings",
     "vibration",
     "welch",

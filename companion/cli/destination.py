@@ -17,6 +17,15 @@ def check(path: Path, *, force: bool) -> None:
         raise InputError(f"{path} exists. Choose another name, or replace it with --force.")
 
 
+def check_folder(path: Path, names: list[str], *, force: bool) -> None:
+    """Whether files of these names can be written into a folder, which need not be there yet."""
+    if (path.exists() and not path.is_dir()) or not path.parent.is_dir():
+        raise InputError(f"cannot write into {path}: {'it is a file' if path.exists() else 'there is no such folder'}.")
+    if path.is_dir():
+        for name in names:
+            check(path / name, force=force)
+
+
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A name to write to that becomes `path` when all is well, and nothing when it is not.

@@ -1,0 +1,87 @@
+"""A table of named columns, each with its unit and frame: what CSV, Parquet, JSON and a notebook get."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.errors import InputError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Values = npt.NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """One column. Its name ends in its unit."""
+
+    name: str
+    values: Values  # (N,) float64, int64 or str; NaN where a number does not exist
+    unit: str = ""  # s, rad/s, m/s², ...; "" for names and for numbers without one
+    frame: str = ""  # FRD, NED, "FRD → NED", or what a time counts from
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """Columns of one length. `table["t_s"]` is an array."""
+
+    name: str
+    columns: tuple[Column, ...]
+    about: Mapping[str, str] = field(default_factory=dict)  # source message, sensor, method, ... in words
+
+    def __post_init__(self) -> None:
+        lengths = {column.name: len(column.values) for column in self.columns}
+        if len(set(lengths.values())) > 1:
+            raise ValueError(f"the columns of {self.name} differ in length: {lengths}")
+
+    def __len__(self) -> int:
+        return len(self.columns[0].values)
+
+    def __iter__(self) -> Iterator[Column]:
+        return iter(self.columns)
+
+    def __getitem__(self, name: str) -> Values:
+        """The values of a column. Raises KeyError with the names that there are."""
+        for column in self.columns:
+            if column.name == name:
+                return column.values
+        raise KeyError(f"{self.name} has no column {name!r}; it has {', '.join(c.name for c in self.columns)}")
+
+    def arrow(self) -> pa.Table:
+        """As an Arrow table: units and frames in the metadata of each field, `about` in that of the schema.
+
+        A number that does not exist is null. Raises InputError when pyarrow is not installed.
+        """
+        try:
+            import pyarrow as pa  # noqa: PLC0415  (an extra: needed for this alone)
+        except ImportError:
+            raise InputError("Arrow and Parquet need pyarrow. Install it: pip install 'companion[export]'") from None
+        arrays = [pa.array(column.values, from_pandas=True) for column in self.columns]  # from_pandas: NaN is null
+        fields = [
+            pa.field(column.name, array.type, metadata=_stated(unit=column.unit, frame=column.frame))
+            for column, array in zip(self.columns, arrays, strict=True)
+        ]
+        return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=_stated(table=self.name, **self.about)))
+
+
+def vectors(name: str, values: npt.ArrayLike, unit: str, suffix: str, frame: str) -> tuple[Column, ...]:
+    """The three columns of vectors (N, 3): x, y, z in FRD, north, east, down in NED."""
+    axes = ("north", "east", "down") if frame == "NED" else ("x", "y", "z")
+    columns = zip(axes, np.asarray(values, np.float64).T, strict=True)
+    return tuple(Column(f"{name}_{axis}_{suffix}", column, unit, frame) for axis, column in columns)
+
+
+def quaternions(name: str, values: npt.ArrayLike) -> tuple[Column, ...]:
+    """The four columns of attitudes (N, 4), wxyz, from FRD to NED."""
+    columns = zip("wxyz", np.asarray(values, np.float64).T, strict=True)
+    return tuple(Column(f"{name}_{part}", column, "", "FRD → NED") for part, column in columns)
+
+
+def _stated(**about: str) -> dict[str, str]:
+    return {key: value for key, value in about.items() if value}

@@ -1,0 +1,181 @@
+"""A flight and what was made of it → tables: every track, both trajectories, the drift, the findings."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from companion.analysis import Assessment, DriftRow, Integration, Replay, length, replay
+from companion.export.table import Column, Table, quaternions, vectors
+from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, StatusText
+
+BOOT_CLOCK = "seconds of the vehicle's boot clock"
+_STATISTICS = ("median", "p95", "max")
+
+
+def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | None = None) -> dict[str, Table]:
+    """Everything of a flight as tables by name, SI units, body FRD, world NED, quaternions wxyz.
+
+    Always: each IMU message (raw_imu, scaled_imu2, ...), `attitude`, `position`, `texts`. With a replay: `reckoning`,
+    the IMU alone beside the autopilot. With an assessment: `drift`, `windows`, `findings`. Every table with a time has
+    it twice: `t_s` on the boot clock, and `unix_s`, which is NaN where the log does not tell the date.
+
+    >>> import companion as c
+    >>> flight = c.open_log("tlogs/copter-demo-100hz.tlog")[0]
+    >>> found = c.tables(flight, c.replay(flight))
+    >>> sorted(found)
+    ['attitude', 'position', 'raw_imu', 'reckoning', 'scaled_imu2', 'texts']
+    >>> found["raw_imu"]["accel_z_mps2"].mean().round(1)
+    np.float64(-9.8)
+    >>> found["raw_imu"].arrow().schema.field("accel_z_mps2").metadata
+    {b'unit': b'm/s\\xc2\\xb2', b'frame': b'FRD'}
+    """
+    found = [_imu(flight, track) for track in flight.imus.values()]
+    if flight.attitude is not None:
+        found.append(_attitude(flight, flight.attitude))
+    if flight.position is not None:
+        found.append(_position(flight, flight.position))
+    found.append(_texts(flight, flight.texts))
+    if shown is not None:
+        found.append(_reckoning(flight, shown))
+    if assessed is not None:
+        found += [_drift(assessed), _windows(flight, assessed.drift.rows), _findings(flight, assessed)]
+    return {table.name: table for table in found}
+
+
+def reckoning_of(flight: Flight, assessed: Assessment, reanchor_s: float | None) -> Replay:
+    """Both trajectories of the IMU that was assessed, as it was assessed: corrected, if that was asked for."""
+    track = assessed.comparison.track
+    judged = replace(flight, imus={**flight.imus, track.source: track})
+    return replay(judged, imu=track.source, how=assessed.comparison.how, reanchor_s=reanchor_s)
+
+
+def table_name(message: str) -> str:
+    """The name of an IMU's table: raw_imu, imu_0 for IMU[0]."""
+    return re.sub(r"[^a-z0-9]+", "_", message.lower()).strip("_")
+
+
+def _times(flight: Flight, t: Array, *, prefix: str = "") -> tuple[Column, Column]:
+    unix = np.full(len(t), np.nan) if flight.epoch is None else flight.epoch.unix_s + t
+    source = f"since 1970, UTC, by {flight.epoch.source}" if flight.epoch else "since 1970, UTC: not known"
+    return Column(f"{prefix}t_s", t, "s", BOOT_CLOCK), Column(f"{prefix}unix_s", unix, "s", source)
+
+
+def _imu(flight: Flight, track: ImuTrack) -> Table:
+    return Table(
+        table_name(track.source),
+        (
+            *_times(flight, track.t),
+            *vectors("gyro", track.gyro, "rad/s", "radps", "FRD"),
+            *vectors("accel", track.accel, "m/s²", "mps2", "FRD"),
+        ),
+        {
+            "source": track.source,
+            "instance": str(track.instance),
+            "accel": "specific force: (0, 0, -g) at rest and level",
+        },
+    )
+
+
+def _attitude(flight: Flight, track: AttitudeTrack) -> Table:
+    columns = (
+        *_times(flight, track.t),
+        *quaternions("q", track.q_ned_frd),
+        *vectors("rate", track.rates, "rad/s", "radps", "FRD"),
+    )
+    return Table("attitude", columns, {"source": track.source, "q": "Hamilton, wxyz, turns FRD vectors into NED"})
+
+
+def _position(flight: Flight, track: PositionTrack) -> Table:
+    columns = (
+        *_times(flight, track.t),
+        *vectors("position", track.position, "m", "m", "NED"),
+        *vectors("velocity", track.velocity, "m/s", "mps", "NED"),
+    )
+    return Table("position", columns, {"source": track.source})
+
+
+def _texts(flight: Flight, texts: Sequence[StatusText]) -> Table:
+    columns = (
+        *_times(flight, np.array([text.t for text in texts], np.float64)),
+        Column("severity", np.array([text.severity for text in texts], np.int64), "", "MAV_SEVERITY"),
+        Column("text", np.array([text.text for text in texts], np.str_)),
+    )
+    return Table("texts", columns, {"source": "what the vehicle said"})
+
+
+def _reckoning(flight: Flight, shown: Replay) -> Table:
+    anchor = shown.anchors[np.searchsorted(shown.anchors, shown.t, side="right") - 1]
+    columns = (
+        *_times(flight, shown.t),
+        Column("anchor_t_s", anchor, "s", BOOT_CLOCK),
+        *quaternions("q_imu", shown.q_imu),
+        *vectors("velocity_imu", shown.velocity_imu, "m/s", "mps", "NED"),
+        *vectors("position_imu", shown.position_imu, "m", "m", "NED"),
+        *quaternions("q_autopilot", shown.q_ref),
+        *vectors("velocity_autopilot", shown.velocity_ref, "m/s", "mps", "NED"),
+        *vectors("position_autopilot", shown.position_ref, "m", "m", "NED"),
+        *vectors("attitude_error", shown.attitude_error, "rad", "rad", "NED"),
+        *vectors("velocity_error", shown.velocity_error, "m/s", "mps", "NED"),
+        *vectors("position_error", shown.position_error, "m", "m", "NED"),
+        Column("autopilot_known", shown.reference_valid.astype(np.int64), "", "0 inside a hole of its messages"),
+    )
+    if not shown.has_position:
+        columns = tuple(c for c in columns if not c.name.startswith(("velocity", "position")))
+    return Table("reckoning", columns, {"error": "autopilot minus IMU; attitude: rotation vector of q_ap ⊗ q_imu⁻¹"})
+
+
+def _drift(assessed: Assessment) -> Table:
+    rows = assessed.drift.rows
+    columns = [
+        Column("horizon_s", np.array([row.horizon_s for row in rows]), "s"),
+        Column("windows", np.array([row.windows for row in rows], np.int64)),
+        Column("excluded", np.array([sum(row.excluded.values()) for row in rows], np.int64)),
+    ]
+    for quantity, unit in (("attitude_deg", "°"), ("velocity_mps", "m/s"), ("position_m", "m")):
+        name, suffix = quantity.split("_")
+        for statistic in _STATISTICS:
+            values = [getattr(getattr(row, quantity), statistic, np.nan) for row in rows]
+            columns.append(Column(f"{name}_{statistic}_{suffix}", np.array(values), unit))
+        values = [_or_nan(getattr(expected, quantity, None)) for expected in assessed.expected]
+        columns.append(Column(f"{name}_expected_{suffix}", np.array(values), unit, "1σ by the error budget"))
+    about = {"imu": assessed.drift.imu, "method": assessed.drift.method, "middle": assessed.drift.middle}
+    return Table("drift", tuple(columns), about)
+
+
+def _windows(flight: Flight, rows: Sequence[DriftRow]) -> Table:
+    """Every window of every horizon with its error at the end."""
+    has_position = any(row.position_m is not None for row in rows)
+
+    def joined(name: str) -> Array:
+        return np.concatenate([getattr(row.errors, name) for row in rows])
+
+    columns = (
+        Column("horizon_s", np.repeat([row.horizon_s for row in rows], [row.windows for row in rows]), "s"),
+        *_times(flight, joined("anchor_s"), prefix="anchor_"),
+        *_times(flight, joined("end_s"), prefix="end_"),
+        *vectors("attitude_error", joined("attitude"), "rad", "rad", "NED"),
+        *(vectors("velocity_error", joined("velocity"), "m/s", "mps", "NED") if has_position else ()),
+        *(vectors("position_error", joined("position"), "m", "m", "NED") if has_position else ()),
+    )
+    return Table("windows", columns, {"error": "autopilot minus IMU at the end of the window"})
+
+
+def _findings(flight: Flight, assessed: Assessment) -> Table:
+    found = assessed.verdict.findings
+
+    def text(name: str) -> Column:
+        return Column(name, np.array([getattr(finding, name) for finding in found], np.str_))
+
+    columns = (
+        *_times(flight, np.array([finding.start_s for finding in found], np.float64), prefix="start_"),
+        *_times(flight, np.array([finding.end_s for finding in found], np.float64), prefix="end_"),
+        *(text(name) for name in ("kind", "side", "severity", "evidence", "advice")),
+    )
+    return Table("findings", columns, {"status": assessed.verdict.status, "summary": assessed.verdict.summary})
+
+
+def _or_nan(value: float | None) -> float:
+    return np.nan if value is None else value
