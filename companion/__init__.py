@@ -10,6 +10,7 @@ Conventions: SI units, seconds of the vehicle's boot clock, body FRD, world NED,
 body to world.
 """
 
+from companion import export
 from companion.analysis import Drift, DriftRow, Integration, Limits, Replay, Statistic, drift, replay
 from companion.errors import CompanionError, DataError, InputError, SettingsError
 from companion.recording import open_log
@@ -50,6 +51,7 @@ __all__ = [
     "Trajectory",
     "Vehicle",
     "drift",
+    "export",
     "open_log",
     "reckon",
     "replay",

@@ -31,6 +31,7 @@ MAY_IMPORT = {
     "simulate": GROUND | {"mavlink", "strapdown"},
     "examination": GROUND | {"settings", "sensors", "correction", "analysis"},
     "documents": GROUND | {"recording", "analysis", "examination"},
+    "export": GROUND | {"analysis"},
     "live": GROUND | {"mavlink", "telemetry", "analysis"},
     "view": GROUND | {"strapdown", "analysis"},
     "report": GROUND | {"settings", "recording", "strapdown", "analysis", "examination", "documents", "view", "report"},
@@ -50,10 +51,11 @@ MAY_IMPORT = {
         "live",
         "view",
         "report",
+        "export",
         "cli",
     },
     "__main__": {"cli"},
-    "__init__": GROUND | {"recording", "strapdown", "analysis"},
+    "__init__": GROUND | {"recording", "strapdown", "analysis", "export"},
 }
 """Part of the house → the other parts that it may import."""
 
@@ -72,6 +74,7 @@ LIBRARIES = {
     "correction": {"msgspec", "numpy"},
     "examination": {"msgspec", "numpy"},
     "documents": {"msgspec", "numpy"},
+    "export": {"numpy", "msgspec", "pyarrow", "mcap"},
     "view": {"numpy", "viser", "rich"},
     "report": {"numpy", "msgspec", "plotly"},
     "cli": {"numpy", "msgspec", "rich"},

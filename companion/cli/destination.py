@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,13 +18,12 @@ def check(path: Path, *, force: bool) -> None:
         raise InputError(f"{path} exists. Choose another name, or replace it with --force.")
 
 
-def check_folder(path: Path, names: list[str], *, force: bool) -> None:
-    """Whether files of these names can be written into a folder, which need not be there yet."""
+def check_folder(path: Path, *, force: bool) -> None:
+    """Whether files can be written into a folder, which need not be there yet. Raises InputError when they cannot."""
     if (path.exists() and not path.is_dir()) or not path.parent.is_dir():
         raise InputError(f"cannot write into {path}: {'it is a file' if path.exists() else 'there is no such folder'}.")
-    if path.is_dir():
-        for name in names:
-            check(path / name, force=force)
+    if path.is_dir() and any(path.iterdir()) and not force:
+        raise InputError(f"{path} is not empty. Choose another folder, or replace files in it with --force.")
 
 
 @contextlib.contextmanager
@@ -40,3 +40,19 @@ def replacing(path: Path) -> Iterator[Path]:
         raise InputError(f"cannot write {path}: {error.strerror or error}. Choose another place.") from None
     finally:
         part.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def filling(path: Path) -> Iterator[Path]:
+    """A folder to write to whose files move into `path` when all is well; `path` is made if need be.
+
+    Raises InputError when the place cannot be written.
+    """
+    try:
+        path.mkdir(exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".part-", dir=path) as part:
+            yield Path(part)
+            for file in sorted(Path(part).iterdir()):
+                file.replace(path / file.name)
+    except OSError as error:
+        raise InputError(f"cannot write into {path}: {error.strerror or error}. Choose another place.") from None

@@ -3,41 +3,50 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis import Assessment, DriftRow, Integration, Replay, length, replay
+from companion.analysis import Assessment, DriftRow, Replay, replay
 from companion.export.table import Column, Table, quaternions, vectors
-from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, StatusText
+from companion.series import Series
+from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack
 
 BOOT_CLOCK = "seconds of the vehicle's boot clock"
 _STATISTICS = ("median", "p95", "max")
+_UNITS = {
+    "s": "s", "m": "m", "mps": "m/s", "mps2": "m/s²", "rad": "rad", "rad2": "rad²", "radps": "rad/s", "pa": "Pa",
+    "degc": "°C", "tesla": "T",
+}  # fmt: skip
+"""The end of a column's name → its unit."""
 
 
 def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | None = None) -> dict[str, Table]:
     """Everything of a flight as tables by name, SI units, body FRD, world NED, quaternions wxyz.
 
-    Always: each IMU message (raw_imu, scaled_imu2, ...), `attitude`, `position`, `texts`. With a replay: `reckoning`,
-    the IMU alone beside the autopilot. With an assessment: `drift`, `windows`, `findings`. Every table with a time has
-    it twice: `t_s` on the boot clock, and `unix_s`, which is NaN where the log does not tell the date.
+    Always: each IMU message (raw_imu, scaled_imu2, ...), `attitude`, `position`, each series (gps, vibration, ...),
+    `texts`, `events`. With a replay: `reckoning`, the IMU alone beside the autopilot. With an assessment: `drift`,
+    `windows`, `findings`. Every table with a time has it twice: `t_s` on the boot clock, and `unix_s`, which is NaN
+    where the log does not tell the date.
 
     >>> import companion as c
     >>> flight = c.open_log("tlogs/copter-demo-100hz.tlog")[0]
-    >>> found = c.tables(flight, c.replay(flight))
-    >>> sorted(found)
-    ['attitude', 'position', 'raw_imu', 'reckoning', 'scaled_imu2', 'texts']
-    >>> found["raw_imu"]["accel_z_mps2"].mean().round(1)
-    np.float64(-9.8)
-    >>> found["raw_imu"].arrow().schema.field("accel_z_mps2").metadata
-    {b'unit': b'm/s\\xc2\\xb2', b'frame': b'FRD'}
+    >>> found = c.export.tables(flight, c.replay(flight))
+    >>> sorted(found)[:4]
+    ['attitude', 'estimator', 'events', 'gps']
+    >>> f"{found['raw_imu']['accel_z_mps2'].mean():.1f} m/s²"
+    '-9.8 m/s²'
+    >>> found["raw_imu"].arrow().schema.field("gyro_x_radps").metadata
+    {b'unit': b'rad/s', b'frame': b'FRD'}
     """
     found = [_imu(flight, track) for track in flight.imus.values()]
     if flight.attitude is not None:
         found.append(_attitude(flight, flight.attitude))
     if flight.position is not None:
         found.append(_position(flight, flight.position))
-    found.append(_texts(flight, flight.texts))
+    found += [_series(flight, key, series) for key, series in flight.series.items()]
+    found += [_texts(flight), _events(flight)]
     if shown is not None:
         found.append(_reckoning(flight, shown))
     if assessed is not None:
@@ -97,13 +106,31 @@ def _position(flight: Flight, track: PositionTrack) -> Table:
     return Table("position", columns, {"source": track.source})
 
 
-def _texts(flight: Flight, texts: Sequence[StatusText]) -> Table:
+def _series(flight: Flight, key: str, series: Series) -> Table:
+    body = ("vibration", "magnetometer")
     columns = (
-        *_times(flight, np.array([text.t for text in texts], np.float64)),
-        Column("severity", np.array([text.severity for text in texts], np.int64), "", "MAV_SEVERITY"),
-        Column("text", np.array([text.text for text in texts], np.str_)),
+        Column(name, series[name], _UNITS.get(name.rsplit("_", 1)[-1], ""), "FRD" if key.startswith(body) else "")
+        for name in series.columns
+    )
+    return Table(table_name(key), (*_times(flight, series.t), *columns), {"source": series.source})
+
+
+def _texts(flight: Flight) -> Table:
+    columns = (
+        *_times(flight, np.array([text.t for text in flight.texts], np.float64)),
+        Column("severity", np.array([text.severity for text in flight.texts], np.int64), "", "MAV_SEVERITY"),
+        Column("text", np.array([text.text for text in flight.texts], np.str_)),
     )
     return Table("texts", columns, {"source": "what the vehicle said"})
+
+
+def _events(flight: Flight) -> Table:
+    columns = (
+        *_times(flight, np.array([event.t for event in flight.events], np.float64)),
+        Column("kind", np.array([event.kind for event in flight.events], np.str_)),
+        Column("text", np.array([event.text for event in flight.events], np.str_)),
+    )
+    return Table("events", columns, {"source": "arming, modes, errors"})
 
 
 def _reckoning(flight: Flight, shown: Replay) -> Table:

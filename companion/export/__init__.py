@@ -1,0 +1,20 @@
+"""Results for other tools: tables for notebooks, CSV, Parquet and JSON; trajectories for evo; MCAP for Foxglove."""
+
+from companion.export.files import write_csv, write_json, write_parquet
+from companion.export.mcap import write_mcap
+from companion.export.table import Column, Table
+from companion.export.tracks import reckoning_of, table_name, tables
+from companion.export.tum import write_tum
+
+__all__ = [
+    "Column",
+    "Table",
+    "reckoning_of",
+    "table_name",
+    "tables",
+    "write_csv",
+    "write_json",
+    "write_mcap",
+    "write_parquet",
+    "write_tum",
+]

@@ -1,0 +1,63 @@
+"""APE and RPE by truth: two trajectories whose difference is known. evo itself is in tests/export."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.analysis import ape, replay, rpe
+from companion.strapdown import motions, quaternion
+from tests.flights import flight_of, seconds
+
+
+def test_the_same_trajectory_twice_has_no_error() -> None:
+    shown = replay(flight_of(motions.circle(seconds(20, 100))))
+    same = replace(shown, q_imu=shown.q_ref, position_imu=shown.position_ref, position_error=0 * shown.position_error)
+    same = replace(same, attitude_error=0 * shown.attitude_error)
+    for found in (ape(same), rpe(same, 50)):
+        assert found.position_m is not None
+        assert found.position_m.max == pytest.approx(0, abs=1e-12)
+        assert found.attitude_deg.max == pytest.approx(0, abs=1e-5)
+
+
+def test_a_constant_offset_is_an_absolute_error_and_no_relative_one() -> None:
+    shown = replay(flight_of(motions.circle(seconds(20, 100))))
+    offset = np.array([3.0, 4.0, 12.0])
+    moved = replace(
+        shown, q_imu=shown.q_ref, position_imu=shown.position_ref - offset, position_error=0 * shown.t[:, None] + offset
+    )
+    absolute, relative = ape(moved).position_m, rpe(moved, 10).position_m
+    assert absolute is not None
+    assert relative is not None
+    assert (absolute.rmse, absolute.std, absolute.max) == pytest.approx((13.0, 0.0, 13.0))
+    assert relative.max == pytest.approx(0, abs=1e-12)
+
+
+def test_a_steady_turn_is_a_relative_error_that_grows_with_the_step() -> None:
+    """An IMU that turns 0.01 rad/s too fast about down: 0.01 rad for each second between the samples."""
+    shown = replay(flight_of(motions.circle(seconds(20, 100))))
+    turn = np.column_stack([np.zeros((len(shown.t), 2)), 0.01 * (shown.t - shown.t[0])])
+    turned = replace(shown, q_imu=quaternion.multiply(quaternion.exp(turn), shown.q_ref))
+    for step in (50, 200):
+        assert rpe(turned, step).attitude_deg.median == pytest.approx(np.degrees(0.01 * step / 100), rel=1e-9)
+
+
+def test_holes_are_no_part_of_it() -> None:
+    shown = replay(flight_of(motions.circle(seconds(20, 100))))
+    bad = shown.position_error.copy()
+    bad[500:600] = 1e3
+    holed = replace(shown, position_error=bad, reference_valid=np.asarray(bad[:, 0] < 1e2))
+    found = ape(holed)
+    assert found.samples == len(shown.t) - 100
+    assert found.position_m is not None
+    assert found.position_m.max < 1
+
+
+def test_a_step_that_is_none() -> None:
+    shown = replay(flight_of(motions.circle(seconds(20, 100))))
+    with pytest.raises(ValueError, match="one sample or more"):
+        rpe(shown, 0)
+    with pytest.raises(ValueError, match="no samples"):
+        rpe(shown, 5000)
