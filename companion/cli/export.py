@@ -32,10 +32,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "A flight for other tools: evo, Foxglove, spreadsheets, notebooks.",
         "companion export flight.tlog --format mcap -o flight.mcap",
     )
-    options.add_flight_choice(parser)
-    options.add_integration(parser)
-    options.add_figures(parser)
-    parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
+    options.add_judgement(parser)
     parser.add_argument(
         "--reanchor",
         dest="reanchor_s",
