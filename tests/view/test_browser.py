@@ -2,103 +2,28 @@
 
 from __future__ import annotations
 
-import io
-import os
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 
 from companion.tracks import Flight, StatusText, Vehicle
 from companion.view import Envelope, Mark, Reckoning, ReplayChoice, Viewer, events
+from tests.view.browsing import choose, near, open_page, shoot, until
 from tests.view.circles import BOOT, make_flight, reckon, recompute
 
 pytestmark = pytest.mark.browser
 
-CHROMIUM = Path(os.environ.get("CHROMIUM", "/usr/bin/chromium"))
-FLAGS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-timer-throttling",
-]
-SCREENSHOTS = Path(__file__).parents[2] / "screenshots"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    if not CHROMIUM.exists():
-        reason = f"no Chromium at {CHROMIUM}: apt-get install chromium, or set CHROMIUM to its path"
-        if os.environ.get("CI") == "true":
-            pytest.fail(reason)
-        pytest.skip(reason)
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield chromium
-        chromium.close()
-
-
-@pytest.fixture
-def page(browser: Browser) -> Iterator[Page]:
-    context = browser.new_context(viewport={"width": 1280, "height": 800})
-    yield context.new_page()
-    context.close()
-
-
-@pytest.fixture
-def wide_page(browser: Browser) -> Iterator[Page]:
-    context = browser.new_context(viewport={"width": 1600, "height": 900})
-    yield context.new_page()
-    context.close()
-
 
 def visit(page: Page, viewer: Viewer) -> Page:
     """Open the viewer's page and wait until all of it is there."""
-    page.goto(viewer.url)
-    page.wait_for_selector("canvas")
+    open_page(page, viewer.url)
     expect(page.get_by_role("button", name="Play", exact=True)).to_be_visible()
-    # viser's remark that this machine has no graphics card: true, and in the way
-    remark = page.get_by_role("alert").get_by_role("button")
-    if remark.count():
-        remark.first.click()
     return page
-
-
-def until(condition: Callable[[], bool], what: str, seconds: float = 15.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, f"not within {seconds} s: {what}"
-        time.sleep(0.05)
-
-
-def shoot(page: Page, name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    """Save a screenshot and give the pixels of it (H, W, 3)."""
-    SCREENSHOTS.mkdir(exist_ok=True)
-    png = page.screenshot(path=SCREENSHOTS / f"{name}.png")
-    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
-
-
-def near(pixels: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], colour: tuple[int, int, int]) -> int:
-    """How many pixels have about this colour."""
-    return int((np.abs(pixels.astype(int) - colour).max(axis=2) < 40).sum())
-
-
-def choose(page: Page, label: str, option: str) -> None:
-    """Choose from one of the panel's lists."""
-    page.get_by_role("combobox", name=label, exact=True).click()
-    page.get_by_role("option", name=option, exact=True).click()
 
 
 def cursor(page: Page) -> float:

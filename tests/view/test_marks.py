@@ -76,7 +76,8 @@ def test_neighbours_lie_on_their_side_with_none_between(times: list[float], now:
     after, before = neighbour(times, now, forward=True), neighbour(times, now, forward=False)
     assert after is None or after > now
     assert before is None or before < now
-    between = [t for t in times if (before or -1.0) < t < (after or 101.0)]
+    low, high = -1.0 if before is None else before, 101.0 if after is None else after
+    between = [t for t in times if low < t < high]
     assert all(t == pytest.approx(now, abs=1.1e-6) for t in between)
 
 

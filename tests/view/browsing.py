@@ -1,0 +1,65 @@
+"""Headless Chromium for the tests of the pages: how to start it, wait, look and choose."""
+
+from __future__ import annotations
+
+import io
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from playwright.sync_api import Page
+
+CHROMIUM = Path(os.environ.get("CHROMIUM", "/usr/bin/chromium"))
+FLAGS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-timer-throttling",
+]
+SCREENSHOTS = Path(__file__).parents[2] / "screenshots"
+
+
+def open_page(page: Page, url: str) -> Page:
+    """Go there and wait until the picture is."""
+    page.goto(url)
+    page.wait_for_selector("canvas")
+    # viser's remark that this machine has no graphics card: true, and in the way
+    remark = page.get_by_role("alert").get_by_role("button")
+    if remark.count():
+        remark.first.click()
+    return page
+
+
+def until(condition: Callable[[], bool], what: str, seconds: float = 15.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, f"not within {seconds} s: {what}"
+        time.sleep(0.05)
+
+
+def shoot(page: Page, name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    """Save a screenshot and give the pixels of it (H, W, 3)."""
+    SCREENSHOTS.mkdir(exist_ok=True)
+    png = page.screenshot(path=SCREENSHOTS / f"{name}.png")
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+
+
+def near(pixels: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], colour: tuple[int, int, int]) -> int:
+    """How many pixels have about this colour."""
+    return int((np.abs(pixels.astype(int) - colour).max(axis=2) < 40).sum())
+
+
+def choose(page: Page, label: str, option: str) -> None:
+    """Choose from one of the panel's lists."""
+    page.get_by_role("combobox", name=label, exact=True).click()
+    page.get_by_role("option", name=option, exact=True).click()
