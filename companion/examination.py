@@ -48,14 +48,17 @@ def examine(
     imu: str | None = None,
     imu_model: str | None = None,
     correction: str | Path | None = None,
+    how: Integration | None = None,
 ) -> Examination:
     """The whole analysis of a flight.
 
     imu: the message to integrate; imu_model: a part of config/imu in place of the one that the vehicle names;
-    correction: a file of `companion calibrate`. Raises DataError when the flight has no usable IMU or no attitude,
-    InputError and SettingsError for files that cannot be read.
+    correction: a file of `companion calibrate`; how: in place of what the settings say.
+
+    Raises DataError when the flight has no usable IMU or no attitude, InputError and SettingsError for files that
+    cannot be read.
     """
-    found = assess_imu(flight, settings, imu=imu, imu_model=imu_model, correction=correction)
+    found = assess_imu(flight, settings, imu=imu, imu_model=imu_model, correction=correction, how=how)
     how = found.comparison.how
 
     def compare_imu(name: str) -> Comparison:
@@ -76,6 +79,7 @@ def assess_imu(
     imu: str | None = None,
     imu_model: str | None = None,
     correction: str | Path | None = None,
+    how: Integration | None = None,
 ) -> Assessment:
     """One IMU of a flight alone, without its siblings. Arguments and errors as `examine`."""
     name = flight.imu(imu).source
@@ -85,7 +89,7 @@ def assess_imu(
         autopilot=autopilot_of(settings),
         horizons=settings.drift.horizons_s,
         imu=name,
-        how=integration_of(settings, flight),
+        how=how or integration_of(settings, flight),
         correction=load_correction(correction) if correction is not None else NO_CORRECTION,
     )
 

@@ -1,10 +1,10 @@
 """Holds the IMU's reckoning against the autopilot's estimate. Pure: imports tracks and strapdown."""
 
 from companion.analysis.calibrate import Calibration, calibrate
-from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, windows
+from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, trailing, windows
 from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correction
 from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, drift, drift_of
-from companion.analysis.envelope import expected_since_anchor
+from companion.analysis.envelope import Expectation, expected_since_anchor
 from companion.analysis.figures import GENERIC, ImuFigures, ReferenceFigures, SensorFigures
 from companion.analysis.finding import Finding
 from companion.analysis.free_run import FreeRun, FreeState
@@ -30,6 +30,7 @@ __all__ = [
     "Correction",
     "Drift",
     "DriftRow",
+    "Expectation",
     "Expected",
     "Finding",
     "FreeRun",
@@ -66,6 +67,7 @@ __all__ = [
     "replay",
     "rpe",
     "siblings",
+    "trailing",
     "vibration",
     "welch",
     "windows",

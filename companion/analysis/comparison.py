@@ -114,9 +114,31 @@ def windows(comparison: Comparison, horizon: float, part: Part | None = None) ->
     """
     if not (np.isfinite(horizon) and horizon > 0):
         raise ValueError(f"horizons must be positive seconds, got {horizon}")
-    track, reference = comparison.track, comparison.reference
-    has_position = part.has_position if part else comparison.has_position
     start, end = _grid(comparison, horizon, part)
+    used, excluded = _usable(comparison, start, end, part.has_position if part else comparison.has_position)
+    return Windows(float(horizon), start[used], end[used], excluded)
+
+
+def trailing(comparison: Comparison, horizon: float) -> Windows:
+    """Windows of `horizon` seconds that overlap: one ends at every sample, where one can be used.
+
+    Raises ValueError for a horizon that is not positive.
+    """
+    if not (np.isfinite(horizon) and horizon > 0):
+        raise ValueError(f"horizons must be positive seconds, got {horizon}")
+    t = comparison.track.t
+    end = np.flatnonzero(t >= t[0] + horizon * (1 - 1e-9))
+    start = nearest(t, t[end] - horizon)
+    whole = start < end
+    used, excluded = _usable(comparison, start[whole], end[whole], comparison.has_position)
+    return Windows(float(horizon), start[whole][used], end[whole][used], excluded)
+
+
+def _usable(
+    comparison: Comparison, start: IntArray, end: IntArray, has_position: bool
+) -> tuple[BoolArray, dict[str, int]]:
+    """Which of the windows have no hole, no unknown end and no jump in them, and how many have which."""
+    track, reference = comparison.track, comparison.reference
     running = np.concatenate([[0], np.cumsum(comparison.holes)])
     reasons = {
         "imu_gap": running[end] > running[start],
@@ -134,7 +156,7 @@ def windows(comparison: Comparison, horizon: float, part: Part | None = None) ->
         if left_out := int((used & bad).sum()):
             excluded[reason] = left_out
         used &= ~bad
-    return Windows(float(horizon), start[used], end[used], excluded)
+    return used, excluded
 
 
 def errors(comparison: Comparison, chosen: Windows, *, path: Preintegration | None = None) -> WindowErrors:

@@ -1,34 +1,55 @@
-"""The expected error as a line over a replay: it begins at each anchor and grows with the time since."""
+"""How far a replay's two trajectories should be apart: the budget from each anchor on, as a line over time."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget
+from companion.analysis.comparison import Windows
+from companion.analysis.reference import nearest
 from companion.analysis.replay import Replay
 from companion.analysis.verdict import Assessment
 from companion.tracks import Array
 
-_POINTS = 2000
+_POINTS = 2400
+_SAMPLES = 2_500_000  # in all windows together: a third of a second to a second of work
+_LONGEST_S = 120.0
+"""Beyond it the error is no longer linear in its causes, and its covariance says nothing."""
 
 
-def expected_since_anchor(found: Assessment, shown: Replay) -> tuple[Array, Array, Array, Array] | None:
-    """(t s, attitude °, velocity m/s, position m), 1σ, at some times of the replay and at every anchor.
+@dataclass(frozen=True, slots=True, eq=False)
+class Expectation:
+    """The expected error of a replay, at times of its own. At an anchor it steps: just before it, and at it."""
 
-    Between the horizons of the assessment it is interpolated; None where the replay runs on for longer than the
-    longest of them, or nothing was expected.
+    t: Array  # (M,) s, boot clock, increasing strictly
+    covariance: Array  # (M, 9, 9) of rotation vector rad, velocity m/s and position m, NED, autopilot minus IMU
+
+    @property
+    def lengths(self) -> tuple[Array, Array, Array]:
+        """1σ (root mean square) of the error's length, each (M,): attitude °, velocity m/s, position m."""
+        squares = (np.trace(self.covariance[:, b, b], axis1=1, axis2=2) for b in (ATTITUDE, VELOCITY, POSITION))
+        attitude, velocity, position = (np.sqrt(np.maximum(square, 0.0)) for square in squares)
+        return np.degrees(attitude), velocity, position
+
+
+def expected_since_anchor(found: Assessment, shown: Replay) -> Expectation | None:
+    """What the budget allows `shown` to be off by: a replay of the track that was assessed, integrated alike.
+
+    None where it runs on for longer than two minutes from an anchor, or has more anchors than can be worked out.
     """
-    rows = [(row.horizon_s, e) for row, e in zip(found.drift.rows, found.expected, strict=True) if e is not None]
-    if len(rows) < 2:
+    ends = np.append(shown.anchors[1:], shown.t[-1])
+    if np.max(ends - shown.anchors) > _LONGEST_S or 3 * len(shown.anchors) > _POINTS:
         return None
-    horizons = np.array([horizon for horizon, _ in rows])
-    if np.diff(np.append(shown.anchors, shown.t[-1])).max(initial=0.0) > 1.5 * horizons[-1]:
-        return None
-    some = shown.t[:: max(1, len(shown.t) // _POINTS)]
-    t = np.unique(np.concatenate([some, shown.anchors, shown.anchors[1:] - 1e-6, shown.t[-1:]]))
-    since = t - shown.anchors[np.searchsorted(shown.anchors, t, side="right") - 1]
-    lines = []
-    for name in ("attitude_deg", "velocity_mps", "position_m"):
-        sigma = [getattr(expected, name) or 0.0 for _, expected in rows]
-        # at the anchor both are the same; what little is expected there is that of the shortest horizon
-        lines.append(np.interp(since, np.append(0.0, horizons), np.append(0.5 * sigma[0], sigma)))
-    return t, lines[0], lines[1], lines[2]
+    t = found.comparison.track.t
+    each = min(_POINTS // len(shown.anchors), int(_SAMPLES / (0.4 * len(shown.t))))
+    steps = np.linspace(0.0, 1.0, max(each, 3)) ** 1.5  # 0.4 of a tooth on average
+    wanted = shown.anchors[:, None] + steps * (ends - shown.anchors)[:, None]
+    start = np.repeat(nearest(t, shown.anchors), len(steps))
+    end = np.maximum(nearest(t, wanted.ravel()), start)
+    allowed = budget(found.comparison, Windows(0.0, start, end, {}), found.figures, found.autopilot)
+    times = t[end].reshape(wanted.shape).copy()
+    times[:-1, -1] -= 1e-6  # the last before the next anchor
+    times, first = np.unique(times.ravel(), return_index=True)
+    return Expectation(times, allowed.total[first])

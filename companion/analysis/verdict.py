@@ -67,6 +67,7 @@ class Assessment:
     drift: Drift
     expected: tuple[Expected | None, ...]  # one for each row of the drift; None without windows
     figures: ImuFigures
+    autopilot: ReferenceFigures
     measured_noise: tuple[float, float] | None  # rad/s/√Hz, m/s²/√Hz in flight
     calibration: Calibration | None
     corrected: Drift | None  # with the calibration, on the windows that it was not fitted to
@@ -122,6 +123,7 @@ def assess(
         drift=drift_over(comparison, sets),
         expected=tuple(_expected(comparison, chosen, figures, autopilot) for chosen in sets),
         figures=figures,
+        autopilot=autopilot,
         measured_noise=noise,
         calibration=calibration,
         corrected=after,

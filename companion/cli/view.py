@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import argparse
 import webbrowser
-from dataclasses import replace
 from pathlib import Path
 
-from companion.analysis import Assessment, expected_since_anchor, gravity_for, replay
 from companion.cli import live, options
+from companion.cli.answers import Answers
 from companion.errors import SettingsError
-from companion.examination import assess_imu, integration_of
+from companion.examination import integration_of
 from companion.mavlink import is_link
-from companion.tracks import Flight
+
+_HORIZON_S = 5.0  # the windows that the verdict is reached with
 
 _OF_LINKS = ("rate", "listen-only", "output", "no-record")
 
@@ -29,6 +29,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     options.add_flight_choice(parser)
     options.add_integration(parser)
+    options.add_figures(parser)
     parser.add_argument("--host", help="address to serve on (default: 127.0.0.1, this computer alone)")
     parser.add_argument("--port", type=int, help="port to serve on (default: 8080; the next free one when taken)")
     parser.add_argument(
@@ -38,6 +39,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         metavar="S",
         help="start again from the autopilot's state every S seconds; 0 lets it run free (default: 10)",
     )
+    parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
     on_link = parser.add_argument_group("on a link")
     live.add_manners(on_link)
     on_link.add_argument("-o", "--output", metavar="FILE", help=live.OUTPUT)
@@ -61,62 +63,28 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from companion.view import (  # noqa: PLC0415  (viser is slow to import)
-        Envelope,
-        Mark,
-        Reckoning,
-        ReplayChoice,
-        Viewer,
-        without_bias,
-    )
+    from companion.view import Offer, ReplayChoice, Viewer  # noqa: PLC0415  (viser is slow to import)
 
     settings = options.settings_of(arguments)
+    answers = Answers(settings, imu_model=arguments.imu_model, correction=arguments.correction)
     recording = options.read(arguments, settings)
     chosen = options.choose(recording.flights, arguments)
-    integration = settings.integration
-    known: dict[tuple[int, str | None], Assessment] = {}
-
-    def assessed(flight: Flight, imu: str | None) -> Assessment:
-        """The same numbers as `companion analyze`, once for each IMU."""
-        if (id(flight), imu) not in known:
-            known[id(flight), imu] = assess_imu(flight, settings, imu=imu)
-        return known[id(flight), imu]
-
-    def recompute(flight: Flight, choice: ReplayChoice) -> Reckoning:
-        shown = replay(
-            without_bias(flight, choice),
-            imu=choice.imu,
-            how=replace(
-                integration_of(settings, flight),
-                method=choice.method,
-                middle=choice.middle,
-                segments=choice.segments,
-                gravity=gravity_for(flight, choice.gravity),
-            ),
-            reanchor_s=choice.reanchor_s,
-            start_s=choice.start_s,
-        )
-        found = assessed(flight, choice.imu)
-        marks = tuple(
-            Mark(f.start_s, f"{f.kind.replace('_', ' ')}: {f.evidence}", "finding") for f in found.verdict.findings
-        )
-        sigma = expected_since_anchor(found, shown)
-        return Reckoning(shown, envelope=Envelope(*sigma) if sigma else None, findings=marks)
-
+    horizons = settings.drift.horizons_s
     start = ReplayChoice(
         imu=arguments.imu,
-        method=integration.method,
-        middle=integration.middle,
+        how=integration_of(settings, recording.flights[chosen]),
+        gravity=settings.integration.gravity,
         reanchor_s=settings.view.reanchor_s or None,
-        start_s=None,
-        segments=integration.segments,
-        gravity=integration.gravity,
+        horizon_s=_HORIZON_S if _HORIZON_S in horizons else horizons[len(horizons) // 2],
+        correction="file" if arguments.correction else "no",
     )
     with Viewer(
         recording.flights,
-        recompute,
+        answers.recompute,
+        answers.examine,
         flight=chosen,
         choice=start,
+        offer=Offer(horizons, Path(arguments.correction).name if arguments.correction else None),
         host=settings.view.host,
         port=settings.view.port,
     ) as viewer:

@@ -20,7 +20,8 @@ def errors(subject: Subject) -> Section:
     shown = subject.replay
     if shown is None:
         return Section("errors", title, paragraph(f"Not drawn: {subject.why_no_replay}"))
-    sigma = expected_since_anchor(subject.found, shown)
+    expected = expected_since_anchor(subject.found, shown)
+    sigma = None if expected is None else expected.lengths
     degrees = np.degrees(shown.attitude_error)
     measured = [("attitude", "°", np.linalg.norm(degrees, axis=1))]
     if shown.has_position:
@@ -28,9 +29,9 @@ def errors(subject: Subject) -> Section:
         measured.append(("position", "m", np.linalg.norm(shown.position_error, axis=1)))
     panels = []
     for i, (name, unit, error) in enumerate(measured):
-        drawn = [] if sigma is None else _envelope(sigma[0], sigma[i + 1])
+        drawn = [] if expected is None or sigma is None else _envelope(expected.t, sigma[i])
         drawn.append(traces.line(shown.t, error, "IMU from autopilot", palette.DIFFERENCE, breaks=_unknown(shown)))
-        panels.append(traces.Panel(f"{name}, {unit}", drawn, _room(error, None if sigma is None else sigma[i + 1])))
+        panels.append(traces.Panel(f"{name}, {unit}", drawn, _room(error, None if sigma is None else sigma[i])))
     horizontal = np.linalg.norm(degrees[:, :2], axis=1)
     panels.insert(
         1,
@@ -53,7 +54,7 @@ def errors(subject: Subject) -> Section:
     caption += (
         "Grey: what is expected since the start, 1σ and 3σ. "
         if sigma
-        else "Nothing is expected here: the IMU runs for longer than the longest horizon, or had too few windows. "
+        else "Nothing is expected here: the IMU runs for longer than two minutes, or starts again too often. "
     )
     caption += "Warnings and errors are shaded." if severe else ""
     note = "" if shown.has_position else paragraph("This flight has no position: attitude alone is compared.")

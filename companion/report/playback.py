@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from companion.analysis import expected_since_anchor
 from companion.report.markup import paragraph
 from companion.report.subject import Section, Subject
-from companion.view import Envelope, Reckoning, replay_page
+from companion.view import Reckoning, replay_page
 
 _WORDS = (
     "The solid orange drone is the IMU alone, the see-through blue one the autopilot. Drag to turn, scroll to come "
@@ -18,9 +17,7 @@ def playback(subject: Subject) -> tuple[Section, str | None]:
     title = "3D playback"
     if subject.replay is None:
         return Section("playback", title, paragraph(f"Not made: {subject.why_no_replay}")), None
-    sigma = expected_since_anchor(subject.found, subject.replay)
-    reckoning = Reckoning(subject.replay, envelope=Envelope(*sigma) if sigma else None)
-    html = replay_page(reckoning, subject.flight.vehicle.type)
+    html = replay_page(Reckoning(subject.replay), subject.flight.vehicle.type)
     frame = (
         '<div id="playback-place"><button id="playback-start" type="button">Load the 3D playback</button></div>'
         '<p class="paper">The 3D playback is in the file that this was printed from: open it in a browser.</p>'

@@ -2,29 +2,34 @@
 
 from companion.view import palette
 from companion.view.app import Viewer
-from companion.view.choice import Recompute, ReplayChoice, without_bias
+from companion.view.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, with_track
 from companion.view.export import replay_page
 from companion.view.feed import Feed, Judgement, LinkState, Seen, StreamState
+from companion.view.insight import Insight
 from companion.view.live import LiveViewer
 from companion.view.marks import Mark
-from companion.view.moment import Envelope, Reckoning
+from companion.view.moment import Footage, Reckoning
 from companion.view.thin import extremes
 
 __all__ = [
-    "Envelope",
+    "Examine",
     "Feed",
+    "Footage",
+    "Insight",
     "Judgement",
     "LinkState",
     "LiveViewer",
     "Mark",
+    "Offer",
     "Reckoning",
     "Recompute",
     "ReplayChoice",
     "Seen",
     "StreamState",
     "Viewer",
+    "chosen_track",
     "extremes",
     "palette",
     "replay_page",
-    "without_bias",
+    "with_track",
 ]

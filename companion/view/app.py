@@ -7,11 +7,12 @@ from dataclasses import replace
 
 from companion.errors import CompanionError, InputError
 from companion.tracks import Flight
-from companion.view.choice import Recompute, ReplayChoice, attempt
+from companion.view.choice import Examine, Offer, Recompute, ReplayChoice
 from companion.view.page import Page
 from companion.view.player import Player
 from companion.view.scene import Scene
 from companion.view.stage import Stage
+from companion.view.work import attempt
 
 POSE_HZ = 30.0
 
@@ -20,16 +21,18 @@ class Viewer(Page[Stage]):
     """A replay in the browser. A resource, see `Page`.
 
     The first reckoning is done in the constructor, so that a flight that cannot be shown raises there
-    (CompanionError), before anything is served.
+    (CompanionError), before anything is served. What the analysis says of it comes while it is looked at.
     """
 
     def __init__(
         self,
         flights: Sequence[Flight],
         recompute: Recompute,
+        examine: Examine,
         *,
         flight: int = 0,
         choice: ReplayChoice | None = None,
+        offer: Offer | None = None,
         host: str = "127.0.0.1",
         port: int = 8080,
     ) -> None:
@@ -43,8 +46,12 @@ class Viewer(Page[Stage]):
         if isinstance(first.result, CompanionError):
             raise first.result
         film = first.result
+        also = offer or Offer()
         super().__init__(
-            host, port, POSE_HZ, lambda server, post: Stage(server, tuple(flights), recompute, first, film, post)
+            host,
+            port,
+            POSE_HZ,
+            lambda server, post: Stage(server, tuple(flights), recompute, examine, also, first, film, post),
         )
 
     @property

@@ -35,9 +35,10 @@ class Arrows:
         self._fastest, self._span = STILL, 0.0
         self.shown = False
 
-    def load(self, fastest: float) -> None:
-        """`fastest`: m/s, of the autopilot in this flight."""
+    def load(self, fastest: float, colour: Rgb) -> None:
+        """`fastest`: m/s, of the autopilot in this flight; `colour`: of the IMU."""
         self._fastest = fastest
+        self._handles[1].colors = np.array(_linear(colour), dtype=np.uint8)
 
     def resize(self, span: float) -> None:
         """Match drones `span` m wide."""

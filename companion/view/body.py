@@ -18,17 +18,20 @@ class Body:
     """A drone. Only the view thread may call it."""
 
     def __init__(self, scene: viser.SceneApi, root: str, label: str, colour: Rgb, drone: Drone, ghost: bool) -> None:
-        self._scene, self._root, self._colour, self._ghost = scene, root, colour, ghost
+        self._scene, self._root, self._ghost = scene, root, ghost
         self._place = scene.add_frame(root, show_axes=False)
         self._attitude = scene.add_frame(f"{root}/attitude", show_axes=False)
         self._span = 0.0
         self._meshes: list[viser.MeshHandle] = []
         self._name = scene.add_label(f"{root}/name", label, font_screen_scale=1.1)
-        self.reshape(drone)
+        self._look: tuple[Drone, Rgb] | None = None
+        self.reshape(drone, colour)
 
-    def reshape(self, drone: Drone) -> None:
-        """Become another vehicle."""
-        self._drone = drone
+    def reshape(self, drone: Drone, colour: Rgb) -> None:
+        """Become another vehicle, or another source."""
+        if self._look == (drone, colour):
+            return
+        self._look = (drone, colour)
         self._meshes = [
             self._scene.add_mesh_simple(  # a node of the same name takes the place of the old one
                 f"{self._root}/attitude/{part}",
@@ -41,8 +44,8 @@ class Body:
                 receive_shadow=False,
             )
             for part, mesh, tint in (
-                ("body", drone.body, self._colour),
-                ("front", drone.front, palette.mix(self._colour, (255, 255, 255), 0.6)),
+                ("body", drone.body, colour),
+                ("front", drone.front, palette.mix(colour, (255, 255, 255), 0.6)),
             )
         ]
         self._span = 0.0  # the next size is sent
@@ -68,9 +71,14 @@ class Body:
             self._name.text = text
 
     @property
-    def drone(self) -> Drone:
-        """What it looks like."""
-        return self._drone
+    def visible(self) -> bool:
+        """Whether it is on screen."""
+        return self._place.visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        if self._place.visible != visible:
+            self._place.visible = visible
 
     def put(self, wxyz: Array, position: Array) -> None:
         """Set attitude (4,) and place (3,)."""

@@ -1,9 +1,10 @@
-"""One chart over time with a line at the current instant, and the values there in its title."""
+"""One chart over time: a title in which the values at the current instant stand, lines, and a line at that instant."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
+from html import escape
 
 import numpy as np
 import viser
@@ -15,76 +16,101 @@ from companion.view.curves import Curves, curves
 from companion.view.moment import SAME_TIME
 from companion.view.palette import Rgb
 
-HEIGHT = 152  # of a chart, pixels
+HEIGHT = 152  # pixels
+SHARPNESS = 600  # the line at the instant is moved when it would be so small a part of the chart off
+PATIENCE = 4  # ... or when so many instants have gone by: a chart that someone has zoomed shows smaller steps
 STYLE = (  # the line at the current instant is a series: its entry in the legend would say nothing
     "<style>.uplot .u-legend{margin:-2px 0 4px}.uplot .u-legend .u-series:last-child{display:none}</style>"
 )
+Dash = tuple[float, ...]
+DASHED: Dash = (5.0, 4.0)
+DOTTED: Dash = (2.0, 4.0)
 
-Line = tuple[str, Rgb]
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Line:
+    """One line of a chart."""
+
+    name: str
+    colour: Rgb
+    t: Array  # (N,) s, boot clock
+    values: Array  # (N,)
+    width: float = 1.6  # pixels
+    dash: Dash | None = None
+    said: bool = True  # whether its value stands in the title
+
+    @property
+    def style(self) -> tuple[str, Rgb, float, Dash | None]:
+        """What does not depend on the data."""
+        return self.name, self.colour, self.width, self.dash
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drawing:
-    """What one chart is to show. With an envelope the last two of `values` are its 1σ and 3σ."""
+    """What one chart is to show."""
 
-    t: Array  # (N,) s, boot clock
-    values: tuple[Array, ...]  # each (N,)
-    known: Array | None = None  # (N,) 0 where the autopilot's state is not known
-    envelope: bool = False
+    title: str
+    unit: str
+    lines: tuple[Line, ...]
+    known: tuple[Array, Array] | None = None  # times, and 0 where the autopilot's state is not known
 
 
 class Chart:
-    """One chart with its title, in which the values at the current instant stand."""
+    """Only the view thread may call it."""
 
-    def __init__(
-        self, gui: viser.GuiApi, title: str, unit: str, lines: Sequence[Line], *, time: str = "s since boot"
-    ) -> None:
-        self._title, self._lines, self._time = title, tuple(lines), time
-        self._heading = gui.add_html("")
-        self._envelope = False
-        nothing = Curves(np.array([0.0, 1.0]), (np.zeros(2),) * len(lines), np.zeros(2))
-        self._drawing, self._drawn = Drawing(nothing.t, nothing.values), nothing
+    def __init__(self, gui: viser.GuiApi, *, time: str = "s since boot") -> None:
+        self._time = time
+        self._heading = gui.add_html("", visible=False)
+        self._drawing: Drawing | None = None
+        self._drawn = Curves(np.array([0.0, 1.0]), (np.zeros(2),), np.zeros(2))
+        self._unit, self._at, self._passed = "", math.nan, 0
+        self._styles: list[tuple[str, Rgb, float, Dash | None]] = [("", palette.CURSOR, 1.0, None)]
+        self._part = (0.0, 1.0)
         self.handle = gui.add_uplot(
-            nothing.at(0.0),
+            self._drawn.at(0.0),
             self._series(),
-            scales=_scales((0.0, 1.0)),
-            axes=(
-                uplot.Axis(size=30, space=40),
-                uplot.Axis(label=unit, labelSize=16, size=44, labelGap=0),
-            ),
+            scales=_scales(self._part),
+            axes=_axes(""),
             legend=uplot.Legend(show=True, live=True),
             cursor=uplot.Cursor(sync={"key": "time"}, drag={"x": True, "y": False}),
             height=HEIGHT,
             padding=(6, 14, 0, 0),
+            visible=False,
         )
 
-    def load(self, drawing: Drawing, part: tuple[float, float]) -> None:
-        """Draw something else, between two times (s, boot clock)."""
-        self._drawing = drawing
-        self._drawn = curves(drawing.t, drawing.values, drawing.known, part)
-        if drawing.envelope != self._envelope:
-            self._envelope = drawing.envelope
+    def draw(self, drawing: Drawing | None, part: tuple[float, float]) -> None:
+        """Draw something else, between two times (s, boot clock); None: nothing."""
+        self._drawing, self._part = drawing, part
+        self._heading.visible = self.handle.visible = drawing is not None
+        if drawing is None:
+            return
+        self._drawn = curves([(line.t, line.values) for line in drawing.lines], drawing.known, part)
+        if self._unit != drawing.unit:
+            self._unit = drawing.unit
+            self.handle.axes = _axes(drawing.unit)
+        styles = [line.style for line in drawing.lines]
+        if styles != self._styles:
+            self._styles = styles
             # Series and data have to change together, or the chart has lines without points.
             self.handle.series, self.handle.data = self._series(), self._drawn.at(part[0])
         scales = _scales(part)
         if self.handle.scales != scales:  # a change builds the chart anew and forgets how the user has zoomed
             self.handle.scales = scales
+        self._at = math.nan  # equal to nothing: the next line is sent
 
-    def show(self, now: float, values: tuple[float, ...] = ()) -> None:
-        """Move the line to `now`, s, boot clock, where `values` hold (default: those of the last sample)."""
-        if not self.handle.visible:
+    def show(self, now: float, *, still: bool) -> None:
+        """Say the values at `now`, s, boot clock, and move the line there.
+
+        Moving it sends the whole chart: while the instant is not `still`, only when the eye would see it.
+        """
+        if self._drawing is None or now == self._at:
             return
-        self.handle.data = self._drawn.at(now)
-        if not values:
-            sample = max(int(np.searchsorted(self._drawing.t, now + SAME_TIME, side="right")) - 1, 0)
-            values = tuple(float(v[sample]) for v in self._drawing.values)
-        said = " ".join(_key(name, v, colour) for (name, colour), v in zip(self._lines, values, strict=True))
-        self._heading.content = _row(f'<span style="font-weight:600">{self._title}</span><span>{said}</span>')
-
-    def set_visible(self, visible: bool) -> None:
-        """Show it, or not."""
-        if self.handle.visible != visible:
-            self._heading.visible = self.handle.visible = visible
+        self._passed += 1
+        if still or self._passed >= PATIENCE or not abs(now - self._at) < (self._part[1] - self._part[0]) / SHARPNESS:
+            self._at, self._passed = now, 0
+            self.handle.data = self._drawn.at(now)
+        said = "".join(_key(line, now) for line in self._drawing.lines if line.said)
+        self._heading.content = heading(self._drawing.title, said)
 
     def relayout(self) -> None:
         """Make every browser lay the chart out again, by a pixel of height.
@@ -96,13 +122,40 @@ class Chart:
         self.handle.height = HEIGHT + 1 if self.handle.height == HEIGHT else HEIGHT
 
     def _series(self) -> tuple[uplot.Series, ...]:
-        envelope = [("1σ", (5.0, 4.0)), ("3σ", (2.0, 4.0))] if self._envelope else []
         return (
             uplot.Series(label=self._time),
-            *(_line(name, colour, 1.6) for name, colour in self._lines),
-            *(_line(name, palette.CURSOR, 1.3, dash) for name, dash in envelope),
-            _line("now", palette.CURSOR, 1.2, scale="now", fill="rgba(130,130,130,0.22)"),
+            *(series(*style) for style in self._styles),
+            series("now", palette.CURSOR, 1.2, scale="now", fill="rgba(130,130,130,0.22)"),
         )
+
+
+def series(
+    label: str,
+    colour: Rgb,
+    width: float,
+    dash: Dash | None = None,
+    *,
+    scale: str | None = None,
+    fill: str | None = None,
+    points: bool = False,
+) -> uplot.Series:
+    """A line as uPlot wants it."""
+    line = uplot.Series(label=label, stroke=palette.css(colour), width=width, points={"show": points})
+    if dash is not None:
+        line["dash"] = dash
+    if scale is not None:
+        line["scale"] = scale
+    if fill is not None:
+        line["fill"] = fill
+    return line
+
+
+def heading(title: str, said: str) -> str:
+    """The row above a chart; `said` is markup."""
+    return (
+        '<div style="padding:0 1em;font-size:0.8em;display:flex;justify-content:space-between;flex-wrap:wrap;'
+        f'font-variant-numeric:tabular-nums"><span style="font-weight:600">{title}</span><span>{said}</span></div>'
+    )
 
 
 def _scales(part: tuple[float, float]) -> dict[str, uplot.Scale]:
@@ -110,30 +163,14 @@ def _scales(part: tuple[float, float]) -> dict[str, uplot.Scale]:
     return {"x": uplot.Scale(time=False, range=part), "now": uplot.Scale(range=(0.0, 1.0))}
 
 
-def _line(
-    label: str,
-    colour: Rgb,
-    width: float,
-    dash: tuple[float, ...] | None = None,
-    scale: str | None = None,
-    fill: str | None = None,
-) -> uplot.Series:
-    series = uplot.Series(label=label, stroke=palette.css(colour), width=width, points={"show": False})
-    if dash is not None:
-        series["dash"] = dash
-    if scale is not None:
-        series["scale"] = scale
-    if fill is not None:
-        series["fill"] = fill
-    return series
+def _axes(unit: str) -> tuple[uplot.Axis, ...]:
+    return (uplot.Axis(size=30, space=40), uplot.Axis(label=unit, labelSize=16, size=44, labelGap=0))
 
 
-def _row(markup: str) -> str:
+def _key(line: Line, now: float) -> str:
+    sample = max(int(np.searchsorted(line.t, now + SAME_TIME, side="right")) - 1, 0)
+    value = float(line.values[sample]) if len(line.values) else 0.0
     return (
-        '<div style="padding:0 1em;font-size:0.8em;display:flex;justify-content:space-between;flex-wrap:wrap;'
-        f'font-variant-numeric:tabular-nums">{markup}</div>'
+        f'<span style="color:{palette.css(line.colour)};font-weight:600;margin-left:0.6em">'
+        f"{escape(line.name)} {value:.2f}</span>"
     )
-
-
-def _key(name: str, value: float, colour: Rgb) -> str:
-    return f'<span style="color:{palette.css(colour)};font-weight:600;margin-left:0.6em">{name} {value:.2f}</span>'

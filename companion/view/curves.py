@@ -40,22 +40,40 @@ class Curves:
 
 
 def curves(
-    t: Array, values: Sequence[Array], known: Array | None = None, part: tuple[float, float] | None = None
+    lines: Sequence[tuple[Array, Array]],
+    known: tuple[Array, Array] | None = None,
+    part: tuple[float, float] | None = None,
+    most: int = MOST_POINTS,
 ) -> Curves:
-    """Thin `values` (each (N,)) over `t` (N,) to what a chart can draw, keeping every peak.
+    """Thin lines, each times (N,) and values (N,), to `most` points on one time axis, keeping every peak of each.
 
-    known: (N,), False (0) where the autopilot's state is not known. part: s, only what lies between two times, and one
-    sample more on either side so that the lines reach the edges.
+    Lines with the same array of times share their points; the others are drawn straight between their own.
+    known: times and flags, False (0) where the autopilot's state is not known. part: s, only what lies between two
+    times, and one sample more on either side so that the lines reach the edges.
     """
-    low, high = 0, len(t)
-    if part is not None:
-        low = max(int(np.searchsorted(t, part[0], side="right")) - 1, 0)
-        high = min(int(np.searchsorted(t, part[1], side="left")) + 1, len(t))
-    t, values = t[low:high], [v[low:high] for v in values]
-    hole = np.zeros(len(t)) if known is None else 1.0 - known[low:high]
-    edges, hole = _edges(t, hole)
-    kept = np.union1d(extremes(tuple(values), MOST_POINTS - len(edges)), edges)
-    return Curves(t[kept], tuple(v[kept] for v in values), hole[kept])
+    groups: dict[int, tuple[Array, list[Array]]] = {}
+    for t, values in lines:
+        cut = _cut(t, part)
+        groups.setdefault(id(t), (t[cut], []))[1].append(values[cut])
+    holes, flags, edges = np.zeros(1), np.zeros(1), np.zeros(0)
+    if known is not None:
+        cut = _cut(known[0], part)
+        holes = known[0][cut]
+        beside, flags = _edges(holes, 1.0 - known[1][cut])
+        edges = holes[beside]
+    share = (most - len(edges)) // len(groups)
+    kept = [t[extremes(tuple(values), max(share, 2 * len(values) + 2))] for t, values in groups.values() if len(t)]
+    times = np.unique(np.concatenate([*kept, edges]))
+    drawn = tuple(np.interp(times, t, v) if len(t) else np.zeros(len(times)) for t, v in lines)
+    last = np.clip(np.searchsorted(holes, times, side="right") - 1, 0, len(holes) - 1)
+    return Curves(times, drawn, flags[last])
+
+
+def _cut(t: Array, part: tuple[float, float] | None) -> slice:
+    if part is None:
+        return slice(0, len(t))
+    low = max(int(np.searchsorted(t, part[0], side="right")) - 1, 0)
+    return slice(low, min(int(np.searchsorted(t, part[1], side="left")) + 1, len(t)))
 
 
 def _edges(t: Array, hole: Array) -> tuple[Indices, Array]:

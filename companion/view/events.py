@@ -62,6 +62,13 @@ class JumpToMark:
 
 
 @dataclass(frozen=True, slots=True)
+class JumpToFinding:
+    """Pause and go to where a finding begins, by its place in the verdict."""
+
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
 class SetSpeed:
     """Play so many times as fast as it was flown."""
 
@@ -110,9 +117,9 @@ class PickFlight:
 
 @dataclass(frozen=True, slots=True)
 class PickCharts:
-    """Show the charts of the errors, or of what the IMU read."""
+    """Show another page of charts, by its name."""
 
-    imu: bool
+    page: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +147,7 @@ class SetSize:
 
 @dataclass(frozen=True, slots=True)
 class SetRange:
-    """Draw the ball of three expected standard deviations, or not."""
+    """Draw the ellipsoid of three expected standard deviations, or not."""
 
     shown: bool
 
@@ -229,7 +236,8 @@ class PickRun:
 
 
 Look = SetCamera | SetTrail | SetSize | SetRange | SetArrows | SetDark
-Move = Toggle | Seek | SeekShare | Step | StepSample | Jump | JumpToMark | SetSpeed | SetLoop | SetBackwards | SetPart
+Goto = Step | StepSample | Jump | JumpToMark | JumpToFinding
+Move = Toggle | Seek | SeekShare | Goto | SetSpeed | SetLoop | SetBackwards | SetPart
 Live = Pause | LookBack | StepBack | SetReanchor | AnchorNow | PickVehicle | PickRun
 Event = Live | Move | Look | Choose | StartHere | PickFlight | PickCharts | Save | Joined | Left
 Post = Callable[[Event], None]

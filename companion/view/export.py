@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
 import viser
 
+from companion.tracks import Array
 from companion.view.framing import FIELD_OF_VIEW, camera, frame, readable_span
 from companion.view.moment import Footage, Reckoning, footage
+from companion.view.palette import Rgb
 from companion.view.scene import Scene
 from companion.view.server import Address, close_server, open_server
 from companion.view.shapes import Drone, drone_for
@@ -57,7 +60,14 @@ def replay_page(reckoning: Reckoning, mav_type: str, *, dark: bool = False) -> s
     return page(footage(reckoning), drone_for(mav_type), dark=dark)
 
 
-def page(film: Footage, drone: Drone, *, dark: bool = False) -> str:
+def page(
+    film: Footage,
+    drone: Drone,
+    colours: Mapping[str, Rgb] | None = None,
+    home: Array | None = None,
+    *,
+    dark: bool = False,
+) -> str:
     """The 3D replay as one HTML file with its own player. Takes a second or two: not for the view thread."""
     framing = frame(film.replay.position_ref, film.replay.position_imu)
     view = camera("Free", framing)
@@ -68,8 +78,8 @@ def page(film: Footage, drone: Drone, *, dark: bool = False) -> str:
         first.position, first.look_at = view.position, view.look_at
         first.near, first.far, first.fov = view.near, view.far, float(FIELD_OF_VIEW)
         scene = Scene(server.scene, drone)
-        scene.shade(dark=dark)
-        scene.load(film, framing, drone)
+        scene.ground.shade(dark=dark)
+        scene.load(film, framing, drone, colours or {}, home)
         scene.trails(-np.inf, np.inf)
         span = readable_span(framing.distance, drone.span_m, 1.0)
         duration = film.end - film.start

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import viser
 
-from companion.tracks import Array
 from companion.view import events, palette
-from companion.view.chart import STYLE, Chart, Drawing
+from companion.view.chart import DASHED, STYLE, Chart, Drawing, Line
 from companion.view.controls import button_row
 from companion.view.history import Past
 
@@ -23,18 +22,7 @@ class LiveCharts:
         button_row(gui, "Show", shown, post, "Drag over a chart to zoom in, double-click to see all of it again")
         gui.add_html(STYLE)
         self._window = window_s
-        time = "s before now"
-        self._charts = [
-            Chart(
-                gui,
-                "Attitude error, °",
-                "deg",
-                [("tilt", palette.DIFFERENCE), ("heading", palette.HEADING)],
-                time=time,
-            ),
-            Chart(gui, "Velocity error, m/s", "m/s", [("apart", palette.DIFFERENCE)], time=time),
-            Chart(gui, "Position error, m", "m", [("apart", palette.DIFFERENCE)], time=time),
-        ]
+        self._charts = [Chart(gui, time="s before now") for _ in range(3)]
         self._free = False
 
     def pick(self, *, free: bool) -> None:
@@ -45,19 +33,29 @@ class LiveCharts:
         """Draw the past, with the line at `now` (s, 0 or less)."""
         film = past.film
         known = film.replay.reference_valid.astype(np.float64)
-        values: list[tuple[Array, ...]] = [(film.tilt_deg, film.heading_deg), (film.velocity_mps,), (film.position_m,)]
+        e = film.errors
+        tilt, heading, velocity, position = e.tilt_deg, e.heading_deg, e.velocity_mps, e.position_m
         if self._free:
             there = np.asarray(np.isfinite(past.free).all(axis=1))
-            free = np.where(there[:, None], past.free, 0.0)
+            tilt, heading, velocity, position = np.where(there[:, None], past.free, 0.0).T
             known = known * there
-            values = [(free[:, 0], free[:, 1]), (free[:, 2],), (free[:, 3],)]
-        duration = -float(film.replay.t[0])
+        colour = palette.FREE if self._free else palette.IMU
+        duration = -float(e.t[0])
         span = next((s for s in SPANS if s >= min(duration, self._window)), self._window)
-        at = int(np.clip(np.searchsorted(film.replay.t, now + 1e-6) - 1, 0, len(known) - 1))
-        for i, (chart, columns) in enumerate(zip(self._charts, values, strict=True)):
-            chart.set_visible(i == 0 or film.replay.has_position)
-            chart.load(Drawing(film.replay.t, columns, known), (-min(span, self._window), 0.0))
-            chart.show(now, tuple(float(column[at]) for column in columns))
+        drawings = [
+            Drawing(
+                "Attitude error, °",
+                "deg",
+                (Line("tilt", colour, e.t, tilt), Line("heading", colour, e.t, heading, dash=DASHED)),
+                (e.t, known),
+            ),
+            Drawing("Velocity error, m/s", "m/s", (Line("apart", colour, e.t, velocity),), (e.t, known)),
+            Drawing("Position error, m", "m", (Line("apart", colour, e.t, position),), (e.t, known)),
+        ]
+        for i, (chart, drawing) in enumerate(zip(self._charts, drawings, strict=True)):
+            shown = i == 0 or film.replay.has_position
+            chart.draw(drawing if shown else None, (-min(span, self._window), 0.0))
+            chart.show(now, still=True)
 
     def relayout(self) -> None:
         """Make every browser lay its charts out again; see Chart.relayout."""

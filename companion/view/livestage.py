@@ -152,13 +152,13 @@ class LiveStage:
             case events.SetSize(size):
                 self._size = size
             case events.SetRange(shown):
-                self.scene.range_shown = shown
+                self.scene.expected.shown = shown
             case events.SetArrows(shown):
                 self.scene.arrows.shown = shown
             case events.SetDark(dark):
                 self._dark = dark
                 self._theme()
-                self.scene.shade(dark=dark)
+                self.scene.ground.shade(dark=dark)
 
     def _take(self, seen: Seen) -> None:
         """Keep what is seen now. Another vehicle or boot begins with nothing behind it."""
@@ -256,7 +256,7 @@ class LiveStage:
             if self._size is not None:
                 span = readable_span(distance, span, self._size)
             self.scene.annotate(moment, span, imu_above=float(apart @ screen_up(target - eye)) >= 0)
-            self.scene.rule(grid_cell(distance, self.scene.cell))
+            self.scene.ground.rule(grid_cell(distance, self.scene.ground.cell))
             free, age, position = self._free_now()
             self._panel.show(moment, free, age, has_position=here)
             self._ball.visible = here and position is not None

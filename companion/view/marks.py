@@ -26,10 +26,10 @@ class Mark:
 
 
 COLOURS: dict[MarkKind, Rgb] = {
-    "finding": palette.IMU,
-    "arming": palette.HEADING,
-    "mode": palette.AUTOPILOT,
-    "trouble": palette.DIFFERENCE,
+    "finding": palette.DIFFERENCE,
+    "arming": palette.AXES[1],
+    "mode": palette.AXES[2],
+    "trouble": palette.AXES[0],
     "text": palette.CURSOR,
     "anchor": palette.mix(palette.CURSOR, (255, 255, 255), 0.4),
 }

@@ -2,34 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from companion.analysis import Replay
 from companion.errors import DataError
-from companion.tracks import Array
-from companion.view.marks import Mark
+from companion.tracks import Array, ImuTrack
+from companion.view.insight import MOST, Envelope, Errors, Insight, envelope_of, errors_of
 from companion.view.thin import Indices
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Envelope:
-    """How far apart both are expected to be: one standard deviation of each error, at times of its own."""
-
-    t: Array  # (M,) s, boot clock, increasing
-    attitude_deg: Array  # (M,)
-    velocity_mps: Array  # (M,)
-    position_m: Array  # (M,)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Reckoning:
-    """A replay with what else is known of it: what an analysis expected, and what it found."""
+    """A replay, the readings that it was made from, and the replays of other IMUs beside it."""
 
     replay: Replay
-    envelope: Envelope | None = None
-    findings: tuple[Mark, ...] = ()  # shown on the timeline beside what the vehicle said
+    track: ImuTrack | None = None  # as it was integrated, with the chosen corrections taken off; None: not kept
+    others: Mapping[str, Replay] = field(default_factory=dict)  # by message name
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +39,7 @@ class Moment:
     since_anchor_s: float
     velocity_imu: Array  # (3,) NED, m/s
     velocity_ref: Array  # (3,) NED, m/s, the autopilot's
-    sigma_m: float  # expected position error, one standard deviation; 0 when nothing is expected
+    covariance: Array  # (3, 3) of the expected position error, NED, m²; zero where nothing is expected
     known: bool  # whether the autopilot's state is known here, or only interpolated across a hole
 
 
@@ -57,13 +48,18 @@ class Footage:
     """A replay with its errors as people read them. Everything in it is finite, every quaternion of unit length."""
 
     replay: Replay
-    tilt_deg: Array  # (N,)
-    heading_deg: Array  # (N,) signed as in Moment
-    velocity_mps: Array  # (N,)
-    position_m: Array  # (N,)
+    track: ImuTrack | None  # the readings, corrected as they were integrated; None: not kept
+    errors: Errors  # at the replay's times
     restarts: Indices  # (A,) the first sample at or after each anchor: the IMU's track is broken just before it
-    envelope: Envelope | None  # at the replay's own times
-    findings: tuple[Mark, ...]
+    others: Mapping[str, Footage]  # other IMUs of the flight, by message name
+    insight: Insight | None = None  # what the analysis says, once it has come
+    envelope: Envelope | None = None  # of the errors since the anchor
+    trailing: Errors | None = None  # over the chosen horizon, at the ends of its windows
+
+    @property
+    def source(self) -> str:
+        """The IMU message that was reckoned, or "IMU"."""
+        return self.track.source if self.track is not None else "IMU"
 
     @property
     def start(self) -> float:
@@ -80,7 +76,7 @@ class Footage:
 
         Across an anchor the IMU's track jumps back to the autopilot's: there the sample before is held.
         """
-        r = self.replay
+        r, errors = self.replay, self.errors
         right = int(np.clip(np.searchsorted(r.t, t, side="right"), 1, max(len(r.t) - 1, 1)))
         left = right - 1
         right = min(right, len(r.t) - 1)
@@ -99,16 +95,29 @@ class Footage:
             position_imu=line(r.position_imu, imu_share),
             q_ref=_between(r.q_ref[left], r.q_ref[right], share),
             position_ref=line(r.position_ref, share),
-            tilt_deg=float(line(self.tilt_deg, imu_share)),
-            heading_deg=float(line(self.heading_deg, imu_share)),
-            velocity_mps=float(line(self.velocity_mps, imu_share)),
-            position_m=float(line(self.position_m, imu_share)),
+            tilt_deg=float(line(errors.tilt_deg, imu_share)),
+            heading_deg=float(line(errors.heading_deg, imu_share)),
+            velocity_mps=float(line(errors.velocity_mps, imu_share)),
+            position_m=float(line(errors.position_m, imu_share)),
             since_anchor_s=max(t - float(r.anchors[anchor]), 0.0) if anchor >= 0 else 0.0,
             velocity_imu=line(r.velocity_imu, imu_share),
             velocity_ref=line(r.velocity_ref, share),
-            sigma_m=0.0 if self.envelope is None else float(line(self.envelope.position_m, imu_share)),
+            covariance=np.zeros((3, 3)) if self.envelope is None else self.envelope.ellipsoid(t),
             known=bool(r.reference_valid[left] and r.reference_valid[right]),
         )
+
+    def after_horizon(self, t: float) -> tuple[float, float] | None:
+        """Attitude error (°) and position error (m) of the window of the chosen horizon that ends at `t`, s.
+
+        None before the first such window, and where it could not be used.
+        """
+        errors = self.trailing
+        if errors is None or not len(errors.t):
+            return None
+        i = int(np.searchsorted(errors.t, t + SAME_TIME, side="right")) - 1
+        if i < 0 or t - errors.t[i] > _STALE_S:
+            return None
+        return float(np.hypot(errors.tilt_deg[i], errors.heading_deg[i])), float(errors.position_m[i])
 
     def sample_from(self, t: float, samples: int) -> float:
         """The time, s, of the sample that lies `samples` steps after the instant `t` (before it, when negative)."""
@@ -123,35 +132,52 @@ def footage(reckoning: Reckoning) -> Footage:
 
     Raises DataError when nothing is left.
     """
-    replay = reckoning.replay
+    others = {name: _film(replay, None) for name, replay in reckoning.others.items()}
+    return replace(_film(reckoning.replay, reckoning.track), others=others)
+
+
+def with_insight(film: Footage, insight: Insight) -> Footage:
+    """The same footage with what the analysis says of it."""
+    trailing = insight.trailing
+    return replace(
+        film,
+        insight=insight,
+        envelope=envelope_of(insight.expected) if insight.expected else None,
+        trailing=errors_of(trailing.end_s, trailing.attitude, trailing.velocity, trailing.position),
+    )
+
+
+def _film(replay: Replay, track: ImuTrack | None) -> Footage:
     q_norms = np.minimum(np.linalg.norm(replay.q_imu, axis=1), np.linalg.norm(replay.q_ref, axis=1))
     # A track that diverged to 1e30 m is finite here and infinite as the float32 that the browser gets.
     good = np.isfinite(replay.t) & (q_norms > 1e-9) & (q_norms < np.inf)
     for name in _COLUMNS:
-        good &= (np.abs(getattr(replay, name)) < _LARGEST).all(axis=1)
+        good &= (np.abs(getattr(replay, name)) < MOST).all(axis=1)
     if not good.any():
         raise DataError(
             f"None of the {len(replay.t)} samples of this replay is finite: there is nothing to show. "
             "Start later, or choose another IMU."
         )
+    clean = replay
+    if not good.all():
+        clean = replace(
+            replay,
+            t=replay.t[good],
+            **{name: getattr(replay, name)[good] for name in _COLUMNS},
+            reference_valid=replay.reference_valid[good],
+        )
     clean = replace(
-        replay,
-        t=replay.t[good],
-        **{name: getattr(replay, name)[good] for name in _COLUMNS},
-        reference_valid=replay.reference_valid[good],
+        clean,
+        q_imu=_unit(clean.q_imu),
+        q_ref=_unit(clean.q_ref),
         anchors=replay.anchors[np.isfinite(replay.anchors)],
     )
-    clean = replace(clean, q_imu=_unit(clean.q_imu), q_ref=_unit(clean.q_ref))
-    degrees = np.degrees(clean.attitude_error)
     return Footage(
         clean,
-        tilt_deg=np.linalg.norm(degrees[:, :2], axis=1),
-        heading_deg=degrees[:, 2].copy(),
-        velocity_mps=np.linalg.norm(clean.velocity_error, axis=1),
-        position_m=np.linalg.norm(clean.position_error, axis=1),
+        track,
+        errors=errors_of(clean.t, clean.attitude_error, clean.velocity_error, clean.position_error),
         restarts=np.searchsorted(clean.t, clean.anchors, side="left").astype(np.intp),
-        envelope=None if reckoning.envelope is None else _resampled(reckoning.envelope, clean.t),
-        findings=reckoning.findings,
+        others={},
     )
 
 
@@ -166,17 +192,8 @@ _COLUMNS = (
     "velocity_error",
     "position_error",
 )
-_LARGEST = 1e12
+_STALE_S = 1.0  # between the ends of two windows: longer is a stretch where none could be used
 SAME_TIME = 5e-7  # s: half a tick of MAVLink's finest clock
-
-
-def _resampled(envelope: Envelope, t: Array) -> Envelope:
-    """`envelope` at times t, finite."""
-
-    def at(sigma: Array) -> Array:
-        return np.asarray(np.interp(t, envelope.t, np.clip(np.nan_to_num(sigma, posinf=_LARGEST), 0.0, _LARGEST)))
-
-    return Envelope(t, at(envelope.attitude_deg), at(envelope.velocity_mps), at(envelope.position_m))
 
 
 def _unit(q: Array) -> Array:

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 Rgb = tuple[int, int, int]
 
-IMU: Rgb = (230, 97, 1)  # vermillion: what the IMU alone says
-FREE: Rgb = (243, 170, 110)  # pale vermillion: the same IMU, left alone for longer
 AUTOPILOT: Rgb = (0, 114, 178)  # blue: what the autopilot says
-DIFFERENCE: Rgb = (204, 84, 152)  # reddish purple, a little deeper for thin lines: the error between both
-HEADING: Rgb = (0, 158, 115)  # bluish green: the heading part of the attitude error
-AXES: tuple[Rgb, Rgb, Rgb] = ((214, 145, 0), (0, 158, 115), (86, 180, 233))
-"""Forward, right and down: amber, green and sky, none of them a source's colour."""
-CURSOR: Rgb = (130, 130, 130)  # the current instant
+IMUS: tuple[Rgb, ...] = ((230, 97, 1), (0, 158, 115), (230, 180, 30), (86, 180, 233), (120, 90, 60))
+"""Vermillion, bluish green, amber, sky, brown: the IMUs of a flight in its own order, whichever is reckoned."""
+IMU: Rgb = IMUS[0]  # the IMU where there is but one
+FREE: Rgb = (243, 170, 110)  # pale vermillion: the same IMU, left alone for longer
+HEADING: Rgb = (0, 158, 115)  # bluish green: a second quantity of the same source
+DIFFERENCE: Rgb = (204, 84, 152)  # reddish purple, a little deeper for thin lines: what lies between both, and findings
+AXES: tuple[Rgb, Rgb, Rgb] = ((170, 51, 119), (133, 133, 0), (68, 68, 170))
+"""Forward, right and down: wine, olive and indigo, none of them a source's colour."""
+CURSOR: Rgb = (130, 130, 130)  # the current instant, and what is expected
 
 CONTROLS: Rgb = (84, 96, 112)  # buttons: no source's colour
+
+
+def of_imus(names: Iterable[str]) -> dict[str, Rgb]:
+    """The colour of each IMU message of a flight, in the flight's own order."""
+    return {name: IMUS[i % len(IMUS)] for i, name in enumerate(names)}
 
 
 def css(colour: Rgb) -> str:

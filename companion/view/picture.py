@@ -21,7 +21,7 @@ class PictureControls:
             trail = gui.add_dropdown("Paths", tuple(trails))
             size = gui.add_dropdown("Drones", tuple(SIZES))
             ball = gui.add_checkbox(
-                "3σ ball", False, hint="Around the IMU: where the autopilot should be, if nothing is wrong"
+                "3σ ellipsoid", False, hint="Around the IMU: where the autopilot should be, if nothing is wrong"
             )
             arrows = gui.add_checkbox("Arrows", False, hint="Velocity of both, and gravity")
             dark = gui.add_checkbox("Dark", False)

@@ -1,85 +1,91 @@
-"""Charts over time with a line at the current instant: how far both are apart, and what the IMU read."""
+"""The charts beside the picture, a page of them at a time."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
 
-import numpy as np
 import viser
 
-from companion.tracks import Array, ImuTrack
+from companion.tracks import Flight
 from companion.view import events, palette
 from companion.view.chart import STYLE, Chart, Drawing
-from companion.view.controls import button_row
+from companion.view.controls import listen
+from companion.view.drawings import error_drawings, horizon_drawings, rate_drawings, reading_drawings
+from companion.view.drift_chart import DriftCharts
 from companion.view.moment import Footage, Moment
+from companion.view.palette import Rgb
+
+PAGES = ("Errors since the anchor", "Errors over the horizon", "IMU readings", "Drift by horizon", "Rates and gaps")
+ERRORS, HORIZON, READINGS, DRIFT, RATES = PAGES
+CHARTS = 3
 
 
 class Plots:
-    """The charts of the errors, and the charts of the IMU's readings. Only the view thread may call it."""
+    """Only the view thread may call it."""
 
     def __init__(self, gui: viser.GuiApi, post: events.Post) -> None:
-        shown = {"Errors": events.PickCharts(imu=False), "IMU readings": events.PickCharts(imu=True)}
-        button_row(gui, "Show", shown, post, "Drag over a chart to zoom in, double-click to see all of it again")
+        self._page = gui.add_dropdown(
+            "Charts", PAGES, hint="Drag over a chart to zoom in, double-click to see all of it again"
+        )
+        listen(self._page, post, lambda: events.PickCharts(str(self._page.value)))
         gui.add_html(STYLE)
-        self._errors = [
-            Chart(gui, "Attitude error, °", "deg", [("tilt", palette.DIFFERENCE), ("heading", palette.HEADING)]),
-            Chart(gui, "Velocity error, m/s", "m/s", [("apart", palette.DIFFERENCE)]),
-            Chart(gui, "Position error, m", "m", [("apart", palette.DIFFERENCE)]),
-        ]
-        axes = list(zip(("forward", "right", "down"), palette.AXES, strict=True))
-        self._readings = [Chart(gui, "Gyro, °/s", "deg/s", axes), Chart(gui, "Accelerometer, m/s²", "m/s²", axes)]
-        self._charts = [*self._errors, *self._readings]
-        self._drawings: list[Drawing] = []
-        self._show_readings = self._has_position = False
-        self._now = math.nan
+        self._charts = [Chart(gui) for _ in range(CHARTS)]
+        self._drift = DriftCharts(gui)
+        self._hint = gui.add_html("", visible=False)
+        self._film: Footage | None = None
+        self._flight: Flight | None = None
+        self._colours: Mapping[str, Rgb] = {}
+        self._part = (0.0, 1.0)
+        self._shown, self._now = ERRORS, 0.0
 
-    def load(self, film: Footage, imu: ImuTrack, part: tuple[float, float]) -> None:
-        """Draw another reckoning, between two times (s, boot clock). `imu`: the readings that it was made from."""
-        replay, expected = film.replay, film.envelope
-        known = replay.reference_valid.astype(np.float64)
-
-        def error(values: tuple[Array, ...], sigma: Array | None) -> Drawing:
-            envelope = () if sigma is None else (sigma, 3 * sigma)
-            return Drawing(replay.t, values + envelope, known, envelope=sigma is not None)
-
-        self._drawings = [
-            error((film.tilt_deg, film.heading_deg), expected.attitude_deg if expected else None),
-            error((film.velocity_mps,), expected.velocity_mps if expected else None),
-            error((film.position_m,), expected.position_m if expected else None),
-            Drawing(imu.t, tuple(np.degrees(imu.gyro.T))),
-            Drawing(imu.t, tuple(imu.accel.T)),
-        ]
-        self._has_position = replay.has_position
-        self.choose_part(part)
-        self.pick(imu=self._show_readings)
+    def load(self, film: Footage, flight: Flight, colours: Mapping[str, Rgb], part: tuple[float, float]) -> None:
+        """Draw another reckoning, between two times (s, boot clock)."""
+        self._film, self._flight, self._colours, self._part = film, flight, colours, part
+        insight = film.insight
+        self._drift.load(insight.assessment if insight else None, colours.get(film.source, palette.IMU))
+        self._draw()
 
     def choose_part(self, part: tuple[float, float]) -> None:
         """Show what lies between two times (s, boot clock), thinned anew: the shorter, the finer."""
-        for chart, drawing in zip(self._charts, self._drawings, strict=True):
-            chart.load(drawing, part)
-        self._now = math.nan  # equal to nothing: the next line is sent
+        self._part = part
+        self._draw()
 
-    def pick(self, *, imu: bool) -> None:
-        """Show the IMU's readings, or the errors."""
-        self._show_readings = imu
-        for i, chart in enumerate(self._errors):
-            chart.set_visible(not imu and (i == 0 or self._has_position))
-        for chart in self._readings:
-            chart.set_visible(imu)
-        self._now = math.nan
+    def pick(self, page: str) -> None:
+        """Show another page of charts."""
+        if page in PAGES:
+            self._shown = page
+            self._draw()
 
     def relayout(self) -> None:
         """Make every browser lay its charts out again; see Chart.relayout."""
         for chart in self._charts:
             chart.relayout()
+        self._drift.relayout()
 
     def show(self, moment: Moment) -> None:
-        """Move the line to `moment`. A line that stands still costs nothing."""
-        if moment.t == self._now:
+        """Move the line to `moment`."""
+        still, self._now = moment.t == self._now, moment.t
+        for chart in self._charts:
+            chart.show(moment.t, still=still)
+
+    def _draw(self) -> None:
+        if self._film is None or self._flight is None:
             return
-        self._now = moment.t
-        said = ((moment.tilt_deg, moment.heading_deg), (moment.velocity_mps,), (moment.position_m,))
-        for chart, values in zip(self._errors, said, strict=True):
-            chart.show(moment.t, values)
-        for chart in self._readings:
-            chart.show(moment.t)
+        drawings = self._drawings(self._film, self._flight)
+        for i, chart in enumerate(self._charts):
+            chart.draw(drawings[i] if i < len(drawings) else None, self._part)
+        self._drift.pick(shown=self._shown == DRIFT)
+        waiting = self._shown in (HORIZON, DRIFT) and self._film.insight is None
+        empty = self._shown == HORIZON and not drawings
+        self._hint.visible = waiting or empty
+        said = "The analysis is still at work." if waiting else "No window of this length can be used."
+        self._hint.content = f'<div style="padding:0.5em 1em;font-size:0.8em">{said}</div>'
+
+    def _drawings(self, film: Footage, flight: Flight) -> list[Drawing]:
+        if self._shown == ERRORS:
+            return error_drawings(film, self._colours)
+        if self._shown == HORIZON:
+            return horizon_drawings(film, self._colours)
+        if self._shown == READINGS:
+            return reading_drawings(film, flight)
+        return rate_drawings(flight, self._colours) if self._shown == RATES else []

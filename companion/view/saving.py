@@ -8,8 +8,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 import viser
 
 from companion.view import export
-from companion.view.moment import Footage
-from companion.view.shapes import Drone
 
 PICTURE, PAGE = "companion.png", "companion-replay.html"
 
@@ -25,9 +23,9 @@ class Saver:
         """Send the browser what it shows, as PNG."""
         self._submit(client, PICTURE, lambda: export.picture(client, dark=dark))
 
-    def page(self, client: viser.ClientHandle, film: Footage, drone: Drone, *, dark: bool) -> None:
-        """Send the browser the 3D replay as a page of its own."""
-        self._submit(client, PAGE, lambda: export.page(film, drone, dark=dark).encode())
+    def page(self, client: viser.ClientHandle, make: Callable[[], str]) -> None:
+        """Send the browser the 3D replay, which `make` makes, as a page of its own."""
+        self._submit(client, PAGE, lambda: make().encode())
 
     def poll(self) -> str | None:
         """Why something could not be saved, once, in words. An error that is none of the browser's is raised here."""

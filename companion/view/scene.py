@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import viser
 
+from companion.tracks import Array
 from companion.view import palette
 from companion.view.arrows import Arrows
 from companion.view.body import Body
+from companion.view.ellipsoid import Ellipsoid
 from companion.view.framing import Framing
+from companion.view.ground import Ground
 from companion.view.moment import Footage, Moment
+from companion.view.palette import Rgb
 from companion.view.shapes import Drone
 from companion.view.trail import Trail
 
@@ -29,34 +35,18 @@ class Scene:
         scene.add_light_ambient("/light_around", intensity=1.7)
         scene.add_light_directional("/light_above", intensity=2.2, position=(-300.0, -500.0, -1000.0))
         scene.add_frame(WORLD, show_axes=False)
-        self._grid = scene.add_grid(
-            f"{WORLD}/grid",
-            plane="xy",
-            infinite_grid=True,
-            shadow_opacity=0.0,
-        )
-        self.shade(dark=False)
-        self._north = scene.add_arrows(f"{WORLD}/north", np.zeros((1, 2, 3)), (90, 90, 90))
-        self._north_name = scene.add_label(f"{WORLD}/north_name", "North", anchor="center-center")
-        self._home = scene.add_line_segments(
-            f"{WORLD}/home",
-            np.zeros((1, 2, 3), dtype=np.float32),
-            (90, 90, 90),
-            thickness=3.0,
-            thickness_units="screen",
-        )
-        self._home_name = scene.add_label(f"{WORLD}/home_name", "Start", anchor="top-center")
+        self.ground = Ground(scene, WORLD)
         self.autopilot = Body(scene, f"{WORLD}/autopilot", "Autopilot", palette.AUTOPILOT, drone, ghost=True)
         self.imu = Body(scene, f"{WORLD}/imu", "IMU alone", palette.IMU, drone, ghost=False)
         self.arrows = Arrows(scene, f"{WORLD}/arrows")
-        self.range_shown = False
-        self._expected = scene.add_icosphere(
-            f"{WORLD}/expected", 1.0, palette.IMU, opacity=0.12, visible=False, cast_shadow=False, receive_shadow=False
-        )
+        self.expected = Ellipsoid(scene, f"{WORLD}/expected", palette.IMU)
         self._trails = {
             "autopilot": Trail(scene, f"{WORLD}/trail_autopilot", palette.AUTOPILOT, 2.5),
             "imu": Trail(scene, f"{WORLD}/trail_imu", palette.IMU, 2.5),
         }
+        self._scene, self._label = scene, "IMU"
+        self._others: list[tuple[Body, Trail]] = []
+        self._films: list[Footage] = []
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
         self._error = scene.add_line_segments(
             f"{WORLD}/error", nothing, palette.DIFFERENCE, thickness=4.0, thickness_units="screen"
@@ -71,58 +61,49 @@ class Scene:
             thickness=1.0,
             thickness_units="screen",
         )
-        self._ground = self._cell = 0.0
         self._has_position = True
 
-    @property
-    def cell(self) -> float:
-        """Side of the grid's squares, m."""
-        return self._cell
-
-    def load(self, film: Footage, framing: Framing, drone: Drone) -> None:
-        """Lay out the ground for another reckoning, its trails, and the vehicle."""
-        replay = film.replay
-        for body in (self.autopilot, self.imu):
-            if body.drone is not drone:
-                body.reshape(drone)
-        self.arrows.load(float(np.linalg.norm(replay.velocity_ref, axis=1).max()))
+    def load(
+        self,
+        film: Footage,
+        framing: Framing,
+        drone: Drone,
+        colours: Mapping[str, Rgb] | None = None,
+        home: Array | None = None,
+    ) -> None:
+        """Lay out another reckoning. colours: of each IMU message; home: NED, m, where it is known."""
+        replay, source = film.replay, film.source
+        colours = colours or {}
+        colour = colours.get(source, palette.IMU)
+        self._label = source
+        self.autopilot.reshape(drone, palette.AUTOPILOT)
+        self.imu.reshape(drone, colour)
+        self.arrows.load(float(np.linalg.norm(replay.velocity_ref, axis=1).max()), colour)
+        self.expected.load(colour)
         self._has_position = replay.has_position
-        self._ground = framing.ground
-        self._grid.position = np.array([0.0, 0.0, framing.ground])
-        self._grid.fade_distance = 12 * framing.radius
-        self.rule(framing.cell)
-        north, east = (float(x) for x in replay.position_ref[0, :2])
-        arm = 0.04 * framing.radius
-        cross = [[(north - arm, east), (north + arm, east)], [(north, east - arm), (north, east + arm)]]
-        self._home.points = np.pad(np.array(cross), ((0, 0), (0, 0), (0, 1)), constant_values=framing.ground).astype(
-            np.float32
-        )
-        self._home_name.position = np.array([north, east, framing.ground])
-        self._home.visible = self._home_name.visible = replay.has_position
-        size = 0.3 * framing.radius
-        start = np.array([framing.low[0], (framing.centre[1] + framing.high[1]) / 2, framing.ground])
-        self._north.points = np.array([[start, start + np.array([size, 0.0, 0.0])]], dtype=np.float32)
-        self._north.shaft_radius = 0.025 * size
-        self._north.head_radius = 0.07 * size
-        self._north.head_length = 0.22 * size
-        self._north_name.position = start + np.array([1.3 * size, 0.0, 0.0])
-        self._trails["autopilot"].load(replay.t, replay.position_ref, film.restarts[:0])
-        self._trails["imu"].load(replay.t, replay.position_imu, film.restarts)
-        self._error.visible = self._sticks.visible = replay.has_position
+        known = replay.has_position
+        self.ground.load(framing, replay.position_ref[0] if known else None, home if known else None)
+        self._trails["autopilot"].load(replay.t, replay.position_ref, film.restarts[:0], palette.AUTOPILOT)
+        self._trails["imu"].load(replay.t, replay.position_imu, film.restarts, colour)
+        self._error.visible = self._sticks.visible = known
         self._error_name.visible = False
-        self.imu.name = "IMU alone"
+        self.imu.name = f"{source} alone"
+        self._load_others(film, drone, colours)
 
-    def rule(self, cell: float) -> None:
-        """Draw the ground in squares of `cell` m."""
-        if cell != self._cell:
-            self._cell = cell
-            self._grid.cell_size = cell
-            self._grid.section_size = 5 * cell
-
-    def shade(self, *, dark: bool) -> None:
-        """Ground lines that are there and do not shout, on a dark page or a light one."""
-        self._grid.cell_color = (52, 52, 52) if dark else (222, 222, 222)
-        self._grid.section_color = (90, 90, 90) if dark else (190, 190, 190)
+    def _load_others(self, film: Footage, drone: Drone, colours: Mapping[str, Rgb]) -> None:
+        """Drones and paths of the other IMUs: as many as were ever shown at once, reused."""
+        for i in range(len(self._others), len(film.others)):
+            root = f"{WORLD}/other{i}"
+            body = Body(self._scene, root, "", palette.IMUS[1], drone, ghost=False)
+            self._others.append((body, Trail(self._scene, f"{root}_trail", palette.IMUS[1], 1.8)))
+        self._films = list(film.others.values())
+        for i, (body, trail) in enumerate(self._others):
+            body.visible = i < len(film.others)
+            trail.hide()
+        for (body, trail), (name, other) in zip(self._others, film.others.items(), strict=False):
+            body.reshape(drone, colours[name])
+            body.name = name
+            trail.load(other.replay.t, other.replay.position_imu, other.restarts, colours[name])
 
     def show(self, moment: Moment) -> None:
         """Put both drones, and what hangs on them, where they are at `moment`."""
@@ -131,12 +112,14 @@ class Scene:
         if self._has_position:
             ends = np.stack([moment.position_ref, moment.position_imu])
             feet = ends.copy()
-            feet[:, 2] = self._ground
+            feet[:, 2] = self.ground.level
             self._error.points = ends[None].astype(np.float32)
             self._sticks.points = np.stack([ends, feet], axis=1).astype(np.float32)
         self.arrows.show(moment, self._has_position)
-        if moment.sigma_m > 0:
-            self._expected.position = moment.position_imu
+        self.expected.put(moment.position_imu)
+        for (body, _), film in zip(self._others, self._films, strict=False):
+            other = film.at(moment.t)
+            body.put(other.q_imu, other.position_imu)
 
     def annotate(self, moment: Moment, span: float, *, imu_above: bool) -> None:
         """What a reader needs less often than an eye: the length of the error line, the size of the drones.
@@ -146,30 +129,24 @@ class Scene:
         self.imu.resize(span, name_above=imu_above)
         self.autopilot.resize(span, name_above=not imu_above)
         self.arrows.resize(span)
-        self._expect(moment.sigma_m if self._has_position and self.range_shown else 0.0)
+        self.expected.shape(moment.covariance if self._has_position else np.zeros((3, 3)), moment.position_imu)
+        for body, _ in self._others:
+            body.resize(span, name_above=False)
         if not self._has_position:
             return
         # On the line when there is room between the drones, else with the name of the one that is wrong.
         apart = f"{length(moment.position_m)} apart"
         roomy = moment.position_m > 1.5 * span
-        self.imu.name = "IMU alone" if roomy else f"IMU alone, {apart}"
+        self.imu.name = f"{self._label} alone" if roomy else f"{self._label} alone, {apart}"
         if self._error_name.visible != roomy:
             self._error_name.visible = roomy
         if roomy:
             self._error_name.text = apart
             self._error_name.position = (moment.position_ref + moment.position_imu) / 2
 
-    def _expect(self, sigma: float) -> None:
-        """The ball in which the autopilot should be, three standard deviations wide."""
-        visible = sigma > 0
-        if self._expected.visible != visible:
-            self._expected.visible = visible
-        if visible and abs(3 * sigma - self._expected.radius) > 0.02 * self._expected.radius:
-            self._expected.radius = 3 * sigma
-
     def trails(self, since: float, until: float) -> None:
         """Show both paths between two times, s."""
-        for trail in self._trails.values():
+        for trail in (*self._trails.values(), *(trail for _, trail in self._others)):
             trail.show(since, until)
 
 

@@ -15,12 +15,13 @@ import viser
 
 from companion.errors import CompanionError
 from companion.tracks import Array, Flight
-from companion.view import events, palette
+from companion.view import events, export, palette
 from companion.view.browsers import Browsers
-from companion.view.choice import Outcome, Recompute, Recomputer, ReplayChoice, without_bias
+from companion.view.choice import Examine, Offer, Recompute
 from companion.view.framing import FIELD_OF_VIEW, Framing, camera, frame, grid_cell, readable_span, screen_up
+from companion.view.home import home_position
 from companion.view.marks import Mark, text_marks
-from companion.view.moment import Footage
+from companion.view.moment import Footage, with_insight
 from companion.view.panel import Panel
 from companion.view.player import Player
 from companion.view.plots import Plots
@@ -29,8 +30,10 @@ from companion.view.scene import Scene
 from companion.view.shapes import drone_for
 from companion.view.timeline import Timeline
 from companion.view.transport import move
+from companion.view.verdict import VerdictTab
+from companion.view.work import Opinion, Outcome, Work
 
-LABEL_HZ, TRAIL_HZ, PLOT_HZ = 8.0, 8.0, 4.0
+LABEL_HZ, TRAIL_HZ, PLOT_HZ, PROGRESS_HZ = 8.0, 8.0, 4.0, 2.0
 APART = 0.4
 """s between a chart's new size and its new data: a slow page must not take them for one change (Plots.relayout)."""
 SIDE = 330  # width of either panel, pixels
@@ -44,13 +47,15 @@ class Stage:
         server: viser.ViserServer,
         flights: Sequence[Flight],
         recompute: Recompute,
+        examine: Examine,
+        offer: Offer,
         first: Outcome,
         film: Footage,
         post: events.Post,
     ) -> None:
         self._server, self._flights = server, flights
         self._flight, self._choice, self._film = first.flight, first.choice, film
-        self._recomputer = Recomputer(recompute)
+        self._work = Work(recompute, examine)
         self._saver = Saver()
         self.player = Player(film.start, film.end)
         self.pose_updates = 0
@@ -59,22 +64,25 @@ class Stage:
         self._size: float | None = 1.0
         self._dark = False
         self._relayouts: list[float] = []
-        self._asked = 0.0  # when the running reckoning was asked for
-        self._due = dict.fromkeys(("labels", "trails", "plots"), 0.0)
+        self._due = dict.fromkeys(("labels", "trails", "plots", "progress"), 0.0)
+        self._trouble = False
         self._drone = drone_for(first.flight.vehicle.type)
         self._theme()
         self.scene = Scene(server.scene, self._drone)
-        self._panel = Panel(server.gui, flights, post)
+        self._panel = Panel(server.gui, flights, offer, post)
         self._timeline = Timeline(server.gui, self._panel.playing, post)
         side = server.gui.add_panel()
         with side.add_tab("Charts", viser.Icon.CHART_LINE):
             self._plots = Plots(server.gui, post)
+        with side.add_tab("Verdict", viser.Icon.GAVEL):
+            self._verdict = VerdictTab(server.gui, post)
         server.gui.main_panel.dock_right()
         server.gui.main_panel.set_width(SIDE)
         side.dock_left()
         side.set_width(SIDE)
         self._browsers = Browsers(server, self._panel.picture, post)
         self._framing = self._load()
+        self._work.examine(first)
 
     @property
     def browsers(self) -> int:
@@ -83,19 +91,23 @@ class Stage:
 
     def close(self) -> None:
         """End the workers."""
-        self._recomputer.close()
+        self._work.close()
         self._saver.close()
 
     def turn(self, now: float, dt: float) -> None:
         """What has been reckoned, the clock, the picture: at `now`, s of any steady clock, `dt` after the last turn."""
-        outcome = self._recomputer.poll()
-        if outcome is not None:
-            self._take(outcome)
-        elif self._recomputer.busy and now - self._asked > 1.0:
-            self._panel.status(f"Reckoning for {now - self._asked:.0f} s. Another choice takes its place.")
+        done = self._work.poll()
+        if isinstance(done, Outcome):
+            self._take(done)
+        elif isinstance(done, Opinion):
+            self._hear(done)
+        elif self._is_due("progress", PROGRESS_HZ, now):
+            progress = self._work.progress()
+            if progress or not self._trouble:
+                self._panel.status(progress)
         said = self._saver.poll()
         if said is not None:
-            self._panel.status(said, trouble=True)
+            self._complain(said)
         self.player.advance(dt)
         self._draw(now)
 
@@ -103,15 +115,15 @@ class Stage:
         """Do what a control of a page asks for."""
         match event:
             case events.Choose(choice):
-                self._request(self._flight, choice)
+                self._work.reckon(self._flight, choice)
             case events.StartHere():
-                self._request(self._flight, replace(self._choice, start_s=self.player.time))
+                self._work.reckon(self._flight, replace(self._choice, start_s=self.player.time))
             case events.PickFlight(index):
                 if 0 <= index < len(self._flights):
                     other = self._flights[index]
-                    self._request(other, replace(self._choice, imu=other.default_imu, start_s=None))
-            case events.PickCharts(imu):
-                self._plots.pick(imu=imu)
+                    self._work.reckon(other, replace(self._choice, imu=other.default_imu, others=(), start_s=None))
+            case events.PickCharts(page):
+                self._plots.pick(page)
             case (
                 events.SetCamera()
                 | events.SetTrail()
@@ -145,13 +157,13 @@ class Stage:
             case events.SetSize(size):
                 self._size = size
             case events.SetRange(shown):
-                self.scene.range_shown = shown
+                self.scene.expected.shown = shown
             case events.SetArrows(shown):
                 self.scene.arrows.shown = shown
             case events.SetDark(dark):
                 self._dark = dark
                 self._theme()
-                self.scene.shade(dark=dark)
+                self.scene.ground.shade(dark=dark)
             case _:
                 assert_never(event)
 
@@ -162,22 +174,35 @@ class Stage:
         if what == "picture":
             self._saver.picture(client, dark=self._dark)
         else:
-            self._saver.page(client, self._film, self._drone, dark=self._dark)
-
-    def _request(self, flight: Flight, choice: ReplayChoice) -> None:
-        self._recomputer.request(flight, choice)
-        self._asked = time.monotonic()
+            film, drone, colours, home, dark = self._film, self._drone, self._colours, self._home, self._dark
+            self._saver.page(client, lambda: export.page(film, drone, colours, home, dark=dark))
 
     def _take(self, outcome: Outcome) -> None:
         if isinstance(outcome.result, CompanionError):
-            self._panel.status(str(outcome.result), trouble=True)
+            self._complain(str(outcome.result))
             return
+        self._trouble = False
         other_flight = outcome.flight is not self._flight
         self._flight, self._choice, self._film = outcome.flight, outcome.choice, outcome.result
         self.player.load(self._film.start, self._film.end, None if other_flight else self.player.time)
         self._framing = self._load()
+        self._work.examine(outcome)
         if other_flight:
             self._browsers.reframe(self._framing)
+
+    def _hear(self, opinion: Opinion) -> None:
+        """The analysis has come: findings, tables, what is expected. The picture stays as it is."""
+        if opinion.film is not self._film:
+            return
+        if isinstance(opinion.result, CompanionError):
+            self._verdict.wait(str(opinion.result))
+            return
+        self._film = with_insight(self._film, opinion.result)
+        self._say()
+
+    def _complain(self, why: str) -> None:
+        self._trouble = True
+        self._panel.status(why, trouble=True)
 
     def _load(self) -> Framing:
         """Lay out everything that stays the same until the next reckoning."""
@@ -187,19 +212,27 @@ class Stage:
             framing = replace(framing, ground=0.5 * framing.radius)  # both hang in the air above the origin
         if self._drone is not drone_for(self._flight.vehicle.type):
             self._drone = drone_for(self._flight.vehicle.type)
-        self.scene.load(self._film, framing, self._drone)
-        self._marks = sorted([*text_marks(self._flight), *self._film.findings], key=lambda mark: mark.t)
-        imu = without_bias(self._flight, self._choice).imu(self._choice.imu)
-        self._plots.load(self._film, imu, (self.player.start, self.player.end))
-        self._panel.load(self._flight, self._choice, self._film.start, replay.has_position)
-        self._timeline.load(self.player, self._marks, replay.anchors.tolist())
-        self._panel.status("")
+        self._colours, self._home = palette.of_imus(self._flight.imus), home_position(self._flight)
+        self.scene.load(self._film, framing, self._drone, self._colours, self._home)
+        self._verdict.wait("The analysis is at work.")
+        self._say()
         view = camera("Free", framing)
         initial = self._server.initial_camera
         initial.position, initial.look_at = view.position, view.look_at
         initial.near, initial.far, initial.fov = view.near, view.far, float(FIELD_OF_VIEW)
-        self._due = dict.fromkeys(self._due, 0.0)
         return framing
+
+    def _say(self) -> None:
+        """Lay out what is said of the footage beside the picture."""
+        film, insight = self._film, self._film.insight
+        self._marks = text_marks(self._flight)
+        if insight is not None:
+            self._marks = sorted([*self._marks, *insight.marks], key=lambda mark: mark.t)
+        self._plots.load(film, self._flight, self._colours, (self.player.start, self.player.end))
+        self._panel.load(self._flight, self._choice, film, self._colours)
+        self._timeline.load(self.player, self._marks, film.replay.anchors.tolist())
+        self._verdict.load(insight, self._colours)
+        self._due = dict.fromkeys(self._due, 0.0)
 
     def _draw(self, now: float) -> None:
         """Write the instant of the clock: poses every turn, the rest as often as it can be read."""
@@ -214,8 +247,8 @@ class Stage:
             apart = pose.apply(moment.position_imu) - target
             imu_above = float(apart @ screen_up(target - eye)) >= 0
             self.scene.annotate(moment, self._span(eye, target), imu_above=imu_above)
-            self.scene.rule(grid_cell(float(np.linalg.norm(eye - target)), self.scene.cell))
-            self._panel.show(moment, self.scene.cell, self._film.replay.has_position)
+            self.scene.ground.rule(grid_cell(float(np.linalg.norm(eye - target)), self.scene.ground.cell))
+            self._panel.show(moment, self._film, self.scene.ground.cell)
             self._timeline.show(self.player)
         if self._is_due("trails", TRAIL_HZ, now):
             since = -np.inf if self._trail.seconds is None else moment.t - self._trail.seconds

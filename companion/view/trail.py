@@ -20,6 +20,7 @@ class Trail:
 
     def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb, thickness: float) -> None:
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
+        self._colour = colour
         self._lines = [
             scene.add_line_segments(
                 f"{name}/{i}", nothing, colour, thickness=thickness, thickness_units="screen", visible=False
@@ -30,8 +31,12 @@ class Trail:
         self._ends: Array = np.zeros(0)
         self._shown = [(0, 0)] * CHUNKS
 
-    def load(self, t: Array, positions: Array, restarts: Indices) -> None:
+    def load(self, t: Array, positions: Array, restarts: Indices, colour: Rgb) -> None:
         """Take another track: times (N,) s, positions (N, 3) NED m, broken just before each index of `restarts`."""
+        if colour != self._colour:
+            self._colour = colour
+            for line in self._lines:
+                line.colors = np.array(colour, dtype=np.uint8)
         inner = restarts[(restarts > 0) & (restarts < len(t))]
         room = CHUNK * CHUNKS + 1
         if 4 * len(inner) > room:
@@ -44,6 +49,10 @@ class Trail:
         self._segments = np.stack([points[starts], points[stops]], axis=1)[unbroken]
         self._ends = t[stops][unbroken]
         self._shown = [(-1, -1)] * CHUNKS
+
+    def hide(self) -> None:
+        """Show nothing of it until it is loaded again."""
+        self._segments, self._ends = self._segments[:0], self._ends[:0]
 
     def show(self, since: float, until: float) -> None:
         """Show what lies between two times, s."""

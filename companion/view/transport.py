@@ -38,7 +38,7 @@ def move(player: Player, event: events.Move, film: Footage, marks: Sequence[Mark
 
 def _target(
     player: Player,
-    event: events.Step | events.StepSample | events.Jump | events.JumpToMark,
+    event: events.Goto,
     film: Footage,
     marks: Sequence[Mark],
 ) -> float | None:
@@ -53,5 +53,8 @@ def _target(
             return neighbour(inside, player.time, forward=forward)
         case events.JumpToMark(index):
             return marks[index].t if 0 <= index < len(marks) else None
+        case events.JumpToFinding(index):
+            found = film.insight.marks if film.insight else ()
+            return found[index].t if 0 <= index < len(found) else None
         case _:
             assert_never(event)

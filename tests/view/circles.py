@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from companion.analysis import Replay
+from companion.analysis import (
+    GENERIC,
+    Replay,
+    assess,
+    errors,
+    expected_since_anchor,
+    trailing,
+)
 from companion.errors import DataError
 from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, Vehicle
-from companion.view import Reckoning, ReplayChoice
+from companion.view import Footage, Insight, Reckoning, ReplayChoice, chosen_track, with_track
 
 RATE = 50.0
 DURATION = 60.0
@@ -42,7 +51,7 @@ def make_flight(radius: float = 40.0, sysid: int = 1, duration: float = DURATION
         boot=1,
         start=BOOT - 1.0,
         duration=duration + 1.0,
-        imus={"RAW_IMU": imu, "SCALED_IMU2": imu},
+        imus={"RAW_IMU": imu, "SCALED_IMU2": replace(imu, source="SCALED_IMU2", instance=1)},
         attitude=AttitudeTrack(t, attitude, still, "ATTITUDE"),
         position=PositionTrack(t, position, velocity, "LOCAL_POSITION_NED"),
     )
@@ -50,10 +59,20 @@ def make_flight(radius: float = 40.0, sysid: int = 1, duration: float = DURATION
 
 def recompute(flight: Flight, choice: ReplayChoice) -> Reckoning:
     """`reckon`, as the viewer asks for it."""
-    return Reckoning(reckon(flight, choice))
+    others = {name: reckon(flight, choice, worse=1.5) for name in choice.others}
+    return Reckoning(reckon(flight, choice), chosen_track(flight, choice), others)
 
 
-def reckon(flight: Flight, choice: ReplayChoice) -> Replay:
+def examine(flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
+    """What the analysis says of the made-up readings: nothing good, for the IMU stands still while it circles."""
+    seen = with_track(flight, film.track or flight.imu(choice.imu))
+    found = assess(seen, GENERIC, imu=choice.imu, how=choice.integration(flight))
+    over = errors(found.comparison, trailing(found.comparison, choice.horizon_s))
+    expected = expected_since_anchor(found, film.replay)
+    return Insight(found, over, choice.horizon_s, expected=expected)
+
+
+def reckon(flight: Flight, choice: ReplayChoice, worse: float = 1.0) -> Replay:
     """A stand-in for the analysis: errors that grow with the time since the anchor, faster with Euler."""
     if flight.attitude is None or flight.position is None:
         raise DataError("This flight has no attitude. Record one with ATTITUDE.")
@@ -64,7 +83,7 @@ def reckon(flight: Flight, choice: ReplayChoice) -> Replay:
         raise DataError("Nothing is left of the flight after the start. Start earlier.")
     anchors = t[:1] if choice.reanchor_s is None else np.arange(t[0], t[-1], choice.reanchor_s)
     age = t - anchors[np.searchsorted(anchors, t, side="right") - 1]
-    worse = {"euler": 3.0, "midpoint": 1.3, "rk4": 1.0}[choice.method]
+    worse *= {"euler": 3.0, "midpoint": 1.3, "rk4": 1.0}[choice.how.method]
     angles = worse * np.stack([0.004 * age, 0.002 * age, 0.006 * np.sin(age)], axis=1)
     velocity_error = worse * np.stack([0.08 * age, 0.1 * age, 0.03 * age], axis=1)
     position_error = worse * np.stack([0.04 * age**2, 0.05 * age**2, 0.015 * age**2], axis=1)

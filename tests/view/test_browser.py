@@ -11,10 +11,11 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
+from companion.analysis import Finding, Verdict
 from companion.tracks import Flight, StatusText, Vehicle
-from companion.view import Envelope, Mark, Reckoning, ReplayChoice, Viewer, events
+from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, chosen_track, events
 from tests.view.browsing import choose, near, open_page, shoot, until
-from tests.view.circles import BOOT, make_flight, reckon, recompute
+from tests.view.circles import BOOT, examine, make_flight, reckon, recompute
 
 pytestmark = pytest.mark.browser
 
@@ -38,7 +39,7 @@ def cursor(page: Page) -> float:
 
 def test_play(wide_page: Page, flight: Flight) -> None:
     page = wide_page
-    with Viewer([flight], recompute, port=0) as viewer:
+    with Viewer([flight], recompute, examine, port=0) as viewer:
         visit(page, viewer)
         before = (viewer.player.time, viewer.scene.imu.position, viewer.scene.imu.wxyz, cursor(page))
         shoot(page, "before-play")
@@ -67,7 +68,7 @@ def test_play(wide_page: Page, flight: Flight) -> None:
 
 
 def test_scrub_and_keys(page: Page, flight: Flight) -> None:
-    with Viewer([flight], recompute, port=0) as viewer:
+    with Viewer([flight], recompute, examine, port=0) as viewer:
         visit(page, viewer)
         page.mouse.click(640, 250)  # on the ground: the keys go to the page
         page.keyboard.press("End")
@@ -106,26 +107,26 @@ def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
 
     def listen(flight: Flight, choice: ReplayChoice) -> Reckoning:
         asked.append(choice)
-        if choice.method == "euler" and len(asked) == 2:
+        if choice.how.method == "euler" and len(asked) == 2:
             time.sleep(2.0)  # longer work
         return recompute(flight, choice)
 
-    with Viewer([flight], listen, port=0) as viewer:
+    with Viewer([flight], listen, examine, port=0) as viewer:
         visit(page, viewer)
         choose(page, "Integrator", "Euler (simplest)")
-        until(lambda: asked[-1].method == "euler", "the integrator")
+        until(lambda: asked[-1].how.method == "euler", "the integrator")
         expect(page.get_by_text("Reckoning for 1 s")).to_be_visible()
         expect(page.get_by_text("Reckoning for")).to_have_count(0)  # done
         choose(page, "IMU", "SCALED_IMU2")
         until(lambda: asked[-1].imu == "SCALED_IMU2", "the IMU")
         choose(page, "Joined by", "Straight lines (linear)")
-        until(lambda: asked[-1].middle == "linear", "the middle sample")
+        until(lambda: asked[-1].how.middle == "linear", "the middle sample")
         page.get_by_role("button", name="+10", exact=True).click()
         page.get_by_role("button", name="Start from the instant shown").click()
         until(lambda: asked[-1].start_s == pytest.approx(110.0, abs=0.1), "the start")
         until(lambda: viewer.player.start == pytest.approx(110.0, abs=0.1), "the new interval")
         page.get_by_role("textbox", name="Segments").fill("4")
-        until(lambda: asked[-1].segments == 4, "the segments")
+        until(lambda: asked[-1].how.segments == 4, "the segments")
         choose(page, "Gravity, m/s²", "Where it flew (WGS-84)")
         until(lambda: asked[-1].gravity == "normal", "the gravity")
         page.get_by_text("Take a bias off the IMU").click()
@@ -148,7 +149,7 @@ def test_a_flight_chooser_and_hostile_names(page: Page) -> None:
     evil = "<img src=x onerror=\"document.title='owned'\">"
     first = make_flight()
     second = replace(make_flight(radius=20.0), vehicle=Vehicle(7, 1, evil, "**bold**<script>"))
-    with Viewer([first, second], recompute, port=0) as viewer:
+    with Viewer([first, second], recompute, examine, port=0) as viewer:
         visit(page, viewer)
         choose(page, "Flight", "2: vehicle 7:1, boot 1, 61 s")
         expect(page.get_by_text("<img src=x onerror=")).to_be_visible()  # as text
@@ -171,10 +172,11 @@ def test_a_flight_without_position(page: Page, flight: Flight) -> None:
                 position_ref=nothing,
                 velocity_error=nothing,
                 position_error=nothing,
-            )
+            ),
+            chosen_track(flight, choice),
         )
 
-    with Viewer([flight], attitude_only, port=0) as viewer:
+    with Viewer([flight], attitude_only, examine, port=0) as viewer:
         visit(page, viewer)
         expect(page.get_by_text("This log has no position")).to_be_visible()
         expect(page.get_by_text("Velocity error")).to_have_count(0)
@@ -186,7 +188,7 @@ def test_a_flight_without_position(page: Page, flight: Flight) -> None:
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)])
 def test_smaller_windows(browser: Browser, flight: Flight, width: int, height: int) -> None:
     context = browser.new_context(viewport={"width": width, "height": height})
-    with Viewer([flight], recompute, port=0) as viewer:
+    with Viewer([flight], recompute, examine, port=0) as viewer:
         page = context.new_page()
         page.goto(viewer.url)
         page.wait_for_selector("canvas")
@@ -200,10 +202,13 @@ def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
     said = tuple(StatusText(BOOT + 10.0 * i, 4, f"{i} {evil}") for i in range(1, 4))
     speaking = replace(flight, texts=said, parameters={evil: 1.0})
 
-    def find(flight: Flight, choice: ReplayChoice) -> Reckoning:
-        return Reckoning(reckon(flight, choice), findings=(Mark(BOOT + 45.0, f"finding {evil}", "finding"),))
+    def find(flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
+        insight = examine(flight, choice, film)
+        found = Finding(f"finding {evil}", "imu", "error", BOOT + 45.0, BOOT + 46.0, f"seen {evil}", f"do {evil}")
+        verdict = Verdict("imu_suspect", f"Suspect {evil}", (found,))
+        return replace(insight, assessment=replace(insight.assessment, verdict=verdict))
 
-    with Viewer([speaking], find, port=0) as viewer:
+    with Viewer([speaking], recompute, find, port=0) as viewer:
         visit(page, viewer)
         expect(page.get_by_text("1 <img src=x onerror=").first).to_be_visible()  # as text
         page.get_by_role("button", name="event ›").click()
@@ -220,7 +225,7 @@ def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
 def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight) -> None:
     zoom = """() => Object.values(window.__viserTestpoints.uplots).map(
         p => [p.createCount, p.chart.scales.x.min, p.chart.scales.x.max])"""
-    with Viewer([flight], recompute, port=0) as viewer:
+    with Viewer([flight], recompute, examine, port=0) as viewer:
         visit(page, viewer)
         time.sleep(3.2)  # until the charts have been laid out twice; the third time must keep the zoom
         box = page.locator(".u-over").first.bounding_box()
@@ -245,7 +250,7 @@ def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight) -> None:
 
 
 def test_two_browsers_have_a_camera_each(browser: Browser, flight: Flight) -> None:
-    with Viewer([flight], recompute, port=0) as viewer:
+    with Viewer([flight], recompute, examine, port=0) as viewer:
         pages = [browser.new_context(viewport={"width": 1280, "height": 800}).new_page() for _ in range(2)]
         for page in pages:
             visit(page, viewer)
@@ -267,15 +272,12 @@ def test_two_browsers_have_a_camera_each(browser: Browser, flight: Flight) -> No
 def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight) -> None:
     page = wide_page
 
-    def expect_growth(flight: Flight, choice: ReplayChoice) -> Reckoning:
+    def with_a_hole(flight: Flight, choice: ReplayChoice) -> Reckoning:
         replay = reckon(flight, choice)
-        age = replay.t - replay.anchors[np.searchsorted(replay.anchors, replay.t, side="right") - 1]
         known = np.abs(replay.t - (BOOT + 33.0)) > 2.0
-        return Reckoning(
-            replace(replay, reference_valid=known), Envelope(replay.t, 0.2 * age, 0.08 * age, 0.03 * age**2)
-        )
+        return Reckoning(replace(replay, reference_valid=known), chosen_track(flight, choice))
 
-    with Viewer([flight], expect_growth, port=0) as viewer:
+    with Viewer([flight], with_a_hole, examine, port=0) as viewer:
         visit(page, viewer)
         viewer.post(events.Seek(BOOT + 33.0))
         viewer.post(events.SetArrows(True))
@@ -284,7 +286,7 @@ def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight)
         time.sleep(2.5)
         assert page.evaluate("() => Object.values(window.__viserTestpoints.uplots)[0].chart.series.length") == 6
         shoot(page, "envelope")
-        page.get_by_role("button", name="IMU readings").click()
+        choose(page, "Charts", "IMU readings")
         expect(page.get_by_text("Gyro, °/s")).to_be_visible()
         expect(page.get_by_text("Position error, m", exact=True)).to_have_count(0)
         time.sleep(1.0)
@@ -294,7 +296,7 @@ def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight)
 def test_the_picture_and_the_replay_can_be_taken_along(browser: Browser, flight: Flight, tmp_path: Path) -> None:
     context = browser.new_context(viewport={"width": 1280, "height": 800}, accept_downloads=True)
     page = context.new_page()
-    with Viewer([flight], recompute, port=0) as viewer:
+    with Viewer([flight], recompute, examine, port=0) as viewer:
         visit(page, viewer)
         page.get_by_text("Save", exact=True).click()
         with page.expect_download() as download:
@@ -314,10 +316,10 @@ def test_the_picture_and_the_replay_can_be_taken_along(browser: Browser, flight:
 
 
 def test_a_page_finds_its_way_back_to_a_server_that_was_restarted(page: Page, flight: Flight) -> None:
-    with Viewer([flight], recompute, port=0) as viewer:
+    with Viewer([flight], recompute, examine, port=0) as viewer:
         port = viewer.port
         visit(page, viewer)
-    with Viewer([flight], recompute, port=port) as viewer:
+    with Viewer([flight], recompute, examine, port=port) as viewer:
         assert viewer.port == port
         until(lambda: viewer.browsers == 1, "the page comes back", seconds=20.0)
         page.get_by_role("button", name="+10", exact=True).click()

@@ -7,14 +7,15 @@ import time
 
 import pytest
 
+from companion.analysis import Integration
 from companion.errors import DataError
 from companion.tracks import Flight
-from companion.view.choice import Outcome, Recomputer, ReplayChoice
-from companion.view.moment import Footage, Reckoning
-from tests.view.circles import recompute
+from companion.view import Footage, Insight, Reckoning, ReplayChoice
+from companion.view.work import Opinion, Outcome, Work
+from tests.view.circles import examine, recompute
 
 
-def wait_for(worker: Recomputer) -> Outcome:
+def wait_for(worker: Work) -> Outcome | Opinion:
     """The next outcome that is still wanted."""
     until = time.monotonic() + 10
     while time.monotonic() < until:
@@ -29,20 +30,31 @@ def test_the_newest_request_wins_and_those_between_are_never_begun(flight: Fligh
     gate, begun = threading.Event(), list[str]()
 
     def slow(flight: Flight, choice: ReplayChoice) -> Reckoning:
-        begun.append(choice.method)
+        begun.append(choice.how.method)
         gate.wait(10)
         return recompute(flight, choice)
 
-    worker = Recomputer(slow)
+    worker = Work(slow, examine)
     try:
-        worker.request(flight, ReplayChoice(method="euler"))
-        worker.request(flight, ReplayChoice(method="midpoint"))
-        worker.request(flight, ReplayChoice(method="rk4"))
+        worker.reckon(flight, ReplayChoice(how=Integration(method="euler")))
+        worker.reckon(flight, ReplayChoice(how=Integration(method="midpoint")))
+        worker.reckon(flight, ReplayChoice(how=Integration(method="rk4")))
         gate.set()
         outcome = wait_for(worker)
-        assert (outcome.choice.method, begun) == ("rk4", ["euler", "rk4"])
+        assert isinstance(outcome, Outcome)
+        assert (outcome.choice.how.method, begun) == ("rk4", ["euler", "rk4"])
         assert isinstance(outcome.result, Footage)
-        assert not worker.busy
+        assert worker.poll() is None
+        worker.examine(outcome)
+        opinion = wait_for(worker)
+        assert isinstance(opinion, Opinion)
+        assert opinion.film is outcome.result
+        assert isinstance(opinion.result, Insight)
+        worker.examine(outcome)
+        worker.reckon(flight, ReplayChoice())  # what is being examined is no longer wanted
+        assert isinstance(wait_for(worker), Outcome)
+        time.sleep(0.5)
+        assert worker.poll() is None
     finally:
         gate.set()
         worker.close()
@@ -50,13 +62,13 @@ def test_the_newest_request_wins_and_those_between_are_never_begun(flight: Fligh
 
 def test_what_cannot_be_reckoned_is_an_outcome_and_a_bug_is_raised(flight: Flight) -> None:
     def fail(_: Flight, choice: ReplayChoice) -> Reckoning:
-        raise DataError("no attitude") if choice.method == "euler" else KeyError("bug")
+        raise DataError("no attitude") if choice.how.method == "euler" else KeyError("bug")
 
-    worker = Recomputer(fail)
+    worker = Work(fail, examine)
     try:
-        worker.request(flight, ReplayChoice(method="euler"))
+        worker.reckon(flight, ReplayChoice(how=Integration(method="euler")))
         assert str(wait_for(worker).result) == "no attitude"
-        worker.request(flight, ReplayChoice(method="rk4"))
+        worker.reckon(flight, ReplayChoice(how=Integration(method="rk4")))
         with pytest.raises(KeyError, match="bug"):
             wait_for(worker)
     finally:

@@ -16,7 +16,7 @@ SINE = np.sin(T)
 def test_a_spike_of_one_sample_stays_visible(where: int) -> None:
     spiky = SINE.copy()
     spiky[where] = 5.0
-    drawn = curves(T, (spiky, SINE, -SINE))
+    drawn = curves([(T, spiky), (T, SINE), (T, -SINE)])
     assert drawn.values[0].max() == 5.0
     assert len(drawn.t) <= MOST_POINTS
 
@@ -24,7 +24,7 @@ def test_a_spike_of_one_sample_stays_visible(where: int) -> None:
 @given(st.floats(100.0, 160.0), st.floats(0.05, 30.0))
 def test_a_part_is_drawn_from_edge_to_edge_and_finer(low: float, length: float) -> None:
     high = min(low + length, T[-1])
-    drawn = curves(T, (SINE,), part=(low, high))
+    drawn = curves([(T, SINE)], part=(low, high))
     assert drawn.t[0] <= low or drawn.t[0] == T[0]
     assert drawn.t[-1] >= min(high, T[-1])
     assert (np.diff(drawn.t) > 0).all()
@@ -38,7 +38,7 @@ def test_holes_are_shaded_where_they_are(holes: list[tuple[int, int]], now: floa
     known = np.ones(len(T))
     for begin, length in holes:
         known[begin : begin + length] = 0.0
-    drawn = curves(T, (SINE,), known)
+    drawn = curves([(T, SINE)], (T, known))
     t, sine, shade = drawn.at(now)
     assert len(t) <= MOST_POINTS + 3
     assert np.isfinite([t, sine, shade]).all()
@@ -51,7 +51,18 @@ def test_holes_are_shaded_where_they_are(holes: list[tuple[int, int]], now: floa
 @given(st.floats(100.0, 160.0))
 def test_the_line_at_the_instant_reaches_from_edge_to_edge_in_a_hole_too(now: float) -> None:
     known = (T < 120.0).astype(np.float64)
-    t, _, shade = curves(T, (SINE,), known).at(now)
+    t, _, shade = curves([(T, SINE)], (T, known)).at(now)
     here = shade[t == now]
     assert here.min() <= 0.0
     assert here.max() >= 1.0
+
+
+@given(st.integers(0, len(T) - 1), st.integers(0, 599))
+def test_lines_of_other_times_keep_their_peaks_too(fine: int, coarse: int) -> None:
+    slow = T[::10]
+    a, b = np.zeros(len(T)), np.zeros(len(slow))
+    a[fine], b[coarse] = 3.0, -4.0
+    drawn = curves([(T, a), (slow, b)])
+    assert (drawn.values[0].max(), drawn.values[1].min()) == (3.0, -4.0)
+    assert len(drawn.t) <= MOST_POINTS
+    assert (np.diff(drawn.t) > 0).all()

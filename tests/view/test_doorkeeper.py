@@ -14,7 +14,7 @@ import websockets.exceptions
 from companion.tracks import Flight
 from companion.view import Viewer
 from companion.view.doorkeeper import is_own_page, own_names
-from tests.view.circles import recompute
+from tests.view.circles import examine, recompute
 
 NAMES = frozenset({"localhost", "pi.local"})
 
@@ -68,7 +68,7 @@ def test_a_foreign_page_hears_nothing(flight: Flight, origin: str | None, served
                 return await asyncio.wait_for(socket.recv(), timeout=5)
         return None
 
-    with warnings.catch_warnings(), Viewer([flight], recompute, port=0) as viewer:
+    with warnings.catch_warnings(), Viewer([flight], recompute, examine, port=0) as viewer:
         own = viewer.url if origin == "own" else origin
         message = asyncio.run(first_message(viewer.url.replace("http", "ws", 1), own))
     assert (message is not None) is served

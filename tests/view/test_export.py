@@ -13,6 +13,7 @@ from companion.tracks import Flight
 from companion.view import ReplayChoice
 from companion.view.export import over, page, png
 from companion.view.moment import footage
+from companion.view.palette import of_imus
 from companion.view.shapes import drone_for
 from tests.view.circles import recompute
 
@@ -29,7 +30,7 @@ def test_what_is_see_through_shows_the_page_behind() -> None:
 
 
 def test_the_page_is_one_file_that_asks_nobody(flight: Flight) -> None:
-    html = page(footage(recompute(flight, ReplayChoice())), drone_for("QUADROTOR"))
+    html = page(footage(recompute(flight, ReplayChoice())), drone_for("QUADROTOR"), of_imus(flight.imus))
     assert html.lstrip().lower().startswith("<!doctype html>")
     assert "__VISER_EMBED_DATA__" in html
     assert len(html) < 12e6

@@ -12,17 +12,19 @@ from hypothesis import strategies as st
 from companion.analysis import Replay
 from companion.errors import DataError
 from companion.tracks import Flight
-from companion.view import Envelope, Reckoning, ReplayChoice
-from companion.view.moment import Footage, Moment
+from companion.view import Reckoning, ReplayChoice
+from companion.view.insight import Errors
+from companion.view.moment import Footage, Moment, with_insight
 from companion.view.moment import footage as film_of
-from tests.view.circles import BOOT, RATE, make_flight, reckon
+from tests.view.circles import BOOT, RATE, examine, make_flight, reckon
 
 
 def footage(replay: Replay) -> Footage:
-    return film_of(Reckoning(replay))
+    return film_of(Reckoning(replay, FLIGHT.imus["RAW_IMU"]))
 
 
-FILM = footage(reckon(make_flight(), ReplayChoice()))
+FLIGHT = make_flight()
+FILM = footage(reckon(FLIGHT, ReplayChoice()))
 
 
 @pytest.fixture
@@ -31,7 +33,7 @@ def replay(flight: Flight) -> Replay:
 
 
 def numbers(moment: Moment) -> list[float]:
-    return [float(x) for name in Moment.__slots__ for x in np.atleast_1d(getattr(moment, name))]
+    return [float(x) for name in Moment.__slots__ for x in np.ravel(getattr(moment, name))]
 
 
 def test_at_a_sample_it_is_the_sample(replay: Replay) -> None:
@@ -120,12 +122,16 @@ def test_what_the_autopilot_did_not_say_is_marked(replay: Replay) -> None:
     assert [film.at(float(replay.t[i])).known for i in (98, 150, 201)] == [True, False, True]
 
 
-def test_an_envelope_is_taken_to_the_times_of_the_replay(replay: Replay) -> None:
-    t = np.array([BOOT, BOOT + 60.0])
-    envelope = Envelope(t, np.array([0.0, 1.0]), np.array([0.0, np.inf]), np.array([0.0, 6.0]))
-    film = film_of(Reckoning(replay, envelope))
-    assert film.envelope is not None
-    np.testing.assert_allclose(film.envelope.position_m, (replay.t - BOOT) / 10)
-    assert np.isfinite(film.envelope.velocity_mps).all()
-    assert film.at(BOOT + 30.0).sigma_m == pytest.approx(3.0)
-    assert FILM.at(BOOT + 30.0).sigma_m == 0.0
+def test_what_the_analysis_says_comes_later() -> None:
+    assert (FILM.insight, FILM.after_horizon(BOOT + 30.0)) == (None, None)
+    assert not FILM.at(BOOT + 30.0).covariance.any()
+    film = with_insight(FILM, examine(FLIGHT, ReplayChoice(), FILM))
+    assert film.replay is FILM.replay
+    before, after = (film.at(t).covariance for t in (BOOT + 19.9, BOOT + 20.1))  # an anchor between
+    assert np.trace(before) > 10 * np.trace(after)
+    assert (np.linalg.eigvalsh(before) > 0).all()
+    assert film.after_horizon(BOOT + 4.9) is None  # no window of 5 s has ended yet
+    assert isinstance(film.trailing, Errors)
+    angle, metres = film.after_horizon(BOOT + 30.0) or (0.0, 0.0)
+    assert metres == pytest.approx(film.trailing.at(BOOT + 30.0, "position_m"))
+    assert angle > 0

@@ -10,7 +10,7 @@ from companion.errors import DataError, InputError
 from companion.tracks import Flight
 from companion.view import Viewer
 from companion.view.server import find_address
-from tests.view.circles import make_flight, recompute
+from tests.view.circles import examine, make_flight, recompute
 
 
 def test_a_taken_port_becomes_the_next_one_and_is_told(flight: Flight, capsys: pytest.CaptureFixture[str]) -> None:
@@ -18,7 +18,7 @@ def test_a_taken_port_becomes_the_next_one_and_is_told(flight: Flight, capsys: p
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with Viewer([flight], recompute, port=port) as viewer:
+        with Viewer([flight], recompute, examine, port=port) as viewer:
             assert viewer.port > port
             assert viewer.url == f"http://127.0.0.1:{viewer.port}"
             assert viewer.warning is None
@@ -57,18 +57,18 @@ def test_other_hosts_get_a_warning_with_the_safer_way() -> None:
 
 def test_a_flight_that_cannot_be_shown_raises_before_anything_is_served() -> None:
     with pytest.raises(InputError, match="no flight"):
-        Viewer([], recompute)
+        Viewer([], recompute, examine)
     flight = make_flight()
     hollow = Flight(flight.vehicle, 1, flight.start, flight.duration)
     with pytest.raises(DataError, match="no attitude"):
-        Viewer([hollow], recompute)
+        Viewer([hollow], recompute, examine)
 
 
 def test_a_bug_in_the_view_thread_is_raised_by_run(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(_: float) -> None:
         raise ZeroDivisionError
 
-    viewer = Viewer([flight], recompute, port=0)
+    viewer = Viewer([flight], recompute, examine, port=0)
     monkeypatch.setattr(viewer.player, "advance", broken)
     with pytest.raises(ZeroDivisionError):
         viewer.run()

@@ -9,8 +9,8 @@ import numpy as np
 
 from companion.analysis import replay
 from companion.tracks import Flight
-from companion.view import Reckoning, ReplayChoice, Viewer, events, without_bias
-from tests.view.circles import RATE, make_flight
+from companion.view import Reckoning, ReplayChoice, Viewer, chosen_track, events, with_track
+from tests.view.circles import RATE, examine, make_flight
 
 SECONDS, HZ = 600.0, 100.0
 
@@ -25,9 +25,10 @@ def test_a_new_bias_is_on_the_screen_within_half_a_second() -> None:
     assert len(flight.imus["RAW_IMU"].t) == SECONDS * HZ
 
     def reckon(flight: Flight, choice: ReplayChoice) -> Reckoning:
-        return Reckoning(replay(without_bias(flight, choice), imu=choice.imu))
+        track = chosen_track(flight, choice)
+        return Reckoning(replay(with_track(flight, track), imu=choice.imu), track)
 
-    with Viewer([flight], reckon, port=0) as viewer:
+    with Viewer([flight], reckon, examine, port=0) as viewer:
         viewer.post(events.Seek(viewer.player.first + 9.9))
         waits = []
         for i in range(1, 6):

@@ -1,0 +1,98 @@
+"""What the page asks for, answered from one flight and the settings: the reckoning at once, the analysis after it."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from companion.analysis import (
+    NO_CORRECTION,
+    Assessment,
+    Correction,
+    Integration,
+    errors,
+    expected_since_anchor,
+    replay,
+    trailing,
+)
+from companion.correction import load_correction
+from companion.errors import DataError
+from companion.examination import Examination, assess_imu, examine
+from companion.settings import Settings
+from companion.tracks import Flight
+
+if TYPE_CHECKING:  # viser is slow to import, and only `view` needs it
+    from companion.view import Footage, Insight, Reckoning, ReplayChoice
+
+
+class Answers:
+    """Called from two worker threads at once."""
+
+    def __init__(self, settings: Settings, *, imu_model: str | None = None, correction: str | Path | None = None):
+        self._settings, self._imu_model = settings, imu_model
+        self._file = load_correction(correction) if correction is not None else None
+        self._lock = threading.Lock()
+        self._found: dict[tuple[int, str, Integration], Correction | None] = {}
+        self._last: tuple[tuple[object, ...], Examination] | None = None
+
+    def recompute(self, flight: Flight, choice: ReplayChoice) -> Reckoning:
+        """The replay of the chosen IMU, corrected as chosen, and of the others as they are."""
+        from companion.view import Reckoning, chosen_track, with_track  # noqa: PLC0415
+
+        how = choice.integration(flight)
+        track = chosen_track(flight, choice, self._correction(flight, choice, how))
+        seen = with_track(flight, track)
+        shown = replay(seen, imu=choice.imu, how=how, reanchor_s=choice.reanchor_s, start_s=choice.start_s)
+        others = {
+            name: replay(flight, imu=name, how=how, reanchor_s=choice.reanchor_s, start_s=choice.start_s)
+            for name in choice.others
+        }
+        return Reckoning(shown, track, others)
+
+    def examine(self, flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
+        """What the analysis says of what was reckoned: the same numbers as `companion analyze`."""
+        from companion.view import Insight, with_track  # noqa: PLC0415
+
+        how = choice.integration(flight)
+        # the horizon, the anchors and the other IMUs change nothing in what was found
+        key = (id(flight), choice.imu, how, choice.correction, choice.gyro_bias, choice.accel_bias)
+        if self._last is None or self._last[0] != key:
+            seen = with_track(flight, film.track) if film.track else flight
+            self._last = None  # room for the next: an hour's analysis is large
+            found = examine(seen, self._settings, imu=choice.imu, imu_model=self._imu_model, how=how)
+            self._last = key, found
+        examined = self._last[1]
+        assessment = examined.assessment
+        if not choice.corrects:
+            with self._lock:
+                self._found[id(flight), film.source, how] = _correction_of(assessment)
+        comparison = assessment.comparison
+        return Insight(
+            assessment,
+            trailing=errors(comparison, trailing(comparison, choice.horizon_s)),
+            horizon_s=choice.horizon_s,
+            siblings=examined.siblings,
+            expected=expected_since_anchor(assessment, film.replay),
+        )
+
+    def _correction(self, flight: Flight, choice: ReplayChoice, how: Integration) -> Correction:
+        """What is taken off the chosen IMU. Raises DataError when this flight tells nothing to take off."""
+        if choice.correction == "no":
+            return NO_CORRECTION
+        if choice.correction == "file":
+            return self._file or NO_CORRECTION
+        name = flight.imu(choice.imu).source
+        with self._lock:  # whoever comes first finds it out
+            key = (id(flight), name, how)
+            if key not in self._found:
+                found = assess_imu(flight, self._settings, imu=name, imu_model=self._imu_model, how=how)
+                self._found[key] = _correction_of(found)
+            correction = self._found[key]
+        if correction is None:
+            raise DataError("This flight has too few usable windows to calibrate with. Record a longer one.")
+        return correction
+
+
+def _correction_of(found: Assessment) -> Correction | None:
+    return found.calibration.correction if found.calibration else None

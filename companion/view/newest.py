@@ -1,0 +1,55 @@
+"""A worker for whom only the newest order counts, so that the picture keeps moving while it works."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Generic, TypeVar
+
+Order = TypeVar("Order")
+Result = TypeVar("Result")
+
+
+class Newest(Generic[Order, Result]):
+    """One thread, one place in the queue: the newest order wins, those in between are never begun."""
+
+    def __init__(self, name: str, work: Callable[[Order], Result]) -> None:
+        self._work = work
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"companion-{name}")
+        self._running: Future[Result] | None = None
+        self._waiting: list[Order] = []  # one or none: an order may be None
+        self._wanted = True
+
+    @property
+    def busy(self) -> bool:
+        """Whether a result is still to come."""
+        return bool(self._waiting) or (self._running is not None and self._wanted)
+
+    def request(self, order: Order) -> None:
+        """Order a piece of work; whatever was ordered before and is not done is no longer wanted."""
+        self._waiting = [order]
+        self._start_next()
+
+    def forget(self) -> None:
+        """What was ordered and is not done is no longer wanted."""
+        self._waiting, self._wanted = [], False
+
+    def poll(self) -> Result | None:
+        """The newest result if it has just come. An error of the work is raised here."""
+        if self._running is None or not self._running.done():
+            return None
+        result, wanted = self._running.result(), self._wanted
+        self._running = None
+        superseded = bool(self._waiting) or not wanted
+        self._start_next()
+        return None if superseded else result
+
+    def close(self) -> None:
+        """Wait for the running work, drop the waiting one, end the thread."""
+        self._waiting = []
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _start_next(self) -> None:
+        if self._running is None and self._waiting:
+            self._running = self._pool.submit(self._work, self._waiting.pop())
+            self._wanted = True

@@ -1,0 +1,115 @@
+"""The verdict in tables, as HTML. Every text is escaped: some of it comes from the vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+
+import numpy as np
+
+from companion.analysis import Assessment, Calibration, Drift, Sibling, Statistic
+from companion.view import palette
+from companion.view.palette import Rgb
+
+SIGNS = {"consistent": "✓", "imu_suspect": "✗", "autopilot_suspect": "✗", "insufficient_data": "?"}
+
+
+def swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:0.8em;border-radius:50%") -> str:
+    """A spot in a source's colour."""
+    return (
+        f'<span style="display:inline-block;{shape};margin-right:0.5em;vertical-align:middle;'
+        f'background:{palette.css(colour)};opacity:{opacity}"></span>'
+    )
+
+
+def status(found: Assessment) -> str:
+    """The status and the sentence."""
+    verdict = found.verdict
+    word = verdict.status.replace("_", " ").upper()
+    return _small(
+        f'<b style="font-size:1.1em">{SIGNS.get(verdict.status, "")} {escape(word)}</b><br>{escape(verdict.summary)}'
+    )
+
+
+def drift_table(table: Drift, expected: Assessment, colour: Rgb, horizon_s: float) -> str:
+    """Measured median and 95 %, and expected 1σ, after each horizon; the chosen one stands out."""
+    head = ("after", "windows", "°", "m/s", "m")
+    rows = []
+    for row, should in zip(table.rows, expected.expected, strict=True):
+        chosen = "font-weight:700" if row.horizon_s == horizon_s else ""
+        measured = (row.attitude_deg, row.velocity_mps, row.position_m)
+        sigma = (None,) * 3 if should is None else (should.attitude_deg, should.velocity_mps, should.position_m)
+        rows.append(_row((f"{row.horizon_s:g} s", row.windows, *(_pair(m) for m in measured)), chosen))
+        rows.append(_row(("", "", *("" if s is None else f"{figure(s)}" for s in sigma)), "opacity:0.65"))
+        left = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in row.excluded.items())
+        if left and chosen:
+            rows.append(f'<tr><td colspan="5" style="opacity:0.65">left out: {escape(left)}</td></tr>')
+    note = "Each: median / 95 % of the windows; below it, paler, the expected 1σ."
+    return _title(f"{swatch(colour)}Drift of {escape(table.imu)}") + _table(head, rows) + _small(note, 0.65)
+
+
+def siblings_table(others: Sequence[Sibling], colours: Mapping[str, Rgb]) -> str:
+    """Every IMU of the flight through the same windows."""
+    if len(others) < 2:
+        return ""
+    rows = []
+    for other in others:
+        inside = "-" if not other.inside else f"{min(other.inside.values()):.0%}"
+        name = f"{swatch(colours[other.imu])}{escape(other.imu)}"
+        figures = (f"{other.rate_hz:.0f}", _median(other.drift.attitude_deg), _median(other.drift.position_m), inside)
+        rows.append(_row((name, *figures), ""))
+    seconds = others[0].drift.horizon_s
+    return _title(f"Every IMU after {seconds:g} s") + _table(("", "Hz", "°", "m", "inside 95 %"), rows)
+
+
+def calibration_table(fit: Calibration | None) -> str:
+    """The constant errors that explain the flight best."""
+    if fit is None:
+        return _title("Calibration") + _small("Too few windows to calibrate with.", 0.65)
+    scale = np.array([1e3] * 3 + [1.0] * 3 + [np.degrees(1.0)] * 3 + [1e3])
+    values, sigma = fit.values[:10] * scale, fit.sigma[:10] * scale
+    rows = []
+    for name, part in (("gyro, mrad/s", (0, 1, 2)), ("accel, m/s²", (3, 4, 5)), ("mounting, °", (6, 7, 8))):
+        cells = (f"{values[i]:.2f} ± {sigma[i]:.2f}" if fit.observable[i] else "not seen" for i in part)
+        rows.append(_row((name, *cells), ""))
+    lag = f"{values[9]:.1f} ± {sigma[9]:.1f}" if fit.observable[9] else "not seen"
+    rows.append(_row(("lag, ms", lag, "", ""), ""))
+    note = f"From {fit.windows} windows of {fit.horizon_s:g} s, ± one standard error."
+    return _title("Calibration") + _table(("", "forward", "right", "down"), rows) + _small(note, 0.65)
+
+
+def figure(value: float) -> str:
+    """Three digits that matter."""
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}"
+
+
+def _pair(statistic: Statistic | None) -> str:
+    return "-" if statistic is None else f"{figure(statistic.median)} / {figure(statistic.p95)}"
+
+
+def _median(statistic: Statistic | None) -> str:
+    return "-" if statistic is None else figure(statistic.median)
+
+
+def _row(cells: Iterable[object], style: str) -> str:
+    first, *rest = cells
+    return f'<tr style="{style}"><td>{first}</td>{"".join(f"<td>{cell}</td>" for cell in rest)}</tr>'
+
+
+def _table(head: Sequence[str], rows: Sequence[str]) -> str:
+    first, *rest = head
+    top = f'<tr style="opacity:0.65"><td>{first}</td>{"".join(f"<td>{cell}</td>" for cell in rest)}</tr>'
+    return (
+        "<style>.companion-table td{text-align:right;padding:0 0 0 0.4em;white-space:nowrap}"
+        ".companion-table td:first-child{text-align:left;padding:0}</style>"
+        '<div style="padding:0 1em;overflow-x:auto"><table class="companion-table" style="width:100%;font-size:0.76em;'
+        f'font-variant-numeric:tabular-nums;border-spacing:0">{top}{"".join(rows)}</table></div>'
+    )
+
+
+def _title(markup: str) -> str:
+    return f'<div style="padding:0.7em 1em 0.1em;font-size:0.85em;font-weight:600">{markup}</div>'
+
+
+def _small(markup: str, opacity: float = 1.0) -> str:
+    return f'<div style="padding:0.2em 1em;font-size:0.8em;line-height:1.4;opacity:{opacity}">{markup}</div>'
