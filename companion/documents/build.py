@@ -32,7 +32,7 @@ def analysis_document(source: Source, examined: Examination) -> schema.Analysis:
     flight, found = examined.flight, examined.assessment
     table = found.drift
     analysed = schema.AnalyzeFlight(
-        vehicle=_vehicle(flight),
+        vehicle=vehicle_object(flight),
         boot=flight.boot,
         duration_s=flight.duration,
         imu=[_imu(flight, name, track, examined.gaps[name]) for name, track in flight.imus.items()],
@@ -80,7 +80,7 @@ def _log(source: Source) -> schema.LogObject:
 def _info_flight(flight: Flight) -> schema.InfoFlight:
     """One of the "flights" of `info`."""
     return schema.InfoFlight(
-        vehicle=_vehicle(flight),
+        vehicle=vehicle_object(flight),
         boot=flight.boot,
         start_s=flight.start,
         duration_s=flight.duration,
@@ -96,7 +96,8 @@ def _info_flight(flight: Flight) -> schema.InfoFlight:
     )
 
 
-def _vehicle(flight: Flight) -> schema.VehicleObject:
+def vehicle_object(flight: Flight) -> schema.VehicleObject:
+    """Who flew."""
     v = flight.vehicle
     return schema.VehicleObject(sysid=v.sysid, compid=v.compid, autopilot=v.autopilot, type=v.type, firmware=v.firmware)
 

@@ -13,6 +13,7 @@ from companion.mavlink.modes import mode_name, px4_nav_state_name
 from companion.mavlink.pack import Packer, Value
 from companion.mavlink.ports import Port
 from companion.mavlink.rates import Rates
+from companion.mavlink.recognise import looks_like_a_log
 from companion.mavlink.recorder import Recorder
 from companion.mavlink.requests import ForbiddenMessageError, Request, Target
 from companion.mavlink.session import Arriving, Choice, Report, Session
@@ -57,6 +58,7 @@ __all__ = [
     "join",
     "load_dialect",
     "log_format",
+    "looks_like_a_log",
     "make_messages",
     "mode_name",
     "open_port",

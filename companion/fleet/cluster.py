@@ -1,0 +1,130 @@
+"""The cluster that examines the logs: worker processes of this computer, or a scheduler that runs already."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Callable, Collection, Iterator, Sequence
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+from companion.errors import InputError
+from companion.fleet.records import LogRecord, Plan
+from companion.fleet.search import FoundLog
+from companion.fleet.task import decode, examine_log
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+_CONNECT_S = 10.0  # for a scheduler to answer, and for it to have a worker
+_ON_THE_WAY = 1000  # logs that are handed to the scheduler at a time: all would be slow for tens of thousands
+
+
+@contextlib.contextmanager
+def local_cluster(workers: int) -> Iterator[Client]:
+    """Worker processes of one thread each, which listen to this computer alone."""
+    distributed = _distributed()
+    with (
+        distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address=None,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # without a dashboard it still answers for its health
+            silence_logs=logging.CRITICAL,
+        ) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+@contextlib.contextmanager
+def remote_cluster(address: str) -> Iterator[Client]:
+    """The workers of a scheduler that runs already.
+
+    Raises InputError when nobody answers there within 10 s, or the scheduler has no worker.
+    """
+    distributed = _distributed()
+    try:
+        client = distributed.Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(
+            f"no Dask scheduler at {address} ({error}). Start one with: dask scheduler --host 127.0.0.1 --port 8786"
+        ) from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_CONNECT_S)
+        except TimeoutError:
+            raise InputError(
+                f"the scheduler at {address} has no workers. Start some: dask worker {address} --nthreads 1"
+            ) from None
+        yield client
+
+
+def examine_all(
+    client: Client, logs: Sequence[FoundLog], plan: Plan, known: Callable[[FoundLog], Collection[str]]
+) -> Iterator[tuple[FoundLog, LogRecord]]:
+    """Each log with its record, in the order in which they are done.
+
+    A log whose worker dies is given to another one. The scheduler blames every log that a dead worker had waiting, so
+    one that it has given up is tried once more, alone: only then it is the log's own doing.
+    Raises InputError when the scheduler goes away.
+    """
+    suspects: list[FoundLog] = []
+    for log, record in _completed(client, logs, plan, known, at_once=_ON_THE_WAY):
+        if record is None:
+            suspects.append(log)
+        else:
+            yield log, record
+    for log, record in _completed(client, suspects, plan, known, at_once=1):
+        yield log, record or LogRecord(error=_DEADLY)
+
+
+_DEADLY = (
+    "every worker that examined it died: it was killed, or ran out of memory. "
+    "Try it alone: companion analyze LOG; with more memory per worker: --workers 1"
+)
+
+
+def _completed(
+    client: Client,
+    logs: Sequence[FoundLog],
+    plan: Plan,
+    known: Callable[[FoundLog], Collection[str]],
+    *,
+    at_once: int,
+) -> Iterator[tuple[FoundLog, LogRecord | None]]:
+    """Each log with its record; None where the scheduler gave up because workers died."""
+    distributed = _distributed()
+    waiting = iter(logs)
+    owner: dict[str, FoundLog] = {}
+
+    def submit(log: FoundLog) -> Future[bytes]:
+        future: Future[bytes] = client.submit(examine_log, log.path, plan, known(log), pure=False)
+        owner[future.key] = log
+        return future
+
+    first = list(map(submit, islice(waiting, at_once)))
+    done = distributed.as_completed(first, loop=client.loop, with_results=True, raise_errors=False)
+    for future, result in done:
+        log = owner.pop(future.key)
+        if future.status == "finished":
+            yield log, decode(result)
+        elif future.status == "error":
+            error = future.exception()
+            dead = isinstance(error, distributed.KilledWorker)
+            yield log, None if dead else LogRecord(error=f"the worker failed: {error!r}", settled=False)
+        else:
+            raise InputError(
+                "the scheduler has gone. What was done is kept: the same command goes on from there when it is back."
+            )
+        done.update(map(submit, islice(waiting, 1)))
+
+
+def _distributed() -> Any:
+    try:
+        import distributed  # noqa: PLC0415  (an extra, and slow to import: only who has something to examine needs it)
+    except ModuleNotFoundError:
+        raise InputError("many logs are examined with Dask. Install it: pip install 'companion[fleet]'") from None
+    return distributed

@@ -1,0 +1,45 @@
+"""What is known of a log after it was examined: what travels back from a worker and is kept in the journal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import msgspec
+
+from companion.documents import AnalyzeFlight, VehicleObject
+
+
+class FlightRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """One flight of a log: who flew, with which sensors, and the analysis that `companion analyze --json` prints."""
+
+    vehicle: VehicleObject
+    boot: int
+    duration_s: float
+    date_s: float | None = None  # UNIX time of the flight's beginning, s
+    board: str | None = None  # serial number of the flight controller
+    gyro_ids: Mapping[str, int] = {}  # IMU message → the autopilot's id of the sensor behind it
+    accel_ids: Mapping[str, int] = {}
+    temperatures_degc: Mapping[str, float] = {}  # IMU message → median over the flight
+    analysis: AnalyzeFlight | None = None
+    error: str | None = None  # why there is no analysis
+    report: str | None = None  # its page, relative to the folder of the results
+
+
+class LogRecord(msgspec.Struct, frozen=True, kw_only=True):
+    """One log. Without flights, `error` says why."""
+
+    sha256: str | None = None  # None when it could not be read
+    format: str | None = None
+    flights: tuple[FlightRecord, ...] = ()
+    error: str | None = None
+    settled: bool = True  # False: not the log's own fault, so another run tries again
+
+
+class Plan(msgspec.Struct, frozen=True, kw_only=True):
+    """How every log of a run is examined: travels to the workers with each path."""
+
+    version: str  # of program and settings: `version_of`
+    settings: bytes  # Settings as MessagePack
+    imu: str | None = None
+    imu_model: str | None = None
+    reports: str | None = None  # folder to write pages into

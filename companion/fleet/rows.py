@@ -1,0 +1,153 @@
+"""Records → the rows of the four tables. A row is a dictionary whose keys are the columns of `companion.fleet.tables`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from companion.documents import AnalyzeFlight, DriftObject, StatisticObject
+from companion.fleet.journal import printable
+from companion.fleet.records import FlightRecord, LogRecord
+from companion.fleet.search import FoundLog
+
+Row = dict[str, Any]
+
+_JUDGED_S = 5.0  # the horizon that verdicts are made at
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """What is known of all logs, in the order of their paths, vehicles and boots."""
+
+    flights: tuple[Row, ...]  # one per flight; one for a log without any, with its error
+    drift: tuple[Row, ...]  # one per flight and horizon
+    findings: tuple[Row, ...]  # one per finding
+    calibration: tuple[Row, ...]  # one per flight whose IMU could be calibrated
+
+
+def rows_of(logs: Iterable[tuple[FoundLog, LogRecord]]) -> Rows:
+    """The rows of all four tables."""
+    flights, drift, findings, calibration = [], [], [], []
+    for log, record in sorted(logs, key=lambda pair: pair[0].path):
+        of_log = {
+            "log": printable(log.path),
+            "sha256": record.sha256,
+            "size_bytes": log.size_bytes,
+            "format": record.format,
+        }
+        if not record.flights:
+            flights.append(of_log | {"error": record.error})
+        for flight in record.flights:
+            key = {
+                "log": of_log["log"],
+                "vehicle": f"{flight.vehicle.sysid}:{flight.vehicle.compid}",
+                "boot": flight.boot,
+            }
+            flights.append(of_log | key | _flight(flight))
+            if flight.analysis is not None:
+                drift += [key | row for row in _drift(flight.analysis)]
+                findings += [key | msgspec.structs.asdict(found) for found in flight.analysis.verdict.findings]
+                calibration += [key | row for row in _calibration(flight, flight.analysis)]
+    return Rows(tuple(flights), tuple(drift), tuple(findings), tuple(calibration))
+
+
+def _flight(flight: FlightRecord) -> Row:
+    row: Row = {
+        "autopilot": flight.vehicle.autopilot,
+        "type": flight.vehicle.type,
+        "firmware": flight.vehicle.firmware,
+        "board": flight.board,
+        "date_s": flight.date_s,
+        "duration_s": flight.duration_s,
+        "gyro_ids": dict(flight.gyro_ids),
+        "accel_ids": dict(flight.accel_ids),
+        "error": flight.error,
+        "report": flight.report,
+    }
+    if (found := flight.analysis) is None:
+        return row
+    return row | {
+        "imu": found.used_imu,
+        "rate_hz": next((imu.rate_hz for imu in found.imu if imu.message == found.used_imu), None),
+        "figures": found.figures.name,
+        "status": found.verdict.status,
+        "summary": found.verdict.summary,
+        "drift_ratio": _drift_ratio(found),
+    }
+
+
+def _drift(found: AnalyzeFlight) -> Iterator[Row]:
+    inside = {share.horizon_s: share for share in found.consistency}
+    for drift in found.drift:
+        row: Row = {
+            "imu": found.used_imu,
+            "horizon_s": drift.horizon_s,
+            "windows": drift.windows,
+            "windows_left_out": sum(drift.excluded.values()),
+        }
+        row |= _statistic("attitude_{}_deg", drift.attitude_deg)
+        row |= _statistic("velocity_{}_mps", drift.velocity_mps)
+        row |= _statistic("position_{}_m", drift.position_m)
+        if drift.expected is not None:
+            row["attitude_expected_deg"] = drift.expected.attitude_deg
+            row["velocity_expected_mps"] = drift.expected.velocity_mps
+            row["position_expected_m"] = drift.expected.position_m
+        if (shares := inside.get(drift.horizon_s)) is not None:
+            row |= {f"{name}_inside": getattr(shares, name) for name in ("attitude", "velocity", "position")}
+        yield row
+
+
+def _calibration(flight: FlightRecord, found: AnalyzeFlight) -> Iterator[Row]:
+    fit, imu = found.calibration, found.used_imu
+    if fit is None:
+        return
+    row: Row = {
+        "board": flight.board,
+        "date_s": flight.date_s,
+        "imu": imu,
+        "gyro_id": flight.gyro_ids.get(imu),
+        "accel_id": flight.accel_ids.get(imu),
+        "temperature_degc": flight.temperatures_degc.get(imu),
+        "windows": fit.windows,
+    }
+    for name, unit, figure in (
+        ("gyro_bias", "radps", fit.gyro_bias_radps),
+        ("accel_bias", "mps2", fit.accel_bias_mps2),
+        ("mounting", "rad", fit.mounting_rad),
+    ):
+        for axis, value, sigma, seen in zip(_AXES, figure.value, figure.sigma, figure.observable, strict=True):
+            row[f"{name}_{axis}_{unit}"] = value
+            row[f"{name}_{axis}_sigma_{unit}"] = sigma
+            row[f"{name}_{axis}_observable"] = seen
+    lag = fit.time_offset_s
+    row["time_offset_s"], row["time_offset_sigma_s"], row["time_offset_observable"] = (
+        lag.value[0],
+        lag.sigma[0],
+        lag.observable[0],
+    )
+    yield row
+
+
+def _statistic(name: str, statistic: StatisticObject | None) -> Row:
+    if statistic is None:
+        return {}
+    return {name.format(key): getattr(statistic, key) for key in ("median", "p95", "max")}
+
+
+def _drift_ratio(found: AnalyzeFlight) -> float | None:
+    """Median drift over the expected one, of the quantity where it is largest, at the horizon nearest to 5 s."""
+    usable = [row for row in found.drift if row.expected is not None]
+    if not usable:
+        return None
+    row: DriftObject = min(usable, key=lambda row: abs(row.horizon_s - _JUDGED_S))
+    assert row.expected is not None
+    pairs = (
+        (row.attitude_deg, row.expected.attitude_deg),
+        (row.velocity_mps, row.expected.velocity_mps),
+        (row.position_m, row.expected.position_m),
+    )
+    return max((measured.median / allowed for measured, allowed in pairs if measured and allowed), default=None)

@@ -1,0 +1,131 @@
+"""Which logs are meant: files, folders searched for logs by their content, and patterns."""
+
+from __future__ import annotations
+
+import glob
+import os
+import stat
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from companion.errors import CompanionError, InputError
+from companion.mavlink import DEFAULT_DIALECT, looks_like_a_log
+
+_LOGS = (".tlog", ".ulg")
+_PERHAPS = (".bin", ".gz", ".zst")  # firmware and archives have these names too: their content tells
+
+
+@dataclass(frozen=True, slots=True)
+class FoundLog:
+    """A file to examine, as it was when it was found."""
+
+    path: str  # absolute
+    size_bytes: int
+    stamp: str  # changes when the file does: modification and change times, ns
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """What was found, and what was passed over."""
+
+    logs: tuple[FoundLog, ...]  # in the order of their paths
+    no_logs: tuple[str, ...]  # named like logs, but something else by their content
+    closed: tuple[str, ...]  # folders that cannot be searched, with the reason
+
+
+def find_logs(paths: Sequence[str], *, dialect: str = DEFAULT_DIALECT) -> Search:
+    """The logs that the paths stand for, each file once.
+
+    A file that is named is taken as it is. A folder is searched through and through, symbolic links followed: .tlog and
+    .ulg are taken, .bin, .gz and .zst when their content is a log's. A path with * ? or [ is a pattern, ** any depth.
+    Raises InputError for a path that is none of these, and when no log is found.
+    """
+    walk = _Walk(dialect)
+    for path in paths:
+        for name in _expanded(path):
+            if Path(name).is_dir():
+                walk.folder(name)
+            else:
+                walk.file(name)
+    if not walk.found:
+        searched = ", ".join(paths)
+        passed = f" Passed over: {_some([*walk.closed, *walk.no_logs])}." if walk.closed or walk.no_logs else ""
+        raise InputError(
+            f"no logs in {searched}: folders are searched for .tlog, .ulg, .bin, .gz and .zst files that hold one."
+            f"{passed} Name the folder or the files."
+        )
+    logs = tuple(sorted(walk.found.values(), key=lambda log: log.path))
+    return Search(logs, tuple(walk.no_logs), tuple(walk.closed))
+
+
+class _Walk:
+    """One search: what was found so far, and where it has been."""
+
+    def __init__(self, dialect: str) -> None:
+        self._dialect = dialect
+        self.found: dict[str, FoundLog] = {}  # by the path without symbolic links
+        self.no_logs: list[str] = []
+        self.closed: list[str] = []
+        self._been: set[tuple[int, int]] = set()  # device and inode of folders: links may run in circles
+
+    def folder(self, top: str) -> None:
+        """Take the logs in a folder and below it."""
+        for folder, below, files in os.walk(top, followlinks=True, onerror=self._refused):
+            status = Path(folder).stat()
+            if (status.st_dev, status.st_ino) in self._been:
+                below.clear()
+                continue
+            self._been.add((status.st_dev, status.st_ino))
+            below.sort()
+            for name in files:
+                path = os.path.join(folder, name)  # noqa: PTH118  (a folder may hold tens of thousands)
+                ending = os.path.splitext(name)[1].lower()  # noqa: PTH122
+                if ending in _LOGS or (ending in _PERHAPS and self._is_log(path)):
+                    self.file(path)
+
+    def file(self, path: str) -> None:
+        """Take a file, unless it is no regular one: a pipe would never end."""
+        path = os.path.abspath(path)  # noqa: PTH100  (resolve would follow links, and lose the name the user knows)
+        try:
+            status = os.stat(path)  # noqa: PTH116
+        except OSError:
+            log = FoundLog(path, 0, "unknown")  # a dangling link, no permission: the worker says what is wrong with it
+        else:
+            if not stat.S_ISREG(status.st_mode):
+                self.no_logs.append(path)
+                return
+            log = FoundLog(path, status.st_size, f"{status.st_mtime_ns}-{status.st_ctime_ns}")
+        self.found.setdefault(os.path.realpath(path), log)
+
+    def _is_log(self, path: str) -> bool:
+        try:
+            if not stat.S_ISREG(os.stat(path).st_mode):  # noqa: PTH116
+                return False
+            if looks_like_a_log(path, dialect=self._dialect):
+                return True
+        except (OSError, CompanionError):
+            return True  # it cannot be read: its row shall say so
+        self.no_logs.append(path)
+        return False
+
+    def _refused(self, error: OSError) -> None:
+        self.closed.append(f"{error.filename} ({error.strerror})")
+
+
+def _expanded(path: str) -> Iterator[str]:
+    """A path, or what a pattern stands for. A file whose name has brackets is a file."""
+    if os.path.lexists(path):
+        yield path
+        return
+    if not glob.has_magic(path):
+        raise InputError(f"there is no file or folder {path}: check the path.")
+    found = sorted(glob.glob(path, recursive=True))  # noqa: PTH207  (of a text that may be absolute)
+    if not found:
+        raise InputError(f"no file matches {path}: check the pattern.")
+    yield from found
+
+
+def _some(names: Sequence[str], most: int = 5) -> str:
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

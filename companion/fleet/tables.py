@@ -1,0 +1,116 @@
+"""The rows as Parquet, one file per table; the unit of a column is at the end of its name and in its metadata."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from companion.errors import InputError
+from companion.fleet.journal import replaced
+from companion.fleet.rows import Row, Rows
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_KEY = {"log": "string", "vehicle": "string", "boot": "int"}
+_OBSERVED = {
+    f"{name}_{axis}{part}": kind
+    for name, unit in (("gyro_bias", "radps"), ("accel_bias", "mps2"), ("mounting", "rad"))
+    for axis in "xyz"
+    for part, kind in ((f"_{unit}", "float"), (f"_sigma_{unit}", "float"), ("_observable", "bool"))
+}
+_SPREAD = {
+    f"{name}_{part}_{unit}": "float"
+    for name, unit in (("attitude", "deg"), ("velocity", "mps"), ("position", "m"))
+    for part in ("median", "p95", "max", "expected")
+}
+
+COLUMNS: Mapping[str, Mapping[str, str]] = {
+    "flights": {
+        **_KEY,
+        "date_s": "date", "duration_s": "float", "autopilot": "string", "type": "string", "firmware": "string",
+        "board": "string", "imu": "string", "rate_hz": "float", "gyro_ids": "ids", "accel_ids": "ids",
+        "figures": "string", "status": "string", "summary": "string", "drift_ratio": "float", "error": "string",
+        "report": "string", "format": "string", "size_bytes": "int", "sha256": "string",
+    },
+    "drift": {
+        **_KEY,
+        "imu": "string", "horizon_s": "float", "windows": "int", "windows_left_out": "int", **_SPREAD,
+        "attitude_inside": "float", "velocity_inside": "float", "position_inside": "float",
+    },
+    "findings": {
+        **_KEY,
+        "kind": "string", "side": "string", "severity": "string", "start_s": "float", "end_s": "float",
+        "evidence": "string", "advice": "string",
+    },
+    "calibration": {
+        **_KEY,
+        "date_s": "date", "board": "string", "imu": "string", "gyro_id": "int", "accel_id": "int",
+        "temperature_degc": "float", "windows": "int", **_OBSERVED,
+        "time_offset_s": "float", "time_offset_sigma_s": "float", "time_offset_observable": "bool",
+    },
+}  # fmt: skip
+"""Table → column → kind. docs/fleet.md describes them."""
+
+_UNITS = {
+    "_s": "s", "_deg": "deg", "_m": "m", "_mps": "m/s", "_mps2": "m/s²", "_rad": "rad", "_radps": "rad/s",
+    "_degc": "°C", "_hz": "Hz", "_bytes": "B",
+}  # fmt: skip
+
+
+def require_arrow() -> None:
+    """Raises InputError with the line that installs it, when pyarrow is not there: before any work is done."""
+    _arrow()
+
+
+def arrow_table(name: str, rows: Sequence[Row]) -> pa.Table:
+    """One of the tables of COLUMNS; what a row lacks is null."""
+    pa = _arrow()
+    kinds = {
+        "string": pa.string(),
+        "int": pa.int64(),
+        "float": pa.float64(),
+        "bool": pa.bool_(),
+        "date": pa.timestamp("us", tz="UTC"),
+        "ids": pa.map_(pa.string(), pa.int64()),
+    }
+    fields, columns = [], []
+    for column, kind in COLUMNS[name].items():
+        values = [row.get(column) for row in rows]
+        if kind == "date":
+            column, values = column.removesuffix("_s"), [None if v is None else round(v * 1e6) for v in values]
+        elif kind == "ids":
+            values = [None if v is None else list(v.items()) for v in values]
+        unit = next((unit for ending, unit in _UNITS.items() if column.endswith(ending)), None)
+        fields.append(pa.field(column, kinds[kind], metadata={"unit": unit} if unit else None))
+        columns.append(pa.array(values, kinds[kind]))
+    return pa.Table.from_arrays(columns, schema=pa.schema(fields))
+
+
+def write_tables(folder: Path, rows: Rows, about: Mapping[str, str]) -> list[Path]:
+    """The four tables in a folder, each replaced in one step. about: said in the metadata of each.
+
+    Raises InputError when they cannot be written.
+    """
+    import pyarrow.parquet as pq  # noqa: PLC0415  (an extra)
+
+    written = []
+    for name in COLUMNS:
+        path = folder / f"{name}.parquet"
+        table = arrow_table(name, getattr(rows, name)).replace_schema_metadata(dict(about))
+        try:
+            with replaced(path) as draft:
+                pq.write_table(table, draft)
+        except OSError as error:
+            raise InputError(f"cannot write {path}: {error.strerror}. What was examined is kept.") from None
+        written.append(path)
+    return written
+
+
+def _arrow() -> Any:
+    try:
+        import pyarrow  # noqa: PLC0415  (an extra: only who writes tables needs it)
+    except ModuleNotFoundError:
+        raise InputError("the tables are written with pyarrow. Install it: pip install 'companion[fleet]'") from None
+    return pyarrow

@@ -1,0 +1,43 @@
+"""What made a row: a digest of the program's analysis and of the settings. Rows of another version are made anew."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from pathlib import Path
+
+import msgspec
+
+import companion
+from companion.sensors import load_imu_figures
+from companion.settings import Settings, data_folder
+
+_SHOWN = ("view", "live", "cli")  # parts of the program and of the settings that change no number
+
+
+def version_of(settings: Settings, imu: str | None, imu_model: str | None) -> str:
+    """A digest of everything that the rows of a log depend on, beside the log.
+
+    Raises InputError or SettingsError for an imu_model that is none.
+    """
+    known = msgspec.to_builtins(settings)
+    for section in _SHOWN:
+        known.pop(section, None)
+    figures = repr(load_imu_figures(imu_model)) if imu_model else None
+    asked = msgspec.json.encode([_program_version(), known, imu, figures], order="sorted")
+    return hashlib.sha256(asked).hexdigest()[:16]
+
+
+@functools.cache
+def _program_version() -> str:
+    """A digest of the source that makes the numbers, so that any change of it is noticed, released or not."""
+    package = Path(companion.__file__).parent
+    sources = [
+        path
+        for path in sorted(package.rglob("*.py"))
+        if (part := path.relative_to(package).parts[0]) not in _SHOWN and part != "data"
+    ]
+    digest = hashlib.sha256()
+    for path in [*sources, *sorted((data_folder("config") / "imu").glob("*.toml"))]:
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
