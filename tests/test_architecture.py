@@ -35,6 +35,7 @@ MAY_IMPORT = {
     "live": GROUND | {"mavlink", "telemetry", "analysis"},
     "view": GROUND | {"strapdown", "analysis"},
     "report": GROUND | {"settings", "recording", "strapdown", "analysis", "examination", "documents", "view", "report"},
+    "fleet": GROUND | {"settings", "sensors", "mavlink", "recording", "examination", "documents", "report"},
     "cli": GROUND
     | {
         "settings",
@@ -52,6 +53,7 @@ MAY_IMPORT = {
         "view",
         "report",
         "export",
+        "fleet",
         "cli",
     },
     "__main__": {"cli"},
@@ -77,6 +79,7 @@ LIBRARIES = {
     "export": {"numpy", "msgspec", "pyarrow", "mcap"},
     "view": {"numpy", "viser", "rich"},
     "report": {"numpy", "msgspec", "plotly"},
+    "fleet": {"numpy", "msgspec", "dask", "distributed", "pyarrow"},
     "cli": {"numpy", "msgspec", "rich"},
 }
 """Part of the house → what it may import from outside, beside the standard library."""

@@ -49,9 +49,14 @@ def add_command(
     log = "a log: .tlog, ArduPilot .bin, PX4 .ulg; or demo for the bundled flight"
     link = ", or a link: udpin:HOST:PORT, tcp:HOST:PORT, /dev/ttyACM0[:BAUD]" if takes_link else ""
     parser.add_argument("log", metavar="LOG|LINK" if takes_link else "LOG", help=log + link)
+    add_settings(parser)
+    return parser
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Where settings come from, and the one that is needed to read a log."""
     parser.add_argument("--config", metavar="FILE", help="settings file; config/default.toml describes every key")
     parser.add_argument("--dialect", metavar="NAME", help="MAVLink dialect (default: ardupilotmega)")
-    return parser
 
 
 def add_flight_choice(parser: argparse.ArgumentParser) -> None:

@@ -1,1 +1,26 @@
 """Many logs at once on dask.distributed: rows of every flight, in Parquet tables and on one page."""
+
+from companion.fleet.digest import count_by_status, count_findings, errors, reasons, short_names, worst
+from companion.fleet.rows import Row, Rows
+from companion.fleet.run import Fleet, FleetRun, run_fleet
+from companion.fleet.search import FoundLog, Search, find_logs
+from companion.fleet.tables import COLUMNS, arrow_table
+
+__all__ = [
+    "COLUMNS",
+    "Fleet",
+    "FleetRun",
+    "FoundLog",
+    "Row",
+    "Rows",
+    "Search",
+    "arrow_table",
+    "count_by_status",
+    "count_findings",
+    "errors",
+    "find_logs",
+    "reasons",
+    "run_fleet",
+    "short_names",
+    "worst",
+]

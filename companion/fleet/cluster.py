@@ -21,18 +21,26 @@ _ON_THE_WAY = 1000  # logs that are handed to the scheduler at a time: all would
 
 
 @contextlib.contextmanager
-def local_cluster(workers: int) -> Iterator[Client]:
-    """Worker processes of one thread each, which listen to this computer alone."""
+def local_cluster(workers: int | None, most: int) -> Iterator[Client]:
+    """Worker processes of one thread each, which listen to this computer alone: one for each processor unless said.
+
+    `most`: as many as there is work for.
+    """
     distributed = _distributed()
+    from dask.system import CPU_COUNT  # noqa: PLC0415  (comes with distributed)
+
     with (
         distributed.LocalCluster(
-            n_workers=workers,
+            n_workers=min(workers or CPU_COUNT, most),
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
             dashboard_address=None,
-            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # without a dashboard it still answers for its health
+            scheduler_kwargs={
+                "dashboard_address": "127.0.0.1:0"
+            },  # without a dashboard it still answers for its health
             silence_logs=logging.CRITICAL,
+            preload="companion.fleet.task",
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
@@ -102,13 +110,13 @@ def _completed(
 
     def submit(log: FoundLog) -> Future[bytes]:
         future: Future[bytes] = client.submit(examine_log, log.path, plan, known(log), pure=False)
-        owner[future.key] = log
+        owner[str(future.key)] = log
         return future
 
     first = list(map(submit, islice(waiting, at_once)))
     done = distributed.as_completed(first, loop=client.loop, with_results=True, raise_errors=False)
     for future, result in done:
-        log = owner.pop(future.key)
+        log = owner.pop(str(future.key))
         if future.status == "finished":
             yield log, decode(result)
         elif future.status == "error":

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 
 import msgspec
 
-from companion.documents import AnalyzeFlight, VehicleObject
+from companion.documents import schema
 
 
 class FlightRecord(msgspec.Struct, frozen=True, kw_only=True):
     """One flight of a log: who flew, with which sensors, and the analysis that `companion analyze --json` prints."""
 
-    vehicle: VehicleObject
+    vehicle: schema.VehicleObject
     boot: int
     duration_s: float
     date_s: float | None = None  # UNIX time of the flight's beginning, s
@@ -20,7 +20,7 @@ class FlightRecord(msgspec.Struct, frozen=True, kw_only=True):
     gyro_ids: Mapping[str, int] = {}  # IMU message → the autopilot's id of the sensor behind it
     accel_ids: Mapping[str, int] = {}
     temperatures_degc: Mapping[str, float] = {}  # IMU message → median over the flight
-    analysis: AnalyzeFlight | None = None
+    analysis: schema.AnalyzeFlight | None = None
     error: str | None = None  # why there is no analysis
     report: str | None = None  # its page, relative to the folder of the results
 

@@ -1,4 +1,4 @@
-"""Records → the rows of the four tables. A row is a dictionary whose keys are the columns of `companion.fleet.tables`."""
+"""Records → the rows of the four tables: dictionaries whose keys are the columns of `companion.fleet.tables`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from companion.documents import AnalyzeFlight, DriftObject, StatisticObject
+from companion.documents import schema
 from companion.fleet.journal import printable
 from companion.fleet.records import FlightRecord, LogRecord
 from companion.fleet.search import FoundLog
@@ -80,7 +80,7 @@ def _flight(flight: FlightRecord) -> Row:
     }
 
 
-def _drift(found: AnalyzeFlight) -> Iterator[Row]:
+def _drift(found: schema.AnalyzeFlight) -> Iterator[Row]:
     inside = {share.horizon_s: share for share in found.consistency}
     for drift in found.drift:
         row: Row = {
@@ -101,7 +101,7 @@ def _drift(found: AnalyzeFlight) -> Iterator[Row]:
         yield row
 
 
-def _calibration(flight: FlightRecord, found: AnalyzeFlight) -> Iterator[Row]:
+def _calibration(flight: FlightRecord, found: schema.AnalyzeFlight) -> Iterator[Row]:
     fit, imu = found.calibration, found.used_imu
     if fit is None:
         return
@@ -132,18 +132,18 @@ def _calibration(flight: FlightRecord, found: AnalyzeFlight) -> Iterator[Row]:
     yield row
 
 
-def _statistic(name: str, statistic: StatisticObject | None) -> Row:
+def _statistic(name: str, statistic: schema.StatisticObject | None) -> Row:
     if statistic is None:
         return {}
     return {name.format(key): getattr(statistic, key) for key in ("median", "p95", "max")}
 
 
-def _drift_ratio(found: AnalyzeFlight) -> float | None:
+def _drift_ratio(found: schema.AnalyzeFlight) -> float | None:
     """Median drift over the expected one, of the quantity where it is largest, at the horizon nearest to 5 s."""
     usable = [row for row in found.drift if row.expected is not None]
     if not usable:
         return None
-    row: DriftObject = min(usable, key=lambda row: abs(row.horizon_s - _JUDGED_S))
+    row: schema.DriftObject = min(usable, key=lambda row: abs(row.horizon_s - _JUDGED_S))
     assert row.expected is not None
     pairs = (
         (row.attitude_deg, row.expected.attitude_deg),

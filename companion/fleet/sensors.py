@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
-from companion.tracks import Flight, StatusText
+import numpy as np
 
-_SERIAL = re.compile(r"\b([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})\b")
-"""ArduPilot's banner gives the processor's unique id so (AP_HAL_ChibiOS/Util.cpp, get_system_id)."""
+from companion.tracks import Flight
+
+_SERIAL = re.compile(r"\b([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})\b|^([0-9a-f]{32})$")
+"""ArduPilot's banner gives the processor's unique id so (AP_HAL_ChibiOS/Util.cpp, get_system_id); its simulator's is
+32 digits."""
 
 
 def sensor_ids(flight: Flight, sensor: str) -> dict[str, int]:
     """IMU message → the autopilot's id of its "gyro" or "accel", where the parameters are in the log.
 
-    ArduPilot: INS_GYR_ID, INS_GYR2_ID, ...; INS_ACC_ID, ...; PX4: CAL_GYRO0_ID, ..., CAL_ACC0_ID, .... The id holds bus,
+    ArduPilot: INS_GYR_ID, INS_GYR2_ID, ..., INS_ACC_ID; PX4: CAL_GYRO0_ID, ..., CAL_ACC0_ID. The id holds the bus,
     address and type of the part (AP_InertialSensor, DevTypes): two boards of a kind have the same.
     """
     found: dict[str, int] = {}
@@ -25,13 +28,29 @@ def sensor_ids(flight: Flight, sensor: str) -> dict[str, int]:
     return found
 
 
-def board_of(texts: Iterable[StatusText], parameters: Mapping[str, float]) -> str | None:
-    """The flight controller's serial number: what its banner says, else BRD_SERIAL_NUM; None when neither is known."""
-    for said in texts:
-        if match := _SERIAL.search(said.text):
-            return match[1]
-    number = parameters.get("BRD_SERIAL_NUM", 0.0)
+def board_of(flights: Iterable[Flight]) -> str | None:
+    """The serial number of a vehicle's flight controller: what its banner says in any of its flights (it comes once
+    for a ground station), else BRD_SERIAL_NUM; None when neither is known.
+    """
+    number = 0.0
+    for flight in flights:
+        for said in flight.texts:
+            if match := _SERIAL.search(said.text):
+                return match[1] or match[2]
+        number = flight.parameters.get("BRD_SERIAL_NUM", number)
     return str(int(number)) if number else None
+
+
+def temperatures(flight: Flight) -> dict[str, float]:
+    """IMU message → its median temperature over the flight, °C, where the log has it."""
+    found: dict[str, float] = {}
+    for name in flight.imus:
+        if (series := flight.series.get(f"temperature:{name}")) is not None and len(series):
+            known = series["temperature_degc"]
+            known = known[np.isfinite(known)]
+            if len(known):
+                found[name] = float(np.median(known))
+    return found
 
 
 def _names(sensor: str, instance: int) -> tuple[str, ...]:

@@ -79,11 +79,12 @@ def arrow_table(name: str, rows: Sequence[Row]) -> pa.Table:
     for column, kind in COLUMNS[name].items():
         values = [row.get(column) for row in rows]
         if kind == "date":
-            column, values = column.removesuffix("_s"), [None if v is None else round(v * 1e6) for v in values]
+            values = [None if v is None else round(v * 1e6) for v in values]
         elif kind == "ids":
             values = [None if v is None else list(v.items()) for v in values]
-        unit = next((unit for ending, unit in _UNITS.items() if column.endswith(ending)), None)
-        fields.append(pa.field(column, kinds[kind], metadata={"unit": unit} if unit else None))
+        name_of = column.removesuffix("_s") if kind == "date" else column
+        unit = next((unit for ending, unit in _UNITS.items() if name_of.endswith(ending)), None)
+        fields.append(pa.field(name_of, kinds[kind], metadata={"unit": unit} if unit else None))
         columns.append(pa.array(values, kinds[kind]))
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))
 

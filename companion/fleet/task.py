@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import signal
 import socket
 from collections.abc import Collection
 from pathlib import Path
@@ -14,21 +15,21 @@ from companion.documents import analysis_document, vehicle_object
 from companion.errors import CompanionError, DataError
 from companion.examination import examine
 from companion.fleet.records import FlightRecord, LogRecord, Plan
-from companion.fleet.sensors import board_of, sensor_ids
+from companion.fleet.sensors import board_of, sensor_ids, temperatures
 from companion.fleet.version import version_of
 from companion.recording import Recording, read_recording
 from companion.settings import Settings
 from companion.tracks import Flight
 
 _UNFORESEEN = (ArithmeticError, AssertionError, AttributeError, LookupError, OSError, TypeError, ValueError)
-"""What an error in this program looks like. It costs a row here, not the run. MemoryError: the next log may be small."""
+"""What an error in this program looks like: it costs a row, not the run."""
 
 
 def examine_log(path: str, plan: Plan, known: Collection[str] = ()) -> bytes:
     """A LogRecord as JSON. With the sha256 alone when the content is one of `known`, which need no second look.
 
-    Errors are rows: whatever is wrong with the log is in the record. What is wrong with this worker (it does not see the
-    file, its program is another version) is there too, with `settled` False.
+    Errors are rows: whatever is wrong with the log is in the record. What is wrong with this worker (it does not see
+    the file, its program is another version) is there too, with `settled` False.
     """
     return msgspec.json.encode(_record(path, plan, known))
 
@@ -61,13 +62,16 @@ def _record(path: str, plan: Plan, known: Collection[str]) -> LogRecord:
 
 
 def _flight(recording: Recording, flight: Flight, plan: Plan, settings: Settings) -> FlightRecord:
+    same = [other for other in recording.flights if other.vehicle == flight.vehicle]
     record = FlightRecord(
         vehicle=vehicle_object(flight),
         boot=flight.boot,
         duration_s=flight.duration,
-        board=board_of(flight.texts, flight.parameters),
+        date_s=flight.epoch.unix_s + flight.start if flight.epoch else None,
+        board=board_of(same),
         gyro_ids=sensor_ids(flight, "gyro"),
         accel_ids=sensor_ids(flight, "accel"),
+        temperatures_degc=temperatures(flight),
     )
     try:
         examined = examine(flight, settings, imu=plan.imu, imu_model=plan.imu_model)
@@ -102,6 +106,12 @@ def _unfit(plan: Plan) -> str | None:
     if own != plan.version:
         return "another version of companion is installed here. Install the same on every machine."
     return None
+
+
+def dask_setup(worker: object) -> None:
+    """Called by Dask in each worker process that this program starts: Ctrl-C is for the program, which ends them."""
+    del worker
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def decode(answer: bytes) -> LogRecord:

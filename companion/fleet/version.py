@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import functools
 import hashlib
+from importlib.resources import files
 from pathlib import Path
 
 import msgspec
 
-import companion
 from companion.sensors import load_imu_figures
 from companion.settings import Settings, data_folder
 
-_SHOWN = ("view", "live", "cli")  # parts of the program and of the settings that change no number
+MAKING = {
+    "errors", "tracks", "series", "settings", "sensors", "correction", "mavlink", "telemetry", "strapdown", "analysis",
+    "recording", "examination", "documents", "fleet",
+}  # fmt: skip
+"""The parts of the program that a row comes out of."""
+
+_SHOWING = ("view", "live")  # settings that change no number
 
 
 def version_of(settings: Settings, imu: str | None, imu_model: str | None) -> str:
@@ -21,7 +27,7 @@ def version_of(settings: Settings, imu: str | None, imu_model: str | None) -> st
     Raises InputError or SettingsError for an imu_model that is none.
     """
     known = msgspec.to_builtins(settings)
-    for section in _SHOWN:
+    for section in _SHOWING:
         known.pop(section, None)
     figures = repr(load_imu_figures(imu_model)) if imu_model else None
     asked = msgspec.json.encode([_program_version(), known, imu, figures], order="sorted")
@@ -31,11 +37,11 @@ def version_of(settings: Settings, imu: str | None, imu_model: str | None) -> st
 @functools.cache
 def _program_version() -> str:
     """A digest of the source that makes the numbers, so that any change of it is noticed, released or not."""
-    package = Path(companion.__file__).parent
+    package = Path(str(files("companion")))
     sources = [
         path
         for path in sorted(package.rglob("*.py"))
-        if (part := path.relative_to(package).parts[0]) not in _SHOWN and part != "data"
+        if path.relative_to(package).parts[0].removesuffix(".py") in MAKING
     ]
     digest = hashlib.sha256()
     for path in [*sources, *sorted((data_folder("config") / "imu").glob("*.toml"))]:

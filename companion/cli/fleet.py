@@ -1,0 +1,185 @@
+"""`companion fleet PATHS... -o DIR`: every flight of many logs, as tables and a page."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.table import Table
+from rich.text import Text
+
+from companion.cli import options, tables
+from companion.fleet import (
+    Fleet,
+    FleetRun,
+    Row,
+    Rows,
+    Search,
+    count_by_status,
+    count_findings,
+    errors,
+    find_logs,
+    reasons,
+    run_fleet,
+    short_names,
+    worst,
+)
+
+_NAME_WIDTH = 32  # of 80 columns
+_MOST = 10  # lines of each part of the summary: the page has them all
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Register the command."""
+    summary = "Every flight of many logs, on all processors or a Dask cluster: tables in Parquet, and a page."
+    parser = commands.add_parser(
+        "fleet", help=summary, description=summary, epilog="example: companion fleet logs/ -o results"
+    )
+    parser.add_argument("paths", metavar="PATH", nargs="+", help="logs, folders to search for logs, or patterns")
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", required=True, help="folder of the results; what it knows is not done again"
+    )
+    cluster = parser.add_mutually_exclusive_group()
+    cluster.add_argument("--workers", type=_count, metavar="N", help="processes to start (default: one per processor)")
+    cluster.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to use instead, as tcp://HOST:8786")
+    parser.add_argument("--reports", action="store_true", help="write the report of every flight, linked from the page")
+    parser.add_argument("--retry", action="store_true", help="examine those again that ended in an error")
+    options.add_integration(parser)
+    options.add_figures(parser)
+    options.add_settings(parser)
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Examine, write, and print the summary. 130 after Ctrl-C."""
+    settings = options.settings_of(arguments)
+    search = find_logs(arguments.paths, dialect=settings.log.dialect)
+    _say_passed_over(search)
+    asked = FleetRun(
+        Path(arguments.output),
+        settings,
+        imu=arguments.imu,
+        imu_model=arguments.imu_model,
+        reports=arguments.reports,
+        workers=arguments.workers,
+        scheduler=arguments.scheduler,
+        retry=arguments.retry,
+    )
+    began = time.monotonic()
+    with _progress() as progress:
+        fleet = run_fleet(asked, search.logs, progress)
+    _print(fleet, time.monotonic() - began)
+    if fleet.complete:
+        return 0
+    left = fleet.logs - fleet.examined - fleet.unchanged
+    options.say(f"stopped: {left} logs are left. What is done is kept; the same command goes on from there.")
+    return 130
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[int, int], None]]:
+    """A bar on stderr, for someone who is watching; told how many of how many are done."""
+    console = Console(stderr=True)
+    columns = (BarColumn(), MofNCompleteColumn(), _Rate(), TextColumn("left"), TimeRemainingColumn())
+    with Progress("examining", *columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=None, visible=False)
+        yield lambda done, of: bar.update(task, completed=done, total=of, visible=True)
+
+
+class _Rate(ProgressColumn):
+    """Logs per second."""
+
+    def render(self, task: Task) -> Text:
+        speed = task.finished_speed or task.speed
+        return Text("" if speed is None else f"{speed:.1f}/s")
+
+
+def _say_passed_over(search: Search) -> None:
+    for folder in search.closed:
+        options.say(f"cannot be searched: {folder}")
+    if search.no_logs:
+        more = f" and {len(search.no_logs) - _MOST} more" if len(search.no_logs) > _MOST else ""
+        options.say(f"passed over, for their content is no log: {', '.join(search.no_logs[:_MOST])}{more}")
+
+
+def _print(fleet: Fleet, seconds: float) -> None:
+    console, rows = tables.console(), fleet.rows
+    rate = f", {fleet.examined / seconds:.1f} logs/s" if fleet.examined else ""
+    console.print(
+        f"[bold]{fleet.logs} logs[/]: {fleet.examined} examined, {fleet.unchanged} unchanged ({seconds:.1f} s{rate})",
+        highlight=False,
+    )
+    counts = ", ".join(f"{count} {status.replace('_', ' ')}" for status, count in count_by_status(rows).items())
+    console.print(f"[bold]{len(rows.flights)} rows[/]: {counts}", highlight=False)
+    names = short_names([row["log"] for row in rows.flights])
+    if flights := worst(rows, _MOST):
+        console.print("\n[bold]To look at first[/]")
+        shown = _table("flight", "verdict", "× expected>", "because")
+        shown.columns[0].max_width = _NAME_WIDTH
+        for row in flights:
+            shown.add_row(
+                escape(f"{names[row['log']]}{_which(row, rows)}"),
+                row["status"].replace("_", " "),
+                "-" if row["drift_ratio"] is None else f"{row['drift_ratio']:.2f}",
+                escape(_first(reasons(rows, row))),
+            )
+        console.print(shown)
+    if found := count_findings(rows):
+        console.print("\n[bold]Findings[/]")
+        shown = _table("finding", "severity", "times>", "flights>")
+        for kind, severity, times, flights_of in found[:_MOST]:
+            shown.add_row(escape(kind.replace("_", " ")), severity, str(times), str(flights_of))
+        console.print(shown)
+    if failed := errors(rows):
+        console.print("\n[bold]Errors[/]")
+        for row in failed[:_MOST]:
+            console.print(f"  {escape(names[row['log']])}: {escape(_line(row['error']))}", highlight=False)
+        if len(failed) > _MOST:
+            console.print(f"  and {len(failed) - _MOST} more: flights.parquet has them all", highlight=False)
+    console.print(f"\nwritten: {', '.join(str(path) for path in fleet.written)}", markup=False, highlight=False)
+
+
+def _table(*headings: str) -> Table:
+    """Headings that end in > are of numbers."""
+    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
+    for heading in headings:
+        shown.add_column(heading.removesuffix(">"), justify="right" if heading.endswith(">") else "left", no_wrap=True)
+    return shown
+
+
+def _first(kinds: Sequence[str]) -> str:
+    more = f" +{len(kinds) - 1}" if len(kinds) > 1 else ""
+    return kinds[0].replace("_", " ") + more if kinds else ""
+
+
+def _which(flight: Row, rows: Rows) -> str:
+    """Vehicle and boot, where the log has more than one flight."""
+    several = sum(row["log"] == flight["log"] for row in rows.flights) > 1
+    return f" ({flight['vehicle']}, boot {flight['boot']})" if several else ""
+
+
+def _line(text: str) -> str:
+    """At most 160 characters on a line."""
+    text = " ".join(text.split())
+    return text if len(text) <= 160 else f"{text[:157]}..."
+
+
+def _count(text: str) -> int:
+    if not text.isdigit() or not 1 <= int(text) <= 1024:
+        raise argparse.ArgumentTypeError(f"must be a number of processes from 1 to 1024, got {text!r}")
+    return int(text)

@@ -1,0 +1,70 @@
+"""A fleet in a few numbers: what the terminal and the page say first."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from companion.fleet.rows import Row, Rows
+
+STATUSES = ("consistent", "imu_suspect", "autopilot_suspect", "insufficient_data", "error")
+_SUSPECT = ("imu_suspect", "autopilot_suspect")
+
+
+def status_of(flight: Row) -> str:
+    """One of STATUSES."""
+    return str(flight.get("status") or "error")
+
+
+def count_by_status(rows: Rows) -> dict[str, int]:
+    """Flights of each status, and logs without any as errors; in the order of STATUSES, none that is zero."""
+    counts = Counter(map(status_of, rows.flights))
+    return {status: counts[status] for status in STATUSES if counts[status]}
+
+
+def worst(rows: Rows, most: int) -> list[Row]:
+    """The flights to look at first: suspects, then those that drift most beyond what their sensor explains.
+
+    Flights whose data is insufficient say nothing about a sensor and are left out.
+    """
+    judged = [row for row in rows.flights if status_of(row) in (*_SUSPECT, "consistent")]
+    return sorted(judged, key=lambda row: (status_of(row) not in _SUSPECT, -(row.get("drift_ratio") or 0.0)))[:most]
+
+
+def errors(rows: Rows) -> list[Row]:
+    """The rows without an analysis."""
+    return [row for row in rows.flights if status_of(row) == "error"]
+
+
+def count_findings(rows: Rows) -> list[tuple[str, str, int, int]]:
+    """(kind, severity, findings, flights) of each kind, those in most flights first."""
+    found: dict[tuple[str, str], list[Row]] = {}
+    for row in rows.findings:
+        found.setdefault((row["kind"], row["severity"]), []).append(row)
+    counted = [
+        (kind, severity, len(of_kind), len({(row["log"], row["vehicle"], row["boot"]) for row in of_kind}))
+        for (kind, severity), of_kind in found.items()
+    ]
+    order = ("error", "warning", "info")
+    return sorted(counted, key=lambda row: (order.index(row[1]), -row[3], row[0]))
+
+
+def reasons(rows: Rows, flight: Row) -> list[str]:
+    """The kinds of a flight's findings that are more than information, each once."""
+    key = ("log", "vehicle", "boot")
+    of_flight = (row for row in rows.findings if all(row[k] == flight[k] for k in key) and row["severity"] != "info")
+    return list(dict.fromkeys(row["kind"] for row in of_flight))
+
+
+def short_names(paths: Sequence[str]) -> dict[str, str]:
+    """Each path by as many of its last parts as tell it from the others."""
+    found: dict[str, str] = {}
+    waiting, parts = sorted(set(paths)), 1
+    while waiting:
+        names = {path: "/".join(path.replace("\\", "/").split("/")[-parts:]) for path in waiting}
+        counts = Counter(names.values())
+        whole = {path for path, name in names.items() if len(name) >= len(path)}
+        found |= {path: name for path, name in names.items() if counts[name] == 1 or path in whole}
+        waiting = [path for path in waiting if path not in found]
+        parts += 1
+    return found
