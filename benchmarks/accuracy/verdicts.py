@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.analysis import ImuFigures, assess
 from companion.sensors import imu_parts, load_imu_figures
@@ -39,11 +40,11 @@ class Fault:
     kinds: tuple[str, ...]
     spoil: Callable[[Flight, ImuFigures, Random], tuple[Flight, float, float]]  # the flight, and when it is wrong
     lively: bool = False  # needs a vehicle that turns: a stuck axis of one that does not reads the truth
+    fly: Callable[[Array, Random], Motion] | None = None  # a motion of its own
 
 
-def motion(rng: Random, rate_hz: float, *, lively: bool) -> Motion:
+def motion(t: Array, rng: Random, *, lively: bool) -> Motion:
     """Some way to fly for a while; a lively one turns about every axis all the time."""
-    t = 20.0 + np.arange(round(SECONDS * rate_hz)) / rate_hz
     if not lively and rng.uniform() < 0.5:
         return motions.circle(t, radius=rng.uniform(15, 80), speed=rng.uniform(3, 12), bank=rng.uniform(0.05, 0.5))
     return motions.coning(
@@ -55,10 +56,11 @@ def motion(rng: Random, rate_hz: float, *, lively: bool) -> Motion:
     )
 
 
-def flight(rng: Random, rate_hz: float = RATE_HZ, *, lively: bool = False) -> tuple[Flight, ImuFigures]:
+def flight(rng: Random, fault: Fault, rate_hz: float = RATE_HZ) -> tuple[Flight, ImuFigures]:
     """A flight without fault, and the figures of its sensor."""
     figures = load_imu_figures(str(rng.choice(imu_parts())))
-    true = motion(rng, rate_hz, lively=lively)
+    t = 20.0 + np.arange(round(SECONDS * rate_hz)) / rate_hz
+    true = fault.fly(t, rng) if fault.fly else motion(t, rng, lively=fault.lively)
     model = ImuModel(
         gyro=_sensor(figures.gyro.noise_density, figures.gyro.residual_bias, figures.gyro.scale, 1e-3, rng),
         accel=_sensor(
@@ -169,6 +171,117 @@ def orientation(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, fl
     return spoilt, f.start, f.start + f.duration
 
 
+def attitude_drift(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+    """The autopilot's attitude turns away at 1°/s about some axis of the world, and stays there."""
+    del figures
+    begin, axis = rng.uniform(25, 70), rng.normal(size=3)
+    assert f.attitude
+    lasted = np.clip(f.attitude.t - begin, 0, 15)[:, None]
+    return _turned(f, np.radians(1.0) * axis / np.linalg.norm(axis) * lasted), begin, begin + 15
+
+
+def heading_drift(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+    """The heading turns away at 1°/s."""
+    del figures
+    begin = rng.uniform(25, 70)
+    assert f.attitude
+    lasted = np.clip(f.attitude.t - begin, 0, 15)[:, None]
+    return _turned(f, np.radians(1.0) * np.array([0, 0, 1.0]) * lasted), begin, begin + 15
+
+
+def heading_off(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+    """The heading is 25° off throughout."""
+    del figures
+    turn = np.radians(25) * rng.choice([-1, 1])
+    return _turned(f, np.array([0, 0, turn])), f.start, f.start + f.duration
+
+
+def position_creep(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+    """The position moves by 1.5 m/s for 15 s, and the velocity does not know."""
+    del figures
+    begin, angle = rng.uniform(25, 70), rng.uniform(0, 2 * np.pi)
+    assert f.position
+    lasted = np.clip(f.position.t - begin, 0, 15)[:, None]
+    moved = f.position.position + 1.5 * lasted * [np.cos(angle), np.sin(angle), 0]
+    return replace(f, position=replace(f.position, position=moved)), begin, begin + 15
+
+
+def trim(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+    """A board trim of 2 to 6° that the log does not name."""
+    del figures
+    angle, about = np.radians(rng.uniform(2, 6)), rng.uniform(0, 2 * np.pi)
+    turn = quaternion.to_matrix(quaternion.exp(angle * np.array([np.cos(about), np.sin(about), 0])))
+    spoilt = _changed(f, gyro=lambda imu: imu.gyro @ turn.T, accel=lambda imu: imu.accel @ turn.T)
+    return spoilt, f.start, f.start + f.duration
+
+
+def lever_arm(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+    """The IMU sits 0.4 m off the body's origin."""
+    del figures
+    arm = rng.normal(size=3)
+    arm *= 0.4 / np.linalg.norm(arm)
+
+    def felt(imu: ImuTrack) -> Array:
+        turning = np.gradient(f.imus["RAW_IMU"].gyro, imu.t, axis=0)
+        smooth = np.stack([np.convolve(column, np.ones(9) / 9, "same") for column in turning.T], axis=1)
+        return np.asarray(imu.accel + np.cross(smooth, arm) + np.cross(imu.gyro, np.cross(imu.gyro, arm)))
+
+    return _changed(f, accel=felt), f.start, f.start + f.duration
+
+
+def vibration(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+    """Motors shake the IMU by 20 to 60 m/s² and 0.5 rad/s at 60 to 250 Hz: a 20 Hz filter leaves some, which folds."""
+    del figures
+    t = f.imus["RAW_IMU"].t
+    frequency = rng.uniform(60, 250)
+    left = (20 / frequency) ** 2
+    wander = np.cumsum(rng.normal(0, 1, len(t))) * 0.3
+    phase = 2 * np.pi * (frequency * t + np.cumsum(wander) / RATE_HZ)
+    shake = left * np.sin(phase[:, None] + rng.uniform(0, 2 * np.pi, 3))
+    size = rng.uniform(20, 60)
+    spoilt = _changed(f, gyro=lambda imu: imu.gyro + 0.5 * shake, accel=lambda imu: imu.accel + size * shake)
+    return spoilt, f.start, f.start + f.duration
+
+
+def radio(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+    """A radio loses 30 % of the packets in bursts of 0.05 to 0.55 s."""
+    del figures
+
+    def heard(t: Array) -> npt.NDArray[np.bool_]:
+        return np.asarray(np.interp(t, times, lost) < 0.5)
+
+    times = np.arange(f.start, f.start + f.duration + 1, 0.01)
+    lost, at = np.zeros(len(times)), 0
+    while at < len(times):
+        good, bad = rng.exponential(0.7), rng.uniform(0.05, 0.55)
+        at += round(good * 100)
+        lost[at : at + round(bad * 100)] = 1
+        at += round(bad * 100)
+    imu, attitude, position = f.imus["RAW_IMU"], f.attitude, f.position
+    assert attitude
+    assert position
+    i, a, p = heard(imu.t), heard(attitude.t), heard(position.t)
+    spoilt = replace(
+        f,
+        imus={"RAW_IMU": replace(imu, t=imu.t[i], gyro=imu.gyro[i], accel=imu.accel[i])},
+        attitude=replace(attitude, t=attitude.t[a], q_ned_frd=attitude.q_ned_frd[a], rates=attitude.rates[a]),
+        position=replace(position, t=position.t[p], position=position.position[p], velocity=position.velocity[p]),
+    )
+    return spoilt, f.start, f.start + f.duration
+
+
+def plane(t: Array, rng: Random) -> Motion:
+    """Coordinated circles at constant speed."""
+    radius, speed = rng.uniform(60, 200), rng.uniform(12, 28)
+    bank = float(np.arctan(speed**2 / (radius * STANDARD_GRAVITY)))
+    return motions.circle(t, radius=radius, speed=speed, bank=bank, heave=rng.uniform(0, 1), frequency=0.1)
+
+
+def rover(t: Array, rng: Random) -> Motion:
+    """Flat circles."""
+    return motions.circle(t, radius=rng.uniform(4, 20), speed=rng.uniform(0.5, 4), bank=0.0, heave=0.02, frequency=1.0)
+
+
 FAULTS = (
     Fault("none", "consistent", (), none),
     Fault("gyro bias, 10 x residual", "imu_suspect", ("gyro_bias",), gyro_bias),
@@ -177,7 +290,24 @@ FAULTS = (
     Fault("GPS glitch of 10 m", "autopilot_suspect", ("position_jump",), gps_glitch),
     Fault("yaw reset of 15°", "autopilot_suspect", ("heading_jump",), yaw_reset),
     Fault("board turned by 90°", "imu_suspect", ("axes_wrong",), orientation),
+    Fault("attitude drifts at 1°/s, 15 s", "autopilot_suspect", ("attitude_diverging",), attitude_drift),
+    Fault("heading drifts at 1°/s, 15 s", "autopilot_suspect", ("attitude_diverging",), heading_drift),
+    Fault("heading 25° off", "autopilot_suspect", ("heading_wrong",), heading_off, lively=True),
+    Fault("position creeps at 1.5 m/s, 15 s", "autopilot_suspect", ("position_diverging",), position_creep),
+    Fault("board trim of 2 to 6°, not named", "consistent", ("mounting",), trim),
+    Fault("IMU 0.4 m off the origin", "consistent", (), lever_arm),
+    Fault("vibration", "consistent", ("vibration", "accel_noise", "gyro_noise"), vibration),
+    Fault("radio loses 30 % in bursts", "insufficient_data", ("samples_missing",), radio),
+    Fault("plane in coordinated circles", "consistent", (), none, fly=plane),
+    Fault("rover in circles", "consistent", (), none, fly=rover),
 )
+
+
+def _turned(f: Flight, turn: Array) -> Flight:
+    """The autopilot's attitude turned by rotation vectors in NED, its own rates as they were."""
+    assert f.attitude
+    q = quaternion.multiply(quaternion.exp(turn), f.attitude.q_ned_frd)
+    return replace(f, attitude=replace(f.attitude, q_ned_frd=q))
 
 
 def _changed(
@@ -188,31 +318,40 @@ def _changed(
     return replace(f, imus={"RAW_IMU": new})
 
 
-def judged(fault: Fault, seed: int, rate_hz: float = RATE_HZ) -> tuple[bool, bool, str]:
+def judged(fault: Fault, seed: int, rate_hz: float = RATE_HZ, *, show: bool = False) -> tuple[bool, bool, str]:
     """Whether the status, and the kind with its interval, are right; and the status with its first finding."""
     rng = np.random.default_rng(seed)
-    built, figures = flight(rng, rate_hz, lively=fault.lively)
+    built, figures = flight(rng, fault, rate_hz)
     built, begin, end = fault.spoil(built, figures, rng)
     verdict = assess(built, figures).verdict
     right = not fault.kinds or any(
         f.kind in fault.kinds and f.start_s <= end + 2 and f.end_s >= begin - 2 for f in verdict.findings
     )
     said = verdict.findings[0].kind if verdict.findings else ""
+    if show and not (right and verdict.status == fault.status):
+        print(f"seed {seed}, {figures.name}, {begin:.1f} to {end:.1f} s: {verdict.summary}")
+        for f in verdict.findings:
+            print(f"    {f.severity} {f.kind} {f.start_s:.1f} to {f.end_s:.1f} s: {f.evidence}")
     return verdict.status == fault.status, right, f"{verdict.status} {said}"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--flights", type=int, default=200)
-    flights = parser.parse_args().flights
+    parser.add_argument("--only", default="", help="faults whose name has this in it")
+    parser.add_argument("--show", action="store_true", help="the findings of each flight that is judged wrongly")
+    arguments = parser.parse_args()
+    flights = arguments.flights
     slow = Fault("IMU at 4 Hz", "insufficient_data", ("rate_too_low",), none)
     print(f"{'fault':32}{'status right':>14}{'kind and time':>15}   what else was said")
     for fault, rate in [*((f, RATE_HZ) for f in FAULTS), (slow, 4.0)]:
-        results = [judged(fault, seed, rate) for seed in range(flights)]
+        if arguments.only not in fault.name:
+            continue
+        results = [judged(fault, seed, rate, show=arguments.show) for seed in range(flights)]
         wrong = [said for status, kind, said in results if not (status and kind)]
         most = ", ".join(f"{said} ({wrong.count(said)})" for said in sorted(set(wrong), key=wrong.count)[::-1][:3])
         status, kind = (np.mean([r[i] for r in results]) for i in (0, 1))
-        print(f"{fault.name:32}{status:>13.1%}{kind:>15.1%}   {most}")
+        print(f"{fault.name:32}{status:>13.1%}{kind:>15.1%}   {most}", flush=True)
 
 
 if __name__ == "__main__":

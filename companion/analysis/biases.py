@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from companion.analysis.blame import attitude_turned, leaning
+from companion.analysis.blame import attitude_turned, in_world, leaning
 from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
@@ -18,7 +18,6 @@ from companion.tracks import STANDARD_GRAVITY, Array
 BIAS_RATE_HZ = 10.0  # below it the motion between the samples looks like a bias
 _FEWEST = 3  # windows in a row
 _BEFORE = 15  # windows before a force in which the attitude may have begun to lean
-_TURNED = np.radians(60.0)  # the heading has to change by this much to tell a tilt from an accelerometer's bias
 _SLOWEST = 0.5  # m/s that the position may move against its own velocity
 
 Stretch = tuple[int, int, Array]  # first and last window, median
@@ -36,7 +35,7 @@ def bias_findings(
         return
     # four of one axis: three axes together pass three in 3 % of all sensors; and half a step of each axis
     limit = 4.0 * imu.gyro.residual_bias + 4.0 * found.noise[:, 0] + comparison.track.gyro_step
-    turning = list(_stretches(found.rate, limit))
+    turning = list(_stretches(found, found.rate, limit))
     leant: list[float] = []  # when an attitude began to lean
     for first, last, value in turning:
         if attitude_turned(found, own, first, last):
@@ -60,7 +59,7 @@ def bias_findings(
     heavy = quaternion.rotate(comparison.reference.q_ned_frd[start], comparison.track.accel[start])
     limit = 5.0 * imu.accel.residual_bias + 4.0 * found.noise[:, 1]
     limit = limit + 3.0 * (autopilot.tilt * STANDARD_GRAVITY + autopilot.heading * length(heavy[:, :2]))
-    for first, last, value in _stretches(found.force, limit):
+    for first, last, value in _stretches(found, found.force, limit):
         begin, end = float(found.begin[first]), float(found.end[last])
         # what leans stays leaning until the estimator notices
         if any(begin > since - 4.0 for since in leant):
@@ -72,7 +71,7 @@ def bias_findings(
         if share is not None and 0.5 < share < 2.0:
             leant.append(begin)
             yield _diverging(found, max(0, first - _BEFORE), last)
-        elif _tilted(found, first, last):
+        elif in_world(found, found.force, first, last) and not abs(value[2]) > length(value[:2]):
             yield _tilt(found, first, last)
         else:
             yield Finding(
@@ -105,20 +104,6 @@ def _diverging(found: Residuals, first: int, last: int) -> Finding:
     )
 
 
-def _tilted(found: Residuals, first: int, last: int) -> bool:
-    """Whether a force stands still in the world while the vehicle turns under it, and lies flat: a leaning attitude."""
-    part = slice(first, last + 1)
-    q, body = found.q_ned_frd[part], found.force[part]
-    world = quaternion.rotate(q, body)
-    nose = quaternion.rotate(q, np.broadcast_to([1.0, 0.0, 0.0], (len(q), 3)))
-    heading = np.unwrap(np.arctan2(nose[:, 1], nose[:, 0]))
-    middle = np.median(world, axis=0)
-    if np.ptp(heading) < _TURNED or abs(middle[2]) > 0.5 * length(middle):
-        return False
-    scatter = [float(np.median(length(x - np.median(x, axis=0)))) for x in (world, body)]
-    return scatter[0] < 0.5 * scatter[1]
-
-
 def _tilt(found: Residuals, first: int, last: int) -> Finding:
     part = slice(first, last + 1)
     world = np.median(quaternion.rotate(found.q_ned_frd[part], found.force[part]), axis=0)
@@ -147,7 +132,8 @@ def position_findings(comparison: Comparison, found: Residuals) -> Iterator[Find
         ]
     )
     creep = (reference.position[end] - reference.position[start] - (total[end] - total[start])) / found.span
-    for first, last, value in _stretches(creep, np.full(len(creep), _SLOWEST)):
+    creep = quaternion.rotate(quaternion.conjugate(found.q_ned_frd), creep)
+    for first, last, value in _stretches(found, creep, np.full(len(creep), _SLOWEST)):
         lasted = float(found.end[last] - found.begin[first])
         yield Finding(
             "position_diverging",
@@ -161,11 +147,15 @@ def position_findings(comparison: Comparison, found: Residuals) -> Iterator[Find
         )
 
 
-def _stretches(value: Array, limit: Array) -> Iterator[Stretch]:
-    """Three or more windows in a row that are all beyond the limit in one direction."""
+def _stretches(found: Residuals, value: Array, limit: Array) -> Iterator[Stretch]:
+    """Three or more windows in a row that are all beyond the limit in one direction, of the body or of the world."""
     for first, last in runs(np.asarray(length(value) > limit)):
-        middle = np.median(value[first : last + 1], axis=0)
-        if last - first >= _FEWEST - 1 and length(middle) > np.median(limit[first : last + 1]):
+        if last - first < _FEWEST - 1:
+            continue
+        part = slice(first, last + 1)
+        middle = np.median(value[part], axis=0)
+        world = np.median(quaternion.rotate(found.q_ned_frd[part], value[part]), axis=0)
+        if max(length(middle), length(world)) > np.median(limit[part]):
             yield first, last, middle
 
 

@@ -17,8 +17,23 @@ from companion.strapdown import preintegrate, quaternion
 from companion.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack
 
 _RATE_HZ = 10.0  # below it the rates between two attitudes are not known
+_TURNED = np.radians(60.0)  # the heading has to change by this much to tell the world from the body
 _LEAN = np.radians(1.5)  # the attitude has to lean by this much for gravity to tell
-_SHARE = 0.35  # by which two rates may differ and be the same
+_FORCE, _SCATTER = 0.3, 0.005  # g, what may be fixed in the body, and what a window's force scatters by
+_SHARE = 0.6  # of the gyro's difference that the autopilot's own rates may leave open
+
+
+def in_world(found: Residuals, value: Array, first: int, last: int) -> bool:
+    """Whether a vector of the body, in windows first to last, stands still in the world while the vehicle turns."""
+    part = slice(first, last + 1)
+    q, body = found.q_ned_frd[part], value[part]
+    nose = quaternion.rotate(q, np.broadcast_to([1.0, 0.0, 0.0], (len(q), 3)))
+    heading = np.unwrap(np.arctan2(nose[:, 1], nose[:, 0]))
+    world = quaternion.rotate(q, body)
+    if np.ptp(heading) < _TURNED:
+        return False
+    scatter = [float(np.median(length(x - np.median(x, axis=0)))) for x in (world, body)]
+    return scatter[0] < 0.5 * scatter[1]
 
 
 def own_rates(attitude: AttitudeTrack, found: Residuals, limits: Limits) -> Array:
@@ -42,31 +57,34 @@ def leaning(found: Residuals, first: int, last: int) -> float | None:
     """Part of the turn between gyro and attitude, over windows first to last, that gravity puts on the attitude.
 
     1: the attitude leans over as much as it turns against the gyro. 0: it stays upright, and the gyro is wrong. None
-    where it turns too little about the horizontal, or forces and turns have nothing to do with one another.
+    where the windows do not tell. A force that is fixed in the body is neither: a trim, or the accelerometer's bias.
     """
     if last - first < 2 or not found.force.any():
         return None
     part = slice(first, last + 1)
-    q = found.q_ned_frd[part]
-    turn = (
-        quaternion.rotate(q, found.rate[part])
-        * np.diff(found.begin[first : last + 2], append=found.end[last])[: last - first + 1, None]
-    )
+    q, body = found.q_ned_frd[part], quaternion.to_matrix(found.q_ned_frd[part])
+    lasted = np.diff(found.begin[first : last + 2], append=found.end[last])[: last - first + 1, None]
+    turn = quaternion.rotate(q, found.rate[part]) * lasted
     turned = np.concatenate([np.zeros((1, 3)), np.cumsum(turn, axis=0)[:-1]])[:, :2]
-    felt = quaternion.rotate(q, found.force[part])
-    lean = np.column_stack([-felt[:, 1], felt[:, 0]]) / STANDARD_GRAVITY
-    turned, lean = turned - turned.mean(axis=0), lean - lean.mean(axis=0)
-    power = float((turned**2).sum())
     if length(np.ptp(turned, axis=0)) < _LEAN:
         return None
-    share = float((turned * lean).sum()) / power
-    rest = float(((lean - share * turned) ** 2).sum())
-    # scattered forces say nothing: the share has to be known to a quarter
-    return share if rest / max(1, 2 * len(turned) - 3) < (0.25**2) * power else None
+    # what leans by φ feels (g φ_y, -g φ_x) too much
+    felt = np.einsum("wij,wj->wi", body, found.force[part])[:, :2] / STANDARD_GRAVITY
+    leant = np.column_stack([turned[:, 1], -turned[:, 0]])
+    known = np.concatenate(
+        [leant[:, :, None], np.broadcast_to(np.eye(2), (len(q), 2, 2)), body[:, :2]], axis=2
+    ).reshape(-1, 6)
+    information = known.T @ known + np.diag([0, 0, 0, *[_FORCE**-2.0 * _SCATTER**2] * 3])
+    x = np.linalg.lstsq(information, known.T @ felt.ravel(), rcond=None)[0]
+    rest = float(((felt.ravel() - known @ x) ** 2).sum()) / max(1, len(known) - 4)
+    spread = np.sqrt(max(rest, _SCATTER**2) * np.linalg.pinv(information)[0, 0])
+    return float(x[0]) if spread < 0.2 else None
 
 
 def attitude_turned(found: Residuals, own: Array, first: int, last: int) -> bool:
     """Whether it was the attitude that turned against the gyro in windows first to last."""
+    if in_world(found, found.rate, first, last):
+        return True  # a gyro turns with the vehicle, and its bias with it
     share = leaning(found, first, last)
     if share is not None and not 0.3 < share < 0.6:
         return share > 0.5

@@ -23,7 +23,7 @@ from companion.tracks import Array, ImuTrack
 
 _TURNED, _LATE, _OFF = 0.1, 0.02, 0.3  # what may be expected beforehand, 1σ: rad, s, m
 _POINTED = 0.1  # rad, the autopilot's heading
-_CERTAIN = 5.0  # standard errors from which on it is believed
+_CERTAIN, _CERTAIN_TURN = 5.0, 3.0  # standard errors from which on it is believed
 _TURNED_MOST = np.radians(12.0)  # AHRS_TRIM reaches ±10°; more is another orientation
 _TURNED_LEAST, _LATE_LEAST, _OFF_LEAST = np.radians(1.0), 0.005, 0.05
 _FEWEST = 5  # windows
@@ -67,10 +67,9 @@ def installation(
         mounting, mounting_sigma = both.x[6:9], both.sigma[6:9]
         lever, lever_sigma = both.x[9:12], both.sigma[9:12]
     size = float(np.linalg.norm(mounting))
-    sure = np.abs(mounting) > _CERTAIN * mounting_sigma
+    sure = np.abs(mounting) > _CERTAIN_TURN * mounting_sigma
     if not (_TURNED_LEAST < size < _TURNED_MOST and sure.any()):
         mounting = np.zeros(3)
-    mounting = np.where(mounting_sigma < 0.3 * _TURNED, mounting, 0.0)
     sure = (np.abs(lever) > _CERTAIN * lever_sigma) & (np.abs(lever) > _OFF_LEAST)
     lever = np.where(lever_sigma < 0.3 * _OFF, lever, 0.0) if sure.any() else np.zeros(3)
     return Installation(mounting, mounting_sigma, lag, lag_sigma, lever, lever_sigma)

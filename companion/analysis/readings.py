@@ -77,7 +77,9 @@ def stuck_findings(comparison: Comparison) -> Iterator[Finding]:
             for i in np.flatnonzero(lasted > _STUCK_S):
                 stretch = slice(int(first[i]), int(last[i]) + 2)
                 others = np.delete(same[stretch], axis, axis=1)
-                if others.mean(axis=0).max() > 0.8:
+                if others.mean(axis=0).max() > 0.8 or comparison.holes[stretch].any():
+                    continue
+                if not comparison.reference.attitude_known[stretch].all():
                     continue
                 low, high = np.percentile(_should_read(comparison, name, stretch)[:, axis], [20, 80])
                 if step and high - low < 10 * step:  # not the whole range: a yaw reset is no turn
