@@ -296,7 +296,7 @@ FAULTS = (
     Fault("position creeps at 1.5 m/s, 15 s", "autopilot_suspect", ("position_diverging",), position_creep),
     Fault("board trim of 2 to 6°, not named", "consistent", ("mounting",), trim),
     Fault("IMU 0.4 m off the origin", "consistent", (), lever_arm),
-    Fault("vibration", "consistent", ("vibration", "accel_noise", "gyro_noise"), vibration),
+    Fault("vibration", "consistent", (), vibration),
     Fault("radio loses 30 % in bursts", "insufficient_data", ("samples_missing",), radio),
     Fault("plane in coordinated circles", "consistent", (), none, fly=plane),
     Fault("rover in circles", "consistent", (), none, fly=rover),

@@ -18,6 +18,7 @@ from companion.tracks import STANDARD_GRAVITY, Array
 BIAS_RATE_HZ = 10.0  # below it the motion between the samples looks like a bias
 _FEWEST = 3  # windows in a row
 _BEFORE = 15  # windows before a force in which the attitude may have begun to lean
+_FOLDED = 0.3  # of the shaking
 _SLOWEST = 0.5  # m/s that the position may move against its own velocity
 
 Stretch = tuple[int, int, Array]  # first and last window, median
@@ -35,6 +36,9 @@ def bias_findings(
         return
     # four of one axis: three axes together pass three in 3 % of all sensors; and half a step of each axis
     limit = 4.0 * imu.gyro.residual_bias + 4.0 * found.noise[:, 0] + comparison.track.gyro_step
+    # what shakes faster than the samples tell folds into them, and may stand still there for a while
+    folded = _FOLDED * np.median(found.noise * np.sqrt(found.span * comparison.track.rate_hz), axis=0)
+    limit = limit + folded[0]
     turning = list(_stretches(found, found.rate, limit))
     leant: list[float] = []  # when an attitude began to lean
     for first, last, value in turning:
@@ -57,7 +61,7 @@ def bias_findings(
         return
     start = found.chosen.start
     heavy = quaternion.rotate(comparison.reference.q_ned_frd[start], comparison.track.accel[start])
-    limit = 5.0 * imu.accel.residual_bias + 4.0 * found.noise[:, 1]
+    limit = 5.0 * imu.accel.residual_bias + 4.0 * found.noise[:, 1] + folded[1]
     limit = limit + 3.0 * (autopilot.tilt * STANDARD_GRAVITY + autopilot.heading * length(heavy[:, :2]))
     for first, last, value in _stretches(found, found.force, limit):
         begin, end = float(found.begin[first]), float(found.end[last])

@@ -188,7 +188,7 @@ def _jacobian(expected: Budget, comparison: Comparison, chosen: Windows) -> Arra
             -growth.accel_matrix[:, :, diagonal, diagonal],
             -growth.gyro_matrix[:, :, gyro_rows, gyro_columns],
             -growth.accel_matrix[:, :, accel_rows, accel_columns],
-            _lever_jacobian(comparison, chosen),
+            lever_jacobian(comparison, chosen),
             growth.transition[:, :9, :3] - np.eye(9, 3),  # both ends lean alike: the attitude itself does not show it
             growth.gravity[:, :, None],
         ],
@@ -196,7 +196,7 @@ def _jacobian(expected: Budget, comparison: Comparison, chosen: Windows) -> Arra
     )
 
 
-def _lever_jacobian(comparison: Comparison, chosen: Windows) -> Array:
+def lever_jacobian(comparison: Comparison, chosen: Windows) -> Array:
     """(W, 9, 3): error per metre from the point that the autopilot reports to the IMU, FRD.
 
     The IMU is at p + C r and moves with v + C (ω x r), but is started from v and p: the reckoning is of another point.

@@ -8,20 +8,20 @@ heading is wrong, its velocity points past every force, and looks late.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from companion.analysis.budget import ATTITUDE, VELOCITY, turn_jacobian
+from companion.analysis.calibrate import Compare, lever_jacobian
 from companion.analysis.comparison import Comparison
-from companion.analysis.correction import NO_CORRECTION
+from companion.analysis.correction import Correction
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.residuals import ACCEL_BIAS, GYRO_BIAS, Residuals
-from companion.strapdown import quaternion
-from companion.tracks import Array, ImuTrack
+from companion.tracks import Array
 
 _TURNED, _LATE, _OFF = 0.1, 0.02, 0.3  # what may be expected beforehand, 1σ: rad, s, m
+_BIASED = 4.0  # times what calibration leaves: a gyro may be wrong as well
 _POINTED = 0.1  # rad, the autopilot's heading
 _CERTAIN, _CERTAIN_TURN = 5.0, 3.0  # standard errors from which on it is believed
 _TURNED_MOST = np.radians(12.0)  # AHRS_TRIM reaches ±10°; more is another orientation
@@ -45,9 +45,6 @@ class Installation:
     def moved(self) -> bool:
         """Whether there is anything to take out."""
         return bool(self.mounting.any() or self.lag or self.lever.any())
-
-    def without_mounting(self) -> Installation:
-        return replace(self, mounting=np.zeros(3))
 
 
 def installation(
@@ -75,20 +72,10 @@ def installation(
     return Installation(mounting, mounting_sigma, lag, lag_sigma, lever, lever_sigma)
 
 
-def level(comparison: Comparison, found: Installation, compare_with: Callable[[ImuTrack], Comparison]) -> Comparison:
-    """The comparison with the installation taken out: the IMU turned and in time, the autopilot's state at the IMU."""
-    if found.mounting.any() or found.lag:
-        correction = replace(NO_CORRECTION, mounting=found.mounting, time_offset=found.lag)
-        comparison = compare_with(correction.apply(comparison.track))
-    if not found.lever.any():
-        return comparison
-    reference = comparison.reference
-    away = quaternion.rotate(reference.q_ned_frd, np.broadcast_to(found.lever, (len(reference.t), 3)))
-    swing = quaternion.rotate(reference.q_ned_frd, np.cross(_smooth(comparison.track.gyro), found.lever))
-    return replace(
-        comparison,
-        reference=replace(reference, velocity=reference.velocity + swing, position=reference.position + away),
-    )
+def level(comparison: Comparison, found: Installation, compare_with: Compare) -> Comparison:
+    """The comparison with the installation taken out: the IMU turned, in time and at the body's origin."""
+    correction = Correction(mounting=found.mounting, time_offset=found.lag, lever_arm=found.lever)
+    return compare_with(correction.apply(comparison.track))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +95,7 @@ def _turns(comparison: Comparison, found: Residuals, imu: ImuFigures, autopilot:
         ],
         axis=2,
     )
-    prior = np.concatenate([np.full(3, imu.gyro.offset), np.full(3, _TURNED), [_LATE]])
+    prior = np.concatenate([np.full(3, _BIASED * imu.gyro.residual_bias), np.full(3, _TURNED), [_LATE]])
     return _robust([(jacobian, found.attitude, _turn_sigma(comparison, found, autopilot))], prior)
 
 
@@ -119,21 +106,14 @@ def _turns_and_forces(
 
     Without the last, a heading that is two degrees off would look like a mounting that is.
     """
-    growth, chosen = found.growth, found.chosen
-    q = comparison.reference.q_ned_frd
-    gyro = _smooth(comparison.track.gyro)
-    swing = [
-        quaternion.to_matrix(q[index]) @ np.cross(gyro[index][:, None, :], np.eye(3)).swapaxes(1, 2)
-        for index in (chosen.start, chosen.end)
-    ]
+    growth = found.growth
     rows = slice(0, 6)
-    lever = np.concatenate([np.zeros((len(found), 3, 3)), swing[0] - swing[1]], axis=1)
     jacobian = np.concatenate(
         [
             growth.transition[:, rows, GYRO_BIAS],
             growth.transition[:, rows, ACCEL_BIAS],
             turn_jacobian(growth)[:, rows],
-            lever,
+            lever_jacobian(comparison, found.chosen)[:, rows],
             growth.time_offset[:, rows, None],
             growth.transition[:, rows, ATTITUDE] - np.eye(6, 3),
         ],
@@ -141,7 +121,7 @@ def _turns_and_forces(
     )
     prior = np.concatenate(
         [
-            np.full(3, imu.gyro.offset),
+            np.full(3, _BIASED * imu.gyro.residual_bias),
             np.full(3, imu.accel.residual_bias),
             np.full(3, _TURNED),
             np.full(3, _OFF),
@@ -185,11 +165,3 @@ def _robust(blocks: list[tuple[Array, Array, Array]], prior: Array) -> _Fit:
         x = np.linalg.solve(information, pull)
         spread = float(np.median(np.concatenate(misfit))) / 2.4  # the median of chi-square with three degrees
     return _Fit(x, np.sqrt(np.diag(np.linalg.inv(information)) * max(1.0, spread)))
-
-
-def _smooth(readings: Array) -> Array:
-    """The mean of five neighbours: an angular rate that noise does not shake."""
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(readings, axis=0)])
-    index = np.arange(len(readings))
-    low, high = np.maximum(index - 2, 0), np.minimum(index + 3, len(readings))
-    return np.asarray((total[high] - total[low]) / (high - low)[:, None])
