@@ -57,19 +57,17 @@ def installation(
     lag, lag_sigma = float(turning.x[6]), float(turning.sigma[6])
     if abs(lag) < max(_LATE_LEAST, 3.0 * lag_sigma):
         lag = 0.0
-    mounting, mounting_sigma = turning.x[3:6], turning.sigma[3:6]
+    fit, part = turning, slice(3, 6)
     lever, lever_sigma = np.zeros(3), np.full(3, _OFF)
     if comparison.has_position and (found.end < trusted_until).sum() >= _FEWEST:
-        both = _turns_and_forces(comparison, found, imu, autopilot, trusted_until)
-        mounting, mounting_sigma = both.x[6:9], both.sigma[6:9]
-        lever, lever_sigma = both.x[9:12], both.sigma[9:12]
-    size = float(np.linalg.norm(mounting))
-    sure = np.abs(mounting) > _CERTAIN_TURN * mounting_sigma
-    if not (_TURNED_LEAST < size < _TURNED_MOST and sure.any()):
+        fit, part = _turns_and_forces(comparison, found, imu, autopilot, trusted_until), slice(6, 9)
+        lever, lever_sigma = fit.x[9:12], fit.sigma[9:12]
+    mounting = fit.x[part]
+    if not (_TURNED_LEAST < np.linalg.norm(mounting) < _TURNED_MOST and fit.certain(part, _CERTAIN_TURN)):
         mounting = np.zeros(3)
     sure = (np.abs(lever) > _CERTAIN * lever_sigma) & (np.abs(lever) > _OFF_LEAST)
     lever = np.where(lever_sigma < 0.3 * _OFF, lever, 0.0) if sure.any() else np.zeros(3)
-    return Installation(mounting, mounting_sigma, lag, lag_sigma, lever, lever_sigma)
+    return Installation(mounting, fit.sigma[part], lag, lag_sigma, lever, lever_sigma)
 
 
 def level(comparison: Comparison, found: Installation, compare_with: Compare) -> Comparison:
@@ -81,7 +79,15 @@ def level(comparison: Comparison, found: Installation, compare_with: Compare) ->
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
     x: Array
-    sigma: Array
+    covariance: Array
+
+    @property
+    def sigma(self) -> Array:
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def certain(self, part: slice, errors: float) -> bool:
+        """Whether some figures together are farther from zero than so many standard errors."""
+        return bool(self.x[part] @ np.linalg.solve(self.covariance[part, part], self.x[part]) > errors**2)
 
 
 def _turns(comparison: Comparison, found: Residuals, imu: ImuFigures, autopilot: ReferenceFigures) -> _Fit:
@@ -164,4 +170,4 @@ def _robust(blocks: list[tuple[Array, Array, Array]], prior: Array) -> _Fit:
             pull = pull + np.einsum("w,wij,wi->j", weight, jacobian, error)
         x = np.linalg.solve(information, pull)
         spread = float(np.median(np.concatenate(misfit))) / 2.4  # the median of chi-square with three degrees
-    return _Fit(x, np.sqrt(np.diag(np.linalg.inv(information)) * max(1.0, spread)))
+    return _Fit(x, np.asarray(np.linalg.inv(information) * max(1.0, spread)))
