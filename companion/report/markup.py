@@ -5,8 +5,23 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from urllib.parse import quote
 
 Row = Sequence[object]
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """A cell that leads to a file beside the page."""
+
+    words: str
+    path: str  # relative, with /
+
+
+def link(to: Link) -> str:
+    """HTML of a link."""
+    return f'<a href="./{text(quote(to.path))}">{text(to.words)}</a>'
 
 
 def text(value: object) -> str:
@@ -19,7 +34,12 @@ def table(headings: Sequence[str], rows: Iterable[Row], *, name: str = "", words
     """A table whose first `words` columns are words and whose others are numbers. Cells are escaped."""
     head = "".join(f"<th{'' if i < words else _RIGHT}>{text(heading)}</th>" for i, heading in enumerate(headings))
     body = "".join(
-        "<tr>" + "".join(f"<td{'' if i < words else _RIGHT}>{text(cell)}</td>" for i, cell in enumerate(row)) + "</tr>"
+        "<tr>"
+        + "".join(
+            f"<td{'' if i < words else _RIGHT}>{link(cell) if isinstance(cell, Link) else text(cell)}</td>"
+            for i, cell in enumerate(row)
+        )
+        + "</tr>"
         for row in rows
     )
     return (
