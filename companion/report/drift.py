@@ -61,17 +61,18 @@ def drift(subject: Subject) -> Section:
             statistic = getattr(row, attribute)
             cells[-1] += [short(getattr(statistic, key, None)) for key in ("median", "p95", "max")]
             cells[-1].append(short(getattr(row.expected, attribute, None)))
-    headings = ["after", "windows"]
-    for _, _, unit in _QUANTITIES:
-        headings += [f"median, {unit}", "95 %", "worst", "expected 1σ"]
+    headings = ["after", "windows"] + ["median", "95 %", "worst", "1σ"] * len(_QUANTITIES)
+    groups = [("", 2), *((f"{name}, {unit}; expected 1σ", 4) for name, _, unit in _QUANTITIES)]
     if not subject.comparison.has_position:
         caption = "This flight has no position: attitude alone is compared."
         chart += paragraph(caption)
-        headings, cells = headings[:6], [row[:6] for row in cells]
+        headings, groups, cells = headings[:6], groups[:2], [row[:6] for row in cells]
     return Section(
         "drift",
         "Drift of the IMU alone from the autopilot",
-        chart + table(headings, cells, name="drift-table") + "".join(paragraph(e, "quiet") for e in excluded),
+        chart
+        + table(headings, cells, name="drift-table", groups=groups)
+        + "".join(paragraph(e, "quiet") for e in excluded),
     )
 
 

@@ -58,12 +58,14 @@ def log_facts(subject: Subject) -> Section:
     body = table(["the log", ""], facts, words=2) + "<h3>IMUs</h3>" + imus
     body += "".join(paragraph(f"Note: {note}") for note in numbers.notes)
     body += details(f"Every message of this flight ({len(flight.messages)})", messages)
+    if flight.events:
+        rows = [[e.kind, e.text, f"{e.t:.2f}"] for e in flight.events[:MOST_TEXTS]]
+        title = f"Arming, modes and errors ({len(flight.events)})"
+        body += details(title, table(["event", "", "s"], rows, words=2))
     body += details(f"What the vehicle said ({len(flight.texts)}{more})", said) if flight.texts else ""
     if flight.parameters:
-        rows = sorted(flight.parameters.items())
-        body += details(
-            f"Parameters of the vehicle ({len(rows)})", table(["parameter", "value"], [[n, f"{v:g}"] for n, v in rows])
-        )
+        values = [[name, f"{value:g}"] for name, value in sorted(flight.parameters.items())]
+        body += details(f"Parameters of the vehicle ({len(values)})", table(["parameter", "value"], values))
     return Section("log", "The log", body)
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
-from companion.analysis import errors, windows
+from companion.analysis import Replay, errors, replay, windows
 from companion.documents import schema
+from companion.errors import CompanionError
 from companion.report import traces
 from companion.report.flown import TIME
 from companion.report.markup import paragraph, table, text, words
@@ -19,6 +22,7 @@ MOST_DRAWN = 12
 
 _SEVERITIES = ("error", "warning", "info")
 _RAW = ("frozen", "stuck", "clipping", "axes", "noise")  # in a kind: what shows in the readings themselves
+_FREE_S = 30.0  # up to which the IMU alone is a yardstick
 _DIFFERENCE_S = 1.0  # windows over which a bias is seen
 
 
@@ -43,6 +47,7 @@ def findings(subject: Subject) -> Section:
 def _drawn(subject: Subject, finding: schema.FindingObject) -> str:
     when = f"{finding.start_s:.1f}–{finding.end_s:.1f} s"
     advice = paragraph(finding.advice, "advice") if finding.severity != "info" else ""
+    whole = finding.end_s - finding.start_s > 0.9 * (subject.ends[1] - subject.ends[0])
     margin = max(5.0, 0.2 * (finding.end_s - finding.start_s))
     first, last = subject.ends
     around = max(finding.start_s - margin, first), min(finding.end_s + margin, last)
@@ -50,10 +55,12 @@ def _drawn(subject: Subject, finding: schema.FindingObject) -> str:
     if around[1] > around[0]:
         panels, caption = _panels(subject, finding, *around)
         if panels:
-            figure = traces.stack(panels, TIME, spans=[(finding.start_s, finding.end_s)], range=list(around))
+            figure = traces.stack(
+                panels, TIME, spans=[] if whole else [(finding.start_s, finding.end_s)], range=list(around)
+            )
             chart = subject.charts.add(figure, caption, rows=len(panels))
     return (
-        f'<article class="finding {text(finding.severity)}"><h3>{text(words(finding.kind)).capitalize()} '
+        f'<article class="finding {text(finding.severity)}"><h3>{text(_title(finding.kind))} '
         f'<span class="quiet">{text(finding.severity)}, {text(finding.side)}, {when}</span></h3>'
         f"{paragraph(finding.evidence)}{advice}{chart}</article>"
     )
@@ -61,17 +68,20 @@ def _drawn(subject: Subject, finding: schema.FindingObject) -> str:
 
 def _panels(subject: Subject, finding: schema.FindingObject, low: float, high: float) -> tuple[list[traces.Panel], str]:
     """What there is to see of a finding between two times, s."""
-    if finding.side == "data":
+    if finding.side == "data" and finding.kind != "imu_lag":
         return _intervals(subject, low, high), "Time between two samples of the IMU."
     if finding.side == "autopilot":
-        return _errors(subject, low, high), "The IMU alone and the autopilot around it."
+        return _errors(
+            subject, finding.kind, low, high
+        ), "The IMU alone, from the autopilot's state on, and the autopilot."
     if any(part in finding.kind for part in _RAW):
         return _readings(subject, low, high), f"What {subject.numbers.used_imu} read around it."
     panels = _differences(subject, low, high)
     if not panels:
         return _readings(subject, low, high), f"What {subject.numbers.used_imu} read around it."
     return panels, (
-        "IMU minus what the autopilot's attitude and velocity did, mean of each second: a bias shows as a level."
+        "IMU minus what the autopilot's attitude and velocity did, mean of each second: a bias shows as a level, "
+        "a lag or a scale only where the vehicle moves."
     )
 
 
@@ -105,33 +115,44 @@ def _differences(subject: Subject, low: float, high: float) -> list[traces.Panel
     return [traces.Panel(title, _axes(middle[part], values[part], breaks)) for title, values in shown]
 
 
-def _errors(subject: Subject, low: float, high: float) -> list[traces.Panel]:
-    """Heading and place of both."""
-    shown = subject.replay
+def _errors(subject: Subject, kind: str, low: float, high: float) -> list[traces.Panel]:
+    """Heading and place of both, as far as the kind is about them."""
+    shown = _replayed(subject, low, high)
     if shown is None:
         return []
-    part = _between(shown.t, low, high)
-    t = shown.t[part]
-    if len(t) < 2:
-        return []
-    headings = [
-        ("IMU alone", palette.IMU, _heading(shown.q_imu[part]), shown.anchors),
-        ("autopilot", palette.AUTOPILOT, _heading(shown.q_ref[part]), None),
-    ]
-    panels = [traces.Panel("heading, °", [traces.line(t, y, name, c, breaks=b) for name, c, y, b in headings])]
-    if not shown.has_position:
-        return panels
-    for i, axis in enumerate(("north, m", "east, m")):
-        panels.append(
-            traces.Panel(
-                axis,
-                [
-                    traces.line(t, shown.position_imu[part, i], "IMU alone", palette.IMU, breaks=shown.anchors),
-                    traces.line(t, shown.position_ref[part, i], "autopilot", palette.AUTOPILOT),
-                ],
-            )
+    t, breaks = shown.t, shown.anchors
+
+    def both(title: str, imu: Array, autopilot: Array) -> traces.Panel:
+        return traces.Panel(
+            title,
+            [
+                traces.line(t, imu, "IMU alone", palette.IMU, breaks=breaks),
+                traces.line(t, autopilot, "autopilot", palette.AUTOPILOT),
+            ],
         )
+
+    panels = []
+    if "position" not in kind:
+        panels.append(both("heading, °", _heading(shown.q_imu), _heading(shown.q_ref)))
+    if "heading" not in kind and shown.has_position:
+        for i, (title, sign) in enumerate((("north, m", 1), ("east, m", 1), ("height, m", -1))):
+            panels.append(both(title, sign * shown.position_imu[:, i], sign * shown.position_ref[:, i]))
     return panels
+
+
+def _replayed(subject: Subject, low: float, high: float) -> Replay | None:
+    """Both between two times; None where the autopilot's state is not known."""
+    track = subject.comparison.track
+    cut = track[_between(track.t, low, high)]
+    try:
+        return replay(
+            dataclasses.replace(subject.flight, imus={track.source: cut}),
+            imu=track.source,
+            how=subject.comparison.how,
+            reanchor_s=None if high - low <= _FREE_S else _FREE_S,
+        )
+    except CompanionError:
+        return None
 
 
 def _intervals(subject: Subject, low: float, high: float) -> list[traces.Panel]:
@@ -151,6 +172,12 @@ def _heading(q: Array) -> Array:
 
 def _axes(t: Array, values: Array, breaks: Array) -> list[traces.Trace]:
     return [traces.line(t, values[:, i], name, colour, breaks=breaks) for i, (name, colour) in enumerate(AXES)]
+
+
+def _title(kind: str) -> str:
+    """gyro_bias → Gyro bias, imu_lag → IMU lag."""
+    title = words(kind).replace("imu", "IMU")
+    return title[:1].upper() + title[1:]
 
 
 def _between(t: Array, low: float, high: float) -> slice:

@@ -6,12 +6,13 @@ import numpy as np
 
 from companion.analysis import Replay, expected_since_anchor
 from companion.report import traces
-from companion.report.markup import paragraph
+from companion.report.markup import paragraph, text
 from companion.report.subject import Section, Subject
 from companion.tracks import Array
 from companion.view import extremes, palette
 
 TIME = "seconds since boot"
+_MOST_EVENTS = 200
 
 
 def errors(subject: Subject) -> Section:
@@ -92,7 +93,9 @@ def track(subject: Subject) -> Section:
         where += f" at {np.degrees(origin.latitude):.5f}°, {np.degrees(origin.longitude):.5f}°"
     chart = subject.charts.add(figure, f"{where}.", square=True)
     heights = [traces.line(shown.t, -p[:, 2], name, colour, breaks=breaks) for name, colour, p, breaks in both]
+    heights += _events(subject, shown)
     altitude = traces.stack([traces.Panel("height above origin, m", heights)], TIME)
+    altitude["layout"]["hovermode"] = "x"
     return Section("track", title, chart + subject.charts.add(altitude, "Height of both over time."))
 
 
@@ -114,6 +117,27 @@ def _room(error: Array, sigma: Array | None) -> dict[str, object]:
 def _unknown(shown: Replay) -> Array:
     """Where the autopilot's state becomes known again after a hole: there its line is interrupted."""
     return shown.t[1:][np.diff(shown.reference_valid.astype(np.int8)) > 0]
+
+
+def _events(subject: Subject, shown: Replay) -> list[traces.Trace]:
+    """Arming, modes and errors, on the autopilot's line."""
+    events = [e for e in subject.flight.events if shown.t[0] <= e.t <= shown.t[-1]][:_MOST_EVENTS]
+    if not events:
+        return []
+    t = np.array([event.t for event in events])
+    colours = [palette.HEADING if e.kind in {"armed", "disarmed"} else palette.AUTOPILOT for e in events]
+    return [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "x": t,
+            "y": -np.interp(t, shown.t, shown.position_ref[:, 2]),
+            "name": "arming and modes",
+            "marker": {"symbol": "diamond", "size": 8, "color": [palette.css(c) for c in colours]},
+            "text": [text(f"{event.kind}: {event.text}") for event in events],  # plotly reads <a href> in texts
+            "hovertemplate": "%{text}<extra></extra>",
+        }
+    ]
 
 
 def _map(t: Array, position: Array, name: str, colour: palette.Rgb, breaks: Array) -> traces.Trace:

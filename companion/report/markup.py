@@ -30,8 +30,19 @@ def text(value: object) -> str:
     return html.escape("".join(c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in plain))
 
 
-def table(headings: Sequence[str], rows: Iterable[Row], *, name: str = "", words: int = 1) -> str:
-    """A table whose first `words` columns are words and whose others are numbers. Cells are escaped."""
+def table(
+    headings: Sequence[str],
+    rows: Iterable[Row],
+    *,
+    name: str = "",
+    words: int = 1,
+    groups: Sequence[tuple[str, int]] = (),
+) -> str:
+    """A table whose first `words` columns are words and whose others are numbers. Cells are escaped.
+
+    name: its id; groups: a row above the headings, each cell with the number of columns that it spans.
+    """
+    above = "".join(f'<th colspan="{span}" class="group">{text(title)}</th>' for title, span in groups)
     head = "".join(f"<th{'' if i < words else _RIGHT}>{text(heading)}</th>" for i, heading in enumerate(headings))
     body = "".join(
         "<tr>"
@@ -42,10 +53,10 @@ def table(headings: Sequence[str], rows: Iterable[Row], *, name: str = "", words
         + "</tr>"
         for row in rows
     )
+    identity = f' id="{text(name)}"' if name else ""
     return (
-        f'<div class="wide"><table id="{text(name)}"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
-        if name
-        else f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+        f'<div class="wide"><table{identity}><thead>{f"<tr>{above}</tr>" if above else ""}<tr>{head}</tr></thead>'
+        f"<tbody>{body}</tbody></table></div>"
     )
 
 

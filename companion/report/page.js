@@ -45,10 +45,17 @@
   // Paper is as wide as A4 between its margins, whatever the window is.
   const PAPER = 680;
   addEventListener("beforeprint", () => {
-    for (const chart of charts) Plotly.relayout(chart, { width: Math.min(PAPER, chart.clientWidth), autosize: false });
+    for (const chart of charts) {
+      const scale = chart.classList.contains("square") ? 0.9 : 0.8;
+      Plotly.relayout(chart, {
+        width: Math.min(PAPER, chart.clientWidth),
+        height: Math.round(scale * chart.clientHeight),
+        autosize: false,
+      });
+    }
   });
   addEventListener("afterprint", () => {
-    for (const chart of charts) Plotly.relayout(chart, { width: null, autosize: true });
+    for (const chart of charts) Plotly.relayout(chart, { width: null, height: null, autosize: true });
   });
   document.documentElement.dataset.ready = "yes";
 })();

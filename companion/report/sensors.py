@@ -6,7 +6,7 @@ import numpy as np
 
 from companion.documents import schema
 from companion.report import traces
-from companion.report.markup import paragraph, percent, short, table
+from companion.report.markup import paragraph, percent, short, table, text
 from companion.report.subject import AXES, Section, Subject
 from companion.view import palette
 
@@ -127,7 +127,7 @@ def _bars(others: list[schema.SiblingObject], attribute: str, used: str) -> trac
     median = [s.median if s else 0.0 for s in statistics]
     return {
         "type": "bar",
-        "x": [other.message for other in others],
+        "x": [text(other.message) for other in others],
         "y": median,
         "error_y": {
             "array": [s.p95 - m if s else 0.0 for s, m in zip(statistics, median, strict=True)],

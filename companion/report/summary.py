@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 from companion.report.markup import percent, short, text, words
 from companion.report.subject import Subject
 
 _MEANS = {
     "consistent": "Consistent",
-    "imu_suspect": "Suspect: the IMU",
-    "autopilot_suspect": "Suspect: the autopilot's estimate",
-    "insufficient_data": "This log cannot tell",
+    "imu_suspect": "IMU suspect",
+    "autopilot_suspect": "Autopilot suspect",
+    "insufficient_data": "Insufficient data",
 }
 _LOW_RATE_HZ = 40.0
 
@@ -23,14 +25,27 @@ def head(subject: Subject) -> str:
     cards = "".join(
         f'<div class="card"><b>{text(value)}</b><span>{text(label)}</span></div>' for label, value in _cards(subject)
     )
+    against = ", ".join((numbers.reference.attitude or "no attitude", numbers.reference.position or "no position"))
     return (
         f"<header><h1>{text(subject.source.path.name)}</h1>"
         f'<p class="quiet">Vehicle {vehicle.sysid}:{vehicle.compid}, boot {numbers.boot} · {text(kind)} · '
-        f"{numbers.duration_s:.1f} s · {text(numbers.used_imu)} at {track.rate_hz:.1f} Hz against "
-        f"{text(numbers.reference.attitude or 'no attitude')}, {text(numbers.reference.position or 'no position')}</p>"
+        f"{text(_date(subject))}{numbers.duration_s:.1f} s · {text(numbers.used_imu)} at {track.rate_hz:.1f} Hz "
+        f"against {text(against)}</p>"
         f'<div class="verdict {text(verdict.status)}" id="verdict"><h2>{text(_MEANS[verdict.status])}</h2>'
         f'<p>{text(verdict.summary)}</p></div><div class="cards">{cards}</div>{_warning(track.rate_hz)}</header>'
     )
+
+
+def _date(subject: Subject) -> str:
+    """When the flight began, as far as the log tells; "" where it does not."""
+    epoch = subject.flight.epoch
+    if epoch is None:
+        return ""
+    try:
+        began = datetime.fromtimestamp(epoch.unix_s + subject.flight.start, UTC)
+    except (OverflowError, ValueError, OSError):  # a damaged clock
+        return ""
+    return f"{began:%Y-%m-%d %H:%M:%S} UTC ({epoch.source}) · "
 
 
 def _cards(subject: Subject) -> list[tuple[str, str]]:

@@ -58,7 +58,12 @@ def curve(x: Array, y: Array, name: str, colour: palette.Rgb, *, width: float = 
 
 def band(x: Array, y: Array, name: str, colour: palette.Rgb, opacity: float) -> Trace:
     """The area between zero and a line."""
-    return curve(x, y, name, colour, width=0, fill="tozeroy", fillcolor=f"rgba({','.join(map(str, colour))},{opacity})")
+    return curve(x, y, name, colour, width=0, fill="tozeroy", fillcolor=rgba(colour, opacity))
+
+
+def rgba(colour: palette.Rgb, opacity: float) -> str:
+    """A colour that one can see through, as the browser writes it."""
+    return f"rgba({','.join(map(str, colour))},{opacity})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +109,8 @@ def stack(panels: Sequence[Panel], x_title: str, *, spans: Sequence[tuple[float,
             "x1": b,
             "y0": 0,
             "y1": 1,
-            "fillcolor": palette.css(palette.IMU),
-            "opacity": 0.12,
-            "line": {"width": 0},
+            "fillcolor": rgba(palette.IMU, 0.12),
+            "line": {"width": 1, "color": rgba(palette.IMU, 0.35)},
             "layer": "below",
         }
         for a, b in spans
