@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from companion.documents import schema
 from companion.report import traces
-from companion.report.markup import paragraph, percent, short, table, text
+from companion.report.markup import paragraph, percent, short, table, text, words
 from companion.report.subject import AXES, Section, Subject
 from companion.view import palette
 
+_DEGREES = float(np.degrees(1.0))
+_XYZ = tuple(name for name, _ in AXES)
 _PARTS = (
-    ("gyro bias", "gyro_bias_radps", "mrad/s", 1e3, 2),
-    ("accelerometer bias", "accel_bias_mps2", "m/s²", 1.0, 3),
-    ("mounting", "mounting_rad", "°", float(np.degrees(1.0)), 2),
+    ("gyro bias", "gyro_bias_radps", "mrad/s", 1e3, 2, _XYZ),
+    ("accelerometer bias", "accel_bias_mps2", "m/s²", 1.0, 3, _XYZ),
+    ("mounting", "mounting_rad", "°", _DEGREES, 2, _XYZ),
+    ("lag", "time_offset_s", "ms", 1e3, 1, ("",)),
+    ("gyro scale", "gyro_scale", "%", 100.0, 3, _XYZ),
+    ("accelerometer scale", "accel_scale", "%", 100.0, 3, _XYZ),
+    ("gyro misalignment", "gyro_misalignment_rad", "°", _DEGREES, 2, ("xy", "xz", "yx", "yz", "zx", "zy")),
+    ("accelerometer misalignment", "accel_misalignment_rad", "°", _DEGREES, 2, ("yx", "zx", "zy")),
+    ("lever arm", "lever_arm_m", "m", 1.0, 3, _XYZ),
 )
+"""What is fitted: name, key in the document, unit shown, factor to it, decimals, names of its parts."""
 
 
 def calibration(subject: Subject) -> Section:
@@ -23,13 +34,21 @@ def calibration(subject: Subject) -> Section:
     fit = subject.numbers.calibration
     if fit is None:
         return Section("calibration", title, paragraph("Not made: too few windows of 5 s, or none that can be fitted."))
-    rows = []
-    for name, attribute, unit, factor, digits in _PARTS:
-        figure: schema.FigureObject = getattr(fit, attribute)
-        rows.append([f"{name}, {unit}", *_cells(figure, factor, digits)])
-    lag = _cells(fit.time_offset_s, 1e3, 1)[0]
-    shown = table(["± one standard error", *(name for name, _ in AXES)], rows, name="calibration-table")
-    gain = paragraph(f"Lag of the IMU behind the attitude: {lag} ms.")
+    rows, untold = [], []
+    for name, key, unit, factor, digits, axes in _PARTS:
+        figure = _part(fit, key)
+        if any(figure.observable):
+            rows.append([name, _values(figure, factor, digits, axes), unit])
+        else:
+            untold.append(name)
+    shown = table(["error", "± one standard error", ""], rows, name="calibration-table", words=3) if rows else ""
+    gain = paragraph(f"Not observable in this flight: {', '.join(untold)}.") if untold else ""
+    if not fit.accel_scale.observable[2]:
+        level = fit.level_force_mps2
+        gain += paragraph(
+            f"At 1 g the accelerometer's down axis reads {level.value:.3f} ± {level.sigma:.3f} m/s² too much: bias and "
+            "scale together."
+        )
     if fit.before and fit.after:
         gain += paragraph(
             f"Median drift on {fit.after.windows} windows that were not fitted: "
@@ -37,13 +56,14 @@ def calibration(subject: Subject) -> Section:
             + (f", {_pair(fit.before.position_m, fit.after.position_m)} m." if fit.after.position_m else ".")
         )
     if subject.found.made_worse:
-        words = "It makes the rest of the flight worse: the errors are not constant. Do not use it."
-        gain += paragraph(words, "warning")
-    caption = (
-        f"From {fit.windows} windows of {fit.horizon_s:g} s. Bars: ± two standard errors. What the flight cannot tell "
-        "is left out."
-    )
-    return Section("calibration", title, shown + gain + subject.charts.add(_intervals(fit), caption, rows=2.2))
+        warning = "It makes the rest of the flight worse: the errors are not constant. Do not use it."
+        gain += paragraph(warning, "warning")
+    figure_of_all = _intervals(fit)
+    if figure_of_all is None:
+        return Section("calibration", title, shown + gain)
+    caption = f"From {fit.windows} windows of {fit.horizon_s:g} s. Bars: ± two standard errors."
+    rows_high = 0.75 * len({trace["yaxis"] for trace in figure_of_all["data"]})
+    return Section("calibration", title, shown + gain + subject.charts.add(figure_of_all, caption, rows=rows_high))
 
 
 def siblings(subject: Subject) -> Section:
@@ -84,22 +104,35 @@ def siblings(subject: Subject) -> Section:
     return Section("imus", title, shown + subject.charts.add(figure, caption, rows=len(panels)))
 
 
-def _cells(figure: schema.FigureObject, factor: float, digits: int) -> list[str]:
-    return [
-        f"{value * factor:.{digits}f} ± {sigma * factor:.{digits}f}" if seen else "not observable"
-        for value, sigma, seen in zip(figure.value, figure.sigma, figure.observable, strict=True)
-    ]
+def _part(fit: schema.CalibrationObject, key: str) -> schema.FigureObject:
+    found: schema.FigureObject = getattr(fit, key)
+    return found
+
+
+def _values(figure: schema.FigureObject, factor: float, digits: int, axes: Sequence[str]) -> str:
+    """The parts of a figure one after the other, and with what those go together that cannot be told."""
+    parts = []
+    for i, axis in enumerate(axes):
+        if figure.observable[i]:
+            said = f"{figure.value[i] * factor:.{digits}f} ± {figure.sigma[i] * factor:.{digits}f}"
+        else:
+            other = figure.confounded[i]
+            said = "not observable" + (f" (cannot be told from {words(other)})" if other else "")
+        parts.append(f"{axis} {said}".strip())
+    return ", ".join(parts)
 
 
 def _pair(before: schema.StatisticObject | None, after: schema.StatisticObject | None) -> str:
     return f"{short(before.median if before else None)} → {short(after.median if after else None)}"
 
 
-def _intervals(fit: schema.CalibrationObject) -> traces.Figure:
-    """The three vectors, each with a unit of its own."""
+def _intervals(fit: schema.CalibrationObject) -> traces.Figure | None:
+    """The vectors that the flight tells, each with a unit of its own."""
     panels = []
-    for name, attribute, unit, factor, _ in _PARTS:
-        figure: schema.FigureObject = getattr(fit, attribute)
+    for name, key, unit, factor, _, axes in _PARTS:
+        figure = _part(fit, key)
+        if axes is not _XYZ or not any(figure.observable):
+            continue
         seen = [k for k in range(3) if figure.observable[k]]
         points = {
             "type": "scatter",
@@ -116,8 +149,9 @@ def _intervals(fit: schema.CalibrationObject) -> traces.Figure:
             "hovertemplate": "%{x}: %{y:.3~g} ± %{error_y.array:.2~g} (2σ)",
         }
         panels.append(traces.Panel(f"{name},<br>{unit}", [points], {"zeroline": True}))
-    names = [name for name, _ in AXES]
-    drawn = traces.stack(panels, "", type="category", categoryorder="array", categoryarray=names)
+    if not panels:
+        return None
+    drawn = traces.stack(panels, "", type="category", categoryorder="array", categoryarray=list(_XYZ))
     drawn["layout"] |= {"showlegend": False, "hovermode": "closest"}
     return drawn
 

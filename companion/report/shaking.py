@@ -63,7 +63,8 @@ def _told(subject: Subject) -> str | None:
         for name, title, colour in zip(names, titles, colours, strict=True)
     ]
     figure = traces.stack([traces.Panel("vibration, m/s²", lines, {"rangemode": "tozero"})], TIME)
-    clips = [float(np.nanmax(series[c]) - np.nanmin(series[c])) for c in series.columns if c.startswith("clips_")]
+    counts = [series[c][np.isfinite(series[c])] for c in series.columns if c.startswith("clips_")]
+    clips = [float(np.ptp(count)) for count in counts if len(count)]
     caption = f"The vehicle's own measure ({series.source})."
     if len(names) == 3:
         caption += f" Below {_VIBE_LIMIT:.0f} m/s² is normally fine for ArduPilot."

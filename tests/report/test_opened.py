@@ -1,0 +1,103 @@
+"""The page in headless Chromium: charts and playback appear, nothing is asked of the network, nothing hostile runs."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser, Locator, Page
+
+from companion.view import palette
+from tests.report.pages import DEMO, report
+from tests.report.test_page import hostile_log
+from tests.view.browsing import near, until
+
+pytestmark = pytest.mark.browser
+
+
+class Watched:
+    """A page, what it complained of and what it asked for."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+        self.trouble: list[str] = []
+        self.requests: list[str] = []
+        page.on("console", lambda m: self.trouble.append(m.text) if m.type == "error" else None)
+        page.on("pageerror", lambda error: self.trouble.append(str(error)))
+        page.on("request", lambda request: self.requests.append(request.url))
+
+    def open(self, path: Path) -> Page:
+        """Go there and wait until every chart is drawn."""
+        self.page.goto(path.as_uri())
+        self.page.wait_for_selector("html[data-ready=yes]", timeout=60_000)
+        return self.page
+
+
+def pixels(part: Locator) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    """What a part of the page looks like, (H, W, 3)."""
+    return np.asarray(Image.open(io.BytesIO(part.screenshot())).convert("RGB"))
+
+
+@pytest.fixture
+def watched(browser: Browser) -> Iterator[Watched]:
+    context = browser.new_context(viewport={"width": 1100, "height": 800}, color_scheme="dark")
+    yield Watched(context.new_page())
+    context.close()
+
+
+def test_the_page_asks_nobody_and_complains_of_nothing(watched: Watched, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    report(DEMO, path)
+    page = watched.open(path)
+    charts = page.locator(".chart")
+    assert charts.count() >= 9
+    assert page.locator(".chart .main-svg").count() >= charts.count()
+    assert page.evaluate("[...document.querySelectorAll('.chart')].every(c => c.data.length > 0)")
+
+    page.get_by_role("button", name="Load the 3D playback").click()
+    page.frame_locator("iframe").locator("canvas").first.wait_for(timeout=60_000)
+    until(lambda: near(pixels(page.locator("iframe")), palette.IMU) > 50, "the IMU's path in the playback", 30)
+    assert page.locator("iframe").get_attribute("sandbox") == "allow-scripts"
+
+    dark = page.locator(".chart .main-svg text").first
+    assert dark.evaluate("e => getComputedStyle(e).fill") == "rgb(230, 233, 236)"
+    page.emulate_media(media="print")
+    assert dark.evaluate("e => getComputedStyle(e).fill") == "rgb(0, 0, 0)"
+    assert not page.locator("iframe").is_visible()
+
+    assert watched.trouble == []
+    assert [url for url in watched.requests if not url.startswith(("data:", "blob:"))] == [path.as_uri()]
+
+
+def test_no_request_could_leave_the_page(watched: Watched, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    report(DEMO, path, "--no-playback")
+    page = watched.open(path)
+    refused = page.evaluate("fetch('http://127.0.0.1:9/').then(() => 'sent', e => String(e))")
+    assert "Failed to fetch" in refused
+    assert any("Content Security Policy" in words for words in watched.trouble)
+
+
+def test_what_a_vehicle_says_does_not_run(watched: Watched, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    report(hostile_log(tmp_path), path)
+    page = watched.open(path)
+    page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
+    page.get_by_role("button", name="Load the 3D playback").click()
+    page.frame_locator("iframe").locator("canvas").first.wait_for(timeout=60_000)
+    assert page.evaluate("window.hacked") is None
+    assert page.locator("text=window.hacked=3").count() > 0
+    assert watched.trouble == []
+
+
+def test_a_telephone_scrolls_down_and_not_sideways(browser: Browser, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    report(DEMO, path, "--no-playback")
+    context = browser.new_context(viewport={"width": 360, "height": 700})
+    page = Watched(context.new_page()).open(path)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    context.close()
