@@ -38,6 +38,7 @@ class FreeRun:
         self.ended = ""  # why the last run ended, for the user
         self._anchor_s: float | None = None
         self._settled: NavState | None = None
+        self._has_position = False
 
     def anchor_now(self) -> None:
         """Begin another run with the next `take`."""
@@ -49,6 +50,9 @@ class FreeRun:
 
         None where a run has just ended.
         """
+        if replay.has_position and not self._has_position:
+            self.anchor_now()  # until now it was reckoned without a velocity
+        self._has_position = replay.has_position
         end = int(np.searchsorted(track.t, replay.t[-1] + 5e-7))
         settled = self._settled or self._begin(replay)
         at = int(np.searchsorted(track.t, settled.t - 5e-7))

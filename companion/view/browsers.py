@@ -14,9 +14,21 @@ import viser
 from companion.tracks import Array
 from companion.view import events
 from companion.view.controls import listen
-from companion.view.framing import CAMERA_MODES, Camera, CameraMode, Framing, Pose, camera, world
+from companion.view.framing import (
+    CAMERA_MODES,
+    FIELD_OF_VIEW,
+    Camera,
+    CameraMode,
+    Framing,
+    Pose,
+    camera,
+    screen_up,
+    world,
+)
 from companion.view.moment import Moment
 from companion.view.scene import WORLD
+
+_NARROW = 0.8  # width by height of a phone held upright
 
 
 @dataclass(slots=True)
@@ -44,7 +56,7 @@ class Browsers:
     def __len__(self) -> int:
         return len(self._open)
 
-    def join(self, number: int) -> None:
+    def join(self, number: int, framing: Framing) -> None:
         """A page has been opened. One that is closed again already is passed over."""
         client = self._server.get_clients().get(number)
         if client is None or number in self._open:
@@ -54,6 +66,8 @@ class Browsers:
         listen(choose, self._post, lambda: events.SetCamera(number, choose.value))
         frame = client.scene.add_frame(WORLD, show_axes=False)
         self._open[number] = _Browser(client, frame, Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), self._mode)
+        if _narrow(client):
+            _stand(client, camera(self._mode, framing))
 
     def leave(self, number: int) -> None:
         """A page has been closed."""
@@ -90,4 +104,13 @@ class Browsers:
 
 
 def _stand(client: viser.ClientHandle, view: Camera) -> None:
-    client.camera.position, client.camera.look_at = view.position, view.look_at
+    look_at = view.look_at
+    if _narrow(client):  # the panel covers the lower half: what is looked at goes to the middle of the upper
+        away = view.position - look_at
+        up = screen_up(-away) / max(float(np.linalg.norm(screen_up(-away))), 1e-9)
+        look_at = look_at - 0.5 * float(np.tan(FIELD_OF_VIEW / 2) * np.linalg.norm(away)) * up
+    client.camera.position, client.camera.look_at = view.position, look_at
+
+
+def _narrow(client: viser.ClientHandle) -> bool:
+    return client.camera.aspect < _NARROW

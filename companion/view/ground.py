@@ -46,6 +46,11 @@ class Ground:
         for cross, place in zip(self._crosses, (start, home), strict=True):
             cross.put(None if place is None else np.array([place[0], place[1], framing.ground]), arm)
 
+    def sink(self, level: float) -> None:
+        """Lower it to a down coordinate, m: a vehicle has flown below it."""
+        self.level = level
+        self._grid.position = np.array([0.0, 0.0, level])
+
     def rule(self, cell: float) -> None:
         """Draw squares of `cell` m."""
         if cell != self._cell:

@@ -29,14 +29,15 @@ from companion.view.history import History, Past, free_errors, present
 from companion.view.livecharts import LiveCharts
 from companion.view.livepanel import LivePanel
 from companion.view.moment import Footage, Moment
-from companion.view.scene import WORLD, Scene
+from companion.view.scene import Scene
 from companion.view.shapes import drone_for
-from companion.view.wake import Wake
+from companion.view.wakes import Wakes
 
 LOOK_HZ = 20.0
 ALONE_HZ = 4.0  # looks while no browser is open
 PANEL_HZ, TRAIL_HZ, CHART_HZ = 4.0, 8.0, 2.0
 SIDE = 330  # width of either panel, pixels
+_SUNK_M = 0.5  # below the ground before the ground gives way
 _MODE: CameraMode = "Follow"  # the camera of a vehicle that may fly anywhere
 
 
@@ -51,7 +52,7 @@ class LiveStage:
         self._shown: tuple[str, int] | None = None  # vehicle and boot
         self._introduced: tuple[str, bool] | None = None  # IMU, and whether there is a position
         self._film: Footage | None = None  # the present
-        self._free: tuple[tuple[float, ...], float, Array] | None = None  # errors, age s, position
+        self._free: tuple[tuple[float, ...], float, Array | None] | None = None  # errors, age s, position
         self._held: tuple[Past, float] | None = None  # what is looked back at, and where, s before its end
         self._trail = events.SetTrail(30.0)
         self._size: float | None = 1.0
@@ -61,12 +62,7 @@ class LiveStage:
         self._drone = drone_for("QUADROTOR")
         self._theme()
         self.scene = Scene(server.scene, self._drone)
-        self._ball = server.scene.add_icosphere(f"{WORLD}/free", 1.0, palette.FREE, visible=False, cast_shadow=False)
-        self._wakes = {
-            "autopilot": Wake(server.scene, f"{WORLD}/wake_autopilot", palette.AUTOPILOT, 2.5, window_s),
-            "imu": Wake(server.scene, f"{WORLD}/wake_imu", palette.IMU, 2.5, window_s),
-            "free": Wake(server.scene, f"{WORLD}/wake_free", palette.FREE, 2.0, window_s),
-        }
+        self._wakes = Wakes(server.scene, window_s)
         self._panel = LivePanel(server.gui, feed, window_s, post)
         side = server.gui.add_panel()
         with side.add_tab("Charts", viser.Icon.CHART_LINE):
@@ -102,6 +98,7 @@ class LiveStage:
             if moment is not None:
                 self.scene.show(moment)
                 self._browsers.show(moment)
+                self._wakes.reach(moment.t, self._free_now()[2])
                 self.pose_updates += 1
                 self.newest = moment.t
             if self._is_due("panel", PANEL_HZ, now):
@@ -135,7 +132,7 @@ class LiveStage:
                 self._charts.pick(free=free)
                 self._due["charts"] = 0.0
             case events.Joined(browser):
-                self._browsers.join(browser)
+                self._browsers.join(browser, self._framing)
                 self._relayouts = [self._due["look"] + s for s in (1.0, 2.5, 5.0)]  # a page is laid out after 1 to 3 s
             case events.Left(browser):
                 self._browsers.leave(browser)
@@ -171,26 +168,23 @@ class LiveStage:
             self._shown = shown
             self._begin(seen, film)
         self._introduce(seen)
-        before = self._film
         self._film = film
-        broken = before is None or film.replay.anchors[-1] != before.replay.anchors[-1]
-        t, here = film.end, film.replay.has_position
-        if here:
-            self._wakes["autopilot"].add(t, film.replay.position_ref[-1])
-            self._wakes["imu"].add(t, film.replay.position_imu[-1], broken=broken)
+        if film.replay.has_position:
+            low = float(film.replay.position_ref[-1, 2])
+            if low > self._framing.ground + _SUNK_M:
+                self._framing = replace(self._framing, ground=low)
+                self.scene.ground.sink(low)
+        self._wakes.add(film, seen.free)
         free = seen.free
-        begun = self._free is None
         self._free = None
         if free is not None:
-            self._free = (free_errors(free), t - free.anchor_s, free.state.position)
-            if here:
-                self._wakes["free"].add(t, free.state.position, broken=begun or self._free[1] < 1.5)
+            position = free.state.position if film.replay.has_position else None
+            self._free = (free_errors(free), film.end - free.anchor_s, position)
         self._history.add(seen.replay, free)
 
     def _begin(self, seen: Seen, film: Footage) -> None:
         self._history.clear()
-        for wake in self._wakes.values():
-            wake.clear()
+        self._wakes.clear()
         self._held, self._free, self._introduced = None, None, None
         self._drone = drone_for(seen.flight.vehicle.type)
         ground = np.array([*film.replay.position_ref[-1, :2], max(0.0, float(film.replay.position_ref[-1, 2]))])
@@ -257,12 +251,9 @@ class LiveStage:
                 span = readable_span(distance, span, self._size)
             self.scene.annotate(moment, span, imu_above=float(apart @ screen_up(target - eye)) >= 0)
             self.scene.ground.rule(grid_cell(distance, self.scene.ground.cell))
-            free, age, position = self._free_now()
+            self._wakes.resize(span)
+            free, age, _ = self._free_now()
             self._panel.show(moment, free, age, has_position=here)
-            self._ball.visible = here and position is not None
-            if position is not None and np.abs(position).max() < 1e7:
-                self._ball.position = position
-                self._ball.radius = 0.12 * span
         held_s = None if self._held is None or self._film is None or moment is None else self._film.end - moment.t
         self._panel.report(self._feed, held_s)
 
@@ -271,8 +262,7 @@ class LiveStage:
         if moment is None:
             return
         since = -np.inf if self._trail.seconds is None else moment.t - self._trail.seconds
-        for wake in self._wakes.values():
-            wake.show(since, moment.t)
+        self._wakes.show(since, moment.t)
 
     def _chart(self) -> None:
         if self._held is not None:

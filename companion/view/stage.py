@@ -136,7 +136,7 @@ class Stage:
             case events.Save(browser, what):
                 self._save(browser, what)
             case events.Joined(browser):
-                self._browsers.join(browser)
+                self._browsers.join(browser, self._framing)
                 now = time.monotonic()
                 self._relayouts = [now + 1.0, now + 2.5, now + 5.0]  # a page is laid out after 1 to 3 s
             case events.Left(browser):

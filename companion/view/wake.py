@@ -66,12 +66,15 @@ class Wake:
             if b > a:
                 line.points = self._segments[i, a:b].copy()
             line.visible = b > a
+
+    def reach(self, now: float) -> None:
+        """Draw the newest piece up to the drone; nothing while an earlier time than the newest is shown."""
         tip = self._lines[-1]
-        if self._last and self._tip and self._last[0] < self._tip[0] <= until and self._last[0] >= since:
+        fresh = self._last is not None and self._tip is not None and self._last[0] < self._tip[0] <= now + 1e-6
+        if fresh and self._last and self._tip:
             tip.points = np.array([[self._last[1], self._tip[1]]], dtype=np.float32)
-            tip.visible = True
-        elif tip.visible:
-            tip.visible = False
+        if tip.visible != fresh:
+            tip.visible = fresh
 
     def _extend(self, t: float, position: Array) -> None:
         if self._last is None or t <= self._last[0]:

@@ -112,3 +112,19 @@ def test_a_free_run_ends_at_a_hole_and_begins_again(whole: Flight) -> None:
     assert len(set(anchors)) >= 2
     free.anchor_now()
     assert free.ended == ""
+
+
+def test_a_free_run_begins_again_when_the_position_is_known(whole: Flight) -> None:
+    free = FreeRun()
+    blind = replace(whole, position=None)
+    ages = []
+    for i, (dark, seeing) in enumerate(zip(pieces(blind, 12.0, 1.0), pieces(whole, 12.0, 1.0), strict=True)):
+        piece = dark if i < 15 else seeing
+        if len(piece.imu()) > 150:
+            now = free.take(piece.imu(), replay(piece, reanchor_s=5.0))
+            assert now is not None
+            ages.append(now.state.t - now.anchor_s)
+            assert float(np.abs(now.position_error).max()) < 5.0
+        if i == 17:
+            break
+    assert ages[-4] > ages[-3] < 6.0

@@ -5,10 +5,8 @@ from __future__ import annotations
 import contextlib
 import re
 import signal
-import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,35 +17,12 @@ from pymavlink import mavutil
 
 import companion as c
 from companion.cli import main
-from companion.mavlink import open_port, parse_address
 from companion.mavlink.requests import ALLOWED_MESSAGES
-from companion.simulate import Faults, SimulatedVehicle, fly, serve
+from companion.simulate import Faults
 from tests.mavlink.peers import wait_for
+from tests.simulated import flying, free_port
 
 NAMES = ("RAW_IMU", "HIGHRES_IMU", "ATTITUDE", "LOCAL_POSITION_NED")
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-@contextlib.contextmanager
-def flying(port: int, *, since: float = 0.0, **changes: Any) -> Iterator[SimulatedVehicle]:
-    """A simulated vehicle that sends to a UDP port of this computer; it flew for `since` s before."""
-    vehicle = SimulatedVehicle(fly(60.0, faults=changes.get("faults", Faults())), **changes)
-    end = open_port(parse_address(f"udpout:127.0.0.1:{port}"))
-    vehicle.advance(since)
-    over = threading.Event()
-    thread = threading.Thread(target=serve, args=(vehicle, end), kwargs={"stop": over.is_set})
-    thread.start()
-    try:
-        yield vehicle
-    finally:
-        over.set()
-        thread.join()
-        end.close()
 
 
 @contextlib.contextmanager

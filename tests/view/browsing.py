@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from playwright.sync_api import Page
+from playwright.sync_api import Page, expect
 
 CHROMIUM = Path(os.environ.get("CHROMIUM", "/usr/bin/chromium"))
 FLAGS = [
@@ -33,6 +33,7 @@ def open_page(page: Page, url: str) -> Page:
     """Go there and wait until the picture is."""
     page.goto(url)
     page.wait_for_selector("canvas")
+    expect(page.get_by_text("Picture", exact=True)).to_be_visible()  # the panel
     # viser's remark that this machine has no graphics card: true, and in the way
     remark = page.get_by_role("alert").get_by_role("button")
     if remark.count():

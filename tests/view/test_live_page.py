@@ -1,0 +1,128 @@
+"""The live page as its users have it: the command in a process of its own, a simulated vehicle, headless Chromium."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+import companion as c
+from tests.mavlink.peers import wait_for
+from tests.simulated import flying, free_port
+from tests.view.browsing import near, open_page, shoot
+
+pytestmark = pytest.mark.browser
+
+
+@contextlib.contextmanager
+def viewing(link: str, folder: Path, *options: str, port: int) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """The command in a process of its own, and the address of its page."""
+    words = [sys.executable, "-u", "-m", "companion", "view", link, "--port", str(port), *options]
+    with subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            found = re.search(r"http://\S+", process.stdout.readline())
+            assert found
+            yield process, found[0]
+        finally:
+            process.kill()
+
+
+def since_anchor(page: Page) -> tuple[float, float]:
+    """s, of the reckoning that is anchored again and again, and of the free run."""
+    cells = page.get_by_role("row", name="since anchor").get_by_role("cell").all_inner_texts()
+    return float(cells[1].split()[0]), float(cells[2].split()[0])
+
+
+def chart_ends(page: Page) -> tuple[float, int]:
+    """Where the first chart ends, and how many points it has."""
+    script = """() => {
+        const t = Object.values(window.__viserTestpoints.uplots)[0].chart.data[0];
+        return [t[t.length - 1], t.length];
+    }"""
+    end, count = page.evaluate(script)
+    return float(end), int(count)
+
+
+def test_a_live_session(page: Page, tmp_path: Path) -> None:
+    link_port, page_port = free_port(), free_port()
+    recording = tmp_path / "a.tlog"
+    with flying(link_port, since=8.0) as vehicle:
+        with viewing(f"udpin:127.0.0.1:{link_port}", tmp_path, "-o", "a.tlog", port=page_port) as (process, url):
+            open_page(page, url)
+            expect(page.get_by_text("LIVE", exact=True)).to_be_visible(timeout=15_000)
+            expect(page.get_by_text("ARDUPILOTMEGA quadrotor, vehicle 1:1, boot 1, HIGHRES_IMU")).to_be_visible(
+                timeout=15_000
+            )
+            expect(page.get_by_text("● Recording a.tlog")).to_be_visible()
+            row = page.get_by_role("row", name="RAW_IMU")
+            expect(row).to_have_text(re.compile("RAW_IMU(9[5-9]|10[0-5]) . 100 Hz"), timeout=15_000)
+            wait_for(lambda: since_anchor(page)[1] > 6.0, 15.0)
+            pixels = shoot(page, "live")
+            for colour in ((230, 97, 1), (0, 114, 178)):  # both drones and their trails
+                assert near(pixels[:, 340:940], colour) > 100
+            end, count = chart_ends(page)
+            assert end == pytest.approx(0.0, abs=1e-6)
+            assert count > 50
+
+            page.get_by_role("button", name="Pause", exact=True).click()
+            expect(page.get_by_text("PAUSED")).to_be_visible()
+            size = recording.stat().st_size
+            held = since_anchor(page)
+            time.sleep(1.0)
+            assert since_anchor(page) == held
+            assert recording.stat().st_size > size + 5000, "the recording goes on"
+            page.mouse.click(640, 250)  # on the ground: the keys go to the page
+            for _ in range(3):
+                page.keyboard.press("ArrowLeft")
+            wait_for(lambda: abs(since_anchor(page)[1] - (held[1] - 3.0)) < 1.1)
+            shoot(page, "live-look-back")
+            page.get_by_role("button", name="Live", exact=True).click()
+            expect(page.get_by_text("LIVE", exact=True)).to_be_visible()
+
+            page.get_by_role("button", name="Anchor now").click()
+            wait_for(lambda: since_anchor(page)[1] < 3.0)
+            page.get_by_role("button", name="Free run").click()
+
+            vehicle.reboot()
+            expect(page.get_by_text("vehicle 1:1, boot 2")).to_be_visible(timeout=20_000)
+            shoot(page, "live-second-boot")
+            begin = time.monotonic()
+            process.send_signal(signal.SIGTERM)
+            _, told = process.communicate(timeout=5.0)
+            assert time.monotonic() - begin < 2.0
+            assert process.returncode == 0
+            assert "Traceback" not in told
+            assert vehicle.interval_us("RAW_IMU") == -1, "as it was before"
+        first, second = c.open_log(recording)
+        assert (first.boot, second.boot) == (1, 2)
+        assert (first.messages["RAW_IMU"].longest_gap_s or 9.0) < 0.02, "no sample lost"
+        # the page is still open: it finds the next server by itself
+        with viewing(f"udpin:127.0.0.1:{link_port}", tmp_path, "--no-record", port=page_port):
+            expect(page.get_by_text("Not recorded")).to_be_visible(timeout=20_000)
+            expect(page.get_by_text("LIVE", exact=True)).to_be_visible(timeout=20_000)
+            shoot(page, "live-reconnected")
+
+
+def test_a_silent_link_on_a_small_window(browser: Browser, tmp_path: Path) -> None:
+    context = browser.new_context(viewport={"width": 390, "height": 844})
+    page = context.new_page()
+    port = free_port()
+    with viewing(f"udpin:127.0.0.1:{port}", tmp_path, port=free_port()) as (_, url):
+        open_page(page, url)
+        expect(page.get_by_text("WAITING")).to_be_visible()
+        expect(page.get_by_text("nobody has sent anything yet")).to_be_visible()
+        with flying(port, since=8.0, streams={"ATTITUDE": 10.0}):
+            expect(page.get_by_text("LIVE", exact=True)).to_be_visible(timeout=15_000)
+        expect(page.get_by_text("RECONNECTING")).to_be_visible(timeout=15_000)
+        expect(page.get_by_text(re.compile("silent for [0-9]+ s"))).to_be_visible()
+        shoot(page, "live-390x844")
+    context.close()
