@@ -2,6 +2,7 @@
 
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, trailing, windows
+from companion.analysis.contrast import Change, Contrast, FigureChange, contrast
 from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correction
 from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, drift, drift_of
 from companion.analysis.envelope import Expectation, expected_since_anchor
@@ -26,12 +27,15 @@ __all__ = [
     "PARTS",
     "Assessment",
     "Calibration",
+    "Change",
     "Comparison",
+    "Contrast",
     "Correction",
     "Drift",
     "DriftRow",
     "Expectation",
     "Expected",
+    "FigureChange",
     "Finding",
     "FreeRun",
     "FreeState",
@@ -56,6 +60,7 @@ __all__ = [
     "assess",
     "calibrate",
     "compare",
+    "contrast",
     "drift",
     "drift_of",
     "errors",

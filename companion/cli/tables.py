@@ -56,7 +56,7 @@ def console() -> Console:
 def verdict_lines(found: Assessment, *, most: int = 8) -> Iterator[str]:
     """The verdict, and the findings under it."""
     verdict = found.verdict
-    yield f"[bold {_STATUS[verdict.status]}]{verdict.status.replace('_', ' ').upper()}[/]  {escape(verdict.summary)}"
+    yield f"{status_text(verdict.status)}  {escape(verdict.summary)}"
     for finding in verdict.findings[:most]:
         when = f"{finding.start_s:.1f}-{finding.end_s:.1f} s"
         yield f"  {_SIGNS[finding.severity]} {when}: {finding.kind.replace('_', ' ')}. {escape(finding.evidence)}"
@@ -64,6 +64,19 @@ def verdict_lines(found: Assessment, *, most: int = 8) -> Iterator[str]:
             yield f"      {escape(finding.advice)}"
     if len(verdict.findings) > most:
         yield f"  and {len(verdict.findings) - most} more: --json has them all"
+
+
+def status_text(status: str) -> str:
+    """CONSISTENT, IMU SUSPECT, ... in its colour."""
+    return f"[bold {_STATUS[status]}]{status.replace('_', ' ').upper()}[/]"
+
+
+def figure_name(name: str) -> tuple[str, str, float, int]:
+    """What a figure of a calibration (`analysis.NAMES`) is called here, its unit, the factor to it, and decimals."""
+    part = next(part for part in PARTS if name.startswith(part))
+    title, unit, factor, digits = _CALIBRATED[part]
+    axis = name.removeprefix(part).strip("_")
+    return f"{title} {axis}".strip(), unit, factor, digits
 
 
 def drift_table(table: Drift) -> Table:
@@ -96,9 +109,9 @@ def expected_table(found: Assessment) -> Table:
         inside = [expected.inside.get(name) for name in ("attitude", "velocity", "position")]
         shown.add_row(
             f"{row.horizon_s:g} s",
-            _line(*("-" if s is None else _short(s) for s in sigma)),
+            _line(*("-" if s is None else short(s) for s in sigma)),
             _line(*("-" if s is None else f"{s:.0%}" for s in inside)),
-            _largest(expected),
+            largest(expected),
         )
     return shown
 
@@ -117,7 +130,7 @@ def siblings_table(others: Sequence[Sibling]) -> Table:
             escape(other.imu),
             f"{other.rate_hz:.1f}",
             f"{row.windows}",
-            *("-" if cell is None else _short(cell) for cell in cells),
+            *("-" if cell is None else short(cell) for cell in cells),
             *("-" if share is None else f"{share:.0%}" for share in shares),
         )
     return shown
@@ -170,10 +183,10 @@ def calibration_lines(found: Assessment) -> Iterator[str]:
 def _pair(before: Statistic | None, after: Statistic | None) -> str:
     if before is None or after is None:
         return "-"
-    return f"{_short(before.median)} → {_short(after.median)}"
+    return f"{short(before.median)} → {short(after.median)}"
 
 
-def _largest(expected: Expected) -> str:
+def largest(expected: Expected) -> str:
     """The largest cause of the position's budget, or of the attitude's where there is no position."""
     shares = expected.shares.get("position", expected.shares["attitude"])
     name = max(shares, key=lambda cause: shares[cause])
@@ -183,7 +196,7 @@ def _largest(expected: Expected) -> str:
 def _cell(statistic: Statistic | None) -> str:
     if statistic is None:
         return _line("-", "-", "-")
-    return _line(*(_short(value) for value in (statistic.median, statistic.p95, statistic.max)))
+    return _line(*(short(value) for value in (statistic.median, statistic.p95, statistic.max)))
 
 
 def _line(*parts: str) -> str:
@@ -191,7 +204,7 @@ def _line(*parts: str) -> str:
     return "".join(f"{part:>6}" for part in parts)
 
 
-def _short(value: float) -> str:
+def short(value: float) -> str:
     """Three digits, never more than three decimals: five characters, so that the tables fit into 80 columns."""
     digits = 3 if value < 1 else 2 if value < 10 else 1 if value < 100 else 0
     return f"{value:.{digits}f}"

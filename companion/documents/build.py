@@ -14,7 +14,7 @@ from companion.recording import Recording, Source
 from companion.tracks import Flight, ImuTrack
 
 
-def encode(document: schema.Info | schema.Analysis) -> str:
+def encode(document: msgspec.Struct) -> str:
     """Indented JSON text. Non-finite numbers become null."""
     return msgspec.json.format(msgspec.json.encode(document), indent=2).decode()
 
@@ -43,7 +43,7 @@ def analysis_document(source: Source, examined: Examination) -> schema.Analysis:
         gravity_mps2=found.comparison.how.gravity,
         correction=examined.correction,
         notes=(*flight.notes, *table.notes),
-        drift=[_drift(row, expected) for row, expected in zip(table.rows, found.expected, strict=True)],
+        drift=[drift_object(row, expected) for row, expected in zip(table.rows, found.expected, strict=True)],
         figures=_figures(found),
         consistency=[
             schema.ConsistencyObject(
@@ -165,12 +165,13 @@ def _calibration(fit: Calibration | None, before: Drift | None, after: Drift | N
         accel_misalignment_rad=figure("accel_misalignment"),
         lever_arm_m=figure("lever_arm"),
         level_force_mps2=schema.EstimateObject(*fit.level_force),
-        before=_drift(before.rows[0], None) if before else None,
-        after=_drift(after.rows[0], None) if after else None,
+        before=drift_object(before.rows[0], None) if before else None,
+        after=drift_object(after.rows[0], None) if after else None,
     )
 
 
-def _drift(row: DriftRow, expected: Expected | None) -> schema.DriftObject:
+def drift_object(row: DriftRow, expected: Expected | None) -> schema.DriftObject:
+    """A row of the drift table, and what was expected of it."""
     return schema.DriftObject(
         horizon_s=row.horizon_s,
         windows=row.windows,

@@ -1,0 +1,154 @@
+"""Two assessments side by side: what drifts more, what is expected, found and fitted, and what of it is no chance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from companion.analysis.compare import length
+from companion.analysis.comparison import IntArray
+from companion.analysis.correction import NAMES
+from companion.analysis.drift import DriftRow
+from companion.analysis.finding import Finding
+from companion.analysis.ranks import shift
+from companion.analysis.reference import nearest
+from companion.analysis.verdict import Assessment, Expected
+from companion.tracks import Array
+
+QUANTITIES = ("attitude", "velocity", "position")
+_SMALLEST = 1e-12  # rad, m/s, m: an error of zero has no logarithm
+_PAIR = 0.25  # part of the horizon by which the anchors of one window pair may be apart
+_DIFFERS = 1.96  # standard errors
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """How the errors of B's windows compare with those of A's, at one horizon, in one quantity."""
+
+    ratio: float  # B's error as a multiple of A's: Hodges and Lehmann's shift of the logarithms
+    low: float  # 95 % interval from the spread between windows; 0 and infinity when there are too few
+    high: float
+    paired: bool  # window by window of one flight, or one set of windows against another
+
+    @property
+    def direction(self) -> Literal["worse", "better", "same"]:
+        """Worse or better when the interval leaves no room for "unchanged"."""
+        return "worse" if self.low > 1.0 else "better" if self.high < 1.0 else "same"
+
+    def worse_than(self, limit: float) -> bool:
+        """Whether B is worse by more than this part (0.1 is 10 %), and by more than the spread between windows."""
+        return self.direction == "worse" and self.ratio > 1.0 + limit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContrastRow:
+    """One horizon."""
+
+    a: DriftRow
+    b: DriftRow
+    expected_a: Expected | None
+    expected_b: Expected | None
+    changes: Mapping[str, Change]  # attitude, velocity, position; what one of the two lacks is absent
+
+
+@dataclass(frozen=True, slots=True)
+class FigureChange:
+    """A fitted error of the IMU that both flights tell."""
+
+    name: str  # one of NAMES
+    a: float
+    b: float
+    sigma: float  # of the difference
+
+    @property
+    def differs(self) -> bool:
+        """Whether the difference is larger than both fits explain (95 %)."""
+        return abs(self.b - self.a) > _DIFFERS * self.sigma
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contrast:
+    """B held against A."""
+
+    rows: tuple[ContrastRow, ...]  # the horizons that both have
+    figures: tuple[FigureChange, ...]
+    gone: tuple[Finding, ...]  # findings of kinds that only A has
+    new: tuple[Finding, ...]  # ... that only B has
+    kept: tuple[str, ...]  # kinds that both have
+
+    def worse_than(self, limit: float) -> list[tuple[float, str, Change]]:
+        """(horizon s, quantity, change) of all that is significantly worse by more than this part."""
+        return [
+            (row.b.horizon_s, quantity, change)
+            for row in self.rows
+            for quantity, change in row.changes.items()
+            if change.worse_than(limit)
+        ]
+
+
+def contrast(a: Assessment, b: Assessment, *, same_flight: bool) -> Contrast:
+    """B against A; same_flight: both are of one flight, and each window of B is held against its own of A."""
+    of_b = {row.horizon_s: (row, expected) for row, expected in zip(b.drift.rows, b.expected, strict=True)}
+    rows = tuple(
+        ContrastRow(row, of_b[row.horizon_s][0], expected, of_b[row.horizon_s][1], changes)
+        for row, expected in zip(a.drift.rows, a.expected, strict=True)
+        if row.horizon_s in of_b
+        for changes in [_changes(row, of_b[row.horizon_s][0], same_flight)]
+    )
+    kinds_a, kinds_b = ({(f.kind, f.side) for f in found.verdict.findings} for found in (a, b))
+    return Contrast(
+        rows=rows,
+        figures=_figures(a, b),
+        gone=tuple(f for f in a.verdict.findings if (f.kind, f.side) not in kinds_b),
+        new=tuple(f for f in b.verdict.findings if (f.kind, f.side) not in kinds_a),
+        kept=tuple(sorted({kind for kind, _ in kinds_a & kinds_b})),
+    )
+
+
+def _changes(a: DriftRow, b: DriftRow, same_flight: bool) -> dict[str, Change]:
+    of_a, of_b = np.arange(a.windows), np.arange(b.windows)
+    if same_flight:
+        of_a, of_b = _pairs(a.errors.anchor_s, b.errors.anchor_s, _PAIR * a.horizon_s)
+    if not len(of_a) or not len(of_b):
+        return {}
+    found = {}
+    for quantity in QUANTITIES:
+        if quantity != "attitude" and (a.position_m is None or b.position_m is None):
+            continue
+        logs = (
+            np.log(np.maximum(length(getattr(row.errors, quantity)[chosen]), _SMALLEST))
+            for row, chosen in ((a, of_a), (b, of_b))
+        )
+        moved = shift(*logs, paired=same_flight)
+        found[quantity] = Change(
+            float(np.exp(moved.estimate)), float(np.exp(moved.low)), float(np.exp(moved.high)), same_flight
+        )
+    return found
+
+
+def _pairs(a: Array, b: Array, apart: float) -> tuple[IntArray, IntArray]:
+    """Indices of the anchors a and b that are of the same window: settings can change which windows are usable."""
+    if not len(a) or not len(b):
+        return np.zeros(0, np.intp), np.zeros(0, np.intp)
+    partner = nearest(b, a) if len(b) > 1 else np.zeros(len(a), np.intp)
+    close = np.flatnonzero(np.abs(b[partner] - a) <= apart)
+    return close, partner[close]
+
+
+def _figures(a: Assessment, b: Assessment) -> tuple[FigureChange, ...]:
+    first, second = a.calibration, b.calibration
+    if first is None or second is None:
+        return ()
+    return tuple(
+        FigureChange(
+            name,
+            float(first.values[i]),
+            float(second.values[i]),
+            float(np.hypot(first.sigma[i], second.sigma[i])),
+        )
+        for i, name in enumerate(NAMES)
+        if first.observable[i] and second.observable[i]
+    )

@@ -1,0 +1,207 @@
+"""`companion compare A [B]`: two flights, or one flight before and after a change, side by side."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+from rich import box
+from rich.markup import escape
+from rich.table import Table
+
+from companion.analysis import Change, Contrast, DriftRow, Expected, contrast
+from companion.cli import options, tables
+from companion.documents import contrast_document, encode
+from companion.errors import SettingsError
+from companion.examination import Examination, examine
+from companion.recording import Recording
+
+_OF_B = {
+    "config": ("FILE", "settings file"),
+    "vehicle": ("SYSID[:COMPID]", "vehicle"),
+    "boot": ("N", "boot"),
+    "imu": ("NAME", "message to integrate"),
+    "imu_model": ("NAME", "figures of the IMU"),
+    "method": ("NAME", "integrator"),
+    "correction": ("FILE", "correction by companion calibrate"),
+}
+"""Options that B may have otherwise than A: their value and what they are."""
+
+_QUANTITIES = (("attitude", "attitude_deg", "°"), ("velocity", "velocity_mps", "m/s"), ("position", "position_m", "m"))
+_COLOURS = {"worse": "red", "better": "green", "same": "dim"}
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Register the command."""
+    parser = options.add_command(
+        commands,
+        "compare",
+        "Two flights, or one flight before and after a change, side by side: what drifts more, and is it chance?",
+        "companion compare flight.tlog --correction-b imu.toml",
+    )
+    parser.add_argument("b", metavar="B", nargs="?", help="the other log (default: the same, with an option for B)")
+    options.add_judgement(parser)
+    changed = parser.add_argument_group("what is different for B (all other options are for both)")
+    for name, (value, what) in _OF_B.items():
+        kind = int if name == "boot" else str
+        changed.add_argument(f"--{name.replace('_', '-')}-b", metavar=value, type=kind, help=f"{what} of B")
+    parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
+    parser.add_argument(
+        "--fail-on-worse",
+        type=_share,
+        metavar="PERCENT",
+        help="exit with 1 when B drifts more than A by more than this, and by more than the spread between windows",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print both flights side by side."""
+    changes = {name: value for name in _OF_B if (value := getattr(arguments, f"{name}_b")) is not None}
+    if arguments.b is None and not changes:
+        asked = ", ".join(f"--{name.replace('_', '-')}-b" for name in _OF_B)
+        raise SettingsError(f"nothing to compare with: name a second log, or what B has otherwise ({asked}).")
+    of_b = argparse.Namespace(**(vars(arguments) | changes | {"log": arguments.b or arguments.log}))
+    first, a = _examined(arguments)
+    second, b = _examined(of_b)
+    same = Path(first.source.path).resolve() == Path(second.source.path).resolve()
+    same = same and (a.flight.vehicle, a.flight.boot) == (b.flight.vehicle, b.flight.boot)
+    found = contrast(a.assessment, b.assessment, same_flight=same)
+    worse = found.worse_than(arguments.fail_on_worse) if arguments.fail_on_worse is not None else []
+    if arguments.json:
+        print(encode(contrast_document(found, (first.source, a), (second.source, b), same_flight=same)))
+    else:
+        _print(found, (first, a), (second, b), same)
+        for horizon, quantity, change in worse:
+            options.say(f"worse than allowed: {quantity} after {horizon:g} s, {_percent(change.ratio)}")
+    return 1 if worse else 0
+
+
+def _examined(arguments: argparse.Namespace) -> tuple[Recording, Examination]:
+    settings = options.settings_of(arguments)
+    recording = options.read(arguments, settings)
+    flight = recording.flights[options.choose(recording.flights, arguments)]
+    return recording, examine(
+        flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
+    )
+
+
+def _print(found: Contrast, a: tuple[Recording, Examination], b: tuple[Recording, Examination], same: bool) -> None:
+    console = tables.console()
+    for name, (recording, examined) in (("A", a), ("B", b)):
+        verdict, table = examined.assessment.verdict, examined.assessment.drift
+        flight = examined.flight
+        middle = f" {table.middle}" if table.method == "rk4" else ""
+        console.print(
+            f"[bold]{name}[/]  {tables.status_text(verdict.status)}  {escape(str(recording.source.path))}, vehicle "
+            f"{flight.vehicle}, boot {flight.boot}: {table.imu} {flight.imu(table.imu).rate_hz:.1f} Hz, "
+            f"{table.method}{middle}"
+            + (f", corrected by {escape(examined.correction)}" if examined.correction else ""),
+            highlight=False,
+        )
+        console.print(f"   {escape(verdict.summary)}", highlight=False)
+    if not any(row.changes for row in found.rows):
+        console.print("\nNo horizon has usable windows in both: nothing to compare.")
+    else:
+        console.print("\n[bold]Drift: median of the windows, and how B's errors compare with A's[/]")
+        console.print(_drift_table(found), no_wrap=True)
+        how = "window by window" if same else "one set of windows against the other"
+        console.print(f"* larger than the spread between windows: 95 % intervals of the change, {how}")
+        for line in _significant(found):
+            console.print(line, highlight=False)
+        console.print("\n[bold]What it should be, 1σ[/]")
+        console.print(_budget_table(found), no_wrap=True)
+    console.print()
+    for line in (*_finding_lines(found), *_figure_lines(found)):
+        console.print(line, highlight=False)
+
+
+def _drift_table(found: Contrast) -> Table:
+    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
+    shown.add_column("\nafter", justify="right", no_wrap=True)
+    shown.add_column("windows\nA    B", justify="right", no_wrap=True)
+    for quantity, _, unit in _QUANTITIES:
+        shown.add_column(f"{f'{quantity}, {unit}':^19}\n{'A':>6}{'B':>6}{'change':>7}", no_wrap=True)
+    for row in found.rows:
+        cells = (_cell(row.a, row.b, key, row.changes.get(quantity)) for quantity, key, _ in _QUANTITIES)
+        shown.add_row(f"{row.a.horizon_s:g} s", f"{row.a.windows} {row.b.windows:>4}", *cells)
+    return shown
+
+
+def _cell(a: DriftRow, b: DriftRow, key: str, change: Change | None) -> str:
+    before, after = getattr(a, key), getattr(b, key)
+    medians = "".join(f"{'-' if s is None else tables.short(s.median):>6}" for s in (before, after))
+    if change is None:
+        return f"{medians}{'-':>6} "
+    star = " " if change.direction == "same" else "*"
+    return f"{medians}[{_COLOURS[change.direction]}]{_percent(change.ratio):>6}[/]{star}"
+
+
+def _significant(found: Contrast) -> list[str]:
+    lines = [
+        f"  {change.direction}: {quantity} after {row.a.horizon_s:g} s {_percent(change.ratio)} "
+        f"({_percent(change.low)} to {_percent(change.high)})"
+        for row in found.rows
+        for quantity, change in row.changes.items()
+        if change.direction != "same"
+    ]
+    return lines or ["  nothing is: what differs is no more than windows differ among themselves"]
+
+
+def _budget_table(found: Contrast) -> Table:
+    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
+    shown.add_column("\nafter", justify="right", no_wrap=True)
+    for quantity, _, unit in (_QUANTITIES[0], _QUANTITIES[2]):
+        shown.add_column(f"{f'{quantity}, {unit}':^12}\n{'A':>6}{'B':>6}", no_wrap=True)
+    shown.add_column("mostly\nA", no_wrap=True)
+    shown.add_column("\nB", no_wrap=True)
+    for row in found.rows:
+        both = (row.expected_a, row.expected_b)
+        cells = ("".join(f"{_expected(e, key):>6}" for e in both) for key in ("attitude_deg", "position_m"))
+        mostly = ("-" if e is None else tables.largest(e) for e in both)
+        shown.add_row(f"{row.a.horizon_s:g} s", *cells, *mostly)
+    return shown
+
+
+def _expected(expected: Expected | None, key: str) -> str:
+    value = getattr(expected, key, None)
+    return "-" if value is None else tables.short(value)
+
+
+def _finding_lines(found: Contrast) -> list[str]:
+    lines = []
+    for title, several in (("only in A", found.gone), ("only in B", found.new)):
+        for kind in dict.fromkeys(finding.kind for finding in several):
+            evidence = [finding.evidence for finding in several if finding.kind == kind]
+            more = f" (and {len(evidence) - 1} more)" if len(evidence) > 1 else ""
+            lines.append(f"Finding {title}: {kind.replace('_', ' ')}. {escape(evidence[0])}{more}")
+    if found.kept:
+        lines.append(f"Findings in both: {', '.join(kind.replace('_', ' ') for kind in found.kept)}")
+    return lines or ["Findings: none in either"]
+
+
+def _figure_lines(found: Contrast) -> list[str]:
+    differing = [figure for figure in found.figures if figure.differs]
+    lines = []
+    for figure in differing:
+        name, unit, factor, digits = tables.figure_name(figure.name)
+        a, b, sigma = (f"{value * factor:.{digits}f}" for value in (figure.a, figure.b, figure.sigma))
+        lines.append(f"Calibration differs: {name} {a} → {b} {unit} (± {sigma})")
+    if not differing and found.figures:
+        lines.append(f"Calibration: none of the {len(found.figures)} figures that both tell differs (95 %)")
+    return lines
+
+
+def _percent(ratio: float) -> str:
+    change = 100 * (ratio - 1)
+    if change > 999:
+        return ">999%" if change < float("inf") else "?"
+    return f"{change:+.0f}%" if abs(change) >= 0.5 else "±0%"
+
+
+def _share(text: str) -> float:
+    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*%?\s*", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"must be a percentage like 10%, got {text!r}")
+    return float(match[1]) / 100
