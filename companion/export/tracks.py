@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis import Assessment, DriftRow, Replay, replay
+from companion.analysis import NAMES, PARTS, Assessment, Calibration, DriftRow, Replay, replay
 from companion.export.table import Column, Table, quaternions, vectors
 from companion.series import Series
 from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack
@@ -21,14 +21,19 @@ _UNITS = {
 }  # fmt: skip
 """The end of a column's name → its unit."""
 
+_PART_UNITS = {"gyro_bias": "rad/s", "accel_bias": "m/s²", "time_offset": "s", "lever_arm": "m", "gyro_scale": "",
+               "accel_scale": ""}  # fmt: skip
+_FIGURE_UNITS = {name: _PART_UNITS.get(part, "rad") for part, place in PARTS.items() for name in NAMES[place]}
+"""Figure of a calibration → its unit; what is not named is an angle."""
+
 
 def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | None = None) -> dict[str, Table]:
     """Everything of a flight as tables by name, SI units, body FRD, world NED, quaternions wxyz.
 
     Always: each IMU message (raw_imu, scaled_imu2, ...), `attitude`, `position`, each series (gps, vibration, ...),
     `texts`, `events`. With a replay: `reckoning`, the IMU alone beside the autopilot. With an assessment: `drift`,
-    `windows`, `findings`. Every table with a time has it twice: `t_s` on the boot clock, and `unix_s`, which is NaN
-    where the log does not tell the date.
+    `windows`, `findings`, `calibration`. Every table with a time has it twice: `t_s` on the boot clock, and `unix_s`,
+    which is NaN where the log does not tell the date.
 
     >>> import companion as c
     >>> flight = c.open_log("tlogs/copter-demo-100hz.tlog")[0]
@@ -51,6 +56,7 @@ def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | N
         found.append(_reckoning(flight, shown))
     if assessed is not None:
         found += [_drift(assessed), _windows(flight, assessed.drift.rows), _findings(flight, assessed)]
+        found += [_calibration(assessed.calibration)] if assessed.calibration else []
     return {table.name: table for table in found}
 
 
@@ -202,6 +208,18 @@ def _findings(flight: Flight, assessed: Assessment) -> Table:
         *(text(name) for name in ("kind", "side", "severity", "evidence", "advice")),
     )
     return Table("findings", columns, {"status": assessed.verdict.status, "summary": assessed.verdict.summary})
+
+
+def _calibration(fit: Calibration) -> Table:
+    columns = (
+        Column("figure", np.array(NAMES, np.str_)),
+        Column("value", fit.values),
+        Column("sigma", fit.sigma),
+        Column("unit", np.array([_FIGURE_UNITS[name] for name in NAMES], np.str_)),
+        Column("observable", np.array(fit.observable, np.int64)),
+    )
+    about = {"windows": str(fit.windows), "horizon_s": f"{fit.horizon_s:g}"}
+    return Table("calibration", columns, about)
 
 
 def _or_nan(value: float | None) -> float:
