@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.mavlink import DEFAULT_DIALECT, Log, load_dialect, log_format, read_dataflash, read_tlog
+from companion.mavlink import DEFAULT_DIALECT, Contents, Log, load_dialect, log_format, read_dataflash, read_tlog
 from companion.telemetry import NEEDED, Bystander, dataflash_flight, flights, ulog_flight
 from companion.tracks import Flight
 
@@ -19,8 +19,10 @@ class Source:
 
     path: Path
     format: str  # "tlog", "raw" (MAVLink without stamps), "dataflash" or "ulog"
-    size_bytes: int
+    size_bytes: int  # of the file
     frames: int  # MAVLink frames with a right checksum, or messages of an on-board log
+    content_bytes: int = 0  # of what is in it, which is more where it is compressed
+    trouble: str = ""  # why the rest of it could not be decompressed
     bad_crc_frames: int = 0
     skipped_bytes: int = 0  # that belong to no frame
     unknown_frames: Mapping[int, int] = field(default_factory=dict)  # message id that the dialect lacks → count
@@ -59,14 +61,19 @@ def read_recording(
     kind = log_format(path)
     if kind == "ulog":
         types = {v: n.removeprefix("MAV_TYPE_") for v, n in names.enum_names("MAV_TYPE").items()}
-        px4 = ulog_flight(path, types)
-        messages = sum(stats.count for stats in px4.messages.values())
-        return Recording(Source(path, kind, path.stat().st_size, messages), (px4,))
+        file = Contents(path)
+        px4 = ulog_flight(path, file.read(), types)
+        count = sum(stats.count for stats in px4.messages.values())
+        read = Source(path, kind, file.size_bytes, count, file.content_bytes, file.trouble)
+        return Recording(read, (px4,))
     if kind == "dataflash":
         board = read_dataflash(path)
         flight = dataflash_flight(board, names)
-        source = Source(path, kind, board.size_bytes, board.frames, skipped_bytes=board.skipped_bytes)
-        return Recording(source, (flight,) if flight else ())
+        read = Source(
+            path, kind, board.size_bytes, board.frames, board.content_bytes, board.trouble,
+            skipped_bytes=board.skipped_bytes,
+        )  # fmt: skip
+        return Recording(read, (flight,) if flight else ())
     log = read_tlog(path, dialect=dialect, names=None if every_message else NEEDED, progress=progress)
     source, taken = _source(log), dict(log.messages)
     del log  # `flights` lets go of what it has read
@@ -90,6 +97,8 @@ def _source(log: Log) -> Source:
         format=log.kind,
         size_bytes=log.size_bytes,
         frames=log.frames,
+        content_bytes=log.content_bytes,
+        trouble=log.trouble,
         bad_crc_frames=log.bad_crc_frames,
         skipped_bytes=log.skipped_bytes,
         unknown_frames=log.unknown_frames,

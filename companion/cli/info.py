@@ -68,7 +68,12 @@ def _print_bystanders(console: Console, recording: Recording) -> None:
 
 
 def _summary(source: Source) -> str:
-    text = f"{escape(str(source.path))}: {source.size_bytes:,} bytes, {source.frames:,} frames"
+    text = f"{escape(str(source.path))}: {source.size_bytes:,} bytes"
+    if source.content_bytes != source.size_bytes:
+        text += f" ({source.content_bytes:,} decompressed)"
+    text += f", {source.frames:,} {'frames' if source.format in ('tlog', 'raw') else 'messages'}"
+    if source.trouble:
+        text += f"; {escape(source.trouble)}"
     if source.bad_crc_frames or source.skipped_bytes:
         text += (
             f"; damage: {source.bad_crc_frames:,} frames with a wrong checksum, {source.skipped_bytes:,} bytes skipped"

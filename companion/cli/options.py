@@ -174,10 +174,12 @@ def usable_samples(flight: Flight) -> int:
 
 def warn_of_damage(source: Source) -> None:
     """Say on stderr what of the log could not be read."""
+    if source.trouble:
+        say(f"{source.path}: {source.trouble}")
     tail = _PAGE_BYTES if source.format == "dataflash" else 0  # the logger fills up its last page
     if source.bad_crc_frames or source.skipped_bytes > tail:
         say(
-            f"damaged log: {source.skipped_bytes:,} of {source.size_bytes:,} bytes skipped, "
+            f"damaged log: {source.skipped_bytes:,} of {source.content_bytes:,} bytes skipped, "
             f"{source.bad_crc_frames:,} frames with a wrong checksum left out; {source.frames:,} good frames read"
         )
 

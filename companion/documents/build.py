@@ -74,6 +74,8 @@ def _log(source: Source) -> schema.LogObject:
         frames=source.frames,
         bad_crc_frames=source.bad_crc_frames,
         skipped_bytes=source.skipped_bytes,
+        content_bytes=source.content_bytes,
+        trouble=source.trouble,
     )
 
 

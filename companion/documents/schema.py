@@ -17,6 +17,8 @@ class LogObject(msgspec.Struct, frozen=True):
     frames: int
     bad_crc_frames: int
     skipped_bytes: int
+    content_bytes: int
+    trouble: str
 
 
 class VehicleObject(msgspec.Struct, frozen=True):

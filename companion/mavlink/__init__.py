@@ -7,7 +7,7 @@ from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, MessageLayout, d
 from companion.mavlink.encode import encode, make_messages
 from companion.mavlink.frames import Damage, Decoder, Frames
 from companion.mavlink.link import Link, LinkHealth, open_port
-from companion.mavlink.logfile import log_format, read_chunks
+from companion.mavlink.logfile import Contents, log_format
 from companion.mavlink.messages import Messages, join, split_messages
 from companion.mavlink.modes import mode_name, px4_nav_state_name
 from companion.mavlink.pack import Packer, Value
@@ -25,6 +25,7 @@ __all__ = [
     "Address",
     "Arriving",
     "Choice",
+    "Contents",
     "Damage",
     "DataflashLog",
     "Decoder",
@@ -64,7 +65,6 @@ __all__ = [
     "open_port",
     "parse_address",
     "px4_nav_state_name",
-    "read_chunks",
     "read_dataflash",
     "read_tlog",
     "split_messages",

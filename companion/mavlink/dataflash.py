@@ -28,7 +28,7 @@ from companion.mavlink.declarations import (
     record_layouts,
     record_lengths,
 )
-from companion.mavlink.logfile import is_compressed, log_format, read_chunks, read_head
+from companion.mavlink.logfile import Contents, log_format, read_head
 from companion.mavlink.messages import as_bytes
 from companion.mavlink.spans import first_come
 
@@ -92,7 +92,9 @@ class DataflashLog:
     """An on-board log in memory, as columns per type of record."""
 
     path: Path
-    size_bytes: int
+    size_bytes: int  # of the file
+    content_bytes: int  # the same, but of what it holds where it is compressed
+    trouble: str  # why the rest could not be decompressed; "" when all of it was
     frames: int  # records
     skipped_bytes: int  # that belong to no record: damage, or the filling of the last page
     undecoded: Mapping[str, int]  # name -> records whose FMT contradicts itself or uses a format unknown to us
@@ -116,10 +118,8 @@ def read_dataflash(path: str | Path, *, names: Collection[str] | None = None) ->
             "Name the .bin file that the autopilot wrote."
         )
     data: Bytes
-    if is_compressed(path):
-        data = np.frombuffer(b"".join(read_chunks(path)), np.uint8)
-    else:
-        data = np.memmap(path, np.uint8, mode="r")
+    contents = Contents(path)
+    data = np.frombuffer(contents.read(), np.uint8) if contents.compression else np.memmap(path, np.uint8, mode="r")
     heads = _heads(data)
     formats = declarations(data, heads)
     starts, types = _records(data, heads, formats)
@@ -140,7 +140,9 @@ def read_dataflash(path: str | Path, *, names: Collection[str] | None = None) ->
     lengths = np.bincount(types, minlength=256) @ record_lengths(formats)
     return DataflashLog(
         path=path,
-        size_bytes=path.stat().st_size,
+        size_bytes=contents.size_bytes,
+        content_bytes=len(data),
+        trouble=contents.trouble,
         frames=len(starts),
         skipped_bytes=len(data) - int(lengths),
         undecoded=MappingProxyType({name: int((types == number).sum()) for number, name in undecoded.items()}),

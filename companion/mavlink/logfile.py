@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
-import gzip
-import importlib
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
+from typing import BinaryIO, Literal
 
 from companion.errors import InputError
+from companion.mavlink.compression import MAGIC_BYTES, compression, decompressed
 
 CHUNK_BYTES = 2 << 20  # large enough for NumPy's overhead to vanish, small enough for the cache
 HEAD_BYTES = 1 << 18
 
 Format = Literal["mavlink", "dataflash", "ulog"]
 
-_GZIP = b"\x1f\x8b"
-_ZSTD = b"\x28\xb5\x2f\xfd"
 _MAGIC: tuple[tuple[bytes, Format], ...] = ((b"\xa3\x95", "dataflash"), (b"ULog\x01\x12\x35", "ulog"))
 
 
@@ -34,15 +29,63 @@ def open_file(path: Path) -> BinaryIO:
         raise InputError(f"{path} cannot be read ({error.strerror}): check its permissions.") from None
 
 
+class Contents:
+    """What is in a log file, decompressed: `chunks` reads it, and the rest says how far that has come."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises as `open_file`."""
+        self.path = path
+        with open_file(path) as file:
+            self._magic = file.read(MAGIC_BYTES)
+        self.compression = compression(self._magic)  # None for none
+        self.size_bytes = path.stat().st_size  # of the file
+        self.position = 0  # bytes of the file that have been read
+        self.content_bytes = 0  # bytes of content that have come out
+        self.trouble = ""  # why the rest of it could not be decompressed
+
+    def chunks(self, size: int = CHUNK_BYTES) -> Iterator[bytes]:
+        """The content in chunks of about `size` bytes.
+
+        A compressed file that is damaged or cut off ends where it can no longer be decompressed; `trouble` says so.
+        Raises InputError where nothing can be read.
+        """
+        with open_file(self.path) as file:
+            pieces = iter(lambda: file.read(size), b"") if self.compression is None else self._joined(file, size)
+            for chunk in pieces:
+                self.position = file.tell()
+                self.content_bytes += len(chunk)
+                yield chunk
+
+    def read(self) -> bytes:
+        """All of it at once."""
+        return b"".join(self.chunks())
+
+    def _joined(self, file: BinaryIO, size: int) -> Iterator[bytes]:
+        pieces: list[bytes] = []
+        held = 0
+        for piece in decompressed(self.path, file, self._magic):
+            if isinstance(piece, str):
+                self.trouble = piece
+                break
+            pieces.append(piece)
+            held += len(piece)
+            if held >= size:
+                yield b"".join(pieces)
+                pieces, held = [], 0
+        if pieces:
+            yield b"".join(pieces)
+
+
 def read_head(path: Path) -> bytes:
     """The first 256 KiB of a log, decompressed.
 
     Raises InputError if it cannot be opened, is empty or cannot be decompressed.
     """
-    head = next(read_chunks(path, HEAD_BYTES), b"")
+    contents = Contents(path)
+    head = next(contents.chunks(HEAD_BYTES), b"")
     if head:
         return head
-    if path.stat().st_size:
+    if contents.size_bytes:
         raise InputError(f"{path} is compressed, but nothing can be decompressed from it: copy it again.")
     raise InputError(f"{path} is empty (0 bytes): nothing was recorded, or the copy failed. Copy it again.")
 
@@ -51,49 +94,3 @@ def log_format(path: str | Path) -> Format:
     """What a file is by its first bytes; "mavlink" where nothing else is recognised. Raises as `read_head`."""
     head = read_head(Path(path))
     return next((name for magic, name in _MAGIC if head.startswith(magic)), "mavlink")
-
-
-def read_chunks(path: Path, size: int = CHUNK_BYTES) -> Iterator[bytes]:
-    """The content of a file in chunks of about `size` bytes, decompressed; raises as `open_file`.
-
-    A compressed file that is damaged or cut off ends where it can no longer be decompressed.
-    """
-    with open_file(path) as file:
-        magic = file.read(len(_ZSTD))
-        file.seek(0)
-        if magic.startswith(_GZIP):
-            yield from _decompressed(gzip.GzipFile(fileobj=file), size)
-        elif magic == _ZSTD:
-            yield from _decompressed(_zstd(path).open(file), size)
-        else:
-            while chunk := file.read(size):
-                yield chunk
-
-
-def is_compressed(path: Path) -> bool:
-    """Whether `read_chunks` decompresses it; raises as `open_file`."""
-    with open_file(path) as file:
-        magic = file.read(len(_ZSTD))
-    return magic.startswith(_GZIP) or magic == _ZSTD
-
-
-def _decompressed(file: Any, size: int) -> Iterator[bytes]:
-    """The chunks of a file object of gzip or compression.zstd."""
-    pieces: list[bytes] = []
-    with contextlib.suppress(EOFError, OSError, zlib.error):  # what came before the damage is still worth reading
-        while piece := file.read1(1 << 16):  # what it has; `read` would lose it where the data is cut
-            pieces.append(piece)
-            if sum(map(len, pieces)) >= size:
-                yield b"".join(pieces)
-                pieces = []
-    if pieces:
-        yield b"".join(pieces)
-
-
-def _zstd(path: Path) -> Any:
-    try:
-        return importlib.import_module("compression.zstd")
-    except ModuleNotFoundError:
-        raise InputError(
-            f"{path} is compressed with Zstandard, which Python reads from 3.14 on: decompress it first (zstd -d)."
-        ) from None

@@ -20,15 +20,7 @@ from companion.mavlink.columns import Collected
 from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, load_dialect
 from companion.mavlink.encode import encode
 from companion.mavlink.frames import Decoder, Frames
-from companion.mavlink.logfile import (
-    CHUNK_BYTES,
-    HEAD_BYTES,
-    is_compressed,
-    log_format,
-    open_file,
-    read_chunks,
-    read_head,
-)
+from companion.mavlink.logfile import CHUNK_BYTES, HEAD_BYTES, Contents, log_format, open_file, read_head
 from companion.mavlink.messages import Messages, split_messages
 
 _OTHER_FORMATS = {"dataflash": "an ArduPilot DataFlash log (.bin)", "ulog": "a PX4 ULog (.ulg)"}
@@ -39,7 +31,9 @@ class Log:
     """A log in memory, as columns per message type."""
 
     path: Path
-    size_bytes: int
+    size_bytes: int  # of the file
+    content_bytes: int  # the same, but of what it holds where it is compressed
+    trouble: str  # why the rest could not be decompressed; "" when all of it was
     frames: int  # valid ones, of known ids
     bad_crc_frames: int  # known ids whose CRC is wrong: damage, or a sender with another dialect
     skipped_bytes: int  # bytes that belong to no valid frame, stamp or unknown frame
@@ -61,7 +55,7 @@ def read_tlog(
     """Read a telemetry log, as far as it can be read.
 
     `names`: the message types whose fields are wanted (None: all); of the others only the header columns are kept.
-    `progress` is told the bytes of each chunk that was read.
+    `progress` is told the bytes of the file that each chunk took.
     A damaged log is never an error: see `Log.bad_crc_frames` and `Log.skipped_bytes`.
 
     Raises InputError if the file cannot be opened or has no MAVLink frame in it, SettingsError for an unknown dialect.
@@ -71,20 +65,22 @@ def read_tlog(
     head = read_head(path)
     decoder = Decoder(spoken, stamped=_is_stamped(head, spoken))
     columns = Collected(spoken, names)
-    size, read = path.stat().st_size, 0
-    known = not is_compressed(path)
-    for chunk in read_chunks(path):
-        read += len(chunk)
-        columns.add(decoder.push(chunk), min(read / size, 1.0) if known else 0.0)
+    contents = Contents(path)
+    told = 0
+    for chunk in contents.chunks():
+        columns.add(decoder.push(chunk), contents.position / contents.size_bytes)
         if progress is not None:
-            progress(len(chunk))
+            progress(contents.position - told)
+            told = contents.position
     columns.add(decoder.finish(), 1.0)
     if columns.count == 0:
         raise InputError(_no_mavlink(path, head, dialect))
     damage = decoder.damage
     return Log(
         path=path,
-        size_bytes=path.stat().st_size,
+        size_bytes=contents.size_bytes,
+        content_bytes=contents.content_bytes,
+        trouble=contents.trouble,
         frames=columns.count,
         bad_crc_frames=damage.bad_crc_frames,
         skipped_bytes=damage.skipped_bytes,

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from companion.errors import InputError
-from companion.mavlink import px4_nav_state_name, read_chunks
+from companion.mavlink import px4_nav_state_name
 from companion.series import Event
 from companion.telemetry.arrival import arrival
 from companion.telemetry.convert import continuous, increasing
@@ -30,10 +30,12 @@ from companion.tracks import Array, AttitudeTrack, Epoch, Flight, ImuTrack, Orig
 Topic = Mapping[str, Any]  # field -> column
 
 _ARMED = 2  # vehicle_status.arming_state
+_HEADER_BYTES = 16
+_SYNC = bytes.fromhex("2F731320250CBB12")  # in the log again and again, so that damage does not spread
 
 
-def ulog_flight(path: Path, vehicle_types: Mapping[int, str]) -> Flight:
-    """The one flight of a .ulg; vehicle_types names the values of MAV_TYPE.
+def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -> Flight:
+    """The one flight of a .ulg of these contents; vehicle_types names the values of MAV_TYPE.
 
     Raises InputError when pyulog is not installed or cannot read the file.
     """
@@ -46,7 +48,7 @@ def ulog_flight(path: Path, vehicle_types: Mapping[int, str]) -> Flight:
         ) from None
     try:
         with contextlib.redirect_stdout(sys.stderr):  # it prints what it thinks of a file
-            log = ULog(io.BytesIO(b"".join(read_chunks(path))), disable_str_exceptions=True)
+            log = ULog(io.BytesIO(contents), disable_str_exceptions=True)
     except (ULogException, ValueError, KeyError, IndexError, TypeError, struct.error) as error:
         raise InputError(f"{path} begins like a PX4 ULog, but cannot be read: {error!r}.") from error
     if not log.data_list:
@@ -62,6 +64,8 @@ def ulog_flight(path: Path, vehicle_types: Mapping[int, str]) -> Flight:
     )
     if log.file_corruption:
         notes.append("the file is damaged: what could be read of it is used")
+    if cut := _unfinished(contents, appended=bool(log.has_data_appended)):
+        notes.append(f"the file ends in the middle of a message ({cut} bytes of one): it was cut off")
     return Flight(
         vehicle=Vehicle(
             int(parameters.get("MAV_SYS_ID", 1)),
@@ -88,6 +92,17 @@ def ulog_flight(path: Path, vehicle_types: Mapping[int, str]) -> Flight:
         messages={name: arrival(_seconds(topic, "timestamp"), 0) for name, topic in sorted(topics.items())},
         notes=tuple(notes),
     )
+
+
+def _unfinished(contents: bytes, *, appended: bool) -> int:
+    """Bytes of a message at the end that is not all there. appended: data of a crash follows, which has another end."""
+    at = contents.rfind(_SYNC) + len(_SYNC) if _SYNC in contents else _HEADER_BYTES
+    while at + 3 <= len(contents) and not appended:
+        size = 3 + int.from_bytes(contents[at : at + 2], "little")
+        if at + size > len(contents):
+            break
+        at += size
+    return 0 if appended else len(contents) - at
 
 
 def _name(topic: str, instance: int) -> str:

@@ -48,7 +48,15 @@ def test_analyze_json_is_as_documented(capsys: Captured) -> None:
     assert main(["analyze", DEMO, "--json", *options]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["schema"] == 1
-    assert found["log"].keys() == {"path", "size_bytes", "frames", "bad_crc_frames", "skipped_bytes"}
+    assert found["log"].keys() == {
+        "path",
+        "size_bytes",
+        "frames",
+        "bad_crc_frames",
+        "skipped_bytes",
+        "content_bytes",
+        "trouble",
+    }
     assert found["log"]["frames"] == 23872
     (flight,) = found["flights"]
     assert {"sysid": 1, "compid": 1, "autopilot": "ARDUPILOTMEGA", "type": "QUADROTOR"}.items() <= flight[

@@ -114,17 +114,6 @@ def test_following_a_log_while_it_grows(tmp_path: Path) -> None:
         np.testing.assert_array_equal(parts.offset, messages.offset)
 
 
-@pytest.mark.parametrize("lost", [0, 1, 5000])
-def test_compressed_logs_are_read_as_far_as_they_go(tmp_path: Path, lost: int) -> None:
-    data = b"".join(stamped(frame, 1_700_000_000_000_000) for frame in link_frames(3000))
-    packed = gzip.compress(data)
-    path = tmp_path / "any.name"
-    path.write_bytes(packed[: len(packed) - lost])
-    log = read_tlog(path)
-    assert 3000 * (1 - 1.5 * lost / len(packed)) <= log.frames <= 3000
-    assert log_format(path) == "mavlink"
-
-
 def test_streams_without_stamps_have_no_log_time(tmp_path: Path) -> None:
     path = tmp_path / "link.raw"
     path.write_bytes(b"".join(link_frames(70)))

@@ -106,7 +106,10 @@ def test_a_ulog_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path: Path) -> No
     whole = shared("px4/px4_gcs_default.ulg")
     cut = tmp_path / "cut.ulg"
     cut.write_bytes(whole.read_bytes()[:2_000_000])
-    assert 0 < len(c.open_log(cut)[0].imu()) < len(c.open_log(whole)[0].imu())
+    read, all_of_it = c.open_log(cut)[0], c.open_log(whole)[0]
+    assert 0 < len(read.imu()) < len(all_of_it.imu())
+    assert any("it was cut off" in note for note in read.notes)
+    assert not any("it was cut off" in note for note in all_of_it.notes)
 
 
 def test_a_ulog_that_is_only_a_head_says_so(tmp_path: Path) -> None:
