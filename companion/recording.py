@@ -8,8 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.mavlink import DEFAULT_DIALECT, Contents, Log, load_dialect, log_format, read_dataflash, read_tlog
-from companion.telemetry import NEEDED, Bystander, dataflash_flight, flights, ulog_flight
+from companion.errors import SettingsError
+from companion.mavlink import (
+    DEFAULT_DIALECT,
+    Contents,
+    Dialect,
+    Log,
+    load_dialect,
+    log_format,
+    read_dataflash,
+    read_tlog,
+)
+from companion.telemetry import NEEDED, RECORDS, Bystander, dataflash_flight, flights, ulog_flight
 from companion.tracks import Flight
 
 
@@ -44,6 +54,7 @@ def read_recording(
     dialect: str = DEFAULT_DIALECT,
     dequantise: bool = False,
     every_message: bool = False,
+    core: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Recording:
     """The flights of a .tlog, an ArduPilot .bin or a PX4 .ulg: one per vehicle and boot, in SI units, FRD and NED.
@@ -51,39 +62,64 @@ def read_recording(
     The format is told by the file's first bytes, compressed (.gz, .zst) or not. A damaged log is read as far as
     possible; `Recording.source` has the counts. dequantise: see `config/default.toml`. every_message: read
     the fields of messages too that no track is made of, so that `Flight.messages` knows their rates by the vehicle's
-    own clock. progress: told the bytes of each piece of a .tlog that was read.
+    own clock. core: of ArduPilot's EKF, to compare with, which a .bin has more than one of; None: the one that flew.
+    progress: told the bytes of each piece that was read.
 
     Raises InputError when there is no such file or nothing in it that can be read, SettingsError for an unknown
-    dialect.
+    dialect or a core where there are none, DataError for a core that the log has not.
     """
     path = Path(path)
-    names = load_dialect(dialect)
+    spoken = load_dialect(dialect)
     kind = log_format(path)
+    if core is not None and kind != "dataflash":
+        raise SettingsError(
+            f"{path} is no on-board log of ArduPilot (.bin), and only those have the estimates of every EKF core. "
+            "Leave --core out, or name the .bin of this flight."
+        )
     if kind == "ulog":
-        types = {v: n.removeprefix("MAV_TYPE_") for v, n in names.enum_names("MAV_TYPE").items()}
-        file = Contents(path)
-        px4 = ulog_flight(path, file.read(), types)
-        count = sum(stats.count for stats in px4.messages.values())
-        read = Source(path, kind, file.size_bytes, count, file.content_bytes, file.trouble)
-        return Recording(read, (px4,))
+        return _read_ulog(path, spoken, progress)
     if kind == "dataflash":
-        board = read_dataflash(path)
-        flight = dataflash_flight(board, names)
-        read = Source(
-            path, kind, board.size_bytes, board.frames, board.content_bytes, board.trouble,
-            skipped_bytes=board.skipped_bytes,
-        )  # fmt: skip
-        return Recording(read, (flight,) if flight else ())
+        return _read_dataflash(path, spoken, core, progress)
     log = read_tlog(path, dialect=dialect, names=None if every_message else NEEDED, progress=progress)
-    source, taken = _source(log), dict(log.messages)
+    source, messages = _source(log), dict(log.messages)
     del log  # `flights` lets go of what it has read
-    found, others = flights(taken, names, dequantise=dequantise)
+    found, others = flights(messages, spoken, dequantise=dequantise)
     return Recording(source, tuple(found), tuple(others))
 
 
-def open_log(path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bool = False) -> list[Flight]:
+def _read_ulog(path: Path, dialect: Dialect, progress: Callable[[int], None] | None) -> Recording:
+    types = {v: n.removeprefix("MAV_TYPE_") for v, n in dialect.enum_names("MAV_TYPE").items()}
+    contents = Contents(path)
+    flight = ulog_flight(path, contents.read(progress), types)
+    count = sum(stats.count for stats in flight.messages.values())
+    source = Source(path, "ulog", contents.size_bytes, count, contents.content_bytes, contents.trouble)
+    return Recording(source, (flight,))
+
+
+def _read_dataflash(
+    path: Path, dialect: Dialect, core: int | None, progress: Callable[[int], None] | None
+) -> Recording:
+    log = read_dataflash(path, names=RECORDS, progress=progress)
+    source = Source(
+        path=path,
+        format="dataflash",
+        size_bytes=log.size_bytes,
+        frames=log.frames,
+        content_bytes=log.content_bytes,
+        trouble=log.trouble,
+        skipped_bytes=log.skipped_bytes,
+    )
+    records = dict(log.messages)
+    del log  # `dataflash_flight` lets go of what it has read
+    flight = dataflash_flight(records, dialect, core=core)
+    return Recording(source, (flight,) if flight else ())
+
+
+def open_log(
+    path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bool = False, core: int | None = None
+) -> list[Flight]:
     """The flights of a log, as `read_recording` gives them: an empty list when no vehicle speaks in it."""
-    return list(read_recording(path, dialect=dialect, dequantise=dequantise).flights)
+    return list(read_recording(path, dialect=dialect, dequantise=dequantise, core=core).flights)
 
 
 def _source(log: Log) -> Source:

@@ -27,6 +27,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         action="store_true",
         help="also: arming, modes, errors and texts of the vehicle; who else speaks, and why it is no vehicle",
     )
+    options.add_core(parser)
     parser.set_defaults(run=run)
 
 

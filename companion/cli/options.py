@@ -65,6 +65,17 @@ def add_flight_choice(parser: argparse.ArgumentParser) -> None:
         "--vehicle", metavar="SYSID[:COMPID]", help="the vehicle (default: the one with the most IMU data)"
     )
     parser.add_argument("--boot", type=int, metavar="N", help="the vehicle's N-th boot in the log, from 1")
+    add_core(parser)
+
+
+def add_core(parser: argparse.ArgumentParser) -> None:
+    """Which of the estimates in an on-board log."""
+    parser.add_argument(
+        "--core",
+        type=int,
+        metavar="N",
+        help="the EKF core of a .bin to compare with, from 0 (default: the one that flew)",
+    )
 
 
 def add_integration(parser: argparse.ArgumentParser) -> None:
@@ -121,6 +132,7 @@ def read(arguments: argparse.Namespace, settings: Settings, *, every_message: bo
             dialect=settings.log.dialect,
             dequantise=settings.log.dequantise,
             every_message=every_message,
+            core=getattr(arguments, "core", None),
             progress=progress,
         )
     warn_of_damage(recording.source)

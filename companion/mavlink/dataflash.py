@@ -9,7 +9,7 @@ Source: ArduPilot `libraries/AP_Logger/LogStructure.h`, `README.md`, and pymavli
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -21,19 +21,23 @@ import numpy.typing as npt
 from companion.errors import InputError
 from companion.mavlink.crc import Bytes, Index
 from companion.mavlink.declarations import (
+    FMT,
     Declaration,
     RecordLayout,
     declarations,
-    gather_records,
+    gather_rows,
     record_layouts,
     record_lengths,
 )
 from companion.mavlink.logfile import Contents, log_format, read_head
+from companion.mavlink.mapped import Mapped
 from companion.mavlink.messages import as_bytes
 from companion.mavlink.spans import first_come
 
 _HEAD_1, _HEAD_2 = 0xA3, 0x95
 _SCAN_BYTES = 2 << 20
+_PART_BYTES = 8 << 20  # of the file that are in memory at a time
+_BLOCK = 1 << 17  # heads looked at together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +46,7 @@ class Records:
 
     layout: RecordLayout
     offset: Index  # (N,) position of the record in the file: the order across types
-    rows: npt.NDArray[np.void]  # (N,) of layout.dtype, as in the file; empty if this type was not asked for
+    rows: npt.NDArray[np.void]  # (N,) of layout.dtype, as in the file; TimeUS alone if this type was not asked for
 
     @property
     def name(self) -> str:
@@ -58,7 +62,7 @@ class Records:
         """
         if field not in self.layout.fields:
             raise KeyError(f"{self.name} has no field {field!r}; it has {', '.join(self.layout.fields)}")
-        if len(self.rows) != len(self):
+        if field not in (self.rows.dtype.names or ()):
             raise KeyError(f"the fields of {self.name} were not read: add it to `names`")
         column: npt.NDArray[Any] = self.rows[field]
         divisor = self.layout.divisors.get(field)
@@ -83,7 +87,8 @@ class Records:
 
     def select(self, index: npt.NDArray[np.bool_] | npt.NDArray[np.integer[Any]] | slice) -> Records:
         """Those of a mask, an index or a slice."""
-        rows = as_bytes(self.rows)[index].view(self.layout.dtype) if len(self.rows) == len(self) else self.rows
+        whole = self.rows.dtype.itemsize > 0
+        rows = as_bytes(self.rows)[index].view(self.rows.dtype) if whole else self.rows[index]
         return Records(self.layout, self.offset[index], rows)
 
 
@@ -102,11 +107,13 @@ class DataflashLog:
     kind: str = "dataflash"
 
 
-def read_dataflash(path: str | Path, *, names: Collection[str] | None = None) -> DataflashLog:
+def read_dataflash(
+    path: str | Path, *, names: Collection[str] | None = None, progress: Callable[[int], None] | None = None
+) -> DataflashLog:
     """Read an on-board log, as far as it can be read.
 
-    `names`: the types whose fields are wanted (None: all); of the others only the offsets are kept. If a log declares a
-    type twice, the first declaration holds.
+    `names`: the types whose fields are wanted (None: all); of the others only the times are kept. If a log declares a
+    type twice, the first declaration holds. `progress` is told the bytes of each part that was looked through.
 
     Raises InputError if the file cannot be opened or has no such records in it.
     """
@@ -117,68 +124,102 @@ def read_dataflash(path: str | Path, *, names: Collection[str] | None = None) ->
             f"{path} is no ArduPilot DataFlash log: it begins with {head[:8].hex(' ').upper()}, not A3 95. "
             "Name the .bin file that the autopilot wrote."
         )
-    data: Bytes
     contents = Contents(path)
-    data = np.frombuffer(contents.read(), np.uint8) if contents.compression else np.memmap(path, np.uint8, mode="r")
-    heads = _heads(data)
-    formats = declarations(data, heads)
-    starts, types = _records(data, heads, formats)
+    mapped = Mapped(contents)
+    starts, types, formats = _find(mapped, progress)
     if len(starts) == 0:
         raise InputError(f"{path} begins like a DataFlash log, but has no whole record in it: copy it again.")
-    layouts, undecoded = record_layouts(data, formats, starts, types)
-    found: dict[str, Records] = {}
+    layouts, undecoded = record_layouts(mapped.data, formats, starts, types)
     order = np.argsort(types, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(types[order])) + 1)
+    del order
+    found: dict[str, Records] = {}
     for index in sorted(groups, key=lambda group: int(group[0])):
         layout = layouts.get(int(types[index[0]]))
-        if layout is None:
-            continue
-        wanted = names is None or layout.name in names
-        key = layout.name if layout.name not in found else f"{layout.name}#{layout.type}"
-        rows = gather_records(data, starts[index], layout) if wanted else np.empty(0, layout.dtype)
-        found[key] = Records(layout, starts[index], rows)
-    lengths = np.bincount(types, minlength=256) @ record_lengths(formats)
+        if layout is not None:
+            key = layout.name if layout.name not in found else f"{layout.name}#{layout.type}"
+            wanted = names is None or layout.name in names
+            found[key] = Records(
+                layout, starts[index], np.empty(len(index), layout.dtype if wanted else _times(layout))
+            )
+    skipped = len(mapped.data) - int(np.bincount(types, minlength=256) @ record_lengths(formats))
+    count, left_out = len(starts), {name: int((types == number).sum()) for number, name in undecoded.items()}
+    del starts, groups
+    _fill(mapped, found)
     return DataflashLog(
         path=path,
         size_bytes=contents.size_bytes,
-        content_bytes=len(data),
+        content_bytes=len(mapped.data),
         trouble=contents.trouble,
-        frames=len(starts),
-        skipped_bytes=len(data) - int(lengths),
-        undecoded=MappingProxyType({name: int((types == number).sum()) for number, name in undecoded.items()}),
+        frames=count,
+        skipped_bytes=skipped,
+        undecoded=MappingProxyType(left_out),
         messages=MappingProxyType(found),
     )
 
 
-def _heads(data: Bytes) -> Index:
-    """Every position of A3 95 that a type byte follows. Looked for in pieces that stay in cache."""
-    found = []
+def _times(layout: RecordLayout) -> np.dtype[np.void]:
+    """Of a type that is not wanted: TimeUS, which all but a few have as their first field."""
+    timed = layout.fields[:1] == ("TimeUS",)
+    return np.dtype([("TimeUS", layout.dtype["TimeUS"])] if timed else [])
+
+
+def _fill(mapped: Mapped, found: Mapping[str, Records]) -> None:
+    """Gather the rows part by part of the file, so that no more than a part of it has to be in memory."""
+    done = dict.fromkeys(found, 0)
+    for begin in range(0, len(mapped.data), _PART_BYTES):
+        end = begin + _PART_BYTES
+        for name, records in found.items():
+            first, last = done[name], int(np.searchsorted(records.offset, end))
+            if records.rows.dtype.itemsize:
+                rows = gather_rows(mapped.data, records.offset[first:last], records.rows.dtype)
+                as_bytes(records.rows)[first:last] = as_bytes(rows)
+            done[name] = last
+        mapped.release(begin, end)
+
+
+def _find(mapped: Mapped, progress: Callable[[int], None] | None) -> tuple[Index, Bytes, dict[int, Declaration]]:
+    """Where the records begin, their types, and what the log declares of those."""
+    heads, types = _heads(mapped, progress)
+    formats = declarations(mapped.data, heads[types == FMT])
+    taken = _are_records(heads, record_lengths(formats)[types], len(mapped.data))
+    starts, types = heads[taken], types[taken]
+    keep = first_come(starts, starts + record_lengths(formats)[types])  # A3 95 inside a body sometimes fits
+    return (starts, types, formats) if keep.all() else (starts[keep], types[keep], formats)
+
+
+def _heads(mapped: Mapped, progress: Callable[[int], None] | None) -> tuple[Index, Bytes]:
+    """Every position of A3 95 that a type byte follows, and that type. Looked for in pieces that stay in cache."""
+    data = mapped.data
+    found, types = [np.empty(0, np.int64)], [np.empty(0, np.uint8)]
     for begin in range(0, len(data) - 2, _SCAN_BYTES):
         end = min(begin + _SCAN_BYTES, len(data) - 2)
-        found.append(np.flatnonzero((data[begin:end] == _HEAD_1) & (data[begin + 1 : end + 1] == _HEAD_2)) + begin)
-    return np.concatenate([np.empty(0, np.int64), *found])
+        place = np.flatnonzero((data[begin:end] == _HEAD_1) & (data[begin + 1 : end + 1] == _HEAD_2)) + begin
+        found.append(place)
+        types.append(data[place + 2])
+        mapped.release(begin, end)
+        if progress is not None:
+            progress(end - begin)
+    return np.concatenate(found), np.concatenate(types)
 
 
-def _records(data: Bytes, heads: Index, formats: Mapping[int, Declaration]) -> tuple[Index, Bytes]:
-    """Where the records begin, and their types."""
-    types = np.asarray(data[heads + 2])
-    length = record_lengths(formats)[types]
-    known = (length > 0) & (heads + length <= len(data))
-    starts, types, length = heads[known], types[known], length[known]
-    if len(starts) == 0:
-        return starts, types
-    ends = starts + length
-    has_next = (ends == len(data)) | _found(ends, heads)
-    # The record before damage has no successor, but begins where its predecessor ends.
-    taken = has_next | _found(starts, np.sort(ends[has_next], kind="stable"))
-    taken[0] |= starts[0] == 0
-    starts, types, ends = starts[taken], types[taken], ends[taken]
-    keep = first_come(starts, ends)  # A3 95 inside a body sometimes fits
-    return starts[keep], types[keep]
+def _are_records(heads: Index, length: Index, size: int) -> npt.NDArray[np.bool_]:
+    """Which heads (N,) begin a record: `length` (N,), 0 for none, ends where a head stands, or the file of `size`.
 
-
-def _found(values: Index, among: Index) -> npt.NDArray[np.bool_]:
-    """Which of `values` are in `among`, which is sorted. `values` nearly is, which makes this faster than np.isin."""
-    among = np.append(among, -1) if len(among) == 0 else among
-    at = np.searchsorted(among, values)
-    return np.asarray(among[np.minimum(at, len(among) - 1)] == values)
+    The record before damage has no such successor: it is one too if it begins where such a record ends.
+    """
+    taken = np.zeros(len(heads), np.bool_)
+    follows = np.zeros(len(heads) + 1, np.bool_)
+    for begin in range(0, len(heads), _BLOCK):
+        block = slice(begin, begin + _BLOCK)
+        ends = heads[block] + length[block]
+        after = np.searchsorted(heads, ends)
+        has_next = heads[np.minimum(after, len(heads) - 1)] == ends
+        known = (length[block] > 0) & (ends <= size)
+        taken[block] = known & (has_next | (ends == size))
+        follows[after[known & has_next]] = True
+    known_ends = (length > 0) & (heads <= size - length)
+    taken |= follows[:-1] & known_ends
+    if len(heads):
+        taken[0] |= bool(heads[0] == 0 and known_ends[0])
+    return taken

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from companion.mavlink.crc import Bytes, Index, gather
 
 HEADER_BYTES = 3
-_FMT = 128
+FMT = 128
 
 _KINDS: dict[str, Any] = {
     "a": ("<i2", (32,)), "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8",
@@ -63,11 +63,10 @@ _FMT_BODY = np.dtype([("type", "u1"), ("length", "u1"), ("name", "S4"), ("format
 _FMT_LENGTH = HEADER_BYTES + _FMT_BODY.itemsize
 
 
-def declarations(data: Bytes, heads: Index) -> dict[int, Declaration]:
-    """The declarations in the log, by type."""
-    starts = heads[data[heads + 2] == _FMT]
+def declarations(data: Bytes, starts: Index) -> dict[int, Declaration]:
+    """The declarations in the log, by type; starts: where an FMT record may begin."""
     starts = starts[starts + _FMT_LENGTH <= len(data)]
-    known = {_FMT: Declaration(_FMT, _FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))}
+    known = {FMT: Declaration(FMT, _FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))}
     bodies = gather(data, starts + HEADER_BYTES, _FMT_BODY.itemsize)
     for body in sorted(np.unique(bodies, axis=0, return_index=True)[1].tolist()):
         row = bodies[body].view(_FMT_BODY)[0]
@@ -91,8 +90,9 @@ def record_lengths(formats: Mapping[int, Declaration]) -> Index:
     return lengths
 
 
-def gather_records(data: Bytes, starts: Index, layout: RecordLayout) -> npt.NDArray[np.void]:
-    return gather(data, starts + HEADER_BYTES, layout.dtype.itemsize).view(layout.dtype).reshape(len(starts))
+def gather_rows(data: Bytes, starts: Index, dtype: np.dtype[np.void]) -> npt.NDArray[np.void]:
+    """The bodies of the records that begin at `starts` (N,), as rows (N,) of dtype."""
+    return gather(data, starts + HEADER_BYTES, dtype.itemsize).view(dtype).reshape(len(starts))
 
 
 def record_layouts(
@@ -104,7 +104,7 @@ def record_layouts(
 
     def rows(name: str) -> npt.NDArray[np.void] | None:
         layout = plain.get(by_name.get(name, -1))
-        return None if layout is None else gather_records(data, starts[types == layout.type], layout)
+        return None if layout is None else gather_rows(data, starts[types == layout.type], layout.dtype)
 
     labels: dict[str, str] = {}
     factors: dict[str, float] = {}

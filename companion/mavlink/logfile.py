@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO, Literal
 
@@ -56,9 +56,18 @@ class Contents:
                 self.content_bytes += len(chunk)
                 yield chunk
 
-    def read(self) -> bytes:
-        """All of it at once."""
-        return b"".join(self.chunks())
+    def read(self, progress: Callable[[int], None] | None = None) -> bytes:
+        """All of it at once; `progress` is told the bytes of the file that each chunk took."""
+        return b"".join(self.watched(progress))
+
+    def watched(self, progress: Callable[[int], None] | None) -> Iterator[bytes]:
+        """The chunks, while somebody is told how far they have come in the file."""
+        told = 0
+        for chunk in self.chunks():
+            yield chunk
+            if progress is not None:
+                progress(self.position - told)
+                told = self.position
 
     def _joined(self, file: BinaryIO, size: int) -> Iterator[bytes]:
         pieces: list[bytes] = []

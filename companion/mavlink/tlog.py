@@ -66,12 +66,8 @@ def read_tlog(
     decoder = Decoder(spoken, stamped=_is_stamped(head, spoken))
     columns = Collected(spoken, names)
     contents = Contents(path)
-    told = 0
-    for chunk in contents.chunks():
+    for chunk in contents.watched(progress):
         columns.add(decoder.push(chunk), contents.position / contents.size_bytes)
-        if progress is not None:
-            progress(contents.position - told)
-            told = contents.position
     columns.add(decoder.finish(), 1.0)
     if columns.count == 0:
         raise InputError(_no_mavlink(path, head, dialect))

@@ -12,12 +12,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from companion.mavlink import DataflashLog, Dialect, Records
+from companion.errors import DataError
+from companion.mavlink import Dialect, Records
 from companion.telemetry import convert
 from companion.telemetry.arrival import arrival
 from companion.telemetry.epoch import epoch_of, gps_to_unix
 from companion.telemetry.events import dataflash_events
-from companion.telemetry.sensors import record_sensors
+from companion.telemetry.sensors import RECORD_SENSORS, record_sensors
 from companion.tracks import Array, AttitudeTrack, Epoch, Flight, ImuTrack, Origin, PositionTrack, StatusText, Vehicle
 
 _TYPES = {
@@ -33,21 +34,39 @@ _HOME = 1  # ORGN.Type: LogOriginType::ahrs_home
 _INFO = 6  # MAV_SEVERITY: MSG does not say
 
 
-def dataflash_flight(log: DataflashLog, dialect: Dialect) -> Flight | None:
-    """The one flight of a .bin; None when it has no times at all. dialect: has the names of the modes."""
-    records = {name: r for name, r in log.messages.items() if len(r) and "TimeUS" in r.layout.fields}
-    seconds = {name: r.in_unit("TimeUS") for name, r in records.items()}
-    if not seconds:
+RECORDS = RECORD_SENSORS | {
+    "PARM", "MSG", "EV", "ERR", "MODE", "ARM", "IMU", "IMU2", "IMU3", "XKQ", "NKQ", "ATT", "XKF1", "NKF1", "XKF4",
+    "NKF4", "POS", "GPS", "ORGN",
+}  # fmt: skip
+"""Records whose fields a flight is made of."""
+
+
+def dataflash_flight(messages: dict[str, Records], dialect: Dialect, *, core: int | None = None) -> Flight | None:
+    """The one flight of a .bin; None when it has no times at all.
+
+    The records are taken over: the dictionary is empty afterwards, and the IMU's are let go when they have become
+    tracks. dialect: has the names of the modes. core: of the EKF, to compare with; None: the one that flew.
+    Raises DataError when the log has no such core.
+    """
+    records = {name: r for name, r in messages.items() if len(r) and "TimeUS" in r.layout.fields}
+    messages.clear()
+    if not records:
         return None
     parameters = _parameters(records)
-    core, notes = _primary_core(records)
+    vehicle = _vehicle(records, parameters)
+    core, notes = _core(records, core)
+    stats, edges = {}, []
+    for name in sorted(records):
+        t = records[name].in_unit("TimeUS")
+        stats[name] = arrival(t, 0)
+        edges.append((t[0], t[-1]))
+    begin, end = float(min(first for first, _ in edges)), float(max(last for _, last in edges))
+    series = record_sensors(records, core)
     imus = _imus(records)
     attitude = _attitude(records, core, imus)
     if attitude is not None and attitude.source == "ATT" and (trim := convert.trim(parameters)):
         imus = {name: convert.turned(track, trim[0]) for name, track in imus.items()}
         notes.append(trim[1])
-    begin, end = (float(edge(t[[0, -1]][i] for t in seconds.values())) for i, edge in ((0, min), (1, max)))
-    vehicle = _vehicle(records, parameters)
     return Flight(
         vehicle=vehicle,
         boot=1,
@@ -59,11 +78,11 @@ def dataflash_flight(log: DataflashLog, dialect: Dialect) -> Flight | None:
         origin=_origin(records),
         epoch=_epoch(records),
         home=_home(records),
-        series=record_sensors(records, core),
+        series=series,
         events=dataflash_events(records, vehicle, dialect),
         parameters=parameters,
         texts=_texts(records),
-        messages={name: arrival(seconds[name], 0) for name in sorted(records)},
+        messages=stats,
         notes=tuple(notes),
     )
 
@@ -73,6 +92,18 @@ def _parameters(records: Mapping[str, Records]) -> dict[str, float]:
         return {}
     names = (bytes(n).split(b"\0")[0].decode("ascii", "replace") for n in records["PARM"]["Name"])
     return dict(zip(names, records["PARM"]["Value"].astype(np.float64).tolist(), strict=True))
+
+
+def _core(records: Mapping[str, Records], wanted: int | None) -> tuple[int, list[str]]:
+    """The EKF core to compare with, and a note when that is not simply the one that always flew."""
+    primary, notes = _primary_core(records)
+    if wanted is None or wanted == primary:
+        return primary, notes
+    known = sorted({c for name in ("XKQ", "NKQ", "XKF1", "NKF1") if name in records for c in records[name].instances})
+    if wanted not in known:
+        have = ", ".join(map(str, known)) or "one without a number"
+        raise DataError(f"the log has no EKF core {wanted}. It has: {have}; the one that flew is {primary}.")
+    return wanted, [*notes, f"EKF core {wanted} is the reference, as asked; the one that flew is {primary}"]
 
 
 def _primary_core(records: Mapping[str, Records]) -> tuple[int, list[str]]:
@@ -87,14 +118,18 @@ def _primary_core(records: Mapping[str, Records]) -> tuple[int, list[str]]:
     return 0, []
 
 
-def _imus(records: Mapping[str, Records]) -> dict[str, ImuTrack]:
-    """IMU[0], IMU[1], ... as log viewers call them. Older logs have IMU, IMU2, IMU3 in place of the instance."""
+def _imus(records: dict[str, Records]) -> dict[str, ImuTrack]:
+    """IMU[0], IMU[1], ... as log viewers call them. Older logs have IMU, IMU2, IMU3 in place of the instance.
+
+    Their records are let go: they are most of a log.
+    """
     found: dict[str, ImuTrack] = {}
     for number, name in enumerate(("IMU", "IMU2", "IMU3")):
         if name not in records:
             continue
-        for instance in records[name].instances or (number,):
-            one = records[name].instance(instance)
+        readings = records.pop(name)
+        for instance in readings.instances or (number,):
+            one = readings.instance(instance)
             gyro, accel = (np.column_stack([one.in_unit(f"{kind}{axis}") for axis in "XYZ"]) for kind in ("Gyr", "Acc"))
             t = one.in_unit("TimeUS")
             keep = convert.increasing(t, np.asarray(np.isfinite(np.column_stack([gyro, accel])).all(axis=1)))

@@ -100,6 +100,9 @@ _RECORDS: tuple[tuple[str, str, Fields], ...] = (
     ("NKF4", "estimator", _XKF4),
 )
 
+RECORD_SENSORS = frozenset(record for record, _, _ in _RECORDS)
+"""Records that become series."""
+
 _GPS_TOPIC: Fields = {
     "lat_rad": ("latitude_deg", "deg"),
     "lon_rad": ("longitude_deg", "deg"),

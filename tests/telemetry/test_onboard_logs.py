@@ -10,10 +10,13 @@ import pytest
 
 import companion as c
 from companion.analysis.compare import attitude_error, length
-from companion.errors import InputError
+from companion.errors import DataError, InputError, SettingsError
+from companion.mavlink import read_dataflash
 from companion.strapdown import quaternion
 from companion.tracks import Array, AttitudeTrack, PositionTrack
-from tests.recordings import shared
+from tests.recordings import BUNDLED, shared
+
+SMALL = "dataflash/public__clydemcqueen__ardusub_log_tools__small.BIN"
 
 PAIRS = [
     ("dataflash/sitl__copter-demo.BIN", "sitl/copter-demo-100hz.tlog", "IMU[0]", "RAW_IMU"),
@@ -117,3 +120,32 @@ def test_a_ulog_that_is_only_a_head_says_so(tmp_path: Path) -> None:
     cut.write_bytes(shared("px4/px4_gcs_default.ulg").read_bytes()[:12])
     with pytest.raises(InputError, match="head.ulg"):
         c.open_log(cut)
+
+
+def test_the_core_of_the_ekf_can_be_chosen() -> None:
+    """In this log the estimator changed over from core 0 to core 1, whose states stand beside one another."""
+    log = shared("dataflash/sitl__copter-imu1-fail.BIN")
+    by_default, zero, one = (c.open_log(log, core=core)[0] for core in (None, 0, 1))
+    assert by_default.position
+    assert zero.position
+    assert one.position
+    np.testing.assert_array_equal(by_default.position.velocity, one.position.velocity)
+    assert len(zero.position) == len(one.position)
+    assert (zero.position.velocity != one.position.velocity).any()
+    assert any("core 0 is the reference, as asked; the one that flew is 1" in note for note in zero.notes)
+    with pytest.raises(DataError, match=r"no EKF core 5. It has: 0, 1; the one that flew is 1"):
+        c.open_log(log, core=5)
+
+
+def test_a_telemetry_log_has_no_cores_to_choose_from() -> None:
+    with pytest.raises(SettingsError, match="Leave --core out"):
+        c.open_log(BUNDLED / "copter-demo-100hz.tlog", core=0)
+
+
+def test_the_statistics_are_those_of_every_record() -> None:
+    """Of records that make no track only the times are read."""
+    flight, log = c.open_log(shared(SMALL))[0], read_dataflash(shared(SMALL))
+    timed = {name: records for name, records in log.messages.items() if "TimeUS" in records.layout.fields}
+    assert {name: stats.count for name, stats in flight.messages.items()} == {n: len(r) for n, r in timed.items()}
+    t = timed["RCIN"].in_unit("TimeUS")
+    assert flight.messages["RCIN"].longest_gap_s == pytest.approx(np.diff(t).max())
