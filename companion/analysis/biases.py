@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding, runs
 from companion.analysis.residuals import Residuals
+from companion.analysis.witnesses import all_alike
 from companion.strapdown import quaternion
 from companion.tracks import STANDARD_GRAVITY, Array
 
@@ -19,18 +20,24 @@ BIAS_RATE_HZ = 10.0  # below it the motion between the samples looks like a bias
 _FEWEST = 3  # windows in a row
 _BEFORE = 15  # windows before a force in which the attitude may have begun to lean
 _FOLDED = 0.3  # of the shaking
-_SLOWEST = 0.5  # m/s that the position may move against its own velocity
+_SLOWEST = 1.0  # m/s that the position may move against its own velocity
 
 Stretch = tuple[int, int, Array]  # first and last window, median
 
 
 def bias_findings(
-    comparison: Comparison, found: Residuals, own: Array, imu: ImuFigures, autopilot: ReferenceFigures
+    comparison: Comparison,
+    found: Residuals,
+    own: Array,
+    others: Callable[[], Sequence[Residuals]],
+    imu: ImuFigures,
+    autopilot: ReferenceFigures,
 ) -> Iterator[Finding]:
     """A rate or specific force that stays wrong over several short windows, by more than a calibrated sensor can.
 
     Where the readings are noisy, four standard errors of a window's mean are allowed on top; for the force also what
-    the autopilot's own tilt and heading may be off by. own: `blame.own_rates`, (W, 3).
+    the autopilot's own tilt and heading may be off by. own: `blame.own_rates`, (W, 3). others: the vehicle's further
+    IMUs, which are asked when this one is biased: two sensors do not err alike, and what they share is the autopilot's.
     """
     if len(found) < _FEWEST or comparison.track.rate_hz < BIAS_RATE_HZ:
         return
@@ -42,7 +49,8 @@ def bias_findings(
     turning = list(_stretches(found, found.rate, limit))
     leant: list[float] = []  # when an attitude began to lean
     for first, last, value in turning:
-        if attitude_turned(found, own, first, last):
+        begin, end = float(found.begin[first]), float(found.end[last])
+        if attitude_turned(found, own, first, last) or all_alike(others(), "rate", begin, end, value):
             leant.append(float(found.begin[first]))
             yield _diverging(found, first, last)
         else:
@@ -50,8 +58,8 @@ def bias_findings(
                 "gyro_bias",
                 "imu",
                 "error",
-                float(found.begin[first]),
-                float(found.end[last]),
+                begin,
+                end,
                 f"it reads ({_milli(value)}) mrad/s too much; after calibration {_milli(imu.gyro.residual_bias)} "
                 f"mrad/s is usual for {imu.name}",
                 "Calibrate the gyro at rest before take-off (INS_GYR_CAL = 1, keep still). If it returns, replace "
@@ -77,6 +85,17 @@ def bias_findings(
             yield _diverging(found, max(0, first - _BEFORE), last)
         elif in_world(found, found.force, first, last) and not abs(value[2]) > length(value[:2]):
             yield _tilt(found, first, last)
+        elif all_alike(others(), "force", begin, end, value):
+            yield Finding(
+                "attitude_tilted",
+                "autopilot",
+                "error",
+                begin,
+                end,
+                f"every IMU is off by the same ({value[0]:.2f}, {value[1]:.2f}, {value[2]:.2f}) m/s²: it is the "
+                "attitude that leans, or the velocity that is wrong",
+                "Look at the estimator's GPS velocity and at its innovations (EKF_STATUS_REPORT, XKF3).",
+            )
         else:
             yield Finding(
                 "accel_bias",
@@ -127,7 +146,7 @@ def _tilt(found: Residuals, first: int, last: int) -> Finding:
 def position_findings(comparison: Comparison, found: Residuals) -> Iterator[Finding]:
     """The autopilot's position moves steadily against its own velocity."""
     reference, start, end = comparison.reference, found.chosen.start, found.chosen.end
-    if not comparison.has_position or len(found) < _FEWEST:
+    if not comparison.has_position or len(found) < _FEWEST or comparison.track.rate_hz < BIAS_RATE_HZ:
         return
     total = np.concatenate(
         [

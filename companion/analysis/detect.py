@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -14,12 +15,15 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding
 from companion.analysis.heading import heading_findings
-from companion.analysis.installation import Installation, installation, level
+from companion.analysis.held_bias import held, held_findings
+from companion.analysis.installation import Installation, installation, lags, level
 from companion.analysis.jumps import jump_findings
 from companion.analysis.readings import reading_findings, stuck_findings
 from companion.analysis.residuals import SHORT_S, residuals
-from companion.analysis.sampling import rate_findings
-from companion.analysis.vibration import noise_findings
+from companion.analysis.sampling import rate_findings, stamp_findings
+from companion.analysis.steps import step_findings
+from companion.analysis.vibration import noise_findings, vibration_findings
+from companion.analysis.witnesses import other_imus, with_witnesses
 from companion.tracks import Flight
 
 
@@ -42,12 +46,14 @@ def findings(
     found += jump_findings(comparison, flight)
     if noise is not None:
         found += noise_findings(comparison, noise, figures)
+    found += vibration_findings(comparison, flight)
     raw = residuals(comparison)
     found += position_findings(comparison, raw)
     if not any(f.kind == "heading_jump" and f.severity == "error" for f in found):
         found += heading_findings(comparison, raw, figures, autopilot)
     wrong = [f.start_s for f in found if f.kind in _HEADING and f.severity == "error"]
     fitted = installation(comparison, raw, figures, autopilot, min(wrong, default=np.inf))
+    found += stamp_findings(comparison, lags(comparison, raw, figures, autopilot))
     clean = comparison
     if fitted is not None and fitted.moved:
         found += _installed(comparison, fitted)
@@ -55,8 +61,12 @@ def findings(
         clean = level(comparison, fitted, compare_with)
         raw = residuals(clean)
     own = own_rates(flight.require_attitude(), raw, comparison.how.limits)
-    found += bias_findings(clean, raw, own, figures, autopilot)
-    found = [f for f in found if not _follows(f, found)]
+    others = cache(lambda: other_imus(flight, comparison))
+    found += bias_findings(clean, raw, own, others, figures, autopilot)
+    found += step_findings(clean, raw, figures)
+    if (known := held(flight, clean.track, raw, own)) is not None:
+        found += held_findings(raw, known, figures)
+    found = [with_witnesses(f, flight) for f in found if not _follows(f, found)]
     return tuple(sorted(found, key=lambda f: (_ORDER[f.severity], f.start_s))), clean
 
 
@@ -71,6 +81,8 @@ def _follows(finding: Finding, found: Sequence[Finding]) -> bool:
     causes: Sequence[str] = _CAUSES[1:] if finding.kind == "stuck_axis" else _CAUSES
     if finding.kind == "position_diverging":  # the estimator believes a bad IMU for a while
         causes = (*_CAUSES, "gyro_bias", "accel_bias")
+    if finding.kind == "bias_step":
+        causes = (*_CAUSES, "attitude_diverging", "attitude_tilted")
     if any(f.kind in causes and f.start_s < finding.end_s and finding.start_s < f.end_s for f in found):
         return True
     return finding.kind in _FORCES and any(
@@ -79,11 +91,13 @@ def _follows(finding: Finding, found: Sequence[Finding]) -> bool:
 
 
 _HEADING = ("heading_jump", "heading_wrong")
-_FORCES = ("accel_bias", "attitude_tilted")
+_FORCES = ("accel_bias", "attitude_tilted", "bias_step")
 _EFFECTS = {
     *_FORCES,
     "gyro_bias",
     "attitude_diverging",
+    "bias_step",
+    "ekf_bias",
     "heading_jump",
     "heading_wrong",
     "mounting",

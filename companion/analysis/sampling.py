@@ -1,13 +1,17 @@
-"""Findings about the samples themselves: too slow, missing."""
+"""Findings about the samples themselves: too slow, missing, at wrong times."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding
+
+_LOST = 8.0  # periods from which on an interval is a hole
+_UNEVEN, _UNEVEN_S = 0.2, 0.004  # of a period, s
+_MOVED_S, _SPOILT_S = 0.03, 0.1  # s
 
 
 def rate_findings(comparison: Comparison, sampling_share: float) -> Iterator[Finding]:
@@ -36,4 +40,41 @@ def rate_findings(comparison: Comparison, sampling_share: float) -> Iterator[Fin
             float(track.t[holes[-1] + 1]),
             f"{len(holes)} holes, {lost:.1f} s in all, the longest {np.diff(track.t).max():.2f} s",
             "Look at the link's quality, or use the on-board log. Windows over holes are left out.",
+        )
+
+
+def stamp_findings(comparison: Comparison, lags: Sequence[tuple[float, float, float, float]]) -> Iterator[Finding]:
+    """The times themselves are wrong: uneven beyond what a link does, or running away from the attitude's.
+
+    lags: (begin s, end s, lag s, standard error s) of the IMU behind the attitude, part by part of the flight.
+    """
+    track = comparison.track
+    period, interval = float(np.median(np.diff(track.t))), np.diff(track.t)
+    off = np.abs(interval - np.maximum(1.0, np.round(interval / period)) * period)[interval < _LOST * period]
+    uneven = float(np.percentile(off, 90))
+    if uneven > max(_UNEVEN * period, _UNEVEN_S):
+        yield Finding(
+            "samples_irregular",
+            "data",
+            "warning" if uneven > 2 * _UNEVEN * period else "info",
+            float(track.t[0]),
+            float(track.t[-1]),
+            f"one interval in ten is off by {uneven * 1e3:.0f} ms or more from multiples of {period * 1e3:.0f} ms",
+            "The autopilot stamps when it sends, not when it samples: a busy link or processor moves the samples. Ask "
+            "for fewer messages, or use the on-board log.",
+        )
+    if len(lags) < 2:
+        return
+    first, last = lags[0], lags[-1]
+    moved, error = last[2] - first[2], float(np.hypot(first[3], last[3]))
+    if abs(moved) > max(_MOVED_S, 6.0 * error):
+        yield Finding(
+            "clocks_diverge",
+            "data",
+            "error" if abs(moved) > _SPOILT_S else "warning",
+            first[0],
+            last[1],
+            f"the IMU lags {first[2] * 1e3:.0f} ± {first[3] * 1e3:.0f} ms behind the attitude at first and "
+            f"{last[2] * 1e3:.0f} ± {last[3] * 1e3:.0f} ms at last: their clocks do not run alike",
+            "Both have to be stamped by one clock. Record the autopilot's own messages, or use the on-board log.",
         )

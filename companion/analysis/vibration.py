@@ -1,12 +1,78 @@
-"""Findings about shaking: readings far noisier than the data sheet."""
+"""Findings about shaking: as the vehicle measures it, as the samples show it, and as noise beyond the data sheet."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures
-from companion.analysis.finding import Finding
+from companion.analysis.finding import Finding, Severity
+from companion.analysis.spectrum import vibration
+from companion.series import Series
+from companion.tracks import Array, Flight
+
+_HIGH, _MUCH = 15.0, 30.0  # m/s²: ArduPilot's documentation calls 30 the end of what is acceptable
+_HIGH_IN_SAMPLES = 5.0  # m/s² that has come through the filter and the rate of a stream
+
+
+def vibration_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
+    """How strongly the vehicle shakes, m/s² as ArduPilot's VIBE defines it: what is above 5 Hz, root mean square.
+
+    The vehicle's own VIBRATION or VIBE is from the IMU at its full rate. Without it, the samples say the least that it
+    can be.
+    """
+    said = False
+    for series in (s for name, s in flight.series.items() if name.partition(":")[0] == "vibration"):
+        if "x_mps2" in series.columns and len(series):
+            said = True
+            yield from _level(series.t, series.values[:, :3], series.source, _HIGH)
+        yield from _clips(series)
+    level = vibration(comparison.track, comparison.how.limits)
+    if not said and level is not None:
+        yield from _level(level.t, level.accel, f"the samples of {comparison.track.source}, at least", _HIGH_IN_SAMPLES)
+
+
+def _level(t: Array, each: Array, source: str, high: float) -> Iterator[Finding]:
+    worst = np.nanmax(np.where(np.isfinite(each), each, 0.0), axis=1)
+    strong = worst > high
+    if strong.mean() < 0.05:
+        return
+    usual, most = np.percentile(worst[strong], [50, 100])
+    severity: Severity = "warning" if most > _MUCH or high < _HIGH else "info"
+    x, y, z = np.nanmedian(each[strong], axis=0)
+    yield Finding(
+        "vibration",
+        "imu",
+        severity,
+        float(t[strong][0]),
+        float(t[strong][-1]),
+        f"{usual:.0f} m/s² usual, {most:.0f} at most by {source} (x {x:.0f}, y {y:.0f}, z {z:.0f}); above "
+        f"{_MUCH:.0f} the estimator suffers",
+        "Balance propellers and motors, and damp the mounting of the autopilot. Shaking that the samples fold down "
+        "looks like motion.",
+    )
+
+
+def _clips(series: Series) -> Iterator[Finding]:
+    """Counts of readings at the end of the range, which the vehicle takes at its full rate."""
+    for name in (column for column in series.columns if column.startswith("clips_")):
+        known = np.isfinite(series[name])
+        t, count = series.t[known], series[name][known]
+        grown = np.flatnonzero(np.diff(count) > 0)
+        if not len(grown):
+            continue
+        total = float(count[-1] - count[0])
+        yield Finding(
+            "clipping_counted",
+            "imu",
+            "warning",
+            float(t[grown[0]]),
+            float(t[grown[-1] + 1]),
+            f"{total:.0f} readings at the end of the accelerometer's range ({series.source}, {name})",
+            "Damp the mounting: what is clipped is lost, and the reckoning drifts by it.",
+        )
 
 
 def noise_findings(comparison: Comparison, measured: tuple[float, float], imu: ImuFigures) -> Iterator[Finding]:

@@ -1,0 +1,83 @@
+"""What others say of a finding: the vehicle's own words, its estimator, its further IMUs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from companion.analysis.compare import length
+from companion.analysis.comparison import Comparison, compare
+from companion.analysis.finding import Finding
+from companion.analysis.residuals import Residuals, residuals
+from companion.series import Series
+from companion.tracks import Array, Flight
+
+_BEFORE_S, _AFTER_S = 2.0, 15.0  # a glitch is spoken of once the estimator has noticed
+_WORDS = ("ekf", "gps", "compass", "mag", "yaw", "lane", "glitch", "aiding", "primary", "variance", "failsafe", "reset")
+_MOST = 2  # quotations
+_RATE_HZ = 20.0
+_ALIKE = 0.4  # part by which two biases may differ and be the same
+_RATIOS = {
+    "velocity_ratio": "velocity",
+    "position_ratio": "position",
+    "height_ratio": "height",
+    "compass_ratio": "compass",
+}
+
+
+def other_imus(flight: Flight, comparison: Comparison) -> list[Residuals]:
+    """The short windows of every IMU that is another sensor than the one compared."""
+    tracks: dict[int, str] = {}
+    for name, track in flight.imus.items():
+        if track.instance != comparison.track.instance and len(track) > 1 and track.rate_hz >= _RATE_HZ:
+            tracks.setdefault(track.instance, name)
+    return [residuals(compare(flight, imu=name, how=comparison.how)) for name in tracks.values()]
+
+
+def all_alike(others: Sequence[Residuals], kind: str, begin: float, end: float, value: Array) -> bool:
+    """Whether every other IMU shows the same rate or force (kind), (3,), from begin to end s; False without another."""
+    seen = []
+    for other in others:
+        during = (other.begin >= begin - 0.1) & (other.end <= end + 0.1)
+        if during.sum() >= 2:
+            seen.append(np.median(getattr(other, kind)[during], axis=0))
+    return bool(seen) and all(float(length(own - value)) < _ALIKE * float(length(value)) for own in seen)
+
+
+def with_witnesses(finding: Finding, flight: Flight) -> Finding:
+    """The finding about the autopilot with what the vehicle said at that time, and how its estimator saw itself."""
+    if finding.side != "autopilot":
+        return finding
+    begin, end = finding.start_s, min(finding.end_s, finding.start_s + _AFTER_S)
+    said = [(t.t, t.text) for t in flight.texts if _speaks(t.text)]
+    said += [(e.t, e.text) for e in flight.events if e.kind in {"error", "event"} and _speaks(e.text)]
+    during = [(t, text) for t, text in said if begin - _BEFORE_S <= t <= end + _AFTER_S]
+    nearest = sorted(during, key=lambda spoken: max(begin - spoken[0], spoken[0] - end, 0.0))
+    words = dict.fromkeys(f"{''.join(c for c in text if c.isprintable())!r} at {t:.1f} s" for t, text in nearest)
+    evidence = [finding.evidence]
+    if words:
+        evidence.append(f"the vehicle said {', '.join(list(words)[:_MOST])}")
+    estimator = flight.series.get("estimator")
+    if estimator is not None and (ratio := _worst_ratio(estimator, begin - _BEFORE_S, end + _BEFORE_S)):
+        evidence.append(ratio)
+    return replace(finding, evidence="; ".join(evidence))
+
+
+def _speaks(text: str) -> bool:
+    return any(word in text.lower() for word in _WORDS)
+
+
+def _worst_ratio(estimator: Series, begin: float, end: float) -> str:
+    """The estimator's worst test ratio of a time, if it rejected something: 1 and more is what it does not believe."""
+    during = (estimator.t >= begin) & (estimator.t <= end)
+    found = {
+        name: float(np.nanmax(estimator[column][during]))
+        for column, name in _RATIOS.items()
+        if column in estimator.columns and np.isfinite(estimator[column][during]).any()
+    }
+    if not found:
+        return ""
+    worst = max(found, key=lambda name: found[name])
+    return f"{estimator.source}'s {worst} ratio reached {found[worst]:.1f} (1: rejected)" if found[worst] >= 1 else ""
