@@ -85,11 +85,14 @@ class Body:
         self._attitude.wxyz = wxyz
         self._place.position = position
 
-    def resize(self, span: float, *, name_above: bool) -> None:
-        """Draw the drone `span` m wide, its name above or below; a change too small to see is not sent."""
+    def resize(self, span: float, *, name_at: float) -> None:
+        """Draw the drone `span` m wide, its name so many spans below (above, when negative).
+
+        A change too small to see is not sent.
+        """
         if abs(span - self._span) > 0.04 * self._span:
             self._span = span
             for mesh in self._meshes:
                 mesh.scale = span * (GHOST_SCALE if self._ghost else 1.0)
-        self._name.anchor = "bottom-center" if name_above else "top-center"
-        self._name.position = (0.0, 0.0, -0.42 * self._span if name_above else 0.42 * self._span)
+        self._name.anchor = "bottom-center" if name_at < 0 else "top-center"
+        self._name.position = (0.0, 0.0, name_at * self._span)

@@ -98,7 +98,8 @@ def _errors(
                 if column == "heading_deg" and source != first:
                     continue
                 label = name if len(sources) == 1 else f"{source} {name}".strip()
-                found.append(Line(label, colours[source], errors.t, getattr(errors, column), 1.7, dash))
+                said = len(sources) == 1 or dash is None  # of several, the title has room for one figure each
+                found.append(Line(label, colours[source], errors.t, getattr(errors, column), 1.7, dash, said=said))
         if envelope is not None:
             one = getattr(envelope, sigma)
             found.append(Line("1σ", palette.CURSOR, envelope.t, one, 1.2, DASHED, said=False))

@@ -22,6 +22,7 @@ FIELD_OF_VIEW = np.radians(45.0)  # vertical
 ASPECT = 0.8  # width by height of what the panels leave of a window; a wider one shows more
 MARGIN = 0.9  # share of the picture that a flight may fill
 COVERED = 0.24  # share of the picture's height that the timeline covers, at the bottom
+ENOUGH = 5000  # points of a path to frame it by
 OVERVIEW = (25.0, 28.0)  # degrees, azimuth and elevation of the first view
 
 
@@ -69,7 +70,9 @@ class Camera:
 def frame(positions: Array, others: Array | None = None) -> Framing:
     """Frame the path `positions` (N, 3), NED, m, and of the path `others` what is not far astray."""
     ground = float(positions[:, 2].max())
+    positions = positions[:: max(len(positions) // ENOUGH, 1)]
     if others is not None:
+        others = others[:: max(len(others) // ENOUGH, 1)]
         far = np.linalg.norm(others - positions.mean(axis=0), axis=1)
         near = far < 1.5 * np.linalg.norm(positions - positions.mean(axis=0), axis=1).max()
         positions = np.concatenate([positions, others[near]])

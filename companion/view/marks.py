@@ -113,7 +113,7 @@ def strip(marks: Sequence[Mark], low: float, high: float, part: tuple[float, flo
     )
 
 
-_CHARACTER = 1.15  # per cent of the strip's width that a letter takes: 5.6 of 490 pixels
+_CHARACTER = 1.5  # per cent of the strip's width that a letter takes: 6.2 of 414 pixels
 
 
 def _kind(text: StatusText) -> MarkKind:

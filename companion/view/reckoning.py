@@ -20,6 +20,7 @@ MOST_SEGMENTS = 64
 MOST_OTHERS = 6
 GYRO_RANGE, ACCEL_RANGE = 20.0, 0.5  # mrad/s and m/s², either way
 AXES = ("forward", "right", "down")
+BESIDE = '<div style="padding:0 1em;font-size:0.8em;opacity:0.7">Beside it, as they are:</div>'
 
 
 class ReckoningControls:
@@ -34,6 +35,7 @@ class ReckoningControls:
         self._horizons = {f"{h:g} s": h for h in offer.horizons_s}
         with gui.add_folder("Reckoning from the IMU"):
             self._imu = gui.add_dropdown("IMU", ("none",))
+            self._beside = gui.add_html(BESIDE, visible=False)
             self._others = [
                 gui.add_checkbox("", False, visible=False, hint="Its trajectory too, as it is, beside the chosen one")
                 for _ in range(MOST_OTHERS)
@@ -74,10 +76,11 @@ class ReckoningControls:
         if choice.imu is not None and choice.imu in flight.imus:
             write(self._imu, choice.imu)
         self._names = [name for name, track in flight.imus.items() if len(track) > 1 and name != choice.imu]
+        self._beside.visible = bool(self._names)
         for i, box in enumerate(self._others):
             box.visible = i < len(self._names)
             if box.visible:
-                box.label = f"+ {self._names[i]}"
+                box.label = self._names[i]
                 write(box, self._names[i] in choice.others)
         write(self._correction, _key(self._corrections, choice.correction))
         write(self._horizon, next((k for k, h in self._horizons.items() if h == choice.horizon_s), self._horizon.value))

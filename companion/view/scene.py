@@ -19,6 +19,7 @@ from companion.view.palette import Rgb
 from companion.view.shapes import Drone
 from companion.view.trail import Trail
 
+NAME = 0.42  # spans from a drone to its name
 WORLD = "/world"
 """Everything hangs on this node. Each browser has a node of its own under this name, which moves the world for it."""
 
@@ -126,12 +127,12 @@ class Scene:
 
         The names stand outside: above the drone that is the upper one in the picture and below the other.
         """
-        self.imu.resize(span, name_above=imu_above)
-        self.autopilot.resize(span, name_above=not imu_above)
+        self.imu.resize(span, name_at=-NAME if imu_above else NAME)
+        self.autopilot.resize(span, name_at=NAME if imu_above else -NAME)
         self.arrows.resize(span)
         self.expected.shape(moment.covariance if self._has_position else np.zeros((3, 3)), moment.position_imu)
-        for body, _ in self._others:
-            body.resize(span, name_above=False)
+        for i, (body, _) in enumerate(self._others, 2):
+            body.resize(span, name_at=NAME * i)  # each a line lower
         if not self._has_position:
             return
         # On the line when there is room between the drones, else with the name of the one that is wrong.

@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from companion.analysis import Assessment, Calibration, Drift, Sibling, Statistic
+from companion.analysis import Assessment, Drift, Sibling, Statistic
 from companion.view import palette
 from companion.view.palette import Rgb
 
@@ -62,8 +62,9 @@ def siblings_table(others: Sequence[Sibling], colours: Mapping[str, Rgb]) -> str
     return _title(f"Every IMU after {seconds:g} s") + _table(("", "Hz", "°", "m", "inside 95 %"), rows)
 
 
-def calibration_table(fit: Calibration | None) -> str:
-    """The constant errors that explain the flight best."""
+def calibration_table(found: Assessment) -> str:
+    """The constant errors that explain the flight best, and whether they help where they were not fitted."""
+    fit = found.calibration
     if fit is None:
         return _title("Calibration") + _small("Too few windows to calibrate with.", 0.65)
     scale = np.array([1e3] * 3 + [1.0] * 3 + [np.degrees(1.0)] * 3 + [1e3])
@@ -75,12 +76,18 @@ def calibration_table(fit: Calibration | None) -> str:
     lag = f"{values[9]:.1f} ± {sigma[9]:.1f}" if fit.observable[9] else "not seen"
     rows.append(_row(("lag, ms", lag, "", ""), ""))
     note = f"From {fit.windows} windows of {fit.horizon_s:g} s, ± one standard error."
-    return _title("Calibration") + _table(("", "forward", "right", "down"), rows) + _small(note, 0.65)
+    if found.corrected and found.uncorrected:
+        before, after = found.uncorrected.rows[0], found.corrected.rows[0]
+        note += f" On the {after.windows} windows that it was not fitted to: median drift {_median(before.attitude_deg)}"
+        note += f" → {_median(after.attitude_deg)}°"
+        note += f", {_median(before.position_m)} → {_median(after.position_m)} m." if after.position_m else "."
+    worse = "<br><b>It makes the rest of the flight worse: the errors are not constant.</b>" if found.made_worse else ""
+    return _title("Calibration") + _table(("", "forward", "right", "down"), rows) + _small(note + worse, 0.75)
 
 
 def figure(value: float) -> str:
-    """Three digits that matter."""
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}"
+    """Three digits that matter, two of what is small."""
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}" if abs(value) >= 0.1 else f"{value:.2g}"
 
 
 def _pair(statistic: Statistic | None) -> str:

@@ -48,7 +48,7 @@ class VerdictTab:
         self._tables.content = (
             tables.drift_table(assessment.drift, assessment, colour, insight.horizon_s)
             + tables.siblings_table(insight.siblings, colours)
-            + tables.calibration_table(assessment.calibration)
+            + tables.calibration_table(assessment)
         )
 
 
