@@ -78,9 +78,10 @@ def calibration_table(found: Assessment) -> str:
     note = f"From {fit.windows} windows of {fit.horizon_s:g} s, ± one standard error."
     if found.corrected and found.uncorrected:
         before, after = found.uncorrected.rows[0], found.corrected.rows[0]
-        note += f" On the {after.windows} windows that it was not fitted to: median drift {_median(before.attitude_deg)}"
-        note += f" → {_median(after.attitude_deg)}°"
-        note += f", {_median(before.position_m)} → {_median(after.position_m)} m." if after.position_m else "."
+        pairs = [f"{_median(before.attitude_deg)} → {_median(after.attitude_deg)}°"]
+        if after.position_m:
+            pairs.append(f"{_median(before.position_m)} → {_median(after.position_m)} m")
+        note += f" On the {after.windows} windows that it was not fitted to: median drift {', '.join(pairs)}."
     worse = "<br><b>It makes the rest of the flight worse: the errors are not constant.</b>" if found.made_worse else ""
     return _title("Calibration") + _table(("", "forward", "right", "down"), rows) + _small(note + worse, 0.75)
 
