@@ -12,11 +12,12 @@ from companion.view import palette
 
 _QUANTITIES = (("attitude", "attitude_deg", "°"), ("velocity", "velocity_mps", "m/s"), ("position", "position_m", "m"))
 
+_ACCEL = palette.mix(palette.IMU, (255, 225, 0), 0.6)  # of the IMU too, and not to be taken for its gyro
 _CAUSES: dict[str, tuple[palette.Rgb, float]] = {
     "gyro_bias": (palette.IMU, 0.0),
     "gyro_noise": (palette.IMU, 0.3),
-    "accel_bias": (palette.AXES[0], 0.0),
-    "accel_noise": (palette.AXES[0], 0.4),
+    "accel_bias": (_ACCEL, 0.0),
+    "accel_noise": (_ACCEL, 0.5),
     "bias_walk": (palette.IMU, 0.55),
     "scale": (palette.IMU, 0.72),
     "autopilot_attitude": (palette.AUTOPILOT, 0.0),

@@ -47,7 +47,6 @@ def findings(subject: Subject) -> Section:
 def _drawn(subject: Subject, finding: schema.FindingObject) -> str:
     when = f"{finding.start_s:.1f}–{finding.end_s:.1f} s"
     advice = paragraph(finding.advice, "advice") if finding.severity != "info" else ""
-    whole = finding.end_s - finding.start_s > 0.9 * (subject.ends[1] - subject.ends[0])
     margin = max(5.0, 0.2 * (finding.end_s - finding.start_s))
     first, last = subject.ends
     around = max(finding.start_s - margin, first), min(finding.end_s + margin, last)
@@ -55,9 +54,8 @@ def _drawn(subject: Subject, finding: schema.FindingObject) -> str:
     if around[1] > around[0]:
         panels, caption = _panels(subject, finding, *around)
         if panels:
-            figure = traces.stack(
-                panels, TIME, spans=[] if whole else [(finding.start_s, finding.end_s)], range=list(around)
-            )
+            spans = [] if subject.is_throughout(finding) else [(finding.start_s, finding.end_s)]
+            figure = traces.stack(panels, TIME, spans=spans, range=list(around))
             chart = subject.charts.add(figure, caption, rows=len(panels))
     return (
         f'<article class="finding {text(finding.severity)}"><h3>{text(_title(finding.kind))} '
@@ -71,28 +69,27 @@ def _panels(subject: Subject, finding: schema.FindingObject, low: float, high: f
     if finding.side == "data" and finding.kind != "imu_lag":
         return _intervals(subject, low, high), "Time between two samples of the IMU."
     if finding.side == "autopilot":
-        return _errors(
-            subject, finding.kind, low, high
-        ), "The IMU alone, from the autopilot's state on, and the autopilot."
+        caption = "The IMU alone, from the autopilot's state on, and the autopilot."
+        return _errors(subject, finding.kind, low, high), caption
     if any(part in finding.kind for part in _RAW):
-        return _readings(subject, low, high), f"What {subject.numbers.used_imu} read around it."
+        return _readings(subject, finding.kind, low, high), f"What {subject.numbers.used_imu} read around it."
     panels = _differences(subject, low, high)
     if not panels:
-        return _readings(subject, low, high), f"What {subject.numbers.used_imu} read around it."
+        return _readings(subject, finding.kind, low, high), f"What {subject.numbers.used_imu} read around it."
     return panels, (
         "IMU minus what the autopilot's attitude and velocity did, mean of each second: a bias shows as a level, "
         "a lag or a scale only where the vehicle moves."
     )
 
 
-def _readings(subject: Subject, low: float, high: float) -> list[traces.Panel]:
+def _readings(subject: Subject, kind: str, low: float, high: float) -> list[traces.Panel]:
+    """Gyro and accelerometer; one of them alone for a kind that names it."""
     track = subject.comparison.track
     part = _between(track.t, low, high)
     breaks = gaps(track.t[part], subject.comparison.how.limits.hole(track.t))
-    return [
-        traces.Panel(title, _axes(track.t[part], values[part], breaks))
-        for title, values in (("gyro, rad/s", track.gyro), ("accel, m/s²", track.accel))
-    ]
+    both = {"gyro": ("gyro, rad/s", track.gyro), "accel": ("accel, m/s²", track.accel)}
+    named = [name for name in both if name in kind] or list(both)
+    return [traces.Panel(both[name][0], _axes(track.t[part], both[name][1][part], breaks)) for name in named]
 
 
 def _differences(subject: Subject, low: float, high: float) -> list[traces.Panel]:
@@ -126,7 +123,7 @@ def _errors(subject: Subject, kind: str, low: float, high: float) -> list[traces
         return traces.Panel(
             title,
             [
-                traces.line(t, imu, "IMU alone", palette.IMU, breaks=breaks),
+                traces.line(t, imu, "IMU alone", subject.colour, breaks=breaks),
                 traces.line(t, autopilot, "autopilot", palette.AUTOPILOT),
             ],
         )
@@ -160,7 +157,7 @@ def _intervals(subject: Subject, low: float, high: float) -> list[traces.Panel]:
     part = _between(t[1:], low, high)
     if part.stop - part.start < 2:
         return []
-    drawn = traces.line(t[1:][part], np.diff(t)[part], subject.numbers.used_imu, palette.IMU)
+    drawn = traces.line(t[1:][part], np.diff(t)[part], subject.numbers.used_imu, subject.colour, line={"shape": "vh"})
     return [traces.Panel("interval, s", [drawn], {"rangemode": "tozero"})]
 
 

@@ -44,7 +44,7 @@ def errors(subject: Subject) -> Section:
             ],
         ),
     )
-    severe = [(f.start_s, f.end_s) for f in subject.numbers.verdict.findings if f.severity != "info"]
+    severe = [(f.start_s, f.end_s) for f in subject.severe if not subject.is_throughout(f)]
     figure = traces.stack(panels, TIME, spans=severe)
     period = subject.settings.view.reanchor_s
     caption = (
@@ -57,7 +57,7 @@ def errors(subject: Subject) -> Section:
         if sigma
         else "Nothing is expected here: the IMU runs for longer than two minutes, or starts again too often. "
     )
-    caption += "Warnings and errors are shaded." if severe else ""
+    caption += "Shaded: warnings and errors that do not last all through the flight." if severe else ""
     note = "" if shown.has_position else paragraph("This flight has no position: attitude alone is compared.")
     return Section("errors", title, note + subject.charts.add(figure, caption, rows=len(panels)))
 
@@ -71,7 +71,7 @@ def track(subject: Subject) -> Section:
     if not shown.has_position:
         return Section("track", title, paragraph("Not drawn: this flight has no position."))
     both = [
-        ("IMU alone", palette.IMU, shown.position_imu, shown.anchors),
+        ("IMU alone", subject.colour, shown.position_imu, shown.anchors),
         ("autopilot", palette.AUTOPILOT, shown.position_ref, _unknown(shown)),
     ]
     start = shown.position_ref[0]
@@ -82,21 +82,31 @@ def track(subject: Subject) -> Section:
             _place(shown.position_ref[-1], "end", "square"),
         ],
         "layout": {
-            "xaxis": {"title": {"text": "east, m"}},
-            "yaxis": {"title": {"text": "north, m"}, "scaleanchor": "x", "scaleratio": 1},
+            "xaxis": {"title": {"text": "east, m"}, "range": _near(shown, 1)},
+            "yaxis": {"title": {"text": "north, m"}, "scaleanchor": "x", "scaleratio": 1, "range": _near(shown, 0)},
             "hovermode": "closest",
         },
     }
     origin = subject.flight.origin
-    where = "North is up; metres from the flight's origin"
+    where = "North is up. Double-click shows all of the IMU where it runs off. Metres from the flight's origin"
     if origin is not None:
-        where += f" at {np.degrees(origin.latitude):.5f}°, {np.degrees(origin.longitude):.5f}°"
+        place = f"{np.degrees(origin.latitude):.5f}°, {np.degrees(origin.longitude):.5f}°"
+        where += f" at {place}" if origin.t is None else f"; the vehicle was at {place} at {origin.t:.1f} s"
     chart = subject.charts.add(figure, f"{where}.", square=True)
     heights = [traces.line(shown.t, -p[:, 2], name, colour, breaks=breaks) for name, colour, p, breaks in both]
     heights += _events(subject, shown)
-    altitude = traces.stack([traces.Panel("height above origin, m", heights)], TIME)
+    low, high = (-edge for edge in reversed(_near(shown, 2)))
+    panel = traces.Panel("height above origin, m", heights, {"range": [low, high]})
+    altitude = traces.stack([panel], TIME)
     altitude["layout"]["hovermode"] = "x"
-    return Section("track", title, chart + subject.charts.add(altitude, "Height of both over time."))
+    return Section(
+        "track",
+        title,
+        chart
+        + subject.charts.add(
+            altitude, "Height of both over time. Double-click shows all of the IMU where it runs off."
+        ),
+    )
 
 
 def _envelope(t: Array, sigma: Array) -> list[traces.Trace]:
@@ -112,6 +122,16 @@ def _room(error: Array, sigma: Array | None) -> dict[str, object]:
     if sigma is not None and len(sigma):
         top = max(1.1 * top, min(3.3 * float(sigma.max()), 3.0 * top))
     return {"range": [0, top or 1.0]}
+
+
+def _near(shown: Replay, axis: int) -> list[float]:
+    """The range of an axis: the autopilot's track, and the IMU's as far as it is no farther off than that is long."""
+    reference, imu = shown.position_ref[:, axis], shown.position_imu[:, axis]
+    low, high = float(reference.min()), float(reference.max())
+    room = max(float(np.ptp(shown.position_ref, axis=0).max()), 5.0)
+    low, high = max(min(low, float(imu.min())), low - room), min(max(high, float(imu.max())), high + room)
+    margin = 0.05 * max(high - low, 1.0)
+    return [low - margin, high + margin]
 
 
 def _unknown(shown: Replay) -> Array:

@@ -7,7 +7,7 @@ from companion.report.subject import Section, Subject
 from companion.view import Reckoning, replay_page
 
 _WORDS = (
-    "The solid orange drone is the IMU alone, the see-through blue one the autopilot. Drag to turn, scroll to come "
+    "The solid drone is the IMU alone, the see-through blue one the autopilot. Drag to turn, scroll to come "
     "nearer, press play below."
 )
 
@@ -17,7 +17,7 @@ def playback(subject: Subject) -> tuple[Section, str | None]:
     title = "3D playback"
     if subject.replay is None:
         return Section("playback", title, paragraph(f"Not made: {subject.why_no_replay}")), None
-    html = replay_page(Reckoning(subject.replay), subject.flight.vehicle.type)
+    html = replay_page(Reckoning(subject.replay, subject.comparison.track), subject.flight)
     frame = (
         '<div id="playback-place"><button id="playback-start" type="button">Load the 3D playback</button></div>'
         '<p class="paper">The 3D playback is in the file that this was printed from: open it in a browser.</p>'

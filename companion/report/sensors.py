@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -43,7 +43,7 @@ def calibration(subject: Subject) -> Section:
             untold.append(name)
     shown = table(["error", "± one standard error", ""], rows, name="calibration-table", words=3) if rows else ""
     gain = paragraph(f"Not observable in this flight: {', '.join(untold)}.") if untold else ""
-    if not fit.accel_scale.observable[2]:
+    if subject.comparison.has_position and not fit.accel_scale.observable[2]:
         level = fit.level_force_mps2
         gain += paragraph(
             f"At 1 g the accelerometer's down axis reads {level.value:.3f} ± {level.sigma:.3f} m/s² too much: bias and "
@@ -95,12 +95,13 @@ def siblings(subject: Subject) -> Section:
     if any(other.position_m for other in known):
         panels.append(("position, m", "position_m"))
     figure = traces.stack(
-        [traces.Panel(name, [_bars(known, attribute, subject.numbers.used_imu)]) for name, attribute in panels],
+        [traces.Panel(name, [_bars(known, attribute, subject.colours)]) for name, attribute in panels],
         "",
         type="category",
     )
     figure["layout"] |= {"hovermode": "closest", "bargap": 0.5, "showlegend": False}
-    caption = f"Drift after {others[0].horizon_s:g} s: bar to the median, line to 95 %. Orange: the IMU of this report."
+    used = subject.numbers.used_imu
+    caption = f"Drift after {others[0].horizon_s:g} s: bar to the median, line to 95 %. This report is about {used}."
     return Section("imus", title, shown + subject.charts.add(figure, caption, rows=len(panels)))
 
 
@@ -156,7 +157,7 @@ def _intervals(fit: schema.CalibrationObject) -> traces.Figure | None:
     return drawn
 
 
-def _bars(others: list[schema.SiblingObject], attribute: str, used: str) -> traces.Trace:
+def _bars(others: list[schema.SiblingObject], attribute: str, colours: Mapping[str, palette.Rgb]) -> traces.Trace:
     statistics = [getattr(other, attribute) for other in others]
     median = [s.median if s else 0.0 for s in statistics]
     return {
@@ -171,6 +172,6 @@ def _bars(others: list[schema.SiblingObject], attribute: str, used: str) -> trac
         },
         "name": attribute,
         "width": 0.35,
-        "marker": {"color": [palette.css(palette.IMU if o.message == used else palette.CURSOR) for o in others]},
+        "marker": {"color": [palette.css(colours[o.message]) for o in others]},
         "hovertemplate": "%{x}: %{y:.3~g}",
     }

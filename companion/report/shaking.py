@@ -7,7 +7,7 @@ import numpy as np
 from companion.analysis import Spectrum, imu_spectrum, vibration
 from companion.report import traces
 from companion.report.flown import TIME
-from companion.report.markup import paragraph
+from companion.report.markup import paragraph, text
 from companion.report.subject import AXES, Section, Subject
 from companion.tracks import Array
 from companion.view import palette
@@ -34,7 +34,33 @@ def spectra(subject: Subject) -> Section:
         f"{1 / found.frequency_hz[1]:.2g} s. Grey: the white noise of {figures.name}. What moves faster than "
         f"{found.frequency_hz[-1]:.0f} Hz is folded into what is shown."
     )
-    return Section("spectra", title, subject.charts.add(figure, caption, rows=3))
+    return Section("spectra", title, subject.charts.add(figure, caption, rows=3) + _side_by_side(subject))
+
+
+def _side_by_side(subject: Subject) -> str:
+    """The spectra of every IMU, all axes together; nothing where there is one IMU."""
+    found = {
+        name: spectrum
+        for name, track in subject.flight.imus.items()
+        if (spectrum := imu_spectrum(track, subject.comparison.how.limits)) is not None
+    }
+    if len(found) < 2:
+        return ""
+
+    def lines(sensor: str) -> list[traces.Trace]:
+        return [
+            traces.line(
+                s.frequency_hz[1:], np.sqrt(getattr(s, sensor)[1:].sum(axis=1)), text(name), subject.colours[name]
+            )
+            for name, s in found.items()
+        ]
+
+    panels = [
+        traces.Panel("gyro, rad/s/√Hz", lines("gyro"), {"type": "log"}),
+        traces.Panel("accel, m/s²/√Hz", lines("accel"), {"type": "log"}),
+    ]
+    figure = traces.stack(panels, "frequency, Hz", type="log")
+    return subject.charts.add(figure, "Every IMU beside the others, root of the sum over its axes.", rows=3)
 
 
 def shaking(subject: Subject) -> Section:
@@ -56,7 +82,7 @@ def _told(subject: Subject) -> str | None:
     names = [name for name in ("x_mps2", "y_mps2", "z_mps2", "accel_mps2") if series and name in series.columns]
     if series is None or not names or len(series) < 2:
         return None
-    colours = [palette.IMU] if len(names) == 1 else palette.AXES
+    colours = [subject.colour] if len(names) == 1 else palette.AXES
     titles = ["all axes"] if len(names) == 1 else [name for name, _ in AXES]
     lines = [
         traces.line(series.t, series[name], title, colour)

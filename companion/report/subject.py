@@ -57,6 +57,26 @@ class Subject:
         return self.document.flights[0]
 
     @property
+    def colours(self) -> dict[str, palette.Rgb]:
+        """The colour of each IMU message, the same as in the view."""
+        return palette.of_imus(self.flight.imus)
+
+    @property
+    def colour(self) -> palette.Rgb:
+        """That of the IMU that was used."""
+        return self.colours[self.numbers.used_imu]
+
+    @property
+    def severe(self) -> list[schema.FindingObject]:
+        """The findings that are more than a remark."""
+        return [finding for finding in self.numbers.verdict.findings if finding.severity != "info"]
+
+    def is_throughout(self, finding: schema.FindingObject) -> bool:
+        """Whether it lasts as long as the flight, so that its time says nothing."""
+        first, last = self.ends
+        return finding.end_s - finding.start_s > 0.9 * (last - first)
+
+    @property
     def ends(self) -> tuple[float, float]:
         """First and last sample of the IMU, s, boot clock."""
         t = self.comparison.track.t

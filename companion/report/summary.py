@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-from companion.report.markup import percent, short, text, words
+from companion.report.markup import percent, short, text
 from companion.report.subject import Subject
 
 _MEANS = {
@@ -69,8 +69,7 @@ def _cards(subject: Subject) -> list[tuple[str, str]]:
         least = min(share for share in (inside.attitude, inside.velocity, inside.position) if share is not None)
         found.append((f"of {row.windows} windows inside the 95 % bound", percent(least)))
     findings = subject.numbers.verdict.findings
-    worst = [words(f.severity) for f in findings if f.severity != "info"]
-    found.append(("findings, of which are warnings or errors", f"{len(findings)} / {len(worst)}"))
+    found.append(("findings, of which are warnings or errors", f"{len(findings)} / {len(subject.severe)}"))
     return found
 
 

@@ -10,8 +10,10 @@ import numpy as np
 import numpy.typing as npt
 import viser
 
-from companion.tracks import Array
+from companion.tracks import Array, Flight
+from companion.view import palette
 from companion.view.framing import FIELD_OF_VIEW, camera, frame, readable_span
+from companion.view.home import home_position
 from companion.view.moment import Footage, Reckoning, footage
 from companion.view.palette import Rgb
 from companion.view.scene import Scene
@@ -55,9 +57,10 @@ def png(rgb: Pixels) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + body + chunk(b"IEND", b"")
 
 
-def replay_page(reckoning: Reckoning, mav_type: str, *, dark: bool = False) -> str:
-    """`page` for who has no view open; mav_type as in `Vehicle.type`. Raises DataError when nothing can be shown."""
-    return page(footage(reckoning), drone_for(mav_type), dark=dark)
+def replay_page(reckoning: Reckoning, flight: Flight, *, dark: bool = False) -> str:
+    """`page` for who has no view open. Raises DataError when nothing can be shown."""
+    colours = palette.of_imus(flight.imus)
+    return page(footage(reckoning), drone_for(flight.vehicle.type), colours, home_position(flight), dark=dark)
 
 
 def page(
