@@ -41,9 +41,12 @@ class Examination:
     correction: str | None  # the file that was applied
 
 
+_DEFAULTS = Settings()
+
+
 def examine(
     flight: Flight,
-    settings: Settings,
+    settings: Settings = _DEFAULTS,
     *,
     imu: str | None = None,
     imu_model: str | None = None,
@@ -57,6 +60,13 @@ def examine(
 
     Raises DataError when the flight has no usable IMU or no attitude, InputError and SettingsError for files that
     cannot be read.
+
+    >>> import companion as c
+    >>> examined = c.examine(c.open_log("tlogs/copter-demo-100hz.tlog")[0], imu="SCALED_IMU2")
+    >>> examined.assessment.verdict.status, examined.assessment.figures.name
+    ('consistent', 'generic-mems')
+    >>> [(other.imu, other.drift.windows) for other in examined.siblings]
+    [('RAW_IMU', 20), ('SCALED_IMU2', 19)]
     """
     found = assess_imu(flight, settings, imu=imu, imu_model=imu_model, correction=correction, how=how)
     how = found.comparison.how

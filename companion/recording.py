@@ -118,7 +118,15 @@ def _read_dataflash(
 def open_log(
     path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bool = False, core: int | None = None
 ) -> list[Flight]:
-    """The flights of a log, as `read_recording` gives them: an empty list when no vehicle speaks in it."""
+    """The flights of a log, as `read_recording` gives them: an empty list when no vehicle speaks in it.
+
+    >>> import companion as c
+    >>> (flight,) = c.open_log("tlogs/copter-hover-100hz.tlog")
+    >>> flight.vehicle.type, list(flight.imus), flight.attitude.source
+    ('QUADROTOR', ['RAW_IMU', 'SCALED_IMU2'], 'ATTITUDE')
+    >>> flight.imu().gyro.shape == (len(flight.imu()), 3)
+    True
+    """
     return list(read_recording(path, dialect=dialect, dequantise=dequantise, core=core).flights)
 
 

@@ -57,7 +57,7 @@ MAY_IMPORT = {
         "cli",
     },
     "__main__": {"cli"},
-    "__init__": GROUND | {"recording", "strapdown", "analysis", "export"},
+    "__init__": GROUND | {"settings", "recording", "strapdown", "analysis", "examination", "export"},
 }
 """Part of the house → the other parts that it may import."""
 

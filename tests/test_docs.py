@@ -8,6 +8,7 @@ import shlex
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -30,28 +31,47 @@ def commands() -> list[tuple[str, str]]:
 COMMANDS = commands()
 
 
-def environment() -> dict[str, str]:
-    """The PATH of someone who has activated the environment that the tests run in."""
-    return os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}", "COLUMNS": "120"}
+def environment(home: Path | None = None) -> dict[str, str]:
+    """The PATH of someone who has activated the environment that the tests run in; home: where evo keeps settings."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return os.environ | {"PATH": path, "COLUMNS": "120"} | ({"HOME": str(home)} if home else {})
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """A folder for each page: what one of its commands writes, the next can read, and nothing else sees it."""
+    folders: dict[str, Path] = {}
+
+    def of(page: str) -> Path:
+        if page not in folders:
+            folders[page] = tmp_path_factory.mktemp(page)
+            for name in ("tlogs", "config", "docs"):
+                (folders[page] / name).symlink_to(ROOT / name)
+        return folders[page]
+
+    return of
 
 
 @pytest.mark.parametrize(("page", "command"), COMMANDS, ids=[command for _, command in COMMANDS])
-def test_a_documented_command_works(page: str, command: str, tmp_path: Path) -> None:
+def test_a_documented_command_works(page: str, command: str, desk: Callable[[str], Path]) -> None:
     words = shlex.split(command)
     if words[0] == "make":
         subprocess.run(["make", "--dry-run", *words[1:]], cwd=ROOT, check=True, capture_output=True)
         return
-    assert words[0] in {"companion", "python", "pip"}, f"{page}: {command} is not run by this test"
+    assert words[0] in {"companion", "python", "pip", "evo_ape", "evo_rpe"}, (
+        f"{page}: {command} is not run by this test"
+    )
     if words[0] == "pip":
         return  # installing is what .ci/run begins with
     if words[:2] == ["companion", "view"]:
         served = start([*(w for w in words if w != "--open"), "--port", "18080"])
         assert "http://" in served
         return
-    run = subprocess.run(words, cwd=ROOT, env=environment(), capture_output=True, text=True, timeout=120, check=False)
+    run = subprocess.run(
+        words, cwd=desk(page), env=environment(desk(page)), capture_output=True, text=True, timeout=120, check=False
+    )
     assert run.returncode == 0, run.stderr
-    assert run.stdout
-    assert not list(tmp_path.iterdir())
+    assert run.stdout or run.stderr
 
 
 def start(words: list[str]) -> str:
@@ -87,3 +107,13 @@ def test_the_readme_shows_what_analyze_prints_now() -> None:
     )
     assert run.stdout.count("\n") > 8
     assert run.stdout.rstrip() in (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_table_of_settings_is_that_of_the_code() -> None:
+    run = subprocess.run(
+        [sys.executable, "docs/settings.py"], cwd=ROOT, env=environment(), capture_output=True, check=True
+    )
+    page = (ROOT / "docs" / "settings.md").read_bytes()
+    assert run.stdout == page, "make it anew: python docs/settings.py > docs/settings.md"
+    keys = re.findall(r"^(\w+) =", (ROOT / "config" / "default.toml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert len(re.findall(r"^\| `\w+` \| `.+` \| .+ \| \S.+ \|$", page.decode(), re.MULTILINE)) == len(keys)

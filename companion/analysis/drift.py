@@ -69,6 +69,14 @@ def drift(
 
     Raises DataError when the flight has no usable IMU or no attitude, ValueError for an unknown method or a horizon
     that is not positive.
+
+    >>> import companion as c
+    >>> flight = c.open_log("tlogs/copter-demo-100hz.tlog")[0]
+    >>> (row,) = c.drift(flight, horizons=(5,), how=c.Integration(method="midpoint")).rows
+    >>> row.windows, f"{row.attitude_deg.median:.3f}°", f"{row.position_m.max:.2f} m"
+    (20, '0.165°', '0.91 m')
+    >>> row.errors.position.shape  # autopilot minus IMU at the end of each window, NED, m
+    (20, 3)
     """
     return drift_of(compare(flight, imu=imu, how=how), horizons)
 

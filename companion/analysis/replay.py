@@ -53,6 +53,13 @@ def replay(
 
     Raises DataError when the flight has no usable IMU or no attitude, or never both at once after `start_s`; ValueError
     for an unknown method or a period that is not positive.
+
+    >>> import companion as c
+    >>> shown = c.replay(c.open_log("tlogs/copter-demo-100hz.tlog")[0], reanchor_s=20)
+    >>> len(shown.anchors), shown.position_imu.shape == shown.position_ref.shape
+    (6, True)
+    >>> float(abs(shown.position_error[0]).max())  # at an anchor both are the same
+    0.0
     """
     track, attitude = flight.imu(imu), flight.require_attitude()
     if reanchor_s is not None and not reanchor_s > 0:

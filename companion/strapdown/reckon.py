@@ -92,6 +92,14 @@ def reckon(
 
     Raises ValueError for an unknown method or middle, a track without samples, a start that is not finite, whose
     quaternion is not of unit length (to 1e-3), or whose time is not that of a sample.
+
+    >>> import numpy as np
+    >>> from companion import ImuTrack, NavState, reckon
+    >>> t = np.linspace(0.0, 2.0, 201)  # two seconds of 1 m/s² forward, level
+    >>> imu = ImuTrack(t, gyro=np.zeros((201, 3)), accel=np.tile([1.0, 0.0, -9.80665], (201, 1)))
+    >>> start = NavState(0.0, np.array([1.0, 0.0, 0.0, 0.0]), velocity=np.zeros(3), position=np.zeros(3))
+    >>> [round(float(x), 9) for x in reckon(imu, start).end.position]
+    [2.0, 0.0, 0.0]
     """
     scheme = scheme_for(method, middle, segments)
     require_samples(imu)

@@ -1,0 +1,88 @@
+"""The public API as docs/api.md and the docstrings show it: every example is run, every name is described."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import os
+import pkgutil
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import companion
+from tests.recordings import ROOT
+
+PAGE = ROOT / "docs" / "api.md"
+OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+
+
+def with_examples() -> list[str]:
+    """Modules that have an example in a docstring, told without importing them all."""
+    names = [companion.__name__]
+    for module in pkgutil.walk_packages(companion.__path__, "companion."):
+        path = Path(*companion.__path__) / Path(*module.name.split(".")[1:])
+        source = path / "__init__.py" if module.ispkg else path.with_suffix(".py")
+        if ">>> " in source.read_text(encoding="utf-8"):
+            names.append(module.name)
+    return names
+
+
+MODULES = with_examples()
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_the_examples_of_the_docstrings(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    found = doctest.testmod(importlib.import_module(name), optionflags=OPTIONS)
+    assert found.attempted
+    assert not found.failed
+
+
+def test_the_ways_in_have_an_example() -> None:
+    for name in ("open_log", "drift", "replay", "reckon", "examine", "ape"):
+        assert ">>> " in (getattr(companion, name).__doc__ or ""), name
+    assert len(MODULES) >= 6
+
+
+def test_the_page_is_true(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Every line of it that begins with >>> gives what stands below it."""
+    (tmp_path / "tlogs").symlink_to(ROOT / "tlogs")
+    monkeypatch.chdir(tmp_path)
+    examples = "\n".join(re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL))
+    test = doctest.DocTestParser().get_doctest(examples, {}, "docs/api.md", str(PAGE), 0)
+    assert len(test.examples) > 15
+    said: list[str] = []
+    found = doctest.DocTestRunner(optionflags=OPTIONS).run(test, out=said.append)
+    assert not found.failed, "".join(said)
+
+
+def test_every_public_name_is_on_the_page() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    missing = [name for name in companion.__all__ if not re.search(rf"`(c\.)?{name}\b", text)]
+    assert not missing
+    described = set(re.findall(r"`c\.(\w+)", text))
+    assert described <= set(companion.__all__), "the page names what there is not"
+
+
+def test_every_public_name_has_a_docstring() -> None:
+    assert all(getattr(companion, name).__doc__ for name in companion.__all__)
+
+
+def test_the_tutorial_runs(tmp_path: Path) -> None:
+    (tmp_path / "tlogs").symlink_to(ROOT / "tlogs")
+    run = subprocess.run(
+        [sys.executable, ROOT / "docs" / "tutorial.py"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    assert "CONSISTENT" in run.stdout
+    assert list(tmp_path.glob("*.parquet"))
