@@ -74,13 +74,9 @@ def _accepted(schema: dict[str, Any]) -> Iterator[str]:
         yield f"list of: {may_be(schema['items'])}"
     elif schema.get("type") in ("number", "integer"):
         kind = "whole number" if schema["type"] == "integer" else "number"
-        above, low, high = (schema.get(bound) for bound in ("exclusiveMinimum", "minimum", "maximum"))
-        if low is not None and high is not None:
-            yield f"{kind}, {low:,} to {high:,}"
-        elif above is not None and high is not None:
-            yield f"{kind} above {above:,}, up to {high:,}"
-        else:
-            yield kind
+        bounds = [schema.get(name) for name in ("exclusiveMinimum", "minimum", "maximum")]
+        above, low, high = ("" if bound is None else f"{bound:,}".removesuffix(".0") for bound in bounds)
+        yield f"{kind} above {above}, up to {high}" if above else f"{kind}, {low} to {high}" if low else kind
     elif schema.get("type") == "boolean":
         yield "`true`, `false`"
     elif schema.get("type") == "string":
