@@ -3,10 +3,15 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: demo test check bench format clean
+.PHONY: demo demo-live test check bench format clean
 
 demo: $(VENV)/.installed  ## the bundled flight in the browser
 	$(BIN)/companion view demo --open
+
+demo-live: $(VENV)/.installed  ## a simulated vehicle on a link, live in the browser; Ctrl-C ends both
+	@$(BIN)/companion simulate udpout:127.0.0.1:14550 --duration 1200 & vehicle=$$!; \
+		trap 'kill $$vehicle 2>/dev/null; wait $$vehicle' EXIT; trap : INT TERM; \
+		$(BIN)/companion view udpin:127.0.0.1:14550 --open -o "$${TMPDIR:-/tmp}/companion-live-$$$$.tlog"
 
 test: $(VENV)/.developer  ## every test
 	$(BIN)/python -m pytest

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 
 from companion.cli import options
 from companion.errors import SettingsError
-from companion.mavlink import Choice, Link, Recorder, Session
+from companion.mavlink import Choice, Link, Recorder, Session, load_key
 from companion.settings import Settings
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -27,7 +27,9 @@ def add_link(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--config", metavar="FILE", help="settings file; config/default.toml describes every key")
     parser.add_argument("--dialect", metavar="NAME", help="MAVLink dialect (default: ardupilotmega)")
-    parser.add_argument("--vehicle", metavar="SYSID[:COMPID]", help="the vehicle to ask (default: the first heard)")
+    parser.add_argument(
+        "--vehicle", metavar="SYSID[:COMPID]", help="the vehicle to ask, or all (default: the first heard)"
+    )
     add_manners(parser)
     parser.add_argument("-o", "--output", metavar="FILE", help=OUTPUT)
 
@@ -38,6 +40,11 @@ OUTPUT = "a new .tlog to record into (default: YYYY-MM-DD hh-mm-ss.tlog in this 
 def add_manners(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
     """What may be asked of the vehicle."""
     parser.add_argument("--rate", type=float, metavar="HZ", help="how often to ask for the IMU (default: 100)")
+    parser.add_argument(
+        "--signing-key-file",
+        metavar="FILE",
+        help="sign what is sent, and drop what is not signed, with the key in this file: 64 hex digits or a passphrase",
+    )
     parser.add_argument("--listen-only", action="store_true", help="send nothing at all, ever")
 
 
@@ -49,6 +56,7 @@ def open_link(address: str, arguments: argparse.Namespace, settings: Settings) -
         listen_only=arguments.listen_only,
         sysid=settings.live.sysid,
         compid=settings.live.compid,
+        signing_key=load_key(arguments.signing_key_file) if arguments.signing_key_file else None,
     )
 
 
@@ -75,6 +83,12 @@ def until_told() -> Iterator[Callable[[], bool]]:
 
 def conclude(link: Link, recorder: Recorder) -> None:
     """Say what has been recorded; a recording of nothing is not left behind."""
+    health = link.health
+    if health.unsigned or health.wrongly_signed:
+        options.say(
+            f"{health.unsigned:,} frames without a signature and {health.wrongly_signed:,} with a wrong one were "
+            "dropped: they are not in the recording"
+        )
     if not link.health.frames:
         if recorder.path.is_file():
             recorder.path.unlink()
@@ -117,8 +131,12 @@ class StatusLine:
         if session.rates is not None:
             parts += [f"{w.name} {w.received_hz:.0f}/{w.wanted_hz:.0f} Hz" for w in session.rates.wishes if w.count]
         lost = sum(health.lost.values())
+        if health.unsigned or health.wrongly_signed:
+            parts.append(f"{health.unsigned + health.wrongly_signed} not signed with our key")
         if health.frames:
             parts.append(f"lost {lost / (lost + health.frames):.1%}")
+        if (clock := session.report().clock) is not None:
+            parts.append(f"latency {clock.latency_ms:.0f} ms")
         if session.recorder is not None:
             parts.append(f"{session.recorder.size_bytes / 1e6:.1f} MB")
         return " · ".join(parts)

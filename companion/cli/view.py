@@ -14,7 +14,7 @@ from companion.mavlink import is_link
 
 _HORIZON_S = 5.0  # the windows that the verdict is reached with
 
-_OF_LINKS = ("rate", "listen-only", "output", "no-record")
+_OF_LINKS = ("rate", "listen-only", "signing-key-file", "output", "no-record")
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -15,7 +15,7 @@ from companion.cli.running_verdict import RunningVerdict
 from companion.errors import SettingsError
 from companion.examination import integration_of
 from companion.live import Attachment, Watch
-from companion.mavlink import Recorder, Session, State
+from companion.mavlink import Clock, Recorder, Session, State
 from companion.settings import Settings
 from companion.view import Judgement, LinkState, LiveViewer, Seen, StreamState
 
@@ -61,7 +61,7 @@ def _watch(arguments: argparse.Namespace, settings: Settings) -> Watch:
         how=lambda flight: integration_of(settings, flight),
         horizons=settings.drift.horizons_s,
         imu=arguments.imu,
-        vehicle=arguments.vehicle,
+        vehicle=None if arguments.vehicle == "all" else arguments.vehicle,
         reanchor_s=settings.view.reanchor_s,
     )
 
@@ -75,6 +75,12 @@ def _announce(arguments: argparse.Namespace, settings: Settings, viewer: LiveVie
     print(f"Live view of {arguments.log}, {where}: {viewer.url}  (Ctrl-C ends it)", flush=True)
     if arguments.open:
         webbrowser.open(viewer.url)
+
+
+def _in_words(clock: Clock) -> str:
+    booted = time.strftime("%H:%M:%S", time.localtime(clock.booted))
+    rate = "" if clock.rate_ppm is None else f", its clock runs {clock.rate_ppm:+.0f} ppm"
+    return f"Booted at {booted} by our clock{rate}"
 
 
 class _Feed:
@@ -121,6 +127,9 @@ class _Feed:
             ),
             frames=report.frames,
             lost=report.lost,
+            rejected=report.unsigned + report.wrongly_signed,
+            latency_ms=report.clock.latency_ms if report.clock else None,
+            clock=_in_words(report.clock) if report.clock else "",
             recording=report.recording,
             recorded_bytes=report.recorded_bytes,
             recording_problem=report.recording_problem,

@@ -17,6 +17,8 @@ from companion.mavlink.recognise import looks_like_a_log
 from companion.mavlink.recorder import Recorder
 from companion.mavlink.requests import ForbiddenMessageError, Request, Target
 from companion.mavlink.session import Arriving, Choice, Report, Session
+from companion.mavlink.signing import load_key
+from companion.mavlink.timesync import Clock
 from companion.mavlink.tlog import Log, TlogWriter, follow_tlog, read_tlog, write_tlog
 from companion.mavlink.wishes import State, Wish
 
@@ -25,6 +27,7 @@ __all__ = [
     "Address",
     "Arriving",
     "Choice",
+    "Clock",
     "Contents",
     "Damage",
     "DataflashLog",
@@ -58,6 +61,7 @@ __all__ = [
     "is_link",
     "join",
     "load_dialect",
+    "load_key",
     "log_format",
     "looks_like_a_log",
     "make_messages",

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -68,6 +68,11 @@ class Frames:
 
     def __len__(self) -> int:
         return len(self.start)
+
+    def select(self, index: npt.NDArray[np.bool_]) -> Frames:
+        """Those of a mask."""
+        columns = ("start", "payload", "size", "length", "offset", "stamp", "id", "sysid", "compid", "seq", "crc")
+        return replace(self, **{name: getattr(self, name)[index] for name in columns})
 
 
 @dataclass(slots=True)

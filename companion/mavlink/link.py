@@ -17,6 +17,7 @@ from companion.mavlink.pack import Packer
 from companion.mavlink.ports import Port
 from companion.mavlink.requests import Request
 from companion.mavlink.serial_port import SerialPort
+from companion.mavlink.signing import Verifier
 from companion.mavlink.sockets import TcpPort, UdpPort
 
 DEFAULT_SYSID, DEFAULT_COMPID = 240, 191
@@ -37,13 +38,16 @@ class LinkHealth:
     first_byte: float | None = None
     last_frame: float | None = None
     damage: Damage = field(default_factory=Damage)
+    unsigned: int = 0  # frames dropped because they carry no signature, where a key is set
+    wrongly_signed: int = 0  # ... because theirs is not of our key, or is repeated
 
 
 class Link:
     """Frames from vehicles, and requests to them. Survives whatever the peer does; see `ports`.
 
     address: see `parse_address`. listen_only: nothing is ever sent. sysid, compid: who the companion is.
-    patience_s: how long bytes without one frame in them are put up with.
+    patience_s: how long bytes without one frame in them are put up with. signing_key: 32 bytes; what is sent is signed
+    with it, and what is not is dropped and counted.
 
     Raises InputError when the link cannot be opened, SettingsError for an unknown dialect.
     """
@@ -57,6 +61,7 @@ class Link:
         sysid: int = DEFAULT_SYSID,
         compid: int = DEFAULT_COMPID,
         patience_s: float = 5.0,
+        signing_key: bytes | None = None,
     ) -> None:
         self.address = parse_address(address)
         self.dialect = load_dialect(dialect)
@@ -65,7 +70,8 @@ class Link:
         self.health = LinkHealth()
         if listen_only and self.address.kind == "udpout":
             raise InputError(f"{address} hears nothing unless it speaks first: use udpin: or leave --listen-only away.")
-        self._packer = Packer(sysid, compid, dialect=dialect)
+        self._packer = Packer(sysid, compid, dialect=dialect, signing_key=signing_key)
+        self._verifier = Verifier(signing_key) if signing_key is not None else None
         self._decoder = Decoder(self.dialect, stamped=False)
         self.health.damage = self._decoder.damage
         self._modern = False  # whether MAVLink 2 has been heard
@@ -84,6 +90,10 @@ class Link:
         if self._port.problem:
             return self._port.problem
         health, now = self.health, time.monotonic()
+        if health.last_frame is None and health.wrongly_signed:
+            return f"{health.wrongly_signed} frames are signed with another key than ours"
+        if health.last_frame is None and health.unsigned:
+            return f"{health.unsigned} frames are not signed: the vehicle does not sign, or has no key"
         if health.last_frame is None:
             return "bytes but no MAVLink" if health.first_byte is not None else "nothing received yet"
         quiet = now - health.last_frame
@@ -100,6 +110,9 @@ class Link:
             data = self._port.read()
         health = self.health
         frames = self._decoder.push(data)
+        if self._verifier is not None and len(frames):
+            frames = self._verifier.check(frames)
+            health.unsigned, health.wrongly_signed = self._verifier.unsigned, self._verifier.wrong
         if data:
             now = time.monotonic()
             health.bytes += len(data)
@@ -134,6 +147,8 @@ class Link:
         health = self.health
         if health.frames or health.first_byte is None or health.bytes < _NOISE_BYTES:
             return
+        if health.unsigned or health.wrongly_signed:
+            return  # it is MAVLink: `problem` says what is wrong with it
         if time.monotonic() - health.first_byte < self._patience_s:
             return
         advice = "check that MAVLink is spoken there"

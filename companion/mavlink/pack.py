@@ -7,17 +7,27 @@ from collections.abc import Mapping
 from typing import Any
 
 from companion.mavlink.dialect import DEFAULT_DIALECT, load_dialect
+from companion.mavlink.signing import now_ticks
 
 Value = int | float | bytes
 
 
 class Packer:
-    """Packs the messages of one sender and counts their sequence."""
+    """Packs the messages of one sender and counts their sequence.
 
-    def __init__(self, sysid: int, compid: int, *, dialect: str = DEFAULT_DIALECT) -> None:
+    signing_key: 32 bytes; frames are signed with it, which only MAVLink 2 can be.
+    """
+
+    def __init__(
+        self, sysid: int, compid: int, *, dialect: str = DEFAULT_DIALECT, signing_key: bytes | None = None
+    ) -> None:
         load_dialect(dialect)  # says which dialects there are
         self._module: Any = importlib.import_module(f"pymavlink.dialects.v20.{dialect}")
         self._sender: Any = self._module.MAVLink(None, srcSystem=sysid, srcComponent=compid)
+        if signing_key is not None:
+            self._sender.signing.secret_key = signing_key
+            self._sender.signing.sign_outgoing = True
+            self._sender.signing.timestamp = now_ticks()
         self._blank: dict[str, dict[str, Any]] = {}
 
     def pack(self, name: str, fields: Mapping[str, Value], *, version: int = 2) -> bytes:
@@ -33,6 +43,9 @@ class Packer:
         blank = self._blank.setdefault(name, _zeros(kind))
         if unknown := fields.keys() - blank.keys():
             raise KeyError(f"{name} has no field {', '.join(sorted(unknown))}; it has {', '.join(blank)}")
+        if self._sender.signing.sign_outgoing:
+            version = 2
+            self._sender.signing.timestamp = max(self._sender.signing.timestamp, now_ticks())
         frame: bytes = bytes(kind(**(blank | dict(fields))).pack(self._sender, force_mavlink1=version == 1))
         self._sender.seq = (self._sender.seq + 1) % 256
         return frame

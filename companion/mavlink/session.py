@@ -9,21 +9,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.mavlink import requests
+from companion.mavlink.asked import Asked
 from companion.mavlink.frames import Frames
 from companion.mavlink.link import Link
 from companion.mavlink.messages import Messages, split_messages
 from companion.mavlink.rates import Rates
 from companion.mavlink.recorder import Recorder
 from companion.mavlink.requests import Target
+from companion.mavlink.timesync import Clock
 from companion.mavlink.wanted import fit, wanted_from
 from companion.mavlink.wishes import State
 
 _HEARTBEAT_S = 1.0
 _LEAVING_S = (0.5, 0.4)  # to hear that the intervals are restored, at the first and the second attempt
-_IMU = ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU")
 _HEARD = (
     "HEARTBEAT", "COMMAND_ACK", "MESSAGE_INTERVAL", "PARAM_VALUE", "AUTOPILOT_VERSION", "ATTITUDE", "SCALED_IMU",
-    "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT",
+    "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "TIMESYNC",
 )  # fmt: skip
 """The messages whose fields a session reads: those of requests, and those with the vehicle's clock."""
 _NO_VEHICLES = {5, 6, 18, 26, 27, 30, 31}  # MAV_TYPE: tracker, GCS, companion, gimbal, ADS-B, camera, charging station
@@ -50,6 +51,9 @@ class Report:
     arriving: tuple[Arriving, ...]
     frames: int
     lost: int  # frames missing by sequence
+    unsigned: int  # frames dropped because they carry no signature
+    wrongly_signed: int  # ... because theirs is not of our key, or is repeated
+    clock: Clock | None  # of the first vehicle that is asked
     recording: str  # file; "" for none
     recorded_bytes: int
     recording_problem: str
@@ -59,7 +63,7 @@ class Report:
 class Choice:
     """What a session asks for."""
 
-    vehicle: str | None = None  # SYSID or SYSID:COMPID; None: the first that is heard
+    vehicle: str | None = None  # SYSID or SYSID:COMPID; None: the first that is heard; "all": each
     imu_hz: float = 100.0
     attitude_hz: float = 50.0
     position_hz: float = 20.0
@@ -84,17 +88,15 @@ class Session:
         self.link = link
         self.recorder = recorder
         self.vehicles: dict[Target, str] = {}  # every autopilot heard → its MAV_AUTOPILOT without prefix
-        self.rates: Rates | None = None  # of the vehicle that is asked
-        self.counts: dict[str, int] = {}  # messages of that vehicle, by name
+        self.asked: dict[Target, Asked] = {}  # those of them that are ours, the first first
         self.said: list[str] = []
-        self._target: Target | None = None
         self._choice = choice
         self.on_frames = on_frames
         self._patience_s = patience_s
         self._names = link.dialect.enum_names("MAV_AUTOPILOT")
         self._beat = 0.0
-        self._found_at = 0.0
-        self._told = {"imu": False, "disk": False}
+        self._leaving = False
+        self._told_disk = False
 
     def step(self, timeout_s: float = 0.1) -> Frames:
         """Receive, record and ask once. Raises InputError when the link carries no MAVLink."""
@@ -102,8 +104,8 @@ class Session:
         now = time.monotonic()
         if self.recorder is not None:
             self.recorder.write(frames)
-            if self.recorder.problem and not self._told["disk"]:
-                self._told["disk"] = True
+            if self.recorder.problem and not self._told_disk:
+                self._told_disk = True
                 self.said.append(self.recorder.problem)
         if self.on_frames is not None and len(frames):
             self.on_frames(frames, time.time())
@@ -112,58 +114,65 @@ class Session:
         self._speak(now)
         return frames
 
+    @property
+    def rates(self) -> Rates | None:
+        """Of the first vehicle that is asked."""
+        return next((asked.rates for asked in self.asked.values()), None)
+
     def report(self) -> Report:
         """How it stands."""
         link, recorder = self.link, self.recorder
-        wishes = self.rates.wishes if self.rates is not None else []
+        several = len(self.asked) > 1
+        wishes = [
+            (f"{asked.target} {wish.name}" if several else wish.name, wish)
+            for asked in self.asked.values()
+            if asked.rates
+            for wish in asked.rates.wishes
+        ]
+        first = next(iter(self.asked.values()), None)
         return Report(
             link=str(link.address),
             problem=link.problem,
             vehicles=tuple(map(str, self.vehicles)),
-            arriving=tuple(Arriving(w.name, w.wanted_hz, w.received_hz, w.state) for w in wishes),
+            arriving=tuple(Arriving(name, w.wanted_hz, w.received_hz, w.state) for name, w in wishes),
             frames=link.health.frames,
             lost=sum(link.health.lost.values()),
+            unsigned=link.health.unsigned,
+            wrongly_signed=link.health.wrongly_signed,
+            clock=first.timesync.clock(time.monotonic(), time.time()) if first else None,
             recording=str(recorder.path) if recorder else "",
             recorded_bytes=recorder.size_bytes if recorder else 0,
             recording_problem=recorder.problem if recorder else "",
         )
 
     def leave(self) -> None:
-        """Give the vehicle its intervals back; takes less than a second."""
-        if self.link.listen_only or self.rates is None:
+        """Give every vehicle its intervals back; takes less than a second."""
+        self._leaving = True  # nothing is asked any more
+        given_back = [request for asked in self.asked.values() if asked.rates for request in asked.rates.restore()]
+        if self.link.listen_only or not given_back:
             return
-        given_back = self.rates.restore()
+        expected = sum(request.name == "COMMAND_LONG" for request in given_back)
         for attempt_s in _LEAVING_S:
-            if not given_back:
-                return
-            before = self.counts.get("COMMAND_ACK", 0)
+            before = self._acknowledged()
             for request in given_back:
                 self.link.send(request)
-            expected = sum(request.name == "COMMAND_LONG" for request in given_back)
             until = time.monotonic() + attempt_s
-            self.rates = None  # nothing is asked any more
-            while self.counts.get("COMMAND_ACK", 0) - before < expected and time.monotonic() < until:
+            while self._acknowledged() - before < expected and time.monotonic() < until:
                 self.step(0.02)
-            if self.counts.get("COMMAND_ACK", 0) - before >= expected:
+            if self._acknowledged() - before >= expected:
                 return
         self.said.append("the vehicle has not confirmed that its message intervals are as before")
+
+    def _acknowledged(self) -> int:
+        return sum(asked.counts["COMMAND_ACK"] for asked in self.asked.values())
 
     def _notice(self, messages: Mapping[str, Messages], now: float) -> None:
         if "HEARTBEAT" in messages:
             self._meet(messages["HEARTBEAT"], now)
-        target = self._target
-        if target is None:
-            return
-        own: dict[str, Messages] = {}
-        for name, found in messages.items():
-            mine = (found.sysid == target.sysid) & (found.compid == target.compid)
-            if mine.any():
-                own[name] = found.select(mine)
-                self.counts[name] = self.counts.get(name, 0) + int(mine.sum())
-        if self.rates is not None:
-            self.rates.hear(own, now)
-            self.said += self.rates.said
-            self.rates.said.clear()
+        for asked in self.asked.values():
+            asked.hear(messages, now)
+            self.said += asked.said
+            asked.said.clear()
 
     def _meet(self, beats: Messages, now: float) -> None:
         who = np.column_stack([beats.sysid, beats.compid, beats["autopilot"], beats["type"]])
@@ -173,32 +182,35 @@ class Session:
                 continue
             name = self._names.get(autopilot, f"autopilot {autopilot}").removeprefix("MAV_AUTOPILOT_")
             self.vehicles[target] = name
-            if self._target is None and self._choice.vehicle in (None, str(sysid), str(target)):
+            chosen = self._choice.vehicle
+            if chosen == "all" or (not self.asked and chosen in (None, str(sysid), str(target))):
                 self._take(target, name, now)
             else:
                 self.said.append(f"vehicle {target} ({name}) is heard too; --vehicle {target} would ask it")
 
     def _take(self, target: Target, name: str, now: float) -> None:
-        self._target, self._found_at = target, now
         self.said.append(f"vehicle {target} ({name}) is heard")
-        if self.link.listen_only:
-            return
-        choice = self._choice
-        wanted = wanted_from(name, imu_hz=choice.imu_hz, attitude_hz=choice.attitude_hz, position_hz=choice.position_hz)
-        fitting, warning = fit(wanted, self.link.dialect, self.link.address.bytes_per_second)
-        if warning:
-            self.said.append(warning)
-        self.rates = Rates(target, fitting, self.link.dialect, own_sysid=self.link.sysid, ardupilot=name != "PX4")
+        rates = None
+        if not self.link.listen_only:
+            choice = self._choice
+            wanted = wanted_from(
+                name, imu_hz=choice.imu_hz, attitude_hz=choice.attitude_hz, position_hz=choice.position_hz
+            )
+            fitting, warning = fit(wanted, self.link.dialect, self.link.address.bytes_per_second)
+            if warning:
+                self.said.append(warning)
+            rates = Rates(target, fitting, self.link.dialect, own_sysid=self.link.sysid, ardupilot=name != "PX4")
+        self.asked[target] = Asked(target, rates, now, self._patience_s)
 
     def _speak(self, now: float) -> None:
         if now - self._beat >= _HEARTBEAT_S:
             self._beat = now
             self.link.send(requests.heartbeat())
-        if self.rates is not None and (request := self.rates.next_request(now)):
-            self.link.send(request)
-        silent = self._target is not None and not any(name in self.counts for name in _IMU)
-        if silent and not self._told["imu"] and now - self._found_at > self._patience_s:
-            self._told["imu"] = True
-            how = "raise the stream rate on the vehicle: SRx_RAW_SENS, or MAVx_RAW_SENS from ArduPilot 4.7"
-            why = "--listen-only asks for none" if self.link.listen_only else "it was asked, and sends none"
-            self.said.append(f"vehicle {self._target} sends no IMU message ({why}): {how}.")
+        if self._leaving:
+            return
+        for asked in self.asked.values():
+            for request in asked.next_requests(now):
+                self.link.send(request)
+            asked.complain(now)
+            self.said += asked.said
+            asked.said.clear()

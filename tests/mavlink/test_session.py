@@ -7,7 +7,8 @@ import time
 import numpy as np
 
 from companion.mavlink import Choice, Link, Packer, Session
-from tests.mavlink.peers import udp_peer
+from tests.mavlink.peers import udp_peer, wait_for
+from tests.simulated import flying
 
 
 def heartbeat(sysid: int, *, kind: int, autopilot: int = 3, compid: int = 1) -> bytes:
@@ -65,3 +66,20 @@ def test_a_vehicle_without_an_imu_is_told_of() -> None:
             peer.send(heartbeat(1, kind=2))
             stepped(session, 0.1)
         assert sum("sends no IMU message (--listen-only asks for none)" in sentence for sentence in session.said) == 1
+
+
+def test_every_vehicle_can_be_asked_and_each_is_left_as_it_was() -> None:
+    with Link("udpin:127.0.0.1:0") as link:
+        session = Session(link, choice=Choice(vehicle="all"))
+        with flying(link.port, sysid=1) as one, flying(link.port, sysid=2) as two:
+            both = (one, two)
+
+            def agreed() -> bool:
+                session.step(0.02)
+                return all(v.interval_us("RAW_IMU") == 10_000 and v.interval_us("ATTITUDE") > 0 for v in both)
+
+            wait_for(agreed, 10.0)
+            names = {arriving.name for arriving in session.report().arriving}
+            assert {"1:1 RAW_IMU", "2:1 RAW_IMU"} <= names
+            session.leave()
+            assert [vehicle.interval_us("RAW_IMU") for vehicle in both] == [-1, -1]

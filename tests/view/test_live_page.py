@@ -67,8 +67,8 @@ def test_a_live_session(page: Page, tmp_path: Path) -> None:
             expect(row).to_have_text(re.compile("RAW_IMU(9[5-9]|10[0-5]) . 100 Hz"), timeout=15_000)
             wait_for(lambda: since_anchor(page)[1] > 6.0, 15.0)
             pixels = shoot(page, "live")
-            for colour in ((230, 97, 1), (0, 114, 178)):  # both drones and their trails
-                assert near(pixels[:, 340:940], colour) > 100
+            for colour in ((230, 97, 1), (0, 114, 178)):  # both drones and their trails, of which one is see-through
+                assert near(pixels[:, 340:940], colour) > 40
             end, count = chart_ends(page)
             assert end == pytest.approx(0.0, abs=1e-6)
             assert count > 50

@@ -1,0 +1,57 @@
+"""One vehicle that a session listens to, and what it is asked for."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+
+from companion.mavlink.messages import Messages
+from companion.mavlink.rates import Rates
+from companion.mavlink.requests import Request, Target
+from companion.mavlink.timesync import Timesync
+
+_IMU = ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU")
+
+
+class Asked:
+    """Messages and times go in, requests and sentences come out. rates: None when nothing may be asked."""
+
+    def __init__(self, target: Target, rates: Rates | None, now: float, patience_s: float) -> None:
+        self.target = target
+        self.rates = rates
+        self.timesync = Timesync()
+        self.counts: Counter[str] = Counter()  # messages of this vehicle, by name
+        self.said: list[str] = []
+        self._found_at, self._patience_s = now, patience_s
+        self._told = False
+
+    def hear(self, messages: Mapping[str, Messages], now: float) -> None:
+        """Take those messages that are of this vehicle."""
+        own: dict[str, Messages] = {}
+        for name, found in messages.items():
+            mine = (found.sysid == self.target.sysid) & (found.compid == self.target.compid)
+            if mine.any():
+                own[name] = found.select(mine)
+                self.counts[name] += int(mine.sum())
+        if "TIMESYNC" in own:
+            self.timesync.hear(own["TIMESYNC"], now)
+        if self.rates is not None:
+            self.rates.hear(own, now)
+            self.said += self.rates.said
+            self.rates.said.clear()
+
+    def next_requests(self, now: float) -> list[Request]:
+        """What to send now."""
+        if self.rates is None:
+            return []
+        found = (self.rates.next_request(now), self.timesync.next_request(now))
+        return [request for request in found if request is not None]
+
+    def complain(self, now: float) -> None:
+        """Say, once, that no IMU message comes."""
+        if self._told or now - self._found_at <= self._patience_s or any(name in self.counts for name in _IMU):
+            return
+        self._told = True
+        how = "raise the stream rate on the vehicle: SRx_RAW_SENS, or MAVx_RAW_SENS from ArduPilot 4.7"
+        why = "--listen-only asks for none" if self.rates is None else "it was asked, and sends none"
+        self.said.append(f"vehicle {self.target} sends no IMU message ({why}): {how}.")
