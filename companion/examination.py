@@ -11,6 +11,7 @@ import numpy as np
 
 from companion.analysis import (
     NO_CORRECTION,
+    Alignment,
     Assessment,
     Comparison,
     ImuFigures,
@@ -18,6 +19,7 @@ from companion.analysis import (
     Limits,
     ReferenceFigures,
     Sibling,
+    align,
     assess,
     compare,
     gravity_for,
@@ -39,6 +41,7 @@ class Examination:
     siblings: tuple[Sibling, ...]  # every IMU, uncorrected: a correction is of one IMU
     gaps: Mapping[str, int]  # holes of each IMU message
     correction: str | None  # the file that was applied
+    alignment: Alignment | None  # the IMU aligned by itself at rest, where that was asked for
 
 
 _DEFAULTS = Settings()
@@ -52,14 +55,16 @@ def examine(
     imu_model: str | None = None,
     correction: str | Path | None = None,
     how: Integration | None = None,
+    anchor: str = "autopilot",
 ) -> Examination:
     """The whole analysis of a flight.
 
     imu: the message to integrate; imu_model: a part of config/imu in place of the one that the vehicle names;
-    correction: a file of `companion calibrate`; how: in place of what the settings say.
+    correction: a file of `companion calibrate`; how: in place of what the settings say; anchor: "rest" aligns the IMU
+    by itself too.
 
-    Raises DataError when the flight has no usable IMU or no attitude, InputError and SettingsError for files that
-    cannot be read.
+    Raises DataError when the flight has no usable IMU, no attitude or, for that, no rest; InputError and SettingsError
+    for files that cannot be read.
 
     >>> import companion as c
     >>> examined = c.examine(c.open_log("tlogs/copter-demo-100hz.tlog")[0], imu="SCALED_IMU2")
@@ -79,7 +84,14 @@ def examine(
     if (odd := odd_one_out(others)) is not None:
         found = replace(found, verdict=replace(found.verdict, findings=(*found.verdict.findings, odd)))
     gaps = {name: int((np.diff(track.t) > how.limits.hole(track.t)).sum()) for name, track in flight.imus.items()}
-    return Examination(flight, found, others, gaps, str(correction) if correction is not None else None)
+    return Examination(
+        flight,
+        found,
+        others,
+        gaps,
+        str(correction) if correction is not None else None,
+        align(flight, found.comparison, found.figures, autopilot_of(settings)) if anchor == "rest" else None,
+    )
 
 
 def assess_imu(
@@ -102,6 +114,19 @@ def assess_imu(
         how=how or integration_of(settings, flight),
         correction=load_correction(correction) if correction is not None else NO_CORRECTION,
     )
+
+
+def align_imu(
+    flight: Flight,
+    settings: Settings,
+    *,
+    imu: str | None = None,
+    imu_model: str | None = None,
+    how: Integration | None = None,
+) -> Alignment:
+    """One IMU aligned by itself at rest. Arguments and errors as `examine`."""
+    comparison = compare(flight, imu=imu, how=how or integration_of(settings, flight))
+    return align(flight, comparison, _figures(flight, comparison.track.source, imu_model), autopilot_of(settings))
 
 
 def integration_of(settings: Settings, flight: Flight) -> Integration:

@@ -1,5 +1,7 @@
 """Holds the IMU's reckoning against the autopilot's estimate. Pure: imports tracks and strapdown."""
 
+from companion.analysis.alignment import Alignment, Later, align
+from companion.analysis.autopilot_bias import AutopilotBias, autopilot_bias
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, trailing, windows
 from companion.analysis.contrast import Change, Contrast, FigureChange, contrast
@@ -13,7 +15,8 @@ from companion.analysis.gravity import gravity_for
 from companion.analysis.integration import Integration
 from companion.analysis.pose_error import PoseError, Spread, ape, rpe
 from companion.analysis.reference import Limits, Reference, reference_at
-from companion.analysis.replay import Replay, replay
+from companion.analysis.replay import Replay, replay, replay_from_rest
+from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift
 from companion.analysis.siblings import Sibling, odd_one_out, siblings
 from companion.analysis.spectrum import Spectrum, Vibration, imu_spectrum, vibration, welch
@@ -25,7 +28,9 @@ __all__ = [
     "NAMES",
     "NO_CORRECTION",
     "PARTS",
+    "Alignment",
     "Assessment",
+    "AutopilotBias",
     "Calibration",
     "Change",
     "Comparison",
@@ -41,11 +46,13 @@ __all__ = [
     "FreeState",
     "ImuFigures",
     "Integration",
+    "Later",
     "Limits",
     "PoseError",
     "Reference",
     "ReferenceFigures",
     "Replay",
+    "Rest",
     "RunningDrift",
     "SensorFigures",
     "Sibling",
@@ -56,8 +63,10 @@ __all__ = [
     "Vibration",
     "WindowErrors",
     "Windows",
+    "align",
     "ape",
     "assess",
+    "autopilot_bias",
     "calibrate",
     "compare",
     "contrast",
@@ -70,6 +79,8 @@ __all__ = [
     "odd_one_out",
     "reference_at",
     "replay",
+    "replay_from_rest",
+    "rests",
     "rpe",
     "siblings",
     "trailing",

@@ -37,8 +37,11 @@ class Expectation:
 def expected_since_anchor(found: Assessment, shown: Replay) -> Expectation | None:
     """What the budget allows `shown` to be off by: a replay of the track that was assessed, integrated alike.
 
-    None where it runs on for longer than two minutes from an anchor, or has more anchors than can be worked out.
+    None where it runs on for longer than two minutes from an anchor, has more anchors than can be worked out, or began
+    from rest: the budget is of windows that begin from the autopilot's state.
     """
+    if shown.from_rest:
+        return None
     ends = np.append(shown.anchors[1:], shown.t[-1])
     if np.max(ends - shown.anchors) > _LONGEST_S or 3 * len(shown.anchors) > _POINTS:
         return None

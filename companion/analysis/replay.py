@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from companion.analysis.alignment import Alignment
 from companion.analysis.compare import attitude_error
+from companion.analysis.comparison import IntArray
 from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.reference import BoolArray, nearest, reference_at
+from companion.analysis.reference import BoolArray, Reference, nearest, reference_at
 from companion.errors import DataError
 from companion.strapdown import preintegrate, quaternion
-from companion.tracks import Array, Flight
+from companion.tracks import Array, Flight, ImuTrack
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +37,7 @@ class Replay:
     anchors: Array  # (A,) s, where the reckoning was (re)started from the autopilot's state
     has_position: bool
     reference_valid: BoolArray  # (N,) False where the autopilot's messages have a hole: its state is interpolated
+    from_rest: bool = False  # the reckoning began from the IMU's own alignment at rest, not from the autopilot's state
 
 
 def replay(
@@ -84,13 +87,53 @@ def replay(
         later = nearest(track.t, wanted)
         delayed = np.searchsorted(usable, later)
         anchors = np.unique(np.concatenate([anchors, usable[delayed[delayed < len(usable)]]]))
+    starts = (a[anchors] for a in (reference.q_ned_frd, reference.velocity, reference.position))
+    return _reckoned(track, reference, shown, anchors, (*starts,), how)
+
+
+def replay_from_rest(
+    flight: Flight, aligned: Alignment, *, imu: str | None = None, how: Integration = DEFAULT
+) -> Replay:
+    """The reckoning from the beginning of a rest on, free of the autopilot: its alignment, and then the IMU alone.
+
+    It starts from the IMU's own alignment, less the biases that the rest shows, at a velocity of zero, and from the
+    autopilot's position there (its first, where that comes later), and is never anchored again. Where the autopilot's
+    state is not known yet, its first one stands for it. Raises DataError as `replay` does.
+    """
+    track, attitude = aligned.freed(flight.imu(imu)), flight.require_attitude()
+    reference = reference_at(attitude, flight.position, track.t, how.limits)
+    known = reference.position_known if reference.position_known.any() else reference.attitude_known
+    later = np.flatnonzero(known[aligned.rest.first :])
+    if len(later) < 2:
+        raise DataError(
+            f"{attitude.source} has nothing after the rest at {aligned.rest.start_s:.1f} s. Use --anchor autopilot."
+        )
+    first = aligned.rest.first
+    position = reference.position[first + int(later[0])]
+    shown = slice(first, first + int(later[-1]) + 1)
+    start = (aligned.q_ned_frd[None], np.zeros((1, 3)), position[None])
+    return replace(_reckoned(track, reference, shown, np.array([first]), start, how), from_rest=True)
+
+
+def _reckoned(
+    track: ImuTrack,
+    reference: Reference,
+    shown: slice,
+    anchors: IntArray,
+    starts: tuple[Array, Array, Array],
+    how: Integration,
+) -> Replay:
+    """The samples `shown` of both, reckoned from the states `starts` (A, 4), (A, 3), (A, 3) at samples `anchors`."""
+    t = track.t[shown]
+    has_position = bool(reference.position_known.any())
     path = preintegrate(track[shown], method=how.method, middle=how.middle, segments=how.segments)
     index = anchors - shown.start
-    owner = index[np.searchsorted(index, np.arange(len(t)), side="right") - 1]
+    which = np.searchsorted(index, np.arange(len(t)), side="right") - 1
+    q, v, p = path.carry(index[which], np.arange(len(t)), *(start[which] for start in starts), gravity=how.gravity)
     q_ref, v_ref, p_ref = (a[shown] for a in (reference.q_ned_frd, reference.velocity, reference.position))
-    q, v, p = path.carry(owner, np.arange(len(t)), q_ref[owner], v_ref[owner], p_ref[owner], gravity=how.gravity)
     if not has_position:
         v, p = v_ref, p_ref
+    valid = reference.position_known if has_position else reference.attitude_known
     return Replay(
         t=t,
         q_imu=quaternion.continuous_sign(q),

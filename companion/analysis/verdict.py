@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from companion.analysis.autopilot_bias import AutopilotBias, autopilot_bias
 from companion.analysis.budget import (
     ATTITUDE,
     POSITION,
@@ -27,6 +28,7 @@ from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding, Side
 from companion.analysis.integration import DEFAULT, Integration
+from companion.analysis.rest import Rest, rests
 from companion.tracks import Flight, ImuTrack
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
@@ -69,19 +71,13 @@ class Assessment:
     figures: ImuFigures
     autopilot: ReferenceFigures
     measured_noise: tuple[float, float] | None  # rad/s/√Hz, m/s²/√Hz in flight
+    rests: tuple[Rest, ...]  # where the vehicle stood still
+    autopilot_bias: AutopilotBias | None  # the gyro bias that the autopilot believes in
     calibration: Calibration | None
     corrected: Drift | None  # with the calibration, on the windows that it was not fitted to
     uncorrected: Drift | None  # the same windows without it
     verdict: Verdict
-
-    @property
-    def made_worse(self) -> bool:
-        """Whether the calibration makes windows worse that it was not fitted to: then the errors are not constant."""
-        if self.corrected is None or self.uncorrected is None:
-            return False
-        after, before = self.corrected.rows[0], self.uncorrected.rows[0]
-        pairs = ((after.attitude_deg, before.attitude_deg), (after.position_m, before.position_m))
-        return any(a is not None and b is not None and a.median > 2 * b.median for a, b in pairs)
+    made_worse: bool  # whether the calibration spoils windows that it was not fitted to: the errors are not constant
 
 
 def assess(
@@ -125,11 +121,26 @@ def assess(
         figures=figures,
         autopilot=autopilot,
         measured_noise=noise,
+        rests=rests(flight, track, figures),
+        autopilot_bias=autopilot_bias(flight, track),
         calibration=calibration,
         corrected=after,
         uncorrected=before,
         verdict=_verdict(judged, allowed, found),
+        made_worse=_made_worse(before, after, autopilot),
     )
+
+
+def _made_worse(before: Drift | None, after: Drift | None, autopilot: ReferenceFigures) -> bool:
+    """Twice as far off, and further than what the autopilot itself may be off at the two ends of a window."""
+    if before is None or after is None:
+        return False
+    ends = np.sqrt(2.0 * 3.0)  # both, three axes
+    pairs = (
+        (before.rows[0].attitude_deg, after.rows[0].attitude_deg, np.degrees(autopilot.attitude_noise) * ends),
+        (before.rows[0].position_m, after.rows[0].position_m, autopilot.position * ends),
+    )
+    return any(b is not None and a is not None and a.median > max(2 * b.median, least) for b, a, least in pairs)
 
 
 def _noise(comparison: Comparison, judged: Windows) -> tuple[float, float] | None:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 
+from rich.console import Console
 from rich.markup import escape
 
-from companion.cli import options, tables
+from companion.cli import options, sensor_lines, tables
 from companion.cli.info import reference_line
 from companion.documents import analysis_document, encode
 from companion.examination import Examination, examine
@@ -23,6 +24,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "companion analyze flight.tlog --imu RAW_IMU --horizons 1,5,10",
     )
     options.add_judgement(parser)
+    options.add_anchor(parser)
     parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
     parser.add_argument(
         "--fail-on",
@@ -38,20 +40,27 @@ def run(arguments: argparse.Namespace) -> int:
     recording = options.read(arguments, settings)
     flight = recording.flights[options.choose(recording.flights, arguments)]
     examined = examine(
-        flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
+        flight,
+        settings,
+        imu=arguments.imu,
+        imu_model=arguments.imu_model,
+        correction=arguments.correction,
+        anchor=arguments.anchor,
     )
     if arguments.json:
         print(encode(analysis_document(recording.source, examined)))
     else:
-        _print(examined)
+        console = tables.console()
+        _print(examined, console)
+        _print_alignment(examined, console)
     status = examined.assessment.verdict.status
     failed = {"suspect": status.endswith("suspect"), "insufficient": status != "consistent"}
     return 1 if arguments.fail_on and failed[arguments.fail_on] else 0
 
 
-def _print(examined: Examination) -> None:
+def _print(examined: Examination, console: Console) -> None:
     flight, found = examined.flight, examined.assessment
-    console, table = tables.console(), found.drift
+    table = found.drift
     gaps = examined.gaps[table.imu]
     track, vehicle = flight.imu(table.imu), flight.vehicle
     for line in tables.verdict_lines(found):
@@ -64,6 +73,7 @@ def _print(examined: Examination) -> None:
         f"IMU:       {table.imu} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
         + (f", {gaps} holes" if gaps else ""),
         f"Figures:   {found.figures.name} ({escape(found.figures.reason)})",
+        *sensor_lines.noise_lines(found),
         f"Reference: {reference_line(flight)}",
         f"Method:    {table.method}{middle}, gravity {found.comparison.how.gravity:.5f} m/s²",
     ]
@@ -91,5 +101,11 @@ def _print(examined: Examination) -> None:
         console.print("\n[bold]Every IMU after 5 s[/]")
         console.print(tables.siblings_table(examined.siblings), no_wrap=True)
     console.print()
-    for line in tables.calibration_lines(found):
+    for line in sensor_lines.calibration_lines(found):
         console.print(line, highlight=False)
+
+
+def _print_alignment(examined: Examination, console: Console) -> None:
+    if examined.alignment is not None:
+        for line in sensor_lines.alignment_lines(examined.alignment):
+            console.print(line, highlight=False)

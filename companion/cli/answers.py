@@ -11,14 +11,16 @@ from companion.analysis import (
     Assessment,
     Correction,
     Integration,
+    Replay,
     errors,
     expected_since_anchor,
     replay,
+    replay_from_rest,
     trailing,
 )
 from companion.correction import load_correction
 from companion.errors import DataError
-from companion.examination import Examination, assess_imu, examine
+from companion.examination import Examination, align_imu, assess_imu, examine
 from companion.settings import Settings
 from companion.tracks import Flight
 
@@ -26,11 +28,21 @@ if TYPE_CHECKING:  # viser is slow to import, and only `view` needs it
     from companion.view import Footage, Insight, Reckoning, ReplayChoice
 
 
+_SAME_S = 0.01  # the page rounds the start that it shows
+
+
 class Answers:
     """Called from two worker threads at once."""
 
-    def __init__(self, settings: Settings, *, imu_model: str | None = None, correction: str | Path | None = None):
-        self._settings, self._imu_model = settings, imu_model
+    def __init__(
+        self,
+        settings: Settings,
+        *,
+        imu_model: str | None = None,
+        correction: str | Path | None = None,
+        from_rest: bool = False,
+    ):
+        self._settings, self._imu_model, self._from_rest = settings, imu_model, from_rest
         self._file = load_correction(correction) if correction is not None else None
         self._lock = threading.Lock()
         self._found: dict[tuple[int, str, Integration], Correction | None] = {}
@@ -43,12 +55,8 @@ class Answers:
         how = choice.integration(flight)
         track = chosen_track(flight, choice, self._correction(flight, choice, how))
         seen = with_track(flight, track)
-        shown = replay(seen, imu=choice.imu, how=how, reanchor_s=choice.reanchor_s, start_s=choice.start_s)
-        others = {
-            name: replay(flight, imu=name, how=how, reanchor_s=choice.reanchor_s, start_s=choice.start_s)
-            for name in choice.others
-        }
-        return Reckoning(shown, track, others)
+        others = {name: self._replay(flight, name, choice, how) for name in choice.others}
+        return Reckoning(self._replay(seen, choice.imu, choice, how), track, others)
 
     def examine(self, flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
         """What the analysis says of what was reckoned: the same numbers as `companion analyze`."""
@@ -75,6 +83,14 @@ class Answers:
             siblings=examined.siblings,
             expected=expected_since_anchor(assessment, film.replay),
         )
+
+    def _replay(self, flight: Flight, imu: str | None, choice: ReplayChoice, how: Integration) -> Replay:
+        """From rest where that was asked for, as long as the page asks for no anchor of the autopilot's."""
+        if self._from_rest and choice.reanchor_s is None:
+            aligned = align_imu(flight, self._settings, imu=imu, imu_model=self._imu_model, how=how)
+            if choice.start_s is None or abs(choice.start_s - aligned.rest.start_s) < _SAME_S:
+                return replay_from_rest(flight, aligned, imu=imu, how=how)
+        return replay(flight, imu=imu, how=how, reanchor_s=choice.reanchor_s, start_s=choice.start_s)
 
     def _correction(self, flight: Flight, choice: ReplayChoice, how: Integration) -> Correction:
         """What is taken off the chosen IMU. Raises DataError when this flight tells nothing to take off."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from companion.cli import destination, options, tables
+from companion.cli import destination, options, sensor_lines, tables
 from companion.correction import correction_text
 from companion.errors import DataError
 from companion.examination import assess_imu
@@ -16,7 +16,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = options.add_command(
         commands,
         "calibrate",
-        "The IMU's biases, mounting and lag that best explain a flight, with their standard errors.",
+        "The IMU's biases, scale, axes, mounting, lever arm and lag that best explain a flight, with their errors.",
         "companion calibrate flight.tlog -o imu.toml",
     )
     options.add_flight_choice(parser)
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     if found.calibration is None:
         raise DataError(f"no calibration: {found.verdict.summary}")
     console = tables.console()
-    for line in (*tables.verdict_lines(found, most=3), "", *tables.calibration_lines(found)):
+    for line in (*tables.verdict_lines(found, most=3), "", *sensor_lines.calibration_lines(found)):
         console.print(line, highlight=False)
     if path is None:
         return 0

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion.analysis import Change, Contrast, DriftRow, Expected, contrast
-from companion.cli import options, tables
+from companion.cli import options, sensor_lines, tables
 from companion.documents import contrast_document, encode
 from companion.errors import SettingsError
 from companion.examination import Examination, examine
@@ -185,7 +185,7 @@ def _figure_lines(found: Contrast) -> list[str]:
     differing = [figure for figure in found.figures if figure.differs]
     lines = []
     for figure in differing:
-        name, unit, factor, digits = tables.figure_name(figure.name)
+        name, unit, factor, digits = sensor_lines.figure_name(figure.name)
         a, b, sigma = (f"{value * factor:.{digits}f}" for value in (figure.a, figure.b, figure.sigma))
         lines.append(f"Calibration differs: {name} {a} → {b} {unit} (± {sigma})")
     if not differing and found.figures:

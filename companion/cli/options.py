@@ -108,6 +108,17 @@ def add_judgement(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--horizons", type=_horizons, metavar="S,S,...", help="seconds (default: 1,2,5,10,30)")
 
 
+def add_anchor(parser: argparse.ArgumentParser) -> None:
+    """Where the reckoning starts from."""
+    parser.add_argument(
+        "--anchor",
+        choices=("autopilot", "rest"),
+        default="autopilot",
+        help="rest: align the IMU by itself where the vehicle first stands still, and reckon it from there on "
+        "(default: autopilot)",
+    )
+
+
 def settings_of(arguments: argparse.Namespace) -> Settings:
     """The settings file with the command line's options put over it. Raises SettingsError for one out of range."""
     given = {name: value for name, value in vars(arguments).items() if value is not None}

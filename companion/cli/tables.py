@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
 from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import PARTS, Assessment, Drift, Expected, Sibling, Statistic
+from companion.analysis import Assessment, Drift, Expected, Sibling, Statistic
 
-_DEGREES = float(np.degrees(1.0))
 _REASONS = {
     "imu_gap": "hole in the IMU",
     "no_attitude": "no attitude",
@@ -26,19 +24,6 @@ _STATUS = {
     "autopilot_suspect": "red",
     "insufficient_data": "yellow",
 }
-_CALIBRATED = {
-    "gyro_bias": ("gyro bias", "mrad/s", 1e3, 2),
-    "accel_bias": ("accelerometer bias", "m/s²", 1.0, 3),
-    "gyro_scale": ("gyro scale", "%", 1e2, 2),
-    "accel_scale": ("accelerometer scale", "%", 1e2, 2),
-    "gyro_misalignment": ("gyro axes", "°", _DEGREES, 2),
-    "accel_misalignment": ("accelerometer axes", "°", _DEGREES, 2),
-    "mounting": ("mounting", "°", _DEGREES, 2),
-    "lever_arm": ("lever arm", "m", 1.0, 3),
-    "time_offset": ("lag", "ms", 1e3, 1),
-}
-"""Part of a calibration → its name here, unit, factor and decimals."""
-
 _SIGNS = {"error": "[red]✗[/]", "warning": "[yellow]![/]", "info": "·"}
 
 
@@ -69,14 +54,6 @@ def verdict_lines(found: Assessment, *, most: int = 8) -> Iterator[str]:
 def status_text(status: str) -> str:
     """CONSISTENT, IMU SUSPECT, ... in its colour."""
     return f"[bold {_STATUS[status]}]{status.replace('_', ' ').upper()}[/]"
-
-
-def figure_name(name: str) -> tuple[str, str, float, int]:
-    """What a figure of a calibration (`analysis.NAMES`) is called here, its unit, the factor to it, and decimals."""
-    part = next(part for part in PARTS if name.startswith(part))
-    title, unit, factor, digits = _CALIBRATED[part]
-    axis = name.removeprefix(part).strip("_")
-    return f"{title} {axis}".strip(), unit, factor, digits
 
 
 def drift_table(table: Drift) -> Table:
@@ -142,48 +119,6 @@ def left_out(table: Drift) -> Iterator[str]:
         reasons = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in row.excluded.items())
         if reasons:
             yield f"Left out of the windows of {row.horizon_s:g} s: {reasons}"
-
-
-def calibration_lines(found: Assessment) -> Iterator[str]:
-    """The fitted errors with their standard errors, and whether they help on windows they were not fitted to."""
-    fit = found.calibration
-    if fit is None:
-        return
-    yield f"Calibration from {fit.windows} windows of {fit.horizon_s:g} s (± one standard error):"
-    for part, (name, unit, factor, digits) in _CALIBRATED.items():
-        if not fit.told(part):
-            continue
-        place = PARTS[part]
-        parts = [
-            f"{value * factor:.{digits}f} ± {sigma * factor:.{digits}f}" if seen else "not observable"
-            for value, sigma, seen in zip(fit.values[place], fit.sigma[place], fit.observable[place], strict=True)
-        ]
-        yield f"  {name:<19}{', '.join(parts)} {unit}"
-    untold = [name for part, (name, *_) in _CALIBRATED.items() if not fit.told(part)]
-    if untold:
-        yield f"  not observable     in this flight: {', '.join(untold)}"
-    place = PARTS["accel_bias"]
-    if any(fit.assumed[place]):
-        best = zip(fit.correction.accel_bias, fit.assumed_sigma[place], fit.assumed[place], strict=True)
-        parts = [f"{'xyz'[i]} {value:.3f} ± {sigma:.3f}" for i, (value, sigma, taken) in enumerate(best) if taken]
-        yield f"  if mounting is 0   accelerometer bias {', '.join(parts)} m/s²"
-    if not fit.observable[PARTS["accel_scale"]][2]:
-        value, sigma = fit.level_force
-        yield f"  at 1 g             z reads {value:.3f} ± {sigma:.3f} m/s² too much: bias and scale together"
-    if found.corrected and found.uncorrected:
-        before, after = found.uncorrected.rows[0], found.corrected.rows[0]
-        text = f"{_pair(before.attitude_deg, after.attitude_deg)}°"
-        if after.position_m:
-            text += f", {_pair(before.position_m, after.position_m)} m"
-        yield f"  out of sample      {after.windows} windows not fitted: median drift {text}"
-        if found.made_worse:
-            yield "  [yellow]It makes the rest of the flight worse: the errors are not constant. Do not use it.[/]"
-
-
-def _pair(before: Statistic | None, after: Statistic | None) -> str:
-    if before is None or after is None:
-        return "-"
-    return f"{short(before.median)} → {short(after.median)}"
 
 
 def largest(expected: Expected) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from companion.cli import live, options
 from companion.cli.answers import Answers
 from companion.errors import SettingsError
-from companion.examination import integration_of
+from companion.examination import align_imu, integration_of
 from companion.mavlink import is_link
 
 _HORIZON_S = 5.0  # the windows that the verdict is reached with
@@ -40,6 +40,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="start again from the autopilot's state every S seconds; 0 lets it run free (default: 10)",
     )
     parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
+    options.add_anchor(parser)
     on_link = parser.add_argument_group("on a link")
     live.add_manners(on_link)
     on_link.add_argument("-o", "--output", metavar="FILE", help=live.OUTPUT)
@@ -55,6 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
 
         if arguments.boot is not None:
             raise SettingsError("--boot chooses a flight of a log; a link shows the present one.")
+        if arguments.anchor == "rest":
+            raise SettingsError("--anchor rest is for a log: on a link the flight has only begun.")
         return view_link.run(arguments)
     given = [f"--{name}" for name in _OF_LINKS if getattr(arguments, name.replace("-", "_"))]
     if given:
@@ -66,15 +69,20 @@ def _replay(arguments: argparse.Namespace) -> int:
     from companion.view import Offer, ReplayChoice, Viewer  # noqa: PLC0415  (viser is slow to import)
 
     settings = options.settings_of(arguments)
-    answers = Answers(settings, imu_model=arguments.imu_model, correction=arguments.correction)
+    rest = arguments.anchor == "rest"
+    if rest and arguments.reanchor_s:
+        raise SettingsError("--anchor rest is never anchored again: leave --reanchor out.")
+    answers = Answers(settings, imu_model=arguments.imu_model, correction=arguments.correction, from_rest=rest)
     recording = options.read(arguments, settings)
     chosen = options.choose(recording.flights, arguments)
+    if rest:  # to say at once that there is none
+        align_imu(recording.flights[chosen], settings, imu=arguments.imu, imu_model=arguments.imu_model)
     horizons = settings.drift.horizons_s
     start = ReplayChoice(
         imu=arguments.imu,
         how=integration_of(settings, recording.flights[chosen]),
         gravity=settings.integration.gravity,
-        reanchor_s=settings.view.reanchor_s or None,
+        reanchor_s=None if rest else settings.view.reanchor_s or None,
         horizon_s=_HORIZON_S if _HORIZON_S in horizons else horizons[len(horizons) // 2],
         correction="file" if arguments.correction else "no",
     )

@@ -7,7 +7,19 @@ from dataclasses import asdict
 import msgspec
 import numpy as np
 
-from companion.analysis import PARTS, Assessment, Calibration, Drift, DriftRow, Expected, Sibling, Statistic
+from companion.analysis import (
+    PARTS,
+    Alignment,
+    Assessment,
+    AutopilotBias,
+    Calibration,
+    Drift,
+    DriftRow,
+    Expected,
+    Rest,
+    Sibling,
+    Statistic,
+)
 from companion.documents import schema
 from companion.examination import Examination
 from companion.recording import Recording, Source
@@ -56,6 +68,9 @@ def analysis_document(source: Source, examined: Examination) -> schema.Analysis:
             if expected is not None
         ],
         calibration=_calibration(found.calibration, found.uncorrected, found.corrected),
+        rests=[_rest(rest) for rest in found.rests],
+        autopilot_gyro_bias=_held(found.autopilot_bias),
+        alignment=_alignment(examined.alignment),
         imus=[_sibling(other) for other in examined.siblings],
         verdict=schema.VerdictObject(
             found.verdict.status,
@@ -169,6 +184,42 @@ def _calibration(fit: Calibration | None, before: Drift | None, after: Drift | N
         level_force_mps2=schema.EstimateObject(*fit.level_force),
         before=drift_object(before.rows[0], None) if before else None,
         after=drift_object(after.rows[0], None) if after else None,
+    )
+
+
+def _rest(rest: Rest) -> schema.RestObject:
+    return schema.RestObject(
+        rest.start_s,
+        rest.end_s,
+        tuple(rest.gyro.tolist()),
+        tuple(rest.gyro_sigma.tolist()),
+        tuple(rest.accel.tolist()),
+        rest.gyro_noise,
+        rest.accel_noise,
+    )
+
+
+def _held(held: AutopilotBias | None) -> schema.AutopilotBiasObject | None:
+    if held is None:
+        return None
+    return schema.AutopilotBiasObject(held.start_s, held.end_s, tuple(held.gyro.tolist()), tuple(held.sigma.tolist()))
+
+
+def _alignment(found: Alignment | None) -> schema.AlignmentObject | None:
+    if found is None:
+        return None
+    return schema.AlignmentObject(
+        start_s=found.rest.start_s,
+        end_s=found.rest.end_s,
+        q_ned_frd=tuple(found.q_ned_frd.tolist()),
+        heading_from=found.heading_from,
+        tilt_sigma_rad=found.tilt_sigma,
+        heading_sigma_rad=found.heading_sigma,
+        magnetic_heading_rad=found.magnetic_rad,
+        declination_rad=found.declination_rad,
+        magnetic_minus_autopilot_rad=found.magnetic_error_rad,
+        later=[schema.LaterObject(**asdict(row)) for row in found.later],
+        notes=found.notes,
     )
 
 

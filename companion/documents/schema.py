@@ -174,6 +174,53 @@ class SiblingObject(msgspec.Struct, frozen=True):
     inside: Mapping[str, float]
 
 
+class RestObject(msgspec.Struct, frozen=True):
+    """A stretch in which the vehicle stood still; noise is null where the steps of the readings hide it."""
+
+    start_s: float
+    end_s: float
+    gyro_bias_radps: tuple[float, ...]
+    gyro_bias_sigma_radps: tuple[float, ...]
+    accel_mps2: tuple[float, ...]
+    gyro_noise: float | None
+    accel_noise: float | None
+
+
+class AutopilotBiasObject(msgspec.Struct, frozen=True):
+    """The gyro bias that the autopilot believes in, towards the end of the flight."""
+
+    start_s: float
+    end_s: float
+    value: tuple[float, ...]
+    sigma: tuple[float, ...]
+
+
+class LaterObject(msgspec.Struct, frozen=True):
+    """The attitude reckoned from rest, held against the autopilot's."""
+
+    since_s: float
+    tilt_deg: float
+    heading_deg: float
+    expected_tilt_deg: float
+    expected_heading_deg: float
+
+
+class AlignmentObject(msgspec.Struct, frozen=True):
+    """The IMU aligned by itself at rest."""
+
+    start_s: float
+    end_s: float
+    q_ned_frd: tuple[float, ...]
+    heading_from: str
+    tilt_sigma_rad: float
+    heading_sigma_rad: float
+    magnetic_heading_rad: float | None
+    declination_rad: float
+    magnetic_minus_autopilot_rad: float | None
+    later: list[LaterObject]
+    notes: tuple[str, ...]
+
+
 class FiguresObject(msgspec.Struct, frozen=True):
     """The sensor figures that the budget stands on."""
 
@@ -221,6 +268,9 @@ class AnalyzeFlight(msgspec.Struct, frozen=True):
     figures: FiguresObject
     consistency: list[ConsistencyObject]
     calibration: CalibrationObject | None
+    rests: list[RestObject]
+    autopilot_gyro_bias: AutopilotBiasObject | None
+    alignment: AlignmentObject | None
     imus: list[SiblingObject]
     verdict: VerdictObject
 

@@ -93,6 +93,7 @@ class History:
                     anchors=np.unique(column["anchor"]) - end,
                     has_position=self._has_position,
                     reference_valid=valid,
+                    from_rest=False,
                 )
             )
         )

@@ -1,0 +1,149 @@
+"""What `analyze` and `calibrate` print about the sensor: its noise, its constant errors, how it aligns by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from rich import box
+from rich.markup import escape
+from rich.table import Table
+
+from companion.analysis import PARTS, Alignment, Assessment, Statistic
+from companion.cli.tables import short
+from companion.tracks import STANDARD_GRAVITY, Array
+
+_DEGREES = float(np.degrees(1.0))
+_MDPS, _MICRO_G = 1e3 * _DEGREES, 1e6 / STANDARD_GRAVITY
+_MOST_RESTS = 3
+
+_CALIBRATED = {
+    "gyro_bias": ("gyro bias", "mrad/s", 1e3, 2),
+    "accel_bias": ("accelerometer bias", "m/s²", 1.0, 3),
+    "gyro_scale": ("gyro scale", "%", 1e2, 2),
+    "accel_scale": ("accelerometer scale", "%", 1e2, 2),
+    "gyro_misalignment": ("gyro axes", "°", _DEGREES, 2),
+    "accel_misalignment": ("accelerometer axes", "°", _DEGREES, 2),
+    "mounting": ("mounting", "°", _DEGREES, 2),
+    "lever_arm": ("lever arm", "m", 1.0, 3),
+    "time_offset": ("lag", "ms", 1e3, 1),
+}
+"""Part of a calibration → its name here, unit, factor and decimals."""
+
+
+def figure_name(name: str) -> tuple[str, str, float, int]:
+    """What a figure of a calibration (`analysis.NAMES`) is called here, its unit, the factor to it, and decimals."""
+    part = next(part for part in PARTS if name.startswith(part))
+    title, unit, factor, digits = _CALIBRATED[part]
+    axis = name.removeprefix(part).strip("_")
+    return f"{title} {axis}".strip(), unit, factor, digits
+
+
+def noise_lines(found: Assessment) -> Iterator[str]:
+    """White noise by the data sheet, at rest and in flight, in the units of data sheets."""
+    flying = found.measured_noise or (0.0, 0.0)
+    if not found.rests and not any(flying):
+        return
+    gyro, accel = found.figures.gyro.noise_density, found.figures.accel.noise_density
+    rows = (
+        ("Noise:", "gyro", gyro, [r.gyro_noise for r in found.rests], flying[0], _MDPS, "mdps/√Hz"),
+        ("", "accelerometer", accel, [r.accel_noise for r in found.rests], flying[1], _MICRO_G, "µg/√Hz"),
+    )
+    for label, name, sheet, resting, moving, factor, unit in rows:
+        parts = [f"{short(sheet * factor)} {unit} expected"]
+        still = [density for density in resting if density is not None]
+        if still:
+            parts.append(f"{short(min(still) * factor)} at rest")
+        elif resting:
+            parts.append("at rest less than the steps of the readings show")
+        if moving:
+            parts.append(f"{short(moving * factor)} in flight")
+        yield f"{label:<11}{name} {', '.join(parts)}"
+
+
+def calibration_lines(found: Assessment) -> Iterator[str]:
+    """The fitted errors with their standard errors, and whether they help on windows they were not fitted to."""
+    fit = found.calibration
+    if fit is None:
+        return
+    yield f"Calibration from {fit.windows} windows of {fit.horizon_s:g} s (± one standard error):"
+    for part, (name, unit, factor, digits) in _CALIBRATED.items():
+        if not fit.told(part):
+            continue
+        place = PARTS[part]
+        parts = [
+            f"{value * factor:.{digits}f} ± {sigma * factor:.{digits}f}" if seen else "not observable"
+            for value, sigma, seen in zip(fit.values[place], fit.sigma[place], fit.observable[place], strict=True)
+        ]
+        yield f"  {name:<19}{', '.join(parts)} {unit}"
+        if part == "gyro_bias":
+            yield from _other_witnesses(found)
+    untold = [name for part, (name, *_) in _CALIBRATED.items() if not fit.told(part)]
+    if untold:
+        yield f"  not observable     in this flight: {', '.join(untold)}"
+    place = PARTS["accel_bias"]
+    if any(fit.assumed[place]):
+        best = zip(fit.correction.accel_bias, fit.assumed_sigma[place], fit.assumed[place], strict=True)
+        parts = [f"{'xyz'[i]} {value:.3f} ± {sigma:.3f}" for i, (value, sigma, taken) in enumerate(best) if taken]
+        yield f"  if mounting is 0   accelerometer bias {', '.join(parts)} m/s²"
+    if not fit.observable[PARTS["accel_scale"]][2]:
+        value, sigma = fit.level_force
+        yield f"  at 1 g             z reads {value:.3f} ± {sigma:.3f} m/s² too much: bias and scale together"
+    if found.corrected and found.uncorrected:
+        before, after = found.uncorrected.rows[0], found.corrected.rows[0]
+        text = f"{_pair(before.attitude_deg, after.attitude_deg)}°"
+        if after.position_m:
+            text += f", {_pair(before.position_m, after.position_m)} m"
+        yield f"  out of sample      {after.windows} windows not fitted: median drift {text}"
+        if found.made_worse:
+            yield "  [yellow]It makes the rest of the flight worse: the errors are not constant. Do not use it.[/]"
+
+
+def _other_witnesses(found: Assessment) -> Iterator[str]:
+    """The gyro bias as the rests and the autopilot have it."""
+    for rest in found.rests[:_MOST_RESTS]:
+        bias = _plus_minus(rest.gyro, rest.gyro_sigma, 1e3, 2)
+        yield f"    at rest          {bias} mrad/s ({rest.start_s:.1f}-{rest.end_s:.1f} s)"
+    if (held := found.autopilot_bias) is not None:
+        bias = _plus_minus(held.gyro, held.sigma, 1e3, 2)
+        yield f"    the autopilot's  {bias} mrad/s ({held.start_s:.1f}-{held.end_s:.1f} s)"
+
+
+def alignment_lines(found: Alignment) -> Iterator[str | Table]:
+    """How the IMU aligned itself at rest, and how far its attitude is from the autopilot's later."""
+    rest = found.rest
+    yield f"\n[bold]The IMU by itself from rest[/] ({rest.start_s:.1f}-{rest.end_s:.1f} s)"
+    heading = {"nothing": "unknown: taken as north"}.get(found.heading_from, f"from the {found.heading_from}")
+    yield f"Roll and pitch from gravity (± {_degrees(found.tilt_sigma)} each), heading {heading}" + (
+        f" (± {_degrees(found.heading_sigma)})" if found.heading_from != "nothing" else ""
+    )
+    yield f"Gyro bias  {_plus_minus(rest.gyro, rest.gyro_sigma, 1e3, 2)} mrad/s taken off"
+    if found.magnetic_error_rad is not None:
+        declination = "declination added" if found.declination_rad else "the declination is part of it"
+        yield f"Magnetometer minus autopilot: {_degrees(found.magnetic_error_rad)} of heading ({declination})"
+    for note in found.notes:
+        yield f"Note:      {escape(note)}"
+    if not found.later:
+        yield "The autopilot's attitude is not known after the rest."
+        return
+    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
+    for column in ("after rest", "tilt °", "expected, 1σ", "heading °", "expected, 1σ"):
+        shown.add_column(column, justify="right", no_wrap=True)
+    for row in found.later:
+        figures = (row.tilt_deg, row.expected_tilt_deg, row.heading_deg, row.expected_heading_deg)
+        shown.add_row(f"{row.since_s:.1f} s", *(short(value) for value in figures))
+    yield shown
+
+
+def _degrees(angle: float) -> str:
+    return f"{angle * _DEGREES:.1f}°"
+
+
+def _plus_minus(values: Array, sigma: Array, factor: float, digits: int) -> str:
+    return ", ".join(f"{v * factor:.{digits}f} ± {s * factor:.{digits}f}" for v, s in zip(values, sigma, strict=True))
+
+
+def _pair(before: Statistic | None, after: Statistic | None) -> str:
+    if before is None or after is None:
+        return "-"
+    return f"{short(before.median)} → {short(after.median)}"
