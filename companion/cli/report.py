@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from companion.cli import destination, options
+from companion.errors import DataError
 from companion.examination import examine
 
 
@@ -28,24 +29,29 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the report of one flight."""
-    from companion.report import report_html  # noqa: PLC0415  (viser and plotly are slow to import)
+    from companion.report import bare_html, report_html  # noqa: PLC0415  (viser and plotly are slow to import)
 
     path = Path(arguments.output or f"{Path(arguments.log).stem}.html")
     destination.check(path, force=arguments.force)
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings, every_message=True)
     flight = recording.flights[options.choose(recording.flights, arguments)]
-    examined = examine(
-        flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
-    )
-    page = report_html(
-        examined,
-        recording.source,
-        settings,
-        command=shlex.join(["companion", *sys.argv[1:]]),
-        with_playback=not arguments.no_playback,
-    )
+    if arguments.imu is not None:
+        flight.imu(arguments.imu)  # one that was asked for and is not there is a mistake, not a poor log
+    command = shlex.join(["companion", *sys.argv[1:]])
+    try:
+        examined = examine(
+            flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
+        )
+    except DataError as error:
+        options.say(f"only what the log has: {error}")
+        page, summary = bare_html(flight, recording.source, str(error), settings, command=command), "Not examined."
+    else:
+        summary = examined.assessment.verdict.summary
+        page = report_html(
+            examined, recording.source, settings, command=command, with_playback=not arguments.no_playback
+        )
     with destination.replacing(path) as part:
         part.write_text(page, encoding="utf-8")
-    print(f"{path}: {path.stat().st_size:,} bytes. {examined.assessment.verdict.summary}")
+    print(f"{path}: {path.stat().st_size:,} bytes. {summary}")
     return 0

@@ -6,7 +6,8 @@ import numpy as np
 
 from companion.report import traces
 from companion.report.markup import paragraph, percent, short, table, words
-from companion.report.subject import Section, Subject
+from companion.report.section import Section
+from companion.report.subject import Subject
 from companion.tracks import Array
 from companion.view import palette
 

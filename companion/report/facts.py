@@ -4,39 +4,42 @@ from __future__ import annotations
 
 import hashlib
 import platform
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import msgspec
 
+from companion.documents import schema
+from companion.recording import Source
 from companion.report.markup import details, paragraph, table, text
-from companion.report.subject import Section, Subject
+from companion.report.section import Section
+from companion.settings import Settings
+from companion.tracks import Flight
 
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
 _LIBRARIES = ("companion", "numpy", "pymavlink", "plotly", "viser")
 MOST_TEXTS = 500
 
 
-def log_facts(subject: Subject) -> Section:
+def log_facts(
+    source: Source, flight: Flight, imus: Sequence[schema.ImuObject] = (), notes: Sequence[str] = ()
+) -> Section:
     """Rates, gaps, damage, notes, and what the vehicle said."""
-    log, numbers, flight = subject.document.log, subject.numbers, subject.flight
-    unknown = ", ".join(f"{i} ({n})" for i, n in sorted(subject.source.unknown_frames.items()))
+    unknown = ", ".join(f"{i} ({n})" for i, n in sorted(source.unknown_frames.items()))
     facts = [
-        ("file", log.path),
-        ("format", subject.source.format),
-        ("size", f"{log.size_bytes:,} bytes"),
-        ("frames", f"{log.frames:,}"),
-        ("frames with a wrong checksum", f"{log.bad_crc_frames:,}"),
-        ("bytes that belong to no frame", f"{log.skipped_bytes:,}"),
+        ("file", source.path),
+        ("format", source.format),
+        ("size", f"{source.size_bytes:,} bytes"),
+        ("frames", f"{source.frames:,}"),
+        ("frames with a wrong checksum", f"{source.bad_crc_frames:,}"),
+        ("bytes that belong to no frame", f"{source.skipped_bytes:,}"),
         ("message ids that the dialect does not know", unknown or "none"),
         ("boot clock", f"{flight.start:.2f} to {flight.start + flight.duration:.2f} s"),
     ]
-    imus = table(
+    rates = table(
         ["IMU message", "samples", "rate, Hz", "holes", "longest gap, s", "duplicates"],
-        [
-            [i.message, i.samples, f"{i.rate_hz:.1f}", i.gaps, _seconds(i.longest_gap_s), i.duplicates]
-            for i in numbers.imu
-        ],
+        [[i.message, i.samples, f"{i.rate_hz:.1f}", i.gaps, _seconds(i.longest_gap_s), i.duplicates] for i in imus],
         name="rates-table",
     )
     messages = table(
@@ -55,8 +58,8 @@ def log_facts(subject: Subject) -> Section:
         words=2,
     )
     more = f", the first {MOST_TEXTS}" if len(flight.texts) > MOST_TEXTS else ""
-    body = table(["the log", ""], facts, words=2) + "<h3>IMUs</h3>" + imus
-    body += "".join(paragraph(f"Note: {note}") for note in numbers.notes)
+    body = table(["the log", ""], facts, words=2) + (f"<h3>IMUs</h3>{rates}" if imus else "")
+    body += "".join(paragraph(f"Note: {note}") for note in notes)
     body += details(f"Every message of this flight ({len(flight.messages)})", messages)
     if flight.events:
         rows = [[e.kind, e.text, f"{e.t:.2f}"] for e in flight.events[:MOST_TEXTS]]
@@ -69,32 +72,38 @@ def log_facts(subject: Subject) -> Section:
     return Section("log", "The log", body)
 
 
-def again(subject: Subject, command: str) -> Section:
-    """Command line, settings, versions, and the fingerprint of the log."""
-    numbers = subject.numbers
-    middle = f", {numbers.middle} middle sample" if numbers.method == "rk4" else ""
+def again(source: Source, settings: Settings, command: str, chosen: Sequence[tuple[str, str]] = ()) -> Section:
+    """Command line, settings, versions, the fingerprint of the log, and what else was `chosen`."""
     rows = [
         ("companion", _versions()),
         ("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"),
-        ("log's SHA-256", _fingerprint(subject.source.path)),
-        ("IMU", numbers.used_imu),
-        ("integration", f"{numbers.method}{middle}, gravity {numbers.gravity_mps2:.5f} m/s²"),
-        ("sensor figures", f"{numbers.figures.name} ({numbers.figures.reason})"),
-        ("correction", numbers.correction or "none"),
+        ("log's SHA-256", _fingerprint(source.path)),
+        *chosen,
     ]
     if command:
         rows.insert(0, ("command", command))
-    settings = f"<pre>{text(_toml(msgspec.to_builtins(subject.settings)))}</pre>"
+    file = f"<pre>{text(_toml(msgspec.to_builtins(settings)))}</pre>"
     document = (
-        "<p>Every number of this page is in the JSON document that it carries "
+        "<p>Every number of the tables is in the JSON document that this page carries "
         "(<code>document.getElementById('companion').textContent</code>), which is what "
         "<code>companion analyze --json</code> prints.</p>"
     )
     return Section(
         "again",
         "To make this again",
-        table(["", ""], rows, words=2) + details("Every setting", settings) + document,
+        table(["", ""], rows, words=2) + details("Every setting", file) + (document if chosen else ""),
     )
+
+
+def choices(numbers: schema.AnalyzeFlight) -> list[tuple[str, str]]:
+    """How the flight was examined, as rows for `again`."""
+    middle = f", {numbers.middle} middle sample" if numbers.method == "rk4" else ""
+    return [
+        ("IMU", numbers.used_imu),
+        ("integration", f"{numbers.method}{middle}, gravity {numbers.gravity_mps2:.5f} m/s²"),
+        ("sensor figures", f"{numbers.figures.name} ({numbers.figures.reason})"),
+        ("correction", numbers.correction or "none"),
+    ]
 
 
 def _versions() -> str:

@@ -10,9 +10,9 @@ from companion.analysis import Replay, errors, replay, windows
 from companion.documents import schema
 from companion.errors import CompanionError
 from companion.report import traces
-from companion.report.flown import TIME
 from companion.report.markup import paragraph, table, text, words
-from companion.report.subject import AXES, Section, Subject, gaps
+from companion.report.section import Section
+from companion.report.subject import AXES, Subject
 from companion.strapdown import quaternion
 from companion.tracks import Array
 from companion.view import palette
@@ -55,7 +55,7 @@ def _drawn(subject: Subject, finding: schema.FindingObject) -> str:
         panels, caption = _panels(subject, finding, *around)
         if panels:
             spans = [] if subject.is_throughout(finding) else [(finding.start_s, finding.end_s)]
-            figure = traces.stack(panels, TIME, spans=spans, range=list(around))
+            figure = traces.stack(panels, traces.TIME, spans=spans, range=list(around))
             chart = subject.charts.add(figure, caption, rows=len(panels))
     return (
         f'<article class="finding {text(finding.severity)}"><h3>{text(_title(finding.kind))} '
@@ -86,7 +86,7 @@ def _readings(subject: Subject, kind: str, low: float, high: float) -> list[trac
     """Gyro and accelerometer; one of them alone for a kind that names it."""
     track = subject.comparison.track
     part = _between(track.t, low, high)
-    breaks = gaps(track.t[part], subject.comparison.how.limits.hole(track.t))
+    breaks = traces.gaps(track.t[part], subject.comparison.how.limits.hole(track.t))
     both = {"gyro": ("gyro, rad/s", track.gyro), "accel": ("accel, m/s²", track.accel)}
     named = [name for name in both if name in kind] or list(both)
     return [traces.Panel(both[name][0], _axes(track.t[part], both[name][1][part], breaks)) for name in named]
@@ -105,7 +105,7 @@ def _differences(subject: Subject, low: float, high: float) -> list[traces.Panel
     part = _between(middle, low, high)
     if part.stop - part.start < 2:
         return []
-    breaks = gaps(middle[part], 1.5 * _DIFFERENCE_S)
+    breaks = traces.gaps(middle[part], 1.5 * _DIFFERENCE_S)
     shown = [("gyro off by, mrad/s", -1e3 * quaternion.rotate(back, off.attitude) / span)]
     if comparison.has_position:
         shown.append(("accel off by, m/s²", -quaternion.rotate(back, off.velocity) / span))

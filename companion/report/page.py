@@ -10,11 +10,14 @@ from companion.recording import Source
 from companion.report import drift, facts, flown, sensors, shaking
 from companion.report.charts import Charts
 from companion.report.findings import findings
+from companion.report.place import track
 from companion.report.playback import playback
 from companion.report.sheet import sheet
 from companion.report.subject import subject_of
-from companion.report.summary import head
+from companion.report.summary import bare_head, head
 from companion.settings import Settings
+from companion.tracks import Flight
+from companion.view import palette
 
 
 def report_html(
@@ -42,14 +45,37 @@ def report_html(
         sensors.siblings(subject),
         shaking.spectra(subject),
         shaking.shaking(subject),
-        flown.track(subject),
+        track(subject.flight, subject.replay, subject.colour, charts),
     ]
     player: str | None = None
     if with_playback:
         section, player = playback(subject)
         sections.append(section)
-    sections += [facts.log_facts(subject), facts.again(subject, command)]
+    sections += [
+        facts.log_facts(source, subject.flight, subject.numbers.imu, subject.numbers.notes),
+        facts.again(source, subject.settings, command, facts.choices(subject.numbers)),
+    ]
     data = {"companion": encode(subject.document)}
     if player is not None:
         data["player"] = msgspec.json.encode(player).decode()
-    return sheet(f"{source.path.name}: IMU and autopilot", head(subject), sections, charts, data)
+    return sheet(_name(source), head(subject), sections, charts, data)
+
+
+def bare_html(
+    flight: Flight, source: Source, reason: str, settings: Settings | None = None, *, command: str = ""
+) -> str:
+    """The report of a flight that cannot be examined, as far as it goes. reason: why not, in a sentence.
+
+    Raises InputError when plotly is not installed.
+    """
+    charts = Charts()
+    sections = [
+        track(flight, None, palette.IMU, charts),
+        facts.log_facts(source, flight, notes=flight.notes),
+        facts.again(source, settings or Settings(), command),
+    ]
+    return sheet(_name(source), bare_head(flight, source, reason), sections, charts, {})
+
+
+def _name(source: Source) -> str:
+    return f"{source.path.name}: IMU and autopilot"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from companion.report.markup import paragraph
-from companion.report.subject import Section, Subject
+from companion.report.section import Section
+from companion.report.subject import Subject
 from companion.view import Reckoning, replay_page
 
 _WORDS = (

@@ -9,7 +9,8 @@ import numpy as np
 from companion.documents import schema
 from companion.report import traces
 from companion.report.markup import paragraph, percent, short, table, text, words
-from companion.report.subject import AXES, Section, Subject
+from companion.report.section import Section
+from companion.report.subject import AXES, Subject
 from companion.view import palette
 
 _DEGREES = float(np.degrees(1.0))

@@ -6,9 +6,9 @@ import numpy as np
 
 from companion.analysis import Spectrum, imu_spectrum, vibration
 from companion.report import traces
-from companion.report.flown import TIME
 from companion.report.markup import paragraph, text
-from companion.report.subject import AXES, Section, Subject
+from companion.report.section import Section
+from companion.report.subject import AXES, Subject
 from companion.tracks import Array
 from companion.view import palette
 
@@ -88,7 +88,7 @@ def _told(subject: Subject) -> str | None:
         traces.line(series.t, series[name], title, colour)
         for name, title, colour in zip(names, titles, colours, strict=True)
     ]
-    figure = traces.stack([traces.Panel("vibration, m/s²", lines, {"rangemode": "tozero"})], TIME)
+    figure = traces.stack([traces.Panel("vibration, m/s²", lines, {"rangemode": "tozero"})], traces.TIME)
     counts = [series[c][np.isfinite(series[c])] for c in series.columns if c.startswith("clips_")]
     clips = [float(np.ptp(count)) for count in counts if len(count)]
     caption = f"The vehicle's own measure ({series.source})."
@@ -106,7 +106,7 @@ def _seen(subject: Subject) -> str | None:
     if found is None:
         return None
     lines = [traces.line(found.t, found.accel[:, i], name, colour) for i, (name, colour) in enumerate(AXES)]
-    figure = traces.stack([traces.Panel("above 5 Hz, m/s²", lines, {"rangemode": "tozero"})], TIME)
+    figure = traces.stack([traces.Panel("above 5 Hz, m/s²", lines, {"rangemode": "tozero"})], traces.TIME)
     caption = (
         f"Specific force of {comparison.track.source} above 5 Hz, RMS of each second. ArduPilot's VIBE is the same "
         "from the IMU at its full rate: what the stream's low-pass and rate have lost is missing here."

@@ -7,7 +7,7 @@ from importlib.resources import files
 
 from companion.report.charts import Charts
 from companion.report.markup import text
-from companion.report.subject import Section
+from companion.report.section import Section
 
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; style-src 'unsafe-inline'; "

@@ -11,17 +11,8 @@ from companion.examination import Examination
 from companion.recording import Source
 from companion.report.charts import Charts
 from companion.settings import Settings
-from companion.tracks import Array, Flight
+from companion.tracks import Flight
 from companion.view import palette
-
-
-@dataclass(frozen=True, slots=True)
-class Section:
-    """A part of the page."""
-
-    anchor: str
-    title: str
-    body: str  # HTML
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,8 +93,3 @@ def subject_of(examined: Examination, source: Source, settings: Settings, charts
 
 AXES: tuple[tuple[str, palette.Rgb], ...] = tuple(zip(("forward", "right", "down"), palette.AXES, strict=True))
 """The body's axes and their colours."""
-
-
-def gaps(t: Array, hole: float) -> Array:
-    """(G,) the times after which a track has a hole: where its line is interrupted."""
-    return t[1:][t[1:] - t[:-1] > hole]

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
+from companion.recording import Source
 from companion.report.markup import percent, short, text
 from companion.report.subject import Subject
+from companion.tracks import Flight
 
 _MEANS = {
     "consistent": "Consistent",
@@ -18,34 +20,45 @@ _LOW_RATE_HZ = 40.0
 
 def head(subject: Subject) -> str:
     """HTML of the title, the verdict and its figures."""
-    numbers, verdict = subject.numbers, subject.numbers.verdict
-    vehicle = numbers.vehicle
-    kind = " ".join(part for part in (vehicle.autopilot, vehicle.firmware, vehicle.type) if part)
-    track = subject.comparison.track
+    numbers, verdict, rate = subject.numbers, subject.numbers.verdict, subject.comparison.track.rate_hz
+    against = ", ".join((numbers.reference.attitude or "no attitude", numbers.reference.position or "no position"))
     cards = "".join(
         f'<div class="card"><b>{text(value)}</b><span>{text(label)}</span></div>' for label, value in _cards(subject)
     )
-    against = ", ".join((numbers.reference.attitude or "no attitude", numbers.reference.position or "no position"))
     return (
-        f"<header><h1>{text(subject.source.path.name)}</h1>"
-        f'<p class="quiet">Vehicle {vehicle.sysid}:{vehicle.compid}, boot {numbers.boot} · {text(kind)} · '
-        f"{text(_date(subject))}{numbers.duration_s:.1f} s · {text(numbers.used_imu)} at {track.rate_hz:.1f} Hz "
-        f"against {text(against)}</p>"
-        f'<div class="verdict {text(verdict.status)}" id="verdict"><h2>{text(_MEANS[verdict.status])}</h2>'
-        f'<p>{text(verdict.summary)}</p></div><div class="cards">{cards}</div>{_warning(track.rate_hz)}</header>'
+        f"<header>{_title(subject.flight, subject.source, f'{numbers.used_imu} at {rate:.1f} Hz against {against}')}"
+        f'{_banner(verdict.status, verdict.summary)}<div class="cards">{cards}</div>{_warning(rate)}</header>'
     )
 
 
-def _date(subject: Subject) -> str:
+def bare_head(flight: Flight, source: Source, reason: str) -> str:
+    """The same for a flight that cannot be examined, with the reason."""
+    return f"<header>{_title(flight, source, '')}{_banner('insufficient_data', reason)}</header>"
+
+
+def _title(flight: Flight, source: Source, used: str) -> str:
+    """The log's name, and under it who flew when."""
+    vehicle = flight.vehicle
+    kind = " ".join(part for part in (vehicle.autopilot, vehicle.firmware, vehicle.type) if part)
+    parts = [f"Vehicle {vehicle}, boot {flight.boot}", kind, _date(flight), f"{flight.duration:.1f} s", used]
+    return f'<h1>{text(source.path.name)}</h1><p class="quiet">{text(" · ".join(filter(None, parts)))}</p>'
+
+
+def _banner(status: str, summary: str) -> str:
+    return (
+        f'<div class="verdict {text(status)}" id="verdict"><h2>{text(_MEANS[status])}</h2><p>{text(summary)}</p></div>'
+    )
+
+
+def _date(flight: Flight) -> str:
     """When the flight began, as far as the log tells; "" where it does not."""
-    epoch = subject.flight.epoch
-    if epoch is None:
+    if flight.epoch is None:
         return ""
     try:
-        began = datetime.fromtimestamp(epoch.unix_s + subject.flight.start, UTC)
+        began = datetime.fromtimestamp(flight.epoch.unix_s + flight.start, UTC)
     except (OverflowError, ValueError, OSError):  # a damaged clock
         return ""
-    return f"{began:%Y-%m-%d %H:%M:%S} UTC ({epoch.source}) · "
+    return f"{began:%Y-%m-%d %H:%M:%S} UTC ({flight.epoch.source})"
 
 
 def _cards(subject: Subject) -> list[tuple[str, str]]:

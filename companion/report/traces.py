@@ -14,6 +14,8 @@ from companion.view import extremes, palette
 Trace = dict[str, Any]
 Figure = dict[str, Any]
 
+TIME = "seconds since boot"
+"""The axis of time."""
 MOST_POINTS = 1200
 """Points of a line: about one a pixel. What is thinned keeps every peak and dip."""
 
@@ -39,6 +41,14 @@ def line(
         at = at[(at > 0) & (at < len(x))]
         x, y = np.insert(x, at, x[at]), np.insert(y, at, np.nan)
     return curve(x, y, name, colour, **more)
+
+
+def gaps(t: Array, hole: float | None = None) -> Array:
+    """(G,) the times after which a track with times t (N,) has a hole (s; None: three median intervals and 0.5 s)."""
+    steps = np.diff(t)
+    if hole is None:
+        hole = max(3.0 * float(np.median(steps)), 0.5) if len(steps) else 0.0
+    return t[1:][steps > hole]
 
 
 def curve(x: Array, y: Array, name: str, colour: palette.Rgb, *, width: float = 1.4, **more: Any) -> Trace:

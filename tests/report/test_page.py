@@ -89,6 +89,24 @@ def test_a_flight_without_position_is_compared_in_attitude(tmp_path: Path) -> No
     assert all(len(row) == 6 for row in found.tables["drift-table"][1:])
 
 
+def test_a_flight_without_imu_has_a_report_of_the_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    writer = Writer(tmp_path / "ground-station.tlog")
+    for i in range(30 * 10):
+        t = i / 10
+        if i % 10 == 0:
+            writer.heartbeat(t)
+        writer.attitude(t, 20 + t)
+        writer.local_position(t, 20 + t)
+    log = writer.close()
+    found = Contents(report(log, tmp_path / "report.html"))
+    assert "no IMU message" in capsys.readouterr().err
+    assert list(found.sections) == ["track", "log", "again"]
+    assert len(json.loads(found.scripts["figures"])) == 2
+    assert "Every message" in found.sections["log"]
+    assert main(["report", DEMO, "-o", str(tmp_path / "x.html"), "--imu", "NOSUCH_IMU"]) == 2
+    assert not (tmp_path / "x.html").exists()
+
+
 def test_the_vehicle_is_chosen_as_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     writer = Writer(tmp_path / "two.tlog")
     writer.rest(12.0, sysid=1)

@@ -1,0 +1,136 @@
+"""Where the flight went: ground track and altitude."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.analysis import Replay
+from companion.report import traces
+from companion.report.charts import Charts
+from companion.report.markup import paragraph, text
+from companion.report.section import Section
+from companion.tracks import Array, Flight
+from companion.view import extremes, palette
+
+_MOST_EVENTS = 200
+_LEAST_ROOM_M = 5.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Path:
+    """A track on the map."""
+
+    name: str
+    colour: palette.Rgb
+    t: Array  # (N,) s
+    position: Array  # (N, 3) NED, m
+    breaks: Array  # s, where the line is interrupted
+
+
+def track(flight: Flight, shown: Replay | None, colour: palette.Rgb, charts: Charts) -> Section:
+    """Ground track and altitude, of the autopilot alone where there is no replay; colour: of the IMU."""
+    title = "Ground track and altitude"
+    paths = _paths(flight, shown, colour)
+    if not paths:
+        return Section("track", title, paragraph("Not drawn: this flight has no position."))
+    reference = paths[-1]
+    figure = {
+        "data": [
+            *map(_on_the_map, paths),
+            _spot(reference.position[0], "start", "circle"),
+            _spot(reference.position[-1], "end", "square"),
+        ],
+        "layout": {
+            "xaxis": {"title": {"text": "east, m"}, "range": _near(paths, 1)},
+            "yaxis": {"title": {"text": "north, m"}, "scaleanchor": "x", "scaleratio": 1, "range": _near(paths, 0)},
+            "hovermode": "closest",
+        },
+    }
+    more = " Double-click shows all of the IMU where it runs off." if len(paths) > 1 else ""
+    where = f"North is up.{more} Metres from the flight's origin"
+    if (origin := flight.origin) is not None:
+        place = f"{np.degrees(origin.latitude):.5f}°, {np.degrees(origin.longitude):.5f}°"
+        where += f" at {place}" if origin.t is None else f"; the vehicle was at {place} at {origin.t:.1f} s"
+    ground = charts.add(figure, f"{where}.", square=True)
+    heights = [traces.line(p.t, -p.position[:, 2], p.name, p.colour, breaks=p.breaks) for p in paths]
+    low, high = (-edge for edge in reversed(_near(paths, 2)))
+    panel = traces.Panel("height above origin, m", [*heights, *_events(flight, reference)], {"range": [low, high]})
+    altitude = traces.stack([panel], traces.TIME)
+    altitude["layout"]["hovermode"] = "x"
+    return Section("track", title, ground + charts.add(altitude, f"Height over time.{more}"))
+
+
+def regained(shown: Replay) -> Array:
+    """When the autopilot's state becomes known again after a hole, s: there its line is interrupted."""
+    return shown.t[1:][np.diff(shown.reference_valid.astype(np.int8)) > 0]
+
+
+def _paths(flight: Flight, shown: Replay | None, colour: palette.Rgb) -> list[_Path]:
+    """The autopilot's comes last."""
+    if shown is not None and shown.has_position:
+        return [
+            _Path("IMU alone", colour, shown.t, shown.position_imu, shown.anchors),
+            _Path("autopilot", palette.AUTOPILOT, shown.t, shown.position_ref, regained(shown)),
+        ]
+    if flight.position is None or len(flight.position) < 2:
+        return []
+    own = flight.position
+    return [_Path("autopilot", palette.AUTOPILOT, own.t, own.position, traces.gaps(own.t))]
+
+
+def _near(paths: Sequence[_Path], axis: int) -> list[float]:
+    """The range of an axis: the autopilot's track, and the IMU's as far as it is no farther off than that is long."""
+    reference = paths[-1].position
+    room = max(float(np.ptp(reference, axis=0).max()), _LEAST_ROOM_M)
+    lowest, highest = float(reference[:, axis].min()), float(reference[:, axis].max())
+    low = max(min(float(path.position[:, axis].min()) for path in paths), lowest - room)
+    high = min(max(float(path.position[:, axis].max()) for path in paths), highest + room)
+    margin = 0.05 * max(high - low, 1.0)
+    return [low - margin, high + margin]
+
+
+def _events(flight: Flight, reference: _Path) -> list[traces.Trace]:
+    """Arming, modes and errors, on the autopilot's line."""
+    events = [e for e in flight.events if reference.t[0] <= e.t <= reference.t[-1]][:_MOST_EVENTS]
+    if not events:
+        return []
+    t = np.array([event.t for event in events])
+    colours = [palette.HEADING if e.kind in {"armed", "disarmed"} else palette.AUTOPILOT for e in events]
+    return [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "x": t,
+            "y": -np.interp(t, reference.t, reference.position[:, 2]),
+            "name": "arming and modes",
+            "marker": {"symbol": "diamond", "size": 8, "color": [palette.css(c) for c in colours]},
+            "text": [text(f"{event.kind}: {event.text}") for event in events],  # plotly reads <a href> in texts
+            "hovertemplate": "%{text}<extra></extra>",
+        }
+    ]
+
+
+def _on_the_map(path: _Path) -> traces.Trace:
+    kept = extremes((path.position[:, 0], path.position[:, 1]), 2 * traces.MOST_POINTS)
+    t, position = path.t[kept], path.position[kept]
+    at = np.unique(np.searchsorted(t, path.breaks))
+    at = at[(at > 0) & (at < len(t))]
+    east, north = (np.insert(position[:, i], at, np.nan) for i in (1, 0))
+    return traces.curve(
+        east, north, path.name, path.colour, customdata=np.insert(t, at, np.nan), hovertemplate="%{customdata:.1f} s"
+    )
+
+
+def _spot(position: Array, name: str, symbol: str) -> traces.Trace:
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": [float(position[1])],
+        "y": [float(position[0])],
+        "name": name,
+        "marker": {"symbol": symbol, "size": 10, "color": palette.css(palette.AUTOPILOT)},
+        "hovertemplate": name,
+    }
