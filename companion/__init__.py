@@ -13,86 +13,19 @@ Conventions: SI units, seconds of the vehicle's boot clock, body FRD, world NED,
 body to world.
 """
 
-from companion import export
-from companion.analysis import (
-    Assessment,
-    Calibration,
-    Contrast,
-    Drift,
-    DriftRow,
-    Finding,
-    Integration,
-    Limits,
-    PoseError,
-    Replay,
-    Statistic,
-    Verdict,
-    ape,
-    contrast,
-    drift,
-    replay,
-    rpe,
-)
-from companion.errors import CompanionError, DataError, InputError, SettingsError
-from companion.examination import Examination, examine
-from companion.recording import open_log
-from companion.series import Event, Series
-from companion.settings import Settings, load_settings
-from companion.strapdown import reckon
-from companion.tracks import (
-    AttitudeTrack,
-    Epoch,
-    Flight,
-    ImuTrack,
-    MessageStats,
-    NavState,
-    Origin,
-    PositionTrack,
-    StatusText,
-    Trajectory,
-    Vehicle,
-)
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-__all__ = [
-    "Assessment",
-    "AttitudeTrack",
-    "Calibration",
-    "CompanionError",
-    "Contrast",
-    "DataError",
-    "Drift",
-    "DriftRow",
-    "Epoch",
-    "Event",
-    "Examination",
-    "Finding",
-    "Flight",
-    "ImuTrack",
-    "InputError",
-    "Integration",
-    "Limits",
-    "MessageStats",
-    "NavState",
-    "Origin",
-    "PoseError",
-    "PositionTrack",
-    "Replay",
-    "Series",
-    "Settings",
-    "SettingsError",
-    "Statistic",
-    "StatusText",
-    "Trajectory",
-    "Vehicle",
-    "Verdict",
-    "ape",
-    "contrast",
-    "drift",
-    "examine",
-    "export",
-    "load_settings",
-    "open_log",
-    "reckon",
-    "replay",
-    "rpe",
-]
+if TYPE_CHECKING:
+    from companion.api import *  # noqa: F403  (for type checkers, which follow its __all__)
+
+
+def __getattr__(name: str) -> Any:
+    """The names of `companion.api`, loaded when the first is used: the command line has to hear Ctrl-C at once."""
+    if name.startswith("__") and name != "__all__":
+        raise AttributeError(f"module 'companion' has no attribute {name!r}")
+    return getattr(import_module("companion.api"), name)
+
+
+def __dir__() -> list[str]:
+    return list(import_module("companion.api").__all__)

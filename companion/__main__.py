@@ -1,7 +1,23 @@
-"""`python -m companion`."""
+"""`companion` and `python -m companion`."""
 
+import os
+import signal
 import sys
+from types import FrameType
 
-from companion.cli import main
 
-sys.exit(main())
+def main() -> int:
+    """Run the command line. Its imports take a moment, in which Ctrl-C ends it as cleanly as later."""
+    begun = signal.signal(signal.SIGINT, _stop)
+    from companion.cli import main as run  # noqa: PLC0415
+
+    signal.signal(signal.SIGINT, begun)
+    return run()
+
+
+def _stop(_signal: int, _frame: FrameType | None) -> None:
+    os._exit(130)  # no exception: half of what is being imported would catch it
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -8,6 +8,9 @@ import sys
 import zipfile
 from pathlib import Path
 
+import pytest
+
+import companion
 from tests.recordings import ROOT
 
 
@@ -30,3 +33,31 @@ def test_settings_and_demo_flight_are_found_from_a_wheel(tmp_path: Path) -> None
     )
     assert run.returncode == 0, run.stderr
     assert str(installed) in run.stdout
+
+
+def test_every_public_name_is_there() -> None:
+    for name in dir(companion):
+        assert getattr(companion, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = companion.nothing
+
+
+@pytest.mark.parametrize("module", ["companion", "companion.__main__"])
+def test_the_package_loads_nothing_before_it_is_used(module: str) -> None:
+    code = f"import {module}, sys; sys.exit(any(m in sys.modules for m in ('numpy', 'pymavlink', 'companion.cli')))"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
+
+
+def test_ctrl_c_while_it_is_loading_is_no_traceback() -> None:
+    """Held up in the middle of its imports, so that the signal meets it there on every machine."""
+    code = (
+        "import os, signal, sys, companion.__main__ as m\n"
+        "class Slow:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'numpy': os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Slow())\n"
+        "sys.argv = ['companion', 'info', 'demo']\n"
+        "sys.exit(m.main())\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr) == (130, "")

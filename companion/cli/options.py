@@ -129,7 +129,10 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
     try:
         return msgspec.convert(merged, Settings)
     except msgspec.ValidationError as error:
-        raise SettingsError(f"an option on the command line is out of range: {error}.") from None
+        reason, _, where = str(error).partition(" - at `$.")
+        section, _, name = where.rstrip("`").partition(".")
+        option = next(o for s, n, o in _SETTABLE if s == section and name.split("[")[0] == n).removesuffix("_s")
+        raise SettingsError(f"--{option}: {reason[:1].lower()}{reason[1:]}.") from None
 
 
 def read(arguments: argparse.Namespace, settings: Settings, *, every_message: bool = False) -> Recording:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from companion.frames import geodetic_from_ned
 from companion.mavlink import Value
 from companion.simulate.flown import Flown
 from companion.strapdown import quaternion
@@ -12,8 +13,7 @@ from companion.tracks import STANDARD_GRAVITY
 Fields = dict[str, Value]
 
 _MG, _MRAD = STANDARD_GRAVITY * 1e-3, 1e-3
-_HOME = (47.0, 8.0, 500.0)  # latitude and longitude in °, altitude in m
-_METRES_PER_DEGREE = 111_194.9  # of latitude, on a sphere of 6371 km: near enough within a kilometre
+_HOME = (float(np.radians(47.0)), float(np.radians(8.0)), 500.0)  # latitude and longitude in rad, altitude in m
 
 STREAMS = {
     "RAW_IMU": 27, "SCALED_IMU": 26, "SCALED_IMU2": 116, "HIGHRES_IMU": 105, "ATTITUDE": 30,
@@ -93,6 +93,5 @@ def _euler(q: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[float]:
 
 def _geodetic(position: list[float]) -> tuple[float, float, float]:
     """NED in m about home → latitude and longitude in °, altitude in m."""
-    latitude = _HOME[0] + position[0] / _METRES_PER_DEGREE
-    longitude = _HOME[1] + position[1] / (_METRES_PER_DEGREE * float(np.cos(np.radians(_HOME[0]))))
-    return latitude, longitude, _HOME[2] - position[2]
+    latitude, longitude, height = geodetic_from_ned(np.array([position]), _HOME)[0].tolist()
+    return float(np.degrees(latitude)), float(np.degrees(longitude)), height

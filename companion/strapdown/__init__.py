@@ -4,7 +4,7 @@ from companion.strapdown import motions, quaternion
 from companion.strapdown._scheme import METHODS
 from companion.strapdown._signal import MIDDLES
 from companion.strapdown.covariance import Propagation, propagate
-from companion.strapdown.gravity import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS, normal_gravity
+from companion.strapdown.gravity import normal_gravity
 from companion.strapdown.imu_model import ImuModel, Sensor, correct, quantisation_density, simulate
 from companion.strapdown.increments import Increments, attitude_at, dense_attitude, increments
 from companion.strapdown.motions import Motion
@@ -12,10 +12,8 @@ from companion.strapdown.reckon import Preintegration, preintegrate, reckon
 from companion.strapdown.reckoner import Reckoner
 
 __all__ = [
-    "ECCENTRICITY_SQUARED",
     "METHODS",
     "MIDDLES",
-    "SEMI_MAJOR_AXIS",
     "ImuModel",
     "Increments",
     "Motion",

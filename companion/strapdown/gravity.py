@@ -9,13 +9,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from companion.frames import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
 from companion.tracks import Array
 
 # NIMA TR8350.2 (2000), tables 3.1, 3.3 and 3.4
 EQUATOR = 9.7803253359  # m/s²
 SOMIGLIANA = 0.00193185265241
-ECCENTRICITY_SQUARED = 6.69437999014e-3
-SEMI_MAJOR_AXIS = 6378137.0  # m
 FLATTENING = 1 / 298.257223563
 CENTRIFUGAL_RATIO = 0.00344978650684  # m = ω² a² b / GM
 

@@ -11,8 +11,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from companion import frames
 from companion.tracks import Array
 
+from_euler = frames.from_euler
 IDENTITY: Array = np.array([1.0, 0.0, 0.0, 0.0])
 IDENTITY.setflags(write=False)
 
@@ -108,21 +110,6 @@ def slerp(a: Array, b: Array, fraction: npt.ArrayLike) -> Array:
     """
     step = log(multiply(conjugate(a), b))
     return multiply(a, exp(np.asarray(fraction, dtype=np.float64)[..., None] * step))
-
-
-def from_euler(roll: npt.ArrayLike, pitch: npt.ArrayLike, yaw: npt.ArrayLike) -> Array:
-    """q_ned_frd (..., 4) of MAVLink's ATTITUDE angles in rad: yaw about down, then pitch, then roll (z-y-x)."""
-    cr, cp, cy = (np.cos(0.5 * np.asarray(angle, dtype=np.float64)) for angle in (roll, pitch, yaw))
-    sr, sp, sy = (np.sin(0.5 * np.asarray(angle, dtype=np.float64)) for angle in (roll, pitch, yaw))
-    return np.stack(
-        np.broadcast_arrays(
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ),
-        axis=-1,
-    )
 
 
 def to_euler(q: Array) -> Array:

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from companion.frames import from_euler, ned_from_geodetic
 from companion.mavlink import Messages
 from companion.telemetry.units import SI
 from companion.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, Origin, PositionTrack
@@ -22,8 +23,6 @@ _INSTANCE = {"SCALED_IMU2": 1, "SCALED_IMU3": 2}
 
 _BLOCK = 8192  # samples
 _MOST = 1e4  # rad/s, m/s²: no sensor reads so much; NaN is not less either
-
-_WGS84_A, _WGS84_E2 = 6378137.0, 6.69437999014e-3  # semi-major axis, m; first eccentricity squared
 
 
 def imu_track(messages: Messages, t: Array, *, dequantise: bool = False) -> tuple[ImuTrack | None, list[str]]:
@@ -104,7 +103,8 @@ def position_track(messages: Messages, t: Array) -> PositionTrack:
         lat, lon = (np.radians(messages[n] * 1e-7) for n in ("lat", "lon"))
         good = (messages["lat"] != 0) | (messages["lon"] != 0)  # 0, 0 is "no fix" on every autopilot
         first = int(np.argmax(good))
-        position = _ned_about(lat, lon, messages["alt"] * 1e-3, first)
+        height = messages["alt"] * 1e-3
+        position = ned_from_geodetic(lat, lon, height, (float(lat[first]), float(lon[first]), float(height[first])))
     velocity, _ = _vector(messages, ("vx", "vy", "vz"), "m/s", dequantise=False)
     good &= np.isfinite(position).all(axis=1) & np.isfinite(velocity).all(axis=1) & np.isfinite(t)
     keep = increasing(t, good)
@@ -139,12 +139,8 @@ def home(messages: Messages) -> Origin:
 
 def ned_between(a: Origin, b: Origin) -> Array:
     """Where `b` lies seen from `a`: NED (3,), m."""
-    latitude, longitude, height = (np.array(pair) for pair in zip(*(_geodetic(place) for place in (a, b)), strict=True))
-    return np.asarray(_ned_about(latitude, longitude, height, 0)[1])
-
-
-def _geodetic(place: Origin) -> tuple[float, float, float]:
-    return place.latitude, place.longitude, place.height
+    there = (np.array([b.latitude]), np.array([b.longitude]), np.array([b.height]))
+    return np.asarray(ned_from_geodetic(*there, (a.latitude, a.longitude, a.height))[0])
 
 
 def parameters(messages: Messages, *, bytewise: bool) -> dict[str, float]:
@@ -196,34 +192,5 @@ def q_from_euler(roll: Array, pitch: Array, yaw: Array) -> Array:
     q = np.empty((len(roll), 4))
     for begin in range(0, len(roll), _BLOCK):  # what lies in between stays in cache
         block = slice(begin, begin + _BLOCK)
-        q[block] = _q_from_euler(roll[block], pitch[block], yaw[block])
+        q[block] = from_euler(roll[block], pitch[block], yaw[block])
     return q
-
-
-def _q_from_euler(roll: Array, pitch: Array, yaw: Array) -> Array:
-    cr, sr = np.cos(roll / 2), np.sin(roll / 2)
-    cp, sp = np.cos(pitch / 2), np.sin(pitch / 2)
-    cy, sy = np.cos(yaw / 2), np.sin(yaw / 2)
-    return np.column_stack(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
-    )
-
-
-def _ned_about(lat: Array, lon: Array, alt: Array, origin: int) -> Array:
-    """Geodetic positions (rad, rad, m) as NED (N, 3) m about the one with index `origin`, through ECEF."""
-    radius = _WGS84_A / np.sqrt(1 - _WGS84_E2 * np.sin(lat) ** 2)  # of curvature in the prime vertical
-    ecef = np.column_stack(
-        [
-            (radius + alt) * np.cos(lat) * np.cos(lon),
-            (radius + alt) * np.cos(lat) * np.sin(lon),
-            (radius * (1 - _WGS84_E2) + alt) * np.sin(lat),
-        ]
-    )
-    sa, ca, so, co = np.sin(lat[origin]), np.cos(lat[origin]), np.sin(lon[origin]), np.cos(lon[origin])
-    to_ned = np.array([[-sa * co, -sa * so, ca], [-so, co, 0.0], [-ca * co, -ca * so, -sa]])
-    return np.asarray((ecef - ecef[origin]) @ to_ned.T)

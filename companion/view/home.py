@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.strapdown import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
+from companion.frames import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
 from companion.tracks import Array, Flight
 
 

@@ -298,3 +298,17 @@ def test_an_imu_model_can_be_chosen(capsys: Captured) -> None:
     assert main(["analyze", DEMO, "--imu-model", "icm-42688-p"]) == 0
     assert "icm-42688-p (asked for)" in capsys.readouterr().out
     assert "bmi088" in refused(["analyze", DEMO, "--imu-model", "bmi99"], capsys)
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (["view", "demo", "--port", "99999"], "--port: expected `int` <= 65535"),
+        (["view", "demo", "--reanchor", "-1"], "--reanchor: expected `float`"),
+    ],
+)
+def test_an_option_out_of_range_is_named_as_it_was_written(
+    command: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(command) == 2
+    assert words in capsys.readouterr().err

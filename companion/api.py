@@ -1,0 +1,85 @@
+"""The public names of `companion`: what a notebook imports."""
+
+from companion import export
+from companion.analysis import (
+    Assessment,
+    Calibration,
+    Contrast,
+    Drift,
+    DriftRow,
+    Finding,
+    Integration,
+    Limits,
+    PoseError,
+    Replay,
+    Statistic,
+    Verdict,
+    ape,
+    contrast,
+    drift,
+    replay,
+    rpe,
+)
+from companion.errors import CompanionError, DataError, InputError, SettingsError
+from companion.examination import Examination, examine
+from companion.recording import open_log
+from companion.series import Event, Series
+from companion.settings import Settings, load_settings
+from companion.strapdown import reckon
+from companion.tracks import (
+    AttitudeTrack,
+    Epoch,
+    Flight,
+    ImuTrack,
+    MessageStats,
+    NavState,
+    Origin,
+    PositionTrack,
+    StatusText,
+    Trajectory,
+    Vehicle,
+)
+
+__all__ = [
+    "Assessment",
+    "AttitudeTrack",
+    "Calibration",
+    "CompanionError",
+    "Contrast",
+    "DataError",
+    "Drift",
+    "DriftRow",
+    "Epoch",
+    "Event",
+    "Examination",
+    "Finding",
+    "Flight",
+    "ImuTrack",
+    "InputError",
+    "Integration",
+    "Limits",
+    "MessageStats",
+    "NavState",
+    "Origin",
+    "PoseError",
+    "PositionTrack",
+    "Replay",
+    "Series",
+    "Settings",
+    "SettingsError",
+    "Statistic",
+    "StatusText",
+    "Trajectory",
+    "Vehicle",
+    "Verdict",
+    "ape",
+    "contrast",
+    "drift",
+    "examine",
+    "export",
+    "load_settings",
+    "open_log",
+    "reckon",
+    "replay",
+    "rpe",
+]

@@ -1,0 +1,70 @@
+"""Between the frames in which people and messages speak and those that are computed in: Euler angles, WGS-84.
+
+Ground floor: used where messages come in, where positions go out, and by the gravity of the ellipsoid.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+# NIMA TR8350.2 (2000), tables 3.1 and 3.3
+SEMI_MAJOR_AXIS = 6378137.0  # m
+ECCENTRICITY_SQUARED = 6.69437999014e-3  # of the first eccentricity
+
+_SEMI_MINOR_AXIS = SEMI_MAJOR_AXIS * float(np.sqrt(1 - ECCENTRICITY_SQUARED))
+_SECOND = ECCENTRICITY_SQUARED / (1 - ECCENTRICITY_SQUARED)
+
+
+def from_euler(roll: npt.ArrayLike, pitch: npt.ArrayLike, yaw: npt.ArrayLike) -> Array:
+    """q_ned_frd (..., 4) wxyz of MAVLink's ATTITUDE angles in rad: yaw about down, then pitch, then roll (z-y-x)."""
+    cr, cp, cy = (np.cos(0.5 * np.asarray(angle, dtype=np.float64)) for angle in (roll, pitch, yaw))
+    sr, sp, sy = (np.sin(0.5 * np.asarray(angle, dtype=np.float64)) for angle in (roll, pitch, yaw))
+    return np.stack(
+        np.broadcast_arrays(
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ),
+        axis=-1,
+    )
+
+
+def ned_from_geodetic(latitude: Array, longitude: Array, height: Array, origin: tuple[float, float, float]) -> Array:
+    """Positions (N,) rad, rad, m as NED (N, 3) m about an origin in rad, rad, m."""
+    offset = _ecef(latitude, longitude, height) - _ecef(*origin)
+    return np.asarray(offset @ _ned_axes(origin[0], origin[1]))
+
+
+def geodetic_from_ned(ned: Array, origin: tuple[float, float, float]) -> Array:
+    """NED (N, 3) m about an origin in rad, rad, m as latitude rad, longitude rad, height m: (N, 3).
+
+    By Bowring (1985): exact to a micrometre near the ground.
+    """
+    x, y, z = (_ecef(*origin) + ned @ _ned_axes(origin[0], origin[1]).T).T
+    from_axis = np.hypot(x, y)
+    reduced = np.arctan2(SEMI_MAJOR_AXIS * z, _SEMI_MINOR_AXIS * from_axis)
+    latitude = np.arctan2(
+        z + _SECOND * _SEMI_MINOR_AXIS * np.sin(reduced) ** 3,
+        from_axis - ECCENTRICITY_SQUARED * SEMI_MAJOR_AXIS * np.cos(reduced) ** 3,
+    )
+    surface = SEMI_MAJOR_AXIS * np.sqrt(1 - ECCENTRICITY_SQUARED * np.sin(latitude) ** 2)
+    height = from_axis * np.cos(latitude) + z * np.sin(latitude) - surface
+    return np.column_stack([latitude, np.arctan2(y, x), height])
+
+
+def _ecef(latitude: Array | float, longitude: Array | float, height: Array | float) -> Array:
+    """Earth-centred, Earth-fixed positions (..., 3), m."""
+    sa, ca, so, co = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
+    radius = SEMI_MAJOR_AXIS / np.sqrt(1 - ECCENTRICITY_SQUARED * sa**2)  # of curvature in the prime vertical
+    out = (radius + height) * ca
+    return np.stack([out * co, out * so, (radius * (1 - ECCENTRICITY_SQUARED) + height) * sa], axis=-1)
+
+
+def _ned_axes(latitude: float, longitude: float) -> Array:
+    """(3, 3): the directions of north, east and down in ECEF, as columns."""
+    sa, ca, so, co = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
+    return np.array([[-sa * co, -so, -ca * co], [-sa * so, co, -ca * so], [ca, 0.0, -sa]])
