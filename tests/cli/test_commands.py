@@ -217,7 +217,7 @@ def test_bad_options(options: list[str], expected: str, capsys: Captured) -> Non
     ("options", "expected"),
     [
         (["--port", "70000"], "65535"),
-        (["--reanchor", "-3"], "reanchor_s"),
+        (["--reanchor", "-3"], "--reanchor"),
         (["--host", "no.such.host.invalid"], "no.such.host"),
     ],
 )
