@@ -55,6 +55,7 @@ class ImuTrack:
     gyro_step: float = 0.0  # rad/s, quantisation step of the readings; 0 for floats
     accel_step: float = 0.0  # m/s², the same for specific force
     instance: int = 0  # which of the vehicle's IMUs: RAW_IMU is always 0, SCALED_IMU2 is 1, ...
+    t_step: float = 0.0  # s, resolution of the message's clock; 0 where it is far finer than an interval
 
     def __post_init__(self) -> None:
         _check("ImuTrack", self.t, gyro=(self.gyro, 3), accel=(self.accel, 3))

@@ -14,6 +14,7 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison, IntArray, Windows, errors
 from companion.analysis.figures import ImuFigures, ReferenceFigures
+from companion.analysis.stamps import jitter_covariance
 from companion.strapdown import Propagation, propagate
 from companion.tracks import Array, ImuTrack
 
@@ -89,6 +90,7 @@ def budget(comparison: Comparison, chosen: Windows, imu: ImuFigures, autopilot: 
         "scale": _square(gyro_matrix * (imu.gyro.scale * scale)) + _square(accel_matrix * (imu.accel.scale * scale)),
         "misalignment": autopilot.misalignment**2 * _square(turn),
         "time_offset": autopilot.time_offset**2 * _square(growth.time_offset[:, :, None]),
+        "time_jitter": jitter_covariance(track, chosen, growth),
         "gravity": autopilot.gravity**2 * _square(growth.gravity[:, :, None]),
         "autopilot_attitude": leaned @ lasting @ leaned.swapaxes(1, 2),
         "autopilot_anchor": move @ passing @ move.swapaxes(1, 2),

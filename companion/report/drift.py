@@ -27,7 +27,8 @@ _CAUSES: dict[str, tuple[palette.Rgb, float]] = {
     "sampling": (palette.DIFFERENCE, 0.0),
     "quantisation": (palette.DIFFERENCE, 0.4),
     "time_offset": (palette.HEADING, 0.0),
-    "misalignment": (palette.HEADING, 0.35),
+    "time_jitter": (palette.HEADING, 0.2),
+    "misalignment": (palette.HEADING, 0.4),
     "gravity": (palette.HEADING, 0.65),
 }
 """Cause → colour and how much white is in it: by whom it comes from."""

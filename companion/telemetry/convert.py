@@ -51,7 +51,14 @@ def imu_track(messages: Messages, t: Array, *, dequantise: bool = False) -> tupl
     if dropped := int((~good).sum()):
         notes.append(f"{name}: {dropped} samples left out that are no readings or of another IMU")
     track = ImuTrack(
-        t[keep], gyro[keep], accel[keep], source=name, gyro_step=gyro_step, accel_step=accel_step, instance=instance
+        t[keep],
+        gyro[keep],
+        accel[keep],
+        source=name,
+        gyro_step=gyro_step,
+        accel_step=accel_step,
+        instance=instance,
+        t_step=1e-3 if "time_boot_ms" in messages.layout.fields else 0.0,
     )
     if len(track):
         some = track.accel[:: max(1, len(track) // 1000)]
