@@ -171,6 +171,21 @@ def orientation(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, fl
     return spoilt, f.start, f.start + f.duration
 
 
+def askew(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+    """The board is turned by 45° about down, as AHRS_ORIENTATION 1 is."""
+    del figures, rng
+    turn = quaternion.to_matrix(quaternion.exp(np.array([0, 0, np.radians(45)])))
+    spoilt = _changed(f, gyro=lambda imu: imu.gyro @ turn.T, accel=lambda imu: imu.accel @ turn.T)
+    return spoilt, f.start, f.start + f.duration
+
+
+def clocks(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+    """The IMU's clock runs 0.5 % fast, and so 0.4 s away by the end."""
+    del figures, rng
+    imu = f.imus["RAW_IMU"]
+    return replace(f, imus={"RAW_IMU": replace(imu, t=f.start + (imu.t - f.start) * 1.005)}), f.start, f.start + SECONDS
+
+
 def attitude_drift(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
     """The autopilot's attitude turns away at 1°/s about some axis of the world, and stays there."""
     del figures
@@ -290,6 +305,8 @@ FAULTS = (
     Fault("GPS glitch of 10 m", "autopilot_suspect", ("position_jump",), gps_glitch),
     Fault("yaw reset of 15°", "autopilot_suspect", ("heading_jump",), yaw_reset),
     Fault("board turned by 90°", "imu_suspect", ("axes_wrong",), orientation),
+    Fault("board turned by 45°", "imu_suspect", ("axes_wrong",), askew, lively=True),
+    Fault("clock 0.5 % fast", "insufficient_data", ("clocks_diverge",), clocks, lively=True),
     Fault("attitude drifts at 1°/s, 15 s", "autopilot_suspect", ("attitude_diverging",), attitude_drift),
     Fault("heading drifts at 1°/s, 15 s", "autopilot_suspect", ("attitude_diverging",), heading_drift),
     Fault("heading 25° off", "autopilot_suspect", ("heading_wrong",), heading_off, lively=True),

@@ -16,6 +16,8 @@ from companion.tracks import STANDARD_GRAVITY, Array
 _TURN_S = 0.5  # over which turns and forces are averaged
 _PLAIN = 0.2  # misfit, g plus rad/s, from which on a far better rotation is enough
 _NOTHING = 0.015  # misfit of a good sensor
+_ASKEW = np.radians(12.0)  # less is a trim
+_ADVICE = "Set AHRS_ORIENTATION (SENS_BOARD_ROT on PX4) to how the board is mounted, and calibrate again."
 _LEAST = 0.04  # below it a bias explains it as well
 
 
@@ -42,6 +44,9 @@ def axes_findings(comparison: Comparison) -> Iterator[Finding]:
     pull = quaternion.rotate(quaternion.conjugate(quaternion.multiply(q[start], half)), force)
     turn = turned / seconds
     gyro, accel = (_mean(readings, start, end) for readings in (track.gyro, track.accel / STANDARD_GRAVITY))
+    motion = length(turn) + length(pull[:, :2])
+    busy = motion >= np.median(motion)  # at rest every heading fits
+    pull, accel, turn, gyro = pull[busy], accel[busy], turn[busy], gyro[busy]
     misfit = {name: _misfit(pull, accel, turn, gyro, r) for name, r in _ROTATIONS.items()}
     total = {name: sum(parts) for name, parts in misfit.items()}
     best = min(total, key=lambda name: total[name])
@@ -59,8 +64,43 @@ def axes_findings(comparison: Comparison) -> Iterator[Finding]:
             float(track.t[-1]),
             f"forward, right, down are the IMU's ({best.replace(' ', ', ')}): so the readings fit "
             f"{own / total[best]:.0f} times better",
-            "Set AHRS_ORIENTATION (SENS_BOARD_ROT on PX4) to how the board is mounted, and calibrate again.",
+            _ADVICE,
         )
+        return
+    free = _wahba(np.concatenate([turn, pull]), np.concatenate([gyro, accel]))
+    if free is None:
+        return
+    angle = quaternion.log(quaternion.from_matrix(free))
+    forces, turns = _misfit(pull, accel, turn, gyro, free)
+    # a tilted board and an offset of the accelerometer look alike in level flight: the turns have to say so
+    if (
+        length(angle) > _ASKEW
+        and misfit["x y z"][1] > _NOTHING
+        and turns < 0.4 * misfit["x y z"][1]
+        and forces + turns < 0.3 * own
+    ):
+        x, y, z = angle / length(angle)
+        yield Finding(
+            "axes_wrong",
+            "imu",
+            "error",
+            float(track.t[0]),
+            float(track.t[-1]),
+            f"the board is turned by {np.degrees(length(angle)):.0f}° about ({x:.1f}, {y:.1f}, {z:.1f}): so the "
+            f"readings fit {own / (forces + turns):.0f} times better",
+            _ADVICE,
+        )
+
+
+def _wahba(body: Array, imu: Array) -> Array | None:
+    """The rotation (3, 3) that turns the IMU's vectors (M, 3) best into the body's; None where it is not determined.
+
+    Markley, Attitude determination using vector observations and the singular value decomposition, 1988.
+    """
+    u, size, v = np.linalg.svd(body.T @ imu)
+    if size[1] < 0.01 * size[0]:  # all vectors along one line
+        return None
+    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u) * np.linalg.det(v)]) @ v)
 
 
 def _misfit(pull: Array, accel: Array, turn: Array, gyro: Array, rotation: Array) -> tuple[float, float]:

@@ -16,8 +16,9 @@ from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding
 from companion.analysis.heading import heading_findings
 from companion.analysis.held_bias import held, held_findings
-from companion.analysis.installation import Installation, installation, lags, level
+from companion.analysis.installation import Installation, installation, level
 from companion.analysis.jumps import jump_findings
+from companion.analysis.lags import lags
 from companion.analysis.readings import reading_findings, stuck_findings
 from companion.analysis.residuals import SHORT_S, residuals
 from companion.analysis.sampling import rate_findings, stamp_findings
@@ -53,7 +54,7 @@ def findings(
         found += heading_findings(comparison, raw, figures, autopilot)
     wrong = [f.start_s for f in found if f.kind in _HEADING and f.severity == "error"]
     fitted = installation(comparison, raw, figures, autopilot, min(wrong, default=np.inf))
-    found += stamp_findings(comparison, lags(comparison, raw, figures, autopilot))
+    found += stamp_findings(comparison, lags(comparison))
     clean = comparison
     if fitted is not None and fitted.moved:
         found += _installed(comparison, fitted)
@@ -83,10 +84,11 @@ def _follows(finding: Finding, found: Sequence[Finding]) -> bool:
         causes = (*_CAUSES, "gyro_bias", "accel_bias")
     if finding.kind == "bias_step":
         causes = (*_CAUSES, "attitude_diverging", "attitude_tilted")
-    if any(f.kind in causes and f.start_s < finding.end_s and finding.start_s < f.end_s for f in found):
+    errors = [f for f in found if f.severity == "error"]
+    if any(f.kind in causes and f.start_s < finding.end_s and finding.start_s < f.end_s for f in errors):
         return True
     return finding.kind in _FORCES and any(
-        f.kind in _HEADING and f.severity == "error" and f.start_s < finding.start_s + 2 * SHORT_S for f in found
+        f.kind in _HEADING and f.start_s < finding.start_s + 2 * SHORT_S for f in errors
     )
 
 
@@ -104,7 +106,7 @@ _EFFECTS = {
     "position_diverging",
     "stuck_axis",
 }
-_CAUSES = ("stuck_axis", "frozen", "axes_wrong")
+_CAUSES = ("stuck_axis", "frozen", "axes_wrong", "clocks_diverge")
 _ORDER = {"error": 0, "warning": 1, "info": 2}
 _LAG_S, _MOUNTING_RAD = 5e-3, np.radians(2.0)
 

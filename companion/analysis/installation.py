@@ -14,7 +14,7 @@ import numpy as np
 
 from companion.analysis.budget import ATTITUDE, VELOCITY, turn_jacobian
 from companion.analysis.calibrate import Compare, lever_jacobian
-from companion.analysis.comparison import Comparison, IntArray
+from companion.analysis.comparison import Comparison
 from companion.analysis.correction import Correction
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.residuals import ACCEL_BIAS, GYRO_BIAS, Residuals
@@ -70,22 +70,6 @@ def installation(
     return Installation(mounting, fit.sigma[part], lag, lag_sigma, lever, lever_sigma)
 
 
-def lags(
-    comparison: Comparison, found: Residuals, imu: ImuFigures, autopilot: ReferenceFigures
-) -> list[tuple[float, float, float, float]]:
-    """The lag of each third of the flight: begin and end, s, the lag and its standard error, s; where it is known."""
-    known = []
-    for part in np.array_split(np.arange(len(found)), 3):
-        if len(part) < _FEWEST:
-            continue
-        fit = _turns(comparison, found, imu, autopilot, part, late=1.0)
-        if fit.sigma[6] < _LATE:
-            known.append(
-                (float(found.begin[part[0]]), float(found.end[part[-1]]), float(fit.x[6]), float(fit.sigma[6]))
-            )
-    return known
-
-
 def level(comparison: Comparison, found: Installation, compare_with: Compare) -> Comparison:
     """The comparison with the installation taken out: the IMU turned, in time and at the body's origin."""
     correction = Correction(mounting=found.mounting, time_offset=found.lag, lever_arm=found.lever)
@@ -111,10 +95,8 @@ def _turns(
     found: Residuals,
     imu: ImuFigures,
     autopilot: ReferenceFigures,
-    part: IntArray | slice = slice(None),
-    late: float = _LATE,
 ) -> _Fit:
-    """Gyro bias, mounting, lag from the turns alone, of some windows; late: s, what lag to expect beforehand."""
+    """Gyro bias, mounting, lag from the turns alone."""
     growth = found.growth
     jacobian = np.concatenate(
         [
@@ -124,8 +106,8 @@ def _turns(
         ],
         axis=2,
     )
-    prior = np.concatenate([np.full(3, _BIASED * imu.gyro.residual_bias), np.full(3, _TURNED), [late]])
-    return _robust([(jacobian[part], found.attitude[part], _turn_sigma(comparison, found, autopilot)[part])], prior)
+    prior = np.concatenate([np.full(3, _BIASED * imu.gyro.residual_bias), np.full(3, _TURNED), [_LATE]])
+    return _robust([(jacobian, found.attitude, _turn_sigma(comparison, found, autopilot))], prior)
 
 
 def _turns_and_forces(
