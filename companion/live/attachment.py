@@ -37,6 +37,11 @@ class Attachment:
         """How the session stands, a quarter of a second ago at most."""
         return self._report
 
+    @property
+    def alive(self) -> bool:
+        """Whether the link is still listened to."""
+        return self._thread.is_alive()
+
     def fetch(self) -> list[Receipt]:
         """What has arrived since the last time. For one thread."""
         found: list[Receipt] = []

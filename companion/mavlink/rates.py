@@ -11,6 +11,7 @@ messages that it has no source for and never sends them, and takes the nearest o
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import ceil
 
 from companion.mavlink import requests
 from companion.mavlink.dialect import Dialect
@@ -25,11 +26,11 @@ _WINDOW_S = 5.0  # over which an arriving rate is measured
 _ENOUGH = 0.6  # of the messages agreed, less their square root: fewer is "turned down"; a loss of 30 % is not
 _RETRIES = 4  # against somebody who turns a message down: no fight
 _BACK_OFF_S = 5.0  # before the second of them, doubled each time
-_SLOWEST_HZ = 5.0  # a DENIED request is halved no further
+_SLOWEST_HZ = 5.0  # a DENIED request is lowered no further
 _SILENT_S = 3.0  # after that the vehicle, or the link to it, may have forgotten everything
 _REBOOT_S = 5.0  # a fall of the clock by more than this is a reboot, as in telemetry
 _MOST_REBOOTS, _REBOOTS_S = 2, 10.0  # more in that time are no reboots: a flight controller needs seconds for one
-_ACCEPTED, _DENIED, _IN_PROGRESS = 0, 2, 5  # MAV_RESULT
+_ACCEPTED, _NOT_NOW, _DENIED, _IN_PROGRESS = 0, 1, 2, 5  # MAV_RESULT
 
 PARAMETERS = ("AHRS_TRIM_X", "AHRS_TRIM_Y", "AHRS_ORIENTATION", "INS_GYRO_FILTER", "INS_ACCEL_FILTER")
 """ArduPilot's, that the comparison needs: the frame of the attitude, and the IMU's low-pass."""
@@ -183,9 +184,11 @@ class Rates:
         self._waiting = None
         if result == _ACCEPTED:
             self._move(wish, State.WATCHING, now)
-        elif result == _DENIED and wish.asked_hz / 2 >= _SLOWEST_HZ:  # perhaps faster than its loop allows
-            wish.asked_hz /= 2
+        elif result == _DENIED and _slower(wish.asked_hz) >= _SLOWEST_HZ:  # perhaps faster than its loop allows
+            wish.asked_hz = _slower(wish.asked_hz)
             self._move(wish, State.ASKING, now)
+        elif result == _NOT_NOW:
+            wish.due = now + _ANSWER_S  # as if it had not answered
         else:
             self._refused(wish, "the vehicle refuses it", now)
 
@@ -207,6 +210,11 @@ class Rates:
         expected = wish.asked_hz * elapsed
         enough = wish.count >= _ENOUGH * expected - expected**0.5
         wish.received_hz, wish.window, wish.count = wish.count / elapsed, now, 0
+        if wish.state is State.GIVEN_UP and enough and wish.received_hz:
+            # e.g. ArduPilot sends all streams at a quarter for as long as parameters are loaded
+            self.said.append(f"{wish.name}: {wish.received_hz:.0f} Hz arrive again")
+            wish.retries = 0
+            self._move(wish, State.WATCHING, now)
         if wish.state is not State.WATCHING:
             return
         if not enough:
@@ -265,3 +273,9 @@ class Rates:
 
     def _move(self, wish: Wish, state: State, due: float) -> None:
         wish.state, wish.attempts, wish.due, wish.window = state, 0, due, None
+
+
+def _slower(hz: float) -> float:
+    """The next rate to try: ArduPilot knows whole milliseconds only, and the fastest of them depends on its loop."""
+    interval = int(1000 / hz)
+    return 1000 / max(interval + 1, ceil(1.25 * interval))

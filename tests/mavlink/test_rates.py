@@ -68,8 +68,8 @@ def test_a_third_of_the_packets_lost_is_not_being_turned_down() -> None:
 def test_what_is_too_fast_for_the_loop_is_lowered_and_said() -> None:
     talk = Conversation(wanted={"RAW_IMU": 500.0})
     talk.run(10.0)
-    assert talk.received()["RAW_IMU"] == pytest.approx(250.0, rel=0.03)
-    assert "500 Hz is refused, 250 Hz arrive" in talk.said()
+    assert talk.received()["RAW_IMU"] == pytest.approx(333.0, rel=0.03), "the fastest of a loop of 400 Hz"
+    assert "500 Hz is refused, 333 Hz arrive" in talk.said()
 
 
 def test_firmware_that_denies_intervals_is_asked_for_its_streams() -> None:
@@ -104,6 +104,42 @@ def test_who_turns_it_down_once_is_asked_again_who_insists_wins() -> None:
     assert stubborn.said().count("asking again") == 4
     assert "another program turns it down" in stubborn.said()
     assert stubborn.sent["COMMAND_LONG"] < 12
+
+
+def test_what_was_given_up_and_comes_again_is_watched_again() -> None:
+    """A long download of parameters: every stream at a quarter, and back when it is over."""
+    rates = Rates(Target(1, 1), {"RAW_IMU": 100.0}, DIALECT, own_sysid=240)
+    packer, decoder = Packer(1, 1), Decoder(DIALECT, stamped=False)
+
+    def arrive(begin: float, end: float, hz: float) -> None:
+        for i in range(round((end - begin) * 5)):
+            now = begin + 0.2 * i
+            packets = b"".join(packer.pack("RAW_IMU", {}) for _ in range(round(hz / 5)))
+            if (request := rates.next_request(now)) is not None and request.fields.get("command") == 511:
+                packets += packer.pack("COMMAND_ACK", {"command": 511, "target_system": 240})
+            rates.hear(split_messages(decoder.push(packets), DIALECT), now)
+
+    arrive(0.0, 80.0, 25.0)
+    assert rates.said[-1].endswith("given up")
+    arrive(80.0, 100.0, 100.0)
+    assert rates.said[-1].endswith("Hz arrive again")
+
+
+def test_not_now_is_no_refusal() -> None:
+    rates = Rates(Target(1, 1), {"RAW_IMU": 100.0}, DIALECT, own_sysid=240)
+    packer, decoder = Packer(1, 1), Decoder(DIALECT, stamped=False)
+
+    def hear(now: float, name: str, **fields: int) -> None:
+        rates.hear(split_messages(decoder.push(packer.pack(name, fields)), DIALECT), now)
+
+    hear(0.0, "MESSAGE_INTERVAL", message_id=27, interval_us=-1)
+    assert rates.next_request(0.1) is not None
+    hear(0.2, "COMMAND_ACK", command=511, result=1, target_system=240)
+    hear(1.0, "HEARTBEAT", autopilot=3)
+    assert rates.said == []
+    again = rates.next_request(1.3)
+    assert again is not None
+    assert again.fields["command"] == 511
 
 
 def test_after_a_reboot_everything_is_asked_again() -> None:

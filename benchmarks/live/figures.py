@@ -1,0 +1,108 @@
+"""What the live page costs: `python benchmarks/live/figures.py [minutes]`.
+
+A simulated vehicle sends 400 Hz of RAW_IMU, 100 of ATTITUDE and 50 of LOCAL_POSITION_NED from a process of its own;
+`companion view` runs as its users run it, with one page open in headless Chromium. Printed: samples lost, resident
+memory after the first minute and at the end, CPU of the companion and of the verdict's processes, and how old a pose
+is when it is written to viser, from the moment at which the simulator sent the packet or could have.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+from playwright.sync_api import sync_playwright
+
+import companion as c
+from companion.mavlink import open_port, parse_address
+from companion.simulate import SimulatedVehicle, fly, serve
+
+STREAMS = {"RAW_IMU": 400.0, "ATTITUDE": 100.0, "LOCAL_POSITION_NED": 50.0}
+LINK, PAGE = 14_771, 8_771
+CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+EVERY_S = 10.0
+
+
+def vehicle(seconds: float, begun: Any) -> None:
+    """The simulator's process. begun: s of the machine's steady clock, when the vehicle booted."""
+    flown = fly(seconds)
+    port = open_port(parse_address(f"udpout:127.0.0.1:{LINK}"))
+    begun.value = time.monotonic()
+    serve(SimulatedVehicle(flown, streams=STREAMS), port)
+
+
+def page(folder: str) -> None:
+    """The companion's process: the command, with a note of every pose that is written."""
+    from companion.cli import main  # noqa: PLC0415  (only here)
+    from companion.view.scene import Scene  # noqa: PLC0415
+
+    shown: list[tuple[float, float]] = []
+    show = Scene.show
+
+    def noted(self: Scene, moment: Any, *more: Any) -> None:
+        show(self, moment, *more)
+        if not shown or shown[-1][0] != moment.t:
+            shown.append((moment.t, time.monotonic()))
+
+    Scene.show = noted  # type: ignore[method-assign]
+    words = ["view", f"udpin:127.0.0.1:{LINK}", "--listen-only", "--port", str(PAGE), "-o", f"{folder}/live.tlog"]
+    code = main(words)
+    np.save(f"{folder}/shown.npy", np.array(shown))
+    sys.exit(code)
+
+
+def run(minutes: float, folder: str) -> None:
+    """Measure and print."""
+    begun = multiprocessing.get_context("spawn").Value("d", 0.0)
+    simulator = multiprocessing.get_context("spawn").Process(target=vehicle, args=(60 * minutes + 60, begun))
+    command = [sys.executable, __file__, "page", folder]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as served, sync_playwright() as playwright:
+        assert served.stdout is not None
+        print(served.stdout.readline().strip(), flush=True)
+        simulator.start()
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        tab = browser.new_page(viewport={"width": 1280, "height": 800})
+        tab.goto(f"http://127.0.0.1:{PAGE}")
+        tab.get_by_text("LIVE", exact=True).wait_for(timeout=60_000)
+        process = psutil.Process(served.pid)
+        resident, cpu, begin = [], [process.cpu_times()], time.monotonic()
+        while time.monotonic() - begin < 60 * minutes:
+            tab.wait_for_timeout(1000 * EVERY_S)
+            resident.append(process.memory_info().rss / 1e6)
+            cpu.append(process.cpu_times())
+        elapsed = time.monotonic() - begin
+        browser.close()
+        served.send_signal(signal.SIGINT)
+        print(served.stdout.read().strip())
+    simulator.terminate()
+    (flight,) = c.open_log(f"{folder}/live.tlog")
+    imu = flight.imu("RAW_IMU")
+    sent = round((imu.t[-1] - imu.t[0]) * STREAMS["RAW_IMU"]) + 1
+    own = cpu[-1].user + cpu[-1].system - cpu[0].user - cpu[0].system
+    verdicts = cpu[-1].children_user + cpu[-1].children_system
+    minute = int(60 / EVERY_S) - 1
+    t, at = np.load(f"{folder}/shown.npy").T
+    late = 1e3 * (at - begun.value - t)[len(t) // 20 :]
+    print(f"{elapsed:.0f} s: {sent - len(imu)} of {sent} RAW_IMU samples lost, {flight.duration:.0f} s recorded")
+    print(f"companion {own / elapsed:.1%} of a core, verdicts beside it {verdicts / elapsed:.1%}")
+    print(
+        f"resident {resident[minute]:.1f} MB after a minute, {resident[-1]:.1f} MB at the end, {max(resident):.1f} most"
+    )
+    print(f"pose latency {np.median(late):.0f} ms median, {np.percentile(late, 95):.0f} ms p95 ({len(late)} poses)")
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["page"]:
+        page(sys.argv[2])
+    with tempfile.TemporaryDirectory() as scratch:
+        run(float(sys.argv[1]) if len(sys.argv) > 1 else 10.0, str(Path(scratch)))

@@ -1,0 +1,92 @@
+"""A live session on a real link: the numbers that it shows are those of `companion analyze` on its recording."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import companion as c
+from companion.analysis import Integration
+from companion.errors import InputError
+from companion.live import Attachment, Watch
+from companion.mavlink import Link, Recorder, Session
+from companion.simulate import Faults
+from tests.mavlink.peers import udp_peer, wait_for
+from tests.simulated import flying
+
+HORIZONS = (1.0, 2.0, 5.0)
+
+
+def watch() -> Watch:
+    return Watch(
+        dialect="ardupilotmega", dequantise=False, how=lambda _: Integration(), horizons=HORIZONS, reanchor_s=5.0
+    )
+
+
+def test_the_drift_of_a_session_is_that_of_its_recording(tmp_path: Path) -> None:
+    path, watching = tmp_path / "a.tlog", watch()
+    faults = Faults(drop=0.05, duplicate=0.05, reorder=0.05, garbage=0.05)
+    with Link("udpin:127.0.0.1:0") as link, Recorder(path) as recorder:
+        session = Session(link, recorder=recorder)
+        with flying(link.port, since=20.0, faults=faults, seed=5), Attachment(session) as attachment:
+            until = time.monotonic() + 9.0
+            while time.monotonic() < until:
+                watching.hear(attachment.fetch())
+                watching.look()
+                time.sleep(0.05)
+        watching.hear(attachment.fetch())
+        seen = watching.look()
+        watching.judge(settled=True)
+    assert seen is not None
+    (flight,) = c.open_log(path)
+    table = c.drift(flight, imu=seen.present.imu, horizons=HORIZONS)
+    for now, then in zip(watching.drift, table.rows, strict=True):
+        assert now.windows == then.windows > 0
+        assert dict(now.excluded) == dict(then.excluded)
+        np.testing.assert_allclose(now.errors.anchor_s, then.errors.anchor_s)
+        np.testing.assert_allclose(now.errors.position, then.errors.position, atol=1e-6)
+        np.testing.assert_allclose(now.errors.attitude, then.errors.attitude, atol=1e-9)
+        assert now.position_m is not None
+        assert then.position_m is not None
+        assert now.position_m.median == pytest.approx(then.position_m.median)
+
+
+def test_two_vehicles_do_not_take_turns_and_can_be_switched() -> None:
+    watching = watch()
+    with Link("udpin:127.0.0.1:0") as link, Attachment(Session(link)) as attachment:
+        streams = {"RAW_IMU": 50.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0}
+        with (
+            flying(link.port, sysid=1, since=8.0, streams=streams),
+            flying(link.port, sysid=2, since=8.0, streams=streams),
+        ):
+            seen: set[str] = set()
+
+            def look() -> bool:
+                watching.hear(attachment.fetch())
+                found = watching.look()
+                if found is not None:
+                    seen.add(str(found.present.flight.vehicle))
+                return len(watching.vehicles) == 2
+
+            wait_for(look)
+            until = time.monotonic() + 1.0
+            while time.monotonic() < until:
+                look()
+            (first,) = seen
+            other = next(vehicle for vehicle in watching.vehicles if vehicle != first)
+            watching.pick(other)
+            seen.clear()
+            wait_for(lambda: look() and other in seen)
+
+
+def test_what_ends_the_links_thread_is_raised_where_it_is_asked_for() -> None:
+    with Link("udpin:127.0.0.1:0", patience_s=0.1) as link, udp_peer(link.port) as peer:
+        attachment = Attachment(Session(link))
+        peer.send(bytes(500))
+        wait_for(lambda: attachment.report is not None and not attachment.alive)
+        with pytest.raises(InputError, match="500 bytes and not one MAVLink frame"):
+            attachment.check()
+        attachment.close()
