@@ -1,0 +1,152 @@
+"""Terminal, JSON, export, report and page show one set of numbers: those of `companion.examination.examine`."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import companion as c
+from companion.cli import main
+from companion.cli.answers import Answers
+from companion.examination import integration_of
+from companion.view import ReplayChoice, palette, tables
+from companion.view.moment import footage
+from tests.recordings import BUNDLED
+
+DEMO = str(BUNDLED / "copter-demo-100hz.tlog")
+QUANTITIES = ("attitude_deg", "velocity_mps", "position_m")
+STATISTICS = ("median", "p95", "max")
+
+Captured = pytest.CaptureFixture[str]
+Document = dict[str, Any]
+
+
+class Cells(HTMLParser):
+    """The rows of every table of a page, and its scripts by id."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.rows: list[list[str]] = []
+        self.scripts: dict[str, str] = {}
+        self._into: str | None = None
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag == "tr":
+            self.rows.append([])
+        elif tag in ("td", "th") and self.rows:
+            self.rows[-1].append("")
+        self._into = (dict(attrs).get("id") or "") if tag == "script" else tag if tag in ("td", "th") else self._into
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag in ("td", "th", "script"):
+            self._into = None
+
+    def handle_data(self, data: str) -> None:
+        if self._into in ("td", "th"):
+            self.rows[-1][-1] += data
+        elif self._into is not None:
+            self.scripts[self._into] = self.scripts.get(self._into, "") + data
+
+
+@pytest.fixture(scope="module")
+def flight() -> Document:
+    """The flight in the JSON document, which all others are held against."""
+    with contextlib.redirect_stdout(io.StringIO()) as said:
+        assert main(["analyze", DEMO, "--json"]) == 0
+    found: Document = json.loads(said.getvalue())["flights"][0]
+    return found
+
+
+def same(shown: str, value: float) -> bool:
+    """Whether what is shown, in the digits that it has, is this value."""
+    digits = len(shown.partition(".")[2])
+    return abs(float(shown) - value) <= 0.5001 * 0.1**digits
+
+
+def test_the_terminal(flight: Document, capsys: Captured) -> None:
+    assert main(["analyze", DEMO]) == 0
+    drift, rest = capsys.readouterr().out.split("What it should be")
+    rows = [line.split() for line in drift.splitlines() if re.match(r" *\d+ s ", line)]
+    expected = [line.split() for line in rest.split("Every IMU")[0].splitlines() if re.match(r" *\d+ s ", line)]
+    assert flight["verdict"]["summary"] in drift
+    for cells, sigma, row in zip(rows, expected, flight["drift"], strict=True):
+        assert (float(cells[0]), int(cells[2])) == (row["horizon_s"], row["windows"])
+        values = [row[quantity][statistic] for quantity in QUANTITIES for statistic in STATISTICS]
+        assert all(same(cell, value) for cell, value in zip(cells[3:], values, strict=True))
+        assert all(same(sigma[2 + i], row["expected"][quantity]) for i, quantity in enumerate(QUANTITIES))
+    for cells, row in zip(expected, flight["consistency"], strict=True):
+        assert cells[5:8] == [f"{row[quantity]:.0%}" for quantity in ("attitude", "velocity", "position")]
+    fitted = flight["calibration"]["gyro_bias_radps"]
+    line = next(line for line in rest.splitlines() if line.strip().startswith("gyro bias"))
+    shown = re.findall(r"(-?[\d.]+) ± ([\d.]+)", line)
+    for (value, sigma), figure, error in zip(shown, fitted["value"], fitted["sigma"], strict=True):
+        assert same(value, 1e3 * figure)
+        assert same(sigma, 1e3 * error)
+
+
+def test_the_export(flight: Document, tmp_path: Path) -> None:
+    assert main(["export", DEMO, "--format", "json", "-o", str(tmp_path / "x.json")]) == 0
+    exported = json.loads((tmp_path / "x.json").read_text())
+    assert exported["flights"] == [flight]
+    assert main(["export", DEMO, "--format", "csv", "-o", str(tmp_path / "csv")]) == 0
+    with (tmp_path / "csv" / "drift.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row, told in zip(rows, flight["drift"], strict=True):
+        for quantity in QUANTITIES:
+            name, unit = quantity.split("_")
+            assert float(row[f"{name}_expected_{unit}"]) == told["expected"][quantity]
+            assert [float(row[f"{name}_{s}_{unit}"]) for s in STATISTICS] == [told[quantity][s] for s in STATISTICS]
+    errors = np.loadtxt(tmp_path / "csv" / "windows.csv", delimiter=",", skiprows=1)
+    names = (tmp_path / "csv" / "windows.csv").read_text().splitlines()[0].split(",")
+    north = names.index("position_error_north_m")
+    for told in flight["drift"]:
+        of_horizon = errors[errors[:, 0] == told["horizon_s"]]
+        length = np.linalg.norm(of_horizon[:, north : north + 3], axis=1)
+        assert np.median(length) == pytest.approx(told["position_m"]["median"], rel=1e-12)
+
+
+def test_the_report(flight: Document, tmp_path: Path) -> None:
+    assert main(["report", DEMO, "-o", str(tmp_path / "x.html"), "--no-playback"]) == 0
+    page = Cells((tmp_path / "x.html").read_text(encoding="utf-8"))
+    assert json.loads(page.scripts["companion"])["flights"] == [flight]
+    rows = {row[0]: row for row in page.rows if len(row) == 14 and row[0].endswith(" s")}
+    assert len(rows) == len(flight["drift"])
+    for told in flight["drift"]:
+        values = [
+            told[q][s] if s != "expected" else told["expected"][q]
+            for q in QUANTITIES
+            for s in (*STATISTICS, "expected")
+        ]
+        assert all(same(cell, value) for cell, value in zip(rows[f"{told['horizon_s']:g} s"][2:], values, strict=True))
+
+
+def test_the_page_in_the_browser(flight: Document) -> None:
+    opened = c.open_log(DEMO)[0]
+    settings = c.Settings()
+    answers = Answers(settings)
+    choice = ReplayChoice(how=integration_of(settings, opened))
+    reckoning = answers.recompute(opened, choice)
+    insight = answers.examine(opened, choice, footage(reckoning))
+    found = insight.assessment
+    assert found.verdict.summary == flight["verdict"]["summary"]
+    page = Cells(tables.drift_table(found.drift, found, palette.IMU, insight.horizon_s))
+    for told, measured, expected in zip(flight["drift"], page.rows[1::2], page.rows[2::2], strict=True):
+        assert measured[:2] == [f"{told['horizon_s']:g} s", str(told["windows"])]
+        for cell, sigma, quantity in zip(measured[2:], expected[2:], QUANTITIES, strict=True):
+            median, p95 = cell.split(" / ")
+            assert same(median, told[quantity]["median"])
+            assert same(p95, told[quantity]["p95"])
+            assert same(sigma, told["expected"][quantity])
+    exported = c.export.tables(opened, reckoning.replay)["reckoning"]
+    own = c.export.reckoning_of(opened, found, choice.reanchor_s)
+    assert np.array_equal(exported["position_imu_north_m"], own.position_imu[:, 0]), "the trajectory that is exported"
