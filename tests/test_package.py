@@ -61,3 +61,12 @@ def test_ctrl_c_while_it_is_loading_is_no_traceback() -> None:
     )
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (130, "")
+
+
+@pytest.mark.parametrize("part", ["strapdown", "analysis", "report"])
+def test_a_part_can_be_imported_by_itself(part: str) -> None:
+    """`companion` loads its API by need, which must not happen half-way through a part that the API needs."""
+    run = subprocess.run(
+        [sys.executable, "-c", f"import companion.{part}"], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
