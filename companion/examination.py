@@ -24,6 +24,7 @@ from companion.analysis import (
     compare,
     gravity_for,
     odd_one_out,
+    reported_by,
     siblings,
 )
 from companion.correction import load_correction
@@ -80,7 +81,9 @@ def examine(
         own = found.comparison.track.source == name and correction is None
         return found.comparison if own else compare(flight, imu=name, how=how)
 
-    others = siblings(flight, compare_imu, lambda name: _figures(flight, name, imu_model), autopilot_of(settings))
+    others = siblings(
+        flight, compare_imu, lambda name: _figures(flight, name, imu_model), autopilot_of(settings, flight)
+    )
     if (odd := odd_one_out(others)) is not None:
         found = replace(found, verdict=replace(found.verdict, findings=(*found.verdict.findings, odd)))
     gaps = {name: int((np.diff(track.t) > how.limits.hole(track.t)).sum()) for name, track in flight.imus.items()}
@@ -90,7 +93,7 @@ def examine(
         others,
         gaps,
         str(correction) if correction is not None else None,
-        align(flight, found.comparison, found.figures, autopilot_of(settings)) if anchor == "rest" else None,
+        align(flight, found.comparison, found.figures, autopilot_of(settings, flight)) if anchor == "rest" else None,
     )
 
 
@@ -108,7 +111,7 @@ def assess_imu(
     return assess(
         flight,
         _figures(flight, name, imu_model),
-        autopilot=autopilot_of(settings),
+        autopilot=autopilot_of(settings, flight),
         horizons=settings.drift.horizons_s,
         imu=name,
         how=how or integration_of(settings, flight),
@@ -126,7 +129,9 @@ def align_imu(
 ) -> Alignment:
     """One IMU aligned by itself at rest. Arguments and errors as `examine`."""
     comparison = compare(flight, imu=imu, how=how or integration_of(settings, flight))
-    return align(flight, comparison, _figures(flight, comparison.track.source, imu_model), autopilot_of(settings))
+    return align(
+        flight, comparison, _figures(flight, comparison.track.source, imu_model), autopilot_of(settings, flight)
+    )
 
 
 def integration_of(settings: Settings, flight: Flight) -> Integration:
@@ -146,9 +151,12 @@ def integration_of(settings: Settings, flight: Flight) -> Integration:
     )
 
 
-def autopilot_of(settings: Settings) -> ReferenceFigures:
-    """How far the settings let the autopilot be off."""
-    return ReferenceFigures(**msgspec.structs.asdict(settings.autopilot))
+def autopilot_of(settings: Settings, flight: Flight) -> ReferenceFigures:
+    """How far the settings, or the vehicle's own variances, let the autopilot be off."""
+    given = msgspec.structs.asdict(settings.autopilot)
+    reported = given.pop("reported")
+    figures = ReferenceFigures(**given)
+    return reported_by(flight, figures) if reported else figures
 
 
 def _figures(flight: Flight, imu: str, imu_model: str | None) -> ImuFigures:

@@ -49,6 +49,22 @@ _ARDUPILOT_PARTS = {
 
 _ARDUPILOT_SITL = 0x2A
 
+_PX4_PARTS = {
+    0x21: "mpu-6000",
+    0x24: "mpu-9250",
+    0x26: "icm-42688-p",
+    0x28: "icm-20948",
+    0x34: "icm-45686",
+    0x37: "bmi270",
+    0x38: "icm-20602",
+    0x3C: "icm-20689",
+    0x58: "adis16470",
+    0x66: "bmi088",
+}
+"""Device type, bits 16-23 of CAL_GYROn_ID: PX4 v1.16.1, src/drivers/drv_sensor.h. Not ArduPilot's numbers."""
+
+_PX4_SIM = 0x14
+
 
 class _Figure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     value: Annotated[float, msgspec.Meta(gt=0, le=1e6)]
@@ -101,16 +117,20 @@ def load_imu_figures(part: str, reason: str = "asked for") -> ImuFigures:
 
 def figures_of(flight: Flight, imu: str) -> ImuFigures:
     """The figures of the part that the vehicle's parameters name for this IMU message, else of generic-mems."""
-    number = "" if flight.imus[imu].instance == 0 else str(flight.imus[imu].instance + 1)
-    parameter = f"INS_GYR{number}_ID"
-    identity = int(flight.parameters.get(parameter, 0))
-    kind = identity >> 16 & 0xFF
-    if kind in _ARDUPILOT_PARTS:
-        return load_imu_figures(_ARDUPILOT_PARTS[kind], f"{parameter} = {identity}")
-    if kind == _ARDUPILOT_SITL:
-        return load_imu_figures("generic-mems", f"{parameter} is ArduPilot's simulated IMU")
-    if identity:
-        return load_imu_figures("generic-mems", f"{parameter} = {identity} names a part that the library lacks")
+    instance = flight.imus[imu].instance
+    for parameter, parts, simulated in (
+        (f"INS_GYR{instance + 1 if instance else ''}_ID", _ARDUPILOT_PARTS, _ARDUPILOT_SITL),
+        (f"CAL_GYRO{instance}_ID", _PX4_PARTS, _PX4_SIM),
+    ):
+        identity = int(flight.parameters.get(parameter, 0))
+        kind = identity >> 16 & 0xFF
+        if kind in parts:
+            return load_imu_figures(parts[kind], f"{parameter} = {identity}")
+        if kind == simulated:
+            autopilot = "ArduPilot" if parts is _ARDUPILOT_PARTS else "PX4"
+            return load_imu_figures("generic-mems", f"{parameter} is {autopilot}'s simulated IMU")
+        if identity:
+            return load_imu_figures("generic-mems", f"{parameter} = {identity} names a part that the library lacks")
     return load_imu_figures("generic-mems", "the vehicle's parameters name no part")
 
 

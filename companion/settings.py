@@ -59,6 +59,7 @@ class AutopilotSettings(_Section, frozen=True):
     time_offset: Small = 0.01
     misalignment: Small = 0.005
     gravity: Small = 0.003
+    reported: bool = True
 
 
 class ViewSettings(_Section, frozen=True):

@@ -16,6 +16,7 @@ from companion.analysis.integration import Integration
 from companion.analysis.pose_error import PoseError, Spread, ape, rpe
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Replay, replay, replay_from_rest
+from companion.analysis.reported import reported_by
 from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift
 from companion.analysis.siblings import Sibling, odd_one_out, siblings
@@ -80,6 +81,7 @@ __all__ = [
     "reference_at",
     "replay",
     "replay_from_rest",
+    "reported_by",
     "rests",
     "rpe",
     "siblings",

@@ -74,6 +74,7 @@ def _print(examined: Examination, console: Console) -> None:
         + (f", {gaps} holes" if gaps else ""),
         f"Figures:   {found.figures.name} ({escape(found.figures.reason)})",
         *sensor_lines.noise_lines(found),
+        sensor_lines.autopilot_line(found),
         f"Reference: {reference_line(flight)}",
         f"Method:    {table.method}{middle}, gravity {found.comparison.how.gravity:.5f} m/s²",
     ]

@@ -61,6 +61,15 @@ def noise_lines(found: Assessment) -> Iterator[str]:
         yield f"{label:<11}{name} {', '.join(parts)}"
 
 
+def autopilot_line(found: Assessment) -> str:
+    """How far off the autopilot's own estimate is taken to be."""
+    own = found.autopilot
+    return (
+        f"Autopilot: off by {own.tilt * _DEGREES:.1f}° in tilt, {own.heading * _DEGREES:.1f}° in heading, "
+        f"{short(own.velocity)} m/s, {short(own.position)} m (1σ, {escape(own.reason)})"
+    )
+
+
 def calibration_lines(found: Assessment) -> Iterator[str]:
     """The fitted errors with their standard errors, and whether they help on windows they were not fitted to."""
     fit = found.calibration

@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from companion import frames
+from companion.frames import from_euler as _from_euler
 from companion.tracks import Array
 
-from_euler = frames.from_euler
+from_euler = _from_euler
 IDENTITY: Array = np.array([1.0, 0.0, 0.0, 0.0])
 IDENTITY.setflags(write=False)
 

@@ -49,6 +49,24 @@ _ESTIMATOR_STATUS: Fields = {
     "flags": ("flags", ""),
 }
 
+_PLACE = ("north_m2", "east_m2", "down_m2")
+_LEAN = ("roll_rad2", "pitch_rad2", "yaw_rad2")
+_SPEED = ("vn_m2ps2", "ve_m2ps2", "vd_m2ps2")
+
+
+def _diagonal(names: tuple[str, ...], field: str, places: tuple[int, ...]) -> Fields:
+    """Elements of a matrix that a message sends as an array."""
+    return {name: (f"{field}[{place}]", "") for name, place in zip(names, places, strict=True)}
+
+
+# MAVLink common.xml: the upper triangle of a symmetric matrix row by row (6 x 6, 9 x 9), or all nine of a 3 x 3.
+_ODOMETRY: Fields = {
+    **_diagonal((*_PLACE, *_LEAN), "pose_covariance", (0, 6, 11, 15, 18, 20)),
+    **_diagonal(_SPEED, "velocity_covariance", (0, 6, 11)),
+}
+_POSITION_COV: Fields = _diagonal((*_PLACE, *_SPEED), "covariance", (0, 9, 17, 24, 30, 35))
+_ATTITUDE_COV: Fields = _diagonal(_LEAN, "covariance", (0, 4, 8))
+
 _IMUS = ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU")
 _SOURCES: tuple[tuple[str, str, Fields], ...] = (
     ("VIBRATION", "vibration", _VIBRATION),
@@ -61,6 +79,9 @@ _SOURCES: tuple[tuple[str, str, Fields], ...] = (
     *((name, "temperature", _THERMOMETER) for name in _IMUS),
     ("EKF_STATUS_REPORT", "estimator", _EKF_STATUS_REPORT),
     ("ESTIMATOR_STATUS", "estimator", _ESTIMATOR_STATUS),
+    ("LOCAL_POSITION_NED_COV", "variance", _POSITION_COV),
+    ("ATTITUDE_QUATERNION_COV", "variance", _ATTITUDE_COV),
+    ("ODOMETRY", "variance", _ODOMETRY),
 )
 
 SENSOR_MESSAGES = frozenset(message for message, _, _ in _SOURCES)
@@ -152,6 +173,15 @@ _TOPICS: tuple[tuple[str, str, Fields], ...] = (
     ),
     ("vehicle_imu_status", "temperature", {"temperature_degc": ("temperature_accel", "degC")}),
     ("estimator_status", "estimator", _ESTIMATOR_TOPIC),
+    (
+        "vehicle_odometry",
+        "variance",
+        {
+            **_diagonal(_PLACE, "position_variance", (0, 1, 2)),
+            **_diagonal(_LEAN, "orientation_variance", (0, 1, 2)),
+            **_diagonal(_SPEED, "velocity_variance", (0, 1, 2)),
+        },
+    ),
 )
 _INSTANCES = 4
 
@@ -169,7 +199,10 @@ def message_sensors(
 
 def _of_messages(messages: Messages, t: Array, kind: str, fields: Fields) -> Found | None:
     def column(field: str) -> Raw | None:
-        return messages[field] if field in messages.layout.fields else None
+        name, _, place = field.partition("[")
+        if name not in messages.layout.fields:
+            return None
+        return messages[name][:, int(place[:-1])] if place else messages[name]
 
     return find(kind, messages.name, t, fields, column, messages.layout.units)
 

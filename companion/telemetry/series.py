@@ -31,7 +31,10 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "magnetometer": ("x_tesla", "y_tesla", "z_tesla"),
     "temperature": ("temperature_degc",),
     "estimator": ("velocity_ratio", "position_ratio", "height_ratio", "compass_ratio", "airspeed_ratio", "flags"),
-}
+    "variance": (
+        "north_m2", "east_m2", "down_m2", "roll_rad2", "pitch_rad2", "yaw_rad2", "vn_m2ps2", "ve_m2ps2", "vd_m2ps2",
+    ),
+}  # fmt: skip
 """The columns of each kind, whatever the format. PX4's own vibration metrics have their own names."""
 
 _ABSENT = {"satellites": 255.0, "speed_mps": 655.35, "hdop": 655.35}  # what GPS_RAW_INT sends for "not known"
