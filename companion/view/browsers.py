@@ -14,17 +14,7 @@ import viser
 from companion.tracks import Array
 from companion.view import events
 from companion.view.controls import listen
-from companion.view.framing import (
-    CAMERA_MODES,
-    FIELD_OF_VIEW,
-    Camera,
-    CameraMode,
-    Framing,
-    Pose,
-    camera,
-    screen_up,
-    world,
-)
+from companion.view.framing import CAMERA_MODES, CameraMode, Framing, Pose, camera, world
 from companion.view.moment import Moment
 from companion.view.scene import WORLD
 
@@ -67,7 +57,14 @@ class Browsers:
         frame = client.scene.add_frame(WORLD, show_axes=False)
         self._open[number] = _Browser(client, frame, Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), self._mode)
         if _narrow(client):
-            _stand(client, camera(self._mode, framing))
+            _stand(client, self._mode, framing)
+
+    def settle(self, framing: Framing) -> None:
+        """Take the cameras of phones to where they begin, where the view for all, sent as the page opened, came last."""
+        for browser in self._open.values():
+            wide = camera(self._mode, framing)
+            if _narrow(browser.client) and np.allclose(browser.client.camera.position, wide.position, rtol=1e-4):
+                _stand(browser.client, browser.mode, framing)
 
     def leave(self, number: int) -> None:
         """A page has been closed."""
@@ -78,12 +75,12 @@ class Browsers:
         browser = self._open.get(number)
         if browser is not None and mode in CAMERA_MODES:
             browser.mode = mode
-            _stand(browser.client, camera(mode, framing))
+            _stand(browser.client, mode, framing)
 
     def reframe(self, framing: Framing) -> None:
         """Take every browser's camera to where its mode begins. From there on it is the user's."""
         for browser in self._open.values():
-            _stand(browser.client, camera(browser.mode, framing))
+            _stand(browser.client, browser.mode, framing)
 
     def show(self, moment: Moment) -> None:
         """Move the world where a camera follows. A world that stands still costs nothing."""
@@ -103,13 +100,9 @@ class Browsers:
         return browser.client.camera.position, browser.pose
 
 
-def _stand(client: viser.ClientHandle, view: Camera) -> None:
-    look_at = view.look_at
-    if _narrow(client):  # the panel covers the lower half: what is looked at goes to the middle of the upper
-        away = view.position - look_at
-        up = screen_up(-away) / max(float(np.linalg.norm(screen_up(-away))), 1e-9)
-        look_at = look_at - 0.5 * float(np.tan(FIELD_OF_VIEW / 2) * np.linalg.norm(away)) * up
-    client.camera.position, client.camera.look_at = view.position, look_at
+def _stand(client: viser.ClientHandle, mode: CameraMode, framing: Framing) -> None:
+    view = camera(mode, framing, narrow=_narrow(client))
+    client.camera.position, client.camera.look_at = view.position, view.look_at
 
 
 def _narrow(client: viser.ClientHandle) -> bool:

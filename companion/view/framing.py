@@ -23,6 +23,7 @@ ASPECT = 0.8  # width by height of what the panels leave of a window; a wider on
 MARGIN = 0.9  # share of the picture that a flight may fill
 COVERED = 0.24  # share of the picture's height that the timeline covers, at the bottom
 ENOUGH = 5000  # points of a path to frame it by
+NARROW_COVERED, NARROW_AWAY = 0.6, 1.9  # the same of a phone held upright, and how much farther away that is
 OVERVIEW = (25.0, 28.0)  # degrees, azimuth and elevation of the first view
 
 
@@ -97,14 +98,15 @@ def grid_cell(distance: float, cell: float) -> float:
     return cell if cell > 0 and cell / 1.25 < wanted < 3.0 * cell else nice(wanted)
 
 
-def camera(mode: CameraMode, framing: Framing) -> Camera:
-    """Where a browser's camera starts in `mode`."""
-    distance = framing.distance
+def camera(mode: CameraMode, framing: Framing, *, narrow: bool = False) -> Camera:
+    """Where a browser's camera starts in `mode`. narrow: on a phone, whose panel covers more than half of it."""
+    distance = framing.distance * (NARROW_AWAY if narrow else 1.0)
+    covered = NARROW_COVERED if narrow else COVERED
     near, far = max(distance / 2000, 0.01), 60 * distance + 2000.0
     if mode == "Free":
         towards = _direction(*OVERVIEW)
         # Everything moves up by what is covered below: the camera looks at what is that much lower.
-        lower = COVERED * float(np.tan(FIELD_OF_VIEW / 2)) * distance * _upright(towards)
+        lower = covered * float(np.tan(FIELD_OF_VIEW / 2)) * distance * _upright(towards)
         look_at, away = framing.centre - lower, distance * towards
     else:
         look_at = np.zeros(3)
@@ -116,6 +118,9 @@ def camera(mode: CameraMode, framing: Framing) -> Camera:
         else:
             # Not quite straight down: there the camera would not know which way is up, and north must be.
             away = 0.8 * distance * _direction(azimuth=0.0, elevation=89.0)
+        if narrow:
+            look_at = -covered * float(np.tan(FIELD_OF_VIEW / 2)) * screen_up(-away)
+            look_at *= float(np.linalg.norm(away)) / max(float(np.linalg.norm(screen_up(-away))), 1e-9)
     return Camera(look_at + away, look_at, near, far)
 
 

@@ -108,6 +108,7 @@ class LiveStage:
         if self._relayouts and now >= self._relayouts[0]:
             self._relayouts.pop(0)
             self._charts.relayout()
+            self._browsers.settle(self._framing)
         elif self._is_due("charts", CHART_HZ, now):
             self._chart()
 

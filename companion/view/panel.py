@@ -24,6 +24,8 @@ TRAILS = {
     "Last 30 s": events.SetTrail(30.0),
     "Whole path": events.SetTrail(None, ahead=True),
 }
+PHONE = '<style>@media (max-width:36em){div[style*="width: 20em"]{width:100vw !important}}</style>'
+"""viser 1.1 gives a phone a sheet 20em wide at the bottom right; this one is as wide as the phone."""
 
 
 class Panel:
@@ -33,6 +35,7 @@ class Panel:
         self._post = post
         self._flight = flights[0]
         names = tuple(f"{i + 1}: {_title(f)}" for i, f in enumerate(flights))
+        gui.add_html(PHONE)
         self._pick = gui.add_dropdown("Flight", names, visible=len(flights) > 1)
         self._legend = gui.add_html("")
         self._verdict = gui.add_html("")

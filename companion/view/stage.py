@@ -258,6 +258,7 @@ class Stage:
             if now >= self._relayouts[0]:
                 self._relayouts.pop(0)
                 self._plots.relayout()
+                self._browsers.settle(self._framing)
         elif self._is_due("plots", PLOT_HZ, now):
             self._plots.show(moment)
 
