@@ -18,7 +18,7 @@ from companion.view.framing import CAMERA_MODES, CameraMode, Framing, Pose, came
 from companion.view.moment import Moment
 from companion.view.scene import WORLD
 
-_NARROW = 0.8  # width by height of a phone held upright
+_NARROW = 0.6  # width by height of a phone held upright; between two panels a laptop leaves 0.77
 
 
 @dataclass(slots=True)

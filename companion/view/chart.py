@@ -63,7 +63,7 @@ class Chart:
         self._heading = gui.add_html("", visible=False)
         self._drawing: Drawing | None = None
         self._drawn = Curves(np.array([0.0, 1.0]), (np.zeros(2),), np.zeros(2))
-        self._unit, self._at, self._passed = "", math.nan, 0
+        self._title, self._unit, self._at, self._passed = "", "", math.nan, 0
         self._styles: list[tuple[str, Rgb, float, Dash | None]] = [("", palette.CURSOR, 1.0, None)]
         self._part = (0.0, 1.0)
         self.handle = gui.add_uplot(
@@ -96,6 +96,8 @@ class Chart:
         scales = _scales(part)
         if self.handle.scales != scales:  # a change builds the chart anew and forgets how the user has zoomed
             self.handle.scales = scales
+        if drawing.title != self._title:
+            self._title, self._heading.content = drawing.title, heading(drawing.title, "")
         self._at = math.nan  # equal to nothing: the next line is sent
 
     def show(self, now: float, *, still: bool) -> None:

@@ -1,0 +1,188 @@
+"""The page of real and simulated logs, with the analysis behind it: headless Chromium, a viewer in this process."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+import companion as c
+from companion.cli.answers import Answers
+from companion.examination import examine
+from companion.settings import Settings
+from companion.simulate import SimulatedVehicle, fly, write_flight
+from companion.tracks import Flight
+from companion.view import ReplayChoice, Viewer, events, palette
+from tests.recordings import BUNDLED
+from tests.view.browsing import choose, near, open_page, shoot, until
+
+pytestmark = pytest.mark.browser
+
+DEMO = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
+
+
+@contextlib.contextmanager
+def viewing(*flights: Flight, choice: ReplayChoice | None = None) -> Iterator[Viewer]:
+    answers = Answers(Settings())
+    with Viewer(flights, answers.recompute, answers.examine, choice=choice, port=0) as viewer:
+        yield viewer
+
+
+def tab(page: Page, name: str) -> None:
+    page.get_by_role("tab", name=name, exact=True).click()
+
+
+def test_the_verdict_and_a_jump_to_a_finding(page: Page) -> None:
+    found = examine(DEMO, Settings()).assessment
+    first = found.verdict.findings[0]
+    with viewing(DEMO) as viewer:
+        open_page(page, viewer.url)
+        expect(page.get_by_text(found.verdict.status.upper()).first).to_be_visible(timeout=30_000)
+        tab(page, "Verdict")
+        viewer.post(events.Seek(viewer.player.end))
+        page.get_by_role("button", name=f"{first.start_s:.1f} s: {first.kind.replace('_', ' ')}").click()
+        until(lambda: abs(viewer.player.time - first.start_s) < 0.05, "the finding")
+        expect(page.get_by_text(f"{first.evidence} (")).to_be_visible()
+        row, expected = found.drift.rows[2], found.expected[2]
+        assert expected is not None
+        assert row.attitude_deg is not None
+        cells = page.get_by_role("row", name=re.compile(r"^5 s")).get_by_role("cell").all_inner_texts()
+        assert cells[:2] == ["5 s", str(row.windows)]
+        assert cells[2].startswith(f"{row.attitude_deg.median:.3f}")
+        expect(page.get_by_role("cell", name=f"{expected.position_m:.2f}", exact=True)).to_be_visible()
+        expect(page.get_by_role("cell", name="SCALED_IMU2")).to_be_visible()
+        shoot(page, "verdict")
+        tab(page, "Charts")
+        choose(page, "Charts", "Drift by horizon")
+        median = "() => Object.values(window.__viserTestpoints.uplots).map(p => Array.from(p.chart.data[1]))"
+        until(lambda: len(page.evaluate(median)) == 3, "three charts, of attitude, velocity and position")
+        assert page.evaluate(median)[0] == pytest.approx(
+            [r.attitude_deg.median for r in found.drift.rows if r.attitude_deg]
+        )
+        assert page.evaluate("() => Object.values(window.__viserTestpoints.uplots)[0].chart.scales.x.distr") == 3
+        shoot(page, "drift-by-horizon")
+
+
+def test_several_imus_a_correction_and_another_horizon(page: Page) -> None:
+    names = "() => Object.values(window.__viserTestpoints.uplots)[0]?.chart.series.map(s => s.label) ?? []"
+    with viewing(DEMO) as viewer:
+        open_page(page, viewer.url)
+        viewer.post(events.Seek(viewer.player.start + 48.0))
+        viewer.post(events.SetTrail(None, ahead=True))
+        page.get_by_role("checkbox", name="SCALED_IMU2", exact=True).click()
+        until(lambda: "SCALED_IMU2 tilt" in page.evaluate(names), "a line of the other IMU")
+        page.get_by_role("checkbox", name="3σ ellipsoid").click()
+        until(lambda: bool(viewer.scene.expected.axes.any()), "the ellipsoid")
+        axes = np.sort(viewer.scene.expected.axes)
+        assert axes[2] > 1.05 * axes[0] > 0  # not a ball
+        time.sleep(1.0)
+        canvas = shoot(page, "several-imus")[:, 340:940]
+        for colour in (palette.IMUS[0], palette.IMUS[1], palette.AUTOPILOT):
+            assert near(canvas, colour) > 100
+        choose(page, "Readings", "By this flight's calibration")
+        choose(page, "Charts", "IMU readings")
+        until(lambda: "forward raw" in page.evaluate(names), "the readings before and after the correction", 30.0)
+        shoot(page, "corrected-readings")
+        choose(page, "Charts", "Errors over the horizon")
+        choose(page, "Horizon", "10 s")
+        expect(page.get_by_text("Attitude error after 10 s, °")).to_be_visible(timeout=30_000)
+        choose(page, "IMU", "SCALED_IMU2")
+        expect(page.get_by_text("Solid: SCALED_IMU2 alone")).to_be_visible()
+        choose(page, "Charts", "Rates and gaps")
+        until(
+            lambda: page.evaluate(names)[1:5] == ["RAW_IMU", "SCALED_IMU2", "ATTITUDE", "LOCAL_POSITION_NED"], "rates"
+        )
+        shoot(page, "rates-and-gaps")
+
+
+def test_a_log_without_position(page: Page) -> None:
+    with viewing(replace(DEMO, position=None)) as viewer:
+        open_page(page, viewer.url)
+        expect(page.get_by_text("This log has no position")).to_be_visible()
+        expect(page.get_by_text("Velocity error")).to_have_count(0)
+        expect(page.get_by_text(re.compile("CONSISTENT|SUSPECT")).first).to_be_visible(timeout=30_000)
+        page.get_by_role("button", name="+10", exact=True).click()
+        until(lambda: viewer.player.time > viewer.player.start + 9.9, "ten seconds on")
+        assert not viewer.scene.imu.position.any()
+        time.sleep(1.0)
+        pixels = shoot(page, "attitude-only")
+        assert near(pixels[:, 340:940], palette.IMU) > 100
+
+
+def test_a_log_with_two_vehicles(page: Page, tmp_path: Path) -> None:
+    flown = fly(20.0, motion="circle", seed=1)
+    streams = {"RAW_IMU": 50.0, "ATTITUDE": 20.0, "LOCAL_POSITION_NED": 10.0}
+    for sysid in (1, 7):
+        write_flight(SimulatedVehicle(flown, sysid=sysid, streams=streams, seed=sysid), tmp_path / f"{sysid}.tlog")
+    both = tmp_path / "both.tlog"
+    both.write_bytes(b"".join((tmp_path / f"{sysid}.tlog").read_bytes() for sysid in (1, 7)))
+    flights = c.open_log(both)
+    assert [f.vehicle.sysid for f in flights] == [1, 7]
+    with viewing(*flights) as viewer:
+        open_page(page, viewer.url)
+        expect(page.get_by_text("vehicle 1:1, boot 1").first).to_be_visible()
+        option = f"2: vehicle 7:1, boot 1, {flights[1].duration:.0f} s"
+        choose(page, "Flight", option)
+        expect(page.get_by_text(re.compile("vehicle 7:1, boot 1")).first).to_be_visible()
+        viewer.post(events.SeekShare(0.5))
+        until(lambda: np.linalg.norm(viewer.scene.autopilot.position) > 0.1, "the other vehicle's place")
+        shoot(page, "two-vehicles")
+
+
+OVERLAPS = """() => {
+    const all = [...document.querySelectorAll('button, label, td, input, .uplot')];
+    const boxes = all.map(e => [e, e.getBoundingClientRect()])
+        .filter(([e, r]) => r.width > 0 && r.height > 0 && e.checkVisibility());
+    const cut = boxes.filter(([e, r]) => e.scrollWidth > e.clientWidth + 1 && e.clientWidth > 0 && e.tagName != 'INPUT'
+        && getComputedStyle(e).display != 'inline').map(([e]) => e.innerText);
+    const outside = boxes.filter(([e, r]) => r.left < -1 || r.right > innerWidth + 1).map(([e]) => e.innerText);
+    return {cut, outside, wide: document.documentElement.scrollWidth};
+}"""
+
+
+def test_nothing_is_cut_off_on_a_laptop(page: Page) -> None:
+    with viewing(DEMO) as viewer:
+        open_page(page, viewer.url)
+        expect(page.get_by_text("CONSISTENT").first).to_be_visible(timeout=30_000)
+        time.sleep(2.0)
+        assert page.evaluate(OVERLAPS) == {"cut": [], "outside": [], "wide": 1280}
+        play, charts, legend = (
+            page.get_by_role("button", name="Play", exact=True),
+            page.locator(".uplot").first,
+            page.get_by_text("Solid: RAW_IMU alone"),
+        )
+        boxes = [where.bounding_box() for where in (charts, play, legend)]
+        edges = [(box["x"], box["x"] + box["width"]) for box in boxes if box]
+        assert len(edges) == 3
+        assert edges[0][1] < edges[1][0] < edges[1][1] < edges[2][0]  # left, middle, right
+        shoot(page, "window-1280x800")
+        tab(page, "Verdict")
+        expect(page.get_by_role("row", name=re.compile(r"^30 s"))).to_be_visible()
+        assert page.evaluate(OVERLAPS)["cut"] == []
+
+
+def test_a_phone(browser: Browser) -> None:
+    context = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True)
+    page = context.new_page()
+    with viewing(DEMO) as viewer:
+        open_page(page, viewer.url)
+        expect(page.get_by_text("CONSISTENT").first).to_be_visible(timeout=30_000)
+        page.get_by_text("▶ / ❚❚").click()
+        until(lambda: viewer.player.playing, "the play button")
+        page.get_by_text("▶ / ❚❚").click()
+        viewer.post(events.SeekShare(0.3))
+        time.sleep(3.0)  # the camera settles
+        assert page.evaluate(OVERLAPS) == {"cut": [], "outside": [], "wide": 390}
+        pixels = shoot(page, "window-390x844")
+        assert near(pixels[:330], palette.IMU) > 50  # the drone is above the sheet
+        page.get_by_text("companion", exact=True).click()  # fold the sheet away
+        expect(page.get_by_text("Since anchor")).not_to_be_visible()
+        shoot(page, "phone-folded")
+    context.close()
