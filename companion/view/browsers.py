@@ -60,7 +60,7 @@ class Browsers:
             _stand(client, self._mode, framing)
 
     def settle(self, framing: Framing) -> None:
-        """Take the cameras of phones to where they begin, where the view for all, sent as the page opened, came last."""
+        """Take the cameras of phones to where they begin: the view for all, sent as a page opens, may come last."""
         for browser in self._open.values():
             wide = camera(self._mode, framing)
             if _narrow(browser.client) and np.allclose(browser.client.camera.position, wide.position, rtol=1e-4):
