@@ -132,7 +132,7 @@ def test_a_log_with_two_vehicles(page: Page, tmp_path: Path) -> None:
         choose(page, "Flight", option)
         expect(page.get_by_text(re.compile("vehicle 7:1, boot 1")).first).to_be_visible()
         viewer.post(events.SeekShare(0.5))
-        until(lambda: np.linalg.norm(viewer.scene.autopilot.position) > 0.1, "the other vehicle's place")
+        until(lambda: bool(np.linalg.norm(viewer.scene.autopilot.position) > 0.1), "the other vehicle's place")
         shoot(page, "two-vehicles")
 
 
