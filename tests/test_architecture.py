@@ -139,6 +139,14 @@ def test_the_core_is_pure(part: str) -> None:
         assert not calls & IMPURE_CALLS, f"{path} calls {calls & IMPURE_CALLS}"
 
 
+@pytest.mark.parametrize("part", ["frames", "strapdown", "analysis"])
+def test_a_part_of_the_core_can_be_the_first_that_is_imported(part: str) -> None:
+    """The API at the top loads everything when it is first used: no import of a part may count as that."""
+    import subprocess  # noqa: PLC0415
+
+    assert subprocess.run([sys.executable, "-c", f"import companion.{part}"], check=False).returncode == 0
+
+
 def test_every_part_of_the_house_is_known() -> None:
     assert {part_of(path) for path in MODULES} <= MAY_IMPORT.keys()
 
