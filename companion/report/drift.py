@@ -55,7 +55,9 @@ def drift(subject: Subject) -> Section:
     figure = traces.stack(
         panels, "seconds on the IMU alone", type="log", tickvals=ticks, ticktext=[f"{h:g}" for h in ticks]
     )
-    caption = "Every window starts from the autopilot's own state and is held against it at its end."
+    caption = (
+        "Every window starts from the autopilot's own state and is held against it at its end. 1σ: what is expected."
+    )
     chart = subject.charts.add(figure, caption, rows=len(panels))
     cells = []
     for row in rows:
@@ -65,7 +67,7 @@ def drift(subject: Subject) -> Section:
             cells[-1] += [short(getattr(statistic, key, None)) for key in ("median", "p95", "max")]
             cells[-1].append(short(getattr(row.expected, attribute, None)))
     headings = ["after", "windows"] + ["median", "95 %", "worst", "1σ"] * len(_QUANTITIES)
-    groups = [("", 2), *((f"{name}, {unit}; expected 1σ", 4) for name, _, unit in _QUANTITIES)]
+    groups = [("", 2), *((f"{name}, {unit}", 4) for name, _, unit in _QUANTITIES)]
     if not subject.comparison.has_position:
         caption = "This flight has no position: attitude alone is compared."
         chart += paragraph(caption)

@@ -57,15 +57,14 @@ def log_facts(
         ],
         words=2,
     )
-    more = f", the first {MOST_TEXTS}" if len(flight.texts) > MOST_TEXTS else ""
     body = table(["the log", ""], facts, words=2) + (f"<h3>IMUs</h3>{rates}" if imus else "")
     body += "".join(paragraph(f"Note: {note}") for note in notes)
     body += details(f"Every message of this flight ({len(flight.messages)})", messages)
     if flight.events:
         rows = [[e.kind, e.text, f"{e.t:.2f}"] for e in flight.events[:MOST_TEXTS]]
-        title = f"Arming, modes and errors ({len(flight.events)})"
+        title = f"Arming, modes and errors ({_count(flight.events)})"
         body += details(title, table(["event", "", "s"], rows, words=2))
-    body += details(f"What the vehicle said ({len(flight.texts)}{more})", said) if flight.texts else ""
+    body += details(f"What the vehicle said ({_count(flight.texts)})", said) if flight.texts else ""
     if flight.parameters:
         values = [[name, f"{value:g}"] for name, value in sorted(flight.parameters.items())]
         body += details(f"Parameters of the vehicle ({len(values)})", table(["parameter", "value"], values))
@@ -138,6 +137,11 @@ def _value(value: object) -> str:
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(_value(v) for v in value)}]"
     return msgspec.json.encode(value).decode()
+
+
+def _count(things: Sequence[object]) -> str:
+    """How many there are, and how many of them are shown."""
+    return f"{len(things)}, the first {MOST_TEXTS}" if len(things) > MOST_TEXTS else str(len(things))
 
 
 def _seconds(value: float | None) -> str:

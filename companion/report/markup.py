@@ -53,7 +53,7 @@ def table(
         + "</tr>"
         for row in rows
     )
-    identity = f' id="{text(name)}"' if name else ""
+    identity = (f' id="{text(name)}"' if name else "") + (' class="facts"' if words == len(headings) else "")
     return (
         f'<div class="wide"><table{identity}><thead>{f"<tr>{above}</tr>" if above else ""}<tr>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"
