@@ -95,7 +95,7 @@ def calibration_lines(found: Assessment) -> Iterator[str]:
         best = zip(fit.correction.accel_bias, fit.assumed_sigma[place], fit.assumed[place], strict=True)
         parts = [f"{'xyz'[i]} {value:.3f} ± {sigma:.3f}" for i, (value, sigma, taken) in enumerate(best) if taken]
         yield f"  if mounting is 0   accelerometer bias {', '.join(parts)} m/s²"
-    if not fit.observable[PARTS["accel_scale"]][2]:
+    if fit.observable[place][2] and not fit.observable[PARTS["accel_scale"]][2]:
         value, sigma = fit.level_force
         yield f"  at 1 g             z reads {value:.3f} ± {sigma:.3f} m/s² too much: bias and scale together"
     if found.corrected and found.uncorrected:
