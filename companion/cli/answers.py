@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +23,7 @@ from companion.analysis import (
 from companion.correction import load_correction
 from companion.errors import DataError
 from companion.examination import Examination, align_imu, assess_imu, examine
+from companion.recording import Source
 from companion.settings import Settings
 from companion.tracks import Flight
 
@@ -32,7 +35,7 @@ _SAME_S = 0.01  # the page rounds the start that it shows
 
 
 class Answers:
-    """Called from two worker threads at once."""
+    """Called from several worker threads at once."""
 
     def __init__(
         self,
@@ -60,21 +63,10 @@ class Answers:
 
     def examine(self, flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
         """What the analysis says of what was reckoned: the same numbers as `companion analyze`."""
-        from companion.view import Insight, with_track  # noqa: PLC0415
+        from companion.view import Insight  # noqa: PLC0415
 
-        how = choice.integration(flight)
-        # the horizon, the anchors and the other IMUs change nothing in what was found
-        key = (id(flight), choice.imu, how, choice.correction, choice.gyro_bias, choice.accel_bias)
-        if self._last is None or self._last[0] != key:
-            seen = with_track(flight, film.track) if film.track else flight
-            self._last = None  # room for the next: an hour's analysis is large
-            found = examine(seen, self._settings, imu=choice.imu, imu_model=self._imu_model, how=how)
-            self._last = key, found
-        examined = self._last[1]
+        examined = self._examination(flight, choice, film)
         assessment = examined.assessment
-        if not choice.corrects:
-            with self._lock:
-                self._found[id(flight), film.source, how] = _correction_of(assessment)
         comparison = assessment.comparison
         return Insight(
             assessment,
@@ -91,6 +83,32 @@ class Answers:
             if choice.start_s is None or abs(choice.start_s - aligned.rest.start_s) < _SAME_S:
                 return replay_from_rest(flight, aligned, imu=imu, how=how)
         return replay(flight, imu=imu, how=how, reanchor_s=choice.reanchor_s, start_s=choice.start_s)
+
+    def report(self, source: Source, flight: Flight, choice: ReplayChoice, film: Footage) -> str:
+        """The report of what is shown, without the playback: the page has that."""
+        from companion.report import report_html  # noqa: PLC0415  (plotly is slow to import)
+
+        examined = self._examination(flight, choice, film)
+        command = shlex.join(["companion", *sys.argv[1:]])
+        return report_html(examined, source, self._settings, command=command, with_playback=False)
+
+    def _examination(self, flight: Flight, choice: ReplayChoice, film: Footage) -> Examination:
+        """Everything about what was reckoned; found once, for the horizon and the anchors change nothing in it."""
+        from companion.view import with_track  # noqa: PLC0415
+
+        how = choice.integration(flight)
+        key = (id(flight), choice.imu, how, choice.correction, choice.gyro_bias, choice.accel_bias)
+        last = self._last
+        if last is not None and last[0] == key:
+            return last[1]
+        seen = with_track(flight, film.track) if film.track else flight
+        self._last = None  # room for the next: an hour's analysis is large
+        examined = examine(seen, self._settings, imu=choice.imu, imu_model=self._imu_model, how=how)
+        self._last = key, examined
+        if not choice.corrects:
+            with self._lock:
+                self._found[id(flight), film.source, how] = _correction_of(examined.assessment)
+        return examined
 
     def _correction(self, flight: Flight, choice: ReplayChoice, how: Integration) -> Correction:
         """What is taken off the chosen IMU. Raises DataError when this flight tells nothing to take off."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import webbrowser
 from pathlib import Path
 
@@ -92,7 +93,11 @@ def _replay(arguments: argparse.Namespace) -> int:
         answers.examine,
         flight=chosen,
         choice=start,
-        offer=Offer(horizons, Path(arguments.correction).name if arguments.correction else None),
+        offer=Offer(
+            horizons,
+            Path(arguments.correction).name if arguments.correction else None,
+            functools.partial(answers.report, recording.source),
+        ),
         host=settings.view.host,
         port=settings.view.port,
     ) as viewer:

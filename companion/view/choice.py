@@ -43,18 +43,23 @@ class ReplayChoice:
         return self.correction != "no" or self.gyro_bias != NO_BIAS or self.accel_bias != NO_BIAS
 
 
+Recompute = Callable[[Flight, ReplayChoice], Reckoning]
+"""Reckons a flight as chosen. Raises CompanionError when that cannot be done. Runs in a worker thread."""
+Examine = Callable[[Flight, ReplayChoice, Footage], Insight]
+"""What the analysis says of what was reckoned. Raises CompanionError likewise. Runs in another worker thread."""
+
+
+Report = Callable[[Flight, ReplayChoice, Footage], str]
+"""The report of what is shown, as one HTML file. Raises CompanionError likewise."""
+
+
 @dataclass(frozen=True, slots=True)
 class Offer:
     """What else can be chosen from."""
 
     horizons_s: tuple[float, ...] = HORIZONS_S  # of the drift table
     correction_file: str | None = None  # the name of one that was given
-
-
-Recompute = Callable[[Flight, ReplayChoice], Reckoning]
-"""Reckons a flight as chosen. Raises CompanionError when that cannot be done. Runs in a worker thread."""
-Examine = Callable[[Flight, ReplayChoice, Footage], Insight]
-"""What the analysis says of what was reckoned. Raises CompanionError likewise. Runs in another worker thread."""
+    report: Report | None = None  # makes the report of what is shown
 
 
 def chosen_track(flight: Flight, choice: ReplayChoice, correction: Correction = NO_CORRECTION) -> ImuTrack:

@@ -12,6 +12,8 @@ from typing import Literal
 from companion.view.choice import ReplayChoice
 from companion.view.framing import CameraMode
 
+Kept = Literal["picture", "page", "report"]
+
 
 @dataclass(frozen=True, slots=True)
 class Toggle:
@@ -168,10 +170,10 @@ class SetDark:
 
 @dataclass(frozen=True, slots=True)
 class Save:
-    """Send one browser the picture it shows as PNG, or the 3D replay as a page of its own."""
+    """Send one browser the picture it shows as PNG, the 3D replay as a page of its own, or the report."""
 
     browser: int
-    what: Literal["picture", "page"]
+    what: Kept
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,6 +47,12 @@ class Panel:
         with gui.add_folder("Save", expand_by_default=False):
             self._save_picture = gui.add_button("This picture (PNG)", icon=viser.Icon.CAMERA)
             self._save_page = gui.add_button("The 3D replay (HTML)", icon=viser.Icon.FILE_EXPORT)
+            self._save_report = gui.add_button(
+                "The report (HTML)",
+                icon=viser.Icon.FILE_EXPORT,
+                visible=offer.report is not None,
+                hint="Verdict, charts and tables of what is shown, to mail or print",
+            )
         self._listen()
 
     @property
@@ -77,15 +83,19 @@ class Panel:
         post = self._post
         listen(self._pick, post, lambda: events.PickFlight(int(self._pick.value.split(":")[0]) - 1))
 
-        @self._save_picture.on_click
-        async def _(click: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-            if click.client_id is not None:
-                post(events.Save(click.client_id, "picture"))
+        kinds: tuple[tuple[viser.GuiButtonHandle, events.Kept], ...] = (
+            (self._save_picture, "picture"),
+            (self._save_page, "page"),
+            (self._save_report, "report"),
+        )
+        for button, what in kinds:
+            self._save(button, what)
 
-        @self._save_page.on_click
+    def _save(self, button: viser.GuiButtonHandle, what: events.Kept) -> None:
+        @button.on_click
         async def _(click: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
             if click.client_id is not None:
-                post(events.Save(click.client_id, "page"))
+                self._post(events.Save(click.client_id, what))
 
 
 def _title(flight: Flight) -> str:

@@ -7,9 +7,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import viser
 
+from companion.errors import CompanionError
 from companion.view import export
 
-PICTURE, PAGE = "companion.png", "companion-replay.html"
+PICTURE, PAGE, REPORT = "companion.png", "companion-replay.html", "companion-report.html"
 
 
 class Saver:
@@ -23,9 +24,9 @@ class Saver:
         """Send the browser what it shows, as PNG."""
         self._submit(client, PICTURE, lambda: export.picture(client, dark=dark))
 
-    def page(self, client: viser.ClientHandle, make: Callable[[], str]) -> None:
-        """Send the browser the 3D replay, which `make` makes, as a page of its own."""
-        self._submit(client, PAGE, lambda: make().encode())
+    def page(self, client: viser.ClientHandle, name: str, make: Callable[[], str]) -> None:
+        """Send the browser the page that `make` makes, as a file of this name."""
+        self._submit(client, name, lambda: make().encode())
 
     def poll(self) -> str | None:
         """Why something could not be saved, once, in words. An error that is none of the browser's is raised here."""
@@ -44,7 +45,7 @@ class Saver:
         def work() -> str | None:
             try:
                 client.send_file_download(name, make(), save_immediately=True)
-            except (RuntimeError, TimeoutError) as error:  # the browser has gone, or did not answer
+            except (RuntimeError, TimeoutError, CompanionError) as error:  # the browser has gone, or did not answer
                 return f"{name} could not be saved: {error}"
             return None
 

@@ -25,7 +25,7 @@ from companion.view.moment import Footage, with_insight
 from companion.view.panel import Panel
 from companion.view.player import Player
 from companion.view.plots import Plots
-from companion.view.saving import Saver
+from companion.view.saving import PAGE, REPORT, Saver
 from companion.view.scene import Scene
 from companion.view.shapes import drone_for
 from companion.view.timeline import Timeline
@@ -55,7 +55,7 @@ class Stage:
     ) -> None:
         self._server, self._flights = server, flights
         self._flight, self._choice, self._film = first.flight, first.choice, film
-        self._work = Work(recompute, examine)
+        self._work, self._report = Work(recompute, examine), offer.report
         self._saver = Saver()
         self.player = Player(film.start, film.end)
         self.pose_updates = 0
@@ -173,9 +173,13 @@ class Stage:
             return
         if what == "picture":
             self._saver.picture(client, dark=self._dark)
-        else:
-            film, drone, colours, home, dark = self._film, self._drone, self._colours, self._home, self._dark
-            self._saver.page(client, lambda: export.page(film, drone, colours, home, dark=dark))
+            return
+        flight, choice, film = self._flight, self._choice, self._film
+        if what == "report" and (report := self._report) is not None:
+            self._saver.page(client, REPORT, lambda: report(flight, choice, film))
+        elif what == "page":
+            drone, colours, home, dark = self._drone, self._colours, self._home, self._dark
+            self._saver.page(client, PAGE, lambda: export.page(film, drone, colours, home, dark=dark))
 
     def _take(self, outcome: Outcome) -> None:
         if isinstance(outcome.result, CompanionError):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import functools
+import html
 import re
 import time
 from collections.abc import Iterator
@@ -16,10 +18,11 @@ from playwright.sync_api import Browser, Page, expect
 import companion as c
 from companion.cli.answers import Answers
 from companion.examination import examine
+from companion.recording import Source
 from companion.settings import Settings
 from companion.simulate import SimulatedVehicle, fly, write_flight
 from companion.tracks import Flight
-from companion.view import ReplayChoice, Viewer, events, palette
+from companion.view import Offer, ReplayChoice, Viewer, events, palette
 from tests.recordings import BUNDLED
 from tests.view.browsing import choose, near, open_page, shoot, until
 
@@ -31,7 +34,10 @@ DEMO = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
 @contextlib.contextmanager
 def viewing(*flights: Flight, choice: ReplayChoice | None = None) -> Iterator[Viewer]:
     answers = Answers(Settings())
-    with Viewer(flights, answers.recompute, answers.examine, choice=choice, port=0) as viewer:
+    path = BUNDLED / "copter-demo-100hz.tlog"
+    source = Source(path, "tlog", path.stat().st_size, 1)
+    offer = Offer(report=functools.partial(answers.report, source))
+    with Viewer(flights, answers.recompute, answers.examine, choice=choice, offer=offer, port=0) as viewer:
         yield viewer
 
 
@@ -68,6 +74,11 @@ def test_the_verdict_and_a_jump_to_a_finding(page: Page) -> None:
         )
         assert page.evaluate("() => Object.values(window.__viserTestpoints.uplots)[0].chart.scales.x.distr") == 3
         shoot(page, "drift-by-horizon")
+        page.get_by_text("Save", exact=True).click()
+        with page.expect_download(timeout=60_000) as download:
+            page.get_by_role("button", name="The report (HTML)").click()
+        report = Path(download.value.path()).read_text(encoding="utf-8")
+        assert html.escape(found.verdict.summary) in report
 
 
 def test_several_imus_a_correction_and_another_horizon(page: Page) -> None:
