@@ -132,7 +132,7 @@ class Scene:
         self.arrows.resize(span)
         self.expected.shape(moment.covariance if self._has_position else np.zeros((3, 3)), moment.position_imu)
         for i, (body, _) in enumerate(self._others, 2):
-            body.resize(span, name_at=NAME * i)  # each a line lower
+            body.resize(span, name_at=1.5 * NAME * i)  # each a line lower
         if not self._has_position:
             return
         # On the line when there is room between the drones, else with the name of the one that is wrong.

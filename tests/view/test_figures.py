@@ -1,0 +1,82 @@
+"""What the page draws and says of the analysis: the ellipsoid, home, rates and gaps, tables."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.analysis import Finding, Verdict
+from companion.strapdown import quaternion
+from companion.tracks import Origin
+from companion.view import ReplayChoice, tables
+from companion.view.drift_chart import drift_lines
+from companion.view.ellipsoid import semi_axes
+from companion.view.home import home_position
+from companion.view.moment import footage
+from companion.view.palette import of_imus
+from companion.view.rates import rates
+from tests.view.circles import examine, make_flight, recompute
+
+FLIGHT = make_flight()
+INSIGHT = examine(FLIGHT, ReplayChoice(), footage(recompute(FLIGHT, ReplayChoice())))
+
+
+@given(st.integers(0, 10_000))
+def test_the_semi_axes_give_the_covariance_back(seed: int) -> None:
+    root = np.random.default_rng(seed).normal(size=(3, 3))
+    covariance = root @ root.T
+    axes, turn = semi_axes(covariance)
+    corners = quaternion.rotate(np.broadcast_to(turn, (3, 4)), np.diag(axes))
+    np.testing.assert_allclose(corners.T @ corners, covariance, atol=1e-9 * max(1.0, float(np.trace(covariance))))
+
+
+def test_home_is_where_the_latitudes_say() -> None:
+    zero = Origin(np.radians(47.0), np.radians(8.0), 400.0)
+    home = Origin(np.radians(47.001), np.radians(8.001), 390.0)
+    flight = replace(FLIGHT, origin=zero, home=home)
+    place = home_position(flight)
+    assert place is not None
+    assert place == pytest.approx([111.18, 76.06, 10.0], abs=0.05)  # m of a 0.001° at 47° north (GeographicLib)
+    assert FLIGHT.position is not None
+    there = replace(flight, origin=replace(zero, t=float(FLIGHT.position.t[700])))
+    moved = home_position(there)
+    assert moved is not None
+    assert moved - place == pytest.approx(FLIGHT.position.position[700])
+    assert home_position(replace(flight, home=None)) is None
+
+
+def test_rates_and_gaps_are_those_of_the_messages() -> None:
+    t = np.concatenate([np.arange(0.0, 40.0, 0.1), np.arange(45.0, 100.0, 0.1)]) + 0.05
+    found = rates(t, 0.0, 100.0, bins=50)
+    assert found.hz[0] == pytest.approx(10.0)
+    assert found.gap_s.max() == pytest.approx(5.1)
+    assert (found.hz[20:22] == 0).all()
+    assert (found.gap_s[20:23] > 5).all()  # in every stretch that the gap reaches into
+    assert found.gap_s[5] == pytest.approx(0.1)
+
+
+def test_the_charts_show_the_drift_table() -> None:
+    found = INSIGHT.assessment
+    lines = drift_lines(found, "position_m")
+    assert lines is not None
+    rows = [(row, e) for row, e in zip(found.drift.rows, found.expected, strict=True) if row.position_m and e]
+    assert lines[0].tolist() == [row.horizon_s for row, _ in rows]
+    assert lines[1].tolist() == [row.position_m.median for row, _ in rows if row.position_m]
+    assert lines[3] == pytest.approx([e.position_m for _, e in rows])
+
+
+def test_no_text_becomes_markup() -> None:
+    evil = "<img src=x onerror=alert(1)>"
+    finding = Finding(evil, "imu", "error", 1.0, 2.0, evil, evil)
+    found = replace(INSIGHT.assessment, verdict=Verdict("imu_suspect", evil, (finding,)))
+    found = replace(found, drift=replace(found.drift, imu=evil))
+    sibling = [replace(s, imu=evil) for s in (*INSIGHT.siblings, *INSIGHT.siblings)]
+    colours = of_imus([evil])
+    markup = tables.status(found) + tables.drift_table(found.drift, found, colours[evil], 5.0)
+    markup += tables.siblings_table(sibling, colours) + tables.calibration_table(found)
+    assert "<img" not in markup
+    assert "&lt;img" in markup
