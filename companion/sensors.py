@@ -115,6 +115,11 @@ def load_imu_figures(part: str, reason: str = "asked for") -> ImuFigures:
         raise SettingsError(f"{path} does not describe an IMU: {error}. config/imu/README.md says how.") from None
 
 
+def ardupilot_id(part: str) -> int:
+    """What INS_GYR_ID is on a board with this part; 0 for one that ArduPilot has no number for."""
+    return next((kind << 16 for kind, name in _ARDUPILOT_PARTS.items() if name == part.lower()), 0)
+
+
 def figures_of(flight: Flight, imu: str) -> ImuFigures:
     """The figures of the part that the vehicle's parameters name for this IMU message, else of generic-mems."""
     instance = flight.imus[imu].instance

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,11 +11,13 @@ from typing import Any
 import numpy as np
 import pymavlink.dialects.v20.ardupilotmega as mavlink
 import pytest
+import scipy.signal
 
 import companion as c
+from companion.cli import main
 from companion.errors import InputError, SettingsError
-from companion.simulate import Faults, SimulatedVehicle, fly, write_flight
-from companion.strapdown import ImuModel
+from companion.simulate import Faults, SimulatedVehicle, fly, low_pass, write_flight
+from companion.strapdown import ImuModel, quaternion
 
 STREAMS = {"RAW_IMU": 100.0, "HIGHRES_IMU": 100.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0, "SIM_STATE": 10.0}
 
@@ -150,11 +154,89 @@ def test_faults_of_sensor_and_estimator_are_seen(tmp_path: Path) -> None:
     assert row.attitude_deg.max == pytest.approx(np.degrees(0.1), rel=0.1)
 
 
+def test_the_square_ends_where_it_began_and_turns_at_its_corners() -> None:
+    truth = fly(80.0, motion="square", model=ImuModel()).truth
+    np.testing.assert_allclose(truth.position[-1], 0.0, atol=1e-9)
+    np.testing.assert_array_equal(truth.velocity[-1], 0.0)
+    np.testing.assert_allclose(truth.position.min(axis=0), [0.0, 0.0, -10.0], atol=1e-9)
+    np.testing.assert_allclose(truth.position.max(axis=0), [28.0, 28.0, 0.0], atol=1e-9)
+    heading = np.unwrap(quaternion.to_euler(truth.q_ned_frd)[:, 2])
+    assert heading[-1] - heading[0] == pytest.approx(2 * np.pi)
+    tilt = np.degrees(np.arccos(np.clip(quaternion.to_matrix(truth.q_ned_frd)[:, 2, 2], -1, 1)))
+    assert 15 < tilt.max() < 35, "it leans as a quadrotor does"
+    assert len(fly(200.0, motion="square", model=ImuModel()).truth.t) > len(truth.t)
+
+
+@pytest.mark.parametrize("corner_hz", [5.0, 20.0, 80.0])
+def test_the_filter_is_butterworths(corner_hz: float) -> None:
+    readings = np.random.default_rng(0).standard_normal((4000, 3)) + [1.0, -2.0, 9.8]
+    b, a = scipy.signal.butter(2, corner_hz, fs=400.0)
+    state = scipy.signal.lfilter_zi(b, a)[:, None] * readings[:1]
+    theirs, _ = scipy.signal.lfilter(b, a, readings, axis=0, zi=state)
+    np.testing.assert_allclose(low_pass(readings, corner_hz), theirs, atol=1e-9)
+
+
+FAULTS = [
+    ([], "consistent", None),
+    (["imu-bias@40"], "imu_suspect", "gyro_bias"),
+    (["imu-stuck@40"], "imu_suspect", "frozen"),
+    (["imu-clip@40"], "imu_suspect", "accel_clipping"),
+    (["gps-glitch@40"], "autopilot_suspect", "position_jump"),
+    (["ekf-reset@40"], "autopilot_suspect", "position_jump"),
+    (["loss"], "consistent", None),
+    (["reboot@30"], "consistent", None),
+]
+
+
+@pytest.mark.parametrize(("faults", "status", "kind"), FAULTS, ids=[" ".join(f) or "none" for f, _, _ in FAULTS])
+def test_the_verdict_on_each_fault_is_the_fault(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], faults: list[str], status: str, kind: str | None
+) -> None:
+    log = str(tmp_path / "a.tlog")
+    options = [word for fault in faults for word in ("--fault", fault)]
+    assert main(["simulate", "--output", log, "--duration", "80", *options]) == 0
+    capsys.readouterr()
+    assert main(["analyze", log, "--json"]) == 0
+    (flight,) = json.loads(capsys.readouterr().out)["flights"]
+    assert flight["verdict"]["status"] == status
+    errors = {found["kind"] for found in flight["verdict"]["findings"] if found["severity"] == "error"}
+    assert errors == ({kind} if kind else set())
+    if faults and kind and "clip" not in faults[0]:
+        begin = min(f["start_s"] for f in flight["verdict"]["findings"] if f["kind"] == kind)
+        assert begin == pytest.approx(40.0, abs=2.0)
+
+
+def test_the_autopilots_filter_is_found_as_the_lag_that_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A Butterworth of second order is late by √2 / (2π f): 11.3 ms at 20 Hz."""
+    log = str(tmp_path / "a.tlog")
+    assert main(["simulate", "--output", log, "--duration", "80", "--imu-filter", "20", "--imu-model", "bmi270"]) == 0
+    (flight,) = c.open_log(log)
+    assert flight.parameters["INS_GYRO_FILTER"] == 20
+    capsys.readouterr()
+    assert main(["analyze", log]) == 0
+    printed = capsys.readouterr().out
+    lag = re.search(r"lags ([\d.]+) ± ([\d.]+) ms", printed)
+    assert lag
+    assert float(lag[1]) == pytest.approx(11.25, abs=3 * float(lag[2]))
+    assert "Figures:   bmi270 (INS_GYR_ID" in printed
+
+
+def test_the_estimate_may_be_late() -> None:
+    flown = fly(20.0, motion="circle", latency_s=0.1)
+    np.testing.assert_allclose(flown.velocity[40:], flown.truth.velocity[:-40], atol=0.05)
+
+
 def test_what_cannot_be_is_said(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="no motion 'loop'"):
         fly(10.0, motion="loop")
     with pytest.raises(SettingsError, match="got 0"):
         fly(0.0)
+    with pytest.raises(SettingsError, match="corner lies between 0 and 200 Hz"):
+        fly(10.0, filter_hz=300.0)
+    with pytest.raises(SettingsError, match="latency"):
+        fly(10.0, latency_s=-1.0)
     with pytest.raises(SettingsError, match="drop is a share"):
         Faults(drop=2.0)
     with pytest.raises(InputError, match="cannot be written"):

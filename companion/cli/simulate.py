@@ -5,13 +5,23 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import numpy as np
+
+from companion.analysis import ImuFigures, SensorFigures
 from companion.cli import live, options
 from companion.errors import SettingsError
 from companion.mavlink import open_port, parse_address
-from companion.simulate import MOTIONS, Faults, SimulatedVehicle, fly, serve, write_flight
+from companion.sensors import ardupilot_id, load_imu_figures
+from companion.simulate import MOTIONS, PARAMETERS, Faults, SimulatedVehicle, fly, serve, write_flight
+from companion.strapdown import ImuModel, Sensor
 
-_WRITTEN = {"RAW_IMU": 100.0, "HIGHRES_IMU": 100.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0, "SIM_STATE": 20.0}
+_WRITTEN = {
+    "RAW_IMU": 100.0, "SCALED_IMU": 100.0, "SCALED_IMU2": 100.0, "HIGHRES_IMU": 100.0, "ATTITUDE": 50.0,
+    "LOCAL_POSITION_NED": 20.0, "GLOBAL_POSITION_INT": 5.0, "SYS_STATUS": 1.0, "SIM_STATE": 20.0,
+}  # fmt: skip
 """What a flight that is written to a file is made of, Hz; on a link nothing streams until it is asked for."""
+
+_DEFAULT_PART = "icm-42688-p"
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -21,17 +31,29 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = commands.add_parser("simulate", help=summary, description=summary, epilog=example)
     parser.add_argument("link", metavar="LINK", nargs="?", help="udpout:HOST:PORT, tcpin:HOST:PORT, ...")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the whole flight into this .tlog instead")
-    parser.add_argument("--motion", choices=sorted(MOTIONS), default="circle", help="what it flies (default: circle)")
+    parser.add_argument("--motion", choices=sorted(MOTIONS), default="square", help="what it flies (default: square)")
     parser.add_argument("--autopilot", choices=("ardupilot", "px4"), default="ardupilot", help="whose manners it has")
     parser.add_argument("--duration", type=float, default=600.0, metavar="S", help="seconds (default: 600)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed gives the same flight")
     parser.add_argument("--sysid", type=int, default=1, metavar="N", help="MAVLink system id (default: 1)")
+    options.add_figures(parser)
+    parser.add_argument(
+        "--imu-filter",
+        type=float,
+        default=0.0,
+        metavar="HZ",
+        help="the autopilot's low-pass over its IMU; ArduPilot: 20",
+    )
+    parser.add_argument(
+        "--latency", type=float, default=0.0, metavar="S", help="age of the autopilot's estimate, seconds (default: 0)"
+    )
     parser.add_argument(
         "--fault",
         action="append",
         default=[],
         metavar="NAME[@T]",
-        help="imu-bias@T, ekf-reset@T, reboot@T, silence@T (10 s), or loss, duplicates, garbage; may be repeated",
+        help="imu-bias@T, imu-stuck@T, imu-clip@T (10 s), gps-glitch@T (20 s), ekf-reset@T, reboot@T, silence@T "
+        "(10 s), or loss, duplicates, garbage; may be repeated",
     )
     parser.set_defaults(run=run)
 
@@ -41,12 +63,24 @@ def run(arguments: argparse.Namespace) -> int:
     if (arguments.link is None) == (arguments.output is None):
         raise SettingsError("say either a LINK to fly on or a file with --output.")
     faults = faults_of(arguments.fault)
-    flown = fly(arguments.duration, motion=arguments.motion, faults=faults, seed=arguments.seed)
+    part = arguments.imu_model or _DEFAULT_PART
+    flown = fly(
+        arguments.duration,
+        motion=arguments.motion,
+        model=model_of(load_imu_figures(part), arguments.seed),
+        faults=faults,
+        filter_hz=arguments.imu_filter,
+        latency_s=arguments.latency,
+        seed=arguments.seed,
+    )
+    filters = dict.fromkeys(("INS_GYRO_FILTER", "INS_ACCEL_FILTER"), arguments.imu_filter)
     vehicle = SimulatedVehicle(
         flown,
         autopilot=arguments.autopilot,
         sysid=arguments.sysid,
         streams=_WRITTEN if arguments.output else {},
+        parameters={**PARAMETERS, **filters, "INS_GYR_ID": float(ardupilot_id(part))},
+        tell_parameters=arguments.output is not None,
         faults=faults,
         seed=arguments.seed,
     )
@@ -65,6 +99,22 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def model_of(figures: ImuFigures, seed: int) -> ImuModel:
+    """An IMU of this part: its noise and range, and biases and scales as calibration leaves them, drawn by the seed."""
+    rng = np.random.default_rng(seed)
+
+    def sensor(part: SensorFigures) -> Sensor:
+        return Sensor(
+            noise_density=part.noise_density,
+            bias_walk=part.bias_walk,
+            bias=rng.normal(0.0, part.residual_bias, 3),
+            matrix=np.eye(3) + np.diag(rng.normal(0.0, part.scale, 3)),
+            full_scale=part.full_scale,
+        )
+
+    return ImuModel(gyro=sensor(figures.gyro), accel=sensor(figures.accel))
+
+
 def faults_of(names: list[str]) -> Faults:
     """The faults that the command line names. Raises SettingsError for one that there is not."""
     found: dict[str, object] = {}
@@ -76,6 +126,9 @@ def faults_of(names: list[str]) -> Faults:
             raise SettingsError(f"--fault {text}: {when!r} is no time in seconds.") from None
         known: dict[str, dict[str, object]] = {
             "imu-bias": {"imu_bias": (t, 0.02)},
+            "imu-stuck": {"imu_stuck": t},
+            "imu-clip": {"imu_clip": (t, t + 10.0)},
+            "gps-glitch": {"gps_glitch": (t, t + 20.0, 30.0)},
             "ekf-reset": {"ekf_reset": (t, 10.0)},
             "reboot": {"reboot": (t,)},
             "silence": {"silence": ((t, t + 10.0),)},

@@ -1,8 +1,22 @@
 """A vehicle with known truth: flies a closed form, measures it through the IMU model, speaks MAVLink. Deterministic."""
 
+from companion.simulate.circuit import square
 from companion.simulate.faults import Faults
-from companion.simulate.flown import LOOP_US, MOTIONS, TYPICAL, Flown, fly
+from companion.simulate.flown import LOOP_US, MOTIONS, TYPICAL, Flown, fly, low_pass
 from companion.simulate.run import serve, write_flight
-from companion.simulate.vehicle import SimulatedVehicle
+from companion.simulate.vehicle import PARAMETERS, SimulatedVehicle
 
-__all__ = ["LOOP_US", "MOTIONS", "TYPICAL", "Faults", "Flown", "SimulatedVehicle", "fly", "serve", "write_flight"]
+__all__ = [
+    "LOOP_US",
+    "MOTIONS",
+    "PARAMETERS",
+    "TYPICAL",
+    "Faults",
+    "Flown",
+    "SimulatedVehicle",
+    "fly",
+    "low_pass",
+    "serve",
+    "square",
+    "write_flight",
+]

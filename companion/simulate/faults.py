@@ -24,6 +24,9 @@ class Faults:
     never: frozenset[str] = frozenset()  # messages that are promised and never come, as PX4 does without a source
     turned_down: tuple[float, ...] = ()  # s, another ground station asks for every stream at 2 Hz
     imu_bias: tuple[float, float] | None = None  # from s on, rad/s about z: a gyro bias
+    imu_stuck: float | None = None  # from s on, every axis reads the same
+    imu_clip: tuple[float, float] | None = None  # (begin, end) s, vibration beyond the accelerometer's range
+    gps_glitch: tuple[float, float, float] | None = None  # (begin, end) s, m east: the estimate follows a false GPS
     ekf_reset: tuple[float, float] | None = None  # from s on, m north: the estimate jumps
 
     def __post_init__(self) -> None:

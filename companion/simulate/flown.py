@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from companion.errors import SettingsError
+from companion.simulate.circuit import square
 from companion.simulate.faults import Faults
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
-from companion.tracks import Array, ImuTrack
+from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack
 
 LOOP_US = 2500
 """Period of the autopilot's main loop: ArduCopter's 400 Hz."""
 
 MOTIONS: dict[str, Callable[[Array], Motion]] = {
+    "square": square,
     "circle": motions.circle,
     "coning": motions.coning,
     "spin": motions.spin,
     "rest": motions.rest,
 }
 
+_RANGE = 16 * STANDARD_GRAVITY  # m/s², the accelerometer range that autopilots choose
+_SHAKING_HZ = 87.0  # of a propeller out of balance
+
 TYPICAL = ImuModel(
-    gyro=Sensor(noise_density=5e-5, bias_walk=5e-6, bias=np.array([4e-4, -3e-4, 2e-4])),
-    accel=Sensor(noise_density=7e-4, bias_walk=3e-5, bias=np.array([0.01, -0.015, 0.02])),
+    gyro=Sensor(noise_density=5e-5, bias_walk=5e-6, bias=np.array([4e-4, -3e-4, 2e-4]), full_scale=np.radians(2000)),
+    accel=Sensor(noise_density=7e-4, bias_walk=3e-5, bias=np.array([0.01, -0.015, 0.02]), full_scale=_RANGE),
 )
 """A calibrated MEMS IMU of the better sort: ICM-42688-P's noise, and the biases that calibration leaves."""
 
@@ -34,7 +39,8 @@ class Flown:
     """A flight at every step of the autopilot's loop, LOOP_US apart, from t = 0."""
 
     truth: Motion
-    imu: ImuTrack  # as measured: with the sensor's errors, not yet cut to whole units
+    imu: ImuTrack  # as measured: with the sensor's errors and faults, not yet cut to whole units
+    second: ImuTrack  # of a second IMU of the same part, which has no faults
     q_ned_frd: Array  # (N, 4) the autopilot's estimate of attitude,
     rates: Array  # (N, 3) of the body rates, FRD, rad/s,
     velocity: Array  # (N, 3) of velocity, NED, m/s,
@@ -55,35 +61,91 @@ def fly(
     motion: str = "circle",
     model: ImuModel = TYPICAL,
     faults: Faults = Faults(),  # noqa: B008  (frozen)
+    filter_hz: float = 0.0,
+    latency_s: float = 0.0,
     seed: int = 0,
 ) -> Flown:
     """Fly a closed-form motion of `MOTIONS` for a time. The same seed gives the same flight.
 
     The estimate is the truth with white noise of 0.2 mrad, 5 mm/s and 1 cm: better than any autopilot's, so what
-    drifts against it is the IMU. Raises SettingsError for an unknown motion or a duration that is not positive.
+    drifts against it is the IMU. filter_hz: corner of the low-pass that the autopilot puts over its IMU (ArduPilot's
+    INS_GYRO_FILTER: 20 Hz); 0 for none. latency_s: age of the estimate. Raises SettingsError for an unknown motion, a
+    duration that is not positive, or a filter or a latency that cannot be.
     """
     if motion not in MOTIONS:
         raise SettingsError(f"there is no motion {motion!r}: choose one of {', '.join(MOTIONS)}.")
     if not 0 < duration_s <= 7200:
         raise SettingsError(f"a simulated flight lasts up to 7200 s, got {duration_s:g}.")
+    if not 0 <= filter_hz < 0.5e6 / LOOP_US:
+        raise SettingsError(f"a filter's corner lies between 0 and {0.5e6 / LOOP_US:g} Hz, got {filter_hz:g}.")
+    if not 0 <= latency_s <= 1:
+        raise SettingsError(f"the latency of an estimate lies between 0 and 1 s, got {latency_s:g}.")
     t = np.arange(round(duration_s * 1e6 / LOOP_US) + 1, dtype=np.float64) * (LOOP_US * 1e-6)
     truth = MOTIONS[motion](t)
     rng = np.random.default_rng(seed)
-    imu = simulate(truth.imu, model, rng)
-    gyro = imu.gyro.copy()
-    if faults.imu_bias:
-        begin, bias = faults.imu_bias
-        gyro[t >= begin, 2] += bias
+    imu = _with_faults(simulate(_shaken(truth.imu, model, faults), model, rng), faults)
     angle, rate, speed, place = rng.standard_normal((4, len(t), 3))
-    position = truth.position + 0.01 * place
+    other = ImuModel(replace(model.gyro, bias=-model.gyro.bias), replace(model.accel, bias=-model.accel.bias))
+    second = simulate(truth.imu, other, rng)
+    if filter_hz:
+        imu, second = _filtered(imu, filter_hz), _filtered(second, filter_hz)
+    then = np.maximum(np.arange(len(t)) - round(latency_s * 1e6 / LOOP_US), 0)
+    position = truth.position[then] + 0.01 * place
     if faults.ekf_reset:
         begin, jump = faults.ekf_reset
         position[t >= begin, 0] += jump
+    if faults.gps_glitch:
+        begin, end, jump = faults.gps_glitch
+        position[(t >= begin) & (t < end), 1] += jump
     return Flown(
         truth=truth,
-        imu=ImuTrack(t, gyro, imu.accel, "measured"),
-        q_ned_frd=quaternion.multiply(quaternion.exp(2e-4 * angle), truth.q_ned_frd),
-        rates=truth.gyro + 2e-3 * rate,
-        velocity=truth.velocity + 5e-3 * speed,
+        imu=replace(imu, source="measured"),
+        second=replace(second, source="measured", instance=1),
+        q_ned_frd=quaternion.multiply(quaternion.exp(2e-4 * angle), truth.q_ned_frd[then]),
+        rates=truth.gyro[then] + 2e-3 * rate,
+        velocity=truth.velocity[then] + 5e-3 * speed,
         position=position,
     )
+
+
+def _filtered(imu: ImuTrack, corner_hz: float) -> ImuTrack:
+    return replace(imu, gyro=low_pass(imu.gyro, corner_hz), accel=low_pass(imu.accel, corner_hz))
+
+
+def low_pass(readings: Array, corner_hz: float) -> Array:
+    """Readings (N, 3) at the loop's rate through ArduPilot's filter: Butterworth, second order (LowPassFilter2p.cpp).
+
+    As a convolution with its impulse response, which after some cycles of the corner is nothing.
+    """
+    c = np.tan(np.pi * corner_hz * LOOP_US * 1e-6)
+    norm = 1 + np.sqrt(2) * c + c**2
+    b0, a1, a2 = c**2 / norm, 2 * (c**2 - 1) / norm, (1 - np.sqrt(2) * c + c**2) / norm
+    taps = round(6.0 / (corner_hz * LOOP_US * 1e-6))  # the envelope falls by e^4.4 in each cycle of the corner
+    response, x, y = [], [1.0, 0.0, 0.0], [0.0, 0.0]
+    for _ in range(taps):
+        value = b0 * (x[0] + 2 * x[1] + x[2]) - a1 * y[0] - a2 * y[1]
+        response.append(value)
+        x, y = [0.0, x[0], x[1]], [value, y[0]]
+    padded = np.concatenate([np.tile(readings[:1], (taps - 1, 1)), readings])  # it has been at rest before
+    return np.column_stack([np.convolve(column, response, mode="valid") for column in padded.T])
+
+
+def _shaken(truth: ImuTrack, model: ImuModel, faults: Faults) -> ImuTrack:
+    """What the sensor feels: vibration beyond the range of the accelerometer, where that is the fault."""
+    if not faults.imu_clip:
+        return truth
+    begin, end = faults.imu_clip
+    beyond = 1.5 * (model.accel.full_scale if np.isfinite(model.accel.full_scale) else _RANGE)
+    shaking = beyond * np.sin(2 * np.pi * _SHAKING_HZ * truth.t) * ((truth.t >= begin) & (truth.t < end))
+    return replace(truth, accel=truth.accel + np.column_stack([0.3 * shaking, 0.2 * shaking, shaking]))
+
+
+def _with_faults(imu: ImuTrack, faults: Faults) -> ImuTrack:
+    gyro, accel = imu.gyro.copy(), imu.accel.copy()
+    if faults.imu_bias:
+        begin, bias = faults.imu_bias
+        gyro[imu.t >= begin, 2] += bias
+    if faults.imu_stuck is not None:
+        first = int(np.searchsorted(imu.t, faults.imu_stuck))
+        gyro[first:], accel[first:] = gyro[first : first + 1], accel[first : first + 1]
+    return replace(imu, gyro=gyro, accel=accel)

@@ -8,7 +8,7 @@ from companion.frames import geodetic_from_ned
 from companion.mavlink import Value
 from companion.simulate.flown import Flown
 from companion.strapdown import quaternion
-from companion.tracks import STANDARD_GRAVITY
+from companion.tracks import STANDARD_GRAVITY, ImuTrack
 
 Fields = dict[str, Value]
 
@@ -35,7 +35,7 @@ def fields(name: str, flown: Flown, index: int, boot_us: int) -> Fields:
     if name == "HIGHRES_IMU":
         return {**stamp, **_floats(flown, index), "fields_updated": 0x3F}
     if name in ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2"):
-        return stamp | _milli(flown, index)
+        return stamp | _milli(flown.second if name == "SCALED_IMU2" else flown.imu, index)
     return stamp | (_attitude(name, flown, index) if name.startswith("ATTITUDE") else _position(name, flown, index))
 
 
@@ -62,9 +62,9 @@ def _position(name: str, flown: Flown, index: int) -> Fields:
     }
 
 
-def _milli(flown: Flown, index: int) -> Fields:
-    accel = np.clip(np.trunc(flown.imu.accel[index] / _MG), -32768, 32767).astype(int).tolist()
-    gyro = np.clip(np.trunc(flown.imu.gyro[index] / _MRAD), -32768, 32767).astype(int).tolist()
+def _milli(imu: ImuTrack, index: int) -> Fields:
+    accel = np.clip(np.trunc(imu.accel[index] / _MG), -32768, 32767).astype(int).tolist()
+    gyro = np.clip(np.trunc(imu.gyro[index] / _MRAD), -32768, 32767).astype(int).tolist()
     return dict(zip(("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro"), accel + gyro, strict=True))
 
 

@@ -27,13 +27,14 @@ _GROUPS = {
 _BY_ID = {number: name for name, number in STREAMS.items()}
 _WITHOUT = {"ardupilot": {"SCALED_IMU"}, "px4": {"RAW_IMU", "SCALED_IMU2"}}
 _HEARTBEAT_US = 1_000_000
-_PARAMETERS: Mapping[str, float] = {"AHRS_TRIM_X": 0.0, "AHRS_TRIM_Y": 0.0, "AHRS_ORIENTATION": 0.0}
+PARAMETERS: Mapping[str, float] = {"AHRS_TRIM_X": 0.0, "AHRS_TRIM_Y": 0.0, "AHRS_ORIENTATION": 0.0}
 
 
 class SimulatedVehicle:
     """An autopilot over a flight.
 
-    It boots at t = 0 with no stream but `streams` (message → Hz), answers what a companion may ask, with the manners
+    It boots at t = 0 with no stream but `streams` (message → Hz), says all its parameters then if `tell_parameters`,
+    answers what a companion may ask, with the manners
     of ArduPilot or PX4, and suffers `faults`. The same arguments and the same requests at the same times give the same
     packets.
     """
@@ -46,7 +47,8 @@ class SimulatedVehicle:
         sysid: int = 1,
         compid: int = 1,
         streams: Mapping[str, float] | None = None,
-        parameters: Mapping[str, float] = _PARAMETERS,
+        parameters: Mapping[str, float] = PARAMETERS,
+        tell_parameters: bool = False,
         faults: Faults = Faults(),  # noqa: B008  (frozen)
         seed: int = 0,
     ) -> None:
@@ -56,6 +58,7 @@ class SimulatedVehicle:
         self._autopilot: Autopilot = autopilot
         self._ids = sysid, compid
         self._parameters = dict(parameters)
+        self._tell_parameters = tell_parameters
         self._faults = faults
         known = {name for name in STREAMS if name not in _WITHOUT[autopilot]}
         asked = streams or {}
@@ -124,6 +127,9 @@ class SimulatedVehicle:
         self._out: list[bytes] = []
         banner = b"ArduCopter V4.7.0-simulated" if self._autopilot == "ardupilot" else b"PX4 simulated"
         self._say("STATUSTEXT", severity=6, text=banner)
+        if self._tell_parameters:
+            for name in self._parameters:
+                self._say_parameter(name)
 
     def _happen(self, t: float) -> None:
         while self._events and self._events[0][0] <= t:
@@ -142,6 +148,12 @@ class SimulatedVehicle:
         self._out.append(self._packer.pack(name, values))
         self.sent[name] += 1
 
+    def _say_parameter(self, name: str) -> None:
+        self._say(
+            "PARAM_VALUE", param_id=name.encode(), param_value=self._parameters[name], param_type=9,
+            param_count=len(self._parameters), param_index=65535,
+        )  # fmt: skip
+
     def _answer(self, name: str, message: dict[str, Any]) -> None:
         if name == "TIMESYNC" and message["tc1"] == 0:
             self._say("TIMESYNC", tc1=self._boot_us() * 1000, ts1=int(message["ts1"]))
@@ -151,12 +163,7 @@ class SimulatedVehicle:
         if name == "PARAM_REQUEST_READ":
             parameter = bytes(message["param_id"]).split(b"\0")[0].decode("ascii", "replace")
             if parameter in self._parameters:
-                value = self._parameters[parameter]
-                count = len(self._parameters)
-                self._say(
-                    "PARAM_VALUE", param_id=parameter.encode(), param_value=value, param_type=9, param_count=count,
-                    param_index=65535,
-                )  # fmt: skip
+                self._say_parameter(parameter)
         elif name == "REQUEST_DATA_STREAM" and self._autopilot == "ardupilot":
             rate = int(message["req_message_rate"]) * int(message["start_stop"])
             for member in _GROUPS.get(int(message["req_stream_id"]), ()):

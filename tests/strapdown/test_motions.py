@@ -7,11 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from companion.simulate import square
 from companion.strapdown import motions, quaternion
 from companion.strapdown.motions import Motion
 from companion.tracks import STANDARD_GRAVITY, Array
 
-MOTIONS = [motions.coning, motions.circle, motions.spin, motions.free_fall, motions.rest]
+MOTIONS = [square, motions.coning, motions.circle, motions.spin, motions.free_fall, motions.rest]
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
