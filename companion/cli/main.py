@@ -9,10 +9,10 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from companion.cli import analyze, calibrate, compare, export, fleet, info, record, report, simulate, view
+from companion.cli import analyze, calibrate, compare, export, fleet, info, record, replay, report, simulate, view
 from companion.errors import CompanionError
 
-_COMMANDS = (info, analyze, report, calibrate, compare, view, export, fleet, record, simulate)
+_COMMANDS = (info, analyze, report, calibrate, compare, view, export, fleet, record, simulate, replay)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

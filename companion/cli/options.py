@@ -135,11 +135,17 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         raise SettingsError(f"--{option}: {reason[:1].lower()}{reason[1:]}.") from None
 
 
-def read(arguments: argparse.Namespace, settings: Settings, *, every_message: bool = False) -> Recording:
-    """The log that was named; every_message: see `read_recording`."""
+def log_path(arguments: argparse.Namespace) -> Path:
+    """The log that was named; demo is the bundled one."""
     path = Path(arguments.log)
     if arguments.log == "demo" and not path.exists():
-        path = data_folder("tlogs") / "copter-demo-100hz.tlog"
+        return data_folder("tlogs") / "copter-demo-100hz.tlog"
+    return path
+
+
+def read(arguments: argparse.Namespace, settings: Settings, *, every_message: bool = False) -> Recording:
+    """The log that was named; every_message: see `read_recording`."""
+    path = log_path(arguments)
     with _progress(path) as progress:
         recording = read_recording(
             path,

@@ -11,6 +11,7 @@ from companion.mavlink.logfile import Contents, log_format
 from companion.mavlink.messages import Messages, join, split_messages
 from companion.mavlink.modes import mode_name, px4_nav_state_name
 from companion.mavlink.pack import Packer, Value
+from companion.mavlink.playback import Played, play
 from companion.mavlink.ports import Port
 from companion.mavlink.rates import Rates
 from companion.mavlink.recognise import looks_like_a_log
@@ -41,6 +42,7 @@ __all__ = [
     "MessageLayout",
     "Messages",
     "Packer",
+    "Played",
     "Port",
     "Rates",
     "RecordLayout",
@@ -68,6 +70,7 @@ __all__ = [
     "mode_name",
     "open_port",
     "parse_address",
+    "play",
     "px4_nav_state_name",
     "read_dataflash",
     "read_tlog",

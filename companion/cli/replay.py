@@ -1,0 +1,85 @@
+"""`companion replay LOG LINK`: a recorded telemetry log on a link again, for those who test clients."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from companion.cli import live, options
+from companion.errors import DataError, InputError, SettingsError
+from companion.mavlink import Address, Port, load_dialect, log_format, open_port, parse_address, play
+
+_WAITING = ("udpin", "tcpin", "tcp")  # links on which somebody else has to speak or listen first
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Register the command."""
+    parser = options.add_command(
+        commands,
+        "replay",
+        "Send a telemetry log's packets to a link at their own pace: for testing clients, never for a vehicle.",
+        "companion replay flight.tlog udpout:127.0.0.1:14550",
+    )
+    parser.add_argument(
+        "link", metavar="LINK", help="udpout:HOST:PORT, udpin:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT"
+    )
+    parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="times the pace of the log (default: 1)")
+    parser.add_argument(
+        "--everybody",
+        action="store_true",
+        help="send the frames of ground stations and others too, their commands with them: for closed networks only",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Play the log to its end, or until Ctrl-C."""
+    if not 0 < arguments.speed <= 1000:
+        raise SettingsError(f"--speed lies above 0 and up to 1000, got {arguments.speed:g}.")
+    address = parse_address(arguments.link)
+    if address.kind == "serial":
+        raise SettingsError(
+            f"replay does not send to a serial port: there may be a vehicle on {address.device}. Use a UDP or TCP link."
+        )
+    settings = options.settings_of(arguments)
+    path = options.log_path(arguments)
+    if log_format(path) != "mavlink":
+        raise InputError(f"{path} is no telemetry log: only a .tlog holds packets that can be sent again.")
+    sysids = None if arguments.everybody else _vehicles(arguments, path)
+    port = open_port(address)
+    try:
+        with live.until_told() as told:
+            _wait(port, address, told)
+            options.say(f"Replaying {path} on {address} at {arguments.speed:g} times its pace  (Ctrl-C ends it)")
+            dialect = load_dialect(settings.log.dialect)
+            played = play(path, port, dialect, sysids=sysids, speed=arguments.speed, stop=told)
+    finally:
+        port.close()
+    names = ", ".join(f"{name} {count:,}" for name, count in played.sent.most_common())
+    print(f"sent {played.sent.total():,} frames, {played.bytes:,} bytes: {names}")
+    if played.left_out:
+        others = ", ".join(f"{who} ({count:,})" for who, count in played.left_out.most_common())
+        options.say(f"left out, for they are not the vehicle's (--everybody sends them too): frames of {others}")
+    return 0
+
+
+def _vehicles(arguments: argparse.Namespace, path: Path) -> set[int]:
+    """The systems in the log that are vehicles."""
+    found = {flight.vehicle.sysid for flight in options.read(arguments, options.settings_of(arguments)).flights}
+    if not found:
+        raise DataError(f"no vehicle speaks in {path}. To send what others said in it: --everybody.")
+    return found
+
+
+def _wait(port: Port, address: Address, told: Callable[[], bool]) -> None:
+    """Until there is somebody to send to, where a link needs that."""
+    if address.kind not in _WAITING:
+        return
+    if port.problem:
+        options.say(f"{address}: {port.problem}; waiting")
+    while port.problem and not told():
+        port.wait(0.05)
+        port.read()
+        time.sleep(0.01)

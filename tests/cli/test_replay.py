@@ -1,0 +1,178 @@
+"""`companion replay`: what a client hears is what the vehicle in the log said, byte for byte and at its pace."""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import companion
+from companion.cli import main
+from companion.mavlink import read_tlog
+from tests.recordings import BUNDLED
+from tests.simulated import free_port
+from tests.tlogs import Writer
+
+DEMO = str(BUNDLED / "copter-demo-100hz.tlog")
+
+
+def recorded(path: Path, seconds: float = 2.0) -> Path:
+    """A vehicle at rest, and a ground station that commands it."""
+    log = Writer(path / "a.tlog")
+    log.rest(seconds)
+    log.heartbeat(seconds, autopilot=8, kind=6, sysid=255, compid=190)
+    log.send(
+        seconds, "command_long", sysid=255, compid=190, target_system=1, target_component=1, command=400,
+        confirmation=0, param1=1, param2=0, param3=0, param4=0, param5=0, param6=0, param7=0,
+    )  # fmt: skip
+    log.rest(0.2, begin=seconds + 0.02, boot=20.02 + seconds)
+    return log.close()
+
+
+def frames(path: Path, *, sysid: int | None = 1) -> list[bytes]:
+    """The frames of a log without their stamps, in order."""
+    data = path.read_bytes()
+    found = []
+    at = 0
+    while at < len(data):
+        size = data[at + 9] + 12
+        frame = data[at + 8 : at + 8 + size]
+        if sysid in (None, frame[5]):
+            found.append(frame)
+        at += 8 + size
+    return found
+
+
+class Client(threading.Thread):
+    """Hears UDP packets, each with the time it came."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.settimeout(0.05)
+        self.address = f"udpout:127.0.0.1:{self.socket.getsockname()[1]}"
+        self.heard: list[tuple[float, bytes]] = []
+        self.over = threading.Event()
+
+    def run(self) -> None:
+        while not self.over.is_set():
+            with contextlib.suppress(TimeoutError):
+                self.heard.append((time.monotonic(), self.socket.recv(4096)))
+
+
+@contextlib.contextmanager
+def client() -> Iterator[Client]:
+    one = Client()
+    one.start()
+    try:
+        yield one
+    finally:
+        time.sleep(0.1)  # what is still in the socket
+        one.over.set()
+        one.join()
+        one.socket.close()
+
+
+def test_a_client_hears_the_vehicle_byte_for_byte_and_at_its_pace(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = recorded(tmp_path)
+    with client() as ears:
+        assert main(["replay", str(log), ears.address, "--speed", "2"]) == 0
+    assert [frame for _, frame in ears.heard] == frames(log)
+    assert ears.heard[-1][0] - ears.heard[0][0] == pytest.approx(2.22 / 2, abs=0.3)
+    middle = ears.heard[len(ears.heard) // 2][0] - ears.heard[0][0]
+    assert middle == pytest.approx(2.22 / 4, abs=0.3), "spread over the time, not in one go"
+    said = capsys.readouterr()
+    assert "left out" in said.err
+    assert "255:190 (2)" in said.err
+    assert "RAW_IMU" in said.out
+
+
+def test_everybody_sends_what_others_said_too(tmp_path: Path) -> None:
+    log = recorded(tmp_path)
+    with client() as ears:
+        assert main(["replay", str(log), ears.address, "--speed", "50", "--everybody"]) == 0
+    assert [frame for _, frame in ears.heard] == frames(log, sysid=None)
+
+
+def test_a_server_waits_for_its_client(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, port, heard = recorded(tmp_path), free_port(), bytearray()
+
+    def connect() -> None:
+        time.sleep(0.5)
+        with socket.create_connection(("127.0.0.1", port), timeout=5.0) as end:
+            while piece := end.recv(65536):
+                heard.extend(piece)
+
+    thread = threading.Thread(target=connect)
+    thread.start()
+    assert main(["replay", str(log), f"tcpin:127.0.0.1:{port}", "--speed", "20"]) == 0
+    thread.join()
+    assert bytes(heard) == b"".join(frames(log))
+    assert "nobody has connected; waiting" in capsys.readouterr().err
+
+
+def test_companion_records_a_replay_as_it_was(tmp_path: Path) -> None:
+    """A client that the tool itself is: it listens only, and its recording holds the same messages."""
+    log, port = recorded(tmp_path, 3.0), free_port()
+    import subprocess  # noqa: PLC0415
+    import sys  # noqa: PLC0415
+
+    words = ["record", f"udpin:127.0.0.1:{port}", "--listen-only", "--duration", "4", "-o", str(tmp_path / "b.tlog")]
+    with subprocess.Popen([sys.executable, "-m", "companion", *words], stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr
+        assert "Recording" in process.stderr.readline()
+        assert main(["replay", str(log), f"udpout:127.0.0.1:{port}", "--speed", "4"]) == 0
+        process.stderr.read()
+    ours, theirs = (read_tlog(path).messages["RAW_IMU"] for path in (tmp_path / "b.tlog", log))
+    assert ours.rows.tobytes() == theirs.rows.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        ([DEMO, "/dev/ttyACM0:115200"], "does not send to a serial port"),
+        ([DEMO, "udpout:127.0.0.1:9", "--speed", "0"], "--speed lies above 0"),
+        ([DEMO, "nowhere"], "is no link"),
+        (["bin", "udpout:127.0.0.1:9"], "is no telemetry log"),
+        (["raw", "udpout:127.0.0.1:9"], "has no time stamps"),
+        (["gcs", "udpout:127.0.0.1:9"], "no vehicle speaks in"),
+    ],
+)
+def test_what_cannot_be_replayed_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], reason: str
+) -> None:
+    (tmp_path / "bin").write_bytes(b"\xa3\x95\x80\x80" + bytes(100))
+    (tmp_path / "raw").write_bytes(b"".join(frames(recorded(tmp_path))))
+    log = Writer(tmp_path / "gcs")
+    for i in range(20):
+        log.heartbeat(i, autopilot=8, kind=6, sysid=255, compid=190)
+    log.close()
+    words = [str(tmp_path / word) if word in ("bin", "raw", "gcs") else word for word in words]
+    assert main(["replay", *words]) == 2
+    assert reason in capsys.readouterr().err
+
+
+def test_nothing_but_the_command_can_replay() -> None:
+    """What speaks with vehicles goes through the allow-list of `requests`, and has no way to this."""
+    package = Path(companion.__file__).parent
+    users = set()
+    for path in package.rglob("*.py"):
+        names = [
+            alias.name
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("companion.mavlink")
+            for alias in node.names
+        ]
+        if "play" in names:
+            users.add(str(path.relative_to(package)))
+    assert users == {"mavlink/__init__.py", "cli/replay.py"}
