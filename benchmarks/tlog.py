@@ -10,14 +10,17 @@ on-board log, made of a recording beside the project again and again, if it is t
 from __future__ import annotations
 
 import argparse
+import cProfile
 import importlib.util
 import os
+import pstats
 import resource
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -178,6 +181,7 @@ def main() -> None:
             for peer in ("pymavlink", "fasttlogparser"):
                 if peer in speeds:
                     print(f"{reader}: {speeds[reader] / speeds[peer]:.1f} x {peer}'s speed by user CPU")
+        next_limit(whole)
         if not RECORDING.exists():
             print(f"{RECORDING} is not here: on-board logs are not measured")
             return
@@ -191,6 +195,23 @@ def main() -> None:
         print(
             f"on-board log: {speeds['companion: on-board log'] / speeds['pymavlink: DFReader']:.1f} x DFReader's speed"
         )
+
+
+def next_limit(path: Path) -> None:
+    """Print where the time of reading flights goes, by part: what a faster reader would have to make faster."""
+    from companion.recording import read_recording  # noqa: PLC0415
+
+    profile = cProfile.Profile()
+    profile.runcall(read_recording, path)
+    own: Counter[str] = Counter()
+    for (file, _, function), (_, _, seconds, _, callers) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
+        if "companion" in file:
+            own[Path(file).stem] += seconds
+        else:  # of NumPy's functions the time is its callers'
+            for (caller, _, _), (_, _, theirs, _) in callers.items():
+                own[Path(caller).stem if "companion" in caller else function] += theirs
+    shares = ", ".join(f"{name} {seconds / own.total():.0%}" for name, seconds in own.most_common(6))
+    print(f"where the time goes (profiled): {shares}")
 
 
 def compare(logs: dict[str, Path], repeats: int) -> dict[str, float]:

@@ -104,6 +104,8 @@ class Decoder:
         self._pending: list[int] = []  # ids of unknown frames on the chain since the last accepted one...
         self._pending_bytes = 0  # ... with their stamps
         self._bad_end = 0  # end of the last frame counted as bad
+        self._gap_bad = 0  # wrong CRCs in the present gap, wherever they begin...
+        self._chain_bad = 0  # ... and where the chain leads: the others lie inside frames, if the chain holds
         self._bad_open = (np.empty(0, np.int64), np.empty(0, np.int64))  # begin and end of bad ones that may be stamps
 
     def push(self, chunk: bytes | bytearray | memoryview | Bytes) -> Frames:
@@ -138,8 +140,9 @@ class Decoder:
         frames, unknown, decided = self._search_gaps(data, others, frames, decided, size, final=final)
 
         wrong = merge(*bad)
-        self._count_bad(wrong[wrong.start < decided], frames, decided, final=final)
-        self._walk_gaps(data, frames, unknown, decided)
+        wrong = wrong[wrong.start < decided]
+        counts = self._count_bad(wrong, frames, decided, final=final)
+        self._walk_gaps(data, frames, unknown, decided, counts, frozenset((wrong.start + base).tolist()))
         result = self._frames(data, frames)
 
         if len(frames):
@@ -209,8 +212,8 @@ class Decoder:
             crc=wire_crc(data, frames),
         )
 
-    def _count_bad(self, bad: Headers, frames: Headers, decided: int, *, final: bool) -> None:
-        """Count wrong CRCs between the accepted frames, once each; what begins in a stamp is no frame."""
+    def _count_bad(self, bad: Headers, frames: Headers, decided: int, *, final: bool) -> list[int]:
+        """Count wrong CRCs in each gap between the accepted frames, once each; what begins in a stamp is no frame."""
         starts = np.concatenate((self._bad_open[0] - self._base, bad.start))
         ends = np.concatenate((self._bad_open[1] - self._base, bad.end))
         previous, following = _gap_edges(self._last_end - self._base, frames, decided)
@@ -221,14 +224,21 @@ class Decoder:
         if final:
             counted |= still_open
         self._bad_open = (starts[still_open] + self._base, ends[still_open] + self._base)
-        pairs = zip((starts[counted] + self._base).tolist(), (ends[counted] + self._base).tolist(), strict=True)
-        for start, end in pairs:
+        counts = [0] * (len(frames) + 1)
+        spans = (starts[counted] + self._base, ends[counted] + self._base, index[counted])
+        for start, end, gap in zip(*(column.tolist() for column in spans), strict=True):
             if start >= self._bad_end:
-                self.damage.bad_crc_frames += 1
+                counts[gap] += 1
                 self._bad_end = end
+        return counts
 
-    def _walk_gaps(self, data: Bytes, frames: Headers, unknown: Headers, decided: int) -> None:
-        """Explain the bytes between frames: unknown ids where the chain of lengths fits exactly, else skipped."""
+    def _walk_gaps(
+        self, data: Bytes, frames: Headers, unknown: Headers, decided: int, bad: list[int], wrong: frozenset[int]
+    ) -> None:
+        """Explain the bytes between frames: unknown ids where the chain of lengths fits exactly, else skipped.
+
+        bad: wrong CRCs in each gap; wrong: stream positions of all of them.
+        """
         intact = dict(zip((unknown.start + self._base).tolist(), unknown.id.tolist(), strict=True))
         previous, following = _gap_edges(self._last_end - self._base, frames, decided)
         wide = np.flatnonzero(following[:-1] - previous[:-1] != self._stamp)
@@ -236,18 +246,20 @@ class Decoder:
             begin, end = int(previous[gap]) + self._base, int(following[gap]) + self._base
             if gap:  # the first gap began in an earlier push, and with it its chain
                 self._restart_chain(begin)
-            self._follow_chain(data, end, intact)
+            self._follow_chain(data, end, intact, wrong)
+            self._gap_bad += bad[gap]
             self._close_gap(begin, end, proven=self._chain == end)
         if len(frames):
             self._restart_chain(self._base + int(frames.end[-1]))
-        self._follow_chain(data, self._base + decided, intact)
+        self._follow_chain(data, self._base + decided, intact, wrong)
+        self._gap_bad += bad[-1]
 
     def _restart_chain(self, end_of_frame: int) -> None:
         self._chain = end_of_frame + self._stamp
         self._pending.clear()
-        self._pending_bytes = 0
+        self._pending_bytes = self._gap_bad = self._chain_bad = 0
 
-    def _follow_chain(self, data: Bytes, limit: int, intact: Mapping[int, int]) -> None:
+    def _follow_chain(self, data: Bytes, limit: int, intact: Mapping[int, int], wrong: frozenset[int]) -> None:
         """Go from header to header up to `limit`. `intact`: stream position -> id of intact unknown frames."""
         while 0 <= self._chain < limit:
             at = self._chain - self._base
@@ -262,6 +274,7 @@ class Decoder:
             if self._chain in intact:
                 self._pending.append(intact[self._chain])
                 self._pending_bytes += size + self._stamp
+            self._chain_bad += self._chain in wrong
             self._chain += size + self._stamp
 
     def _close_gap(self, begin: int, end: int, *, proven: bool) -> None:
@@ -269,6 +282,7 @@ class Decoder:
         if proven:
             self.damage.unknown_frames.update(self._pending)
             skipped -= self._pending_bytes
+        self.damage.bad_crc_frames += self._chain_bad if proven else self._gap_bad
         self.damage.skipped_bytes += skipped
 
     def _end_of_stream(self, size: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import time
+from collections import Counter
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 
 from companion.mavlink import Damage, Decoder, load_dialect
 from tests.mavlink.link import link_frames, stamped
-from tests.recordings import shared
+from tests.recordings import BUNDLED, shared
 
 DIALECT = load_dialect()
 EPOCH = 1_700_000_000_000_000  # µs
@@ -293,3 +294,29 @@ def test_the_worst_garbage_takes_linear_time(pattern: bytes) -> None:
 
     seconds(100_000)  # warm
     assert seconds(1_600_000) < 8 * seconds(400_000) + 0.1  # linear is a factor of 4, quadratic of 16
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_a_small_dialect_calls_the_rest_unknown_and_not_damaged(stamped: bool) -> None:
+    """What looks like a frame of it inside the payload of another is none, where the chain of lengths holds."""
+    data = (BUNDLED / "copter-demo-100hz.tlog").read_bytes()
+    whole = Decoder(load_dialect(), stamped=True)
+    frames = whole.push(data)
+    known = Counter(frames.id.tolist())
+    if not stamped:
+        spans = zip(frames.start.tolist(), frames.size.tolist(), strict=True)
+        data = b"".join(frames.data[start : start + size].tobytes() for start, size in spans)
+    minimal = load_dialect("minimal")
+    decoder = Decoder(minimal, stamped=stamped)
+    for begin in range(0, len(data), 10_007):
+        decoder.push(data[begin : begin + 10_007])
+    decoder.finish()
+    expected = {number: count for number, count in known.items() if number not in minimal.by_id}
+    assert dict(decoder.damage.unknown_frames) == expected
+    assert (decoder.damage.bad_crc_frames, decoder.damage.skipped_bytes) == (0, 0)
+    at = data.index(bytes([1, 1, 27, 0, 0])) + 20  # in the payload of a RAW_IMU: the chain still holds
+    decoder = Decoder(minimal, stamped=stamped)
+    decoder.push(data[:at] + bytes([data[at] ^ 0xFF]) + data[at + 1 :])
+    decoder.finish()
+    assert decoder.damage.unknown_frames[27] >= expected[27] - 1
+    assert decoder.damage.bad_crc_frames == 0
