@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -15,6 +18,7 @@ import pytest
 import companion
 from companion.cli import main
 from companion.mavlink import read_tlog
+from tests.mavlink.peers import wait_for
 from tests.recordings import BUNDLED
 from tests.simulated import free_port
 from tests.tlogs import Writer
@@ -88,9 +92,9 @@ def test_a_client_hears_the_vehicle_byte_for_byte_and_at_its_pace(
     with client() as ears:
         assert main(["replay", str(log), ears.address, "--speed", "2"]) == 0
     assert [frame for _, frame in ears.heard] == frames(log)
-    assert ears.heard[-1][0] - ears.heard[0][0] == pytest.approx(2.22 / 2, abs=0.3)
-    middle = ears.heard[len(ears.heard) // 2][0] - ears.heard[0][0]
-    assert middle == pytest.approx(2.22 / 4, abs=0.3), "spread over the time, not in one go"
+    begin, middle, end = (ears.heard[i][0] for i in (0, len(ears.heard) // 2, -1))
+    assert end - begin > 0.6, "2.2 s at twice the pace; a machine under load may be slower, never faster"
+    assert middle - begin > 0.2, "spread over the time, not in one go at the end"
     said = capsys.readouterr()
     assert "left out" in said.err
     assert "255:190 (2)" in said.err
@@ -124,15 +128,14 @@ def test_a_server_waits_for_its_client(tmp_path: Path, capsys: pytest.CaptureFix
 def test_companion_records_a_replay_as_it_was(tmp_path: Path) -> None:
     """A client that the tool itself is: it listens only, and its recording holds the same messages."""
     log, port = recorded(tmp_path, 3.0), free_port()
-    import subprocess  # noqa: PLC0415
-    import sys  # noqa: PLC0415
-
-    words = ["record", f"udpin:127.0.0.1:{port}", "--listen-only", "--duration", "4", "-o", str(tmp_path / "b.tlog")]
+    words = ["record", f"udpin:127.0.0.1:{port}", "--listen-only", "-o", str(tmp_path / "b.tlog")]
     with subprocess.Popen([sys.executable, "-m", "companion", *words], stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr
         assert "Recording" in process.stderr.readline()
         assert main(["replay", str(log), f"udpout:127.0.0.1:{port}", "--speed", "4"]) == 0
-        process.stderr.read()
+        wait_for(lambda: len(frames(tmp_path / "b.tlog")) == len(frames(log)), 20.0)
+        process.send_signal(signal.SIGINT)
+        process.communicate()
     ours, theirs = (read_tlog(path).messages["RAW_IMU"] for path in (tmp_path / "b.tlog", log))
     assert ours.rows.tobytes() == theirs.rows.tobytes()
 
