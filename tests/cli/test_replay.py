@@ -44,7 +44,7 @@ def frames(path: Path, *, sysid: int | None = 1) -> list[bytes]:
     data = path.read_bytes()
     found = []
     at = 0
-    while at < len(data):
+    while at + 10 <= len(data) and at + 20 + data[at + 9] <= len(data):  # it may still be growing
         size = data[at + 9] + 12
         frame = data[at + 8 : at + 8 + size]
         if sysid in (None, frame[5]):
