@@ -66,7 +66,7 @@ def link_traffic(seconds: float, epoch: float) -> np.ndarray[Any, np.dtype[np.ui
                 low = -spread if kind.base.kind == "i" else 0
                 fields[field] = rng.integers(low, spread, shape)
         if name == "HEARTBEAT":
-            fields |= {"type": 2, "autopilot": 3}
+            fields |= {"type": 2, "autopilot": 3, "base_mode": 81, "custom_mode": 4}
         fields[layout.fields[-1]] = (
             np.where(rng.random(len(t)) < 1 / 3, 0, 1) if layout.dtype[-1].kind in "iuf" else b""
         )

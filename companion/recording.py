@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from companion.errors import SettingsError
 from companion.mavlink import (
     DEFAULT_DIALECT,
@@ -133,9 +131,8 @@ def open_log(
 def _source(log: Log) -> Source:
     speakers: dict[str, dict[str, int]] = {}
     for name, messages in log.messages.items():
-        counts = np.bincount(messages.sysid.astype(np.uint16) << 8 | messages.compid)
-        for who in np.flatnonzero(counts).tolist():
-            speakers.setdefault(f"{who >> 8}:{who & 255}", {})[name] = int(counts[who])
+        for (sysid, compid), count in messages.senders().items():
+            speakers.setdefault(f"{sysid}:{compid}", {})[name] = count
     return Source(
         path=log.path,
         format=log.kind,

@@ -39,6 +39,8 @@ from companion.mavlink.headers import (
     crc_may_be_right,
     cut_headers,
     find_headers,
+    first_uncovered,
+    gap_edges,
     merge,
     strange_headers,
     wire_crc,
@@ -135,7 +137,7 @@ class Decoder:
             good.append(whole[right])
             bad.append(whole[~right])
         frames = without_overlap(merge(*good))
-        decided = size if final else _first_uncovered(np.concatenate(cut), frames, size)
+        decided = size if final else first_uncovered(np.concatenate(cut), frames, size)
         frames = frames[: int(np.searchsorted(frames.start, decided))]
         frames, unknown, decided = self._search_gaps(data, others, frames, decided, size, final=final)
 
@@ -160,7 +162,7 @@ class Decoder:
 
         Returns the frames with them, intact frames of unknown ids, and how far everything is decided.
         """
-        previous, following = _gap_edges(self._last_end - self._base, frames, decided)
+        previous, following = gap_edges(self._last_end - self._base, frames, decided)
         searched = following - previous != self._stamp
         searched[-1] = True  # the last gap is still open
         others = np.sort(others[others >= previous[np.argmax(searched)]])  # none lies before the first gap
@@ -216,7 +218,7 @@ class Decoder:
         """Count wrong CRCs in each gap between the accepted frames, once each; what begins in a stamp is no frame."""
         starts = np.concatenate((self._bad_open[0] - self._base, bad.start))
         ends = np.concatenate((self._bad_open[1] - self._base, bad.end))
-        previous, following = _gap_edges(self._last_end - self._base, frames, decided)
+        previous, following = gap_edges(self._last_end - self._base, frames, decided)
         index = np.searchsorted(frames.start, starts, side="right")
         counted = (starts >= previous[index]) & (starts < following[index] - self._stamp)
         # The next frame may begin right behind what is decided: whether these lie in its stamp shows later.
@@ -240,7 +242,7 @@ class Decoder:
         bad: wrong CRCs in each gap; wrong: stream positions of all of them.
         """
         intact = dict(zip((unknown.start + self._base).tolist(), unknown.id.tolist(), strict=True))
-        previous, following = _gap_edges(self._last_end - self._base, frames, decided)
+        previous, following = gap_edges(self._last_end - self._base, frames, decided)
         wide = np.flatnonzero(following[:-1] - previous[:-1] != self._stamp)
         for gap in wide.tolist():
             begin, end = int(previous[gap]) + self._base, int(following[gap]) + self._base
@@ -290,19 +292,3 @@ class Decoder:
         self._close_gap(self._last_end, size + self._stamp, proven=self._chain == size + self._stamp)
         self._last_end = size
         self._chain = -1
-
-
-def _gap_edges(last_end: int, frames: Headers, decided: int) -> tuple[Index, Index]:
-    """Begin and end of each gap: before every frame, and after the last."""
-    previous = np.concatenate((np.full(1, last_end), frames.end))
-    following = np.concatenate((frames.start, np.full(1, decided)))
-    return previous, following
-
-
-def _first_uncovered(cut: Index, frames: Headers, size: int) -> int:
-    """The first of the unfinished headers that does not lie inside a frame: what begins there or later is undecided."""
-    if len(cut) == 0:
-        return size
-    index = np.searchsorted(frames.start, cut, side="right")
-    covered = np.concatenate((np.zeros(1, np.int64), frames.end))[index] > cut
-    return int(cut[~covered].min(initial=size))

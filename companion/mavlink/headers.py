@@ -137,3 +137,19 @@ def without_overlap(headers: Headers) -> Headers:
     """Drop each that begins inside an earlier one: frames are sometimes carried in the payload of a frame."""
     keep = first_come(headers.start, headers.end)
     return headers if keep.all() else headers[keep]
+
+
+def gap_edges(last_end: int, frames: Headers, decided: int) -> tuple[Index, Index]:
+    """Begin and end of each gap: before every frame, and after the last."""
+    previous = np.concatenate((np.full(1, last_end), frames.end))
+    following = np.concatenate((frames.start, np.full(1, decided)))
+    return previous, following
+
+
+def first_uncovered(cut: Index, frames: Headers, size: int) -> int:
+    """The first of the unfinished headers that does not lie inside a frame: what begins there or later is undecided."""
+    if len(cut) == 0:
+        return size
+    index = np.searchsorted(frames.start, cut, side="right")
+    covered = np.concatenate((np.zeros(1, np.int64), frames.end))[index] > cut
+    return int(cut[~covered].min(initial=size))

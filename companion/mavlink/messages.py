@@ -49,6 +49,13 @@ class Messages:
         column: npt.NDArray[Any] = self.rows[field]
         return column
 
+    def senders(self) -> dict[tuple[int, int], int]:
+        """How many were sent by each (sysid, compid), in order of those."""
+        if not len(self) or ((self.sysid == self.sysid[0]).all() and (self.compid == self.compid[0]).all()):
+            return {(int(self.sysid[0]), int(self.compid[0])): len(self)} if len(self) else {}
+        counts = np.bincount(self.sysid.astype(np.uint16) << 8 | self.compid)
+        return {(key >> 8, key & 255): int(counts[key]) for key in np.flatnonzero(counts).tolist()}
+
     def select(self, index: npt.NDArray[np.bool_] | npt.NDArray[np.integer[Any]] | slice) -> Messages:
         """Those of a mask, an index or a slice."""
         if isinstance(index, np.ndarray) and index.dtype == np.bool_:

@@ -48,9 +48,11 @@ def senders(messages: Mapping[str, Messages]) -> dict[tuple[int, int], Sender]:
     """Messages (by name, each in the order of arrival) by (sysid, compid) of who sent them."""
     found: dict[tuple[int, int], Sender] = {}
     for name, one in messages.items():
-        who = one.sysid.astype(np.uint16) << 8 | one.compid
-        for key in np.flatnonzero(np.bincount(who)).tolist():
-            found.setdefault((key >> 8, key & 255), {})[name] = one.select(who == key)
+        who = one.senders()
+        for sysid, compid in who:
+            alone = len(who) == 1  # most logs have one sender of each type
+            its = one if alone else one.select((one.sysid == sysid) & (one.compid == compid))
+            found.setdefault((sysid, compid), {})[name] = its
     return found
 
 
