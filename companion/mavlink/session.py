@@ -72,8 +72,8 @@ class Choice:
 class Session:
     """Call `step` again and again; then `leave`. `said` collects sentences for the user.
 
-    on_frames: is given what arrives, and when (s UNIX). patience_s: how long a vehicle may send no IMU message before
-    that is said.
+    on_frames: is given what arrives, and when (s UNIX, by a clock that is never set and only goes forward). patience_s:
+    how long a vehicle may send no IMU message before that is said.
     """
 
     def __init__(
@@ -95,6 +95,7 @@ class Session:
         self._patience_s = patience_s
         self._names = link.dialect.enum_names("MAV_AUTOPILOT")
         self._beat = 0.0
+        self._epoch = time.time() - time.monotonic()
         self._leaving = False
         self._told_disk = False
 
@@ -108,7 +109,7 @@ class Session:
                 self._told_disk = True
                 self.said.append(self.recorder.problem)
         if self.on_frames is not None and len(frames):
-            self.on_frames(frames, time.time())
+            self.on_frames(frames, self._epoch + now)
         if len(frames):
             self._notice(split_messages(frames, self.link.dialect, _HEARD), now)
         self._speak(now)
