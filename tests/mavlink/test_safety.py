@@ -58,11 +58,11 @@ def everything() -> tuple[Counter[str], Counter[int]]:
                 session.step(0.02)
                 return session.rates is not None and session.rates.settled and session.report().frames > until
 
-            wait_for(lambda: goes_on(150), 15.0)  # noqa: B023  (called at once)
+            wait_for(lambda: goes_on(150), 15.0)
             if "autopilot" not in manners:
                 vehicle.reboot()
             frames = session.report().frames
-            wait_for(lambda: goes_on(frames + 150), 15.0)  # noqa: B023
+            wait_for(lambda: goes_on(frames + 150), 15.0)
             session.leave()
             names += own_names
             commands += own_commands
