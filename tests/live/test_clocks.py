@@ -39,7 +39,7 @@ class Sitting:
             time.sleep(0.004)  # five times as fast as the clock says
 
 
-@pytest.mark.parametrize("step_ms", [-1400, 41_000, 294_000])
+@pytest.mark.parametrize("step_ms", [-1400, 41_000])
 def test_a_vehicles_clock_that_is_set_is_no_reboot_and_no_motion(step_ms: int) -> None:
     watching = watch()
     with (
@@ -55,10 +55,10 @@ def test_a_vehicles_clock_that_is_set_is_no_reboot_and_no_motion(step_ms: int) -
             assert seen is None or seen.free is None or abs(seen.free.position_error).max() < 0.5
             return seen.present.replay.t[-1] if seen else 0.0
 
-        vehicle.sit(4.0)
-        wait_for(lambda: now() > 23.0)
+        vehicle.sit(2.5)
+        wait_for(lambda: now() > 22.0)
         vehicle.boot_ms += step_ms
-        vehicle.sit(6.0)
+        vehicle.sit(3.0)
         wait_for(lambda: now() > vehicle.boot_ms * 1e-3 - 0.5)
         assert not [sentence for sentence in attachment.said() if "rebooted" in sentence]
 
@@ -66,13 +66,13 @@ def test_a_vehicles_clock_that_is_set_is_no_reboot_and_no_motion(step_ms: int) -
 def test_our_own_clock_may_be_set_back_and_forth(monkeypatch: pytest.MonkeyPatch) -> None:
     watching, real = watch(), time.time
     with Link("udpin:127.0.0.1:0") as link, flying(link.port, since=8.0) as vehicle, Attachment(Session(link)) as heard:
-        for step_s in (0.0, -3600.0, 1e8):
+        for step_s in (-3600.0, 1e8):
             monkeypatch.setattr(time, "time", lambda step_s=step_s: real() + step_s)
             sooner = vehicle.t
 
             def caught_up(vehicle: SimulatedVehicle = vehicle, sooner: float = sooner) -> bool:
                 watching.hear(heard.fetch())
                 seen = watching.look()
-                return seen is not None and seen.present.replay.t[-1] > sooner + 1.0 and vehicle.t > sooner
+                return seen is not None and seen.present.replay.t[-1] > sooner + 0.5 and vehicle.t > sooner
 
             wait_for(caught_up)

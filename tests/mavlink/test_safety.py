@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any
-
-import pytest
 
 from companion.mavlink import Choice, Decoder, Link, Session, load_dialect, split_messages
 from companion.mavlink.requests import ALLOWED_COMMANDS, ALLOWED_MESSAGES
@@ -26,10 +25,10 @@ VEHICLES: dict[str, dict[str, Any]] = {
 
 
 @contextlib.contextmanager
-def written_down(vehicle: SimulatedVehicle) -> Iterator[tuple[Counter[str], Counter[int]]]:
-    """The names of the messages, and the numbers of the commands, that a vehicle gets from now on."""
-    dialect, names, commands = load_dialect(), Counter[str](), Counter[int]()
-    decoder, receive = Decoder(dialect, stamped=False), vehicle.receive
+def written_down(vehicle: SimulatedVehicle, names: Counter[str], commands: Counter[int]) -> Iterator[None]:
+    """Count the messages by name, and the commands by number, that a vehicle gets from now on."""
+    dialect, receive = load_dialect(), vehicle.receive
+    decoder = Decoder(dialect, stamped=False)
 
     def note(data: bytes) -> None:
         for name, messages in split_messages(decoder.push(data), dialect).items():
@@ -39,38 +38,30 @@ def written_down(vehicle: SimulatedVehicle) -> Iterator[tuple[Counter[str], Coun
         receive(data)
 
     vehicle.receive = note  # type: ignore[method-assign]
-    yield names, commands
+    yield
 
 
-@pytest.fixture(scope="module")
-def everything() -> tuple[Counter[str], Counter[int]]:
-    """Every kind of session, from the first heartbeat to the leave."""
+def test_this_is_all_that_is_ever_sent() -> None:
+    """Every kind of vehicle on one link, from the first heartbeat over a reboot to the leave."""
     names, commands = Counter[str](), Counter[int]()
-    for manners in VEHICLES.values():
-        with (
-            Link("udpin:127.0.0.1:0") as link,
-            flying(link.port, since=8.0, **manners) as vehicle,
-            written_down(vehicle) as (own_names, own_commands),
-        ):
-            session = Session(link, choice=Choice(vehicle="all"))
+    with Link("udpin:127.0.0.1:0") as link, contextlib.ExitStack() as flights:
+        vehicles = []
+        for sysid, manners in enumerate(VEHICLES.values(), 1):
+            vehicles.append(flights.enter_context(flying(link.port, since=8.0, sysid=sysid, **manners)))
+            flights.enter_context(written_down(vehicles[-1], names, commands))
+        session = Session(link, choice=Choice(vehicle="all"))
 
-            def goes_on(until: int, session: Session = session) -> bool:
-                session.step(0.02)
-                return session.rates is not None and session.rates.settled and session.report().frames > until
+        def agreed() -> bool:
+            session.step(0.02)
+            asked = [asked.rates for asked in session.asked.values() if asked.rates]
+            return len(asked) == len(vehicles) and all(rates.settled for rates in asked)
 
-            wait_for(lambda: goes_on(150), 15.0)
-            if "autopilot" not in manners:
-                vehicle.reboot()
-            frames = session.report().frames
-            wait_for(lambda: goes_on(frames + 150), 15.0)
-            session.leave()
-            names += own_names
-            commands += own_commands
-    return names, commands
-
-
-def test_this_is_all_that_is_ever_sent(everything: tuple[Counter[str], Counter[int]]) -> None:
-    names, commands = everything
+        wait_for(agreed, 20.0)
+        before = commands[511]
+        vehicles[0].reboot()
+        wait_for(lambda: agreed() and commands[511] > before and commands[512] > 0, 20.0)
+        session.leave()
+        time.sleep(0.1)
     print("sent:", dict(names), "commands:", dict(commands))
     assert set(names) == {"HEARTBEAT", "COMMAND_LONG", "REQUEST_DATA_STREAM", "PARAM_REQUEST_READ", "TIMESYNC"}
     assert set(names) == ALLOWED_MESSAGES
