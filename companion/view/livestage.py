@@ -5,6 +5,7 @@ Everything here runs in the view thread, which alone writes to viser and alone l
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -33,7 +34,8 @@ from companion.view.scene import Scene
 from companion.view.shapes import drone_for
 from companion.view.wakes import Wakes
 
-LOOK_HZ = 20.0
+LOOK_HZ = 25.0
+KEPT_HZ = 20.0  # rows of the past
 ALONE_HZ = 4.0  # looks while no browser is open
 PANEL_HZ, TRAIL_HZ, CHART_HZ = 4.0, 8.0, 2.0
 SIDE = 330  # width of either panel, pixels
@@ -46,7 +48,7 @@ class LiveStage:
 
     def __init__(self, server: viser.ViserServer, feed: Feed, window_s: float, post: events.Post) -> None:
         self._server, self._feed = server, feed
-        self._history = History(window_s, LOOK_HZ)
+        self._history = History(window_s, KEPT_HZ)
         self.pose_updates = 0
         self.newest = 0.0  # s, boot clock, of the pose that was written last
         self._shown: tuple[str, int] | None = None  # vehicle and boot
@@ -89,7 +91,7 @@ class LiveStage:
 
     def turn(self, now: float, dt: float) -> None:  # noqa: ARG002  (the vehicle's clock counts here)
         """Look, and draw what is seen: at `now`, s of any steady clock."""
-        if self._is_due("look", LOOK_HZ if self.browsers else ALONE_HZ, now):
+        if self.browsers or self._is_due("look", ALONE_HZ, now):
             seen = self._feed.look()
             if seen is not None:
                 self._take(seen)
@@ -134,7 +136,7 @@ class LiveStage:
                 self._due["charts"] = 0.0
             case events.Joined(browser):
                 self._browsers.join(browser, self._framing)
-                self._relayouts = [self._due["look"] + s for s in (1.0, 2.5, 5.0)]  # a page is laid out after 1 to 3 s
+                self._relayouts = [time.monotonic() + s for s in (1.0, 2.5, 5.0)]  # a page is laid out after 1 to 3 s
             case events.Left(browser):
                 self._browsers.leave(browser)
             case _:

@@ -1,0 +1,67 @@
+"""What the live page says is text, whatever a vehicle, a file name or an error message holds."""
+
+from __future__ import annotations
+
+from html.parser import HTMLParser
+
+from companion.view import Judgement, LinkState, StreamState, livewords
+
+EVIL = "<img src=x onerror=\"document.title='owned'\"><script>alert(1)</script>"
+
+
+class _Tags(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: set[str] = set()
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:  # noqa: ARG002  (HTMLParser's)
+        self.found.add(tag)
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def read(markup: str) -> _Tags:
+    tags = _Tags()
+    tags.feed(markup)
+    return tags
+
+
+def test_nothing_that_comes_from_outside_becomes_markup() -> None:
+    state = LinkState(
+        link=EVIL, problem=EVIL, streams=(StreamState(EVIL, 100.0, 99.0, EVIL),), frames=10, lost=1, rejected=3,
+        latency_ms=2.0, clock=EVIL, recording=EVIL, recorded_bytes=5, recording_problem="",
+    )  # fmt: skip
+    for markup in (
+        livewords.banner(state, EVIL, None),
+        livewords.legend(EVIL, has_position=True),
+        livewords.health(state),
+        livewords.drift((), Judgement(EVIL, EVIL)),
+        livewords.sentences([EVIL]),
+    ):
+        tags = read(markup)
+        assert tags.found <= {"div", "span", "b", "table", "tr", "th", "td"}
+        assert "<img src=x" in tags.text
+
+
+def test_the_banner_says_how_it_stands() -> None:
+    def text(state: LinkState, why_not: str = "", held_s: float | None = None) -> str:
+        return read(livewords.banner(state, why_not, held_s)).text
+
+    good = LinkState("udpin:1", frames=5, recording="a.tlog", recorded_bytes=2_500_000)
+    assert text(good) == "LIVE● Recording a.tlog, 2.5 MB"
+    assert text(good, held_s=3.21) == "PAUSED, 3.2 s ago● Recording a.tlog, 2.5 MB"
+    assert text(good, "no IMU messages").startswith("WAITINGno IMU messages")
+    assert text(LinkState("udpin:1", "silent for 7 s", frames=5)) == "RECONNECTINGsilent for 7 sNot recorded"
+    assert text(LinkState("udpin:1", "nothing received yet")).startswith("WAITINGnothing received yet")
+    full = LinkState("udpin:1", frames=5, recording="a.tlog", recording_problem="the disk is full")
+    assert text(full) == "LIVEthe disk is full"
+
+
+def test_losses_latency_and_what_is_dropped() -> None:
+    state = LinkState("udpin:1", frames=90, lost=10, rejected=4, latency_ms=7.25, clock="Booted at 10:00:00")
+    text = read(livewords.health(state)).text
+    assert "90 frames, 10.00% lost" in text
+    assert "Latency 7.2 ms" in text
+    assert "4 frames dropped: not signed, or not with our key" in text
