@@ -35,10 +35,10 @@ EVERY_S = 10.0
 
 def vehicle(seconds: float, begun: Any) -> None:
     """The simulator's process. begun: s of the machine's steady clock, when the vehicle booted."""
-    flown = fly(seconds)
+    flying = SimulatedVehicle(fly(seconds), streams=STREAMS)
     port = open_port(parse_address(f"udpout:127.0.0.1:{LINK}"))
     begun.value = time.monotonic()
-    serve(SimulatedVehicle(flown, streams=STREAMS), port)
+    serve(flying, port)
 
 
 def page(folder: str) -> None:

@@ -34,8 +34,7 @@ from companion.view.scene import Scene
 from companion.view.shapes import drone_for
 from companion.view.wakes import Wakes
 
-LOOK_HZ = 25.0
-KEPT_HZ = 20.0  # rows of the past
+LOOK_HZ = 20.0
 ALONE_HZ = 4.0  # looks while no browser is open
 PANEL_HZ, TRAIL_HZ, CHART_HZ = 4.0, 8.0, 2.0
 SIDE = 330  # width of either panel, pixels
@@ -48,7 +47,7 @@ class LiveStage:
 
     def __init__(self, server: viser.ViserServer, feed: Feed, window_s: float, post: events.Post) -> None:
         self._server, self._feed = server, feed
-        self._history = History(window_s, KEPT_HZ)
+        self._history = History(window_s, LOOK_HZ)
         self.pose_updates = 0
         self.newest = 0.0  # s, boot clock, of the pose that was written last
         self._shown: tuple[str, int] | None = None  # vehicle and boot
