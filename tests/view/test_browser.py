@@ -158,45 +158,6 @@ def test_a_flight_chooser_and_hostile_names(page: Page) -> None:
         shoot(page, "two-flights")
 
 
-def test_a_flight_without_position(page: Page, flight: Flight) -> None:
-    def attitude_only(flight: Flight, choice: ReplayChoice) -> Reckoning:
-        replay = reckon(flight, choice)
-        nothing = np.zeros_like(replay.position_ref)
-        return Reckoning(
-            replace(
-                replay,
-                has_position=False,
-                velocity_imu=nothing,
-                position_imu=nothing,
-                velocity_ref=nothing,
-                position_ref=nothing,
-                velocity_error=nothing,
-                position_error=nothing,
-            ),
-            chosen_track(flight, choice),
-        )
-
-    with Viewer([flight], attitude_only, examine, port=0) as viewer:
-        visit(page, viewer)
-        expect(page.get_by_text("This log has no position")).to_be_visible()
-        expect(page.get_by_text("Velocity error")).to_have_count(0)
-        page.get_by_role("button", name="+10", exact=True).click()
-        time.sleep(1.0)
-        assert shoot(page, "attitude-only").std() > 5
-
-
-@pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)])
-def test_smaller_windows(browser: Browser, flight: Flight, width: int, height: int) -> None:
-    context = browser.new_context(viewport={"width": width, "height": height})
-    with Viewer([flight], recompute, examine, port=0) as viewer:
-        page = context.new_page()
-        page.goto(viewer.url)
-        page.wait_for_selector("canvas")
-        time.sleep(2.0)
-        assert shoot(page, f"window-{width}x{height}").std() > 5
-    context.close()
-
-
 def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
     evil = "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'</script>"
     said = tuple(StatusText(BOOT + 10.0 * i, 4, f"{i} {evil}") for i in range(1, 4))
