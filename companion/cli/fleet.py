@@ -151,7 +151,10 @@ def _print(fleet: Fleet, seconds: float) -> None:
             console.print(f"  {escape(names[row['log']])}: {escape(_line(row['error']))}", highlight=False)
         if len(failed) > _MOST:
             console.print(f"  and {len(failed) - _MOST} more: flights.parquet has them all", highlight=False)
-    console.print(f"\nwritten: {', '.join(str(path) for path in fleet.written)}", markup=False, highlight=False)
+    if fleet.written:
+        folder = fleet.written[0].parent
+        names_written = ", ".join(path.name for path in fleet.written)
+        console.print(f"\nWritten to {folder}: {names_written}", markup=False, highlight=False)
 
 
 def _table(*headings: str) -> Table:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -62,9 +62,9 @@ class Journal:
             return None
         return self._records[line.path]
 
-    def known(self, log: FoundLog) -> frozenset[str]:
-        """The sha256 of contents of this size that need no second look."""
-        return frozenset(self._same_size.get(log.size_bytes, ()))
+    def same_size(self, log: FoundLog) -> Mapping[str, LogRecord]:
+        """What is known of contents of the size of this log, by their sha256."""
+        return self._same_size.get(log.size_bytes, {})
 
     def add(self, log: FoundLog, record: LogRecord) -> LogRecord:
         """Keep what a worker found, and return it: completed when it was a known content under another name."""

@@ -23,6 +23,7 @@ class FlightRecord(msgspec.Struct, frozen=True, kw_only=True):
     analysis: schema.AnalyzeFlight | None = None
     error: str | None = None  # why there is no analysis
     report: str | None = None  # its page, relative to the folder of the results
+    report_error: str | None = None  # why it was not written
 
 
 class LogRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,4 +43,4 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     settings: bytes  # Settings as MessagePack
     imu: str | None = None
     imu_model: str | None = None
-    reports: str | None = None  # folder to write pages into
+    folder: str | None = None  # of the results, to write reports into; None: no reports

@@ -67,6 +67,7 @@ def _flight(flight: FlightRecord) -> Row:
         "accel_ids": dict(flight.accel_ids),
         "error": flight.error,
         "report": flight.report,
+        "report_error": flight.report_error,
     }
     if (found := flight.analysis) is None:
         return row

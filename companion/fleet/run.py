@@ -5,16 +5,19 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 
 import msgspec
 
+from companion.errors import InputError
 from companion.fleet.cluster import examine_all, local_cluster, remote_cluster
 from companion.fleet.journal import Journal
 from companion.fleet.records import LogRecord, Plan
+from companion.fleet.results import write_results
 from companion.fleet.rows import Rows, rows_of
 from companion.fleet.search import FoundLog
-from companion.fleet.tables import require_arrow, write_tables
 from companion.fleet.version import version_of
 from companion.settings import Settings
 
@@ -59,35 +62,64 @@ def run_fleet(run: FleetRun, logs: Sequence[FoundLog], progress: Progress | None
     Ctrl-C ends the run early and is no error: see `Fleet.complete`. Raises InputError for a missing library, a folder
     that cannot be written to and a scheduler that does not answer; what was examined by then is kept.
     """
-    require_arrow()
+    _require("pyarrow", "the tables are written")
+    _require("plotly", "the page is drawn")
     version = version_of(run.settings, run.imu, run.imu_model)
     plan = Plan(
         version=version,
         settings=msgspec.msgpack.encode(run.settings),
         imu=run.imu,
-        imu_model=str(Path(run.imu_model).resolve())
-        if run.imu_model and Path(run.imu_model).is_file()
-        else run.imu_model,
+        imu_model=_absolute(run.imu_model),
+        folder=str(run.folder.resolve()) if run.reports else None,
     )
     with Journal(run.folder, version) as journal:
         done = {log.path: record for log in logs if (record := journal.record(log)) and not _again(run, record)}
         unchanged = len(done)
         new = [log for log in logs if log.path not in done]
+
+        def known(log: FoundLog) -> list[str]:
+            return [sha256 for sha256, record in journal.same_size(log).items() if not _again(run, record)]
+
         try:
             if new:
                 told = progress or (lambda *_: None)
                 told(0, len(new))
                 cluster = remote_cluster(run.scheduler) if run.scheduler else local_cluster(run.workers, len(new))
                 with contextlib.suppress(KeyboardInterrupt), cluster as client:
-                    for log, record in examine_all(client, new, plan, journal.known):
+                    for log, record in examine_all(client, new, plan, known):
                         done[log.path] = journal.add(log, record)
                         told(len(done) - unchanged, len(new))
         finally:
-            rows = rows_of((log, done[log.path]) for log in logs if log.path in done)
-            written = write_tables(run.folder, rows, {"version": version})
-    return Fleet(rows, len(logs), len(done) - unchanged, unchanged, tuple(written))
+            records = [(log, done[log.path]) for log in logs if log.path in done]
+            written = write_results(run.folder, records, _about(run, version))
+    return Fleet(rows_of(records), len(logs), len(done) - unchanged, unchanged, tuple(written))
+
+
+def _require(library: str, purpose: str) -> None:
+    """Raises InputError with the line that installs it, before any work is done."""
+    if find_spec(library) is None:
+        raise InputError(f"{purpose} with {library}. Install it: pip install 'companion[fleet]'")
 
 
 def _again(run: FleetRun, record: LogRecord) -> bool:
+    """Whether a log has to be examined although its content is known."""
     failed = record.error is not None or any(flight.error is not None for flight in record.flights)
-    return not record.settled or (run.retry and failed)
+    pages = [flight.report for flight in record.flights if flight.analysis is not None]
+    lacking = run.reports and not all(page and (run.folder / page).is_file() for page in pages)
+    return not record.settled or lacking or (run.retry and failed)
+
+
+def _absolute(imu_model: str | None) -> str | None:
+    """A file of figures by a path that means the same in every process."""
+    return str(Path(imu_model).resolve()) if imu_model and imu_model.endswith(".toml") else imu_model
+
+
+def _about(run: FleetRun, version: str) -> dict[str, str]:
+    """How the rows were made, for whoever reads them."""
+    return {
+        "companion": metadata.version("companion"),
+        "version": version,
+        "settings": msgspec.json.encode(run.settings).decode(),
+        "imu": run.imu or "the default of each autopilot",
+        "imu_model": run.imu_model or "what the parameters name",
+    }

@@ -1,14 +1,11 @@
-"""The rows as Parquet, one file per table; the unit of a column is at the end of its name and in its metadata."""
+"""The rows as Arrow tables; the unit of a column is at the end of its name and in its metadata."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from companion.errors import InputError
-from companion.fleet.journal import replaced
-from companion.fleet.rows import Row, Rows
+from companion.fleet.rows import Row
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -32,7 +29,7 @@ COLUMNS: Mapping[str, Mapping[str, str]] = {
         "date_s": "date", "duration_s": "float", "autopilot": "string", "type": "string", "firmware": "string",
         "board": "string", "imu": "string", "rate_hz": "float", "gyro_ids": "ids", "accel_ids": "ids",
         "figures": "string", "status": "string", "summary": "string", "drift_ratio": "float", "error": "string",
-        "report": "string", "format": "string", "size_bytes": "int", "sha256": "string",
+        "report": "string", "report_error": "string", "format": "string", "size_bytes": "int", "sha256": "string",
     },
     "drift": {
         **_KEY,
@@ -59,14 +56,10 @@ _UNITS = {
 }  # fmt: skip
 
 
-def require_arrow() -> None:
-    """Raises InputError with the line that installs it, when pyarrow is not there: before any work is done."""
-    _arrow()
-
-
 def arrow_table(name: str, rows: Sequence[Row]) -> pa.Table:
     """One of the tables of COLUMNS; what a row lacks is null."""
-    pa = _arrow()
+    import pyarrow as pa  # noqa: PLC0415  (an extra)
+
     kinds = {
         "string": pa.string(),
         "int": pa.int64(),
@@ -87,31 +80,3 @@ def arrow_table(name: str, rows: Sequence[Row]) -> pa.Table:
         fields.append(pa.field(name_of, kinds[kind], metadata={"unit": unit} if unit else None))
         columns.append(pa.array(values, kinds[kind]))
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))
-
-
-def write_tables(folder: Path, rows: Rows, about: Mapping[str, str]) -> list[Path]:
-    """The four tables in a folder, each replaced in one step. about: said in the metadata of each.
-
-    Raises InputError when they cannot be written.
-    """
-    import pyarrow.parquet as pq  # noqa: PLC0415  (an extra)
-
-    written = []
-    for name in COLUMNS:
-        path = folder / f"{name}.parquet"
-        table = arrow_table(name, getattr(rows, name)).replace_schema_metadata(dict(about))
-        try:
-            with replaced(path) as draft:
-                pq.write_table(table, draft)
-        except OSError as error:
-            raise InputError(f"cannot write {path}: {error.strerror}. What was examined is kept.") from None
-        written.append(path)
-    return written
-
-
-def _arrow() -> Any:
-    try:
-        import pyarrow  # noqa: PLC0415  (an extra: only who writes tables needs it)
-    except ModuleNotFoundError:
-        raise InputError("the tables are written with pyarrow. Install it: pip install 'companion[fleet]'") from None
-    return pyarrow

@@ -14,15 +14,14 @@ import msgspec
 from companion.documents import analysis_document, vehicle_object
 from companion.errors import CompanionError, DataError
 from companion.examination import examine
+from companion.fleet.journal import printable
 from companion.fleet.records import FlightRecord, LogRecord, Plan
+from companion.fleet.reports import write_report
 from companion.fleet.sensors import board_of, sensor_ids, temperatures
 from companion.fleet.version import version_of
 from companion.recording import Recording, read_recording
 from companion.settings import Settings
 from companion.tracks import Flight
-
-_UNFORESEEN = (ArithmeticError, AssertionError, AttributeError, LookupError, OSError, TypeError, ValueError)
-"""What an error in this program looks like: it costs a row, not the run."""
 
 
 def examine_log(path: str, plan: Plan, known: Collection[str] = ()) -> bytes:
@@ -31,7 +30,10 @@ def examine_log(path: str, plan: Plan, known: Collection[str] = ()) -> bytes:
     Errors are rows: whatever is wrong with the log is in the record. What is wrong with this worker (it does not see
     the file, its program is another version) is there too, with `settled` False.
     """
-    return msgspec.json.encode(_record(path, plan, known))
+    try:
+        return msgspec.json.encode(_record(path, plan, known))
+    except Exception as error:  # noqa: BLE001  (the border between processes: not every exception survives the journey)
+        return msgspec.json.encode(LogRecord(error=_said(error)))
 
 
 def _record(path: str, plan: Plan, known: Collection[str]) -> LogRecord:
@@ -41,7 +43,7 @@ def _record(path: str, plan: Plan, known: Collection[str]) -> LogRecord:
         with Path(path).open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        where = f"on {socket.gethostname()}: {path} cannot be read ({error.strerror})"
+        where = f"on {socket.gethostname()}: {printable(path)} cannot be read ({error.strerror})"
         return LogRecord(
             error=f"{where}. Every worker has to see the logs under the same path, with the right to read them.",
             settled=False,
@@ -50,18 +52,21 @@ def _record(path: str, plan: Plan, known: Collection[str]) -> LogRecord:
         return LogRecord(sha256=digest)
     settings = _settings(plan.settings)
     try:
-        recording = read_recording(path, dialect=settings.log.dialect, dequantise=settings.log.dequantise)
+        recording = read_recording(
+            path,
+            dialect=settings.log.dialect,
+            dequantise=settings.log.dequantise,
+            every_message=plan.folder is not None,  # a report has the rates of all
+        )
         if not recording.flights:
             raise DataError("no vehicle speaks in it: no telemetry of an autopilot was found.")
-    except CompanionError as error:
-        return LogRecord(sha256=digest, error=str(error))
-    except (*_UNFORESEEN, MemoryError) as error:
-        return LogRecord(sha256=digest, error=_unforeseen(error))
-    flights = tuple(_flight(recording, flight, plan, settings) for flight in recording.flights)
+    except Exception as error:  # noqa: BLE001  (one bad log is a row, whatever it breaks)
+        return LogRecord(sha256=digest, error=_said(error))
+    flights = tuple(_flight(recording, flight, plan, settings, digest) for flight in recording.flights)
     return LogRecord(sha256=digest, format=recording.source.format, flights=flights)
 
 
-def _flight(recording: Recording, flight: Flight, plan: Plan, settings: Settings) -> FlightRecord:
+def _flight(recording: Recording, flight: Flight, plan: Plan, settings: Settings, digest: str) -> FlightRecord:
     same = [other for other in recording.flights if other.vehicle == flight.vehicle]
     record = FlightRecord(
         vehicle=vehicle_object(flight),
@@ -76,15 +81,27 @@ def _flight(recording: Recording, flight: Flight, plan: Plan, settings: Settings
     try:
         examined = examine(flight, settings, imu=plan.imu, imu_model=plan.imu_model)
         (analysis,) = analysis_document(recording.source, examined).flights
-    except CompanionError as error:
-        return msgspec.structs.replace(record, error=str(error))
-    except (*_UNFORESEEN, MemoryError) as error:
-        return msgspec.structs.replace(record, error=_unforeseen(error))
-    return msgspec.structs.replace(record, analysis=analysis)
+    except Exception as error:  # noqa: BLE001  (its other flights may be good)
+        return msgspec.structs.replace(record, error=_said(error))
+    record = msgspec.structs.replace(record, analysis=analysis)
+    if plan.folder is None:
+        return record
+    try:
+        page = write_report(Path(plan.folder), recording, examined, settings, digest)
+    except Exception as error:  # noqa: BLE001  (the numbers are good)
+        return msgspec.structs.replace(record, report_error=f"on {socket.gethostname()}: {_said(error)}")
+    return msgspec.structs.replace(record, report=page)
 
 
-def _unforeseen(error: Exception) -> str:
-    return f"the analysis failed with {type(error).__name__}: {error}. This is a fault of companion: please report it."
+def _said(error: Exception) -> str:
+    """An error in words that can be kept in a table."""
+    if isinstance(error, CompanionError):
+        return printable(str(error))
+    if isinstance(error, OSError):
+        return printable(f"{error.filename or 'a file'}: {error.strerror or error}")
+    if isinstance(error, MemoryError):
+        return "it does not fit into the memory of its worker. Give each more: --workers 1"
+    return printable(f"the analysis failed with {type(error).__name__}: {error}. This is a fault of companion.")
 
 
 @functools.lru_cache(maxsize=4)

@@ -13,8 +13,8 @@ from companion.sensors import load_imu_figures
 from companion.settings import Settings, data_folder
 
 MAKING = {
-    "errors", "tracks", "series", "settings", "sensors", "correction", "mavlink", "telemetry", "strapdown", "analysis",
-    "recording", "examination", "documents", "fleet",
+    "errors", "frames", "tracks", "series", "settings", "sensors", "correction", "mavlink", "telemetry", "strapdown",
+    "analysis", "recording", "examination", "documents", "fleet",
 }  # fmt: skip
 """The parts of the program that a row comes out of."""
 

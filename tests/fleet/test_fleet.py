@@ -1,0 +1,273 @@
+"""`companion fleet` as its users run it: on a cluster of its own and on a scheduler's, to the end and interrupted."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from companion.cli import main
+from companion.fleet import FleetRun, FoundLog, cluster, run_fleet
+from companion.settings import Settings
+from tests.fleet.conftest import copies, table
+from tests.recordings import BUNDLED
+
+Captured = pytest.CaptureFixture[str]
+TABLES = ("flights", "drift", "findings", "calibration")
+
+
+def refused(arguments: list[str], capsys: Captured) -> str:
+    assert main(["fleet", *arguments]) == 2
+    said = capsys.readouterr()
+    assert "Traceback" not in said.err
+    return said.err
+
+
+def times(folder: Path) -> dict[str, int]:
+    return {path.name: path.stat().st_mtime_ns for path in sorted(folder.iterdir())}
+
+
+@pytest.fixture(scope="module")
+def done(logs: Path, scheduler: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of the logs, from a scheduler in a process of its own."""
+    folder = tmp_path_factory.mktemp("done") / "results"
+    assert main(["fleet", str(logs), "-o", str(folder), "--scheduler", scheduler]) == 0
+    return folder
+
+
+def test_every_flight_is_a_row_and_every_bad_log_too(done: Path) -> None:
+    rows = {(Path(row["log"]).name, row["boot"]): row for row in table(done)}
+    assert rows.keys() == {
+        *((f"flight{i:03}.tlog", 1) for i in range(3)),
+        ("demo.tlog", 1),
+        ("two boots.tlog", 1),
+        ("two boots.tlog", 2),
+        ("empty.tlog", None),
+        ("garbage.tlog", None),
+    }
+    assert "empty" in rows["empty.tlog", None]["error"]
+    assert "no MAVLink" in rows["garbage.tlog", None]["error"]
+    demo = rows["demo.tlog", 1]
+    assert (demo["status"], demo["error"], demo["imu"]) == ("consistent", None, "RAW_IMU")
+    assert demo["date"].isoformat().startswith("2026-")
+    assert dict(demo["gyro_ids"]) == {"RAW_IMU": 2752772, "SCALED_IMU2": 2752780}
+    assert demo["board"] == "3d1219c7c4c5404aaa1f6d2a48adfda4"
+
+
+def test_the_numbers_are_those_of_analyze(done: Path, capsys: Captured) -> None:
+    assert main(["analyze", str(BUNDLED / "copter-demo-100hz.tlog"), "--json"]) == 0
+    (flight,) = json.loads(capsys.readouterr().out)["flights"]
+    drift = [row for row in table(done, "drift") if row["log"].endswith("demo.tlog")]
+    assert [row["horizon_s"] for row in drift] == [row["horizon_s"] for row in flight["drift"]]
+    for row, expected in zip(drift, flight["drift"], strict=True):
+        assert row["windows"] == expected["windows"]
+        for name, unit in (("attitude", "deg"), ("velocity", "mps"), ("position", "m")):
+            for part in ("median", "p95", "max"):
+                assert row[f"{name}_{part}_{unit}"] == expected[f"{name}_{unit}"][part]
+            assert row[f"{name}_expected_{unit}"] == expected["expected"][f"{name}_{unit}"]
+    (fit,) = [row for row in table(done, "calibration") if row["log"].endswith("demo.tlog")]
+    for i, axis in enumerate("xyz"):
+        assert fit[f"gyro_bias_{axis}_radps"] == flight["calibration"]["gyro_bias_radps"]["value"][i]
+        assert fit[f"accel_bias_{axis}_sigma_mps2"] == flight["calibration"]["accel_bias_mps2"]["sigma"][i]
+    assert 20 < fit["temperature_degc"] < 50
+    assert (fit["gyro_id"], fit["accel_id"]) == (2752772, 2753028)
+    found = [row for row in table(done, "findings") if row["log"].endswith("demo.tlog")]
+    assert [row["evidence"] for row in found] == [f["evidence"] for f in flight["verdict"]["findings"]]
+
+
+def test_a_local_cluster_gives_the_same_tables(done: Path, logs: Path, tmp_path: Path, capsys: Captured) -> None:
+    assert main(["fleet", str(logs), "-o", str(tmp_path), "--workers", "2"]) == 0
+    said = capsys.readouterr()
+    assert "7 logs: 7 examined, 0 unchanged" in said.out
+    assert "garbage.tlog: " in said.out
+    assert not said.err
+    for name in TABLES:
+        assert table(tmp_path, name) == table(done, name)
+
+
+def test_only_what_is_new_or_changed_is_done(
+    logs: Path, scheduler: str, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own, out = tmp_path / "logs", tmp_path / "results"
+    shutil.copytree(logs, own)
+    command = ["fleet", str(own), "-o", str(out), "--scheduler", scheduler]
+
+    def said() -> str:
+        assert main(command) == 0
+        return capsys.readouterr().out.splitlines()[0]
+
+    assert "7 examined, 0 unchanged" in said()
+    before = times(out)
+    with monkeypatch.context() as patch:  # without Dask: it is not even imported
+        patch.setitem(sys.modules, "distributed", None)
+        assert "0 examined, 7 unchanged" in said()
+    assert times(out) == before, "nothing is written when nothing has changed"
+    content = bytearray((own / "flight000.tlog").read_bytes())
+    content[5000] ^= 1
+    (own / "flight000.tlog").write_bytes(content)
+    shutil.copy(own / "demo.tlog", own / "new.tlog")
+    assert "2 examined, 6 unchanged" in said()
+    demo, copy = (next(row for row in table(out) if row["log"].endswith(name)) for name in ("demo.tlog", "new.tlog"))
+    assert demo == copy | {"log": demo["log"]}, "known content under another name"
+    (own / "new.tlog").unlink()
+    assert "0 examined, 7 unchanged" in said()
+    assert len(table(out)) == 8, "the tables are of the logs that were named"
+    command.append("--retry")
+    assert "2 examined, 5 unchanged" in said()
+    command[-1:] = ["--imu", "RAW_IMU"]
+    assert "7 examined, 0 unchanged" in said(), "other settings, other rows"
+
+
+def test_a_log_that_kills_its_workers_is_a_row(scheduler: str, tmp_path: Path) -> None:
+    """With a scheduler that gives up at the first death, which blames innocent logs too."""
+    paths = copies(tmp_path / "logs", 4)
+    paths[1].rename(tmp_path / "logs" / "deadly.tlog")
+    out = tmp_path / "results"
+    assert main(["fleet", str(tmp_path / "logs"), "-o", str(out), "--scheduler", scheduler]) == 0
+    errors = {Path(row["log"]).name: row["error"] for row in table(out)}
+    assert "died" in errors.pop("deadly.tlog")
+    assert set(errors.values()) == {None}
+    assert len(errors) == 3
+
+
+def test_a_log_that_a_worker_does_not_see_is_a_row_and_tried_again(scheduler: str, tmp_path: Path) -> None:
+    asked = FleetRun(tmp_path, Settings(), scheduler=scheduler)
+    elsewhere = [FoundLog("/on/another/host.tlog", 100, "1-1")]
+    for _ in range(2):
+        found = run_fleet(asked, elsewhere)
+        (row,) = found.rows.flights
+        assert "/on/another/host.tlog cannot be read" in row["error"]
+        assert "under the same path" in row["error"]
+        assert found.examined == 1
+
+
+def test_a_worker_with_another_version_is_told(
+    scheduler: str, logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("companion.fleet.run.version_of", lambda *_: "another")
+    assert main(["fleet", str(logs / "demo.tlog"), "-o", str(tmp_path), "--scheduler", scheduler]) == 0
+    assert "another version of companion" in table(tmp_path)[0]["error"]
+
+
+def test_reports_are_written_and_linked(scheduler: str, logs: Path, tmp_path: Path, capsys: Captured) -> None:
+    command = ["fleet", str(logs / "two boots.tlog"), "-o", str(tmp_path), "--scheduler", scheduler, "--reports"]
+    assert main(command) == 0
+    pages = [row["report"] for row in table(tmp_path)]
+    assert len(set(pages)) == 2
+    html = (tmp_path / "fleet.html").read_text()
+    for page in pages:
+        assert f'href="./{page}"' in html
+        assert "two boots.tlog" in (tmp_path / page).read_text()
+    assert main(command) == 0
+    assert "0 examined" in capsys.readouterr().out
+    (tmp_path / pages[0]).unlink()
+    assert main(command) == 0
+    assert "1 examined" in capsys.readouterr().out
+    assert (tmp_path / pages[0]).exists()
+
+
+class Running:
+    """The command in a process group of its own, as a terminal runs it."""
+
+    def __init__(self, logs: Path, out: Path) -> None:
+        command = [sys.executable, "-m", "companion", "fleet", str(logs), "-o", str(out), "--workers", "2"]
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
+        journal = out / "fleet.jsonl"
+        deadline = time.monotonic() + 60
+        while not journal.exists() or journal.read_bytes().count(b"\n") < 3:
+            assert self.process.poll() is None, self.process.communicate()
+            assert time.monotonic() < deadline, "nothing is done"
+            time.sleep(0.01)
+
+    def workers(self) -> list[psutil.Process]:
+        found = psutil.Process(self.process.pid).children(recursive=True)
+        return [child for child in found if "spawn_main" in " ".join(child.cmdline())]
+
+    def end(self) -> tuple[int, str, str]:
+        out, err = self.process.communicate(timeout=60)
+        return self.process.returncode, out, err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs signals")
+def test_a_killed_worker_loses_no_row(tmp_path: Path) -> None:
+    copies(tmp_path / "logs", 16)
+    running = Running(tmp_path / "logs", tmp_path / "results")
+    running.workers()[0].send_signal(signal.SIGKILL)
+    code, out, err = running.end()
+    assert (code, err) == (0, "")
+    rows = table(tmp_path / "results")
+    assert len({row["log"] for row in rows}) == 16
+    assert {row["error"] for row in rows} == {None}
+    assert "16 examined" in out
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs signals")
+def test_ctrl_c_keeps_what_is_done(tmp_path: Path, capsys: Captured, scheduler: str) -> None:
+    copies(tmp_path / "logs", 16)
+    running = Running(tmp_path / "logs", tmp_path / "results")
+    workers = running.workers()
+    os.killpg(running.process.pid, signal.SIGINT)
+    code, out, err = running.end()
+    assert code == 130
+    assert "the same command goes on from there" in err
+    assert "Traceback" not in err
+    kept = len(table(tmp_path / "results"))
+    assert 3 <= kept < 16
+    assert f"16 logs: {kept} examined" in out
+    assert not [worker for worker in workers if worker.is_running()]
+    assert main(["fleet", str(tmp_path / "logs"), "-o", str(tmp_path / "results"), "--scheduler", scheduler]) == 0
+    assert f"{16 - kept} examined, {kept} unchanged" in capsys.readouterr().out
+    assert len(table(tmp_path / "results")) == 16
+
+
+def no_library(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setitem(sys.modules, name, None)
+
+
+@pytest.mark.parametrize("library", ["distributed", "pyarrow", "plotly"])
+def test_a_missing_library_gets_the_line_that_installs_it(
+    library: str, logs: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    no_library(monkeypatch, library)
+    assert "pip install 'companion[fleet]'" in refused([str(logs), "-o", str(tmp_path)], capsys)
+
+
+def test_nobody_at_the_address(logs: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster, "_CONNECT_S", 0.5)
+    for address in ("tcp://127.0.0.1:9", "nonsense://127.0.0.1:9", "127.0.0.1:notaport"):
+        said = refused([str(logs), "-o", str(tmp_path), "--scheduler", address], capsys)
+        assert f"no Dask scheduler at {address}" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["{empty}", "-o", "{empty}/r"], "no logs in"),
+        (["{empty}/no.tlog", "-o", "{empty}/r"], "no file or folder"),
+        (["{logs}", "-o", "{logs}/demo.tlog"], "cannot write"),
+        (["{logs}", "-o", "{empty}", "--imu-model", "bmi99"], "no IMU model"),
+        (["{logs}", "-o", "{empty}", "--config", "{empty}/no.toml"], "settings file"),
+    ],
+)
+def test_what_a_user_can_mend(
+    arguments: list[str], expected: str, logs: Path, tmp_path: Path, capsys: Captured
+) -> None:
+    assert expected in refused([part.format(logs=logs, empty=tmp_path) for part in arguments], capsys)
+
+
+@pytest.mark.parametrize("count", ["0", "-1", "two"])
+def test_a_wrong_number_of_workers(count: str, logs: Path, tmp_path: Path, capsys: Captured) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["fleet", str(logs), "-o", str(tmp_path), "--workers", count])
+    assert stop.value.code == 2
+    assert "--workers" in capsys.readouterr().err
