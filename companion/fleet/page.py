@@ -11,8 +11,7 @@ from companion.fleet.history import MOST_SENSORS, finding_bars, history
 from companion.fleet.rows import Row, Rows
 
 if TYPE_CHECKING:
-    from companion.report import Charts, Section
-    from companion.report.markup import Link
+    from companion.report import Charts, Section, markup
 
 _WORST = 25
 _JUDGED_S = 5.0
@@ -133,7 +132,7 @@ def _flights(
     )
 
 
-def _named(row: Row, names: dict[str, str]) -> Link | str:
+def _named(row: Row, names: dict[str, str]) -> markup.Link | str:
     from companion.report import markup  # noqa: PLC0415
 
     name = names[row["log"]]
