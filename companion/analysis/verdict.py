@@ -23,10 +23,10 @@ from companion.analysis.budget import (
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
 from companion.analysis.correction import NO_CORRECTION, Correction
-from companion.analysis.detect import findings
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding, Side
+from companion.analysis.findings import findings
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.rest import Rest, rests
 from companion.tracks import Flight, ImuTrack

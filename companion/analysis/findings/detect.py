@@ -7,24 +7,24 @@ from functools import cache
 
 import numpy as np
 
-from companion.analysis.axes import axes_findings
-from companion.analysis.biases import bias_findings, position_findings
-from companion.analysis.blame import own_rates
 from companion.analysis.calibrate import Compare
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding
-from companion.analysis.heading import heading_findings
-from companion.analysis.held_bias import held, held_findings
-from companion.analysis.installation import Installation, installation, level
-from companion.analysis.jumps import jump_findings
-from companion.analysis.lags import lags
-from companion.analysis.readings import reading_findings, stuck_findings
-from companion.analysis.residuals import SHORT_S, residuals
-from companion.analysis.sampling import rate_findings, stamp_findings
-from companion.analysis.steps import step_findings
-from companion.analysis.vibration import noise_findings, vibration_findings
-from companion.analysis.witnesses import other_imus, with_witnesses
+from companion.analysis.findings.axes import axes_findings
+from companion.analysis.findings.biases import bias_findings, position_findings
+from companion.analysis.findings.blame import own_rates
+from companion.analysis.findings.heading import heading_findings
+from companion.analysis.findings.held_bias import held, held_findings
+from companion.analysis.findings.installation import Installation, installation, level
+from companion.analysis.findings.jumps import jump_findings
+from companion.analysis.findings.lags import lags
+from companion.analysis.findings.readings import reading_findings, stuck_findings
+from companion.analysis.findings.residuals import SHORT_S, residuals
+from companion.analysis.findings.sampling import rate_findings, stamp_findings
+from companion.analysis.findings.steps import step_findings
+from companion.analysis.findings.vibration import noise_findings, vibration_findings
+from companion.analysis.findings.witnesses import other_imus, with_witnesses
 from companion.tracks import Flight
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison, compare
 from companion.analysis.finding import Finding
-from companion.analysis.residuals import Residuals, residuals
+from companion.analysis.findings.residuals import Residuals, residuals
 from companion.series import Series
 from companion.tracks import Array, Flight
 

@@ -10,7 +10,7 @@ from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures
 from companion.analysis.finding import Finding
-from companion.analysis.residuals import Residuals
+from companion.analysis.findings.residuals import Residuals
 from companion.tracks import Array
 
 _SIDE = 8  # windows on either side

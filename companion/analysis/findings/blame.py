@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from companion.analysis.compare import attitude_error, length
+from companion.analysis.findings.residuals import Residuals
 from companion.analysis.reference import Limits, nearest
-from companion.analysis.residuals import Residuals
 from companion.strapdown import preintegrate, quaternion
 from companion.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack
 

@@ -9,7 +9,7 @@ import numpy as np
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding
-from companion.analysis.residuals import Residuals
+from companion.analysis.findings.residuals import Residuals
 from companion.strapdown import quaternion
 from companion.tracks import Array
 

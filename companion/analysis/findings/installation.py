@@ -17,7 +17,7 @@ from companion.analysis.calibrate import Compare, lever_jacobian
 from companion.analysis.comparison import Comparison
 from companion.analysis.correction import Correction
 from companion.analysis.figures import ImuFigures, ReferenceFigures
-from companion.analysis.residuals import ACCEL_BIAS, GYRO_BIAS, Residuals
+from companion.analysis.findings.residuals import ACCEL_BIAS, GYRO_BIAS, Residuals
 from companion.tracks import Array
 
 _TURNED, _LATE, _OFF = 0.1, 0.02, 0.3  # what may be expected beforehand, 1σ: rad, s, m

@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from companion.analysis.blame import attitude_turned, in_world, leaning
 from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding, runs
-from companion.analysis.residuals import Residuals
-from companion.analysis.witnesses import all_alike
+from companion.analysis.findings.blame import attitude_turned, in_world, leaning
+from companion.analysis.findings.residuals import Residuals
+from companion.analysis.findings.witnesses import all_alike
 from companion.strapdown import quaternion
 from companion.tracks import STANDARD_GRAVITY, Array
 

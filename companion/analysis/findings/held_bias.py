@@ -10,7 +10,7 @@ import numpy as np
 from companion.analysis.compare import length
 from companion.analysis.figures import ImuFigures
 from companion.analysis.finding import Finding, runs
-from companion.analysis.residuals import Residuals
+from companion.analysis.findings.residuals import Residuals
 from companion.tracks import STANDARD_GRAVITY, Array, Flight, ImuTrack
 
 _FEWEST = 4  # windows

@@ -1,0 +1,5 @@
+"""What stands out in a flight: a module for each kind of fault, `detect` for which of them are only effects."""
+
+from companion.analysis.findings.detect import findings
+
+__all__ = ["findings"]
