@@ -29,7 +29,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument(
         "--everybody",
         action="store_true",
-        help="send the frames of ground stations and others too, their commands with them: for closed networks only",
+        help="send the frames of ground stations, companion computers and others too, with their commands: for closed "
+        "networks only",
     )
     parser.set_defaults(run=run)
 
@@ -47,27 +48,30 @@ def run(arguments: argparse.Namespace) -> int:
     path = options.log_path(arguments)
     if log_format(path) != "mavlink":
         raise InputError(f"{path} is no telemetry log: only a .tlog holds packets that can be sent again.")
-    sysids = None if arguments.everybody else _vehicles(arguments, path)
+    senders = None if arguments.everybody else _vehicles(arguments, path)
     port = open_port(address)
     try:
         with live.until_told() as told:
             _wait(port, address, told)
             options.say(f"Replaying {path} on {address} at {arguments.speed:g} times its pace  (Ctrl-C ends it)")
             dialect = load_dialect(settings.log.dialect)
-            played = play(path, port, dialect, sysids=sysids, speed=arguments.speed, stop=told)
+            played = play(path, port, dialect, senders=senders, speed=arguments.speed, stop=told)
     finally:
         port.close()
     names = ", ".join(f"{name} {count:,}" for name, count in played.sent.most_common())
     print(f"sent {played.sent.total():,} frames, {played.bytes:,} bytes: {names}")
+    if played.unheard:
+        options.say(f"{played.unheard:,} frames more were due while nobody was there to hear them")
     if played.left_out:
         others = ", ".join(f"{who} ({count:,})" for who, count in played.left_out.most_common())
-        options.say(f"left out, for they are not the vehicle's (--everybody sends them too): frames of {others}")
+        options.say(f"left out, for they are not the autopilot's (--everybody sends them too): frames of {others}")
     return 0
 
 
-def _vehicles(arguments: argparse.Namespace, path: Path) -> set[int]:
-    """The systems in the log that are vehicles."""
-    found = {flight.vehicle.sysid for flight in options.read(arguments, options.settings_of(arguments)).flights}
+def _vehicles(arguments: argparse.Namespace, path: Path) -> set[tuple[int, int]]:
+    """The autopilots in the log. Not their companion computers: what those say to an autopilot are commands."""
+    vehicles = [flight.vehicle for flight in options.read(arguments, options.settings_of(arguments)).flights]
+    found = {(vehicle.sysid, vehicle.compid) for vehicle in vehicles}
     if not found:
         raise DataError(f"no vehicle speaks in {path}. To send what others said in it: --everybody.")
     return found

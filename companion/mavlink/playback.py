@@ -30,6 +30,7 @@ class Played:
     """What went out, and what did not."""
 
     sent: Counter[str] = field(default_factory=Counter)  # message → frames
+    unheard: int = 0  # frames that were due while nobody was there
     left_out: Counter[str] = field(default_factory=Counter)  # SYSID:COMPID → frames of senders that were not chosen
     bytes: int = 0
 
@@ -39,13 +40,14 @@ def play(
     port: Port,
     dialect: Dialect,
     *,
-    sysids: Collection[int] | None = None,
+    senders: Collection[tuple[int, int]] | None = None,
     speed: float = 1.0,
     stop: Callable[[], bool] = lambda: False,
 ) -> Played:
     """Send the frames of a .tlog as they are, byte for byte, at `speed` times the pace of its stamps, until `stop()`.
 
-    sysids: the systems whose frames are sent; None for all. Stamps that go back or cannot be are taken
+    senders: (sysid, compid) of those whose frames are sent; None for all. A peer that is there and does not read is
+    waited for; the pace begins anew behind it. Stamps that go back or cannot be are taken
     as the one before. Raises InputError for a log without stamps.
     """
     played = Played()
@@ -53,7 +55,7 @@ def play(
     for t, who, name, frame in _frames(path, dialect):
         if stop():
             break
-        if sysids is not None and who[0] not in sysids:
+        if senders is not None and who not in senders:
             played.left_out[f"{who[0]}:{who[1]}"] += 1
             continue
         now = time.monotonic()
@@ -65,9 +67,14 @@ def play(
             _listen(port)
             time.sleep(min(left, _STEP_S))
         _listen(port)
-        port.write(frame)
-        played.sent[name] += 1
-        played.bytes += len(frame)
+        while not (went := port.write(frame)) and not port.problem and not stop():
+            time.sleep(_STEP_S)
+            _listen(port)
+        if went:
+            played.sent[name] += 1
+            played.bytes += len(frame)
+        elif not stop():
+            played.unheard += 1
     return played
 
 

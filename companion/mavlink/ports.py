@@ -21,8 +21,8 @@ class Port(Protocol):
     def read(self) -> bytes:
         """What has arrived, b"" for nothing."""
 
-    def write(self, data: bytes) -> None:
-        """Send, as far as there is somebody to send to."""
+    def write(self, data: bytes) -> bool:
+        """Send all of it, or nothing: False when there is nobody to send to, or when the peer takes nothing now."""
 
     def close(self) -> None:
         """Give the port back."""

@@ -60,15 +60,16 @@ class SerialPort:
         data, self._first = self._first + self._take(), b""
         return data
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> bool:
         if self._serial is None:
-            return
+            return False
         try:
             self._serial.write(data)
         except self._library.SerialTimeoutException:  # the line is full; what we ask will be asked again
-            pass
+            return False
         except OSError:
             self._lose()
+        return self._serial is not None
 
     def close(self) -> None:
         self._lose()

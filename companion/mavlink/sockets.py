@@ -26,6 +26,7 @@ _PEERS = 32  # that are remembered at most
 _PEER_S = 30.0  # a UDP peer that has been silent for longer is not answered any more
 _CONNECT_S = 3.0
 _RECONNECT_S = 0.5
+_LAST_WORDS_S = 0.5  # for the rest of a message, when closing
 
 
 class UdpPort:
@@ -66,12 +67,15 @@ class UdpPort:
             size += len(data)
         return b"".join(pieces)
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes) -> bool:
         now = time.monotonic()
         self._peers = {peer: heard for peer, heard in self._peers.items() if now - heard < _PEER_S}
+        sent = False
         for peer in [self._fixed] if self._fixed else list(self._peers):
             with contextlib.suppress(OSError):  # a network that is down comes back, or shows as silence
                 self._socket.sendto(data, peer)
+                sent = True
+        return sent
 
     def close(self) -> None:
         self._socket.close()
@@ -85,6 +89,7 @@ class TcpPort:
         self._address = address
         self._listener: socket.socket | None = None
         self._socket: socket.socket | None = None
+        self._rest = b""  # of a message that the kernel has taken a part of
         self._retry = BackOff()
         family, self._where = _resolve(address, socket.SOCK_STREAM)
         self._family = family
@@ -147,17 +152,18 @@ class TcpPort:
             size += len(data)
         return b"".join(pieces)
 
-    def write(self, data: bytes) -> None:
-        if self._socket is None:
-            return
-        try:
-            self._socket.sendall(data)
-        except BlockingIOError:  # the peer does not read; what we ask will be asked again
-            pass
-        except OSError:
-            self._hang_up()
+    def write(self, data: bytes) -> bool:
+        if not self._flush():
+            return False
+        self._rest = data
+        self._flush()
+        return self._socket is not None
 
     def close(self) -> None:
+        if self._socket is not None and self._rest:
+            with contextlib.suppress(OSError):  # the peer does not read, or has gone
+                self._socket.settimeout(_LAST_WORDS_S)
+                self._socket.sendall(self._rest)
         self._hang_up()
         if self._listener is not None:
             self._listener.close()
@@ -180,7 +186,21 @@ class TcpPort:
             _prepare(end)
             self._socket = end
 
+    def _flush(self) -> bool:
+        """Whether nothing is left of what was begun: half a message would spoil the next one too."""
+        if self._socket is None:
+            return False
+        try:
+            while self._rest:
+                self._rest = self._rest[self._socket.send(self._rest) :]
+        except BlockingIOError:  # the peer does not read
+            return False
+        except OSError:
+            self._hang_up()
+        return self._socket is not None
+
     def _hang_up(self) -> None:
+        self._rest = b""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

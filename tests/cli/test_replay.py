@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import re
 import signal
 import socket
 import subprocess
@@ -17,7 +18,7 @@ import pytest
 
 import companion
 from companion.cli import main
-from companion.mavlink import read_tlog
+from companion.mavlink import read_tlog, sockets
 from tests.mavlink.peers import wait_for
 from tests.recordings import BUNDLED
 from tests.simulated import free_port
@@ -27,19 +28,20 @@ DEMO = str(BUNDLED / "copter-demo-100hz.tlog")
 
 
 def recorded(path: Path, seconds: float = 2.0) -> Path:
-    """A vehicle at rest, and a ground station that commands it."""
+    """A vehicle at rest; a ground station, and a computer on board, that command it."""
     log = Writer(path / "a.tlog")
     log.rest(seconds)
     log.heartbeat(seconds, autopilot=8, kind=6, sysid=255, compid=190)
-    log.send(
-        seconds, "command_long", sysid=255, compid=190, target_system=1, target_component=1, command=400,
-        confirmation=0, param1=1, param2=0, param3=0, param4=0, param5=0, param6=0, param7=0,
-    )  # fmt: skip
+    for sysid, compid in ((255, 190), (1, 191)):
+        log.send(
+            seconds, "command_long", sysid=sysid, compid=compid, target_system=1, target_component=1, command=400,
+            confirmation=0, param1=1, param2=0, param3=0, param4=0, param5=0, param6=0, param7=0,
+        )  # fmt: skip
     log.rest(0.2, begin=seconds + 0.02, boot=20.02 + seconds)
     return log.close()
 
 
-def frames(path: Path, *, sysid: int | None = 1) -> list[bytes]:
+def frames(path: Path, *, sender: tuple[int, int] | None = (1, 1)) -> list[bytes]:
     """The frames of a log without their stamps, in order."""
     data = path.read_bytes()
     found = []
@@ -47,7 +49,7 @@ def frames(path: Path, *, sysid: int | None = 1) -> list[bytes]:
     while at + 10 <= len(data) and at + 20 + data[at + 9] <= len(data):  # it may still be growing
         size = data[at + 9] + 12
         frame = data[at + 8 : at + 8 + size]
-        if sysid in (None, frame[5]):
+        if sender in (None, (frame[5], frame[6])):
             found.append(frame)
         at += 8 + size
     return found
@@ -97,7 +99,7 @@ def test_a_client_hears_the_vehicle_byte_for_byte_and_at_its_pace(
     assert middle - begin > 0.2, "spread over the time, not in one go at the end"
     said = capsys.readouterr()
     assert "left out" in said.err
-    assert "255:190 (2)" in said.err
+    assert "255:190 (2), 1:191 (1)" in said.err
     assert "RAW_IMU" in said.out
 
 
@@ -105,7 +107,7 @@ def test_everybody_sends_what_others_said_too(tmp_path: Path) -> None:
     log = recorded(tmp_path)
     with client() as ears:
         assert main(["replay", str(log), ears.address, "--speed", "50", "--everybody"]) == 0
-    assert [frame for _, frame in ears.heard] == frames(log, sysid=None)
+    assert [frame for _, frame in ears.heard] == frames(log, sender=None)
 
 
 def test_a_server_waits_for_its_client(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -123,6 +125,54 @@ def test_a_server_waits_for_its_client(tmp_path: Path, capsys: pytest.CaptureFix
     thread.join()
     assert bytes(heard) == b"".join(frames(log))
     assert "nobody has connected; waiting" in capsys.readouterr().err
+
+
+def test_a_client_that_does_not_read_is_waited_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, port, heard = recorded(tmp_path, 30.0), free_port(), bytearray()
+    sent = frames(log)
+
+    def connect() -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as end:
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            while end.connect_ex(("127.0.0.1", port)):
+                time.sleep(0.05)
+            time.sleep(1.0)
+            while piece := end.recv(65536):
+                heard.extend(piece)
+
+    def small(end: socket.socket) -> None:
+        prepare(end)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
+
+    prepare = sockets._prepare
+    monkeypatch.setattr(sockets, "_prepare", small)
+    thread = threading.Thread(target=connect)
+    thread.start()
+    assert main(["replay", str(log), f"tcpin:127.0.0.1:{port}", "--speed", "1000"]) == 0
+    thread.join()
+    assert bytes(heard) == b"".join(sent)
+    assert f"sent {len(sent):,} frames" in capsys.readouterr().out
+
+
+def test_what_nobody_was_there_to_hear_is_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, port = recorded(tmp_path), free_port()
+
+    def connect() -> None:
+        time.sleep(0.3)
+        with socket.create_connection(("127.0.0.1", port), timeout=5.0) as end:
+            end.recv(100)
+
+    thread = threading.Thread(target=connect)
+    thread.start()
+    assert main(["replay", str(log), f"tcpin:127.0.0.1:{port}", "--speed", "4"]) == 0
+    thread.join()
+    said = capsys.readouterr()
+    unheard = int(re.search(r"([\d,]+) frames more were due while nobody was there", said.err)[1])  # type: ignore[index]
+    sent = int(re.search(r"sent ([\d,]+) frames", said.out)[1])  # type: ignore[index]
+    assert unheard > 100
+    assert sent + unheard == len(frames(log))
 
 
 def test_companion_records_a_replay_as_it_was(tmp_path: Path) -> None:
