@@ -72,7 +72,7 @@ class Work:
         return f"The analysis has worked for {seconds:.0f} s." if self._examiner.busy else ""
 
     def close(self) -> None:
-        """Wait for what is being done, drop what waits."""
+        """Drop what waits; what is being done has a moment to end."""
         self._reckoner.close()
         self._examiner.close()
 
