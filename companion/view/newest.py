@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from concurrent.futures import Future
+from functools import partial
 from typing import Generic, TypeVar
+
+from companion.view.background import begin, leave
 
 Order = TypeVar("Order")
 Result = TypeVar("Result")
 
-_PATIENCE_S = 0.5
-
 
 class Newest(Generic[Order, Result]):
-    """One thread at a time, one place in the queue: the newest order wins, those in between are never begun.
-
-    The threads are daemons: an hour's analysis that nobody waits for any more does not keep the process alive, as one
-    of a ThreadPoolExecutor would.
-    """
+    """One thread at a time, one place in the queue: the newest order wins, those in between are never begun."""
 
     def __init__(self, name: str, work: Callable[[Order], Result]) -> None:
-        self._name, self._work = f"companion-{name}", work
-        self._thread: threading.Thread | None = None
+        self._name, self._work = name, work
         self._running: Future[Result] | None = None
         self._waiting: list[Order] = []  # one or none: an order may be None
         self._wanted = True
@@ -54,18 +49,10 @@ class Newest(Generic[Order, Result]):
     def close(self) -> None:
         """Drop the waiting work, and give the running one a moment to end; after that it is left alone."""
         self.forget()
-        if self._thread is not None:
-            self._thread.join(_PATIENCE_S)
+        if self._running is not None:
+            leave([self._running])
 
     def _start_next(self) -> None:
         if self._running is None and self._waiting:
-            self._running, self._wanted = Future(), True
-            task = (self._waiting.pop(), self._running)
-            self._thread = threading.Thread(target=self._do, args=task, name=self._name, daemon=True)
-            self._thread.start()
-
-    def _do(self, order: Order, done: Future[Result]) -> None:
-        try:
-            done.set_result(self._work(order))
-        except BaseException as error:  # noqa: BLE001 - handed to `poll`, which raises it in the view thread
-            done.set_exception(error)
+            self._running = begin(self._name, partial(self._work, self._waiting.pop()))
+            self._wanted = True

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 
 import viser
 
 from companion.errors import CompanionError
 from companion.view import export
+from companion.view.background import begin, leave
 
 PICTURE, PAGE, REPORT = "companion.png", "companion-replay.html", "companion-report.html"
 
 
 class Saver:
-    """One worker; what is asked of it is done in turn."""
+    """What is asked of it is done one at a time."""
 
     def __init__(self) -> None:
-        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="companion-save")
+        self._turn = threading.Lock()
         self._running: list[Future[str | None]] = []
 
     def picture(self, client: viser.ClientHandle, *, dark: bool) -> None:
@@ -38,15 +40,17 @@ class Saver:
         return None
 
     def close(self) -> None:
-        """Drop what waits and end the worker."""
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        """What is being made has a moment to end."""
+        leave(self._running)
 
     def _submit(self, client: viser.ClientHandle, name: str, make: Callable[[], bytes]) -> None:
         def work() -> str | None:
             try:
-                client.send_file_download(name, make(), save_immediately=True)
+                with self._turn:
+                    content = make()
+                client.send_file_download(name, content, save_immediately=True)
             except (RuntimeError, TimeoutError, CompanionError) as error:  # the browser has gone, or did not answer
                 return f"{name} could not be saved: {error}"
             return None
 
-        self._running.append(self._pool.submit(work))
+        self._running.append(begin("save", work))

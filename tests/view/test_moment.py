@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -100,7 +101,7 @@ def test_nothing_finite_is_an_error_in_words(replay: Replay) -> None:
 
 def test_a_single_sample_is_shown(replay: Replay) -> None:
     values = {name: getattr(replay, name) for name in Replay.__slots__ if name != "anchors"}
-    columns = {name: value[:1] for name, value in values.items() if isinstance(value, np.ndarray)}
+    columns: dict[str, Any] = {name: value[:1] for name, value in values.items() if isinstance(value, np.ndarray)}
     film = footage(replace(replay, **columns))
     assert film.at(BOOT + 5).position_ref == pytest.approx(replay.position_ref[0])
 
