@@ -3,6 +3,7 @@
 from companion.analysis.alignment import Alignment, Later, align
 from companion.analysis.autopilot_bias import AutopilotBias, autopilot_bias
 from companion.analysis.calibrate import Calibration, calibrate
+from companion.analysis.clips import Clips, clip_counts
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, trailing, windows
 from companion.analysis.contrast import Change, Contrast, FigureChange, contrast
 from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correction
@@ -34,6 +35,7 @@ __all__ = [
     "AutopilotBias",
     "Calibration",
     "Change",
+    "Clips",
     "Comparison",
     "Contrast",
     "Correction",
@@ -69,6 +71,7 @@ __all__ = [
     "assess",
     "autopilot_bias",
     "calibrate",
+    "clip_counts",
     "compare",
     "contrast",
     "drift",

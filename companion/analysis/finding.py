@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.analysis.reference import BoolArray
+from companion.tracks import Array
 
 IntArray = npt.NDArray[np.intp]
 
@@ -28,6 +29,11 @@ class Finding:
     end_s: float
     evidence: str
     advice: str
+
+
+def digits(value: Array, decimals: int) -> str:
+    """The components of a vector in words."""
+    return ", ".join(f"{v:.{decimals}f}" for v in value)
 
 
 def run_edges(flags: BoolArray) -> tuple[IntArray, IntArray]:

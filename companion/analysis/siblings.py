@@ -16,6 +16,7 @@ from companion.tracks import Flight
 
 _HORIZON_S = 5.0
 _RATE_HZ = 10.0  # below it an IMU says nothing about itself
+_FEWEST = 8  # windows: a share of fewer says little
 _GOOD, _BAD = 0.85, 0.75  # share of windows inside the 95 % bound
 
 
@@ -49,7 +50,7 @@ def odd_one_out(all_of_them: tuple[Sibling, ...]) -> Finding | None:
 
     Two messages of one instance (RAW_IMU and HIGHRES_IMU) are one IMU.
     """
-    judged = [s for s in all_of_them if s.inside and s.rate_hz >= _RATE_HZ]
+    judged = [s for s in all_of_them if s.inside and s.rate_hz >= _RATE_HZ and s.drift.windows >= _FEWEST]
     bad = [s for s in judged if min(s.inside.values()) < _BAD]
     good = [s for s in judged if min(s.inside.values()) >= _GOOD]
     if len({s.instance for s in bad}) != 1 or not {s.instance for s in good} - {bad[0].instance}:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.analysis import Spectrum, imu_spectrum, vibration
+from companion.analysis import Spectrum, clip_counts, imu_spectrum, vibration
 from companion.report import traces
 from companion.report.markup import paragraph, text
 from companion.report.section import Section
@@ -89,8 +89,7 @@ def _told(subject: Subject) -> str | None:
         for name, title, colour in zip(names, titles, colours, strict=True)
     ]
     figure = traces.stack([traces.Panel("vibration, m/s²", lines, {"rangemode": "tozero"})], traces.TIME)
-    counts = [series[c][np.isfinite(series[c])] for c in series.columns if c.startswith("clips_")]
-    clips = [float(np.ptp(count)) for count in counts if len(count)]
+    clips = [counter.readings for counter in clip_counts(series)]
     caption = f"The vehicle's own measure ({series.source})."
     if len(names) == 3:
         caption += f" Below {_VIBE_LIMIT:.0f} m/s² is normally fine for ArduPilot."

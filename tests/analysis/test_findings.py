@@ -244,6 +244,55 @@ def test_the_vehicles_own_vibration_and_clip_counts() -> None:
     assert not {"vibration", "clipping_counted"} & {f.kind for f in quiet.verdict.findings}
 
 
+def test_an_axis_and_counts_that_the_vehicle_does_not_tell() -> None:
+    told = vibration(40.0, 7.0)
+    values = told.values.copy()
+    values[:, 0] = np.nan
+    values[told.t > 60, 3] = 2.0  # the counter began anew
+    found = assess(flown(series={"vibration": replace(told, values=values)}), GENERIC)
+    assert "(x 0, y 40, z 40)" in of_kind(found, "vibration").evidence
+    assert "7 readings" in of_kind(found, "clipping_counted").evidence
+
+
+def test_shocks_close_together_are_one_finding() -> None:
+    flight = flown()
+    imu = flight.imu()
+    hit = np.arange(len(imu)) % 10 == 0
+    found = assess(with_imu(flight, accel=np.where(hit[:, None], 160.0, imu.accel)), GENERIC)
+    assert [f.evidence for f in found.verdict.findings if f.kind == "accel_clipping"] == [
+        f"{hit.sum()} samples at the end of the range, 157.0"
+    ]
+
+
+def test_a_gyro_axis_that_does_not_turn_is_not_stuck() -> None:
+    """In a circle roll does not turn: whole milli-units read zero for seconds, and the attitude's noise is no turn."""
+    flight = flown(CIRCLE)
+    imu, rng = flight.imu(), np.random.default_rng(3)
+    quiet = imu.gyro.copy()
+    quiet[:, 0] = 0.0
+    noisy = turned(flight, rng.normal(0.0, 1e-3, (len(flight.require_attitude()), 3)))
+    assert "stuck_axis" not in kinds(assess(with_imu(noisy, gyro=quiet), GENERIC))
+
+
+def test_the_scale_of_a_gyro_in_a_turn_that_goes_on_is_no_bias() -> None:
+    flight = flown(motions.spin(seconds(40, 100), (0.9, -1.2, 1.5)))
+    imu = flight.imu()
+    assert assess(with_imu(flight, gyro=1.004 * imu.gyro), GENERIC).verdict.status == "consistent"
+    biased = assess(with_imu(flight, gyro=imu.gyro + [0.0, 0.06, 0.0]), GENERIC)
+    assert "gyro_bias" in kinds(biased)
+
+
+def test_a_trim_is_no_false_bias_in_px4s_estimator() -> None:
+    flight = flown(vehicle=Vehicle(1, 1, "PX4", "QUADROTOR"))
+    trim = quaternion.to_matrix(quaternion.exp(np.radians([0.0, 5.0, 0.0]))).T
+    imu = flight.imu()
+    scaled = replace(imu, gyro=imu.gyro @ trim.T, accel=imu.accel @ trim.T, source="SCALED_IMU")
+    both = {"SCALED_IMU": scaled, "HIGHRES_IMU": replace(scaled, source="HIGHRES_IMU")}
+    found = assess(replace(flight, imus=both), GENERIC)
+    assert of_kind(found, "mounting").side == "data"
+    assert "ekf_bias" not in [f.kind for f in found.verdict.findings]
+
+
 def test_vibration_in_the_samples() -> None:
     flight = flown()
     imu = flight.imu()

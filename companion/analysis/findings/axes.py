@@ -38,7 +38,8 @@ def axes_findings(comparison: Comparison) -> Iterator[Finding]:
     q = reference.q_ned_frd
     turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[start]), q[end]))
     seconds = (track.t[end] - track.t[start])[:, None]
-    moved = np.where(reference.position_known[start, None], reference.velocity[end] - reference.velocity[start], 0.0)
+    moving = (reference.position_known[start] & reference.position_known[end])[:, None]
+    moved = np.where(moving, reference.velocity[end] - reference.velocity[start], 0.0)
     force = moved / seconds / STANDARD_GRAVITY - [0.0, 0.0, 1.0]
     half = quaternion.exp(0.5 * turned)  # to the middle of the window, which its mean force belongs to
     pull = quaternion.rotate(quaternion.conjugate(quaternion.multiply(q[start], half)), force)

@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from companion.analysis.budget import ATTITUDE, turn_jacobian
 from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
-from companion.analysis.finding import Finding, runs
+from companion.analysis.finding import Finding, digits, runs
 from companion.analysis.findings.blame import attitude_turned, in_world, leaning
 from companion.analysis.findings.residuals import Residuals
 from companion.analysis.findings.witnesses import all_alike
@@ -43,6 +44,8 @@ def bias_findings(
         return
     # four of one axis: three axes together pass three in 3 % of all sensors; and half a step of each axis
     limit = 4.0 * imu.gyro.residual_bias + 4.0 * found.noise[:, 0] + comparison.track.gyro_step
+    # a turn that goes on shows the gyro's scale and its axes as if they were a bias
+    limit = limit + 3.0 * _of_turning(found, imu, autopilot)
     # what shakes faster than the samples tell folds into them, and may stand still there for a while
     folded = _FOLDED * np.median(found.noise * np.sqrt(found.span * comparison.track.rate_hz), axis=0)
     limit = limit + folded[0]
@@ -60,8 +63,8 @@ def bias_findings(
                 "error",
                 begin,
                 end,
-                f"it reads ({_milli(value)}) mrad/s too much; after calibration {_milli(imu.gyro.residual_bias)} "
-                f"mrad/s is usual for {imu.name}",
+                f"it reads ({digits(value * 1e3, 1)}) mrad/s too much; after calibration "
+                f"{imu.gyro.residual_bias * 1e3:.1f} mrad/s is usual for {imu.name}",
                 "Calibrate the gyro at rest before take-off (INS_GYR_CAL = 1, keep still). If it returns, replace "
                 "the IMU.",
             )
@@ -92,8 +95,8 @@ def bias_findings(
                 "error",
                 begin,
                 end,
-                f"every IMU is off by the same ({value[0]:.2f}, {value[1]:.2f}, {value[2]:.2f}) m/s²: it is the "
-                "attitude that leans, or the velocity that is wrong",
+                f"every IMU is off by the same ({digits(value, 2)}) m/s²: it is the attitude that leans, or the "
+                "velocity that is wrong",
                 "Look at the estimator's GPS velocity and at its innovations (EKF_STATUS_REPORT, XKF3).",
             )
         else:
@@ -103,8 +106,8 @@ def bias_findings(
                 "error",
                 begin,
                 end,
-                f"it is off by ({value[0]:.2f}, {value[1]:.2f}, {value[2]:.2f}) m/s²; after calibration "
-                f"{imu.accel.residual_bias:.2f} m/s² is usual for {imu.name}",
+                f"it is off by ({digits(value, 2)}) m/s²; after calibration {imu.accel.residual_bias:.2f} m/s² is "
+                f"usual for {imu.name}",
                 "Calibrate the accelerometer in six positions. If another IMU shows the same, it is the autopilot's "
                 "tilt.",
             )
@@ -182,5 +185,8 @@ def _stretches(found: Residuals, value: Array, limit: Array) -> Iterator[Stretch
             yield first, last, middle
 
 
-def _milli(value: float | Array) -> str:
-    return ", ".join(f"{v * 1e3:.1f}" for v in np.atleast_1d(value))
+def _of_turning(found: Residuals, imu: ImuFigures, autopilot: ReferenceFigures) -> Array:
+    """(W,) rad/s, 1σ of what scale and misalignment make of a turn."""
+    scale = np.diagonal(found.growth.gyro_matrix[:, ATTITUDE], axis1=2, axis2=3) * imu.gyro.scale
+    askew = turn_jacobian(found.growth)[:, ATTITUDE] * autopilot.misalignment
+    return np.asarray(np.sqrt((scale**2 + askew**2).sum(axis=(1, 2))) / found.span[:, 0])

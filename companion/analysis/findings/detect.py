@@ -42,7 +42,7 @@ def findings(
     found += reading_findings(comparison, flight.require_attitude(), figures)
     if flight.vehicle.autopilot == "PX4" and comparison.track.source == "HIGHRES_IMU":
         found.append(_not_independent(comparison))
-    found += stuck_findings(comparison)
+    found += stuck_findings(comparison, autopilot)
     found += axes_findings(comparison)
     found += jump_findings(comparison, flight)
     if noise is not None:
@@ -65,7 +65,7 @@ def findings(
     others = cache(lambda: other_imus(flight, comparison))
     found += bias_findings(clean, raw, own, others, figures, autopilot)
     found += step_findings(clean, raw, figures)
-    if (known := held(flight, clean.track, raw, own)) is not None:
+    if (known := held(flight, comparison.track, raw, own)) is not None:  # as sent: HIGHRES_IMU is turned as much
         found += held_findings(raw, known, figures)
     found = [with_witnesses(f, flight) for f in found if not _follows(f, found)]
     return tuple(sorted(found, key=lambda f: (_ORDER[f.severity], f.start_s))), clean
@@ -98,7 +98,6 @@ _EFFECTS = {
     *_FORCES,
     "gyro_bias",
     "attitude_diverging",
-    "bias_step",
     "ekf_bias",
     "heading_jump",
     "heading_wrong",

@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.analysis.compare import length
 from companion.analysis.figures import ImuFigures
-from companion.analysis.finding import Finding, runs
+from companion.analysis.finding import Finding, digits, runs
 from companion.analysis.findings.residuals import Residuals
 from companion.tracks import STANDARD_GRAVITY, Array, Flight, ImuTrack
 
@@ -47,8 +47,8 @@ def held_findings(found: Residuals, known: Held, imu: ImuFigures) -> Iterator[Fi
     for first, last in _beyond(known.gyro, 4.0 * imu.gyro.residual_bias):
         bias, truth = (np.median(x[first : last + 1], axis=0) for x in (known.gyro, found.rate))
         if length(bias - truth) > np.maximum(_OWN * length(bias), 4.0 * imu.gyro.residual_bias):
-            yield _false(found, first, last, f"({_text(bias, 1e3)}) mrad/s from the gyro", known.how,
-                         f"({_text(truth, 1e3)}) mrad/s against the attitude")  # fmt: skip
+            yield _false(found, first, last, f"({digits(bias * 1e3, 1)}) mrad/s from the gyro", known.how,
+                         f"({digits(truth * 1e3, 1)}) mrad/s against the attitude")  # fmt: skip
     # A false bias of the accelerometer and a tilt that goes with it explain one another: only before can tell.
     for first, last in _beyond(known.accel, 2.5 * imu.accel.residual_bias):
         if first < _FEWEST:
@@ -58,8 +58,8 @@ def held_findings(found: Residuals, known: Held, imu: ImuFigures) -> Iterator[Fi
         small = 0.25 * length(bias)
         if np.isfinite(before).all() and length(before) < small and length(truth) < small:
             lean = np.degrees(length(bias[:2]) / STANDARD_GRAVITY)
-            yield _false(found, first, last, f"({_text(bias, 1.0)}) m/s² from the accelerometer", known.how,
-                         f"({_text(truth, 1.0)}) m/s² when the log began: it leans by {lean:.1f}°")  # fmt: skip
+            yield _false(found, first, last, f"({digits(bias, 2)}) m/s² from the accelerometer", known.how,
+                         f"({digits(truth, 2)}) m/s² when the log began: it leans by {lean:.1f}°")  # fmt: skip
 
 
 def _beyond(each: Array, usual: float) -> Iterator[tuple[int, int]]:
@@ -81,10 +81,6 @@ def _false(found: Residuals, first: int, last: int, taken: str, how: str, truth:
         "The estimator has learned a false bias, from vibration, a tilted start or a wrong aid. Let it settle at rest "
         "before take-off; believe the IMU without its corrections.",
     )
-
-
-def _text(value: Array, factor: float) -> str:
-    return ", ".join(f"{v * factor:.{1 if factor > 1 else 2}f}" for v in value)
 
 
 def _pairs(track: ImuTrack, freed: ImuTrack) -> tuple[tuple[Array, Array], tuple[Array, Array]]:

@@ -9,7 +9,8 @@ import numpy as np
 from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures
-from companion.analysis.finding import Finding
+from companion.analysis.finding import Finding, digits
+from companion.analysis.findings.biases import BIAS_RATE_HZ
 from companion.analysis.findings.residuals import Residuals
 from companion.tracks import Array
 
@@ -21,18 +22,15 @@ _CERTAIN = 6.0  # standard errors
 
 def step_findings(comparison: Comparison, found: Residuals, imu: ImuFigures) -> Iterator[Finding]:
     """One finding for each time at which the bias of a sensor steps from one lasting level to another."""
-    if comparison.track.rate_hz < 1 / 0.1:
+    if comparison.track.rate_hz < BIAS_RATE_HZ:
         return
-    rate = comparison.track.gyro_step
-    for name, value, least, unit, factor in (
-        ("gyro", found.rate, _STEP * imu.gyro.residual_bias + rate, "mrad/s", 1e3),
-        ("accelerometer", found.force, _STEP * imu.accel.residual_bias, "m/s²", 1.0),
+    for name, value, least, unit, factor, decimals in (
+        ("gyro", found.rate, _STEP * imu.gyro.residual_bias + comparison.track.gyro_step, "mrad/s", 1e3, 1),
+        ("accelerometer", found.force, _STEP * imu.accel.residual_bias, "m/s²", 1.0, 2),
     ):
         for k, before, after in _steps(value, least):
             at = float(0.5 * (found.end[k - 1] + found.begin[k]))
-            old, new = (
-                ", ".join(f"{v * factor:.{1 if factor > 1 else 2}f}" for v in level) for level in (before, after)
-            )
+            old, new = (digits(level * factor, decimals) for level in (before, after))
             yield Finding(
                 "bias_step",
                 "imu",

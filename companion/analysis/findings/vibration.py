@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from companion.analysis.clips import clip_counts
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures
 from companion.analysis.finding import Finding, Severity
@@ -35,13 +36,14 @@ def vibration_findings(comparison: Comparison, flight: Flight) -> Iterator[Findi
 
 
 def _level(t: Array, each: Array, source: str, high: float) -> Iterator[Finding]:
-    worst = np.nanmax(np.where(np.isfinite(each), each, 0.0), axis=1)
+    each = np.where(np.isfinite(each), each, 0.0)  # an axis that is not told
+    worst = each.max(axis=1)
     strong = worst > high
     if strong.mean() < 0.05:
         return
     usual, most = np.percentile(worst[strong], [50, 100])
     severity: Severity = "warning" if most > _MUCH or high < _HIGH else "info"
-    x, y, z = np.nanmedian(each[strong], axis=0)
+    x, y, z = np.median(each[strong], axis=0)
     yield Finding(
         "vibration",
         "imu",
@@ -57,20 +59,17 @@ def _level(t: Array, each: Array, source: str, high: float) -> Iterator[Finding]
 
 def _clips(series: Series) -> Iterator[Finding]:
     """Counts of readings at the end of the range, which the vehicle takes at its full rate."""
-    for name in (column for column in series.columns if column.startswith("clips_")):
-        known = np.isfinite(series[name])
-        t, count = series.t[known], series[name][known]
-        grown = np.flatnonzero(np.diff(count) > 0)
-        if not len(grown):
+    for clipped in clip_counts(series):
+        if not clipped.readings:
             continue
-        total = float(count[-1] - count[0])
         yield Finding(
             "clipping_counted",
             "imu",
             "warning",
-            float(t[grown[0]]),
-            float(t[grown[-1] + 1]),
-            f"{total:.0f} readings at the end of the accelerometer's range ({series.source}, {name})",
+            clipped.start_s,
+            clipped.end_s,
+            f"{clipped.readings:.0f} readings at the end of the accelerometer's range "
+            f"({series.source}, {clipped.column})",
             "Damp the mounting: what is clipped is lost, and the reckoning drifts by it.",
         )
 
