@@ -31,7 +31,7 @@ def history(rows: Sequence[Row], sensor: str, against: str, names: Mapping[str, 
 
     Only what a flight tells: values that were not observable are left out. None without any.
     """
-    from companion.report import Panel, stack  # noqa: PLC0415  (brings viser, which is slow to import)
+    from companion.report import Panel, markup, stack  # noqa: PLC0415  (brings viser, which is slow to import)
 
     unit, factor, shown = ("radps", 1e3, "mrad/s") if sensor == "gyro" else ("mps2", 1.0, "m/s²")
     usable = [row for row in rows if row.get(against) is not None]
@@ -48,7 +48,7 @@ def history(rows: Sequence[Row], sensor: str, against: str, names: Mapping[str, 
                 {
                     "type": "scatter",
                     "mode": "lines+markers" if against == "date_s" else "markers",
-                    "name": name,
+                    "name": markup.text(name),  # plotly reads <a href> in texts
                     "x": [_iso(row[against]) if against == "date_s" else row[against] for row in of_sensor],
                     "y": [row[f"{column}_{unit}"] * factor for row in of_sensor],
                     "error_y": {
@@ -56,7 +56,7 @@ def history(rows: Sequence[Row], sensor: str, against: str, names: Mapping[str, 
                         "array": [row[f"{column}_sigma_{unit}"] * factor for row in of_sensor],
                         "thickness": 1,
                     },
-                    "text": [names[row["log"]] for row in of_sensor],
+                    "text": [markup.text(names[row["log"]]) for row in of_sensor],
                     "hovertemplate": "%{y:.3~g} " + shown + " %{text}",
                     "line": {"width": 1, "color": _PALETTE[i % len(_PALETTE)]},
                     "marker": {"size": 6, "symbol": _MARKERS[i // len(_PALETTE) % len(_MARKERS)]},
@@ -75,6 +75,8 @@ def history(rows: Sequence[Row], sensor: str, against: str, names: Mapping[str, 
 
 def finding_bars(counted: Sequence[tuple[str, str, int, int]]) -> Figure:
     """Flights with each kind of finding, as `count_findings` gives them."""
+    from companion.report import markup  # noqa: PLC0415
+
     severities = {"error": "#e66101", "warning": "#d69100", "info": "#828282"}
     return {
         "data": [
@@ -82,7 +84,7 @@ def finding_bars(counted: Sequence[tuple[str, str, int, int]]) -> Figure:
                 "type": "bar",
                 "orientation": "h",
                 "name": severity,
-                "y": [kind.replace("_", " ") for kind, own, _, _ in counted if own == severity],
+                "y": [markup.text(markup.words(kind)) for kind, own, _, _ in counted if own == severity],
                 "x": [flights for _, own, _, flights in counted if own == severity],
                 "marker": {"color": colour},
                 "hovertemplate": "%{x} flights",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 
+from companion.mavlink.boots import Boots
 from companion.mavlink.messages import Messages
 from companion.mavlink.rates import Rates
 from companion.mavlink.requests import Request, Target
@@ -21,7 +22,9 @@ class Asked:
         self.rates = rates
         self.timesync = Timesync()
         self.counts: Counter[str] = Counter()  # messages of this vehicle, by name
+        self.started: float | None = None  # s, when it has last rebooted
         self.said: list[str] = []
+        self._boots = Boots()  # where there are no rates, which watch this too
         self._found_at, self._patience_s = now, patience_s
         self._told = False
 
@@ -35,8 +38,11 @@ class Asked:
                 self.counts[name] += int(mine.sum())
         if "TIMESYNC" in own:
             self.timesync.hear(own["TIMESYNC"], now)
-        if self.rates is not None:
+        if self.rates is None:
+            self.started = self._boots.hear(own, now) or self.started
+        else:
             self.rates.hear(own, now)
+            self.started = self.rates.started
             self.said += self.rates.said
             self.rates.said.clear()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -25,6 +26,7 @@ DEFAULT_SYSID, DEFAULT_COMPID = 240, 191
 
 _GATHER_S = 0.01  # after the first byte: one decoding for what arrives together (SITL sends in bursts)
 _NOISE_BYTES = 200
+_REMEMBER_S, _REMEMBERED = 1.0, 60  # how often what is lost is noted, and how many notes are kept
 
 
 @dataclass(slots=True)
@@ -77,6 +79,7 @@ class Link:
         self._modern = False  # whether MAVLink 2 has been heard
         self._patience_s = patience_s
         self._sequence: dict[tuple[int, int], tuple[int, int]] = {}  # last, and how far it is behind the highest
+        self._counted: dict[tuple[int, int], deque[tuple[float, int]]] = {}  # s when, and how many were lost by then
         self._port = open_port(self.address)
 
     @property
@@ -133,6 +136,13 @@ class Link:
         self._port.write(self._packer.pack(request.name, request.fields, version=version))
         self.health.sent[request.name] = self.health.sent.get(request.name, 0) + 1
 
+    def restarted(self, sender: tuple[int, int], when: float) -> None:
+        """A vehicle has rebooted, s of `time.monotonic()`: its sequence began anew, which is no loss."""
+        counted = [lost for t, lost in self._counted.pop(sender, ()) if t <= when]
+        if counted:
+            self.health.lost[sender] = counted[-1]
+        self._sequence.pop(sender, None)
+
     def close(self) -> None:
         """Give the port back."""
         self._port.close()
@@ -170,7 +180,15 @@ class Link:
             ahead = max(int(place.max()), 0)
             missing = ahead - int((step != 0).sum())
             self.health.lost[ids] = max(self.health.lost.get(ids, 0) + missing, 0)
+            self._remember_lost(ids)
             self._sequence[ids] = (int(seq[-1]), ahead - int(place[-1]))
+
+    def _remember_lost(self, ids: tuple[int, int]) -> None:
+        """A reboot is known some seconds after the sequence has begun anew: then the count goes back."""
+        past = self._counted.setdefault(ids, deque(maxlen=_REMEMBERED))
+        now = time.monotonic()
+        if not past or now - past[-1][0] >= _REMEMBER_S:
+            past.append((now, self.health.lost[ids]))
 
 
 def open_port(address: Address) -> Port:

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from math import ceil
 
 from companion.mavlink import requests
+from companion.mavlink.boots import Boots
 from companion.mavlink.dialect import Dialect
 from companion.mavlink.messages import Messages
 from companion.mavlink.requests import Request, Target
@@ -28,8 +29,6 @@ _RETRIES = 4  # against somebody who turns a message down: no fight
 _BACK_OFF_S = 5.0  # before the second of them, doubled each time
 _SLOWEST_HZ = 5.0  # a DENIED request is lowered no further
 _SILENT_S = 3.0  # after that the vehicle, or the link to it, may have forgotten everything
-_REBOOT_S = 5.0  # a fall of the clock by more than this is a reboot, as in telemetry
-_MOST_REBOOTS, _REBOOTS_S = 2, 10.0  # more in that time are no reboots: a flight controller needs seconds for one
 _ACCEPTED, _NOT_NOW, _DENIED, _IN_PROGRESS = 0, 1, 2, 5  # MAV_RESULT
 
 PARAMETERS = ("AHRS_TRIM_X", "AHRS_TRIM_Y", "AHRS_ORIENTATION", "INS_GYRO_FILTER", "INS_ACCEL_FILTER")
@@ -63,9 +62,8 @@ class Rates:
         self._version_asked = 0
         self._waiting: Wish | None = None  # whose COMMAND_ACK is due: an ack names the command, not the message
         self._next = self._next_extra = 0.0
-        self._boot_s = 0.0
-        self._reboots: list[float] = []  # s, when the clock fell lately
-        self._two_clocks = False
+        self._boots = Boots()
+        self.started: float | None = None  # s, when it has last rebooted
         self._heard: float | None = None  # s, when the vehicle was heard last
         self._streamed: float | None = None  # s, when something that we asked for came last
         self._restarts = 0
@@ -235,23 +233,17 @@ class Rates:
         wish.retries += 1
 
     def _notice_reboot(self, messages: Mapping[str, Messages], now: float) -> None:
-        for found in messages.values():
-            if "time_boot_ms" in found.layout.fields and len(found.rows):  # the session reads those it needs
-                boot_s = float(found["time_boot_ms"][-1]) * 1e-3
-                if 0 < boot_s < self._boot_s - _REBOOT_S and not self._two_clocks:
-                    self._reboots = [t for t in self._reboots if now - t < _REBOOTS_S] + [now]
-                    self._restarts = 0
-                    self._rebooted()
-                self._boot_s = boot_s
-
-    def _rebooted(self) -> None:
-        if len(self._reboots) > _MOST_REBOOTS:
-            self._two_clocks = True
+        started = self._boots.hear(messages, now)
+        if started is None:
+            return
+        self._restarts = 0
+        if self._boots.two_clocks:
             self.said.append(
                 f"two clocks speak as vehicle {self.target}: two vehicles with one system id, or an echo of another "
                 "time. Give each vehicle an id of its own (SYSID_THISMAV, MAV_SYSID, MAV_SYS_ID)."
             )
             return
+        self.started = started
         self.said.append(f"vehicle {self.target} has rebooted: asking again")
         self._start_again()
 

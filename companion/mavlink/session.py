@@ -171,7 +171,10 @@ class Session:
         if "HEARTBEAT" in messages:
             self._meet(messages["HEARTBEAT"], now)
         for asked in self.asked.values():
+            before = asked.started
             asked.hear(messages, now)
+            if asked.started is not None and asked.started != before:
+                self.link.restarted((asked.target.sysid, asked.target.compid), asked.started)
             self.said += asked.said
             asked.said.clear()
 

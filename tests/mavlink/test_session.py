@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
+import pytest
 
 from companion.mavlink import Choice, Link, Packer, Session
 from tests.mavlink.peers import udp_peer, wait_for
@@ -83,3 +84,23 @@ def test_every_vehicle_can_be_asked_and_each_is_left_as_it_was() -> None:
             assert {"1:1 RAW_IMU", "2:1 RAW_IMU"} <= names
             session.leave()
             assert [vehicle.interval_us("RAW_IMU") for vehicle in both] == [-1, -1]
+
+
+@pytest.mark.parametrize("listen_only", [False, True])
+@pytest.mark.parametrize("sequence", [30, 200])
+def test_a_reboot_is_no_loss(sequence: int, *, listen_only: bool) -> None:
+    """The sequence begins anew, which looks like 56 frames missing or like old ones that come late."""
+    with Link("udpin:127.0.0.1:0", listen_only=listen_only) as link, udp_peer(link.port) as peer:
+        session = Session(link)
+        for boot_s in (100.0, 0.1):
+            packer = Packer(1, 1)
+            packets = [packer.pack("HEARTBEAT", {"type": 2, "autopilot": 3, "mavlink_version": 3})]
+            clock = (round(1000 * boot_s) + i for i in range(sequence))
+            packets += [packer.pack("ATTITUDE", {"time_boot_ms": now}) for now in clock]
+            del packets[5:8]  # three are lost
+            for packet in packets:
+                peer.send(packet)
+            stepped(session, 0.3)
+        peer.send(packer.pack("HEARTBEAT", {"type": 2, "autopilot": 3, "mavlink_version": 3}))
+        stepped(session, 0.1)
+        assert session.report().lost in (3, 6)
