@@ -19,6 +19,7 @@ from companion.analysis import (
     Limits,
     ReferenceFigures,
     Sibling,
+    Verdict,
     align,
     assess,
     compare,
@@ -28,6 +29,7 @@ from companion.analysis import (
     siblings,
 )
 from companion.correction import load_correction
+from companion.errors import DataError
 from companion.sensors import figures_of, load_imu_figures
 from companion.settings import Settings
 from companion.tracks import Flight
@@ -43,6 +45,15 @@ class Examination:
     gaps: Mapping[str, int]  # holes of each IMU message
     correction: str | None  # the file that was applied
     alignment: Alignment | None  # the IMU aligned by itself at rest, where that was asked for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unexamined:
+    """A flight that lacks what an examination needs."""
+
+    flight: Flight
+    verdict: Verdict  # what is missing, and what to ask for
+    gaps: Mapping[str, int]  # holes of each IMU message
 
 
 _DEFAULTS = Settings()
@@ -86,15 +97,25 @@ def examine(
     )
     if (odd := odd_one_out(others)) is not None:
         found = replace(found, verdict=replace(found.verdict, findings=(*found.verdict.findings, odd)))
-    gaps = {name: int((np.diff(track.t) > how.limits.hole(track.t)).sum()) for name, track in flight.imus.items()}
     return Examination(
         flight,
         found,
         others,
-        gaps,
+        _gaps(flight, how.limits),
         str(correction) if correction is not None else None,
         align(flight, found.comparison, found.figures, autopilot_of(settings, flight)) if anchor == "rest" else None,
     )
+
+
+def unexaminable(flight: Flight, settings: Settings = _DEFAULTS) -> Unexamined | None:
+    """Why a flight cannot be examined: it has no usable IMU or no attitude. None when it has both."""
+    try:
+        flight.imu()
+        flight.require_attitude()
+    except DataError as error:
+        verdict = Verdict("insufficient_data", f"This log cannot tell: {error}", ())
+        return Unexamined(flight, verdict, _gaps(flight, limits_of(settings)))
+    return None
 
 
 def assess_imu(
@@ -136,18 +157,24 @@ def align_imu(
 
 def integration_of(settings: Settings, flight: Flight) -> Integration:
     """How the settings have an IMU of this flight integrated: gravity may depend on where it flew."""
-    chosen, drift = settings.integration, settings.drift
+    chosen = settings.integration
     return Integration(
         method=chosen.method,
         middle=chosen.middle,
         segments=chosen.segments,
         gravity=gravity_for(flight, chosen.gravity),
-        limits=Limits(
-            gap_periods=drift.gap_periods,
-            gap_s=drift.gap_s,
-            position_jump_m=drift.position_jump_m,
-            attitude_jump_deg=drift.attitude_jump_deg,
-        ),
+        limits=limits_of(settings),
+    )
+
+
+def limits_of(settings: Settings) -> Limits:
+    """What the settings leave out of the windows."""
+    drift = settings.drift
+    return Limits(
+        gap_periods=drift.gap_periods,
+        gap_s=drift.gap_s,
+        position_jump_m=drift.position_jump_m,
+        attitude_jump_deg=drift.attitude_jump_deg,
     )
 
 
@@ -157,6 +184,10 @@ def autopilot_of(settings: Settings, flight: Flight) -> ReferenceFigures:
     reported = given.pop("reported")
     figures = ReferenceFigures(**given)
     return reported_by(flight, figures) if reported else figures
+
+
+def _gaps(flight: Flight, limits: Limits) -> dict[str, int]:
+    return {name: int((np.diff(track.t) > limits.hole(track.t)).sum()) for name, track in flight.imus.items()}
 
 
 def _figures(flight: Flight, imu: str, imu_model: str | None) -> ImuFigures:

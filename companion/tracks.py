@@ -205,6 +205,7 @@ class Flight:
     texts: tuple[StatusText, ...] = ()
     messages: Mapping[str, MessageStats] = field(default_factory=dict)
     notes: tuple[str, ...] = ()  # decisions taken on the way from messages to tracks, in words
+    on_board: bool = False  # the vehicle's own log, not what came over a link
 
     @property
     def default_imu(self) -> str | None:
@@ -227,6 +228,16 @@ class Flight:
         enough = max(2.0, max(samples.values(), default=0) / 4)
         return next((name for name, count in samples.items() if count >= enough), None)
 
+    @property
+    def how_to_record(self) -> str:
+        """How to get more of the IMU from this vehicle than there is, as the beginning of a sentence."""
+        px4 = self.vehicle.autopilot == "PX4"
+        if self.on_board:
+            how = "full rate (SDLOG_PROFILE: high rate)" if px4 else "full rate (LOG_BITMASK: fast or raw IMU)"
+            return f"Have the IMU logged at its {how}"
+        how = "SCALED_IMU on an onboard link: MAV_x_MODE 2" if px4 else "SRx_RAW_SENS, SET_MESSAGE_INTERVAL"
+        return f"Record the IMU at 50-200 Hz ({how}), or use the on-board log"
+
     def imu(self, name: str | None = None) -> ImuTrack:
         """The IMU track of message `name`, in capitals or not (default: `default_imu`).
 
@@ -238,10 +249,7 @@ class Flight:
             name = self.default_imu
         found = ", ".join(f"{n} ({len(track)})" for n, track in self.imus.items()) or "none"
         if name is None:
-            raise DataError(
-                f"vehicle {self.vehicle}, boot {self.boot}: no IMU message with two samples or more (found: {found}). "
-                "Ask the vehicle for RAW_IMU or SCALED_IMU at 50-200 Hz, or use its on-board log."
-            )
+            raise DataError(f"no IMU message with two samples or more (found: {found}). {self.how_to_record}.")
         if name not in self.imus:
             raise DataError(
                 f"vehicle {self.vehicle}, boot {self.boot}: no usable {name} (IMU messages and samples found: {found})."
@@ -257,13 +265,16 @@ class Flight:
         """The attitude track. Raises DataError when the flight has none."""
         if self.attitude is None and self.messages.keys() & {"ATTITUDE", "ATTITUDE_QUATERNION", "XKQ", "ATT"}:
             raise DataError(
-                f"vehicle {self.vehicle}, boot {self.boot}: fewer than two usable samples of the attitude. "
-                "Record longer, or use the on-board log."
+                "fewer than two usable samples of the attitude. Record longer"
+                + ("." if self.on_board else ", or use the on-board log.")
             )
         if self.attitude is None:
             raise DataError(
-                f"vehicle {self.vehicle}, boot {self.boot}: no ATTITUDE or ATTITUDE_QUATERNION to compare with "
-                f"(messages found: {', '.join(sorted(self.messages)) or 'none'}). Ask the vehicle for ATTITUDE "
-                "(stream EXTRA1), or use its on-board log."
+                f"no attitude to compare with (messages found: {', '.join(sorted(self.messages)) or 'none'}). "
+                + (
+                    "Have the estimator's attitude logged."
+                    if self.on_board
+                    else "Ask the vehicle for ATTITUDE (stream EXTRA1), or use its on-board log."
+                )
             )
         return self.attitude

@@ -11,6 +11,7 @@ from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, dri
 from companion.analysis.envelope import Expectation, expected_since_anchor
 from companion.analysis.figures import GENERIC, ImuFigures, ReferenceFigures, SensorFigures
 from companion.analysis.finding import Finding
+from companion.analysis.findings import rate_warning
 from companion.analysis.free_run import FreeRun, FreeState
 from companion.analysis.gravity import gravity_for
 from companion.analysis.integration import Integration
@@ -81,6 +82,7 @@ __all__ = [
     "gravity_for",
     "imu_spectrum",
     "odd_one_out",
+    "rate_warning",
     "reference_at",
     "replay",
     "replay_from_rest",

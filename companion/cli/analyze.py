@@ -7,12 +7,13 @@ import argparse
 from rich.console import Console
 from rich.markup import escape
 
+from companion.analysis import rate_warning
 from companion.cli import options, sensor_lines, tables
 from companion.cli.info import reference_line
-from companion.documents import analysis_document, encode
-from companion.examination import Examination, examine
-
-_LOW_RATE_HZ = 40.0  # RAW_IMU is low-passed at 20 Hz: below twice that, motion aliases into the samples
+from companion.documents import analysis_document, encode, unexamined_document
+from companion.errors import DataError
+from companion.examination import Examination, Unexamined, examine, unexaminable
+from companion.recording import Source
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -39,6 +40,10 @@ def run(arguments: argparse.Namespace) -> int:
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings)
     flight = recording.flights[options.choose(recording.flights, arguments)]
+    if arguments.imu is not None:
+        flight.imu(arguments.imu)  # one that was asked for and is not there is a mistake, not a poor log
+    if (lacking := unexaminable(flight, settings)) is not None:
+        return _refuse(lacking, recording.source, as_json=arguments.json)
     examined = examine(
         flight,
         settings,
@@ -58,12 +63,23 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if arguments.fail_on and failed[arguments.fail_on] else 0
 
 
+def _refuse(lacking: Unexamined, source: Source, *, as_json: bool) -> int:
+    """The verdict on a flight that cannot be examined, and an exit code that no script takes for an analysis."""
+    if as_json:
+        print(encode(unexamined_document(source, lacking)))
+    else:
+        for line in tables.verdict_lines(lacking.verdict):
+            tables.console().print(line, highlight=False)
+    options.say(f"companion: nothing was analysed. See what the log has with: companion info {source.path}")
+    return DataError.exit_code
+
+
 def _print(examined: Examination, console: Console) -> None:
     flight, found = examined.flight, examined.assessment
     table = found.drift
     gaps = examined.gaps[table.imu]
     track, vehicle = flight.imu(table.imu), flight.vehicle
-    for line in tables.verdict_lines(found):
+    for line in tables.verdict_lines(found.verdict):
         console.print(line, highlight=False)
     middle = f", {table.middle} middle sample" if table.method == "rk4" else ""
     lines = [
@@ -81,11 +97,8 @@ def _print(examined: Examination, console: Console) -> None:
     if examined.correction:
         lines.append(f"Corrected: by {escape(examined.correction)}")
     lines += [f"Note:      {escape(note)}" for note in (*flight.notes, *table.notes)]
-    if track.rate_hz < _LOW_RATE_HZ:
-        lines.append(
-            f"[yellow]Warning:   {track.rate_hz:.0f} Hz is too low to integrate: motion between the samples is lost, "
-            "and most of the drift below is that. Record the IMU at 50-200 Hz, or use the on-board log.[/]"
-        )
+    if warning := rate_warning(flight, track.rate_hz):
+        lines.append(f"[yellow]Warning:   {warning}[/]")
     for line in lines:
         console.print(line, highlight=False)
     console.print("\n[bold]Drift of the IMU alone from the autopilot[/]")

@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     if found.calibration is None:
         raise DataError(f"no calibration: {found.verdict.summary}")
     console = tables.console()
-    for line in (*tables.verdict_lines(found, most=3), "", *sensor_lines.calibration_lines(found)):
+    for line in (*tables.verdict_lines(found.verdict, most=3), "", *sensor_lines.calibration_lines(found)):
         console.print(line, highlight=False)
     if path is None:
         return 0

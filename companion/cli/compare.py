@@ -13,7 +13,7 @@ from rich.table import Table
 from companion.analysis import Change, Contrast, DriftRow, Expected, contrast
 from companion.cli import options, sensor_lines, tables
 from companion.documents import contrast_document, encode
-from companion.errors import SettingsError
+from companion.errors import DataError, SettingsError
 from companion.examination import Examination, examine
 from companion.recording import Recording
 
@@ -82,9 +82,12 @@ def _examined(arguments: argparse.Namespace) -> tuple[Recording, Examination]:
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings)
     flight = recording.flights[options.choose(recording.flights, arguments)]
-    return recording, examine(
-        flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
-    )
+    try:
+        return recording, examine(
+            flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
+        )
+    except DataError as error:
+        raise DataError(f"{recording.source.path}: {error}") from None  # there are two logs
 
 
 def _print(found: Contrast, a: tuple[Recording, Examination], b: tuple[Recording, Examination], same: bool) -> None:

@@ -8,8 +8,7 @@ import sys
 from pathlib import Path
 
 from companion.cli import destination, options
-from companion.errors import DataError
-from companion.examination import examine
+from companion.examination import examine, unexaminable
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -39,14 +38,13 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.imu is not None:
         flight.imu(arguments.imu)  # one that was asked for and is not there is a mistake, not a poor log
     command = shlex.join(["companion", *sys.argv[1:]])
-    try:
+    if (lacking := unexaminable(flight, settings)) is not None:
+        summary = lacking.verdict.summary
+        page = bare_html(lacking, recording.source, settings, command=command)
+    else:
         examined = examine(
             flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
         )
-    except DataError as error:
-        options.say(f"only what the log has: {error}")
-        page, summary = bare_html(flight, recording.source, str(error), settings, command=command), "Not examined."
-    else:
         summary = examined.assessment.verdict.summary
         page = report_html(
             examined, recording.source, settings, command=command, with_playback=not arguments.no_playback

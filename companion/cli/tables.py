@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import Assessment, Drift, Expected, Sibling, Statistic
+from companion.analysis import Assessment, Drift, Expected, Sibling, Statistic, Verdict
 
 _REASONS = {
     "imu_gap": "hole in the IMU",
@@ -38,9 +38,8 @@ def console() -> Console:
     return _Console(soft_wrap=True, emoji=False)
 
 
-def verdict_lines(found: Assessment, *, most: int = 8) -> Iterator[str]:
+def verdict_lines(verdict: Verdict, *, most: int = 8) -> Iterator[str]:
     """The verdict, and the findings under it."""
-    verdict = found.verdict
     yield f"{status_text(verdict.status)}  {escape(verdict.summary)}"
     for finding in verdict.findings[:most]:
         when = f"{finding.start_s:.1f}-{finding.end_s:.1f} s"

@@ -19,9 +19,10 @@ from companion.analysis import (
     Rest,
     Sibling,
     Statistic,
+    Verdict,
 )
 from companion.documents import schema
-from companion.examination import Examination
+from companion.examination import Examination, Unexamined
 from companion.recording import Recording, Source
 from companion.tracks import Flight, ImuTrack
 
@@ -72,13 +73,37 @@ def analysis_document(source: Source, examined: Examination) -> schema.Analysis:
         autopilot_gyro_bias=_held(found.autopilot_bias),
         alignment=_alignment(examined.alignment),
         imus=[_sibling(other) for other in examined.siblings],
-        verdict=schema.VerdictObject(
-            found.verdict.status,
-            found.verdict.summary,
-            [schema.FindingObject(**asdict(finding)) for finding in found.verdict.findings],
-        ),
+        verdict=_verdict(found.verdict),
     )
     return schema.Analysis(log=_log(source), flights=[analysed])
+
+
+def unexamined_document(source: Source, found: Unexamined) -> schema.Analysis:
+    """The same of a flight that cannot be examined: its verdict, and what the log has."""
+    flight = found.flight
+    bare = schema.AnalyzeFlight(
+        vehicle=vehicle_object(flight),
+        boot=flight.boot,
+        duration_s=flight.duration,
+        imu=[_imu(flight, name, track, found.gaps[name]) for name, track in flight.imus.items()],
+        reference=_reference(flight),
+        used_imu=None,
+        method=None,
+        middle=None,
+        gravity_mps2=None,
+        correction=None,
+        notes=flight.notes,
+        drift=[],
+        figures=None,
+        consistency=[],
+        calibration=None,
+        rests=[],
+        autopilot_gyro_bias=None,
+        alignment=None,
+        imus=[],
+        verdict=_verdict(found.verdict),
+    )
+    return schema.Analysis(log=_log(source), flights=[bare])
 
 
 def _log(source: Source) -> schema.LogObject:
@@ -149,6 +174,11 @@ def _sibling(other: Sibling) -> schema.SiblingObject:
         position_m=_statistic(row.position_m),
         inside=other.inside,
     )
+
+
+def _verdict(verdict: Verdict) -> schema.VerdictObject:
+    findings = [schema.FindingObject(**asdict(finding)) for finding in verdict.findings]
+    return schema.VerdictObject(verdict.status, verdict.summary, findings)
 
 
 def _figures(found: Assessment) -> schema.FiguresObject:

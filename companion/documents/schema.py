@@ -251,21 +251,21 @@ class VerdictObject(msgspec.Struct, frozen=True):
 
 
 class AnalyzeFlight(msgspec.Struct, frozen=True):
-    """A flight in `companion analyze`."""
+    """A flight in `companion analyze`; one that lacks an IMU or an attitude has null where it was not examined."""
 
     vehicle: VehicleObject
     boot: int
     duration_s: float
     imu: list[ImuObject]
     reference: ReferenceObject
-    used_imu: str
-    method: str
-    middle: str
-    gravity_mps2: float
+    used_imu: str | None
+    method: str | None
+    middle: str | None
+    gravity_mps2: float | None
     correction: str | None
     notes: tuple[str, ...]
     drift: list[DriftObject]
-    figures: FiguresObject
+    figures: FiguresObject | None
     consistency: list[ConsistencyObject]
     calibration: CalibrationObject | None
     rests: list[RestObject]

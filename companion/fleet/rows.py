@@ -74,7 +74,7 @@ def _flight(flight: FlightRecord) -> Row:
     return row | {
         "imu": found.used_imu,
         "rate_hz": next((imu.rate_hz for imu in found.imu if imu.message == found.used_imu), None),
-        "figures": found.figures.name,
+        "figures": found.figures.name if found.figures else None,
         "status": found.verdict.status,
         "summary": found.verdict.summary,
         "drift_ratio": _drift_ratio(found),
@@ -104,7 +104,7 @@ def _drift(found: schema.AnalyzeFlight) -> Iterator[Row]:
 
 def _calibration(flight: FlightRecord, found: schema.AnalyzeFlight) -> Iterator[Row]:
     fit, imu = found.calibration, found.used_imu
-    if fit is None:
+    if fit is None or imu is None:
         return
     row: Row = {
         "board": flight.board,

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import msgspec
 
-from companion.documents import analysis_document, vehicle_object
+from companion.documents import analysis_document, unexamined_document, vehicle_object
 from companion.errors import CompanionError, DataError
-from companion.examination import examine
+from companion.examination import examine, unexaminable
 from companion.fleet.journal import printable
 from companion.fleet.records import FlightRecord, LogRecord, Plan
 from companion.fleet.reports import write_report
@@ -78,6 +78,9 @@ def _flight(recording: Recording, flight: Flight, plan: Plan, settings: Settings
         accel_ids=sensor_ids(flight, "accel"),
         temperatures_degc=temperatures(flight),
     )
+    if (lacking := unexaminable(flight, settings)) is not None:
+        (analysis,) = unexamined_document(recording.source, lacking).flights
+        return msgspec.structs.replace(record, analysis=analysis)
     try:
         examined = examine(flight, settings, imu=plan.imu, imu_model=plan.imu_model)
         (analysis,) = analysis_document(recording.source, examined).flights

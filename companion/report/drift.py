@@ -116,12 +116,12 @@ def budget(subject: Subject) -> Section:
         "Part of the expected mean square that each cause has; causes below 1 % everywhere are not drawn.",
         rows=len(panels),
     )
-    figures = subject.numbers.figures
+    figures, noise = subject.found.figures, subject.found.measured_noise
     lines = [f"Figures of {figures.name}: {figures.reason}."]
-    if figures.measured_gyro_noise and figures.measured_accel_noise:
+    if noise is not None:
         lines.append(
-            f"Noise in flight: {figures.measured_gyro_noise:.2g} rad/s/√Hz and "
-            f"{figures.measured_accel_noise:.2g} m/s²/√Hz: the budget takes it where it is more than the data sheet's."
+            f"Noise in flight: {noise[0]:.2g} rad/s/√Hz and {noise[1]:.2g} m/s²/√Hz: "
+            "the budget takes it where it is more than the data sheet's."
         )
     inside = table(
         ["after", "attitude", "velocity", "position"],

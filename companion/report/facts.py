@@ -10,6 +10,7 @@ from pathlib import Path
 
 import msgspec
 
+from companion.analysis import Assessment
 from companion.documents import schema
 from companion.recording import Source
 from companion.report.markup import details, paragraph, table, text
@@ -94,14 +95,15 @@ def again(source: Source, settings: Settings, command: str, chosen: Sequence[tup
     )
 
 
-def choices(numbers: schema.AnalyzeFlight) -> list[tuple[str, str]]:
-    """How the flight was examined, as rows for `again`."""
-    middle = f", {numbers.middle} middle sample" if numbers.method == "rk4" else ""
+def choices(found: Assessment, correction: str | None) -> list[tuple[str, str]]:
+    """How the flight was examined, as rows for `again`. correction: the file that was applied."""
+    how = found.comparison.how
+    middle = f", {how.middle} middle sample" if how.method == "rk4" else ""
     return [
-        ("IMU", numbers.used_imu),
-        ("integration", f"{numbers.method}{middle}, gravity {numbers.gravity_mps2:.5f} m/s²"),
-        ("sensor figures", f"{numbers.figures.name} ({numbers.figures.reason})"),
-        ("correction", numbers.correction or "none"),
+        ("IMU", found.drift.imu),
+        ("integration", f"{how.method}{middle}, gravity {how.gravity:.5f} m/s²"),
+        ("sensor figures", f"{found.figures.name} ({found.figures.reason})"),
+        ("correction", correction or "none"),
     ]
 
 

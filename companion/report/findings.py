@@ -157,7 +157,9 @@ def _intervals(subject: Subject, low: float, high: float) -> list[traces.Panel]:
     part = _between(t[1:], low, high)
     if part.stop - part.start < 2:
         return []
-    drawn = traces.line(t[1:][part], np.diff(t)[part], subject.numbers.used_imu, subject.colour, line={"shape": "vh"})
+    drawn = traces.line(
+        t[1:][part], np.diff(t)[part], subject.comparison.track.source, subject.colour, line={"shape": "vh"}
+    )
     return [traces.Panel("interval, s", [drawn], {"rangemode": "tozero"})]
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import msgspec
 
-from companion.documents import encode
-from companion.examination import Examination
+from companion.documents import encode, unexamined_document
+from companion.examination import Examination, Unexamined
 from companion.recording import Source
 from companion.report import drift, facts, flown, sensors, shaking
 from companion.report.charts import Charts
@@ -16,7 +16,6 @@ from companion.report.sheet import sheet
 from companion.report.subject import subject_of
 from companion.report.summary import bare_head, head
 from companion.settings import Settings
-from companion.tracks import Flight
 from companion.view import palette
 
 
@@ -53,7 +52,7 @@ def report_html(
         sections.append(section)
     sections += [
         facts.log_facts(source, subject.flight, subject.numbers.imu, subject.numbers.notes),
-        facts.again(source, subject.settings, command, facts.choices(subject.numbers)),
+        facts.again(source, subject.settings, command, facts.choices(subject.found, subject.examined.correction)),
     ]
     data = {"companion": encode(subject.document)}
     if player is not None:
@@ -61,20 +60,18 @@ def report_html(
     return sheet(_name(source), head(subject), sections, charts, data)
 
 
-def bare_html(
-    flight: Flight, source: Source, reason: str, settings: Settings | None = None, *, command: str = ""
-) -> str:
-    """The report of a flight that cannot be examined, as far as it goes. reason: why not, in a sentence.
+def bare_html(found: Unexamined, source: Source, settings: Settings | None = None, *, command: str = "") -> str:
+    """The report of a flight that cannot be examined, as far as it goes.
 
     Raises InputError when plotly is not installed.
     """
-    charts = Charts()
+    charts, flight = Charts(), found.flight
     sections = [
         track(flight, None, palette.IMU, charts),
-        facts.log_facts(source, flight, notes=flight.notes),
+        facts.log_facts(source, flight, unexamined_document(source, found).flights[0].imu, flight.notes),
         facts.again(source, settings or Settings(), command),
     ]
-    return sheet(_name(source), bare_head(flight, source, reason), sections, charts, {})
+    return sheet(_name(source), bare_head(flight, source, found.verdict), sections, charts, {})
 
 
 def _name(source: Source) -> str:

@@ -55,7 +55,7 @@ class Subject:
     @property
     def colour(self) -> palette.Rgb:
         """That of the IMU that was used."""
-        return self.colours[self.numbers.used_imu]
+        return self.colours[self.comparison.track.source]
 
     @property
     def severe(self) -> list[schema.FindingObject]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
+from companion.analysis import Verdict, rate_warning
 from companion.recording import Source
 from companion.report.markup import percent, short, text
 from companion.report.subject import Subject
@@ -15,7 +16,6 @@ _MEANS = {
     "autopilot_suspect": "Autopilot suspect",
     "insufficient_data": "Insufficient data",
 }
-_LOW_RATE_HZ = 40.0
 
 
 def head(subject: Subject) -> str:
@@ -27,13 +27,14 @@ def head(subject: Subject) -> str:
     )
     return (
         f"<header>{_title(subject.flight, subject.source, f'{numbers.used_imu} at {rate:.1f} Hz against {against}')}"
-        f'{_banner(verdict.status, verdict.summary)}<div class="cards">{cards}</div>{_warning(rate)}</header>'
+        f'{_banner(verdict.status, verdict.summary)}<div class="cards">{cards}</div>'
+        f"{_warning(subject.flight, rate)}</header>"
     )
 
 
-def bare_head(flight: Flight, source: Source, reason: str) -> str:
-    """The same for a flight that cannot be examined, with the reason."""
-    return f"<header>{_title(flight, source, '')}{_banner('insufficient_data', reason)}</header>"
+def bare_head(flight: Flight, source: Source, verdict: Verdict) -> str:
+    """The same for a flight that cannot be examined."""
+    return f"<header>{_title(flight, source, '')}{_banner(verdict.status, verdict.summary)}</header>"
 
 
 def _title(flight: Flight, source: Source, used: str) -> str:
@@ -86,10 +87,6 @@ def _cards(subject: Subject) -> list[tuple[str, str]]:
     return found
 
 
-def _warning(rate_hz: float) -> str:
-    if rate_hz >= _LOW_RATE_HZ:
-        return ""
-    return (
-        f'<p class="warning">{rate_hz:.0f} Hz is too low to integrate: motion between the samples is lost, and most of '
-        "the drift below is that. Record the IMU at 50–200 Hz, or use the on-board log.</p>"
-    )
+def _warning(flight: Flight, rate_hz: float) -> str:
+    warning = rate_warning(flight, rate_hz)
+    return f'<p class="warning">{text(warning)}</p>' if warning else ""

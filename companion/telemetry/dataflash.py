@@ -84,6 +84,7 @@ def dataflash_flight(messages: dict[str, Records], dialect: Dialect, *, core: in
         texts=_texts(records),
         messages=stats,
         notes=tuple(notes),
+        on_board=True,
     )
 
 

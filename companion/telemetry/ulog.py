@@ -91,6 +91,7 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
         ),
         messages={name: arrival(_seconds(topic, "timestamp"), 0) for name, topic in sorted(topics.items())},
         notes=tuple(notes),
+        on_board=True,
     )
 
 

@@ -128,7 +128,7 @@ def test_what_is_missing_is_named() -> None:
     flight = flight_of(motions.rest(seconds(20, 100)))
     with pytest.raises(DataError, match="no usable HIGHRES_IMU.*RAW_IMU \\(2001\\)"):
         drift(flight, imu="HIGHRES_IMU")
-    with pytest.raises(DataError, match="no ATTITUDE"):
+    with pytest.raises(DataError, match="no attitude to compare with.*Ask the vehicle for ATTITUDE"):
         drift(replace(flight, attitude=None))
     with pytest.raises(DataError, match="no IMU message with two samples.*RAW_IMU \\(1\\)"):
         drift(with_imu(flight, flight.imu()[:1]))

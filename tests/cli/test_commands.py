@@ -7,9 +7,11 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from companion.cli import main
+from companion.documents import schema
 from tests.recordings import BUNDLED, all_shared
 from tests.tlogs import Writer
 
@@ -154,6 +156,13 @@ def ground_station_alone(path: Path) -> None:
     log.close()
 
 
+LACKING = [
+    (without_imu, "no IMU message"),
+    (without_attitude, "no attitude"),
+    (one_sample, "RAW_IMU (1)"),
+]
+
+
 @pytest.mark.parametrize("command", ["analyze", "view"])
 @pytest.mark.parametrize(
     ("make", "expected"),
@@ -162,9 +171,6 @@ def ground_station_alone(path: Path) -> None:
         (folder, "director"),
         (empty, "empty"),
         (garbage, "no MAVLink"),
-        (without_imu, "no IMU message"),
-        (without_attitude, "no ATTITUDE"),
-        (one_sample, "RAW_IMU (1)"),
         (ground_station_alone, "no vehicle speaks"),
     ],
 )
@@ -172,6 +178,29 @@ def test_bad_logs(command: str, make: Callable[[Path], None], expected: str, tmp
     make(tmp_path / "bad.tlog")
     said = refused([command, str(tmp_path / "bad.tlog")], capsys)
     assert expected.lower() in said.lower()
+
+
+@pytest.mark.parametrize(("make", "expected"), LACKING)
+def test_a_log_with_nothing_to_compare(
+    make: Callable[[Path], None], expected: str, tmp_path: Path, capsys: Captured
+) -> None:
+    """The verdict is that it cannot tell, in words and in JSON; the other commands refuse it with the same sentence."""
+    log = tmp_path / "bad.tlog"
+    make(log)
+    assert main(["analyze", str(log)]) == 2
+    said = capsys.readouterr()
+    assert said.out.startswith("INSUFFICIENT DATA  This log cannot tell: ")
+    assert expected in said.out
+    assert "Record" in said.out or "Ask" in said.out
+    assert said.err.startswith("companion: nothing was analysed.")
+    assert main(["analyze", str(log), "--json"]) == 2
+    (flight,) = msgspec.json.decode(capsys.readouterr().out, type=schema.Analysis).flights
+    assert flight.verdict.status == "insufficient_data"
+    assert f"INSUFFICIENT DATA  {flight.verdict.summary}\n" == said.out
+    assert (flight.used_imu, flight.figures, flight.drift, flight.verdict.findings) == (None, None, [], [])
+    for command in ("view", "calibrate"):
+        assert expected in refused([command, str(log)], capsys)
+    assert f"{log}: " in refused(["compare", DEMO, str(log)], capsys)
 
 
 @pytest.mark.parametrize(
@@ -244,10 +273,9 @@ def test_every_recording_goes_through(command: str, path: Path, json_too: list[s
     if code:
         assert "\ncompanion: " in f"\n{said.err}"
         assert command == "analyze", "info reads every log"
-    else:
-        assert said.out
-        if json_too:
-            assert json.loads(said.out)["schema"] == 1
+    if said.out and json_too:
+        assert json.loads(said.out)["schema"] == 1
+    assert said.out or code
 
 
 def test_a_calibration_is_written_and_applied(tmp_path: Path, capsys: Captured) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 from pathlib import Path
 
 import numpy as np
@@ -148,3 +149,19 @@ def test_the_statistics_are_those_of_every_record() -> None:
     assert {name: stats.count for name, stats in flight.messages.items()} == {n: len(r) for n, r in timed.items()}
     t = timed["RCIN"].in_unit("TimeUS")
     assert flight.messages["RCIN"].longest_gap_s == pytest.approx(np.diff(t).max())
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        ("dataflash/sitl__copter-demo.BIN", "LOG_BITMASK"),
+        ("px4/px4_gcs_default.ulg", "SDLOG_PROFILE"),
+        ("px4/px4_gcs_default.tlog", "MAV_x_MODE 2.*on-board log"),
+        ("sitl/copter-mission-default-rates.tlog", "SRx_RAW_SENS.*on-board log"),
+    ],
+)
+def test_advice_to_record_more_fits_the_log(name: str, advice: str) -> None:
+    """Whoever reads the on-board log is not told to use it."""
+    flight = c.open_log(shared(name))[0]
+    assert re.search(advice, flight.how_to_record)
+    assert flight.on_board != ("on-board log" in flight.how_to_record)

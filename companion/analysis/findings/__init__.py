@@ -1,5 +1,6 @@
 """What stands out in a flight: a module for each kind of fault, `detect` for which of them are only effects."""
 
 from companion.analysis.findings.detect import findings
+from companion.analysis.findings.sampling import rate_warning
 
-__all__ = ["findings"]
+__all__ = ["findings", "rate_warning"]

@@ -38,7 +38,7 @@ def findings(
     autopilot: ReferenceFigures,
 ) -> tuple[tuple[Finding, ...], Comparison]:
     """What stands out, and the comparison with what is no fault taken out: how the IMU sits in the vehicle."""
-    found = [*rate_findings(comparison, sampling_share)]
+    found = [*rate_findings(flight, comparison, sampling_share)]
     found += reading_findings(comparison, flight.require_attitude(), figures)
     if flight.vehicle.autopilot == "PX4" and comparison.track.source == "HIGHRES_IMU":
         found.append(_not_independent(comparison))
@@ -54,7 +54,7 @@ def findings(
         found += heading_findings(comparison, raw, figures, autopilot)
     wrong = [f.start_s for f in found if f.kind in _HEADING and f.severity == "error"]
     fitted = installation(comparison, raw, figures, autopilot, min(wrong, default=np.inf))
-    found += stamp_findings(comparison, lags(comparison))
+    found += stamp_findings(flight, comparison, lags(comparison))
     clean = comparison
     if fitted is not None and fitted.moved:
         found += _installed(comparison, fitted)

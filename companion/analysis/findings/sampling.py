@@ -8,17 +8,30 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding
+from companion.tracks import Flight
 
 _LOST = 8.0  # periods from which on an interval is a hole
 _UNEVEN, _UNEVEN_S = 0.2, 0.004  # of a period, s
 _MOVED_S, _SPOILT_S = 0.05, 0.1  # s
+_LOW_HZ, _USELESS_HZ = 40.0, 10.0  # RAW_IMU is low-passed at 20 Hz: below twice that, motion aliases into the samples
 
 
-def rate_findings(comparison: Comparison, sampling_share: float) -> Iterator[Finding]:
+def rate_warning(flight: Flight, rate_hz: float) -> str | None:
+    """What to say above the drift of an IMU whose samples are far apart; None where they are not."""
+    if rate_hz >= _LOW_HZ:
+        return None
+    if rate_hz < _USELESS_HZ:
+        lost = "too low to integrate: motion between the samples is lost, and most of the drift is that"
+    else:
+        lost = "low: quick motion between the samples is lost, and the drift has a part of that"
+    return f"{rate_hz:.0f} Hz is {lost}. {flight.how_to_record}."
+
+
+def rate_findings(flight: Flight, comparison: Comparison, sampling_share: float) -> Iterator[Finding]:
     """The sample rate is too low for the motion: nothing else in the budget matters then."""
     track = comparison.track
     rate = track.rate_hz
-    if rate < 10.0 or sampling_share > 0.5:
+    if rate < _USELESS_HZ or sampling_share > 0.5:
         yield Finding(
             "rate_too_low",
             "data",
@@ -27,7 +40,7 @@ def rate_findings(comparison: Comparison, sampling_share: float) -> Iterator[Fin
             float(track.t[-1]),
             f"{track.source} at {rate:.1f} Hz"
             + (f"; sampling is {sampling_share:.0%} of the expected attitude error" if sampling_share > 0.05 else ""),
-            "Record the IMU at 50-200 Hz (SRx_RAW_SENS, SET_MESSAGE_INTERVAL), or use the on-board log.",
+            f"{flight.how_to_record}.",
         )
     holes = np.flatnonzero(comparison.holes)
     if len(holes):
@@ -39,11 +52,18 @@ def rate_findings(comparison: Comparison, sampling_share: float) -> Iterator[Fin
             float(track.t[holes[0]]),
             float(track.t[holes[-1] + 1]),
             f"{len(holes)} holes, {lost:.1f} s in all, the longest {np.diff(track.t).max():.2f} s",
-            "Look at the link's quality, or use the on-board log. Windows over holes are left out.",
+            (
+                "Look at the link's quality, or use the on-board log. "
+                if not flight.on_board
+                else "The logger could not keep up: look at the card, and log less else. "
+            )
+            + "Windows over holes are left out.",
         )
 
 
-def stamp_findings(comparison: Comparison, lags: Sequence[tuple[float, float, float]]) -> Iterator[Finding]:
+def stamp_findings(
+    flight: Flight, comparison: Comparison, lags: Sequence[tuple[float, float, float]]
+) -> Iterator[Finding]:
     """The times themselves are wrong: uneven beyond what a link does, or running away from the attitude's.
 
     lags: (begin s, end s, lag s) of the IMU behind the attitude, part by part of the flight.
@@ -60,8 +80,10 @@ def stamp_findings(comparison: Comparison, lags: Sequence[tuple[float, float, fl
             float(track.t[0]),
             float(track.t[-1]),
             f"one interval in ten is off by {uneven * 1e3:.0f} ms or more from multiples of {period * 1e3:.0f} ms",
-            "The autopilot stamps when it sends, not when it samples: a busy link or processor moves the samples. Ask "
-            "for fewer messages, or use the on-board log.",
+            "The processor was too busy to sample evenly. Look at its load, and log less."
+            if flight.on_board
+            else "The autopilot stamps when it sends, not when it samples: a busy link or processor moves the samples. "
+            "Ask for fewer messages, or use the on-board log.",
         )
     if len(lags) < 2:
         return
@@ -76,5 +98,6 @@ def stamp_findings(comparison: Comparison, lags: Sequence[tuple[float, float, fl
             last[1],
             f"the IMU lags {first[2] * 1e3:.0f} ms behind the attitude at first and "
             f"{last[2] * 1e3:.0f} ms at last: their clocks do not run alike",
-            "Both have to be stamped by one clock. Record the autopilot's own messages, or use the on-board log.",
+            "Both have to be stamped by one clock. Record the autopilot's own messages"
+            + ("." if flight.on_board else ", or use the on-board log."),
         )
