@@ -22,6 +22,7 @@ from companion.analysis import (
     Verdict,
     align,
     assess,
+    by_severity,
     compare,
     gravity_for,
     odd_one_out,
@@ -96,7 +97,7 @@ def examine(
         flight, compare_imu, lambda name: _figures(flight, name, imu_model), autopilot_of(settings, flight)
     )
     if (odd := odd_one_out(others)) is not None:
-        found = replace(found, verdict=replace(found.verdict, findings=(*found.verdict.findings, odd)))
+        found = replace(found, verdict=replace(found.verdict, findings=by_severity((*found.verdict.findings, odd))))
     return Examination(
         flight,
         found,

@@ -10,7 +10,7 @@ from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correctio
 from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, drift, drift_of
 from companion.analysis.envelope import Expectation, expected_since_anchor
 from companion.analysis.figures import GENERIC, ImuFigures, ReferenceFigures, SensorFigures
-from companion.analysis.finding import Finding
+from companion.analysis.finding import Finding, by_severity
 from companion.analysis.findings import rate_warning
 from companion.analysis.free_run import FreeRun, FreeState
 from companion.analysis.gravity import gravity_for
@@ -71,6 +71,7 @@ __all__ = [
     "ape",
     "assess",
     "autopilot_bias",
+    "by_severity",
     "calibrate",
     "clip_counts",
     "compare",

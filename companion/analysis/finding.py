@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,12 @@ class Finding:
     end_s: float
     evidence: str
     advice: str
+
+
+def by_severity(found: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Errors first, then warnings, then what is only said; each in order of time."""
+    order = get_args(Severity)[::-1]
+    return tuple(sorted(found, key=lambda f: (order.index(f.severity), f.start_s)))
 
 
 def digits(value: Array, decimals: int) -> str:

@@ -26,6 +26,8 @@ def test_the_imu_with_the_bias_is_the_odd_one() -> None:
     odd = odd_one_out(found)
     assert odd
     assert "SCALED_IMU2" in odd.advice
+    (few,) = (replace(s, drift=replace(s.drift, windows=4)) for s in found[1:])
+    assert odd_one_out((found[0], few)) is None, "a share of four windows says little"
     assert odd_one_out(found[:1]) is None, "one IMU alone is never odd"
     assert odd_one_out((found[1], replace(found[1], imu="SCALED_IMU3", instance=2))) is None, "nor are two bad ones"
 

@@ -10,7 +10,7 @@ import numpy as np
 from companion.analysis.calibrate import Compare
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
-from companion.analysis.finding import Finding
+from companion.analysis.finding import Finding, by_severity
 from companion.analysis.findings.axes import axes_findings
 from companion.analysis.findings.biases import bias_findings, position_findings
 from companion.analysis.findings.blame import own_rates
@@ -68,7 +68,7 @@ def findings(
     if (known := held(flight, comparison.track, raw, own)) is not None:  # as sent: HIGHRES_IMU is turned as much
         found += held_findings(raw, known, figures)
     found = [with_witnesses(f, flight) for f in found if not _follows(f, found)]
-    return tuple(sorted(found, key=lambda f: (_ORDER[f.severity], f.start_s))), clean
+    return by_severity(found), clean
 
 
 def _follows(finding: Finding, found: Sequence[Finding]) -> bool:
@@ -106,7 +106,6 @@ _EFFECTS = {
     "stuck_axis",
 }
 _CAUSES = ("stuck_axis", "frozen", "axes_wrong", "clocks_diverge")
-_ORDER = {"error": 0, "warning": 1, "info": 2}
 _LAG_S, _MOUNTING_RAD = 5e-3, np.radians(2.0)
 
 
