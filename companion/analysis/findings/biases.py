@@ -42,10 +42,10 @@ def bias_findings(
     """
     if len(found) < _FEWEST or comparison.track.rate_hz < BIAS_RATE_HZ:
         return
-    # four of one axis: three axes together pass three in 3 % of all sensors; and half a step of each axis
-    limit = 4.0 * imu.gyro.residual_bias + 4.0 * found.noise[:, 0] + comparison.track.gyro_step
-    # a turn that goes on shows the gyro's scale and its axes as if they were a bias
-    limit = limit + 3.0 * _of_turning(found, imu, autopilot)
+    # four of one axis: three axes together pass three in 3 % of all sensors; a turn that goes on shows the gyro's scale
+    # and its axes as if they were a bias; and half a step of each axis
+    usual = np.hypot(4.0 * imu.gyro.residual_bias, 2.0 * _of_turning(found, imu, autopilot))
+    limit = usual + 4.0 * found.noise[:, 0] + comparison.track.gyro_step
     # what shakes faster than the samples tell folds into them, and may stand still there for a while
     folded = _FOLDED * np.median(found.noise * np.sqrt(found.span * comparison.track.rate_hz), axis=0)
     limit = limit + folded[0]
