@@ -228,7 +228,10 @@ def _matches(flight: Flight, arguments: argparse.Namespace) -> bool:
 
 
 def _horizons(text: str) -> tuple[float, ...]:
-    values = tuple(float(part) for part in text.split(","))
-    if not all(np.isfinite(v) and v > 0 for v in values):
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if not values or not all(np.isfinite(v) and v > 0 for v in values):
         raise argparse.ArgumentTypeError(f"must be positive seconds like 1,5,10, got {text!r}")
     return values

@@ -232,7 +232,7 @@ def test_a_bad_config_names_the_line(text: str, line: int, expected: str, tmp_pa
         (["--imu", "RAW_MIU"], "no usable RAW_MIU"),
         (["--imu", "HIGHRES_IMU"], "no usable HIGHRES_IMU"),
         (["--horizons", "5,-1"], "--horizons"),
-        (["--horizons", "five"], "--horizons"),
+        (["--horizons", "five"], "must be positive seconds like 1,5,10, got 'five'"),
         (["--method", "rk5"], "rk5"),
         (["--config", "missing.toml"], "cannot read the settings file"),
         (["--dialect", "ardupilotmeag"], "ardupilotmega"),
