@@ -5,16 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.analysis import FreeState, Replay
 from companion.tracks import Array
+from companion.view.insight import MOST
 from companion.view.moment import Footage, Reckoning, footage
 
 _REPLAYED = {
     "q_imu": 4, "velocity_imu": 3, "position_imu": 3, "q_ref": 4, "velocity_ref": 3, "position_ref": 3,
     "attitude_error": 3, "velocity_error": 3, "position_error": 3,
 }  # fmt: skip
-_WIDTHS = {"t": 1, "anchor": 1, "valid": 1} | _REPLAYED | {"free": 4, "free_position": 3, "free_anchor": 1}
+_CHARTED = {"t": 1, "valid": 1, "errors": 4, "free": 4}
+_WIDTHS = _CHARTED | _REPLAYED | {"anchor": 1, "free_position": 3, "free_anchor": 1}
 _STARTS = np.cumsum([0, *_WIDTHS.values()])
 _SLICES = {name: slice(a, b) for name, a, b in zip(_WIDTHS, _STARTS[:-1], _STARTS[1:], strict=True)}
 """The columns of a row."""
@@ -23,11 +26,23 @@ _HOLE_S = 1.0  # between two rows: the link was silent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Curves:
+    """The errors of what was shown, for charts: tilt and heading °, velocity m/s and position m."""
+
+    t: Array  # (N,) s before the last row, which is 0
+    errors: Array  # (N, 4) since the last anchor
+    free: Array  # (N, 4) of the free run; NaN where there is none
+    known: npt.NDArray[np.bool_]  # (N,) whether there was an autopilot's state to hold them against
+    has_position: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Past:
     """A stretch of what was shown. Times are seconds before its end: 0 is the last row."""
 
     film: Footage
-    free: Array  # (N, 4) the free run's tilt and heading °, velocity m/s and position error m; NaN where there is none
+    curves: Curves
+    free: Array  # (N, 4) the free run's errors at the film's samples, as in the curves
     free_position: Array  # (N, 3) NED, m
     free_anchor: Array  # (N,) s, boot clock
     end: float  # s, boot clock, of the last row
@@ -38,7 +53,7 @@ class History:
 
     def __init__(self, seconds: float, rate_hz: float) -> None:
         self._period = 1.0 / rate_hz
-        self._rows = np.zeros((max(int(seconds * rate_hz), 2), sum(_WIDTHS.values())))
+        self._rows = np.full((max(int(seconds * rate_hz), 2), sum(_WIDTHS.values())), np.nan)
         self._count = 0  # rows written ever
         self._has_position = False
 
@@ -52,8 +67,8 @@ class History:
     @property
     def duration(self) -> float:
         """s"""
-        rows = self._ordered()
-        return float(rows[-1, 0] - rows[0, 0]) if len(rows) else 0.0
+        t = self._ordered(1)[:, 0]
+        return float(t[-1] - t[0]) if len(t) else 0.0
 
     def add(self, replay: Replay, free: FreeState | None) -> bool:
         """Keep what the replay ends with; whether that is worth a row."""
@@ -66,6 +81,7 @@ class History:
         row[0] = t
         row[_SLICES["anchor"]] = replay.anchors[np.searchsorted(replay.anchors, t, side="right") - 1]
         row[_SLICES["valid"]] = replay.reference_valid[-1]
+        row[_SLICES["errors"]] = _sizes(replay.attitude_error[-1], replay.velocity_error[-1], replay.position_error[-1])
         for name in _REPLAYED:
             row[_SLICES[name]] = getattr(replay, name)[-1]
         if free is not None:
@@ -76,9 +92,19 @@ class History:
         self._has_position = replay.has_position
         return True
 
+    def curves(self) -> Curves:
+        """The errors of everything that is kept; needs a row."""
+        rows = self._ordered(sum(_CHARTED.values()))
+        t = rows[:, 0] - rows[-1, 0]
+        errors = rows[:, _SLICES["errors"]]
+        known = (rows[:, _SLICES["valid"]][:, 0] > 0) & (np.abs(errors) < MOST).all(axis=1)
+        gap = np.flatnonzero(np.diff(t) > _HOLE_S)
+        known[gap] = known[gap + 1] = False
+        return Curves(t, np.where(known[:, None], errors, 0.0), rows[:, _SLICES["free"]], known, self._has_position)
+
     def past(self) -> Past:
         """Everything that is kept. Raises DataError when there is nothing finite in it."""
-        rows = self._ordered()
+        rows = self._ordered(self._rows.shape[1])
         end = float(rows[-1, 0])
         t = rows[:, 0] - end
         column = {name: rows[:, part] for name, part in _SLICES.items()}
@@ -99,13 +125,15 @@ class History:
         )
         kept = np.isin(t, film.replay.t)
         errors, position, anchor = (column[name][kept] for name in ("free", "free_position", "free_anchor"))
-        return Past(film, errors, position, anchor[:, 0], end)
+        return Past(film, self.curves(), errors, position, anchor[:, 0], end)
 
-    def _ordered(self) -> Array:
-        """The rows kept, oldest first: a copy."""
-        if self._count <= len(self._rows):
-            return self._rows[: self._count].copy()
-        return np.roll(self._rows, -(self._count % len(self._rows)), axis=0)
+    def _ordered(self, width: int) -> Array:
+        """The first columns of the rows kept, oldest first: a copy."""
+        rows = self._rows[:, :width]
+        if self._count <= len(rows):
+            return rows[: self._count].copy()
+        first = self._count % len(rows)
+        return np.concatenate([rows[first:], rows[:first]])
 
 
 def present(replay: Replay) -> Footage:
@@ -125,6 +153,9 @@ def present(replay: Replay) -> Footage:
 
 def free_errors(free: FreeState) -> tuple[float, float, float, float]:
     """Tilt and heading °, velocity m/s, position m: how far a free run is from the autopilot."""
-    north, east, down = np.degrees(free.attitude_error).tolist()
-    velocity, position = (float(np.linalg.norm(e)) for e in (free.velocity_error, free.position_error))
-    return float(np.hypot(north, east)), float(down), velocity, position
+    return _sizes(free.attitude_error, free.velocity_error, free.position_error)
+
+
+def _sizes(attitude: Array, velocity: Array, position: Array) -> tuple[float, float, float, float]:
+    north, east, down = np.degrees(attitude).tolist()
+    return float(np.hypot(north, east)), float(down), float(np.linalg.norm(velocity)), float(np.linalg.norm(position))

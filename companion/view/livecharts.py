@@ -8,7 +8,7 @@ import viser
 from companion.view import events, palette
 from companion.view.chart import DASHED, STYLE, Chart, Drawing, Line
 from companion.view.controls import button_row
-from companion.view.history import Past
+from companion.view.history import Curves
 
 SPANS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
 """s. A new flight begins with short charts: a change of span builds them anew, and forgets how the user has zoomed."""
@@ -29,31 +29,29 @@ class LiveCharts:
         """Show the free run, or the errors since the last anchor."""
         self._free = free
 
-    def show(self, past: Past, now: float) -> None:
-        """Draw the past, with the line at `now` (s, 0 or less)."""
-        film = past.film
-        known = film.replay.reference_valid.astype(np.float64)
-        e = film.errors
-        tilt, heading, velocity, position = e.tilt_deg, e.heading_deg, e.velocity_mps, e.position_m
+    def show(self, curves: Curves, now: float) -> None:
+        """Draw the errors, with the line at `now` (s, 0 or less)."""
+        t, known = curves.t, curves.known.astype(np.float64)
+        tilt, heading, velocity, position = curves.errors.T
         if self._free:
-            there = np.asarray(np.isfinite(past.free).all(axis=1))
-            tilt, heading, velocity, position = np.where(there[:, None], past.free, 0.0).T
+            there = np.asarray(np.isfinite(curves.free).all(axis=1))
+            tilt, heading, velocity, position = np.where(there[:, None], curves.free, 0.0).T
             known = known * there
         colour = palette.FREE if self._free else palette.IMU
-        duration = -float(e.t[0])
+        duration = -float(t[0])
         span = next((s for s in SPANS if s >= min(duration, self._window)), self._window)
         drawings = [
             Drawing(
                 "Attitude error, °",
                 "deg",
-                (Line("tilt", colour, e.t, tilt), Line("heading", colour, e.t, heading, dash=DASHED)),
-                (e.t, known),
+                (Line("tilt", colour, t, tilt), Line("heading", colour, t, heading, dash=DASHED)),
+                (t, known),
             ),
-            Drawing("Velocity error, m/s", "m/s", (Line("apart", colour, e.t, velocity),), (e.t, known)),
-            Drawing("Position error, m", "m", (Line("apart", colour, e.t, position),), (e.t, known)),
+            Drawing("Velocity error, m/s", "m/s", (Line("apart", colour, t, velocity),), (t, known)),
+            Drawing("Position error, m", "m", (Line("apart", colour, t, position),), (t, known)),
         ]
         for i, (chart, drawing) in enumerate(zip(self._charts, drawings, strict=True)):
-            shown = i == 0 or film.replay.has_position
+            shown = i == 0 or curves.has_position
             chart.draw(drawing if shown else None, (-min(span, self._window), 0.0))
             chart.show(now, still=True)
 

@@ -268,9 +268,10 @@ class LiveStage:
 
     def _chart(self) -> None:
         if self._held is not None:
-            self._charts.show(*self._held)
+            past, at = self._held
+            self._charts.show(past.curves, at)
         elif len(self._history) > 1 and self.browsers:
-            self._charts.show(self._history.past(), 0.0)
+            self._charts.show(self._history.curves(), 0.0)
 
     def _is_due(self, what: str, rate: float, now: float) -> bool:
         if now < self._due[what]:

@@ -52,6 +52,12 @@ def test_the_newest_rows_are_kept_in_order() -> None:
     np.testing.assert_allclose(then.position_ref, WHOLE.position_ref[i], atol=0.2)
     assert then.since_anchor_s == pytest.approx(past.end - 5.0 - WHOLE.anchors[WHOLE.anchors < past.end - 5.0][-1])
     assert past.free[-1] == pytest.approx([5.0, -2.0, 5.0, 0.0])
+    curves, errors = history.curves(), past.film.errors
+    np.testing.assert_array_equal(curves.t, errors.t)
+    expected = np.column_stack([errors.tilt_deg, errors.heading_deg, errors.velocity_mps, errors.position_m])
+    np.testing.assert_allclose(curves.errors, expected, atol=1e-9)
+    np.testing.assert_array_equal(curves.free, past.free)
+    np.testing.assert_array_equal(curves.known, past.film.replay.reference_valid)
     history.clear()
     assert len(history) == 0
 
