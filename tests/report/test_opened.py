@@ -49,9 +49,15 @@ def watched(browser: Browser) -> Iterator[Watched]:
     context.close()
 
 
-def test_the_page_asks_nobody_and_complains_of_nothing(watched: Watched, tmp_path: Path) -> None:
-    path = tmp_path / "report.html"
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of the demo, with its playback."""
+    path = tmp_path_factory.mktemp("report") / "report.html"
     report(DEMO, path)
+    return path
+
+
+def test_the_page_asks_nobody_and_complains_of_nothing(watched: Watched, path: Path) -> None:
     page = watched.open(path)
     charts = page.locator(".chart")
     assert charts.count() >= 9
@@ -73,9 +79,7 @@ def test_the_page_asks_nobody_and_complains_of_nothing(watched: Watched, tmp_pat
     assert [url for url in watched.requests if not url.startswith(("data:", "blob:"))] == [path.as_uri()]
 
 
-def test_no_request_could_leave_the_page(watched: Watched, tmp_path: Path) -> None:
-    path = tmp_path / "report.html"
-    report(DEMO, path, "--no-playback")
+def test_no_request_could_leave_the_page(watched: Watched, path: Path) -> None:
     page = watched.open(path)
     refused = page.evaluate("fetch('http://127.0.0.1:9/').then(() => 'sent', e => String(e))")
     assert "Failed to fetch" in refused
@@ -94,9 +98,7 @@ def test_what_a_vehicle_says_does_not_run(watched: Watched, tmp_path: Path) -> N
     assert watched.trouble == []
 
 
-def test_a_telephone_scrolls_down_and_not_sideways(browser: Browser, tmp_path: Path) -> None:
-    path = tmp_path / "report.html"
-    report(DEMO, path, "--no-playback")
+def test_a_telephone_scrolls_down_and_not_sideways(browser: Browser, path: Path) -> None:
     context = browser.new_context(viewport={"width": 360, "height": 700})
     page = Watched(context.new_page()).open(path)
     assert page.evaluate("document.documentElement.scrollWidth") <= 360

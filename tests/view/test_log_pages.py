@@ -29,15 +29,15 @@ from tests.view.browsing import choose, near, open_page, shoot, until
 pytestmark = pytest.mark.browser
 
 DEMO = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
+ANSWERS = Answers(Settings())  # one for all pages: what was examined last is remembered
 
 
 @contextlib.contextmanager
 def viewing(*flights: Flight, choice: ReplayChoice | None = None) -> Iterator[Viewer]:
-    answers = Answers(Settings())
     path = BUNDLED / "copter-demo-100hz.tlog"
     source = Source(path, "tlog", path.stat().st_size, 1)
-    offer = Offer(report=functools.partial(answers.report, source))
-    with Viewer(flights, answers.recompute, answers.examine, choice=choice, offer=offer, port=0) as viewer:
+    offer = Offer(report=functools.partial(ANSWERS.report, source))
+    with Viewer(flights, ANSWERS.recompute, ANSWERS.examine, choice=choice, offer=offer, port=0) as viewer:
         yield viewer
 
 
@@ -93,10 +93,13 @@ def test_several_imus_a_correction_and_another_horizon(page: Page) -> None:
         until(lambda: bool(viewer.scene.expected.axes.any()), "the ellipsoid")
         axes = np.sort(viewer.scene.expected.axes)
         assert axes[2] > 1.05 * axes[0] > 0  # not a ball
-        time.sleep(1.0)
-        canvas = shoot(page, "several-imus")[:, 340:940]
-        for colour in (palette.IMUS[0], palette.IMUS[1], palette.AUTOPILOT):
-            assert near(canvas, colour) > 100
+        colours = (palette.IMUS[0], palette.IMUS[1], palette.AUTOPILOT)
+
+        def all_drawn() -> bool:
+            canvas = shoot(page, "several-imus")[:, 340:940]
+            return all(near(canvas, colour) > 100 for colour in colours)
+
+        until(all_drawn, "the paths of all three")
         choose(page, "Readings", "By this flight's calibration")
         choose(page, "Charts", "IMU readings")
         until(lambda: "forward raw" in page.evaluate(names), "the readings before and after the correction", 30.0)
@@ -122,9 +125,7 @@ def test_a_log_without_position(page: Page) -> None:
         page.get_by_role("button", name="+10", exact=True).click()
         until(lambda: viewer.player.time > viewer.player.start + 9.9, "ten seconds on")
         assert not viewer.scene.imu.position.any()
-        time.sleep(1.0)
-        pixels = shoot(page, "attitude-only")
-        assert near(pixels[:, 340:940], palette.IMU) > 100
+        until(lambda: near(shoot(page, "attitude-only")[:, 340:940], palette.IMU) > 100, "the IMU's drone")
 
 
 def test_a_log_with_two_vehicles(page: Page, tmp_path: Path) -> None:
@@ -162,8 +163,10 @@ def test_nothing_is_cut_off_on_a_laptop(page: Page) -> None:
     with viewing(DEMO) as viewer:
         open_page(page, viewer.url)
         expect(page.get_by_text("CONSISTENT").first).to_be_visible(timeout=30_000)
-        time.sleep(2.0)
-        assert page.evaluate(OVERLAPS) == {"cut": [], "outside": [], "wide": 1280}
+        fits = {"cut": [], "outside": [], "wide": 1280}
+        until(lambda: page.evaluate(OVERLAPS) == fits, "nothing cut off")
+        time.sleep(0.5)
+        assert page.evaluate(OVERLAPS) == fits, "and so it stays"
         play, charts, legend = (
             page.get_by_role("button", name="Play", exact=True),
             page.locator(".uplot").first,
@@ -189,10 +192,8 @@ def test_a_phone(browser: Browser) -> None:
         until(lambda: viewer.player.playing, "the play button")
         page.get_by_text("▶ / ❚❚").click()
         viewer.post(events.SeekShare(0.3))
-        time.sleep(3.0)  # the camera settles
+        until(lambda: near(shoot(page, "window-390x844")[:330], palette.IMU) > 50, "the drone is above the sheet")
         assert page.evaluate(OVERLAPS) == {"cut": [], "outside": [], "wide": 390}
-        pixels = shoot(page, "window-390x844")
-        assert near(pixels[:330], palette.IMU) > 50  # the drone is above the sheet
         page.get_by_text("companion", exact=True).click()  # fold the sheet away
         expect(page.get_by_text("Since anchor")).not_to_be_visible()
         shoot(page, "phone-folded")
