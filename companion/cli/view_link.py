@@ -46,7 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
             attachment.check()
             time.sleep(0.1)
         attachment.close()  # first of all: the vehicle gets its intervals back
-        for sentence in feed.news():
+        viewer.close()  # its thread takes no more sentences from the link's
+        for sentence in (*feed.news(), *attachment.said()):
             options.say(sentence)
         attachment.check()
     if recorder is not None:

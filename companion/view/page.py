@@ -53,7 +53,11 @@ class Page(Generic[Behind]):
         self._closed = False
         self._failure: BaseException | None = None
         self._period = 1.0 / rate_hz
-        self._behind = build(self._server, self._events.put)
+        try:
+            self._behind = build(self._server, self._events.put)
+        except BaseException:
+            close_server(self._server)
+            raise
 
         @self._server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
