@@ -17,7 +17,7 @@ from companion.examination import integration_of
 from companion.live import Attachment, Watch
 from companion.mavlink import Clock, Recorder, Session, State
 from companion.settings import Settings
-from companion.view import Judgement, LinkState, LiveViewer, Seen, StreamState
+from companion.view import LONGEST_REANCHOR_S, Judgement, LinkState, LiveViewer, Seen, StreamState
 
 _MOST_SAID = 100  # sentences that the page keeps
 _NOTES = {State.FINDING: "asking", State.ASKING: "asking", State.GIVEN_UP: "given up"}
@@ -64,6 +64,7 @@ def _watch(arguments: argparse.Namespace, settings: Settings) -> Watch:
         imu=arguments.imu,
         vehicle=None if arguments.vehicle == "all" else arguments.vehicle,
         reanchor_s=settings.view.reanchor_s,
+        most_reanchor_s=max(settings.view.reanchor_s, LONGEST_REANCHOR_S),
     )
 
 

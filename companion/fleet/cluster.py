@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import signal
+import threading
 from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Any
@@ -29,22 +31,39 @@ def local_cluster(workers: int | None, most: int) -> Iterator[Client]:
     distributed = _distributed()
     from dask.system import CPU_COUNT  # noqa: PLC0415  (comes with distributed)
 
-    with (
-        distributed.LocalCluster(
-            n_workers=min(workers or CPU_COUNT, most),
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address=None,
-            scheduler_kwargs={
-                "dashboard_address": "127.0.0.1:0"
-            },  # without a dashboard it still answers for its health
-            silence_logs=logging.CRITICAL,
-            preload="companion.fleet.task",
-        ) as cluster,
-        distributed.Client(cluster, set_as_default=False) as client,
-    ):
+    with contextlib.ExitStack() as stack:
+        with _interrupts_wait():
+            cluster = stack.enter_context(
+                distributed.LocalCluster(
+                    n_workers=min(workers or CPU_COUNT, most),
+                    threads_per_worker=1,
+                    processes=True,
+                    host="127.0.0.1",
+                    dashboard_address=None,
+                    # without a dashboard it still answers for its health
+                    scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+                    silence_logs=logging.CRITICAL,
+                    preload="companion.fleet.task",
+                )
+            )
+            client: Client = stack.enter_context(distributed.Client(cluster, set_as_default=False))
         yield client
+
+
+@contextlib.contextmanager
+def _interrupts_wait() -> Iterator[None]:
+    """Ctrl-C takes effect at the end: a cluster that is interrupted while it starts cannot be closed without noise."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    told: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: told.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if told:
+        raise KeyboardInterrupt
 
 
 @contextlib.contextmanager

@@ -15,7 +15,7 @@ from companion.tracks import Flight
 _DRIFT_S = 5.0  # between two looks for complete windows
 _SETTLED_S = 2.0  # packets come late: a window is judged so long after its end
 _MOST_DRIFTS = 8  # vehicles and boots whose tables are kept
-_KEPT_S = 90.0  # of messages: enough for the longest window and the re-anchoring
+_KEPT_S = 30.0  # of messages, beside the longest window or two re-anchor periods
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +29,8 @@ class Sighting:
 class Watch:
     """Give `hear` what arrives, then `look`: both poses, the free run, and the drift since the session began.
 
-    how: how to integrate a flight. imu, vehicle: as in `LiveReplay`.
+    how: how to integrate a flight. imu, vehicle: as in `LiveReplay`. most_reanchor_s: the longest period that will be
+    chosen later: so much is kept.
     """
 
     def __init__(
@@ -42,9 +43,12 @@ class Watch:
         imu: str | None = None,
         vehicle: str | None = None,
         reanchor_s: float = 10.0,
+        most_reanchor_s: float = 10.0,
     ) -> None:
         longest = max(horizons)
-        self._stream = Stream(dialect=dialect, window_s=max(_KEPT_S, longest + 30.0), dequantise=dequantise)
+        self._stream = Stream(
+            dialect=dialect, window_s=_KEPT_S + max(longest, 2 * most_reanchor_s), dequantise=dequantise
+        )
         self._how, self._horizons = how, tuple(horizons)
         self._replay = LiveReplay(self._stream, vehicle=vehicle, imu=imu, how=how, reanchor_s=reanchor_s)
         self._free = FreeRun()

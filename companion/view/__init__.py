@@ -7,11 +7,13 @@ from companion.view.export import replay_page
 from companion.view.feed import Feed, Judgement, LinkState, Seen, StreamState
 from companion.view.insight import Insight
 from companion.view.live import LiveViewer
+from companion.view.livepanel import LONGEST_REANCHOR_S
 from companion.view.marks import Mark
 from companion.view.moment import Footage, Reckoning
 from companion.view.thin import extremes
 
 __all__ = [
+    "LONGEST_REANCHOR_S",
     "Examine",
     "Feed",
     "Footage",

@@ -12,7 +12,8 @@ from companion.view.feed import Feed
 from companion.view.moment import Moment
 from companion.view.picture import PictureControls
 
-LONGEST_REANCHOR_S = 60.0
+LONGEST_REANCHOR_S = 20.0
+"""That the page offers; whoever keeps the messages keeps two such periods."""
 
 
 class LivePanel:
@@ -20,6 +21,7 @@ class LivePanel:
 
     def __init__(self, gui: viser.GuiApi, feed: Feed, window_s: float, post: events.Post) -> None:
         self._vehicles: tuple[str, ...] = ()
+        longest = max(LONGEST_REANCHOR_S, float(feed.reanchor_s))
         self._banner = gui.add_html("")
         self._pause = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
         self._back = gui.add_slider(
@@ -33,7 +35,7 @@ class LivePanel:
                 "Re-anchor, s",
                 float(feed.reanchor_s),
                 min=0.5,
-                max=LONGEST_REANCHOR_S,
+                max=longest,
                 step=0.5,
                 hint="Start again from the autopilot's state so often",
             )
@@ -50,7 +52,7 @@ class LivePanel:
             "All that is kept": events.SetTrail(None),
         }
         self._picture = PictureControls(gui, trails, post)
-        self._listen(gui, post, window_s)
+        self._listen(gui, post, window_s, longest)
 
     @property
     def picture(self) -> viser.GuiFolderHandle:
@@ -94,11 +96,9 @@ class LivePanel:
             self._vehicle.options = vehicles
             self._vehicle.visible = len(vehicles) > 1
 
-    def _listen(self, gui: viser.GuiApi, post: events.Post, window_s: float) -> None:
+    def _listen(self, gui: viser.GuiApi, post: events.Post, window_s: float, longest: float) -> None:
         listen(self._back, post, lambda: events.LookBack(bounded(self._back.value, -window_s, 0.0, 0.0)))
-        listen(
-            self._period, post, lambda: events.SetReanchor(bounded(self._period.value, 0.5, 10.0, LONGEST_REANCHOR_S))
-        )
+        listen(self._period, post, lambda: events.SetReanchor(bounded(self._period.value, 0.5, 10.0, longest)))
         listen(self._vehicle, post, lambda: events.PickVehicle(self._vehicle.value))
 
         @self._pause.on_click
