@@ -186,7 +186,17 @@ def _stretches(found: Residuals, value: Array, limit: Array) -> Iterator[Stretch
 
 
 def _of_turning(found: Residuals, imu: ImuFigures, autopilot: ReferenceFigures) -> Array:
-    """(W,) rad/s, 1σ of what scale and misalignment make of a turn."""
+    """(W,) rad/s, 1σ of what scale and misalignment make of a turn that goes on: what turns back averages out."""
     scale = np.diagonal(found.growth.gyro_matrix[:, ATTITUDE], axis1=2, axis2=3) * imu.gyro.scale
     askew = turn_jacobian(found.growth)[:, ATTITUDE] * autopilot.misalignment
-    return np.asarray(np.sqrt((scale**2 + askew**2).sum(axis=(1, 2))) / found.span[:, 0])
+    lasting = [_neighbourhood(part / found.span[:, :1, None]) for part in (scale, askew)]
+    return np.asarray(np.sqrt(sum((part**2).sum(axis=(1, 2)) for part in lasting)))
+
+
+def _neighbourhood(values: Array) -> Array:
+    """Mean of each window's values (W, ...) and those of as many about it as make a finding."""
+    reach = _FEWEST - 1
+    total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+    low = np.maximum(np.arange(len(values)) - reach, 0)
+    high = np.minimum(np.arange(len(values)) + reach + 1, len(values))
+    return np.asarray((total[high] - total[low]) / (high - low).reshape(-1, *[1] * (values.ndim - 1)))
