@@ -298,7 +298,7 @@ def test_a_log_without_an_attitude_gives_what_it_has(tmp_path: Path, capsys: Cap
     assert (tmp_path / "csv" / "raw_imu.csv").exists()
     assert not (tmp_path / "csv" / "drift.csv").exists()
     assert main(["export", path, "--format", "tum", "-o", str(tmp_path / "tum")]) == 2
-    assert "no ATTITUDE" in capsys.readouterr().err
+    assert "no attitude to compare with" in capsys.readouterr().err
 
 
 def test_a_flight_without_position_has_attitudes(tmp_path: Path) -> None:

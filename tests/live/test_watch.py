@@ -32,7 +32,7 @@ def test_the_drift_of_a_session_is_that_of_its_recording(tmp_path: Path) -> None
     with Link("udpin:127.0.0.1:0") as link, Recorder(path) as recorder:
         session = Session(link, recorder=recorder)
         with flying(link.port, since=20.0, faults=faults, seed=5), Attachment(session) as attachment:
-            until = time.monotonic() + 6.0
+            until = time.monotonic() + 9.0
             while time.monotonic() < until:
                 watching.hear(attachment.fetch())
                 watching.look()
