@@ -10,7 +10,6 @@ from companion.tracks import Flight
 from companion.view.choice import Examine, Offer, Recompute, ReplayChoice
 from companion.view.page import Page
 from companion.view.player import Player
-from companion.view.scene import Scene
 from companion.view.stage import Stage
 from companion.view.work import attempt
 
@@ -58,13 +57,3 @@ class Viewer(Page[Stage]):
     def player(self) -> Player:
         """The play clock. To be read; only the view thread moves it."""
         return self._behind.player
-
-    @property
-    def scene(self) -> Scene:
-        """The world. To be read: where the drones are and how they stand."""
-        return self._behind.scene
-
-    @property
-    def pose_updates(self) -> int:
-        """How often both poses have been written since the start."""
-        return self._behind.pose_updates

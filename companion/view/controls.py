@@ -14,6 +14,7 @@ Key = Literal[
     "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "pageup", "pagedown", "home", "end", "A", "B", "I", "O"
 ] | Literal["1", "2", "3", "4", "5", "6", "7", "8", "9"]  # fmt: skip
 """Keys that viser knows, of those that are used."""
+SIDE = 330  # width of either panel, pixels
 
 
 def listen(handle: Any, post: events.Post, event: Callable[[], events.Event]) -> None:
@@ -60,3 +61,11 @@ def command(gui: viser.GuiApi, post: events.Post, name: str, key: Key, shift: bo
     @gui.add_command(name, hotkey=key, modifier="shift" if shift else None).on_trigger
     async def _(_: object) -> None:
         post(event)
+
+
+def dock(gui: viser.GuiApi, side: viser.PanelHandle) -> None:
+    """The main panel on the right, another on the left."""
+    for panel in (gui.main_panel, side):
+        panel.set_width(SIDE)
+    gui.main_panel.dock_right()
+    side.dock_left()

@@ -237,9 +237,9 @@ class PickRun:
     free: bool
 
 
-Look = SetCamera | SetTrail | SetSize | SetRange | SetArrows | SetDark
+Look = SetCamera | SetSize | SetRange | SetArrows | SetDark | Joined | Left
 Goto = Step | StepSample | Jump | JumpToMark | JumpToFinding
 Move = Toggle | Seek | SeekShare | Goto | SetSpeed | SetLoop | SetBackwards | SetPart
 Live = Pause | LookBack | StepBack | SetReanchor | AnchorNow | PickVehicle | PickRun
-Event = Live | Move | Look | Choose | StartHere | PickFlight | PickCharts | Save | Joined | Left
+Event = Live | Move | Look | SetTrail | Choose | StartHere | PickFlight | PickCharts | Save
 Post = Callable[[Event], None]

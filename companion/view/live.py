@@ -5,7 +5,6 @@ from __future__ import annotations
 from companion.view.feed import Feed
 from companion.view.livestage import LOOK_HZ, LiveStage
 from companion.view.page import Page
-from companion.view.scene import Scene
 
 
 class LiveViewer(Page[LiveStage]):
@@ -16,16 +15,6 @@ class LiveViewer(Page[LiveStage]):
 
     def __init__(self, feed: Feed, *, window_s: float = 600.0, host: str = "127.0.0.1", port: int = 8080) -> None:
         super().__init__(host, port, LOOK_HZ, lambda server, post: LiveStage(server, feed, window_s, post))
-
-    @property
-    def scene(self) -> Scene:
-        """The world. To be read: where the drones are and how they stand."""
-        return self._behind.scene
-
-    @property
-    def pose_updates(self) -> int:
-        """How often both poses have been written since the start."""
-        return self._behind.pose_updates
 
     @property
     def newest(self) -> float:

@@ -5,7 +5,6 @@ Everything here runs in the view thread, which alone writes to viser and alone l
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -13,33 +12,25 @@ import viser
 
 from companion.errors import DataError
 from companion.tracks import Array
-from companion.view import events, palette
-from companion.view.browsers import Browsers
+from companion.view import events
+from companion.view.cadence import Cadence
+from companion.view.controls import dock
 from companion.view.feed import Feed, Seen
 from companion.view.framing import (
-    FIELD_OF_VIEW,
-    CameraMode,
-    Framing,
-    camera,
     frame,
-    grid_cell,
-    readable_span,
-    screen_up,
 )
 from companion.view.history import History, Past, free_errors, present
 from companion.view.livecharts import LiveCharts
 from companion.view.livepanel import LivePanel
 from companion.view.moment import Footage, Moment
+from companion.view.outlook import Outlook
 from companion.view.scene import Scene
 from companion.view.shapes import drone_for
 from companion.view.wakes import Wakes
 
 LOOK_HZ = 20.0
 ALONE_HZ = 4.0  # looks while no browser is open
-PANEL_HZ, TRAIL_HZ, CHART_HZ = 4.0, 8.0, 2.0
-SIDE = 330  # width of either panel, pixels
 _SUNK_M = 0.5  # below the ground before the ground gives way
-_MODE: CameraMode = "Follow"  # the camera of a vehicle that may fly anywhere
 
 
 class LiveStage:
@@ -56,29 +47,25 @@ class LiveStage:
         self._free: tuple[tuple[float, ...], float, Array | None] | None = None  # errors, age s, position
         self._held: tuple[Past, float] | None = None  # what is looked back at, and where, s before its end
         self._trail = events.SetTrail(30.0)
-        self._size: float | None = 1.0
-        self._dark = False
-        self._relayouts: list[float] = []
-        self._due = dict.fromkeys(("look", "panel", "trails", "charts"), 0.0)
-        self._drone = drone_for("QUADROTOR")
-        self._theme()
-        self.scene = Scene(server.scene, self._drone)
-        self._wakes = Wakes(server.scene, window_s)
+        self._is_due = Cadence(look=ALONE_HZ, panel=4.0, trails=8.0, charts=2.0)
         self._panel = LivePanel(server.gui, feed, window_s, post)
         side = server.gui.add_panel()
         with side.add_tab("Charts", viser.Icon.CHART_LINE):
             self._charts = LiveCharts(server.gui, window_s, post)
-        server.gui.main_panel.dock_right()
-        server.gui.main_panel.set_width(SIDE)
-        side.dock_left()
-        side.set_width(SIDE)
-        self._browsers = Browsers(server, self._panel.picture, post, mode=_MODE)
-        self._framing = self._place(frame(np.zeros((2, 3))))
+        dock(server.gui, side)
+        nowhere = frame(np.zeros((2, 3)))
+        self._outlook = Outlook(server, self._panel.picture, drone_for("QUADROTOR"), nowhere, post, mode="Follow")
+        self._wakes = Wakes(server.scene, window_s)
 
     @property
     def browsers(self) -> int:
         """How many pages are open."""
-        return len(self._browsers)
+        return len(self._outlook.browsers)
+
+    @property
+    def scene(self) -> Scene:
+        """The world."""
+        return self._outlook.scene
 
     @property
     def held(self) -> bool:
@@ -90,27 +77,25 @@ class LiveStage:
 
     def turn(self, now: float, dt: float) -> None:  # noqa: ARG002  (the vehicle's clock counts here)
         """Look, and draw what is seen: at `now`, s of any steady clock."""
-        if self.browsers or self._is_due("look", ALONE_HZ, now):
+        if self.browsers or self._is_due("look", now):
             seen = self._feed.look()
             if seen is not None:
                 self._take(seen)
         moment = self._moment()
         with self._server.atomic():
             if moment is not None:
-                self.scene.show(moment)
-                self._browsers.show(moment)
+                self._outlook.show(moment)
                 self._wakes.reach(moment.t, self._free_now()[2])
                 self.pose_updates += 1
                 self.newest = moment.t
-            if self._is_due("panel", PANEL_HZ, now):
+            if self._is_due("panel", now):
                 self._report(moment)
-            if self._is_due("trails", TRAIL_HZ, now):
+            if self._is_due("trails", now):
                 self._trails()
-        if self._relayouts and now >= self._relayouts[0]:
-            self._relayouts.pop(0)
+        if self._outlook.to_lay_out(now) <= 0:
             self._charts.relayout()
-            self._browsers.settle(self._framing)
-        elif self._is_due("charts", CHART_HZ, now):
+            self._outlook.laid_out()
+        elif self._is_due("charts", now):
             self._chart()
 
     def handle(self, event: events.Event) -> None:
@@ -132,32 +117,12 @@ class LiveStage:
                     self._hold(None)
             case events.PickRun(free):
                 self._charts.pick(free=free)
-                self._due["charts"] = 0.0
-            case events.Joined(browser):
-                self._browsers.join(browser, self._framing)
-                self._relayouts = [time.monotonic() + s for s in (1.0, 2.5, 5.0)]  # a page is laid out after 1 to 3 s
-            case events.Left(browser):
-                self._browsers.leave(browser)
-            case _:
-                self._look(event)
-
-    def _look(self, event: events.Event) -> None:
-        match event:
-            case events.SetCamera(browser, mode):
-                self._browsers.choose(browser, mode, self._framing)
+                self._is_due.at_once("charts")
             case events.SetTrail():
                 self._trail = event
-                self._due["trails"] = 0.0
-            case events.SetSize(size):
-                self._size = size
-            case events.SetRange(shown):
-                self.scene.expected.shown = shown
-            case events.SetArrows(shown):
-                self.scene.arrows.shown = shown
-            case events.SetDark(dark):
-                self._dark = dark
-                self._theme()
-                self.scene.ground.shade(dark=dark)
+                self._is_due.at_once("trails")
+            case _ if isinstance(event, events.Look):
+                self._outlook.handle(event)
 
     def _take(self, seen: Seen) -> None:
         """Keep what is seen now. Another vehicle or boot begins with nothing behind it."""
@@ -173,8 +138,8 @@ class LiveStage:
         self._film = film
         if film.replay.has_position:
             low = float(film.replay.position_ref[-1, 2])
-            if low > self._framing.ground + _SUNK_M:
-                self._framing = replace(self._framing, ground=low)
+            if low > self._outlook.framing.ground + _SUNK_M:
+                self._outlook.framing = replace(self._outlook.framing, ground=low)
                 self.scene.ground.sink(low)
         self._wakes.add(film, seen.free)
         free = seen.free
@@ -188,12 +153,11 @@ class LiveStage:
         self._history.clear()
         self._wakes.clear()
         self._held, self._free, self._introduced = None, None, None
-        self._drone = drone_for(seen.flight.vehicle.type)
+        self._outlook.drone = drone_for(seen.flight.vehicle.type)
         ground = np.array([*film.replay.position_ref[-1, :2], max(0.0, float(film.replay.position_ref[-1, 2]))])
-        framing = frame(np.vstack([seen.replay.position_ref, ground]))
-        self._framing = self._place(framing)
-        self.scene.load(film, framing, self._drone)
-        self._browsers.reframe(framing)
+        self._outlook.place(frame(np.vstack([seen.replay.position_ref, ground])))
+        self.scene.load(film, self._outlook.framing, self._outlook.drone)
+        self._outlook.reframe()
 
     def _introduce(self, seen: Seen) -> None:
         now = (seen.imu, seen.replay.has_position)
@@ -205,13 +169,6 @@ class LiveStage:
         who = f"{kind}, vehicle {vehicle}, boot {seen.flight.boot}, {seen.imu}"
         self._panel.introduce(who, has_position=seen.replay.has_position)
 
-    def _place(self, framing: Framing) -> Framing:
-        """Let new browsers begin there."""
-        view, initial = camera(_MODE, framing), self._server.initial_camera
-        initial.position, initial.look_at = view.position, view.look_at
-        initial.near, initial.far, initial.fov = view.near, view.far, float(FIELD_OF_VIEW)
-        return framing
-
     def _hold(self, at: float | None) -> None:
         """Hold the picture at so many s before its end, or follow again."""
         if at is None or not len(self._history):
@@ -220,7 +177,7 @@ class LiveStage:
             past = self._held[0] if self._held else self._history.past()
             self._held = (past, min(max(at, past.film.start), 0.0))
         self._panel.hold(self._held[1] if self._held else None, -self._held[0].film.start if self._held else 0.0)
-        self._due = dict.fromkeys(self._due, 0.0)
+        self._is_due.at_once()
 
     def _moment(self) -> Moment | None:
         """What is shown: the present, or the instant that is looked back at. Its time is on the boot clock."""
@@ -243,19 +200,9 @@ class LiveStage:
 
     def _report(self, moment: Moment | None) -> None:
         if moment is not None and self._film is not None:
-            here = self._film.replay.has_position
-            eye, pose = self._browsers.last_moved(self._framing)
-            target = pose.apply(moment.position_ref)
-            apart = pose.apply(moment.position_imu) - target
-            distance = float(np.linalg.norm(eye - target))
-            span = self._drone.span_m
-            if self._size is not None:
-                span = readable_span(distance, span, self._size)
-            self.scene.annotate(moment, span, imu_above=float(apart @ screen_up(target - eye)) >= 0)
-            self.scene.ground.rule(grid_cell(distance, self.scene.ground.cell))
-            self._wakes.resize(span)
+            self._wakes.resize(self._outlook.annotate(moment))
             free, age, _ = self._free_now()
-            self._panel.show(moment, free, age, has_position=here)
+            self._panel.show(moment, free, age, has_position=self._film.replay.has_position)
         held_s = None if self._held is None or self._film is None or moment is None else self._film.end - moment.t
         self._panel.report(self._feed, held_s)
 
@@ -272,14 +219,3 @@ class LiveStage:
             self._charts.show(past.curves, at)
         elif len(self._history) > 1 and self.browsers:
             self._charts.show(self._history.curves(), 0.0)
-
-    def _is_due(self, what: str, rate: float, now: float) -> bool:
-        if now < self._due[what]:
-            return False
-        self._due[what] = now + 1.0 / rate
-        return True
-
-    def _theme(self) -> None:
-        self._server.gui.configure_theme(
-            dark_mode=self._dark, show_logo=False, show_share_button=False, brand_color=palette.CONTROLS
-        )

@@ -13,6 +13,7 @@ from typing import Generic, Protocol, Self, TypeVar
 import viser
 
 from companion.view import events
+from companion.view.scene import Scene
 from companion.view.server import close_server, find_address, open_server
 
 
@@ -31,6 +32,13 @@ class Turned(Protocol):
     @property
     def browsers(self) -> int:
         """How many pages are open."""
+
+    @property
+    def scene(self) -> Scene:
+        """The world."""
+
+    pose_updates: int
+    """How often both poses have been written since the start."""
 
 
 Behind = TypeVar("Behind", bound=Turned)
@@ -89,6 +97,16 @@ class Page(Generic[Behind]):
     def browsers(self) -> int:
         """How many pages are open."""
         return self._behind.browsers
+
+    @property
+    def scene(self) -> Scene:
+        """The world. To be read: where the drones are and how they stand."""
+        return self._behind.scene
+
+    @property
+    def pose_updates(self) -> int:
+        """How often both poses have been written since the start."""
+        return self._behind.pose_updates
 
     @property
     def stopped(self) -> bool:

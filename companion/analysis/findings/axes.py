@@ -11,7 +11,7 @@ from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison, IntArray
 from companion.analysis.finding import Finding
 from companion.strapdown import quaternion
-from companion.tracks import STANDARD_GRAVITY, Array
+from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack
 
 _TURN_S = 0.5  # over which turns and forces are averaged
 _PLAIN = 0.2  # misfit, g plus rad/s, from which on a far better rotation is enough
@@ -57,15 +57,10 @@ def axes_findings(comparison: Comparison) -> Iterator[Finding]:
         better < 0.5 * worse or worse < _NOTHING for better, worse in zip(misfit[best], misfit["x y z"], strict=True)
     )
     if total[best] < 0.3 * own and (own > _PLAIN or (own > _LEAST and both)):
-        yield Finding(
-            "axes_wrong",
-            "imu",
-            "error",
-            float(track.t[0]),
-            float(track.t[-1]),
+        yield _wrong(
+            track,
             f"forward, right, down are the IMU's ({best.replace(' ', ', ')}): so the readings fit "
             f"{own / total[best]:.0f} times better",
-            _ADVICE,
         )
         return
     free = _wahba(np.concatenate([turn, pull]), np.concatenate([gyro, accel]))
@@ -81,16 +76,15 @@ def axes_findings(comparison: Comparison) -> Iterator[Finding]:
         and forces + turns < 0.3 * own
     ):
         x, y, z = angle / length(angle)
-        yield Finding(
-            "axes_wrong",
-            "imu",
-            "error",
-            float(track.t[0]),
-            float(track.t[-1]),
+        yield _wrong(
+            track,
             f"the board is turned by {np.degrees(length(angle)):.0f}° about ({x:.1f}, {y:.1f}, {z:.1f}): so the "
             f"readings fit {own / (forces + turns):.0f} times better",
-            _ADVICE,
         )
+
+
+def _wrong(track: ImuTrack, how: str) -> Finding:
+    return Finding("axes_wrong", "imu", "error", float(track.t[0]), float(track.t[-1]), how, _ADVICE)
 
 
 def _wahba(body: Array, imu: Array) -> Array | None:

@@ -52,9 +52,9 @@ def bias_findings(
     turning = list(_stretches(found, found.rate, limit))
     leant: list[float] = []  # when an attitude began to lean
     for first, last, value in turning:
-        begin, end = float(found.begin[first]), float(found.end[last])
+        begin, end = found.between(first, last)
         if attitude_turned(found, own, first, last) or all_alike(others(), "rate", begin, end, value):
-            leant.append(float(found.begin[first]))
+            leant.append(begin)
             yield _diverging(found, first, last)
         else:
             yield Finding(
@@ -75,7 +75,7 @@ def bias_findings(
     limit = 5.0 * imu.accel.residual_bias + 4.0 * found.noise[:, 1] + folded[1]
     limit = limit + 3.0 * (autopilot.tilt * STANDARD_GRAVITY + autopilot.heading * length(heavy[:, :2]))
     for first, last, value in _stretches(found, found.force, limit):
-        begin, end = float(found.begin[first]), float(found.end[last])
+        begin, end = found.between(first, last)
         # what leans stays leaning until the estimator notices
         if any(begin > since - 4.0 for since in leant):
             continue
@@ -122,8 +122,7 @@ def _diverging(found: Residuals, first: int, last: int) -> Finding:
         "attitude_diverging",
         "autopilot",
         "error",
-        float(found.begin[first]),
-        float(found.end[last]),
+        *found.between(first, last),
         f"{about} turns by {np.degrees(length(rate)):.2f}°/s, {np.degrees(length(rate)) * lasted:.0f}° in all, that "
         "neither the IMU nor the forces on it explain",
         "The estimator is being pulled away: look at its compass and GPS innovations (EKF_STATUS_REPORT, XKF4) then.",
@@ -138,8 +137,7 @@ def _tilt(found: Residuals, first: int, last: int) -> Finding:
         "attitude_tilted",
         "autopilot",
         "error",
-        float(found.begin[first]),
-        float(found.end[last]),
+        *found.between(first, last),
         f"it leans by {angle:.1f}° towards one side of the world, whichever way the vehicle points",
         "The estimator's tilt is wrong, not the accelerometer: that would turn with the vehicle. Look at its GPS "
         "velocity.",
@@ -165,8 +163,7 @@ def position_findings(comparison: Comparison, found: Residuals) -> Iterator[Find
             "position_diverging",
             "autopilot",
             "error",
-            float(found.begin[first]),
-            float(found.end[last]),
+            *found.between(first, last),
             f"it moves by {length(value):.1f} m/s, {length(value) * lasted:.0f} m in all, that its own velocity does "
             "not know of",
             "The estimator is being pulled away: look at the GPS and at the position innovations (XKF3) of that time.",

@@ -75,8 +75,7 @@ def _false(found: Residuals, first: int, last: int, taken: str, how: str, truth:
         "ekf_bias",
         "autopilot",
         "warning",
-        float(found.begin[first]),
-        float(found.end[last]),
+        *found.between(first, last),
         f"its EKF takes {taken} ({how}), which is off by {truth}",
         "The estimator has learned a false bias, from vibration, a tilted start or a wrong aid. Let it settle at rest "
         "before take-off; believe the IMU without its corrections.",
