@@ -63,6 +63,7 @@ class Dialect:
     crc_extra: npt.NDArray[np.int16]  # (largest id + 2,), -1 where no message has that id; the last entry is always -1
     min_length: npt.NDArray[np.uint8]  # same shape, bytes
     max_length: npt.NDArray[np.uint8]  # same shape, bytes
+    conforms_1: npt.NDArray[np.bool_]  # (65536,) by 256 times id plus length: whether MAVLink 1 can have such a frame
     enums: Mapping[str, Mapping[int, Any]]  # as pymavlink has them
 
     def has_enum(self, enum: str) -> bool:
@@ -89,7 +90,7 @@ def load_dialect(name: str = DEFAULT_DIALECT) -> Dialect:
     # variable MAVLINK20, and takes six times as long to load.
     module = importlib.import_module(f"pymavlink.dialects.v20.{name}")
     layouts = {number: _layout(message, module.x25crc) for number, message in sorted(module.mavlink_map.items())}
-    size = max(layouts) + 2
+    size = max(*layouts, 255) + 2
     crc_extra = np.full(size, -1, np.int16)
     min_length = np.zeros(size, np.uint8)
     max_length = np.zeros(size, np.uint8)
@@ -97,6 +98,9 @@ def load_dialect(name: str = DEFAULT_DIALECT) -> Dialect:
         crc_extra[number] = layout.crc_extra
         min_length[number] = layout.min_length
         max_length[number] = layout.max_length
+    low = slice(0, 256)
+    length = np.arange(256)
+    conforms_1 = (min_length[low, None] <= length) & (length <= max_length[low, None]) & (crc_extra[low, None] >= 0)
     return Dialect(
         name=name,
         by_id=MappingProxyType(layouts),
@@ -104,6 +108,7 @@ def load_dialect(name: str = DEFAULT_DIALECT) -> Dialect:
         crc_extra=crc_extra,
         min_length=min_length,
         max_length=max_length,
+        conforms_1=conforms_1.ravel(),
         enums=module.enums,
     )
 

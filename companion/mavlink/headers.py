@@ -54,19 +54,20 @@ def find_headers(data: Bytes, low: int, size: int, dialect: Dialect) -> tuple[He
     second = _version_2(data, start)
     known = _is_known(second, dialect)
     others = np.flatnonzero(data[low : max(size - HEADER_1 + 1, low)] == MAGIC_1) + low
-    first = _version_1(data, others)
+    first = _version_1(data, others[_conforms_1(data, others, dialect)])
     if not known.all():
         others = np.concatenate((others, start[~known]))
         second = second[known]
-    return second, first[_is_known(first, dialect) & _fits(first, dialect)], others
+    return second, first, others
 
 
 def strange_headers(data: Bytes, start: Index, dialect: Dialect) -> tuple[Headers, Headers]:
     """Of what begins at `start`: MAVLink 1 headers of a known id with a length it cannot have, and unknown ids."""
     is_first = data[start] == MAGIC_1
-    first, second = _version_1(data, start[is_first]), _version_2(data, start[~is_first])
+    start_1 = start[is_first]
+    first = _version_1(data, start_1[~_conforms_1(data, start_1, dialect)])
     known = _is_known(first, dialect)
-    return first[known & ~_fits(first, dialect)], merge(second, first[~known])
+    return first[known], merge(_version_2(data, start[~is_first]), first[~known])
 
 
 def cut_headers(data: Bytes, low: int, size: int) -> Index:
@@ -95,10 +96,12 @@ def _is_known(headers: Headers, dialect: Dialect) -> npt.NDArray[np.bool_]:
     return np.asarray(dialect.crc_extra[np.minimum(headers.id, len(dialect.crc_extra) - 1)] >= 0)
 
 
-def _fits(first: Headers, dialect: Dialect) -> npt.NDArray[np.bool_]:
-    number = np.minimum(first.id, len(dialect.crc_extra) - 1)
-    shortest, longest = dialect.min_length[number], dialect.max_length[number]
-    return np.asarray((first.length >= shortest) & (first.length <= longest))
+def _conforms_1(data: Bytes, start: Index, dialect: Dialect) -> npt.NDArray[np.bool_]:
+    """Whether what begins there has a known id and a length of its layout, if it is a header of MAVLink 1.
+
+    Most of what begins with the right byte is no header: so little is looked at before that is known.
+    """
+    return np.asarray(dialect.conforms_1[data[start + 5].astype(np.uint16) << 8 | data[start + 1]])
 
 
 def wire_crc(data: Bytes, headers: Headers) -> npt.NDArray[np.uint16]:

@@ -39,6 +39,7 @@ class UdpPort:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         self._fixed = where if address.kind == "udpout" else None
         self._peers: dict[Any, float] = {}  # address → when it was heard last
+        self._room = memoryview(bytearray(_READ))  # once for all: `recvfrom` takes so much anew for every datagram
         if address.kind == "udpin":
             _bind(self._socket, where, address)
         self.address = self._socket.getsockname()
@@ -55,7 +56,7 @@ class UdpPort:
         size = 0
         while size < _AT_ONCE:
             try:
-                data, peer = self._socket.recvfrom(_READ)
+                count, peer = self._socket.recvfrom_into(self._room)
             except BlockingIOError:
                 break
             except ConnectionError:  # "port unreachable" came back for something that was sent
@@ -63,8 +64,8 @@ class UdpPort:
             self._peers[peer] = time.monotonic()
             if len(self._peers) > _PEERS:
                 self._peers.pop(min(self._peers, key=self._peers.__getitem__))
-            pieces.append(data)
-            size += len(data)
+            pieces.append(bytes(self._room[:count]))
+            size += count
         return b"".join(pieces)
 
     def write(self, data: bytes) -> bool:

@@ -157,8 +157,10 @@ def parameters(messages: Messages, *, bytewise: bool) -> dict[str, float]:
         integer = (messages["param_type"] >= 1) & (messages["param_type"] <= 6)  # MAV_PARAM_TYPE_UINT8 ... INT32
         raw = np.ascontiguousarray(messages["param_value"]).view(np.int32)
         values = np.where(integer, raw, values)
-    names = (bytes(n).split(b"\0")[0].decode("ascii", "replace") for n in messages["param_id"])
-    return dict(zip(names, values.tolist(), strict=True))
+    raw = messages["param_id"].tolist()
+    last = dict(zip(raw, range(len(raw)), strict=True))  # each is sent many times: decode it once
+    in_order = sorted(last.items(), key=lambda item: item[1])
+    return {name.split(b"\0")[0].decode("ascii", "replace"): float(values[i]) for name, i in in_order}
 
 
 def increasing(t: Array, good: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64] | slice:

@@ -5,6 +5,7 @@ Everything here runs in the view thread, which alone writes to viser.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,7 +16,7 @@ from companion.errors import CompanionError
 from companion.tracks import Flight
 from companion.view import events, export, palette
 from companion.view.cadence import Cadence
-from companion.view.choice import Examine, Offer, Recompute
+from companion.view.choice import Examine, Offer, Recompute, ReplayChoice
 from companion.view.controls import dock
 from companion.view.framing import Framing, frame
 from companion.view.home import home_position
@@ -35,6 +36,9 @@ from companion.view.work import Opinion, Outcome, Work
 
 APART = 0.4
 """s between a chart's new size and its new data: a slow page must not take them for one change (Plots.relayout)."""
+OPENING, UNSEEN = 1.5, 2.0
+"""s after a page is opened, or after the start if none is, that the first analysis waits: until then a page that is
+being built needs the machine for itself."""
 
 
 class Stage:
@@ -72,7 +76,7 @@ class Stage:
         drone = drone_for(first.flight.vehicle.type)
         self._outlook = Outlook(server, self._panel.picture, drone, _framing(film), post)
         self._load()
-        self._work.examine(first)
+        self._examine_at = time.monotonic() + UNSEEN  # inf: it has been ordered
 
     @property
     def browsers(self) -> int:
@@ -103,6 +107,8 @@ class Stage:
         said = self._saver.poll()
         if said is not None:
             self._complain(said)
+        if now >= self._examine_at:
+            self._examine()
         self.player.advance(dt)
         self._draw(now)
 
@@ -110,13 +116,13 @@ class Stage:
         """Do what a control of a page asks for."""
         match event:
             case events.Choose(choice):
-                self._work.reckon(self._flight, choice)
+                self._reckon(self._flight, choice)
             case events.StartHere():
-                self._work.reckon(self._flight, replace(self._choice, start_s=self.player.time))
+                self._reckon(self._flight, replace(self._choice, start_s=self.player.time))
             case events.PickFlight(index):
                 if 0 <= index < len(self._flights):
                     other = self._flights[index]
-                    self._work.reckon(other, replace(self._choice, imu=other.default_imu, others=(), start_s=None))
+                    self._reckon(other, replace(self._choice, imu=other.default_imu, others=(), start_s=None))
             case events.PickCharts(page):
                 self._plots.pick(page)
             case events.SetTrail():
@@ -130,6 +136,8 @@ class Stage:
                     self._timeline.choose_part(self.player)
                     self._plots.choose_part((self.player.start, self.player.end))
             case _ if isinstance(event, events.Look):
+                if isinstance(event, events.Joined) and self._examine_at < np.inf:
+                    self._examine_at = time.monotonic() + OPENING
                 self._outlook.handle(event)
 
     def _save(self, browser: int, what: str) -> None:
@@ -149,15 +157,25 @@ class Stage:
     def _take(self, outcome: Outcome) -> None:
         if isinstance(outcome.result, CompanionError):
             self._complain(str(outcome.result))
+            if self._film.insight is None:  # the analysis of what is still shown was given up for this
+                self._examine()
             return
         self._trouble = False
         other_flight = outcome.flight is not self._flight
         self._flight, self._choice, self._film = outcome.flight, outcome.choice, outcome.result
         self.player.load(self._film.start, self._film.end, None if other_flight else self.player.time)
         self._load()
-        self._work.examine(outcome)
+        self._examine()
         if other_flight:
             self._outlook.reframe()
+
+    def _reckon(self, flight: Flight, choice: ReplayChoice) -> None:
+        self._examine_at = np.inf  # what is shown now is soon to be replaced
+        self._work.reckon(flight, choice)
+
+    def _examine(self) -> None:
+        self._examine_at = np.inf
+        self._work.examine(Outcome(self._flight, self._choice, self._film))
 
     def _hear(self, opinion: Opinion) -> None:
         """The analysis has come: findings, tables, what is expected. The picture stays as it is."""

@@ -11,13 +11,14 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
 import companion as c
 from tests.mavlink.peers import wait_for
 from tests.simulated import flying, free_port
-from tests.view.browsing import near, open_page, shoot
+from tests.view.browsing import choose, near, open_page, shoot
 
 pytestmark = pytest.mark.browser
 
@@ -126,3 +127,35 @@ def test_a_silent_link_on_a_small_window(browser: Browser, tmp_path: Path) -> No
         expect(page.get_by_text(re.compile("silent for [0-9]+ s"))).to_be_visible()
         shoot(page, "live-390x844")
     context.close()
+
+
+def test_two_browsers_on_a_link(browser: Browser, tmp_path: Path) -> None:
+    link_port = free_port()
+    with (
+        flying(link_port, since=8.0),
+        viewing(f"udpin:127.0.0.1:{link_port}", tmp_path, "--no-record", port=free_port()) as (process, url),
+    ):
+        pages = [browser.new_context(viewport={"width": 1280, "height": 800}).new_page() for _ in range(2)]
+        for page in pages:
+            open_page(page, url)
+            expect(page.get_by_text("LIVE", exact=True)).to_be_visible(timeout=15_000)
+        wait_for(lambda: since_anchor(pages[0])[1] > 3.0, 20.0)
+        choose(pages[0], "Camera", "Top")
+        cameras = [page.get_by_role("combobox", name="Camera", exact=True) for page in pages]
+        expect(cameras[0]).to_have_value("Top")
+        expect(cameras[1]).to_have_value("Follow")  # each has its own
+        pages[1].get_by_role("button", name="Pause", exact=True).click()
+        for page in pages:  # one picture for all: whoever holds it says so to everyone
+            expect(page.get_by_text("PAUSED")).to_be_visible()
+        time.sleep(1.5)
+        shots = [shoot(page, f"live-two-browsers-{i}")[:, 350:900].astype(int) for i, page in enumerate(pages)]
+        assert np.abs(shots[0] - shots[1]).mean() > 1
+        pages[0].get_by_role("button", name="Live", exact=True).click()
+        expect(pages[1].get_by_text("LIVE", exact=True)).to_be_visible()
+        pages[0].context.close()
+        before = since_anchor(pages[1])[1]
+        wait_for(lambda: since_anchor(pages[1])[1] > before + 1.0, 15.0)  # whoever stays is served on
+        pages[1].context.close()
+        process.send_signal(signal.SIGTERM)
+        _, told = process.communicate(timeout=5.0)
+        assert (process.returncode, "Traceback" in told) == (0, False)
