@@ -19,7 +19,7 @@ from companion.errors import InputError
 from companion.mavlink.address import Address
 from companion.mavlink.ports import BackOff
 
-_READ = 65_536
+_READ = 65_536  # bytes, taken once for all: `recv` takes so much anew for every datagram, and shreds the heap
 _AT_ONCE = 1 << 20  # bytes taken in one read: more waits in the kernel
 _BUFFER = 1 << 22  # bytes asked of the kernel, so that a busy moment loses no datagram
 _PEERS = 32  # that are remembered at most
@@ -39,7 +39,7 @@ class UdpPort:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         self._fixed = where if address.kind == "udpout" else None
         self._peers: dict[Any, float] = {}  # address → when it was heard last
-        self._room = memoryview(bytearray(_READ))  # once for all: `recvfrom` takes so much anew for every datagram
+        self._room = memoryview(bytearray(_READ))
         if address.kind == "udpin":
             _bind(self._socket, where, address)
         self.address = self._socket.getsockname()
@@ -91,6 +91,7 @@ class TcpPort:
         self._listener: socket.socket | None = None
         self._socket: socket.socket | None = None
         self._rest = b""  # of a message that the kernel has taken a part of
+        self._room = memoryview(bytearray(_READ))
         self._retry = BackOff()
         family, self._where = _resolve(address, socket.SOCK_STREAM)
         self._family = family
@@ -141,16 +142,16 @@ class TcpPort:
         size = 0
         while self._socket is not None and size < _AT_ONCE:
             try:
-                data = self._socket.recv(_READ)
+                count = self._socket.recv_into(self._room)
             except BlockingIOError:
                 break
             except OSError:
-                data = b""
-            if not data:
+                count = 0
+            if not count:
                 self._hang_up()
                 break
-            pieces.append(data)
-            size += len(data)
+            pieces.append(bytes(self._room[:count]))
+            size += count
         return b"".join(pieces)
 
     def write(self, data: bytes) -> bool:
