@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from companion.analysis.budget import Budget, budget, chi_square_95, lasting_step_error, nees, stacked, turn_jacobian
-from companion.analysis.comparison import Comparison, Windows, windows
+from companion.analysis.comparison import Comparison, Half, Windows, windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS, Correction
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.reference import BoolArray
@@ -72,17 +72,17 @@ def calibrate(
     autopilot: ReferenceFigures,
     *,
     horizon: float = 5.0,
-    fitted: slice = slice(None),
+    half: Half | None = None,
     iterations: int = 8,
 ) -> Calibration | None:
-    """Fit the errors of `track` to windows of `horizon` seconds, or to some of them. None without windows."""
+    """Fit the errors of `track` to windows of `horizon` seconds, or to half of them. None without windows."""
     prior = _prior(imu, autopilot)
     values = np.zeros(_COUNT)
     weight = np.ones(0)
     for _ in range(iterations):
         comparison = compare_with(Correction.of(values).apply(track))
         chosen = windows(comparison, horizon)
-        chosen = Windows(chosen.horizon, chosen.start[fitted], chosen.end[fitted], chosen.excluded)
+        chosen = chosen.every_other(half) if half else chosen
         if not len(chosen.start):
             return None
         size = 9 if comparison.has_position else 3

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -105,8 +105,8 @@ def assess(
     calibration = before = after = None
     if len(judged.start) >= _FEWEST_WINDOWS:
         calibration = calibrate(track, compare_with, figures, autopilot, horizon=_JUDGED_S)
-        half = calibrate(track, compare_with, figures, autopilot, horizon=_JUDGED_S, fitted=slice(0, None, 2))
-        if half is not None and len(judged.start) >= 2 * _FEWEST_WINDOWS:
+        half = calibrate(track, compare_with, figures, autopilot, horizon=_JUDGED_S, half="even")
+        if half is not None and min(half.windows, len(judged.every_other("odd").start)) >= _FEWEST_WINDOWS:
             before = _held_out(comparison)
             after = _held_out(compare_with(half.correction.apply(track)))
     sampling = allowed.shares["attitude"]["sampling"] if allowed else 0.0
@@ -173,9 +173,7 @@ def _expected(
 
 def _held_out(comparison: Comparison) -> Drift:
     """The drift over every other window, those that a fit to the rest has not seen."""
-    chosen = windows(comparison, _JUDGED_S)
-    rest = Windows(chosen.horizon, chosen.start[1::2], chosen.end[1::2], {})
-    return drift_over(comparison, [rest])
+    return drift_over(comparison, [replace(windows(comparison, _JUDGED_S).every_other("odd"), excluded={})])
 
 
 def _verdict(judged: Windows, expected: Expected | None, found: tuple[Finding, ...]) -> Verdict:

@@ -82,7 +82,7 @@ def until_told() -> Iterator[Callable[[], bool]]:
 
 
 def conclude(link: Link, recorder: Recorder) -> None:
-    """Say what has been recorded; a recording of nothing is not left behind."""
+    """Say what has been recorded."""
     health = link.health
     if health.unsigned or health.wrongly_signed:
         options.say(
@@ -90,8 +90,6 @@ def conclude(link: Link, recorder: Recorder) -> None:
             "dropped: they are not in the recording"
         )
     if not link.health.frames:
-        if recorder.path.is_file():
-            recorder.path.unlink()
         options.say("nothing was received, so nothing is recorded: does the vehicle send to this address?")
         return
     print(f"{recorder.path}: {recorder.size_bytes:,} bytes, {link.health.frames:,} frames", flush=True)

@@ -9,15 +9,15 @@ import webbrowser
 from collections import deque
 from collections.abc import Sequence
 
-from companion.analysis import DriftRow
+from companion.analysis import DriftRow, Integration
 from companion.cli import live, options
 from companion.cli.running_verdict import RunningVerdict
 from companion.errors import SettingsError
-from companion.examination import integration_of
+from companion.examination import limits_of
 from companion.live import Attachment, Watch
 from companion.mavlink import Clock, Recorder, Session, State
 from companion.settings import Settings
-from companion.view import LONGEST_REANCHOR_S, Judgement, LinkState, LiveViewer, Seen, StreamState
+from companion.view import LONGEST_REANCHOR_S, Judgement, LinkState, LiveViewer, ReplayChoice, Seen, StreamState
 
 _MOST_SAID = 100  # sentences that the page keeps
 _NOTES = {State.FINDING: "asking", State.ASKING: "asking", State.GIVEN_UP: "given up"}
@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
         recorder = None if arguments.no_record else opened.enter_context(Recorder(arguments.output))
         session = Session(link, choice=live.choice_of(arguments, settings), recorder=recorder)
         attachment = opened.enter_context(Attachment(session))
-        feed = _Feed(attachment, _watch(arguments, settings), arguments)
+        feed = _Feed(attachment, _choice(arguments, settings), arguments, settings)
         opened.callback(feed.close)
         viewer = opened.enter_context(
             LiveViewer(feed, window_s=60.0 * settings.live.window_min, host=settings.view.host, port=settings.view.port)
@@ -55,17 +55,10 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _watch(arguments: argparse.Namespace, settings: Settings) -> Watch:
-    return Watch(
-        dialect=settings.log.dialect,
-        dequantise=settings.log.dequantise,
-        how=lambda flight: integration_of(settings, flight),
-        horizons=settings.drift.horizons_s,
-        imu=arguments.imu,
-        vehicle=None if arguments.vehicle == "all" else arguments.vehicle,
-        reanchor_s=settings.view.reanchor_s,
-        most_reanchor_s=max(settings.view.reanchor_s, LONGEST_REANCHOR_S),
-    )
+def _choice(arguments: argparse.Namespace, settings: Settings) -> ReplayChoice:
+    chosen = settings.integration
+    how = Integration(chosen.method, chosen.middle, chosen.segments, limits=limits_of(settings))
+    return ReplayChoice(imu=arguments.imu, how=how, gravity=chosen.gravity)
 
 
 def _announce(arguments: argparse.Namespace, settings: Settings, viewer: LiveViewer, recorder: Recorder | None) -> None:
@@ -88,19 +81,44 @@ def _in_words(clock: Clock) -> str:
 class _Feed:
     """What the live page looks at, from the link's thread and the verdict's process."""
 
-    def __init__(self, attachment: Attachment, watch: Watch, arguments: argparse.Namespace) -> None:
+    def __init__(
+        self, attachment: Attachment, choice: ReplayChoice, arguments: argparse.Namespace, settings: Settings
+    ) -> None:
         self.said: deque[str] = deque(maxlen=_MOST_SAID)
         self._news: deque[str] = deque()
-        self._attachment, self._watch = attachment, watch
+        self._attachment, self._choice = attachment, choice
+        self._watch = Watch(
+            dialect=settings.log.dialect,
+            dequantise=settings.log.dequantise,
+            how=choice.integration,
+            horizons=settings.drift.horizons_s,
+            imu=choice.imu,
+            vehicle=None if arguments.vehicle == "all" else arguments.vehicle,
+            reanchor_s=settings.view.reanchor_s,
+            most_reanchor_s=max(settings.view.reanchor_s, LONGEST_REANCHOR_S),
+        )
         self._same = [
             word
-            for name in ("config", "dialect", "imu", "method", "middle")
+            for name in ("config", "dialect")
             if (value := getattr(arguments, name)) is not None
             for word in (f"--{name}", str(value))
         ]
         self._shown: list[str] = []
         path = attachment.report.recording
-        self._verdict = RunningVerdict(path, lambda: [*self._same, *self._shown]) if path else None
+        self._verdict = RunningVerdict(path, lambda: [*self._same, *self._chosen(), *self._shown]) if path else None
+
+    @property
+    def choice(self) -> ReplayChoice:
+        return self._choice
+
+    def choose(self, choice: ReplayChoice) -> None:
+        self._choice = choice
+        self._watch.choose(choice.imu, choice.integration)
+
+    def _chosen(self) -> list[str]:
+        choice = self._choice
+        imu = ["--imu", choice.imu] if choice.imu is not None else []
+        return [*imu, "--method", choice.how.method, "--middle", choice.how.middle]
 
     @property
     def reanchor_s(self) -> float:

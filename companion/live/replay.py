@@ -28,7 +28,7 @@ class LiveReplay:
     """Both poses of a stream's vehicle, now: `look` as often as something is to be shown.
 
     vehicle: SYSID or SYSID:COMPID; None: the one with the most IMU samples. how: how to integrate, or a function that
-    says so for a flight. The other options are those of `replay`; vehicle and reanchor_s may be changed at any time.
+    says so for a flight. The other options are those of `replay`; all but the stream may be changed at any time.
     The reckoning starts again from the autopilot every `reanchor_s`, at the times at which that of the whole flight
     would, give or take a sample; after a reboot at the first state that is known.
     """
@@ -47,8 +47,8 @@ class LiveReplay:
         self.reanchor_s = reanchor_s
         self.why_not = "nothing has been received"  # why the last `look` found nothing, for the user
         self._stream = stream
-        self._imu = imu
-        self._how = how
+        self.imu = imu
+        self.how = how
         self._boot: tuple[str, int] | None = None
         self._anchor: float | None = None  # s, boot clock
         self._chosen: str | None = None  # the IMU that is shown when the user names none
@@ -77,7 +77,7 @@ class LiveReplay:
         boot = (str(flight.vehicle), flight.boot)
         if boot != self._boot:
             self._boot, self._anchor, self._chosen = boot, None, None
-        imu = self._imu or self._steady_imu(flight)
+        imu = self.imu or self._steady_imu(flight)
         start = self._anchor
         if start is None or start < flight.start + flight.duration - self._span:
             start = _nearly_now(flight)
@@ -85,7 +85,7 @@ class LiveReplay:
             both = replay(
                 flight,
                 imu=imu,
-                how=self._how(flight) if callable(self._how) else self._how,
+                how=self.how(flight) if callable(self.how) else self.how,
                 reanchor_s=self._reanchor_s,
                 start_s=start,
             )

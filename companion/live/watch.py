@@ -81,6 +81,12 @@ class Watch:
         """The drift of this boot since it was first heard."""
         return self._drifts[self._shown].rows if self._shown in self._drifts else ()
 
+    def choose(self, imu: str | None, how: Callable[[Flight], Integration]) -> None:
+        """Reckon from another IMU (None: the flight's default), or otherwise: all that has been said begins anew."""
+        self._replay.imu, self._replay.how, self._how = imu, how, how
+        self._drifts.clear()
+        self._shown = None
+
     def pick(self, vehicle: str) -> None:
         """Look at another vehicle."""
         self._replay.vehicle = vehicle

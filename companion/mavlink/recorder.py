@@ -45,11 +45,15 @@ class Recorder:
         self.size_bytes += int(frames.size.sum()) + 8 * len(frames)
 
     def close(self) -> None:
-        """Close the file."""
-        if self._writer is not None:
-            with contextlib.suppress(OSError):  # what a full disk did not take is reported in `problem`
-                self._writer.close()
-            self._writer = None
+        """Close the file. A recording of nothing is not left behind."""
+        if self._writer is None:
+            return
+        with contextlib.suppress(OSError):  # what a full disk did not take is reported in `problem`
+            self._writer.close()
+        self._writer = None
+        if not self.size_bytes:
+            with contextlib.suppress(OSError):  # someone has taken it away
+                self.path.unlink()
 
     def __enter__(self) -> Self:
         return self

@@ -28,6 +28,8 @@ _HEARD = (
 )  # fmt: skip
 """The messages whose fields a session reads: those of requests, and those with the vehicle's clock."""
 _NO_VEHICLES = {5, 6, 18, 26, 27, 30, 31}  # MAV_TYPE: tracker, GCS, companion, gimbal, ADS-B, camera, charging station
+_MOST_VEHICLES = 64
+"""That are told apart: a sender that makes up a new one with every heartbeat must not fill the memory."""
 _NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: ground stations, cameras, companions
 
 
@@ -97,7 +99,7 @@ class Session:
         self._beat = 0.0
         self._epoch = time.time() - time.monotonic()
         self._leaving = False
-        self._told_disk = False
+        self._told_disk = self._told_crowd = False
 
     def step(self, timeout_s: float = 0.1) -> Frames:
         """Receive, record and ask once. Raises InputError when the link carries no MAVLink."""
@@ -184,6 +186,9 @@ class Session:
             target = Target(sysid, compid)
             if autopilot == _NO_AUTOPILOT or kind in _NO_VEHICLES or target in self.vehicles:
                 continue
+            if len(self.vehicles) == _MOST_VEHICLES:
+                self._refuse()
+                return
             name = self._names.get(autopilot, f"autopilot {autopilot}").removeprefix("MAV_AUTOPILOT_")
             self.vehicles[target] = name
             chosen = self._choice.vehicle
@@ -191,6 +196,13 @@ class Session:
                 self._take(target, name, now)
             else:
                 self.said.append(f"vehicle {target} ({name}) is heard too; --vehicle {target} would ask it")
+
+    def _refuse(self) -> None:
+        if not self._told_crowd:
+            self._told_crowd = True
+            self.said.append(
+                f"{_MOST_VEHICLES} vehicles are heard, and more: the rest is recorded, but neither asked nor shown"
+            )
 
     def _take(self, target: Target, name: str, now: float) -> None:
         self.said.append(f"vehicle {target} ({name}) is heard")

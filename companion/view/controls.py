@@ -69,3 +69,8 @@ def dock(gui: viser.GuiApi, side: viser.PanelHandle) -> None:
         panel.set_width(SIDE)
     gui.main_panel.dock_right()
     side.dock_left()
+
+
+def key_of(options: Mapping[str, object], value: object) -> str:
+    """What a value is called in a list of options. Raises StopIteration for one that is not in it."""
+    return next(key for key, meaning in options.items() if meaning == value)

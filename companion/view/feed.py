@@ -8,6 +8,7 @@ from typing import Protocol
 
 from companion.analysis import DriftRow, FreeState, Replay
 from companion.tracks import Flight
+from companion.view.choice import ReplayChoice
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +60,13 @@ class Feed(Protocol):
     """Where the live page looks. Everything answers at once and is called by the view thread alone."""
 
     reanchor_s: float  # the reckoning starts again from the autopilot so often
+
+    @property
+    def choice(self) -> ReplayChoice:
+        """Which IMU is integrated, and how; a change begins the free run and the drift anew."""
+
+    def choose(self, choice: ReplayChoice) -> None:
+        """Integrate another one, or otherwise."""
 
     @property
     def why_not(self) -> str:

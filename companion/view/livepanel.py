@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import viser
 
 from companion.view import events, livewords
-from companion.view.controls import Key, bounded, command, listen, write
+from companion.view.choice import ReplayChoice
+from companion.view.controls import Key, bounded, command, key_of, listen, write
 from companion.view.feed import Feed
 from companion.view.moment import Moment
 from companion.view.picture import PictureControls
+from companion.view.reckoning import JOINED, METHODS, MIDDLES
 
+BEST = "The best that comes"
 LONGEST_REANCHOR_S = 20.0
 """That the page offers; whoever keeps the messages keeps two such periods."""
 
@@ -21,6 +25,8 @@ class LivePanel:
 
     def __init__(self, gui: viser.GuiApi, feed: Feed, window_s: float, post: events.Post) -> None:
         self._vehicles: tuple[str, ...] = ()
+        self._imus: tuple[str, ...] = (BEST,)
+        self._choice = feed.choice
         longest = max(LONGEST_REANCHOR_S, float(feed.reanchor_s))
         self._banner = gui.add_html("")
         self._pause = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
@@ -31,6 +37,13 @@ class LivePanel:
         self._numbers = gui.add_html("")
         with gui.add_folder("Reckoning from the IMU"):
             self._vehicle = gui.add_dropdown("Vehicle", ("none",), visible=False)
+            self._imu = gui.add_dropdown("IMU", (BEST,))
+            self._method = gui.add_dropdown(
+                "Integrator", tuple(METHODS), initial_value=key_of(METHODS, self._choice.how.method)
+            )
+            self._middle = gui.add_dropdown(
+                "Joined by", tuple(MIDDLES), initial_value=key_of(MIDDLES, self._choice.how.middle), hint=JOINED
+            )
             self._period = gui.add_number(
                 "Re-anchor, s",
                 float(feed.reanchor_s),
@@ -59,8 +72,12 @@ class LivePanel:
         """The folder in which each browser finds its own camera."""
         return self._picture.folder
 
-    def introduce(self, vehicle: str, *, has_position: bool) -> None:
-        """Say who is shown."""
+    def introduce(self, vehicle: str, imus: tuple[str, ...], *, has_position: bool) -> None:
+        """Say who is shown, and which IMUs it has."""
+        if self._imus != (BEST, *imus):
+            self._imus = (BEST, *imus)
+            self._imu.options = self._imus
+            write(self._imu, self._choice.imu if self._choice.imu in imus else BEST)
         self._legend.content = livewords.legend(vehicle, has_position=has_position)
 
     def show(self, moment: Moment, free: Sequence[float] | None, free_age_s: float, *, has_position: bool) -> None:
@@ -90,6 +107,18 @@ class LivePanel:
             self._back.min = low
         write(self._back, max(at_s or 0.0, low))
 
+    def _read(self) -> ReplayChoice:
+        """What the controls say. A browser may send anything: names are looked up."""
+        before = self._choice
+        how = replace(
+            before.how,
+            method=METHODS.get(self._method.value, before.how.method),
+            middle=MIDDLES.get(self._middle.value, before.how.middle),
+        )
+        imu = self._imu.value if self._imu.value in self._imus[1:] else None
+        self._choice = replace(before, imu=imu, how=how)
+        return self._choice
+
     def _offer(self, vehicles: tuple[str, ...]) -> None:
         if vehicles != self._vehicles and vehicles:
             self._vehicles = vehicles
@@ -98,6 +127,8 @@ class LivePanel:
 
     def _listen(self, gui: viser.GuiApi, post: events.Post, window_s: float, longest: float) -> None:
         listen(self._back, post, lambda: events.LookBack(bounded(self._back.value, -window_s, 0.0, 0.0)))
+        for handle in (self._imu, self._method, self._middle):
+            listen(handle, post, lambda: events.Choose(self._read()))
         listen(self._period, post, lambda: events.SetReanchor(bounded(self._period.value, 0.5, 10.0, longest)))
         listen(self._vehicle, post, lambda: events.PickVehicle(self._vehicle.value))
 

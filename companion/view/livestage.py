@@ -42,7 +42,7 @@ class LiveStage:
         self.pose_updates = 0
         self.newest = 0.0  # s, boot clock, of the pose that was written last
         self._shown: tuple[str, int] | None = None  # vehicle and boot
-        self._introduced: tuple[str, bool] | None = None  # IMU, and whether there is a position
+        self._introduced: tuple[str, bool, tuple[str, ...]] | None = None  # IMU, whether there is a position, all IMUs
         self._film: Footage | None = None  # the present
         self._free: tuple[tuple[float, ...], float, Array | None] | None = None  # errors, age s, position
         self._held: tuple[Past, float] | None = None  # what is looked back at, and where, s before its end
@@ -107,6 +107,9 @@ class LiveStage:
                 self._hold(seconds)
             case events.StepBack(seconds):
                 self._hold((self._held[1] if self._held else 0.0) + seconds)
+            case events.Choose(choice):
+                self._feed.choose(choice)
+                self._hold(None)
             case events.SetReanchor(seconds):
                 self._feed.reanchor_s = seconds
             case events.AnchorNow():
@@ -160,14 +163,14 @@ class LiveStage:
         self._outlook.reframe()
 
     def _introduce(self, seen: Seen) -> None:
-        now = (seen.imu, seen.replay.has_position)
+        now = (seen.imu, seen.replay.has_position, tuple(seen.flight.imus))
         if now == self._introduced:
             return
         self._introduced = now
         vehicle = seen.flight.vehicle
         kind = f"{vehicle.autopilot} {vehicle.type.lower()}".replace("_", " ")
         who = f"{kind}, vehicle {vehicle}, boot {seen.flight.boot}, {seen.imu}"
-        self._panel.introduce(who, has_position=seen.replay.has_position)
+        self._panel.introduce(who, tuple(seen.flight.imus), has_position=seen.replay.has_position)
 
     def _hold(self, at: float | None) -> None:
         """Hold the picture at so many s before its end, or follow again."""

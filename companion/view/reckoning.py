@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import viser
@@ -10,10 +9,11 @@ import viser
 from companion.tracks import Flight
 from companion.view import events
 from companion.view.choice import NO_BIAS, Corrected, Offer, ReplayChoice
-from companion.view.controls import bounded, listen, write
+from companion.view.controls import bounded, key_of, listen, write
 
 METHODS = {"RK4 (most exact)": "rk4", "Midpoint": "midpoint", "Euler (simplest)": "euler"}
 MIDDLES = {"Straight lines (linear)": "linear", "Curves (cubic)": "cubic"}
+JOINED = "How the readings are taken to run from one sample to the next"
 GRAVITIES: dict[str, str | float] = {"9.80665 (standard)": "standard", "Where it flew (WGS-84)": "normal"}
 CORRECTIONS: dict[str, Corrected] = {"As they are": "no", "By this flight's calibration": "flight"}
 MOST_SEGMENTS = 64
@@ -48,9 +48,7 @@ class ReckoningControls:
                 "Horizon", tuple(self._horizons), hint="The length of window that 'after so many seconds' speaks of"
             )
             self._method = gui.add_dropdown("Integrator", tuple(METHODS))
-            self._middle = gui.add_dropdown(
-                "Joined by", tuple(MIDDLES), hint="How the readings are taken to run from one sample to the next"
-            )
+            self._middle = gui.add_dropdown("Joined by", tuple(MIDDLES), hint=JOINED)
             self._segments = gui.add_number(
                 "Segments", 1, min=1, max=MOST_SEGMENTS, step=1, hint="Steps of the integrator between two samples"
             )
@@ -82,15 +80,15 @@ class ReckoningControls:
             if box.visible:
                 box.label = self._names[i]
                 write(box, self._names[i] in choice.others)
-        write(self._correction, _key(self._corrections, choice.correction))
+        write(self._correction, key_of(self._corrections, choice.correction))
         write(self._horizon, next((k for k, h in self._horizons.items() if h == choice.horizon_s), self._horizon.value))
-        write(self._method, _key(METHODS, choice.how.method))
-        write(self._middle, _key(MIDDLES, choice.how.middle))
+        write(self._method, key_of(METHODS, choice.how.method))
+        write(self._middle, key_of(MIDDLES, choice.how.middle))
         write(self._segments, choice.how.segments)
         if choice.gravity not in self._gravities.values():
             self._gravities = GRAVITIES | {f"{choice.gravity:g}": choice.gravity}
             self._gravity.options = tuple(self._gravities)
-        write(self._gravity, _key(self._gravities, choice.gravity))
+        write(self._gravity, key_of(self._gravities, choice.gravity))
         write(self._anchored, choice.reanchor_s is not None)
         self._period.visible = choice.reanchor_s is not None
         if choice.reanchor_s is not None:
@@ -141,7 +139,3 @@ class ReckoningControls:
             gyro_bias=(gyro[0], gyro[1], gyro[2]),
             accel_bias=(accel[0], accel[1], accel[2]),
         )
-
-
-def _key(options: Mapping[str, object], value: object) -> str:
-    return next(key for key, meaning in options.items() if meaning == value)

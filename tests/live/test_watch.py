@@ -54,6 +54,37 @@ def test_the_drift_of_a_session_is_that_of_its_recording(tmp_path: Path) -> None
         assert now.position_m.median == pytest.approx(then.position_m.median)
 
 
+def test_another_imu_and_another_integrator_begin_anew() -> None:
+    watching = watch()
+    with Link("udpin:127.0.0.1:0") as link, Attachment(Session(link)) as attachment, flying(link.port, since=20.0):
+
+        def looked(imu: str, windows: int) -> bool:
+            watching.hear(attachment.fetch())
+            seen = watching.look()
+            watching.judge()
+            counted = watching.drift[0].windows if watching.drift else 0
+            return seen is not None and seen.present.imu == imu and seen.free is not None and counted >= windows
+
+        wait_for(lambda: looked("HIGHRES_IMU", 2), 20.0)
+        free = watching.look()
+        assert free is not None
+        assert free.free is not None
+        watching.choose("RAW_IMU", lambda _: Integration(method="euler"))
+        assert watching.drift == ()
+        wait_for(lambda: looked("RAW_IMU", 1), 20.0)
+        again = watching.look()
+        assert again is not None
+        assert again.free is not None
+        assert again.free.anchor_s > free.free.anchor_s
+        euler = again.present.replay
+        watching.choose("RAW_IMU", lambda _: Integration(method="rk4"))
+        rk4 = watching.look()
+        assert rk4 is not None
+        shared = np.intersect1d(euler.t, rk4.present.replay.t)[-1]
+        there = [r.position_imu[np.searchsorted(r.t, shared)] for r in (euler, rk4.present.replay)]
+        assert np.abs(there[0] - there[1]).max() > 1e-6, "another integrator ends elsewhere"
+
+
 def test_two_vehicles_do_not_take_turns_and_can_be_switched() -> None:
     watching = watch()
     with Link("udpin:127.0.0.1:0") as link, Attachment(Session(link)) as attachment:

@@ -49,6 +49,16 @@ def test_a_chosen_vehicle_is_waited_for() -> None:
         assert str(session.rates.target) == "2:1"
 
 
+def test_a_crowd_that_is_made_up_does_not_fill_the_memory() -> None:
+    with Link("udpin:127.0.0.1:0", listen_only=True) as link, udp_peer(link.port) as peer:
+        session = Session(link)
+        for sysid in range(1, 121):
+            peer.send(heartbeat(sysid, kind=2))
+        stepped(session, 0.3)
+        assert len(session.vehicles) == 64
+        assert sum("64 vehicles are heard, and more" in sentence for sentence in session.said) == 1
+
+
 def test_frames_are_handed_on_with_the_time_of_their_arrival() -> None:
     taken: list[tuple[int, float]] = []
     with Link("udpin:127.0.0.1:0") as link, udp_peer(link.port) as peer:

@@ -15,6 +15,7 @@ import pytest
 from companion.errors import InputError
 from companion.mavlink import (
     Decoder,
+    Recorder,
     TlogWriter,
     encode,
     follow_tlog,
@@ -85,6 +86,12 @@ def test_a_link_recorded_as_it_comes(tmp_path: Path) -> None:
             writer.write(decoder.push(frame), EPOCH + index / 10)
     expected = b"".join(stamped(frame, round((EPOCH + i / 10) * 1e6)) for i, frame in enumerate(frames))
     assert (tmp_path / "link.tlog").read_bytes() == expected
+
+
+def test_a_recording_of_nothing_is_not_left_behind(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.tlog"):
+        assert (tmp_path / "a.tlog").is_file()
+    assert not (tmp_path / "a.tlog").exists()
 
 
 def test_following_a_log_while_it_grows(tmp_path: Path) -> None:

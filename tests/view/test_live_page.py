@@ -53,6 +53,16 @@ def chart_ends(page: Page) -> tuple[float, int]:
     return float(end), int(count)
 
 
+def reckon_otherwise(page: Page) -> None:
+    """From another IMU, by another integrator, and back again."""
+    choose(page, "IMU", "SCALED_IMU2")
+    expect(page.get_by_text("vehicle 1:1, boot 1, SCALED_IMU2")).to_be_visible()
+    choose(page, "Integrator", "Euler (simplest)")
+    wait_for(lambda: 1.0 < since_anchor(page)[1] < 6.0, 10.0)  # the free run has begun anew, and goes on
+    choose(page, "IMU", "The best that comes")
+    expect(page.get_by_text("vehicle 1:1, boot 1, HIGHRES_IMU")).to_be_visible()
+
+
 def test_a_live_session(page: Page, tmp_path: Path) -> None:
     link_port, page_port = free_port(), free_port()
     recording = tmp_path / "a.tlog"
@@ -89,6 +99,7 @@ def test_a_live_session(page: Page, tmp_path: Path) -> None:
             page.get_by_role("button", name="Live", exact=True).click()
             expect(page.get_by_text("LIVE", exact=True)).to_be_visible()
 
+            reckon_otherwise(page)
             page.get_by_role("button", name="Anchor now").click()
             wait_for(lambda: since_anchor(page)[1] < 3.0)
             page.get_by_role("button", name="Free run").click()
