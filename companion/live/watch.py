@@ -15,7 +15,7 @@ from companion.tracks import Flight
 _DRIFT_S = 5.0  # between two looks for complete windows
 _SETTLED_S = 2.0  # packets come late: a window is judged so long after its end
 _MOST_DRIFTS = 8  # vehicles and boots whose tables are kept
-_KEPT_S = 30.0  # of messages, beside the longest window or two re-anchor periods
+_KEPT_S = 12.0  # of messages, beside the longest window or two re-anchor periods
 
 
 @dataclass(frozen=True, slots=True, eq=False)

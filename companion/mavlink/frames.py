@@ -35,13 +35,17 @@ from companion.mavlink.headers import (
     SIGNATURE_BYTES,
     SIGNED,
     Headers,
+    all_places_1,
     crc_is_right,
     crc_may_be_right,
     cut_headers,
-    find_headers,
+    find_headers_1,
+    find_headers_2,
     first_uncovered,
     gap_edges,
     merge,
+    places_between,
+    sift,
     strange_headers,
     wire_crc,
     without_overlap,
@@ -125,23 +129,24 @@ class Decoder:
         data[len(self._carry) : size] = chunk
         base = self._base
 
-        second, first, others = find_headers(data, self._scan - base, size, self.dialect)
-        cut = [cut_headers(data, self._scan - base, size)]
-        good, bad = [], []
-        # Apart, for one of them is almost always empty when it comes to sorting them together.
-        for conforming in (second, first):
-            complete = conforming.end <= size
-            cut.append(conforming.start[~complete])
-            whole = conforming[complete]
-            right = crc_is_right(data, whole, self.dialect)
-            good.append(whole[right])
-            bad.append(whole[~right])
-        frames = without_overlap(merge(*good))
-        decided = size if final else first_uncovered(np.concatenate(cut), frames, size)
+        low = self._scan - base
+        second, others = find_headers_2(data, low, size, self.dialect)
+        good, bad, cut = sift(data, second, size, self.dialect)
+        # What begins inside a frame of MAVLink 2 loses to it, unless that one loses to what began before it.
+        places = places_between(data, low, size, without_overlap(good), self._stamp)
+        if places is not None:
+            good_1, bad_1, cut_1 = sift(data, find_headers_1(data, places, self.dialect), size, self.dialect)
+        if places is None or len(good_1):
+            places = all_places_1(data, low, size)
+            good_1, bad_1, cut_1 = sift(data, find_headers_1(data, places, self.dialect), size, self.dialect)
+        others = np.concatenate((places, others))
+        cut = np.concatenate((cut_headers(data, low, size), cut, cut_1))
+        frames = without_overlap(merge(good, good_1))
+        decided = size if final else first_uncovered(cut, frames, size)
         frames = frames[: int(np.searchsorted(frames.start, decided))]
         frames, unknown, decided = self._search_gaps(data, others, frames, decided, size, final=final)
 
-        wrong = merge(*bad)
+        wrong = merge(bad, bad_1)
         wrong = wrong[wrong.start < decided]
         counts = self._count_bad(wrong, frames, decided, final=final)
         self._walk_gaps(data, frames, unknown, decided, counts, frozenset((wrong.start + base).tolist()))

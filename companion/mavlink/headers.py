@@ -18,6 +18,7 @@ MAGIC_1, MAGIC_2 = 0xFE, 0xFD
 HEADER_1, HEADER_2 = 6, 10
 CRC_BYTES, SIGNATURE_BYTES = 2, 13
 SIGNED = 0x01  # the only incompatibility flag there is; a frame with any other must not be read
+_MOST_WIDE = 64  # gaps that are no stamp, in a chunk
 LONGEST = HEADER_2 + 255 + CRC_BYTES + SIGNATURE_BYTES
 
 
@@ -42,23 +43,45 @@ class Headers:
         return len(self.start)
 
 
-def find_headers(data: Bytes, low: int, size: int, dialect: Dialect) -> tuple[Headers, Headers, Index]:
-    """Conforming headers in `data[low:size]`: known id, understood flags, and for MAVLink 1 a length of the layout.
+def find_headers_2(data: Bytes, low: int, size: int, dialect: Dialect) -> tuple[Headers, Index]:
+    """Conforming headers of MAVLink 2 in `data[low:size]` (known id, understood flags), and where unknown ids begin.
 
-    Those of MAVLink 2, those of MAVLink 1, and every position, in no order, where any other header could begin, for
-    `strange_headers`. They may reach beyond `size`; those whose header itself does are left to `cut_headers`.
+    They may reach beyond `size`; those whose header itself does are left to `cut_headers`.
     """
-    stop = max(size - HEADER_2 + 1, low)
-    start = np.flatnonzero(data[low:stop] == MAGIC_2) + low
+    start = np.flatnonzero(data[low : max(size - HEADER_2 + 1, low)] == MAGIC_2) + low
     start = start[data[start + 2] <= SIGNED]
-    second = _version_2(data, start)
-    known = _is_known(second, dialect)
-    others = np.flatnonzero(data[low : max(size - HEADER_1 + 1, low)] == MAGIC_1) + low
-    first = _version_1(data, others[_conforms_1(data, others, dialect)])
-    if not known.all():
-        others = np.concatenate((others, start[~known]))
-        second = second[known]
-    return second, first, others
+    headers = _version_2(data, start)
+    known = _is_known(headers, dialect)
+    return headers[known], start[~known]
+
+
+def find_headers_1(data: Bytes, places: Index, dialect: Dialect) -> Headers:
+    """Conforming headers of MAVLink 1 at those places: known id, a length of the layout."""
+    return _version_1(data, places[_conforms_1(data, places, dialect)])
+
+
+def all_places_1(data: Bytes, low: int, size: int) -> Index:
+    """Where a header of MAVLink 1 may begin in `data[low:size]`."""
+    return np.flatnonzero(data[low : max(size - HEADER_1 + 1, low)] == MAGIC_1) + low
+
+
+def places_between(data: Bytes, low: int, size: int, taken: Headers, stamp: int) -> Index | None:
+    """Those that do not lie inside frames of MAVLink 2; None where there are so many gaps that all may be looked at.
+
+    A sixth of the bytes of a log without damage are stamps, and the rest is `taken`. stamp: bytes of one.
+    """
+    stop = max(size - HEADER_1 + 1, low)
+    begin = np.concatenate((np.full(1, low), taken.end))
+    end = np.concatenate((taken.start, np.full(1, stop)))
+    narrow = end - begin == stamp
+    wide = np.flatnonzero(~narrow)
+    if not stamp or len(wide) > _MOST_WIDE:
+        return None
+    begin_narrow = begin[narrow]
+    hit = np.flatnonzero(gather(data, begin_narrow, stamp).ravel() == MAGIC_1)
+    found = [begin_narrow[hit // stamp] + hit % stamp]
+    found += [np.flatnonzero(data[a:b] == MAGIC_1) + a for a, b in zip(begin[wide], end[wide], strict=True)]
+    return np.sort(np.concatenate(found))
 
 
 def strange_headers(data: Bytes, start: Index, dialect: Dialect) -> tuple[Headers, Headers]:
@@ -108,6 +131,14 @@ def wire_crc(data: Bytes, headers: Headers) -> npt.NDArray[np.uint16]:
     at = headers.payload + headers.length
     crc: npt.NDArray[np.uint16] = data[at] | (data[at + 1].astype(np.uint16) << 8)
     return crc
+
+
+def sift(data: Bytes, headers: Headers, size: int, dialect: Dialect) -> tuple[Headers, Headers, Index]:
+    """Frames with a right CRC, those with a wrong one, and where those begin that the end of the data cuts off."""
+    complete = headers.end <= size
+    whole = headers[complete]
+    right = crc_is_right(data, whole, dialect)
+    return whole[right], whole[~right], headers.start[~complete]
 
 
 def crc_is_right(data: Bytes, headers: Headers, dialect: Dialect) -> npt.NDArray[np.bool_]:

@@ -94,9 +94,9 @@ def attitude_track(messages: Messages, t: Array) -> AttitudeTrack:
         q = q_from_euler(*(np.asarray(messages[n], np.float64) for n in ("roll", "pitch", "yaw")))
     else:
         q = np.column_stack([messages[f"q{i}"] for i in (1, 2, 3, 4)]).astype(np.float64)
-    norm = np.linalg.norm(q, axis=1)
+    norm = np.sqrt(np.einsum("ij,ij->i", q, q))
     rates = np.column_stack([messages[n] for n in ("rollspeed", "pitchspeed", "yawspeed")]).astype(np.float64)
-    good = np.isfinite(q).all(axis=1) & np.isfinite(t) & (np.abs(norm - 1.0) < 0.1)
+    good = np.isfinite(t) & (np.abs(norm - 1.0) < 0.1)  # which no NaN is
     keep = increasing(t, good)
     return AttitudeTrack(t[keep], continuous(q[keep]), np.nan_to_num(rates[keep]), source=messages.layout.name)
 
@@ -177,9 +177,10 @@ def increasing(t: Array, good: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64] |
 
 def continuous(q: Array) -> Array:
     """Quaternions (N, 4) of about unit length, made so, with the sign that follows on: q and -q are one attitude."""
-    q = q / np.linalg.norm(q, axis=1, keepdims=True)
-    flips = np.cumsum(np.einsum("ij,ij->i", q[1:], q[:-1]) < 0)
-    q[1:] *= np.where(flips % 2, -1.0, 1.0)[:, None]
+    q = q / np.sqrt(np.einsum("ij,ij->i", q, q))[:, None]
+    turned_over = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0
+    if turned_over.any():
+        q[1:] *= np.where(np.cumsum(turned_over) % 2, -1.0, 1.0)[:, None]
     return np.asarray(q)
 
 

@@ -204,6 +204,31 @@ def test_a_frame_inside_the_payload_of_a_frame_is_not_a_frame() -> None:
     expect([(packets[0], True), (stamped(outer, EPOCH), True), (packets[1], True)])
 
 
+def closed(begun: bytes, number: int) -> bytes:
+    """A frame with its CRC."""
+    crc = mavlink.x25crc(begun[1:])
+    crc.accumulate([mavlink.mavlink_map[number].crc_extra])
+    return begun + struct.pack("<H", crc.crc)
+
+
+def test_of_frames_that_overlap_the_one_that_begins_first_counts() -> None:
+    """A of MAVLink 1 overlaps B of MAVLink 2, in whose rest lies C of MAVLink 1: A and C are frames."""
+    third = next(link_frames(1, version=1))
+    transfer, encapsulated = 110, 131
+    head_b = struct.pack("<BBBBBBBHB", 0xFD, 255, 0, 0, 0, 1, 1, encapsulated, 0)
+    first = closed(struct.pack("<BBBBBB", 0xFE, 254, 0, 1, 1, transfer) + bytes(230) + head_b + b"\1" * 14, transfer)
+    inside = first[first.index(head_b) + len(head_b) :] + b"\1" * 20 + third
+    second = closed(head_b + inside.ljust(255, b"\1"), encapsulated)
+    whole = first[: first.index(head_b)] + second
+    packets = log_of(60)
+    between, behind = whole[len(first) :].split(third)
+    expect(
+        [(packet, True) for packet in packets[:30]]
+        + [(stamped(first, EPOCH), True), (between[:-8], False), (between[-8:] + third, True), (behind, False)]
+        + [(packet, True) for packet in packets[30:]]
+    )
+
+
 def test_frames_without_stamps() -> None:
     frames = list(link_frames(500))
     data = b"".join(frames)
