@@ -52,7 +52,7 @@ def find_headers_2(data: Bytes, low: int, size: int, dialect: Dialect) -> tuple[
     start = start[data[start + 2] <= SIGNED]
     headers = _version_2(data, start)
     known = _is_known(headers, dialect)
-    return headers[known], start[~known]
+    return (headers, start[:0]) if known.all() else (headers[known], start[~known])
 
 
 def find_headers_1(data: Bytes, places: Index, dialect: Dialect) -> Headers:

@@ -9,7 +9,7 @@ from typing import BinaryIO, Literal
 from companion.errors import InputError
 from companion.mavlink.compression import MAGIC_BYTES, compression, decompressed
 
-CHUNK_BYTES = 2 << 20  # large enough for NumPy's overhead to vanish, small enough for the cache
+CHUNK_BYTES = 4 << 20  # large enough for NumPy's overhead to vanish, small enough for the cache
 HEAD_BYTES = 1 << 18
 
 Format = Literal["mavlink", "dataflash", "ulog"]

@@ -191,8 +191,11 @@ def _texts(boot: Boot, seconds: dict[str, Array]) -> tuple[StatusText, ...]:
     said: list[StatusText] = []
     messages = boot.messages["STATUSTEXT"]
     columns = (messages[n].tolist() for n in ("severity", "text", "id", "chunk_seq"))
+    decoded: dict[bytes, str] = {}  # the same are said over and over
     for t, severity, raw, chunk_id, chunk in zip(seconds["STATUSTEXT"].tolist(), *columns, strict=True):
-        text = raw.split(b"\0")[0].decode("utf-8", "replace")
+        text = decoded.get(raw)
+        if text is None:
+            text = decoded[raw] = raw.split(b"\0")[0].decode("utf-8", "replace")
         if chunk_id and chunk and said:
             said[-1] = StatusText(said[-1].t, said[-1].severity, said[-1].text + text)
         else:

@@ -169,7 +169,7 @@ def _firmware(sender: Sender) -> str:
     if versions is not None and (code := int(versions["flight_sw_version"][-1])):
         return f"{code >> 24}.{code >> 16 & 255}.{code >> 8 & 255}"
     if "STATUSTEXT" in sender:  # ArduPilot's banner, sent with the parameters: "ArduCopter V4.7.0-dev (90700977)"
-        for text in sender["STATUSTEXT"]["text"].tolist():
+        for text in dict.fromkeys(sender["STATUSTEXT"]["text"].tolist()):  # the same are said over and over
             if banner := re.match(rb"(?:Ardu\w+|Rover|Blimp|AntennaTracker) V(\d[\w.-]*)", text):
                 return banner[1].decode("ascii")
     return ""
