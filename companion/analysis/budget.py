@@ -64,6 +64,8 @@ def budget(comparison: Comparison, chosen: Windows, imu: ImuFigures, autopilot: 
     gyro_bias, accel_bias = growth.transition[:, :9, 9:12], growth.transition[:, :9, 12:15]
     lasting = np.diag(np.square([autopilot.tilt] * 2 + [autopilot.heading]))
     passing = np.diag(np.square([autopilot.attitude_noise] * 3 + [autopilot.velocity] * 3 + [autopilot.position] * 3))
+    turned = np.diag([1.0] * 3 + [0.0] * 6)  # between two of its samples
+    at_start, at_end = (np.square(reference.attitude_bend[i])[:, None, None] * turned for i in (start, end))
     leaned = move[:, :, :3] - np.eye(9, 3)  # a lasting attitude error is in both ends and cancels in the attitude
     noise = growth.noise
     shaken = window_noise(track, chosen)
@@ -93,8 +95,8 @@ def budget(comparison: Comparison, chosen: Windows, imu: ImuFigures, autopilot: 
         "time_jitter": jitter_covariance(track, chosen, growth),
         "gravity": autopilot.gravity**2 * _square(growth.gravity[:, :, None]),
         "autopilot_attitude": leaned @ lasting @ leaned.swapaxes(1, 2),
-        "autopilot_anchor": move @ passing @ move.swapaxes(1, 2),
-        "autopilot_end": np.broadcast_to(passing, move.shape).copy(),
+        "autopilot_anchor": move @ (passing + at_start) @ move.swapaxes(1, 2),
+        "autopilot_end": passing + at_end,
     }
     return Budget(causes, growth)
 

@@ -41,21 +41,26 @@ class Reference:
     position: Array  # (N, 3) NED m
     attitude_known: BoolArray  # (N,)
     position_known: BoolArray  # (N,) position and velocity
+    attitude_bend: Array  # (N,) rad, how far the attitude may be from the slerp between two samples
 
 
 def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Array, limits: Limits) -> Reference:
     """The state at times t (N,): slerp for attitude, cubic Hermite (position and velocity) for position.
 
     Velocity is linear between samples. Nothing is extrapolated, nothing is known inside a hole (`Limits.hole`).
+    Between two samples the body may have turned otherwise than at one rate: by a steady angular acceleration, which the
+    rates at both ends tell, it is off by u (1 - u) h |Δω| / 2.
     Raises ValueError for an attitude track without samples.
     """
     if not len(attitude):
         raise ValueError("an attitude track needs a sample")
     i, u, attitude_known = _bracket(attitude.t, t, limits)
     q = quaternion.slerp(attitude.q_ned_frd[i], attitude.q_ned_frd[np.minimum(i + 1, len(attitude) - 1)], u)
+    change = np.append(0.5 * np.diff(attitude.t) * length(np.diff(attitude.rates, axis=0)), 0.0)
+    turned = u * (1 - u) * change[i]
     if position is None or not len(position):
         zero = np.zeros((len(t), 3))
-        return Reference(t, q, zero, zero, attitude_known, np.zeros(len(t), np.bool_))
+        return Reference(t, q, zero, zero, attitude_known, np.zeros(len(t), np.bool_), turned)
     i, u, position_known = _bracket(position.t, t, limits)
     j, u = np.minimum(i + 1, len(position) - 1), u[:, None]
     h = (position.t[j] - position.t[i])[:, None]
@@ -63,7 +68,7 @@ def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Arr
     # Hermite as a correction to the straight line, so that large coordinates lose no digits
     bend = u * (1 - u) * ((1 - u) * (h * v0 - (p1 - p0)) + u * ((p1 - p0) - h * v1))
     return Reference(
-        t, q, v0 + u * (v1 - v0), p0 + u * (p1 - p0) + bend, attitude_known, position_known & attitude_known
+        t, q, v0 + u * (v1 - v0), p0 + u * (p1 - p0) + bend, attitude_known, position_known & attitude_known, turned
     )
 
 

@@ -78,3 +78,18 @@ def test_a_gps_glitch_is_a_position_jump_and_a_manoeuvre_is_none() -> None:
 def test_nearest_is_the_nearest() -> None:
     samples = np.array([0.0, 1.0, 3.0])
     assert nearest(samples, np.array([-5.0, 0.4, 0.6, 1.9, 2.1, 9.0])).tolist() == [0, 0, 1, 1, 2, 2]
+
+
+def test_between_two_attitudes_the_bend_is_what_a_steady_acceleration_makes() -> None:
+    axis, acceleration = np.array([0.6, 0.0, 0.8]), 5.0  # rad/s²
+
+    def turned(t: np.ndarray) -> np.ndarray:
+        return quaternion.exp(0.5 * acceleration * t[:, None] ** 2 * axis)
+
+    sent = np.arange(0.0, 1.01, 0.125)
+    track = AttitudeTrack(sent, turned(sent), acceleration * sent[:, None] * axis)
+    t = np.linspace(0.0, 1.0, 65)
+    found = reference_at(track, None, t, Limits(gap_s=1.0))
+    off = np.linalg.norm(quaternion.log(quaternion.multiply(turned(t), quaternion.conjugate(found.q_ned_frd))), axis=1)
+    np.testing.assert_allclose(off, found.attitude_bend, atol=1e-9)
+    assert found.attitude_bend.max() == pytest.approx(acceleration * 0.125**2 / 8)

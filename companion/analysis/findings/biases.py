@@ -45,7 +45,7 @@ def bias_findings(
     # four of one axis: three axes together pass three in 3 % of all sensors; a turn that goes on shows the gyro's scale
     # and its axes as if they were a bias; and half a step of each axis
     usual = np.hypot(4.0 * imu.gyro.residual_bias, 2.0 * _of_turning(found, imu, autopilot))
-    limit = usual + 4.0 * found.noise[:, 0] + comparison.track.gyro_step
+    limit = usual + 4.0 * found.noise[:, 0] + found.bend + comparison.track.gyro_step
     # what shakes faster than the samples tell folds into them, and may stand still there for a while
     folded = _FOLDED * np.median(found.noise * np.sqrt(found.span * comparison.track.rate_hz), axis=0)
     limit = limit + folded[0]

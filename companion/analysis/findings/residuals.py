@@ -28,6 +28,7 @@ class Residuals:
     velocity: Array  # (W, 3) likewise, NED m/s
     growth: Propagation
     noise: Array  # (W, 2) standard error of a window's mean reading: rad/s, m/s²
+    bend: Array  # (W,) rad/s, what the attitude between two of its samples may make of a rate: see `reference_at`
     rate: Array  # (W, 3) rad/s, FRD: what the gyro turned more than the attitude
     force: Array  # (W, 3) m/s², FRD: what the accelerometer felt more than the velocity says
 
@@ -59,6 +60,7 @@ def residuals(comparison: Comparison) -> Residuals:
         gravity=comparison.how.gravity,
     )
     span = (found.end_s - found.anchor_s)[:, None]
+    bend = comparison.reference.attitude_bend
     back = quaternion.conjugate(q)
     # to first order truth minus estimate is -(bias) t: with the sign turned, and in the body, it is the bias
     rate = -quaternion.rotate(back, found.attitude) / span
@@ -76,6 +78,7 @@ def residuals(comparison: Comparison) -> Residuals:
         velocity=found.velocity if comparison.has_position else np.zeros_like(rate),
         growth=growth,
         noise=window_noise(comparison.track, chosen) / np.sqrt(span),
+        bend=(bend[chosen.start] + bend[chosen.end]) / span[:, 0],
         rate=rate,
         force=force,
     )
