@@ -48,6 +48,8 @@ def parse_address(text: str) -> Address:
         kind, host, port = match[1], match[2] or "", int(match[3])
         if not 0 <= port <= 65535:
             raise InputError(f"{text} has no port between 0 and 65535.")
+        if not port and kind in ("udpout", "tcp"):
+            raise InputError(f"{text} names no port to send to: 0 is none.")
         if not host:
             host = "0.0.0.0" if kind in ("udp", "udpin", "tcpin") else "127.0.0.1"
         kinds: dict[str, Kind] = {"udp": "udpin", "udpin": "udpin", "udpout": "udpout", "tcp": "tcp", "tcpin": "tcpin"}

@@ -129,11 +129,15 @@ class Link:
         return frames
 
     def send(self, request: Request) -> None:
-        """Send a request; nothing when the link only listens. As MAVLink 1 to who speaks nothing else."""
+        """Send a request; nothing when the link only listens. As MAVLink 1 to who speaks nothing else.
+
+        A heartbeat goes out as MAVLink 2 too, for ArduPilot and PX4 begin with 1 and change over when they hear 2.
+        """
         if self.listen_only:
             return
-        version = 2 if self._modern or not self.health.frames else 1
-        self._port.write(self._packer.pack(request.name, request.fields, version=version))
+        modern = self._modern or not self.health.frames
+        for version in (2,) if modern else (1, 2) if request.name == "HEARTBEAT" else (1,):
+            self._port.write(self._packer.pack(request.name, request.fields, version=version))
         self.health.sent[request.name] = self.health.sent.get(request.name, 0) + 1
 
     def restarted(self, sender: tuple[int, int], when: float) -> None:

@@ -57,7 +57,9 @@ class Rates:
         self.target = target
         self.wishes = [Wish(name, dialect.by_name[name].id, hz, hz) for name, hz in wanted.items()]
         self.said: list[str] = []  # for the user; emptied by whoever shows it
+        self.confirmed = 0  # requests for an interval that the vehicle has accepted
         self._own = own_sysid
+        self._ardupilot = ardupilot
         self._parameters = dict.fromkeys(PARAMETERS if ardupilot else (), 0)  # not yet known → times asked
         self._version_asked = 0
         self._waiting: Wish | None = None  # whose COMMAND_ACK is due: an ack names the command, not the message
@@ -100,19 +102,27 @@ class Rates:
         return request
 
     def restore(self) -> list[Request]:
-        """What gives every message the interval back that it had; the vehicle's default where that is not known."""
+        """What gives every message that we changed the interval back that it had; where that is not known, its default.
+
+        A stream gets the rate back at which it arrived before.
+        """
+        streams: dict[int, int] = {}
         given_back: list[Request] = []
         for wish in self.wishes:
             if wish.by_stream:
-                given_back.append(requests.request_stream(self.target, _STREAMS[wish.name], 0))
-            elif wish.state is not State.FINDING:
-                given_back.append(requests.set_interval(self.target, wish.message_id, wish.found_us or 0))
-        return given_back
+                stream = _STREAMS[wish.name]
+                streams[stream] = max(streams.get(stream, 0), ceil(wish.found_hz))
+            elif wish.ours:
+                # ArduPilot has no default for what is in no stream: it FAILS such a request, and goes on sending.
+                unknown = 0 if wish.name in _STREAMS or not self._ardupilot else -1
+                given_back.append(requests.set_interval(self.target, wish.message_id, wish.found_us or unknown))
+        return given_back + [requests.request_stream(self.target, stream, hz) for stream, hz in streams.items()]
 
     def _find(self, now: float) -> Request | None:
         for wish in self.wishes:
             if wish.state is State.FINDING and now >= wish.due:
                 if wish.attempts >= 2:  # it does not say: then its default is what it gets back
+                    wish.found_hz = wish.count / (now - wish.window) if wish.window is not None else 0.0
                     self._move(wish, State.ASKING, now)
                     continue
                 wish.attempts, wish.due = wish.attempts + 1, now + _ANSWER_S
@@ -133,11 +143,17 @@ class Rates:
                 self._refused(wish, "the vehicle does not answer", now)
             if wish.by_stream:
                 self._move(wish, State.WATCHING, now)  # nobody acknowledges a stream
-                return requests.request_stream(self.target, _STREAMS[wish.name], round(wish.asked_hz))
+                return self._ask_stream(_STREAMS[wish.name])
             if wish.state is State.ASKING:
+                wish.ours = True
                 wish.attempts, wish.due, self._waiting = wish.attempts + 1, now + _ANSWER_S, wish
                 return requests.set_interval(self.target, wish.message_id, round(1e6 / wish.asked_hz))
         return None
+
+    def _ask_stream(self, stream: int) -> Request:
+        """A stream carries several messages: the fastest of them says how often."""
+        members = [wish.asked_hz for wish in self.wishes if wish.by_stream and _STREAMS[wish.name] == stream]
+        return requests.request_stream(self.target, stream, round(max(members)))
 
     def _extra(self, now: float) -> Request | None:
         """The firmware's version and the parameters, once the streams are asked for."""
@@ -167,13 +183,16 @@ class Rates:
                 for i in range(len(found)):
                     mine = int(found["target_system"][i]) in (0, self._own)
                     if mine and found["command"][i] == requests.SET_MESSAGE_INTERVAL:
+                        self.confirmed += int(found["result"][i]) == _ACCEPTED
                         self._answered(int(found["result"][i]), now)
 
     def _found(self, number: int, interval: int) -> None:
         for wish in self.wishes:
             if wish.message_id == number and wish.state is State.FINDING:
                 wish.found_us = interval
-                self._move(wish, State.ASKING, 0.0)
+                # Somebody has it as often already, e.g. PX4's onboard link its attitude: we need not take from them.
+                enough = 0 < interval <= 1e6 / wish.asked_hz
+                self._move(wish, State.WATCHING if enough else State.ASKING, 0.0)
 
     def _answered(self, result: int, now: float) -> None:
         wish = self._waiting
@@ -182,7 +201,8 @@ class Rates:
         self._waiting = None
         if result == _ACCEPTED:
             self._move(wish, State.WATCHING, now)
-        elif result == _DENIED and _slower(wish.asked_hz) >= _SLOWEST_HZ:  # perhaps faster than its loop allows
+        elif result == _DENIED and not self._unknown(wish) and _slower(wish.asked_hz) >= _SLOWEST_HZ:
+            # perhaps faster than its loop allows
             wish.asked_hz = _slower(wish.asked_hz)
             self._move(wish, State.ASKING, now)
         elif result == _NOT_NOW:
@@ -190,8 +210,12 @@ class Rates:
         else:
             self._refused(wish, "the vehicle refuses it", now)
 
+    def _unknown(self, wish: Wish) -> bool:
+        """Whether ArduPilot has said that it does not know a message (PX4 says the same of one that is not sent)."""
+        return self._ardupilot and wish.found_us == 0
+
     def _refused(self, wish: Wish, why: str, now: float) -> None:
-        if wish.name in _STREAMS and not wish.by_stream:
+        if self._ardupilot and wish.name in _STREAMS and not wish.by_stream:
             wish.by_stream, wish.asked_hz = True, wish.wanted_hz
             self.said.append(f"{wish.name}: {why}; asking for its stream instead")
             self._move(wish, State.ASKING, now)
@@ -229,7 +253,8 @@ class Rates:
             self._move(wish, State.GIVEN_UP, now)
             return
         self.said.append(f"{wish.name}: {arrives}; asking again")
-        self._move(wish, State.ASKING, now + (_BACK_OFF_S * 2 ** (wish.retries - 1) if wish.retries else 0.0))
+        again = State.ASKING if wish.ours else State.FINDING  # who asked for what we found has left
+        self._move(wish, again, now + (_BACK_OFF_S * 2 ** (wish.retries - 1) if wish.retries else 0.0))
         wish.retries += 1
 
     def _notice_reboot(self, messages: Mapping[str, Messages], now: float) -> None:
@@ -261,7 +286,7 @@ class Rates:
         self._waiting = self._streamed = None
         for wish in self.wishes:
             wish.asked_hz, wish.retries, wish.by_stream = wish.wanted_hz, 0, False
-            self._move(wish, State.FINDING if wish.found_us is None else State.ASKING, 0.0)
+            self._move(wish, State.ASKING if wish.ours else State.FINDING, 0.0)
 
     def _move(self, wish: Wish, state: State, due: float) -> None:
         wish.state, wish.attempts, wish.due, wish.window = state, 0, due, None

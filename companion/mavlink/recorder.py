@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import time
+from itertools import count
 from pathlib import Path
 from typing import Self
 
@@ -21,8 +22,8 @@ class Recorder:
     """
 
     def __init__(self, path: str | Path | None = None) -> None:
-        self.path = Path(path) if path is not None else Path(time.strftime("%Y-%m-%d %H-%M-%S.tlog"))
-        if self.path.is_file():
+        self.path = Path(path) if path is not None else _unused(time.strftime("%Y-%m-%d %H-%M-%S"))
+        if path is not None and self.path.is_file():
             raise InputError(f"{self.path} exists already, and a recording is never overwritten: choose another name.")
         self.size_bytes = 0
         self.problem = ""  # why nothing is written any more
@@ -51,7 +52,7 @@ class Recorder:
         with contextlib.suppress(OSError):  # what a full disk did not take is reported in `problem`
             self._writer.close()
         self._writer = None
-        if not self.size_bytes:
+        if not self.size_bytes and self.path.is_file():  # and no device
             with contextlib.suppress(OSError):  # someone has taken it away
                 self.path.unlink()
 
@@ -60,3 +61,17 @@ class Recorder:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _unused(stem: str) -> Path:
+    """A new file in this folder: two that begin in one second record beside each other."""
+    for number in count(1):
+        path = Path(f"{stem} {number}.tlog" if number > 1 else f"{stem}.tlog")
+        try:
+            path.touch(exist_ok=False)
+        except FileExistsError:
+            continue
+        except OSError:  # the writer says what is wrong with this place
+            pass
+        break
+    return path

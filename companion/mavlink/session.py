@@ -167,7 +167,7 @@ class Session:
         self.said.append("the vehicle has not confirmed that its message intervals are as before")
 
     def _acknowledged(self) -> int:
-        return sum(asked.counts["COMMAND_ACK"] for asked in self.asked.values())
+        return sum(asked.rates.confirmed for asked in self.asked.values() if asked.rates)
 
     def _notice(self, messages: Mapping[str, Messages], now: float) -> None:
         if "HEARTBEAT" in messages:

@@ -25,6 +25,8 @@ class Wish:
     asked_hz: float  # lower than wanted when the vehicle denied that
     received_hz: float = 0.0  # over the last 5 s
     found_us: int | None = None  # the interval before we asked, as MESSAGE_INTERVAL says it; None: not known
+    found_hz: float = 0.0  # what arrived before we asked, where the vehicle did not say
+    ours: bool = False  # an interval of ours has been asked for, and perhaps taken
     state: State = State.FINDING
     by_stream: bool = False  # asked for with REQUEST_DATA_STREAM
     attempts: int = 0  # of the present request

@@ -64,9 +64,11 @@ def test_an_address_says_where_a_link_goes(text: str, address: Address) -> None:
     assert is_link(text) or text.startswith("/dev/serial")
 
 
-@pytest.mark.parametrize("text", ["", "udpin", "http://x", "tcp:host", "udpin:1.2.3.4:99999", "flight.tlog"])
+@pytest.mark.parametrize(
+    "text", ["", "udpin", "http://x", "tcp:host", "udpin:1.2.3.4:99999", "flight.tlog", "udpout:h:0"]
+)
 def test_what_is_no_address_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="no link: use|no port between"):
+    with pytest.raises(InputError, match="no link: use|no port "):
         parse_address(text)
 
 
@@ -177,6 +179,28 @@ def test_who_speaks_mavlink_1_is_answered_so(udp: Link) -> None:
         frames_until(udp, 1)
         udp.send(requests.heartbeat())
         assert peer.heard()[0] == 0xFD
+
+
+def test_who_begins_with_mavlink_1_hears_that_we_speak_2(udp: Link) -> None:
+    """ArduPilot (SERIALn_PROTOCOL 2) and PX4 (MAV_PROTO_VER 0) change over when they hear a frame of 2, not before."""
+    with udp_peer(udp.port) as peer:
+        peer.send(next(link_frames(1, version=1)))
+        frames_until(udp, 1)
+        udp.send(requests.heartbeat())
+        heard = decoded(peer.heard())
+        assert [message.get_type() for message in heard] == ["HEARTBEAT", "HEARTBEAT"]
+        assert [message.get_msgbuf()[0] for message in heard] == [0xFE, 0xFD]
+
+
+def test_a_host_name_of_both_kinds_is_the_address_that_vehicles_use(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [
+        (socket.AF_INET6, socket.SOCK_DGRAM, 17, "", ("::1", 0, 0, 0)),
+        (socket.AF_INET, socket.SOCK_DGRAM, 17, "", ("127.0.0.1", 0)),
+    ]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: found)
+    with Link("udpin:localhost:0") as link, udp_peer(link.port) as peer:
+        peer.send(next(link_frames(1)))
+        frames_until(link, 1)
 
 
 def test_udpout_speaks_first_and_hears_the_answer() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -20,7 +21,8 @@ class Conversation:
 
     def __init__(self, seconds: float = 120.0, wanted: dict[str, float] | None = None, **vehicle: Any) -> None:
         self.vehicle = SimulatedVehicle(fly(seconds, motion="rest"), **vehicle)
-        self.rates = Rates(Target(1, 1), wanted or WANTED, DIALECT, own_sysid=240)
+        ardupilot = vehicle.get("autopilot") != "px4"
+        self.rates = Rates(Target(1, 1), wanted or WANTED, DIALECT, own_sysid=240, ardupilot=ardupilot)
         self.sent: Counter[str] = Counter()
         self.t = 0.0
         self._packer = Packer(240, 191)
@@ -204,3 +206,89 @@ def test_a_slow_line_is_not_asked_for_more_than_it_carries() -> None:
     assert "lowered to" in warning
     assert fit(WANTED, DIALECT, None) == (WANTED, "")
     assert fit(WANTED, DIALECT, 92_160.0) == (WANTED, "")
+
+
+def test_who_has_it_as_often_already_keeps_it_so() -> None:
+    """PX4's onboard link sends ATTITUDE at 100 Hz to whoever flies by it: 50 Hz are enough for us, not for them."""
+    talk = Conversation(wanted={"RAW_IMU": 100.0, "ATTITUDE": 50.0}, streams={"ATTITUDE": 100.0})
+    talk.run(15.0)
+    assert talk.received() == pytest.approx({"RAW_IMU": 100.0, "ATTITUDE": 100.0}, rel=0.03)
+    talk.vehicle.reboot()
+    talk.run(15.0)
+    assert talk.received() == pytest.approx({"RAW_IMU": 100.0, "ATTITUDE": 100.0}, rel=0.03)
+    talk.leave()
+    assert (talk.vehicle.interval_us("RAW_IMU"), talk.vehicle.interval_us("ATTITUDE")) == (-1, 10_000)
+
+
+def test_an_interval_of_ours_is_never_taken_for_the_one_before_us() -> None:
+    """The vehicle did not say at first; after a silence it says what we have set."""
+    rates = Rates(Target(1, 1), {"RAW_IMU": 100.0}, DIALECT, own_sysid=240)
+    hear = hearing(rates)
+    hear(0.0, "HEARTBEAT", autopilot=3)
+    asked = [rates.next_request(0.1 * i) for i in range(25)]
+    assert [r.fields["command"] for r in asked if r] == [510, 510, 511]
+    hear(2.5, "COMMAND_ACK", command=511, result=0, target_system=240)
+    hear(9.0, "HEARTBEAT", autopilot=3)
+    rates.next_request(9.1)
+    hear(9.2, "MESSAGE_INTERVAL", message_id=27, interval_us=10_000)
+    assert [request.fields["param2"] for request in rates.restore()] == [0.0]
+
+
+def test_what_is_in_no_stream_of_ardupilot_is_stopped_where_its_interval_is_not_known() -> None:
+    """Asked for the default of such a message ArduPilot FAILS, and goes on sending."""
+    rates = Rates(Target(1, 1), {"HIGHRES_IMU": 100.0}, DIALECT, own_sysid=240)
+    hearing(rates)(0.0, "HEARTBEAT", autopilot=3)
+    assert sum(rates.next_request(0.1 * i) is not None for i in range(25)) == 3
+    assert [request.fields["param2"] for request in rates.restore()] == [-1.0]
+
+
+def test_a_message_that_ardupilot_does_not_know_is_not_asked_for_ever_slower() -> None:
+    """Each such request makes it tell every ground station "No ap_message for mavlink id (105)"."""
+    rates = Rates(Target(1, 1), {"HIGHRES_IMU": 100.0}, DIALECT, own_sysid=240)
+    hear = hearing(rates)
+    hear(0.0, "HEARTBEAT", autopilot=3)
+    assert rates.next_request(0.0) is not None
+    hear(0.1, "MESSAGE_INTERVAL", message_id=105, interval_us=0)
+    assert rates.next_request(0.2) is not None
+    hear(0.3, "COMMAND_ACK", command=511, result=2, target_system=240)
+    assert rates.settled
+    assert rates.said == ["HIGHRES_IMU: the vehicle refuses it; given up"]
+
+
+def test_messages_of_one_stream_do_not_turn_each_other_down() -> None:
+    talk = Conversation(faults=Faults(denied=frozenset("*")))
+    talk.run(30.0)
+    assert talk.received()["LOCAL_POSITION_NED"] == pytest.approx(20.0, rel=0.05)
+    assert "turns it down" not in talk.said()
+    assert "asking again" not in talk.said()
+
+
+def test_a_stream_gets_the_rate_back_that_it_had() -> None:
+    """Firmware that answers neither command: what arrived before is what there was."""
+    rates = Rates(Target(1, 1), {"ATTITUDE": 50.0}, DIALECT, own_sysid=240)
+    hear, asked = hearing(rates), []
+    for i in range(50):
+        hear(0.25 * i, "ATTITUDE", time_boot_ms=250 * i)
+        if (request := rates.next_request(0.25 * i + 0.1)) is not None:
+            asked.append(request.name)
+    assert "REQUEST_DATA_STREAM" in asked
+    (restored,) = rates.restore()
+    assert restored.name == "REQUEST_DATA_STREAM"
+    assert restored.fields["req_message_rate"] in (4, 5)
+
+
+def test_px4_is_never_asked_for_streams() -> None:
+    talk = Conversation(wanted={"ATTITUDE": 20.0}, faults=Faults(denied=frozenset("*")), autopilot="px4")
+    talk.run(15.0)
+    assert talk.sent["REQUEST_DATA_STREAM"] == 0
+    assert "ATTITUDE: the vehicle refuses it; given up" in talk.said()
+
+
+def hearing(rates: Rates) -> Callable[..., None]:
+    """Say one message of the vehicle's to it at a time."""
+    packer, decoder = Packer(1, 1), Decoder(DIALECT, stamped=False)
+
+    def hear(now: float, name: str, **fields: int) -> None:
+        rates.hear(split_messages(decoder.push(packer.pack(name, fields)), DIALECT), now)
+
+    return hear

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import os
 import threading
 import time
 from pathlib import Path
@@ -92,6 +93,29 @@ def test_a_recording_of_nothing_is_not_left_behind(tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.tlog"):
         assert (tmp_path / "a.tlog").is_file()
     assert not (tmp_path / "a.tlog").exists()
+
+
+def test_what_is_no_file_is_never_removed(tmp_path: Path) -> None:
+    """`-o /dev/null`, by root, of a link on which nothing comes."""
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    with Recorder(tmp_path / "pipe"):
+        pass
+    os.close(reader)
+    assert (tmp_path / "pipe").is_fifo()
+
+
+def test_two_that_begin_in_one_second_record_beside_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(time, "strftime", lambda _: "2026-01-01 12-00-00")
+    frames = Decoder(DIALECT, stamped=False).push(next(link_frames(1)))
+    with Recorder() as one, Recorder() as two:
+        one.write(frames)
+        two.write(frames)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "2026-01-01 12-00-00 2.tlog",
+        "2026-01-01 12-00-00.tlog",
+    ]
 
 
 def test_following_a_log_while_it_grows(tmp_path: Path) -> None:
