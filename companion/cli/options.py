@@ -127,12 +127,16 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         if option in given:
             merged[section][name] = given[option]
     try:
-        return msgspec.convert(merged, Settings)
+        settings = msgspec.convert(merged, Settings)
     except msgspec.ValidationError as error:
         reason, _, where = str(error).partition(" - at `$.")
         section, _, name = where.rstrip("`").partition(".")
         option = next(o for s, n, o in _SETTABLE if s == section and name.split("[")[0] == n).removesuffix("_s")
         raise SettingsError(f"--{option}: {reason[:1].lower()}{reason[1:]}.") from None
+    method = settings.integration.method
+    if "middle" in given and method != "rk4":
+        raise SettingsError(f"--middle is rk4's, and {method} has no sample in mid-step: leave one of them out.")
+    return settings
 
 
 def log_path(arguments: argparse.Namespace) -> Path:

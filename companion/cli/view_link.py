@@ -118,7 +118,8 @@ class _Feed:
     def _chosen(self) -> list[str]:
         choice = self._choice
         imu = ["--imu", choice.imu] if choice.imu is not None else []
-        return [*imu, "--method", choice.how.method, "--middle", choice.how.middle]
+        middle = ["--middle", choice.how.middle] if choice.how.method == "rk4" else []
+        return [*imu, "--method", choice.how.method, *middle]
 
     @property
     def reanchor_s(self) -> float:

@@ -234,6 +234,7 @@ def test_a_bad_config_names_the_line(text: str, line: int, expected: str, tmp_pa
         (["--horizons", "5,-1"], "--horizons"),
         (["--horizons", "five"], "must be positive seconds like 1,5,10, got 'five'"),
         (["--method", "rk5"], "rk5"),
+        (["--method", "euler", "--middle", "cubic"], "--middle is rk4's, and euler has no sample in mid-step"),
         (["--config", "missing.toml"], "cannot read the settings file"),
         (["--dialect", "ardupilotmeag"], "ardupilotmega"),
     ],
