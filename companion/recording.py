@@ -107,9 +107,9 @@ def _read_dataflash(
         trouble=log.trouble,
         skipped_bytes=log.skipped_bytes,
     )
-    records = dict(log.messages)
+    records, undecoded = dict(log.messages), log.undecoded
     del log  # `dataflash_flight` lets go of what it has read
-    flight = dataflash_flight(records, dialect, core=core)
+    flight = dataflash_flight(records, dialect, core=core, undecoded=undecoded)
     return Recording(source, (flight,) if flight else ())
 
 

@@ -70,7 +70,8 @@ class Records:
 
     def in_unit(self, field: str) -> npt.NDArray[np.float64]:
         """A numeric column in `layout.units[field]`: (N,) float64 (TimeUS in s). Raises KeyError as `[field]`."""
-        return self[field].astype(np.float64) * self.layout.multipliers.get(field, 1.0)
+        with np.errstate(invalid="ignore"):  # damage makes NaNs that signal
+            return self[field].astype(np.float64) * self.layout.multipliers.get(field, 1.0)
 
     @property
     def instances(self) -> tuple[int, ...]:

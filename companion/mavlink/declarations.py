@@ -25,6 +25,7 @@ _KINDS: dict[str, Any] = {
     "f": "<f4", "d": "<f8", "g": "<f2", "n": "S4", "N": "S16", "Z": "S64", "M": "u1",
     "c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4", "L": "<i4",
 }  # fmt: skip
+_INSTANCES = ("I", "C", "IMU")  # a sensor, a core of the EKF: what ArduPilot calls those columns
 # Formats in hundredths, or ten-millionths of a degree: divided, not multiplied, which is the more exact (DFReader).
 _DIVISORS = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
 
@@ -46,6 +47,14 @@ class RecordLayout:
     def fields(self) -> tuple[str, ...]:
         """Names of the columns, in order."""
         return self.dtype.names or ()
+
+    def kind(self, field: str) -> str:
+        """What a column holds, as NumPy calls it: "i", "u", "f" or "S"; "V" for an array, "" without such a column."""
+        return self.dtype[field].kind if field in self.fields else ""
+
+    def has_numbers(self, *fields: str) -> bool:
+        """Whether there are such columns, each with a number in every record."""
+        return all(self.kind(field) in tuple("iuf") for field in fields)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,20 +111,22 @@ def record_layouts(
     plain = {number: _layout(declared, {}, {}, "", "") for number, declared in formats.items()}
     by_name = {declared.name: number for number, declared in formats.items()}
 
-    def rows(name: str) -> npt.NDArray[np.void] | None:
+    def rows(name: str, columns: Mapping[str, str]) -> npt.NDArray[np.void]:
+        """The records of a type whose columns must be of these kinds; none where damage made others of them."""
         layout = plain.get(by_name.get(name, -1))
-        return None if layout is None else gather_rows(data, starts[types == layout.type], layout.dtype)
+        if layout is None or any(layout.kind(column) not in tuple(kinds) for column, kinds in columns.items()):
+            return np.empty(0, np.void)
+        return gather_rows(data, starts[types == layout.type], layout.dtype)
 
-    labels: dict[str, str] = {}
-    factors: dict[str, float] = {}
-    described: dict[int, tuple[str, str]] = {}
-    if (units := rows("UNIT")) is not None:
-        labels = {chr(row["Id"]): _text(row["Label"]) for row in units}
-    if (factor_rows := rows("MULT")) is not None:
-        # Written as doubles, but they were single precision before: 7 digits are what they mean (DFReader).
-        factors = {chr(row["Id"]): float(f"{row['Mult']:.7g}") for row in factor_rows}
-    if (pairs := rows("FMTU")) is not None:
-        described = {int(row["FmtType"]): (_text(row["UnitIds"]), _text(row["MultIds"])) for row in pairs}
+    labels = {chr(int(row["Id"]) % 256): _text(row["Label"]) for row in rows("UNIT", {"Id": "iu", "Label": "S"})}
+    # Written as doubles, but they were single precision before: 7 digits are what they mean (DFReader).
+    factors = {
+        chr(int(row["Id"]) % 256): float(f"{row['Mult']:.7g}") for row in rows("MULT", {"Id": "iu", "Mult": "f"})
+    }
+    described = {
+        int(row["FmtType"]): (_text(row["UnitIds"]), _text(row["MultIds"]))
+        for row in rows("FMTU", {"FmtType": "iu", "UnitIds": "S", "MultIds": "S"})
+    }
     layouts = {}
     for number, declared in formats.items():
         layout = _layout(declared, labels, factors, *described.get(number, ("", "")))
@@ -146,7 +157,14 @@ def _layout(
         # 0 stands for "none"; where the format divides already, MULT repeats the same factor.
         if factors.get(i) and field not in divisors
     }
-    instance = declared.columns[unit_ids.index("#")] if "#" in unit_ids[: len(declared.columns)] else None
+    if dtype.names and "TimeUS" in dtype.names:  # whatever FMTU says of it, or does not say: logs before 2018 have none
+        units["TimeUS"], multipliers["TimeUS"] = "s", 1e-6
+    if unit_ids:
+        instance = next((f for f, i in zip(declared.columns, unit_ids, strict=False) if i == "#"), None)
+    else:
+        instance = next((f for f in _INSTANCES if f in declared.columns), None)
+    if instance is not None and dtype[instance].kind not in "iu":
+        instance = None
     return RecordLayout(
         type=declared.type,
         name=declared.name,

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 
 from companion.errors import DataError
-from companion.mavlink import Dialect, Records
+from companion.mavlink import Dialect, RecordLayout, Records
 from companion.telemetry import convert
 from companion.telemetry.arrival import arrival
 from companion.telemetry.epoch import epoch_of, gps_to_unix
@@ -34,6 +35,17 @@ _HOME = 1  # ORGN.Type: LogOriginType::ahrs_home
 _INFO = 6  # MAV_SEVERITY: MSG does not say
 
 
+_VECTORS = tuple(f"{kind}{axis}" for kind in ("Gyr", "Acc") for axis in "XYZ")
+_NUMBERS: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(("IMU", "IMU2", "IMU3"), _VECTORS),
+    **dict.fromkeys(("XKQ", "NKQ"), ("Q1", "Q2", "Q3", "Q4")),
+    **dict.fromkeys(("XKF1", "NKF1"), ("PN", "PE", "PD", "VN", "VE", "VD")),
+    **dict.fromkeys(("POS", "GPS", "ORGN"), ("Lat", "Lng", "Alt")),
+    "ATT": ("Roll", "Pitch", "Yaw"),
+    "PARM": ("Value",),
+}
+_WORDS = {"PARM": "Name", "MSG": "Message"}
+
 RECORDS = RECORD_SENSORS | {
     "PARM", "MSG", "EV", "ERR", "MODE", "ARM", "IMU", "IMU2", "IMU3", "XKQ", "NKQ", "ATT", "XKF1", "NKF1", "XKF4",
     "NKF4", "POS", "GPS", "ORGN",
@@ -41,20 +53,37 @@ RECORDS = RECORD_SENSORS | {
 """Records whose fields a flight is made of."""
 
 
-def dataflash_flight(messages: dict[str, Records], dialect: Dialect, *, core: int | None = None) -> Flight | None:
+def dataflash_flight(
+    messages: dict[str, Records],
+    dialect: Dialect,
+    *,
+    core: int | None = None,
+    undecoded: Mapping[str, int] = MappingProxyType({}),
+) -> Flight | None:
     """The one flight of a .bin; None when it has no times at all.
 
     The records are taken over: the dictionary is empty afterwards, and the IMU's are let go when they have become
     tracks. dialect: has the names of the modes. core: of the EKF, to compare with; None: the one that flew.
+    undecoded: how many records of each name could not be read, for the notes.
     Raises DataError when the log has no such core.
     """
-    records = {name: r for name, r in messages.items() if len(r) and "TimeUS" in r.layout.fields}
+    records = {name: r for name, r in messages.items() if len(r) and r.layout.has_numbers("TimeUS")}
     messages.clear()
+    left_out = [
+        f"{name}: {count} records left out: the log's declaration of them is damaged or contradicts itself"
+        for name, count in undecoded.items()
+    ]
+    for name in [name for name, one in records.items() if not _is_whole(name, one.layout)]:
+        columns = ", ".join(records[name].layout.fields)
+        left_out.append(
+            f"{name}: {len(records.pop(name))} records left out: the log declares their columns as {columns}"
+        )
     if not records:
         return None
     parameters = _parameters(records)
     vehicle = _vehicle(records, parameters)
     core, notes = _core(records, core)
+    notes += left_out
     stats, edges = {}, []
     for name in sorted(records):
         t = records[name].in_unit("TimeUS")
@@ -88,11 +117,19 @@ def dataflash_flight(messages: dict[str, Records], dialect: Dialect, *, core: in
     )
 
 
+def _is_whole(name: str, layout: RecordLayout) -> bool:
+    """Whether records have what is read of them: where damage met their declaration, a column has another name."""
+    words = _WORDS.get(name)
+    return layout.has_numbers(*_NUMBERS.get(name, ())) and (words is None or layout.kind(words) == "S")
+
+
 def _parameters(records: Mapping[str, Records]) -> dict[str, float]:
     if "PARM" not in records:
         return {}
     names = (bytes(n).split(b"\0")[0].decode("ascii", "replace") for n in records["PARM"]["Name"])
-    return dict(zip(names, records["PARM"]["Value"].astype(np.float64).tolist(), strict=True))
+    with np.errstate(invalid="ignore"):  # damage makes NaNs that signal
+        values = records["PARM"]["Value"].astype(np.float64).tolist()
+    return dict(zip(names, values, strict=True))
 
 
 def _core(records: Mapping[str, Records], wanted: int | None) -> tuple[int, list[str]]:
@@ -110,7 +147,7 @@ def _core(records: Mapping[str, Records], wanted: int | None) -> tuple[int, list
 def _primary_core(records: Mapping[str, Records]) -> tuple[int, list[str]]:
     """The EKF core that flew for most of the log (XKF4.PI), and a note when it was not always the same."""
     for name in ("XKF4", "NKF4"):
-        if name in records and "PI" in records[name].layout.fields:
+        if name in records and records[name].layout.has_numbers("PI"):
             cores, counts = np.unique(records[name]["PI"], return_counts=True)
             core = int(cores[np.argmax(counts)])
             if len(cores) == 1:
@@ -183,7 +220,7 @@ def _position(records: Mapping[str, Records], core: int) -> PositionTrack | None
         position = np.column_stack([one.in_unit(n) for n in ("PN", "PE", "PD")])
         velocity = np.column_stack([one.in_unit(n) for n in ("VN", "VE", "VD")])
         good = np.isfinite(np.column_stack([position, velocity])).all(axis=1)
-        if status in records and "SS" in records[status].layout.fields:
+        if status in records and records[status].layout.has_numbers("SS"):
             solution = records[status].instance(core)
             last = np.searchsorted(solution.in_unit("TimeUS"), t, side="right") - 1
             good &= (solution["SS"][np.maximum(last, 0)].astype(np.int64) & _HAS_POSITION) != 0
@@ -210,7 +247,7 @@ def _origin(records: Mapping[str, Records]) -> Origin | None:
 def _epoch(records: Mapping[str, Records]) -> Epoch | None:
     """By the GPS's own week and time of week, where it has a fix (Status 3 and more)."""
     gps = records.get("GPS")
-    if gps is None or not {"GWk", "GMS", "Status"} <= set(gps.layout.fields):
+    if gps is None or not gps.layout.has_numbers("GWk", "GMS", "Status"):
         return None
     fixed = gps["Status"] >= 3
     week, seconds = gps["GWk"][fixed].astype(np.float64), gps["GMS"][fixed] * 1e-3
@@ -219,7 +256,7 @@ def _epoch(records: Mapping[str, Records]) -> Epoch | None:
 
 def _home(records: Mapping[str, Records]) -> Origin | None:
     """The last home that ORGN names: it is set again where the vehicle arms."""
-    if "ORGN" not in records or "Type" not in records["ORGN"].layout.fields:
+    if "ORGN" not in records or not records["ORGN"].layout.has_numbers("Type"):
         return None
     homes = records["ORGN"].select(records["ORGN"]["Type"] == _HOME)
     if not len(homes):

@@ -100,7 +100,7 @@ def in_order(events: Iterable[Event]) -> tuple[Event, ...]:
 
 
 def _has(records: Mapping[str, Records], name: str, field: str) -> bool:
-    return name in records and field in records[name].layout.fields
+    return name in records and records[name].layout.has_numbers(field)
 
 
 def _rows(records: Mapping[str, Records], name: str, field: str) -> list[tuple[float, int]]:

@@ -229,7 +229,7 @@ def _of_records(records: Records, source: str, kind: str, fields: Fields) -> Fou
     layout = records.layout
 
     def column(field: str) -> Raw | None:
-        if field not in layout.fields:
+        if not layout.has_numbers(field):  # where damage made a text of it too
             return None
         return records.in_unit(field) if field in layout.multipliers else records[field]
 

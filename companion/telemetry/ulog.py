@@ -30,6 +30,23 @@ from companion.tracks import Array, AttitudeTrack, Epoch, Flight, ImuTrack, Orig
 Topic = Mapping[str, Any]  # field -> column
 
 _ARMED = 2  # vehicle_status.arming_state
+_DATED = "timestamp"
+_XYZ = ("[0]", "[1]", "[2]")
+_NEEDED: Mapping[str, tuple[str, ...]] = {
+    "vehicle_imu": ("timestamp_sample", "delta_angle_dt", "delta_velocity_dt")
+    + tuple(f"delta_{of}{i}" for of in ("angle", "velocity") for i in _XYZ),
+    "sensor_combined": ("gyro_integral_dt", *(f"{of}{i}" for of in ("gyro_rad", "accelerometer_m_s2") for i in _XYZ)),
+    "vehicle_attitude": ("q[0]", "q[1]", "q[2]", "q[3]"),
+    "vehicle_angular_velocity": ("xyz[0]", "xyz[1]", "xyz[2]"),
+    "vehicle_local_position": (
+        "x", "y", "z", "vx", "vy", "vz", "xy_valid", "z_valid", "v_xy_valid", "v_z_valid", "ref_lat", "ref_lon",
+        "ref_alt",
+    ),
+    "home_position": ("lat", "lon", "alt"),
+    "vehicle_status": ("arming_state", "nav_state"),
+}  # fmt: skip
+"""What is read of a topic without asking whether it is there."""
+
 _HEADER_BYTES = 16
 _SYNC = bytes.fromhex("2F731320250CBB12")  # in the log again and again, so that damage does not spread
 
@@ -48,20 +65,19 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
         ) from None
     try:
         with contextlib.redirect_stdout(sys.stderr):  # it prints what it thinks of a file
-            log = ULog(io.BytesIO(contents), disable_str_exceptions=True)
-    except (ULogException, ValueError, KeyError, IndexError, TypeError, struct.error) as error:
+            log = ULog(_Whole(contents), disable_str_exceptions=True)
+    except (ULogException, ValueError, LookupError, TypeError, RecursionError, struct.error) as error:
         raise InputError(f"{path} begins like a PX4 ULog, but cannot be read: {error!r}.") from error
     if not log.data_list:
         raise InputError(f"{path} begins like a PX4 ULog, but has no data in it: it was cut off. Copy it again.")
-    topics: dict[str, Topic] = {_name(d.name, d.multi_id): d.data for d in log.data_list}
-    parameters = {str(k): float(v) for k, v in log.initial_parameters.items()}
-    parameters |= {str(name): float(value) for _, name, value in log.changed_parameters}
+    topics, notes = _topics(log.data_list)
+    said = [*log.initial_parameters.items(), *((name, value) for _, name, value in log.changed_parameters)]
+    parameters = {str(name): float(value) for name, value in said if isinstance(value, int | float)}
+    if left_out := sum(not isinstance(value, int | float) for _, value in said):
+        notes.append(f"{left_out} parameters left out: their types are damaged")
     begin, end = log.start_timestamp * 1e-6, log.last_timestamp * 1e-6
-    notes = (
-        [f"{len(log.dropouts)} dropouts of the logger, the longest {_longest(log.dropouts):.2f} s"]
-        if log.dropouts
-        else []
-    )
+    if log.dropouts:
+        notes.append(f"{len(log.dropouts)} dropouts of the logger, the longest {_longest(log.dropouts):.2f} s")
     if log.file_corruption:
         notes.append("the file is damaged: what could be read of it is used")
     if cut := _unfinished(contents, appended=bool(log.has_data_appended)):
@@ -95,6 +111,40 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
     )
 
 
+class _Whole(io.BytesIO):
+    """The bytes of a file, for pyulog: after a size that leads beyond their end it goes back by that size.
+
+    It would go round for ever from there, so what could not be read is not gone back either.
+    """
+
+    _missing = 0
+
+    def read(self, size: int | None = -1) -> bytes:
+        data = super().read(size)
+        self._missing = max((size or 0) - len(data), 0)
+        return data
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        if whence == io.SEEK_CUR and offset < 0:
+            offset += self._missing
+        self._missing = 0
+        return super().seek(offset, whence)
+
+
+def _topics(found: list[Any]) -> tuple[dict[str, Topic], list[str]]:
+    """The topics by name, without those whose declaration lacks what is read of them; and a note of each of these."""
+    topics: dict[str, Topic] = {}
+    notes = []
+    for one in found:
+        name = _name(one.name, one.multi_id)
+        lacks = [field for field in (_DATED, *_NEEDED.get(one.name, ())) if field not in one.data]
+        if lacks:
+            notes.append(f"{name} is left out: the log declares it without {', '.join(lacks)}")
+        else:
+            topics[name] = one.data
+    return topics, notes
+
+
 def _unfinished(contents: bytes, *, appended: bool) -> int:
     """Bytes of a message at the end that is not all there. appended: data of a crash follows, which has another end."""
     at = contents.rfind(_SYNC) + len(_SYNC) if _SYNC in contents else _HEADER_BYTES
@@ -115,8 +165,10 @@ def _longest(dropouts: list[Any]) -> float:
     return float(max(d.duration for d in dropouts)) * 1e-3
 
 
-def _firmware(release: int | None) -> str:
+def _firmware(release: object) -> str:
     """ver_sw_release is major, minor, patch, type, one byte each."""
+    if not isinstance(release, int):  # where damage met its type
+        return ""
     return f"{release >> 24}.{release >> 16 & 255}.{release >> 8 & 255}" if release else ""
 
 
@@ -124,8 +176,14 @@ def _seconds(topic: Topic, field: str) -> Array:
     return np.asarray(topic[field], np.float64) * 1e-6
 
 
+def _sampled(topic: Topic) -> Array:
+    """When it was measured; before PX4 1.11 some topics know only when they were published."""
+    return _seconds(topic, "timestamp_sample" if "timestamp_sample" in topic else _DATED)
+
+
 def _columns(topic: Topic, *fields: str) -> Array:
-    return np.column_stack([np.asarray(topic[f], np.float64) for f in fields])
+    with np.errstate(invalid="ignore"):  # damage makes NaNs that signal
+        return np.column_stack([np.asarray(topic[f], np.float64) for f in fields])
 
 
 def _xyz(topic: Topic, field: str) -> Array:
@@ -164,7 +222,7 @@ def _attitude(topics: Mapping[str, Topic]) -> AttitudeTrack | None:
     if "vehicle_attitude" not in topics:
         return None
     topic = topics["vehicle_attitude"]
-    t = _seconds(topic, "timestamp_sample")
+    t = _sampled(topic)
     q = _columns(topic, *(f"q[{i}]" for i in range(4)))
     keep = increasing(t, np.isfinite(q).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.1))
     t = t[keep]
@@ -174,7 +232,7 @@ def _attitude(topics: Mapping[str, Topic]) -> AttitudeTrack | None:
     if "vehicle_angular_velocity" in topics:
         body = topics["vehicle_angular_velocity"]
         turned = _xyz(body, "xyz")
-        rates = np.column_stack([np.interp(t, _seconds(body, "timestamp_sample"), c) for c in turned.T])
+        rates = np.column_stack([np.interp(t, _sampled(body), c) for c in turned.T])
     return AttitudeTrack(t, continuous(q[keep]), np.nan_to_num(rates), "vehicle_attitude")
 
 
@@ -226,7 +284,7 @@ def _position(topics: Mapping[str, Topic]) -> PositionTrack | None:
     if "vehicle_local_position" not in topics:
         return None
     topic = topics["vehicle_local_position"]
-    t = _seconds(topic, "timestamp_sample" if "timestamp_sample" in topic else "timestamp")
+    t = _sampled(topic)
     position, velocity = _columns(topic, "x", "y", "z"), _columns(topic, "vx", "vy", "vz")
     valid = np.asarray(np.isfinite(np.column_stack([position, velocity])).all(axis=1))
     for flag in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid"):

@@ -150,6 +150,49 @@ def test_every_format_letter_and_what_the_log_says_of_units(tmp_path: Path) -> N
     assert log.skipped_bytes == 9
 
 
+OLD = [
+    (128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"),
+    (1, 3 + 1 + 64, b"UNIT", b"bZ", b"Id,Label"),
+    (2, 3 + 1 + 8, b"MULT", b"bd", b"Id,Mult"),
+    (3, 3 + 1 + 32, b"FMTU", b"BNN", b"FmtType,UnitIds,MultIds"),
+    (4, 3 + 13, b"IMU", b"QBf", b"TimeUS,I,GyrX"),
+    (5, 3 + 12, b"PIDR", b"Qf", b"TimeUS,I"),
+]
+
+
+def test_a_log_that_says_nothing_of_units_has_its_times_and_instances(tmp_path: Path) -> None:
+    """FMTU is of 2018, and one flipped bit loses that of the IMU. TimeUS is µs by its name."""
+    data = b"".join(record(128, "BB4s16s64s", *fields) for fields in OLD)
+    for i in range(4):
+        data += record(4, "QBf", 1_000_000 * i, i % 2, 0.5) + record(5, "Qf", 1_000_000 * i, 0.25)
+    (tmp_path / "old.bin").write_bytes(data)
+    log = read_dataflash(tmp_path / "old.bin")
+    assert log.messages["IMU"].in_unit("TimeUS").tolist() == [0, 1, 2, 3]
+    assert log.messages["IMU"].instances == (0, 1)
+    assert log.messages["IMU"].instance(1).in_unit("TimeUS").tolist() == [1, 3]
+    assert log.messages["PIDR"].instances == ()  # its I is the integral of a controller
+
+
+@pytest.mark.parametrize(
+    ("said", "damaged"),
+    [
+        (b"Id,Label", b"Ie,Label"),
+        (b"Id,Mult", b"Id,Mul4"),
+        (b"FmtType,U", b"FmtType,V"),
+        (b"bZ", b"ZZ"),
+        (b"bd", b"bQ"),
+    ],
+)
+def test_damaged_declarations_of_units_cost_the_units(tmp_path: Path, said: bytes, damaged: bytes) -> None:
+    data = b"".join(record(128, "BB4s16s64s", *fields) for fields in OLD).replace(said, damaged)
+    data += record(1, "b64s", -5, b"s") + record(2, "bd", -7, 1e-6) + record(3, "B16s16s", 4, b"s#-", b"F--")
+    data += record(4, "QBf", 2_000_000, 1, 0.5) * 2
+    (tmp_path / "damaged.bin").write_bytes(data)
+    imu = read_dataflash(tmp_path / "damaged.bin").messages["IMU"]
+    assert imu.in_unit("TimeUS").tolist() == [2.0, 2.0]
+    assert imu.instances == (1,)
+
+
 def same_rows(one: Records, other: Records) -> bool:
     return one.rows.tobytes() == other.rows.tobytes()
 

@@ -106,6 +106,32 @@ def test_a_compressed_log_is_the_same_flight(tmp_path: Path) -> None:
     np.testing.assert_array_equal(ours.gyro, theirs.gyro)
 
 
+@pytest.mark.parametrize(
+    ("said", "damaged", "note"),
+    [
+        (
+            b"TimeUS,I,GyrX",
+            b"TimeUS,I,OyrX",
+            r"IMU: \d+ records left out: the log declares their columns as TimeUS, I, O",
+        ),
+        (b"TimeUS,Name,Va", b"TimeUS,N!me,Va", r"PARM: \d+ records left out"),
+        (b"TimeUS,C,Q1", b"TimeUS,C,P1", r"XKQ: \d+ records left out"),
+        (b"TimeUS,C,Roll", b"TimeUS,C\0Roll", None),  # rather a declaration that contradicts itself
+        (b"QBffffffII", b"QBff?fffII", r"IMU: \d+ records left out: .* contradicts itself"),
+        (b"TimeUS,Id\0", b"TimeUS,Ie\0", None),  # of events, which are left out
+    ],
+)
+def test_a_damaged_declaration_costs_its_records_and_is_told(
+    tmp_path: Path, said: bytes, damaged: bytes, note: str | None
+) -> None:
+    data = shared("dataflash/sitl__copter-demo.BIN").read_bytes()[:3_000_000]
+    assert said in data
+    (tmp_path / "damaged.bin").write_bytes(data.replace(said, damaged))
+    (flight,) = c.open_log(tmp_path / "damaged.bin")
+    assert 0 < flight.duration < 1000
+    assert note is None or any(re.match(note, told) for told in flight.notes)
+
+
 def test_a_ulog_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
     whole = shared("px4/px4_gcs_default.ulg")
     cut = tmp_path / "cut.ulg"
@@ -121,6 +147,44 @@ def test_a_ulog_that_is_only_a_head_says_so(tmp_path: Path) -> None:
     cut.write_bytes(shared("px4/px4_gcs_default.ulg").read_bytes()[:12])
     with pytest.raises(InputError, match="head.ulg"):
         c.open_log(cut)
+
+
+@pytest.mark.parametrize(
+    ("said", "damaged", "told"),
+    [
+        (b"int32_t MAV_SYS_ID", b"int33_t MAV_SYS_ID", r"\d+ parameters left out: their types are damaged"),
+        (b"delta_angle;", b"delta_bngle;", r"vehicle_imu is left out: the log declares it without delta_angle\[0\], "),
+        (b"float[4] q;", b"float[4] p;", r"vehicle_attitude is left out: .* without q\[0\], "),
+        (b"bool xy_valid;", b"bool xz_valid;", r"vehicle_local_position is left out: .* without xy_valid$"),
+    ],
+)
+def test_a_damaged_definition_of_a_ulog_costs_what_it_defines(
+    tmp_path: Path, said: bytes, damaged: bytes, told: str
+) -> None:
+    data = shared("px4/px4_gcs_default.ulg").read_bytes()[:1_000_000]
+    assert said in data
+    (tmp_path / "damaged.ulg").write_bytes(data.replace(said, damaged))
+    (flight,) = c.open_log(tmp_path / "damaged.ulg")
+    assert flight.imus
+    assert any(re.match(told, note) for note in flight.notes)
+
+
+def test_an_attitude_that_knows_only_when_it_was_published_is_read(tmp_path: Path) -> None:
+    """As PX4 wrote it before 1.11."""
+    data = shared("px4/px4_gcs_default.ulg").read_bytes()[:1_000_000]
+    (tmp_path / "new.ulg").write_bytes(data)
+    (tmp_path / "old.ulg").write_bytes(data.replace(b"uint64_t timestamp_sample;", b"uint64_t timestamp_zample;"))
+    new, old = (c.open_log(tmp_path / name)[0].attitude for name in ("new.ulg", "old.ulg"))
+    assert new
+    assert old
+    np.testing.assert_allclose(old.t, new.t, atol=0.01)
+
+
+def test_a_ulog_whose_definitions_lead_beyond_its_end_is_no_endless_task(tmp_path: Path) -> None:
+    head = shared("px4/px4_gcs_default.ulg").read_bytes()[:16]
+    (tmp_path / "damaged.ulg").write_bytes(head + b"\x00\x10\x00" + bytes(50))
+    with pytest.raises(InputError, match="no data in it"):
+        c.open_log(tmp_path / "damaged.ulg")
 
 
 def test_the_core_of_the_ekf_can_be_chosen() -> None:
