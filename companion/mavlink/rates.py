@@ -16,6 +16,7 @@ from math import ceil
 from companion.mavlink import requests
 from companion.mavlink.boots import Boots
 from companion.mavlink.dialect import Dialect
+from companion.mavlink.facts import PARAMETERS, PX4_PARAMETERS, Facts
 from companion.mavlink.messages import Messages
 from companion.mavlink.requests import Request, Target
 from companion.mavlink.wishes import State, Wish
@@ -31,10 +32,6 @@ _SLOWEST_HZ = 5.0  # a DENIED request is lowered no further
 _SILENT_S = 3.0  # after that the vehicle, or the link to it, may have forgotten everything
 _ACCEPTED, _NOT_NOW, _DENIED, _IN_PROGRESS = 0, 1, 2, 5  # MAV_RESULT
 
-PARAMETERS = ("AHRS_TRIM_X", "AHRS_TRIM_Y", "AHRS_ORIENTATION", "INS_GYRO_FILTER", "INS_ACCEL_FILTER")
-"""ArduPilot's, that the comparison needs: the frame of the attitude, and the IMU's low-pass."""
-
-_AUTOPILOT_VERSION = 148
 _STREAMS = {
     "RAW_IMU": 1,
     "SCALED_IMU2": 1,
@@ -60,10 +57,9 @@ class Rates:
         self.confirmed = 0  # requests for an interval that the vehicle has accepted
         self._own = own_sysid
         self._ardupilot = ardupilot
-        self._parameters = dict.fromkeys(PARAMETERS if ardupilot else (), 0)  # not yet known → times asked
-        self._version_asked = 0
+        self._facts = Facts(target, PARAMETERS if ardupilot else PX4_PARAMETERS)
         self._waiting: Wish | None = None  # whose COMMAND_ACK is due: an ack names the command, not the message
-        self._next = self._next_extra = 0.0
+        self._next = 0.0
         self._boots = Boots()
         self.started: float | None = None  # s, when it has last rebooted
         self._heard: float | None = None  # s, when the vehicle was heard last
@@ -84,6 +80,7 @@ class Rates:
             self._start_again()
         self._heard = now
         self._notice_reboot(messages, now)
+        self._facts.hear(messages)
         self._take_answers(messages, now)
         for wish in self.wishes:
             if wish.name in messages:
@@ -96,7 +93,9 @@ class Rates:
         """What to send now, if anything."""
         if now < self._next or self._heard is None or now - self._heard > _SILENT_S:
             return None
-        request = self._find(now) or self._ask(now) or self._extra(now)
+        request = self._find(now) or self._ask(now)
+        if request is None and self.settled:
+            request = self._facts.next_request(now)
         if request is not None:
             self._next = now + _SPACING_S
         return request
@@ -155,30 +154,11 @@ class Rates:
         members = [wish.asked_hz for wish in self.wishes if wish.by_stream and _STREAMS[wish.name] == stream]
         return requests.request_stream(self.target, stream, round(max(members)))
 
-    def _extra(self, now: float) -> Request | None:
-        """The firmware's version and the parameters, once the streams are asked for."""
-        if now < self._next_extra or not self.settled:
-            return None
-        self._next_extra = now + _ANSWER_S / 2
-        if self._version_asked < 2:
-            self._version_asked += 1
-            return requests.request_message(self.target, _AUTOPILOT_VERSION)
-        for name, times in self._parameters.items():
-            if times < _ATTEMPTS:
-                self._parameters[name] += 1
-                return requests.read_parameter(self.target, name)
-        return None
-
     def _take_answers(self, messages: Mapping[str, Messages], now: float) -> None:
         for name, found in messages.items():
             if name == "MESSAGE_INTERVAL":
                 for number, interval in zip(found["message_id"].tolist(), found["interval_us"].tolist(), strict=True):
                     self._found(number, interval)
-            elif name == "PARAM_VALUE":
-                for raw in found["param_id"].tolist():
-                    self._parameters.pop(raw.split(b"\0")[0].decode("ascii", "replace"), None)
-            elif name == "AUTOPILOT_VERSION":
-                self._version_asked = _ATTEMPTS
             elif name == "COMMAND_ACK":
                 for i in range(len(found)):
                     mine = int(found["target_system"][i]) in (0, self._own)

@@ -21,7 +21,7 @@ from companion.mavlink.wanted import fit, wanted_from
 from companion.mavlink.wishes import State
 
 _HEARTBEAT_S = 1.0
-_LEAVING_S = (0.5, 0.4)  # to hear that the intervals are restored, at the first and the second attempt
+_LEAVING_S = (0.4, 0.25, 0.25, 0.25)  # to hear that the intervals are restored, at each attempt
 _HEARD = (
     "HEARTBEAT", "COMMAND_ACK", "MESSAGE_INTERVAL", "PARAM_VALUE", "AUTOPILOT_VERSION", "ATTITUDE", "SCALED_IMU",
     "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "TIMESYNC",
@@ -149,7 +149,7 @@ class Session:
         )
 
     def leave(self) -> None:
-        """Give every vehicle its intervals back; takes less than a second."""
+        """Give every vehicle its intervals back; takes 1.2 s at most."""
         self._leaving = True  # nothing is asked any more
         given_back = [request for asked in self.asked.values() if asked.rates for request in asked.rates.restore()]
         if self.link.listen_only or not given_back:

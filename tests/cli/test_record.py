@@ -128,10 +128,11 @@ def test_a_bad_link_and_a_reboot_are_survived(tmp_path: Path) -> None:
 
 def test_a_full_disk_is_said_once_and_ends_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     port = free_port()
-    with flying(port):
+    with flying(port, streams={"ATTITUDE": 50.0}):
         assert main(["record", f"udpin:127.0.0.1:{port}", "-o", "/dev/full", "--duration", "1"]) == 0
     told = capsys.readouterr().err
     assert told.count("the disk is full") == 1
+    assert Path("/dev/full").is_char_device(), "and is still there"
 
 
 def test_two_vehicles_are_recorded_and_the_chosen_one_is_asked(

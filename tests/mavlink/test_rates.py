@@ -50,10 +50,10 @@ class Conversation:
 
 def test_a_vehicle_that_sends_nothing_is_asked_and_then_left_as_it_was() -> None:
     talk = Conversation(streams={"ATTITUDE": 4.0})
-    talk.run(12.0)
+    talk.run(16.0)
     assert talk.received() == pytest.approx(WANTED, rel=0.03)
     assert talk.said() == ""
-    assert talk.sent == {"COMMAND_LONG": 11, "PARAM_REQUEST_READ": 11}  # 3 known parameters, 2 unknown 4 times
+    assert talk.sent == {"COMMAND_LONG": 11, "PARAM_REQUEST_READ": 19}  # 3 known parameters, 4 unknown 4 times
     talk.leave()
     assert {name: talk.vehicle.interval_us(name) for name in WANTED} == dict.fromkeys(WANTED, -1) | {
         "ATTITUDE": 250_000
@@ -282,6 +282,14 @@ def test_px4_is_never_asked_for_streams() -> None:
     talk.run(15.0)
     assert talk.sent["REQUEST_DATA_STREAM"] == 0
     assert "ATTITUDE: the vehicle refuses it; given up" in talk.said()
+
+
+@pytest.mark.parametrize(("autopilot", "part"), [("ardupilot", "INS_GYR_ID"), ("px4", "CAL_GYRO0_ID")])
+def test_the_part_that_measures_is_asked_for(autopilot: str, part: str) -> None:
+    """Or the figures of a recording would be those of any IMU."""
+    talk = Conversation(autopilot=autopilot, wanted={"ATTITUDE": 20.0}, parameters={part: 1.0})
+    talk.run(20.0)
+    assert talk.vehicle.sent["PARAM_VALUE"] == 1
 
 
 def hearing(rates: Rates) -> Callable[..., None]:
