@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO, Literal
@@ -20,6 +21,12 @@ _MAGIC: tuple[tuple[bytes, Format], ...] = ((b"\xa3\x95", "dataflash"), (b"ULog\
 def open_file(path: Path) -> BinaryIO:
     """A file opened for reading; every reason why it cannot be is an InputError."""
     try:
+        kind = path.stat().st_mode
+        if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind):  # to open a pipe may wait for ever
+            raise InputError(
+                f"{path} is a pipe or a device, and a log is read more than once: save what comes out of it to a file, "
+                "and name that."
+            )
         return path.open("rb")
     except FileNotFoundError:
         raise InputError(f"There is no file {path}: check the path.") from None

@@ -6,6 +6,7 @@ replaces by the number of the link.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -100,8 +101,9 @@ def follow_tlog(
     """Read a log that is still being written: what is there at first, then what is added, by message name.
 
     Looks for more every `poll_s` s; ends when nothing was added for `idle_s` s (None: never). Each message comes once,
-    in a batch with its neighbours, as soon as its last byte is in the file. Raises InputError if the file cannot be
-    opened; one that is empty or without MAVLink is waited on.
+    in a batch with its neighbours, as soon as its last byte is in the file. A file that has become shorter is another
+    log, and read from its beginning. Raises InputError if the file cannot be opened; one that is empty or without
+    MAVLink is waited on.
     """
     spoken = load_dialect(dialect)
     decoder: Decoder | None = None
@@ -109,6 +111,12 @@ def follow_tlog(
     with open_file(Path(path)) as file:
         while idle_s is None or time.monotonic() - quiet_since < idle_s:
             chunk = file.read(CHUNK_BYTES)
+            if not chunk and os.fstat(file.fileno()).st_size < file.tell():
+                if decoder and (batch := split_messages(decoder.finish(), spoken, names)):
+                    yield batch
+                decoder = None
+                file.seek(0)
+                continue
             if not chunk:
                 time.sleep(poll_s)
                 continue

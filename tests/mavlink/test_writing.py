@@ -145,6 +145,18 @@ def test_following_a_log_while_it_grows(tmp_path: Path) -> None:
         np.testing.assert_array_equal(parts.offset, messages.offset)
 
 
+def test_a_followed_log_that_begins_anew_is_read_anew(tmp_path: Path) -> None:
+    path = tmp_path / "growing.tlog"
+    data = b"".join(stamped(frame, 1_700_000_000_000_000) for frame in link_frames(100))
+    path.write_bytes(data)
+    batches = follow_tlog(path, poll_s=0.001, idle_s=0.5)
+    first = next(batches)
+    path.write_bytes(data[: len(data) // 2])
+    second = next(batches)
+    assert {name: one.offset[0] for name, one in first.items()} == {n: one.offset[0] for n, one in second.items()}
+    assert list(batches) == []
+
+
 def test_streams_without_stamps_have_no_log_time(tmp_path: Path) -> None:
     path = tmp_path / "link.raw"
     path.write_bytes(b"".join(link_frames(70)))
