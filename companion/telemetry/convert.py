@@ -15,6 +15,7 @@ import numpy.typing as npt
 from companion.frames import from_euler, ned_from_geodetic
 from companion.mavlink import Messages
 from companion.telemetry.units import SI
+from companion.telemetry.words import words
 from companion.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, Origin, PositionTrack
 
 IMU_MESSAGES = ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU")
@@ -160,7 +161,7 @@ def parameters(messages: Messages, *, bytewise: bool) -> dict[str, float]:
     raw = messages["param_id"].tolist()
     last = dict(zip(raw, range(len(raw)), strict=True))  # each is sent many times: decode it once
     in_order = sorted(last.items(), key=lambda item: item[1])
-    return {name.split(b"\0")[0].decode("ascii", "replace"): float(values[i]) for name, i in in_order}
+    return {words(name): float(values[i]) for name, i in in_order}
 
 
 def increasing(t: Array, good: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64] | slice:

@@ -20,6 +20,7 @@ from companion.telemetry.arrival import arrival
 from companion.telemetry.epoch import epoch_of, gps_to_unix
 from companion.telemetry.events import dataflash_events
 from companion.telemetry.sensors import RECORD_SENSORS, record_sensors
+from companion.telemetry.words import words
 from companion.tracks import Array, AttitudeTrack, Epoch, Flight, ImuTrack, Origin, PositionTrack, StatusText, Vehicle
 
 _TYPES = {
@@ -74,7 +75,7 @@ def dataflash_flight(
         for name, count in undecoded.items()
     ]
     for name in [name for name, one in records.items() if not _is_whole(name, one.layout)]:
-        columns = ", ".join(records[name].layout.fields)
+        columns = words(", ".join(records[name].layout.fields))
         left_out.append(
             f"{name}: {len(records.pop(name))} records left out: the log declares their columns as {columns}"
         )
@@ -126,7 +127,7 @@ def _is_whole(name: str, layout: RecordLayout) -> bool:
 def _parameters(records: Mapping[str, Records]) -> dict[str, float]:
     if "PARM" not in records:
         return {}
-    names = (bytes(n).split(b"\0")[0].decode("ascii", "replace") for n in records["PARM"]["Name"])
+    names = (words(bytes(n)) for n in records["PARM"]["Name"])
     with np.errstate(invalid="ignore"):  # damage makes NaNs that signal
         values = records["PARM"]["Value"].astype(np.float64).tolist()
     return dict(zip(names, values, strict=True))
@@ -269,7 +270,7 @@ def _texts(records: Mapping[str, Records]) -> tuple[StatusText, ...]:
     if "MSG" not in records:
         return ()
     rows = zip(records["MSG"].in_unit("TimeUS").tolist(), records["MSG"]["Message"].tolist(), strict=True)
-    return tuple(StatusText(t, _INFO, text.split(b"\0")[0].decode("utf-8", "replace")) for t, text in rows)
+    return tuple(StatusText(t, _INFO, words(text)) for t, text in rows)
 
 
 def _vehicle(records: Mapping[str, Records], parameters: Mapping[str, float]) -> Vehicle:

@@ -16,6 +16,7 @@ from companion.telemetry.epoch import system_epoch
 from companion.telemetry.events import heartbeat_events
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
 from companion.telemetry.split import Boot, Bystander, boots, describe, senders
+from companion.telemetry.words import words
 from companion.tracks import (
     Array,
     AttitudeTrack,
@@ -108,6 +109,8 @@ def _without_tracks(
         if shift and name in convert.IMU_MESSAGES:
             notes.append(f"{name}.time_usec runs {shift:+.3f} s from time_boot_ms: taken out")
     first, last = _span(boot)
+    if not len(boot.clock.t):
+        notes.append("the vehicle sends no device time: the duration is that of the log's stamps, 0 where it has none")
     return seconds, Flight(
         vehicle=boot.vehicle,
         boot=boot.number,
@@ -130,7 +133,8 @@ def _span(boot: Boot) -> tuple[float, float]:
     if len(boot.clock.t):
         return float(boot.clock.t.min()), float(boot.clock.t.max())
     stamps = np.concatenate([m.log_time for m in boot.messages.values()])
-    return 0.0, float(stamps.max() - stamps.min())
+    stamps = stamps[np.isfinite(stamps)]
+    return 0.0, float(np.ptp(stamps)) if len(stamps) else 0.0
 
 
 def _doubts(vehicle: Vehicle, imus: Mapping[str, ImuTrack], parameters: Mapping[str, float]) -> list[str]:
@@ -195,7 +199,7 @@ def _texts(boot: Boot, seconds: dict[str, Array]) -> tuple[StatusText, ...]:
     for t, severity, raw, chunk_id, chunk in zip(seconds["STATUSTEXT"].tolist(), *columns, strict=True):
         text = decoded.get(raw)
         if text is None:
-            text = decoded[raw] = raw.split(b"\0")[0].decode("utf-8", "replace")
+            text = decoded[raw] = words(raw)
         if chunk_id and chunk and said:
             said[-1] = StatusText(said[-1].t, said[-1].severity, said[-1].text + text)
         else:

@@ -25,6 +25,7 @@ from companion.telemetry.convert import continuous, increasing
 from companion.telemetry.epoch import epoch_of
 from companion.telemetry.events import changes, in_order
 from companion.telemetry.sensors import topic_sensors
+from companion.telemetry.words import words
 from companion.tracks import Array, AttitudeTrack, Epoch, Flight, ImuTrack, Origin, PositionTrack, StatusText, Vehicle
 
 Topic = Mapping[str, Any]  # field -> column
@@ -72,7 +73,7 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
         raise InputError(f"{path} begins like a PX4 ULog, but has no data in it: it was cut off. Copy it again.")
     topics, notes = _topics(log.data_list)
     said = [*log.initial_parameters.items(), *((name, value) for _, name, value in log.changed_parameters)]
-    parameters = {str(name): float(value) for name, value in said if isinstance(value, int | float)}
+    parameters = {words(str(name)): float(value) for name, value in said if isinstance(value, int | float)}
     if left_out := sum(not isinstance(value, int | float) for _, value in said):
         notes.append(f"{left_out} parameters left out: their types are damaged")
     begin, end = log.start_timestamp * 1e-6, log.last_timestamp * 1e-6
@@ -103,7 +104,7 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
         events=_events(topics),
         parameters=parameters,
         texts=tuple(
-            StatusText(m.timestamp * 1e-6, m.log_level - ord("0"), str(m.message)) for m in log.logged_messages
+            StatusText(m.timestamp * 1e-6, m.log_level - ord("0"), words(str(m.message))) for m in log.logged_messages
         ),
         messages={name: arrival(_seconds(topic, "timestamp"), 0) for name, topic in sorted(topics.items())},
         notes=tuple(notes),
@@ -138,7 +139,9 @@ def _topics(found: list[Any]) -> tuple[dict[str, Topic], list[str]]:
     for one in found:
         name = _name(one.name, one.multi_id)
         lacks = [field for field in (_DATED, *_NEEDED.get(one.name, ())) if field not in one.data]
-        if lacks:
+        if not name.isidentifier():
+            notes.append(f"a topic is left out: its name is damaged ({words(name)})")
+        elif lacks:
             notes.append(f"{name} is left out: the log declares it without {', '.join(lacks)}")
         else:
             topics[name] = one.data

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import companion as c
+from companion.mavlink import Decoder, load_dialect
 from tests.recordings import BUNDLED, shared
 from tests.tlogs import EPOCH, Writer
 
@@ -288,6 +289,32 @@ def test_statustext_chunks_are_put_together(log: Writer) -> None:
     log.send(0.6, "statustext", severity=6, text=b"short", id=0, chunk_seq=0)
     texts = c.open_log(log.close())[0].texts
     assert [(t.severity, t.text) for t in texts] == [(4, "a" * 50 + "bc"), (6, "short")]
+
+
+def test_what_a_vehicle_writes_commands_no_terminal_and_begins_no_line(log: Writer) -> None:
+    log.rest(1.0)
+    log.send(0.5, "statustext", severity=6, text=b"\x1b[2J\x1b]0;mine\x07\nboot 9 begins\t", id=0, chunk_seq=0)
+    log.send(0.6, "statustext", severity=6, text="Höhe \x9b31m 5 m".encode(), id=0, chunk_seq=0)
+    log.send(0.7, "param_value", param_id=b"A\x1b[1m\nB", param_value=1, param_type=9, param_count=1, param_index=0)
+    (flight,) = c.open_log(log.close())
+    assert [t.text for t in flight.texts] == ["\ufffd[2J\ufffd]0;mine\ufffd boot 9 begins ", "Höhe \ufffd31m 5 m"]
+    assert list(flight.parameters) == ["A\ufffd[1m B"]
+
+
+def test_a_stream_without_any_time_has_no_duration_but_a_note(tmp_path: Path) -> None:
+    log = Writer(tmp_path / "flight.tlog")
+    for i in range(20):
+        log.heartbeat(i)
+        log.send(i, "vfr_hud", airspeed=i, groundspeed=0, heading=0, throttle=0, alt=0, climb=0)
+    stamped, plain = log.close(), tmp_path / "link.raw"
+    decoder = Decoder(load_dialect(), stamped=True)
+    frames = decoder.push(stamped.read_bytes())
+    spans = zip(frames.start.tolist(), frames.size.tolist(), strict=True)
+    plain.write_bytes(b"".join(frames.data[begin : begin + size].tobytes() for begin, size in spans))
+    assert c.open_log(stamped)[0].duration == pytest.approx(19.0)
+    (flight,) = c.open_log(plain)
+    assert flight.duration == 0.0
+    assert any("no device time" in note for note in flight.notes)
 
 
 def test_px4_integer_parameters_are_bytes(log: Writer) -> None:
