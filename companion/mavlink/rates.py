@@ -41,6 +41,9 @@ _STREAMS = {
 }
 """Message → MAV_DATA_STREAM (RAW_SENSORS, POSITION, EXTRA1), for firmware without SET_MESSAGE_INTERVAL."""
 
+_WITHOUT = {"LOCAL_POSITION_NED": "the autopilot's estimate has no position yet (GPS?)"}
+"""Why a message does not come at all, where that is no lack of a sensor. When it comes, that is said."""
+
 
 class Rates:
     """The wishes for one vehicle, and the parameters that are read from it. Times in s of any steady clock.
@@ -228,7 +231,8 @@ class Rates:
     def _turned_down(self, wish: Wish, now: float) -> None:
         arrives = f"{wish.received_hz:.1f} of {wish.asked_hz:.3g} Hz arrive"
         if wish.retries >= _RETRIES:
-            why = "another program turns it down, or the link is too slow" if wish.received_hz else "it has no source"
+            nothing = _WITHOUT.get(wish.name, "it has no source")
+            why = "another program turns it down, or the link is too slow" if wish.received_hz else nothing
             self.said.append(f"{wish.name}: {arrives}: {why}; given up")
             self._move(wish, State.GIVEN_UP, now)
             return

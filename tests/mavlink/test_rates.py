@@ -95,6 +95,13 @@ def test_a_message_that_is_promised_and_never_comes_is_given_up() -> None:
     assert talk.sent["COMMAND_LONG"] == requests, "no fight"
 
 
+def test_a_position_that_comes_late_has_a_source() -> None:
+    """ArduPilot sends none before its EKF has an origin, which takes 40 s and a GPS."""
+    talk = Conversation(faults=Faults(never=frozenset({"LOCAL_POSITION_NED"})), wanted={"LOCAL_POSITION_NED": 20.0})
+    talk.run(80.0)
+    assert talk.said().endswith("the autopilot's estimate has no position yet (GPS?); given up")
+
+
 def test_who_turns_it_down_once_is_asked_again_who_insists_wins() -> None:
     talk = Conversation(faults=Faults(turned_down=(12.0,)))
     talk.run(30.0)
