@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import re
 import signal
 import sys
 import time
@@ -66,6 +67,8 @@ def choice_of(arguments: argparse.Namespace, settings: Settings) -> Choice:
     imu_hz = live.imu_hz if arguments.rate is None else arguments.rate
     if not 1 <= imu_hz <= 1000:
         raise SettingsError(f"--rate is between 1 and 1000 Hz, got {imu_hz:g}.")
+    if arguments.vehicle is not None and not re.fullmatch(r"all|\d{1,3}(:\d{1,3})?", arguments.vehicle):
+        raise SettingsError(f"--vehicle {arguments.vehicle} is none: say SYSID, SYSID:COMPID (e.g. 1:1) or all.")
     return Choice(arguments.vehicle, imu_hz, live.attitude_hz, live.position_hz)
 
 

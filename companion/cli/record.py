@@ -6,6 +6,7 @@ import argparse
 import time
 
 from companion.cli import live, options
+from companion.errors import SettingsError
 from companion.mavlink import Recorder, Session
 
 
@@ -22,6 +23,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 def run(arguments: argparse.Namespace) -> int:
     """Record until Ctrl-C, SIGTERM or the duration; then give the vehicle its message intervals back."""
     settings = options.settings_of(arguments)
+    if arguments.duration is not None and not arguments.duration > 0:
+        raise SettingsError(f"--duration is a positive number of seconds, got {arguments.duration:g}.")
     choice = live.choice_of(arguments, settings)
     with (
         live.until_told() as told,
@@ -31,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
         session = Session(link, choice=choice, recorder=recorder)
         status = live.StatusLine(session)
         options.say(f"Recording {link.address} into {recorder.path}  (Ctrl-C ends it)")
-        end = time.monotonic() + arguments.duration if arguments.duration else None
+        end = time.monotonic() + arguments.duration if arguments.duration is not None else None
         while not told() and (end is None or time.monotonic() < end):
             session.step()
             status.show()

@@ -136,7 +136,7 @@ class Rates:
             if now < self._waiting.due:
                 return None
             self._waiting = None
-        if any(wish.state is State.FINDING for wish in self.wishes):
+        if any(wish.state is State.FINDING and (wish.attempts or now >= wish.due) for wish in self.wishes):
             return None
         for wish in self.wishes:
             if wish.state is not State.ASKING or now < wish.due:

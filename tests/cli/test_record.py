@@ -163,6 +163,8 @@ def test_what_cannot_be_done_is_said_with_exit_code_2(tmp_path: Path, capsys: py
         "nothing answers": [f"tcp:127.0.0.1:{port}"],
         "there is no device": ["/dev/ttyNOT0"],
         "between 1 and 1000 Hz": [f"udpin:127.0.0.1:{port}", "--rate", "0"],
+        "--vehicle foo is none": [f"udpin:127.0.0.1:{port}", "--vehicle", "foo", "--duration", "0.1"],
+        "positive number of seconds": [f"udpin:127.0.0.1:{port}", "--duration", "-1"],
         "cannot be written": [f"udpin:127.0.0.1:{port}", "-o", str(tmp_path / "no" / "a.tlog")],
         "speaks first": [f"udpout:127.0.0.1:{port}", "--listen-only"],
     }

@@ -227,6 +227,18 @@ def test_who_has_it_as_often_already_keeps_it_so() -> None:
     assert (talk.vehicle.interval_us("RAW_IMU"), talk.vehicle.interval_us("ATTITUDE")) == (-1, 10_000)
 
 
+def test_when_who_had_it_as_often_leaves_it_is_asked_for_whatever_else_never_comes() -> None:
+    talk = Conversation(
+        wanted={"RAW_IMU": 100.0, "HIGHRES_IMU": 100.0},
+        faults=Faults(turned_down=(12.0,), never=frozenset({"HIGHRES_IMU"})),
+        streams={"RAW_IMU": 100.0, "HIGHRES_IMU": 100.0},
+    )
+    talk.run(30.0)
+    assert talk.received()["RAW_IMU"] == pytest.approx(100.0, rel=0.03)
+    talk.leave()
+    assert talk.vehicle.interval_us("RAW_IMU") == 500_000, "which is what there was when we asked"
+
+
 def test_an_interval_of_ours_is_never_taken_for_the_one_before_us() -> None:
     """The vehicle did not say at first; after a silence it says what we have set."""
     rates = Rates(Target(1, 1), {"RAW_IMU": 100.0}, DIALECT, own_sysid=240)
