@@ -21,8 +21,13 @@ from companion.mavlink.columns import Collected
 from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, load_dialect
 from companion.mavlink.encode import encode
 from companion.mavlink.frames import Decoder, Frames
+from companion.mavlink.headers import MAGIC_1, MAGIC_2
 from companion.mavlink.logfile import CHUNK_BYTES, HEAD_BYTES, Contents, log_format, open_file, read_head
 from companion.mavlink.messages import Messages, split_messages
+
+_SAMPLE = 61  # every so many bytes of a chunk are looked at
+_FULL = 0.125  # of the bytes are magic; in a log of the shortest frames it is a twentieth
+_PIECE_BYTES = 1 << 18
 
 _OTHER_FORMATS = {"dataflash": "an ArduPilot DataFlash log (.bin)", "ulog": "a PX4 ULog (.ulg)"}
 
@@ -68,7 +73,8 @@ def read_tlog(
     columns = Collected(spoken, names)
     contents = Contents(path)
     for chunk in contents.watched(progress):
-        columns.add(decoder.push(chunk), contents.position / contents.size_bytes)
+        for piece in _pieces(chunk):
+            columns.add(decoder.push(piece), contents.position / contents.size_bytes)
     columns.add(decoder.finish(), 1.0)
     if columns.count == 0:
         raise InputError(_no_mavlink(path, head, dialect))
@@ -164,6 +170,15 @@ class TlogWriter:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _pieces(chunk: bytes) -> Iterator[bytes]:
+    """The chunk, in pieces where it is full of magic bytes: what may begin a frame takes memory until that is known."""
+    some = np.frombuffer(chunk, np.uint8)[::_SAMPLE]
+    full = np.isin(some, (MAGIC_1, MAGIC_2)).mean() > _FULL
+    size = _PIECE_BYTES if full else len(chunk)
+    for begin in range(0, len(chunk), size):
+        yield chunk[begin : begin + size]
 
 
 def _is_stamped(beginning: bytes, dialect: Dialect) -> bool:
