@@ -62,6 +62,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Fly."""
     if (arguments.link is None) == (arguments.output is None):
         raise SettingsError("say either a LINK to fly on or a file with --output.")
+    if not 1 <= arguments.sysid <= 255:
+        raise SettingsError(f"--sysid lies between 1 and 255, got {arguments.sysid}.")
     faults = faults_of(arguments.fault)
     part = arguments.imu_model or _DEFAULT_PART
     flown = fly(
@@ -123,7 +125,9 @@ def faults_of(names: list[str]) -> Faults:
         try:
             t = float(when) if when else 10.0
         except ValueError:
-            raise SettingsError(f"--fault {text}: {when!r} is no time in seconds.") from None
+            t = -1.0
+        if not 0 <= t < np.inf:
+            raise SettingsError(f"--fault {text}: {when!r} is no time in seconds.")
         known: dict[str, dict[str, object]] = {
             "imu-bias": {"imu_bias": (t, 0.02)},
             "imu-stuck": {"imu_stuck": t},

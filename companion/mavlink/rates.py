@@ -94,7 +94,11 @@ class Rates:
 
     def next_request(self, now: float) -> Request | None:
         """What to send now, if anything."""
-        if now < self._next or self._heard is None or now - self._heard > _SILENT_S:
+        if now < self._next or self._heard is None:
+            return None
+        if now - self._heard > _SILENT_S:
+            for wish in self.wishes:
+                wish.received_hz = 0.0
             return None
         request = self._find(now) or self._ask(now)
         if request is None and self.settled:

@@ -181,3 +181,10 @@ def test_simulate_writes_a_flight_that_analyze_reads(tmp_path: Path, capsys: pyt
     assert main(["simulate"]) == 2
     assert main(["simulate", "-o", path, "--fault", "rain"]) == 2
     assert "there is no fault 'rain'" in capsys.readouterr().err
+    for words, reason in {
+        ("--fault", "reboot@nan"): "no time in seconds",
+        ("--fault", "reboot@-3"): "no time in seconds",
+        ("--sysid", "300"): "between 1 and 255",
+    }.items():
+        assert main(["simulate", "-o", path, "--duration", "1", *words]) == 2
+        assert reason in capsys.readouterr().err

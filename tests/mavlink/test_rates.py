@@ -162,6 +162,7 @@ def test_after_a_reboot_everything_is_asked_again() -> None:
 def test_after_a_silence_everything_is_asked_again() -> None:
     talk = Conversation(faults=Faults(silence=((15.0, 25.0),), reboot=(16.0,)))
     talk.run(24.0)
+    assert set(talk.received().values()) == {0.0}
     asked = talk.sent.total()
     talk.run(16.0)
     assert "back after 10 s" in talk.said()
@@ -230,10 +231,10 @@ def test_who_has_it_as_often_already_keeps_it_so() -> None:
 def test_when_who_had_it_as_often_leaves_it_is_asked_for_whatever_else_never_comes() -> None:
     talk = Conversation(
         wanted={"RAW_IMU": 100.0, "HIGHRES_IMU": 100.0},
-        faults=Faults(turned_down=(12.0,), never=frozenset({"HIGHRES_IMU"})),
+        faults=Faults(turned_down=(21.0,), never=frozenset({"HIGHRES_IMU"})),
         streams={"RAW_IMU": 100.0, "HIGHRES_IMU": 100.0},
     )
-    talk.run(30.0)
+    talk.run(31.0)
     assert talk.received()["RAW_IMU"] == pytest.approx(100.0, rel=0.03)
     talk.leave()
     assert talk.vehicle.interval_us("RAW_IMU") == 500_000, "which is what there was when we asked"
