@@ -13,7 +13,6 @@ from viser import uplot
 from companion.tracks import Array
 from companion.view import palette
 from companion.view.curves import Curves, curves
-from companion.view.moment import SAME_TIME
 from companion.view.palette import Rgb
 
 HEIGHT = 152  # pixels
@@ -170,8 +169,7 @@ def _axes(unit: str) -> tuple[uplot.Axis, ...]:
 
 
 def _key(line: Line, now: float) -> str:
-    sample = max(int(np.searchsorted(line.t, now + SAME_TIME, side="right")) - 1, 0)
-    value = float(line.values[sample]) if len(line.values) else 0.0
+    value = float(np.interp(now, line.t, line.values)) if len(line.values) else 0.0
     return (
         f'<span style="color:{palette.css(line.colour)};font-weight:600;margin-left:0.6em">'
         f"{escape(line.name)} {value:.2f}</span>"

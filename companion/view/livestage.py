@@ -16,9 +16,7 @@ from companion.view import events
 from companion.view.cadence import Cadence
 from companion.view.controls import dock
 from companion.view.feed import Feed, Seen
-from companion.view.framing import (
-    frame,
-)
+from companion.view.framing import frame
 from companion.view.history import History, Past, free_errors, present
 from companion.view.livecharts import LiveCharts
 from companion.view.livepanel import LivePanel
@@ -37,7 +35,7 @@ class LiveStage:
     """Built when the server is up, then turned over and over by the view thread."""
 
     def __init__(self, server: viser.ViserServer, feed: Feed, window_s: float, post: events.Post) -> None:
-        self._server, self._feed = server, feed
+        self._feed = feed
         self._history = History(window_s, LOOK_HZ)
         self.pose_updates = 0
         self.newest = 0.0  # s, boot clock, of the pose that was written last
@@ -82,16 +80,15 @@ class LiveStage:
             if seen is not None:
                 self._take(seen)
         moment = self._moment()
-        with self._server.atomic():
-            if moment is not None:
-                self._outlook.show(moment)
-                self._wakes.reach(moment.t, self._free_now()[2])
-                self.pose_updates += 1
-                self.newest = moment.t
-            if self._is_due("panel", now):
-                self._report(moment)
-            if self._is_due("trails", now):
-                self._trails()
+        if moment is not None:
+            self._outlook.show(moment)
+            self._wakes.reach(moment.t, self._free_now()[2])
+            self.pose_updates += 1
+            self.newest = moment.t
+        if self._is_due("panel", now):
+            self._report(moment)
+        if self._is_due("trails", now):
+            self._trails()
         if self._outlook.to_lay_out(now) <= 0:
             self._charts.relayout()
             self._outlook.laid_out()

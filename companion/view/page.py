@@ -162,9 +162,11 @@ class Page(Generic[Behind]):
         try:
             while not self._stopping.is_set():
                 now = time.monotonic()
-                while not self._events.empty():
-                    self._behind.handle(self._events.get())
-                self._behind.turn(now, now - before)
+                # What changes together has to arrive together: a chart with a line too many for its data fails.
+                with self._server.atomic():
+                    while not self._events.empty():
+                        self._behind.handle(self._events.get())
+                    self._behind.turn(now, now - before)
                 before = now
                 self._stopping.wait(max(0.0, self._period - (time.monotonic() - now)))
         except BaseException as error:  # noqa: BLE001 - handed to `run`, which raises it in the main thread

@@ -11,7 +11,7 @@ import viser
 from companion.tracks import Flight
 from companion.view import events, palette, tables
 from companion.view.choice import Offer, ReplayChoice
-from companion.view.controls import listen
+from companion.view.controls import listen, write
 from companion.view.moment import Footage, Moment
 from companion.view.palette import Rgb
 from companion.view.picture import PictureControls
@@ -34,9 +34,9 @@ class Panel:
     def __init__(self, gui: viser.GuiApi, flights: Sequence[Flight], offer: Offer, post: events.Post) -> None:
         self._post = post
         self._flight = flights[0]
-        names = tuple(f"{i + 1}: {_title(f)}" for i, f in enumerate(flights))
+        self._names = {id(f): f"{i + 1}: {_title(f)}" for i, f in enumerate(flights)}
         gui.add_html(PHONE)
-        self._pick = gui.add_dropdown("Flight", names, visible=len(flights) > 1)
+        self._pick = gui.add_dropdown("Flight", tuple(self._names.values()), visible=len(flights) > 1)
         self._legend = gui.add_html("")
         self._verdict = gui.add_html("")
         self._numbers = gui.add_html("")
@@ -63,10 +63,15 @@ class Panel:
     def load(self, flight: Flight, choice: ReplayChoice, film: Footage, colours: Mapping[str, Rgb]) -> None:
         """Fit the controls to what is shown now. Values set here come back as no events."""
         self._flight = flight
+        self.choose_flight(flight)
         self._legend.content = _legend(flight, film, colours)
         insight = film.insight
         self._verdict.content = tables.status(insight.assessment) if insight else ""
         self._reckoning.load(flight, choice, film.start)
+
+    def choose_flight(self, flight: Flight) -> None:
+        """Say which flight is shown: another may have been asked for in vain."""
+        write(self._pick, self._names[id(flight)])
 
     def show(self, moment: Moment, film: Footage, cell: float) -> None:
         """Write the instant, and the side of the grid's squares (m), into the numbers."""

@@ -20,6 +20,10 @@ MOST_SEGMENTS = 64
 MOST_OTHERS = 6
 GYRO_RANGE, ACCEL_RANGE = 20.0, 0.5  # mrad/s and m/s², either way
 AXES = ("forward", "right", "down")
+GYRO_UNIT, ACCEL_UNIT = (
+    "mrad/\u2060s",
+    "m/\u2060s²",
+)  # with a word joiner: a narrow label breaks before the unit, not in it
 BESIDE = '<div style="padding:0 1em;font-size:0.8em;opacity:0.7">Beside it, as they are:</div>'
 
 
@@ -60,9 +64,11 @@ class ReckoningControls:
             self._start = gui.add_number("from, s", 0.0, min=0.0, step=0.1, hint="Seconds since the vehicle's boot")
             self._here = gui.add_button("Start from the instant shown", icon=viser.Icon.ANCHOR)
         with gui.add_folder("Take a bias off the IMU", expand_by_default=False):
-            self._gyro = [gui.add_slider(f"Gyro {axis}, mrad/s", -GYRO_RANGE, GYRO_RANGE, 0.1, 0.0) for axis in AXES]
+            self._gyro = [
+                gui.add_slider(f"Gyro {axis}, {GYRO_UNIT}", -GYRO_RANGE, GYRO_RANGE, 0.1, 0.0) for axis in AXES
+            ]
             self._accel = [
-                gui.add_slider(f"Accel {axis}, m/s²", -ACCEL_RANGE, ACCEL_RANGE, 0.005, 0.0) for axis in AXES
+                gui.add_slider(f"Accel {axis}, {ACCEL_UNIT}", -ACCEL_RANGE, ACCEL_RANGE, 0.005, 0.0) for axis in AXES
             ]
             self._reset = gui.add_button("No bias", icon=viser.Icon.RESTORE)
         self._listen()

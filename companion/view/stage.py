@@ -57,6 +57,7 @@ class Stage:
     ) -> None:
         self._server, self._flights = server, flights
         self._flight, self._choice, self._film = first.flight, first.choice, film
+        self._asked = first.choice  # for last: what is shown may still be the one before
         self._work, self._report = Work(recompute, examine), offer.report
         self._saver = Saver()
         self.player = Player(film.start, film.end)
@@ -118,11 +119,11 @@ class Stage:
             case events.Choose(choice):
                 self._reckon(self._flight, choice)
             case events.StartHere():
-                self._reckon(self._flight, replace(self._choice, start_s=self.player.time))
+                self._reckon(self._flight, replace(self._asked, start_s=self.player.time))
             case events.PickFlight(index):
                 if 0 <= index < len(self._flights):
                     other = self._flights[index]
-                    self._reckon(other, replace(self._choice, imu=other.default_imu, others=(), start_s=None))
+                    self._reckon(other, replace(self._asked, imu=other.default_imu, others=(), start_s=None))
             case events.PickCharts(page):
                 self._plots.pick(page)
             case events.SetTrail():
@@ -157,6 +158,8 @@ class Stage:
     def _take(self, outcome: Outcome) -> None:
         if isinstance(outcome.result, CompanionError):
             self._complain(str(outcome.result))
+            self._asked = self._choice
+            self._panel.choose_flight(self._flight)
             if self._film.insight is None:  # the analysis of what is still shown was given up for this
                 self._examine()
             return
@@ -171,6 +174,7 @@ class Stage:
 
     def _reckon(self, flight: Flight, choice: ReplayChoice) -> None:
         self._examine_at = np.inf  # what is shown now is soon to be replaced
+        self._asked = choice
         self._work.reckon(flight, choice)
 
     def _examine(self) -> None:
@@ -215,8 +219,7 @@ class Stage:
     def _draw(self, now: float) -> None:
         """Write the instant of the clock: poses every turn, the rest as often as it can be read."""
         moment = self._film.at(self.player.time)
-        with self._server.atomic():
-            self._outlook.show(moment)
+        self._outlook.show(moment)
         self.pose_updates += 1
         if self._is_due("labels", now):
             self._outlook.annotate(moment)

@@ -14,6 +14,7 @@ from playwright.sync_api import Browser, Page, expect
 from companion.analysis import Finding, Verdict
 from companion.tracks import Flight, StatusText, Vehicle
 from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, chosen_track, events
+from companion.view.reckoning import GYRO_UNIT
 from tests.view.browsing import choose, near, open_page, shoot, until
 from tests.view.circles import BOOT, examine, make_flight, reckon, recompute
 
@@ -130,7 +131,8 @@ def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
         choose(page, "Gravity, m/s²", "Where it flew (WGS-84)")
         until(lambda: asked[-1].gravity == "normal", "the gravity")
         page.get_by_text("Take a bias off the IMU").click()
-        row = "xpath=//label[.='Gyro forward, mrad/s']/ancestor::div[contains(@class,'Flex')][1]//input[@type='text']"
+        label = f"//label[.='Gyro forward, {GYRO_UNIT}']"
+        row = f"xpath={label}/ancestor::div[contains(@class,'Flex')][1]//input[@type='text']"
         page.locator(row).fill("3")
         until(lambda: asked[-1].gyro_bias == pytest.approx((3e-3, 0.0, 0.0)), "a gyro bias")
         page.get_by_role("button", name="No bias").click()

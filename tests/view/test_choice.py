@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 
 import pytest
 
 from companion.analysis import Integration
 from companion.errors import DataError
 from companion.tracks import Flight
-from companion.view import Footage, Insight, Reckoning, ReplayChoice
+from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, events
 from companion.view.work import Opinion, Outcome, Work
+from tests.view.browsing import until
 from tests.view.circles import examine, recompute
 
 
 def wait_for(worker: Work) -> Outcome | Opinion:
     """The next outcome that is still wanted."""
-    until = time.monotonic() + 10
-    while time.monotonic() < until:
+    end = time.monotonic() + 10
+    while time.monotonic() < end:
         outcome = worker.poll()
         if outcome is not None:
             return outcome
@@ -73,3 +75,21 @@ def test_what_cannot_be_reckoned_is_an_outcome_and_a_bug_is_raised(flight: Fligh
             wait_for(worker)
     finally:
         worker.close()
+
+
+def test_a_choice_that_is_still_being_reckoned_is_not_forgotten(flight: Flight) -> None:
+    asked: list[ReplayChoice] = []
+
+    def slow(flight: Flight, choice: ReplayChoice) -> Reckoning:
+        asked.append(choice)
+        if choice.how.segments == 4:
+            time.sleep(0.5)
+        return recompute(flight, choice)
+
+    with Viewer([flight], slow, examine, port=0) as viewer:
+        first = asked[0]
+        viewer.post(events.Choose(replace(first, how=replace(first.how, segments=4))))
+        viewer.post(events.Seek(110.0))
+        viewer.post(events.StartHere())
+        until(lambda: asked[-1].start_s == 110.0, "the start")
+        assert asked[-1].how.segments == 4
