@@ -15,6 +15,8 @@ Key = Literal[
 ] | Literal["1", "2", "3", "4", "5", "6", "7", "8", "9"]  # fmt: skip
 """Keys that viser knows, of those that are used."""
 SIDE = 330  # width of either panel, pixels
+PHONE = '<style>@media (max-width:36em){div[style*="width: 20em"]{width:100vw !important}}</style>'
+"""viser 1.1 gives a phone a sheet 20em wide at the bottom right; this one is as wide as the phone."""
 
 
 def listen(handle: Any, post: events.Post, event: Callable[[], events.Event]) -> None:
@@ -64,7 +66,8 @@ def command(gui: viser.GuiApi, post: events.Post, name: str, key: Key, shift: bo
 
 
 def dock(gui: viser.GuiApi, side: viser.PanelHandle) -> None:
-    """The main panel on the right, another on the left."""
+    """The main panel on the right, another on the left; on a phone one sheet as wide as it."""
+    gui.add_html(PHONE)
     for panel in (gui.main_panel, side):
         panel.set_width(SIDE)
     gui.main_panel.dock_right()

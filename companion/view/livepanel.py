@@ -64,7 +64,7 @@ class LivePanel:
             "Last 2 minutes": events.SetTrail(120.0),
             "All that is kept": events.SetTrail(None),
         }
-        self._picture = PictureControls(gui, trails, post)
+        self._picture = PictureControls(gui, trails, post, expects=False)
         self._listen(gui, post, window_s, longest)
 
     @property

@@ -24,6 +24,7 @@ from companion.view.moment import Footage, Moment
 from companion.view.outlook import Outlook
 from companion.view.scene import Scene
 from companion.view.shapes import drone_for
+from companion.view.tables import kind
 from companion.view.wakes import Wakes
 
 LOOK_HZ = 20.0
@@ -53,6 +54,8 @@ class LiveStage:
         dock(server.gui, side)
         nowhere = frame(np.zeros((2, 3)))
         self._outlook = Outlook(server, self._panel.picture, drone_for("QUADROTOR"), nowhere, post, mode="Follow")
+        self.scene.ground.load(nowhere, None, None)
+        self.scene.imu.visible = self.scene.autopilot.visible = False  # until somebody is there
         self._wakes = Wakes(server.scene, window_s)
 
     @property
@@ -133,8 +136,8 @@ class LiveStage:
         shown = (str(seen.flight.vehicle), seen.flight.boot)
         if shown != self._shown:
             self._shown = shown
-            self._begin(seen, film)
-        self._introduce(seen)
+            self._begin(seen)
+        self._introduce(seen, film)
         self._film = film
         if film.replay.has_position:
             low = float(film.replay.position_ref[-1, 2])
@@ -149,24 +152,29 @@ class LiveStage:
             self._free = (free_errors(free), film.end - free.anchor_s, position)
         self._history.add(seen.replay, free)
 
-    def _begin(self, seen: Seen, film: Footage) -> None:
+    def _begin(self, seen: Seen) -> None:
         self._history.clear()
-        self._wakes.clear()
         self._held, self._free, self._introduced = None, None, None
         self._outlook.drone = drone_for(seen.flight.vehicle.type)
+
+    def _lay_out(self, seen: Seen, film: Footage) -> None:
+        """The world of this vehicle; anew when its first position comes after its first attitude."""
+        self._wakes.clear()
         ground = np.array([*film.replay.position_ref[-1, :2], max(0.0, float(film.replay.position_ref[-1, 2]))])
         self._outlook.place(frame(np.vstack([seen.replay.position_ref, ground])))
         self.scene.load(film, self._outlook.framing, self._outlook.drone)
+        self.scene.imu.visible = self.scene.autopilot.visible = True
         self._outlook.reframe()
 
-    def _introduce(self, seen: Seen) -> None:
+    def _introduce(self, seen: Seen, film: Footage) -> None:
         now = (seen.imu, seen.replay.has_position, tuple(seen.flight.imus))
         if now == self._introduced:
             return
+        if self._introduced is None or self._introduced[1] != seen.replay.has_position:
+            self._lay_out(seen, film)
         self._introduced = now
         vehicle = seen.flight.vehicle
-        kind = f"{vehicle.autopilot} {vehicle.type.lower()}".replace("_", " ")
-        who = f"{kind}, vehicle {vehicle}, boot {seen.flight.boot}, {seen.imu}"
+        who = f"{kind(vehicle)}, vehicle {vehicle}, boot {seen.flight.boot}, {seen.imu}"
         self._panel.introduce(who, tuple(seen.flight.imus), has_position=seen.replay.has_position)
 
     def _hold(self, at: float | None) -> None:

@@ -55,6 +55,7 @@ def legend(vehicle: str, *, has_position: bool) -> str:
     ]
     if has_position:
         rows.append(f"{_dot(palette.FREE)}Ball: the IMU left alone for longer")
+        rows.append(f"{_dot(palette.DIFFERENCE)}Line: the distance of the IMU from the autopilot")
     else:
         rows.append("No position is sent: only the attitudes are compared.")
     return _block(f"<div>{escape(vehicle)}</div>" + "".join(f"<div>{row}</div>" for row in rows))

@@ -24,8 +24,6 @@ TRAILS = {
     "Last 30 s": events.SetTrail(30.0),
     "Whole path": events.SetTrail(None, ahead=True),
 }
-PHONE = '<style>@media (max-width:36em){div[style*="width: 20em"]{width:100vw !important}}</style>'
-"""viser 1.1 gives a phone a sheet 20em wide at the bottom right; this one is as wide as the phone."""
 
 
 class Panel:
@@ -35,7 +33,6 @@ class Panel:
         self._post = post
         self._flight = flights[0]
         self._names = {id(f): f"{i + 1}: {_title(f)}" for i, f in enumerate(flights)}
-        gui.add_html(PHONE)
         self._pick = gui.add_dropdown("Flight", tuple(self._names.values()), visible=len(flights) > 1)
         self._legend = gui.add_html("")
         self._verdict = gui.add_html("")
@@ -43,7 +40,7 @@ class Panel:
         self._status = gui.add_html("")
         self.playing = gui.add_folder("Playing")  # filled by the timeline
         self._reckoning = ReckoningControls(gui, flights[0], offer, post)
-        self._picture = PictureControls(gui, TRAILS, post)
+        self._picture = PictureControls(gui, TRAILS, post, expects=True)
         with gui.add_folder("Save", expand_by_default=False):
             self._save_picture = gui.add_button("This picture (PNG)", icon=viser.Icon.CAMERA)
             self._save_page = gui.add_button("The 3D replay (HTML)", icon=viser.Icon.FILE_EXPORT)
@@ -111,8 +108,7 @@ def _title(flight: Flight) -> str:
 def _legend(flight: Flight, film: Footage, colours: Mapping[str, Rgb]) -> str:
     """Who is who. Text that came from the vehicle is escaped: it is untrusted, and this is markup."""
     vehicle, source = flight.vehicle, film.source
-    autopilot = {"ARDUPILOTMEGA": "ArduPilot"}.get(vehicle.autopilot, vehicle.autopilot)
-    who = escape(f"{autopilot} {vehicle.type.lower()}".replace("_", " "))
+    who = escape(tables.kind(vehicle))
     line = "width:1em;height:0.25em"
     rows = [
         f"{swatch(colours[source])}<b>Solid: {escape(source)} alone</b>, reckoned from its readings",

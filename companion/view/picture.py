@@ -15,13 +15,19 @@ SIZES = {"Easy to see": 1.0, "Larger": 1.7, "Smaller": 0.5, "True size": None}
 class PictureControls:
     """A folder of choices. `folder` is there for the cameras, of which each browser has its own."""
 
-    def __init__(self, gui: viser.GuiApi, trails: Mapping[str, events.SetTrail], post: events.Post) -> None:
+    def __init__(
+        self, gui: viser.GuiApi, trails: Mapping[str, events.SetTrail], post: events.Post, *, expects: bool
+    ) -> None:
+        """expects: whether it is known how far the autopilot should be, and the ellipsoid can be drawn."""
         self.folder = gui.add_folder("Picture")
         with self.folder:
             trail = gui.add_dropdown("Paths", tuple(trails))
             size = gui.add_dropdown("Drones", tuple(SIZES))
             ball = gui.add_checkbox(
-                "3σ ellipsoid", False, hint="Around the IMU: where the autopilot should be, if nothing is wrong"
+                "3σ ellipsoid",
+                False,
+                visible=expects,
+                hint="Around the IMU: where the autopilot should be, if nothing is wrong",
             )
             arrows = gui.add_checkbox("Arrows", False, hint="Velocity of both, and gravity")
             dark = gui.add_checkbox("Dark", False)

@@ -64,6 +64,12 @@ class Scene:
         )
         self._has_position = True
 
+    @property
+    def apart(self) -> float | None:
+        """Length of the line between both drones, m; None while none is drawn."""
+        ends = np.asarray(self._error.points, dtype=np.float64)[0]
+        return float(np.linalg.norm(ends[1] - ends[0])) if self._error.visible else None
+
     def load(
         self,
         film: Footage,

@@ -8,6 +8,7 @@ from html import escape
 import numpy as np
 
 from companion.analysis import Assessment, Drift, Sibling, Statistic
+from companion.tracks import Vehicle
 from companion.view import palette
 from companion.view.palette import Rgb
 
@@ -20,6 +21,12 @@ def swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:0
         f'<span style="display:inline-block;{shape};margin-right:0.5em;vertical-align:middle;'
         f'background:{palette.css(colour)};opacity:{opacity}"></span>'
     )
+
+
+def kind(vehicle: Vehicle) -> str:
+    """What a vehicle is, in words: untrusted text."""
+    autopilot = {"ARDUPILOTMEGA": "ArduPilot"}.get(vehicle.autopilot, vehicle.autopilot)
+    return f"{autopilot} {vehicle.type.lower()}".replace("_", " ")
 
 
 def status(found: Assessment) -> str:

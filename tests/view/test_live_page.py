@@ -70,7 +70,7 @@ def test_a_live_session(page: Page, tmp_path: Path) -> None:
         with viewing(f"udpin:127.0.0.1:{link_port}", tmp_path, "-o", "a.tlog", port=page_port) as (process, url):
             open_page(page, url)
             expect(page.get_by_text("LIVE", exact=True)).to_be_visible(timeout=15_000)
-            expect(page.get_by_text("ARDUPILOTMEGA quadrotor, vehicle 1:1, boot 1, HIGHRES_IMU")).to_be_visible(
+            expect(page.get_by_text("ArduPilot quadrotor, vehicle 1:1, boot 1, HIGHRES_IMU")).to_be_visible(
                 timeout=15_000
             )
             expect(page.get_by_text("● Recording a.tlog")).to_be_visible()
