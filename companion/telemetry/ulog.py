@@ -70,7 +70,10 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
     except (ULogException, ValueError, LookupError, TypeError, RecursionError, struct.error) as error:
         raise InputError(f"{path} begins like a PX4 ULog, but cannot be read: {error!r}.") from error
     if not log.data_list:
-        raise InputError(f"{path} begins like a PX4 ULog, but has no data in it: it was cut off. Copy it again.")
+        raise InputError(
+            f"{path} begins like a PX4 ULog, but no data can be read from it: it was cut off, or its definitions are "
+            "damaged. Copy it again."
+        )
     topics, notes = _topics(log.data_list)
     said = [*log.initial_parameters.items(), *((name, value) for _, name, value in log.changed_parameters)]
     parameters = {words(str(name)): float(value) for name, value in said if isinstance(value, int | float)}

@@ -183,7 +183,7 @@ def test_an_attitude_that_knows_only_when_it_was_published_is_read(tmp_path: Pat
 def test_a_ulog_whose_definitions_lead_beyond_its_end_is_no_endless_task(tmp_path: Path) -> None:
     head = shared("px4/px4_gcs_default.ulg").read_bytes()[:16]
     (tmp_path / "damaged.ulg").write_bytes(head + b"\x00\x10\x00" + bytes(50))
-    with pytest.raises(InputError, match="no data in it"):
+    with pytest.raises(InputError, match="its definitions are damaged"):
         c.open_log(tmp_path / "damaged.ulg")
 
 
