@@ -13,7 +13,17 @@ import pymavlink.dialects.v20.ardupilotmega as mavlink
 import pytest
 
 from companion.errors import InputError
-from companion.mavlink import Address, ForbiddenMessageError, Link, Request, Target, is_link, parse_address, requests
+from companion.mavlink import (
+    Address,
+    ForbiddenMessageError,
+    Link,
+    Request,
+    Target,
+    is_link,
+    parse_address,
+    requests,
+    sockets,
+)
 from tests.mavlink.link import link_frames
 from tests.mavlink.peers import frames_until, ids, listener, serial_cable, udp_peer, wait_for
 
@@ -258,6 +268,17 @@ def accept_while_receiving(server: socket.socket, link: Link) -> tuple[socket.so
         end.setblocking(True)
         return end, where
     raise AssertionError("the link did not come back")
+
+
+def test_a_tcp_peer_that_vanishes_without_a_farewell_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Power or Wi-Fi lost: only the kernel can tell, and by itself it waits for a quarter of an hour."""
+    made: list[socket.socket] = []
+    prepare = sockets._prepare
+    monkeypatch.setattr(sockets, "_prepare", lambda end: (made.append(end), prepare(end)))
+    with listener() as server, Link(f"tcp:127.0.0.1:{server.getsockname()[1]}"):
+        assert made[0].getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
+        assert made[0].getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) <= 10
+        assert made[0].getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) <= 15_000
 
 
 def test_tcpin_waits_for_one_peer_after_the_other() -> None:
