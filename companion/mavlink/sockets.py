@@ -239,7 +239,7 @@ def _bind(end: socket.socket, where: Any, address: Address) -> None:
 def _prepare(end: socket.socket) -> None:
     end.setblocking(False)
     end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    # A peer that lost its power or its Wi-Fi says no farewell: without these it would be waited for a quarter of an hour.
+    # A peer that lost its power or its Wi-Fi says no farewell, and would be waited for a quarter of an hour.
     end.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in _GONE.items():
         if hasattr(socket, name):  # not on every system
