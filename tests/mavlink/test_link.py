@@ -274,7 +274,12 @@ def test_a_tcp_peer_that_vanishes_without_a_farewell_is_given_up(monkeypatch: py
     """Power or Wi-Fi lost: only the kernel can tell, and by itself it waits for a quarter of an hour."""
     made: list[socket.socket] = []
     prepare = sockets._prepare
-    monkeypatch.setattr(sockets, "_prepare", lambda end: (made.append(end), prepare(end)))
+
+    def remembered(end: socket.socket) -> None:
+        made.append(end)
+        prepare(end)
+
+    monkeypatch.setattr(sockets, "_prepare", remembered)
     with listener() as server, Link(f"tcp:127.0.0.1:{server.getsockname()[1]}"):
         assert made[0].getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
         assert made[0].getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) <= 10
