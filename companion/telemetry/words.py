@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # PX4 writes its log texts for a terminal
 _CONTROLS = {
     **dict.fromkeys((*range(32), *range(127, 160)), "\N{REPLACEMENT CHARACTER}"),
     **dict.fromkeys(map(ord, "\t\n\r"), " "),
@@ -14,4 +17,4 @@ def words(raw: bytes | str) -> str:
     Anybody on the link can send them: they would make colours, clear the screen, or write lines that seem to be ours.
     """
     text = raw.split(b"\0")[0].decode("utf-8", "replace") if isinstance(raw, bytes) else raw
-    return text.translate(_CONTROLS)
+    return _COLOURS.sub("", text).translate(_CONTROLS)

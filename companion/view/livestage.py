@@ -22,7 +22,6 @@ from companion.view.livecharts import LiveCharts
 from companion.view.livepanel import LivePanel
 from companion.view.moment import Footage, Moment
 from companion.view.outlook import Outlook
-from companion.view.scene import Scene
 from companion.view.shapes import drone_for
 from companion.view.tables import kind
 from companion.view.wakes import Wakes
@@ -38,7 +37,6 @@ class LiveStage:
     def __init__(self, server: viser.ViserServer, feed: Feed, window_s: float, post: events.Post) -> None:
         self._feed = feed
         self._history = History(window_s, LOOK_HZ)
-        self.pose_updates = 0
         self.newest = 0.0  # s, boot clock, of the pose that was written last
         self._shown: tuple[str, int] | None = None  # vehicle and boot
         self._introduced: tuple[str, bool, tuple[str, ...]] | None = None  # IMU, whether there is a position, all IMUs
@@ -53,20 +51,10 @@ class LiveStage:
             self._charts = LiveCharts(server.gui, window_s, post)
         dock(server.gui, side)
         nowhere = frame(np.zeros((2, 3)))
-        self._outlook = Outlook(server, self._panel.picture, drone_for("QUADROTOR"), nowhere, post, mode="Follow")
-        self.scene.ground.load(nowhere, None, None)
-        self.scene.imu.visible = self.scene.autopilot.visible = False  # until somebody is there
+        self.outlook = Outlook(server, self._panel.picture, drone_for("QUADROTOR"), nowhere, post, mode="Follow")
+        self.outlook.scene.ground.load(nowhere, None, None)
+        self.outlook.scene.imu.visible = self.outlook.scene.autopilot.visible = False  # until somebody is there
         self._wakes = Wakes(server.scene, window_s)
-
-    @property
-    def browsers(self) -> int:
-        """How many pages are open."""
-        return len(self._outlook.browsers)
-
-    @property
-    def scene(self) -> Scene:
-        """The world."""
-        return self._outlook.scene
 
     @property
     def held(self) -> bool:
@@ -78,23 +66,22 @@ class LiveStage:
 
     def turn(self, now: float, dt: float) -> None:  # noqa: ARG002  (the vehicle's clock counts here)
         """Look, and draw what is seen: at `now`, s of any steady clock."""
-        if self.browsers or self._is_due("look", now):
+        if self.outlook.browsers or self._is_due("look", now):
             seen = self._feed.look()
             if seen is not None:
                 self._take(seen)
         moment = self._moment()
         if moment is not None:
-            self._outlook.show(moment)
+            self.outlook.show(moment)
             self._wakes.reach(moment.t, self._free_now()[2])
-            self.pose_updates += 1
             self.newest = moment.t
         if self._is_due("panel", now):
             self._report(moment)
         if self._is_due("trails", now):
             self._trails()
-        if self._outlook.to_lay_out(now) <= 0:
+        if self.outlook.to_lay_out(now) <= 0:
             self._charts.relayout()
-            self._outlook.laid_out()
+            self.outlook.laid_out()
         elif self._is_due("charts", now):
             self._chart()
 
@@ -125,7 +112,7 @@ class LiveStage:
                 self._trail = event
                 self._is_due.at_once("trails")
             case _ if isinstance(event, events.Look):
-                self._outlook.handle(event)
+                self.outlook.handle(event)
 
     def _take(self, seen: Seen) -> None:
         """Keep what is seen now. Another vehicle or boot begins with nothing behind it."""
@@ -141,9 +128,9 @@ class LiveStage:
         self._film = film
         if film.replay.has_position:
             low = float(film.replay.position_ref[-1, 2])
-            if low > self._outlook.framing.ground + _SUNK_M:
-                self._outlook.framing = replace(self._outlook.framing, ground=low)
-                self.scene.ground.sink(low)
+            if low > self.outlook.framing.ground + _SUNK_M:
+                self.outlook.framing = replace(self.outlook.framing, ground=low)
+                self.outlook.scene.ground.sink(low)
         self._wakes.add(film, seen.free)
         free = seen.free
         self._free = None
@@ -155,16 +142,16 @@ class LiveStage:
     def _begin(self, seen: Seen) -> None:
         self._history.clear()
         self._held, self._free, self._introduced = None, None, None
-        self._outlook.drone = drone_for(seen.flight.vehicle.type)
+        self.outlook.drone = drone_for(seen.flight.vehicle.type)
 
     def _lay_out(self, seen: Seen, film: Footage) -> None:
         """The world of this vehicle; anew when its first position comes after its first attitude."""
         self._wakes.clear()
         ground = np.array([*film.replay.position_ref[-1, :2], max(0.0, float(film.replay.position_ref[-1, 2]))])
-        self._outlook.place(frame(np.vstack([seen.replay.position_ref, ground])))
-        self.scene.load(film, self._outlook.framing, self._outlook.drone)
-        self.scene.imu.visible = self.scene.autopilot.visible = True
-        self._outlook.reframe()
+        self.outlook.place(frame(np.vstack([seen.replay.position_ref, ground])))
+        self.outlook.scene.load(film, self.outlook.framing, self.outlook.drone)
+        self.outlook.scene.imu.visible = self.outlook.scene.autopilot.visible = True
+        self.outlook.reframe()
 
     def _introduce(self, seen: Seen, film: Footage) -> None:
         now = (seen.imu, seen.replay.has_position, tuple(seen.flight.imus))
@@ -208,7 +195,7 @@ class LiveStage:
 
     def _report(self, moment: Moment | None) -> None:
         if moment is not None and self._film is not None:
-            self._wakes.resize(self._outlook.annotate(moment))
+            self._wakes.resize(self.outlook.annotate(moment))
             free, age, _ = self._free_now()
             self._panel.show(moment, free, age, has_position=self._film.replay.has_position)
         held_s = None if self._held is None or self._film is None or moment is None else self._film.end - moment.t
@@ -225,5 +212,5 @@ class LiveStage:
         if self._held is not None:
             past, at = self._held
             self._charts.show(past.curves, at)
-        elif len(self._history) > 1 and self.browsers:
+        elif len(self._history) > 1 and self.outlook.browsers:
             self._charts.show(self._history.curves(), 0.0)

@@ -40,6 +40,7 @@ class Outlook:
         self.scene = Scene(server.scene, drone)
         self.browsers = Browsers(server, folder, post, mode=mode)
         self._laying_out: list[float] = []
+        self.pose_updates = 0
         self.place(framing)
 
     def place(self, framing: Framing) -> None:
@@ -80,6 +81,7 @@ class Outlook:
         """Put everything where it is at `moment`."""
         self.scene.show(moment)
         self.browsers.show(moment)
+        self.pose_updates += 1
 
     def annotate(self, moment: Moment) -> float:
         """What a reader needs less often than an eye: names, sizes, the grid. Returns how large a drone is drawn, m."""

@@ -13,6 +13,7 @@ from typing import Generic, Protocol, Self, TypeVar
 import viser
 
 from companion.view import events
+from companion.view.outlook import Outlook
 from companion.view.scene import Scene
 from companion.view.server import close_server, find_address, open_server
 
@@ -29,16 +30,7 @@ class Turned(Protocol):
     def close(self) -> None:
         """End whatever works beside the view thread."""
 
-    @property
-    def browsers(self) -> int:
-        """How many pages are open."""
-
-    @property
-    def scene(self) -> Scene:
-        """The world."""
-
-    pose_updates: int
-    """How often both poses have been written since the start."""
+    outlook: Outlook
 
 
 Behind = TypeVar("Behind", bound=Turned)
@@ -96,17 +88,17 @@ class Page(Generic[Behind]):
     @property
     def browsers(self) -> int:
         """How many pages are open."""
-        return self._behind.browsers
+        return len(self._behind.outlook.browsers)
 
     @property
     def scene(self) -> Scene:
         """The world. To be read: where the drones are and how they stand."""
-        return self._behind.scene
+        return self._behind.outlook.scene
 
     @property
     def pose_updates(self) -> int:
         """How often both poses have been written since the start."""
-        return self._behind.pose_updates
+        return self._behind.outlook.pose_updates
 
     @property
     def stopped(self) -> bool:

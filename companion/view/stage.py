@@ -27,7 +27,6 @@ from companion.view.panel import Panel
 from companion.view.player import Player
 from companion.view.plots import Plots
 from companion.view.saving import PAGE, REPORT, Saver
-from companion.view.scene import Scene
 from companion.view.shapes import drone_for
 from companion.view.timeline import Timeline
 from companion.view.transport import move
@@ -61,7 +60,6 @@ class Stage:
         self._work, self._report = Work(recompute, examine), offer.report
         self._saver = Saver()
         self.player = Player(film.start, film.end)
-        self.pose_updates = 0
         self._marks: list[Mark] = []
         self._trail = events.SetTrail(None)
         self._is_due = Cadence(labels=8.0, trails=8.0, plots=4.0, progress=2.0)
@@ -75,19 +73,9 @@ class Stage:
             self._verdict = VerdictTab(server.gui, post)
         dock(server.gui, side)
         drone = drone_for(first.flight.vehicle.type)
-        self._outlook = Outlook(server, self._panel.picture, drone, _framing(film), post)
+        self.outlook = Outlook(server, self._panel.picture, drone, _framing(film), post)
         self._load()
         self._examine_at = time.monotonic() + UNSEEN  # inf: it has been ordered
-
-    @property
-    def browsers(self) -> int:
-        """How many pages are open."""
-        return len(self._outlook.browsers)
-
-    @property
-    def scene(self) -> Scene:
-        """The world."""
-        return self._outlook.scene
 
     def close(self) -> None:
         """End the workers."""
@@ -139,20 +127,20 @@ class Stage:
             case _ if isinstance(event, events.Look):
                 if isinstance(event, events.Joined) and self._examine_at < np.inf:
                     self._examine_at = time.monotonic() + OPENING
-                self._outlook.handle(event)
+                self.outlook.handle(event)
 
     def _save(self, browser: int, what: str) -> None:
         client = self._server.get_clients().get(browser)
         if client is None:
             return
         if what == "picture":
-            self._saver.picture(client, dark=self._outlook.dark)
+            self._saver.picture(client, dark=self.outlook.dark)
             return
         flight, choice, film = self._flight, self._choice, self._film
         if what == "report" and (report := self._report) is not None:
             self._saver.page(client, REPORT, lambda: report(flight, choice, film))
         elif what == "page":
-            drone, colours, home, dark = self._outlook.drone, self._colours, self._home, self._outlook.dark
+            drone, colours, home, dark = self.outlook.drone, self._colours, self._home, self.outlook.dark
             self._saver.page(client, PAGE, lambda: export.page(film, drone, colours, home, dark=dark))
 
     def _take(self, outcome: Outcome) -> None:
@@ -170,7 +158,7 @@ class Stage:
         self._load()
         self._examine()
         if other_flight:
-            self._outlook.reframe()
+            self.outlook.reframe()
 
     def _reckon(self, flight: Flight, choice: ReplayChoice) -> None:
         self._examine_at = np.inf  # what is shown now is soon to be replaced
@@ -197,10 +185,10 @@ class Stage:
 
     def _load(self) -> None:
         """Lay out everything that stays the same until the next reckoning."""
-        self._outlook.drone = drone_for(self._flight.vehicle.type)
-        self._outlook.place(_framing(self._film))
+        self.outlook.drone = drone_for(self._flight.vehicle.type)
+        self.outlook.place(_framing(self._film))
         self._colours, self._home = palette.of_imus(self._flight.imus), home_position(self._flight)
-        self.scene.load(self._film, self._outlook.framing, self._outlook.drone, self._colours, self._home)
+        self.outlook.scene.load(self._film, self.outlook.framing, self.outlook.drone, self._colours, self._home)
         self._verdict.wait("The analysis is at work.")
         self._say()
 
@@ -219,21 +207,20 @@ class Stage:
     def _draw(self, now: float) -> None:
         """Write the instant of the clock: poses every turn, the rest as often as it can be read."""
         moment = self._film.at(self.player.time)
-        self._outlook.show(moment)
-        self.pose_updates += 1
+        self.outlook.show(moment)
         if self._is_due("labels", now):
-            self._outlook.annotate(moment)
-            self._panel.show(moment, self._film, self.scene.ground.cell)
+            self.outlook.annotate(moment)
+            self._panel.show(moment, self._film, self.outlook.scene.ground.cell)
             self._timeline.show(self.player)
         if self._is_due("trails", now):
             since = -np.inf if self._trail.seconds is None else moment.t - self._trail.seconds
-            self.scene.trails(since, np.inf if self._trail.ahead else moment.t)
-        left = self._outlook.to_lay_out(now)
+            self.outlook.scene.trails(since, np.inf if self._trail.ahead else moment.t)
+        left = self.outlook.to_lay_out(now)
         if left < APART:
             self._is_due.wait("plots", now + left + APART)
             if left <= 0:
                 self._plots.relayout()
-                self._outlook.laid_out()
+                self.outlook.laid_out()
         elif self._is_due("plots", now):
             self._plots.show(moment)
 
