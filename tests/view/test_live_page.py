@@ -155,9 +155,9 @@ def test_two_browsers_on_a_link(browser: Browser, tmp_path: Path) -> None:
             open_page(page, url)
             expect(page.get_by_text("LIVE", exact=True)).to_be_visible(timeout=15_000)
         wait_for(lambda: since_anchor(pages[0])[1] > 3.0, 20.0)
-        choose(pages[0], "Camera", "Top")
+        choose(pages[0], "Camera", "From above")
         cameras = [page.get_by_role("combobox", name="Camera", exact=True) for page in pages]
-        expect(cameras[0]).to_have_value("Top")
+        expect(cameras[0]).to_have_value("From above")
         expect(cameras[1]).to_have_value("Follow")  # each has its own
         pages[1].get_by_role("button", name="Pause", exact=True).click()
         for page in pages:  # one picture for all: whoever holds it says so to everyone
