@@ -47,8 +47,7 @@ def heading_findings(
         "heading_wrong",
         "autopilot",
         "error",
-        float(found.begin[0]),
-        float(found.end[-1]),
+        *found.between(0, -1),
         f"its heading is {np.degrees(abs(angle)):.0f} ± {np.degrees(error):.0f}° off: "
         "the forces that the IMU feels point past the vehicle's accelerations by that, and its tilt is right",
         "Calibrate the compass, away from steel, and check its orientation (COMPASS_ORIENT) and the declination.",
