@@ -2,8 +2,9 @@
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 8 --dist loadfile --no-loadscope-reorder --durations 10
 
-.PHONY: demo demo-live test check bench format clean
+.PHONY: demo demo-live test check fuzz bench format clean
 
 demo: $(VENV)/.installed  ## the bundled flight in the browser
 	$(BIN)/companion view demo --open
@@ -13,14 +14,18 @@ demo-live: $(VENV)/.installed  ## a simulated vehicle on a link, live in the bro
 		trap 'kill $$vehicle 2>/dev/null; wait $$vehicle' EXIT; trap : INT TERM; \
 		$(BIN)/companion view udpin:127.0.0.1:14550 --open -o "$${TMPDIR:-/tmp}/companion-live-$$$$.tlog"
 
-test: $(VENV)/.developer  ## every test
-	$(BIN)/python -m pytest
+test: $(VENV)/.developer  ## every test, on every core
+	$(PYTEST)
 
 check: $(VENV)/.developer  ## what CI holds: format, lint, types, tests
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/python -m pytest
+	$(PYTEST)
+
+fuzz: $(VENV)/.developer  ## every reader against damaged input, SECONDS (600) for each, on two seeds
+	$(BIN)/python -m tests.fuzz --seconds $(or $(SECONDS),600) --seed 1
+	$(BIN)/python -m tests.fuzz --seconds $(or $(SECONDS),600) --seed 2
 
 bench: $(VENV)-bench/.installed  ## speed, as ratios against named peers
 	for benchmark in benchmarks/*.py; do $(VENV)-bench/bin/python $$benchmark || exit 1; done

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import warnings
 from types import FrameType
 
 
@@ -12,6 +13,8 @@ def main() -> int:
     from companion.cli import main as run  # noqa: PLC0415
 
     signal.signal(signal.SIGINT, begun)
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # NumPy's about damaged numbers, Python's about libraries: for who develops
     return run()
 
 

@@ -20,29 +20,35 @@ from companion.analysis import (
     replay,
     rpe,
 )
-from companion.errors import CompanionError, DataError, InputError, SettingsError
+from companion.estimation import BestEstimate, smooth
 from companion.examination import Examination, examine
-from companion.recording import open_log
-from companion.series import Event, Series
-from companion.settings import Settings, load_settings
-from companion.strapdown import reckon
-from companion.tracks import (
+from companion.model import (
     AttitudeTrack,
+    CompanionError,
+    DataError,
     Epoch,
+    Event,
     Flight,
     ImuTrack,
+    InputError,
     MessageStats,
     NavState,
     Origin,
     PositionTrack,
+    Series,
+    SettingsError,
     StatusText,
     Trajectory,
     Vehicle,
 )
+from companion.recording import open_log
+from companion.settings import Settings, load_settings
+from companion.strapdown import reckon
 
 __all__ = [
     "Assessment",
     "AttitudeTrack",
+    "BestEstimate",
     "Calibration",
     "CompanionError",
     "Contrast",
@@ -82,4 +88,5 @@ __all__ = [
     "reckon",
     "replay",
     "rpe",
+    "smooth",
 ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +9,8 @@ import msgspec
 import numpy as np
 
 from companion.analysis import PARTS, Calibration, Correction
-from companion.errors import InputError, SettingsError
+from companion.model import InputError, SettingsError
+from companion.toml_file import read_toml
 
 _FORMAT = 2
 """1, which files without `format` have, turned the mounting the other way."""
@@ -61,12 +61,12 @@ _UNTOLD = "not observable in this flight"
 def load_correction(path: str | Path) -> Correction:
     """Read a correction. Raises InputError when the file cannot be read, SettingsError when it is none."""
     try:
-        found = msgspec.convert(tomllib.loads(Path(path).read_text(encoding="utf-8")), _File)
+        found = msgspec.convert(read_toml(path)[0], _File)
     except OSError as error:
         raise InputError(
             f"cannot read the correction {path}: {error.strerror}. Make one: companion calibrate LOG"
         ) from None
-    except (tomllib.TOMLDecodeError, msgspec.ValidationError, UnicodeDecodeError) as error:
+    except msgspec.ValidationError as error:
         raise SettingsError(f"{path} is no correction: {error}. Make one: companion calibrate LOG -o {path}") from None
     vectors = {part: np.array(getattr(found, part)) for part in PARTS if part != "time_offset"}
     if found.format == 1:

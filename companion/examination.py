@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from companion.analysis import (
     Assessment,
     Comparison,
     ImuFigures,
+    ImuNoise,
     Integration,
     Limits,
     ReferenceFigures,
@@ -25,15 +27,15 @@ from companion.analysis import (
     by_severity,
     compare,
     gravity_for,
+    imu_noise,
     odd_one_out,
     reported_by,
     siblings,
 )
 from companion.correction import load_correction
-from companion.errors import DataError
+from companion.model import DataError, Flight
 from companion.sensors import figures_of, load_imu_figures
 from companion.settings import Settings
-from companion.tracks import Flight
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,6 +88,31 @@ def examine(
     >>> [(other.imu, other.drift.windows) for other in examined.siblings]
     [('RAW_IMU', 20), ('SCALED_IMU2', 19)]
     """
+    with _cannot_tell():
+        return _examined(flight, settings, imu, imu_model, correction, how, anchor)
+
+
+@contextlib.contextmanager
+def _cannot_tell() -> Iterator[None]:
+    """Equations that a flight does not determine are no error of its reader's."""
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        raise DataError(
+            f"This flight cannot tell: its readings do not determine what is asked of them ({error}). They are stuck, "
+            "repeated or damaged: see what the log has with companion info, and try another --imu."
+        ) from None
+
+
+def _examined(
+    flight: Flight,
+    settings: Settings,
+    imu: str | None,
+    imu_model: str | None,
+    correction: str | Path | None,
+    how: Integration | None,
+    anchor: str,
+) -> Examination:
     found = assess_imu(flight, settings, imu=imu, imu_model=imu_model, correction=correction, how=how)
     how = found.comparison.how
 
@@ -119,6 +146,7 @@ def unexaminable(flight: Flight, settings: Settings = _DEFAULTS) -> Unexamined |
     return None
 
 
+@_cannot_tell()
 def assess_imu(
     flight: Flight,
     settings: Settings,
@@ -154,6 +182,14 @@ def align_imu(
     return align(
         flight, comparison, _figures(flight, comparison.track.source, imu_model), autopilot_of(settings, flight)
     )
+
+
+def noise_of(
+    flight: Flight, settings: Settings = _DEFAULTS, *, imu: str | None = None, imu_model: str | None = None
+) -> ImuNoise:
+    """The noise of one IMU at rest and in flight. Arguments and errors as `examine`; it needs no attitude."""
+    name = flight.imu(imu).source
+    return imu_noise(flight, name, _figures(flight, name, imu_model), limits_of(settings))
 
 
 def integration_of(settings: Settings, flight: Flight) -> Integration:

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from companion.errors import SettingsError
 from companion.mavlink import (
     DEFAULT_DIALECT,
+    MOST_BYTES,
     Contents,
     Dialect,
     Log,
@@ -17,8 +17,8 @@ from companion.mavlink import (
     read_dataflash,
     read_tlog,
 )
+from companion.model import Flight, SettingsError
 from companion.telemetry import NEEDED, RECORDS, Bystander, dataflash_flight, flights, ulog_flight
-from companion.tracks import Flight
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +54,7 @@ def read_recording(
     every_message: bool = False,
     core: int | None = None,
     progress: Callable[[int], None] | None = None,
+    max_size_gb: float = MOST_BYTES * 1e-9,
 ) -> Recording:
     """The flights of a .tlog, an ArduPilot .bin or a PX4 .ulg: one per vehicle and boot, in SI units, FRD and NED.
 
@@ -61,13 +62,14 @@ def read_recording(
     possible; `Recording.source` has the counts. dequantise: see `config/default.toml`. every_message: read
     the fields of messages too that no track is made of, so that `Flight.messages` knows their rates by the vehicle's
     own clock. core: of ArduPilot's EKF, to compare with, which a .bin has more than one of; None: the one that flew.
-    progress: told the bytes of each piece that was read.
+    progress: told the bytes of each piece that was read. max_size_gb: of content, where the file is compressed.
 
     Raises InputError when there is no such file or nothing in it that can be read, SettingsError for an unknown
     dialect or a core where there are none, DataError for a core that the log has not.
     """
     path = Path(path)
     spoken = load_dialect(dialect)
+    most_bytes = round(max_size_gb * 1e9)
     kind = log_format(path)
     if core is not None and kind != "dataflash":
         raise SettingsError(
@@ -75,19 +77,21 @@ def read_recording(
             "Leave --core out, or name the .bin of this flight."
         )
     if kind == "ulog":
-        return _read_ulog(path, spoken, progress)
+        return _read_ulog(path, spoken, progress, most_bytes)
     if kind == "dataflash":
-        return _read_dataflash(path, spoken, core, progress)
-    log = read_tlog(path, dialect=dialect, names=None if every_message else NEEDED, progress=progress)
+        return _read_dataflash(path, spoken, core, progress, most_bytes)
+    log = read_tlog(
+        path, dialect=dialect, names=None if every_message else NEEDED, progress=progress, most_bytes=most_bytes
+    )
     source, messages = _source(log), dict(log.messages)
     del log  # `flights` lets go of what it has read
     found, others = flights(messages, spoken, dequantise=dequantise)
     return Recording(source, tuple(found), tuple(others))
 
 
-def _read_ulog(path: Path, dialect: Dialect, progress: Callable[[int], None] | None) -> Recording:
+def _read_ulog(path: Path, dialect: Dialect, progress: Callable[[int], None] | None, most_bytes: int) -> Recording:
     types = {v: n.removeprefix("MAV_TYPE_") for v, n in dialect.enum_names("MAV_TYPE").items()}
-    contents = Contents(path)
+    contents = Contents(path, most_bytes)
     flight = ulog_flight(path, contents.read(progress), types)
     count = sum(stats.count for stats in flight.messages.values())
     source = Source(path, "ulog", contents.size_bytes, count, contents.content_bytes, contents.trouble)
@@ -95,9 +99,9 @@ def _read_ulog(path: Path, dialect: Dialect, progress: Callable[[int], None] | N
 
 
 def _read_dataflash(
-    path: Path, dialect: Dialect, core: int | None, progress: Callable[[int], None] | None
+    path: Path, dialect: Dialect, core: int | None, progress: Callable[[int], None] | None, most_bytes: int
 ) -> Recording:
-    log = read_dataflash(path, names=RECORDS, progress=progress)
+    log = read_dataflash(path, names=RECORDS, progress=progress, most_bytes=most_bytes)
     source = Source(
         path=path,
         format="dataflash",

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
 
-from companion.analysis import ImuFigures, SensorFigures
-from companion.errors import InputError, SettingsError
+from companion.analysis import ImuFigures, ImuNoise, ModelFigure, SensorFigures, noise_model
+from companion.model import STANDARD_GRAVITY, Flight, InputError, SettingsError
 from companion.settings import data_folder
-from companion.tracks import STANDARD_GRAVITY, Flight
+from companion.toml_file import read_toml
 
 _DEGREE = math.radians(1.0)
 _SI: Mapping[str, float] = {
@@ -69,7 +68,7 @@ _PX4_SIM = 0x14
 class _Figure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     value: Annotated[float, msgspec.Meta(gt=0, le=1e6)]
     unit: str
-    kind: Literal["datasheet", "secondary", "typical"]
+    kind: Literal["datasheet", "secondary", "typical", "measured"]
     source: str
 
     @property
@@ -103,16 +102,59 @@ def load_imu_figures(part: str, reason: str = "asked for") -> ImuFigures:
 
     Raises InputError for a part that the library does not have, SettingsError for a file that is not of that form.
     """
+    found = _load(part)
+    return ImuFigures(part, _sensor(found.gyro), _sensor(found.accel), reason)
+
+
+def imu_model_text(found: ImuNoise, origin: str) -> str:
+    """The file of an IMU of its own, of the form of the library: noise as measured, the rest as its part has it.
+
+    Raises InputError and SettingsError as `load_imu_figures`.
+    """
+    base = _load(found.figures.name)
+    lines = [
+        f"name = {_quoted(f'{found.imu} of {origin}')}",
+        f"datasheet = {_quoted(f'noise measured; the rest is that of {base.name}')}",
+    ]
+    measured = dict(zip(("gyro", "accel"), noise_model(found), strict=True))
+    for sensor, told in measured.items():
+        part: _Sensor = getattr(base, sensor)
+        for name in _Sensor.__struct_fields__:
+            figure: _Figure = getattr(part, name)
+            given = {"noise_density": told.white, "bias_walk": told.walk}.get(name)
+            lines += ["", f"[{sensor}.{name}]", *_figure_lines(figure, given)]
+    return "\n".join(lines) + "\n"
+
+
+def _figure_lines(figure: _Figure, given: ModelFigure | None) -> list[str]:
+    value, kind, source = figure.value, figure.kind, figure.source
+    if given is not None and given.measured:
+        value, kind, source = float(f"{given.value / _SI[figure.unit]:.4g}"), "measured", given.source
+    return [
+        f"value = {value}",
+        f"unit = {_quoted(figure.unit)}",
+        f"kind = {_quoted(kind)}",
+        f"source = {_quoted(source)}",
+    ]
+
+
+def _quoted(text: str) -> str:
+    """A TOML string: JSON's escapes are TOML's too."""
+    return msgspec.json.encode(text).decode()
+
+
+def _load(part: str) -> _Part:
     path = Path(part) if part.endswith(".toml") else data_folder("config") / "imu" / f"{part.lower()}.toml"
     try:
-        found = msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), _Part)
-        return ImuFigures(part, _sensor(found.gyro), _sensor(found.accel), reason)
+        found = msgspec.convert(read_toml(path)[0], _Part)
+        _sensor(found.gyro), _sensor(found.accel)  # units that are none
     except OSError:
         raise InputError(
             f"no IMU model {part!r}. The library has: {', '.join(imu_parts())}; or name a .toml file of that form."
         ) from None
-    except (tomllib.TOMLDecodeError, msgspec.ValidationError, KeyError) as error:
+    except (msgspec.ValidationError, KeyError) as error:
         raise SettingsError(f"{path} does not describe an IMU: {error}. config/imu/README.md says how.") from None
+    return found
 
 
 def ardupilot_id(part: str) -> int:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
 
-from companion.errors import InputError, SettingsError
+from companion.model import InputError, SettingsError
+from companion.toml_file import read_toml
 
 Positive = Annotated[float, msgspec.Meta(gt=0, le=1e6)]  # the upper bound keeps infinity out
 NotNegative = Annotated[float, msgspec.Meta(ge=0, le=1e6)]
@@ -27,6 +27,7 @@ class LogSettings(_Section, frozen=True):
 
     dialect: str = "ardupilotmega"
     dequantise: bool = False
+    max_size_gb: Positive = 0.8
 
 
 class IntegrationSettings(_Section, frozen=True):
@@ -101,15 +102,13 @@ def load_settings(path: str | Path | None = None) -> Settings:
     if path is None:
         return Settings()
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        said, text = read_toml(path)
+    except OSError as error:
         raise InputError(
             f"cannot read the settings file {path}: {error}. Give --config the path of a TOML file."
         ) from None
     try:
-        return msgspec.convert(tomllib.loads(text), Settings)
-    except tomllib.TOMLDecodeError as error:
-        raise SettingsError(f"{path} is not valid TOML: {error}.") from None
+        return msgspec.convert(said, Settings)
     except msgspec.ValidationError as error:
         raise SettingsError(
             f"{path}, line {_line(text, str(error))}: {error}. Every key is described in config/default.toml."

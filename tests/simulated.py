@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import socket
 import threading
 from collections.abc import Iterator
 from typing import Any
 
 from companion.mavlink import open_port, parse_address
-from companion.simulate import Faults, SimulatedVehicle, fly, serve
+from companion.simulate import Faults, Flown, SimulatedVehicle, fly, serve
+from tests.waiting import LIMIT_S
 
 
 def free_port() -> int:
@@ -20,8 +22,8 @@ def free_port() -> int:
 
 @contextlib.contextmanager
 def flying(port: int, *, since: float = 0.0, **changes: Any) -> Iterator[SimulatedVehicle]:
-    """A simulated vehicle that sends to a UDP port of this computer for 2 min; it flew for `since` s before."""
-    vehicle = SimulatedVehicle(fly(120.0, faults=changes.get("faults", Faults())), **changes)
+    """A simulated vehicle that sends to a UDP port of this computer; it flew for `since` s before."""
+    vehicle = SimulatedVehicle(_flown(changes.get("faults", Faults())), **changes)
     end = open_port(parse_address(f"udpout:127.0.0.1:{port}"))
     vehicle.advance(since)
     over = threading.Event()
@@ -33,3 +35,9 @@ def flying(port: int, *, since: float = 0.0, **changes: Any) -> Iterator[Simulat
         over.set()
         thread.join()
         end.close()
+
+
+@functools.lru_cache(maxsize=2)
+def _flown(faults: Faults) -> Flown:
+    """Longer than any test takes, on a busy machine too."""
+    return fly(3 * LIMIT_S, faults=faults)

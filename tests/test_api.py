@@ -15,6 +15,9 @@ import pytest
 
 import companion
 from tests.recordings import ROOT
+from tests.waiting import LIMIT_S
+
+pytestmark = pytest.mark.slow
 
 PAGE = ROOT / "docs" / "api.md"
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
@@ -80,7 +83,7 @@ def test_the_tutorial_runs(tmp_path: Path) -> None:
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=LIMIT_S,
         check=False,
     )
     assert run.returncode == 0, run.stderr

@@ -1,4 +1,4 @@
-"""The arrows of the house: mavlink → telemetry → tracks ← strapdown ← analysis ← view, cli. Nobody goes back up."""
+"""The arrows of the house: mavlink → telemetry → model ← strapdown ← estimation ← analysis ← cli: never back up."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ import companion
 PACKAGE = Path(companion.__file__).parent
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if "data" not in p.relative_to(PACKAGE).parts)
 
-GROUND = {"tracks", "series", "frames", "errors"}
+GROUND = {"model"}
 MAY_IMPORT = {
-    "errors": set[str](),
-    "series": set[str](),
-    "frames": set[str](),
-    "tracks": {"series", "errors"},
-    "settings": {"errors"},
-    "correction": GROUND | {"analysis"},
-    "sensors": GROUND | {"settings", "analysis"},
-    "mavlink": {"errors"},
+    "model": set[str](),
+    "toml_file": GROUND,
+    "settings": GROUND | {"toml_file"},
+    "correction": GROUND | {"toml_file", "analysis"},
+    "sensors": GROUND | {"toml_file", "settings", "analysis"},
+    "mavlink": GROUND,
     "telemetry": GROUND | {"mavlink"},
-    "strapdown": {"tracks", "frames"},
-    "analysis": GROUND | {"strapdown"},
+    "strapdown": GROUND,
+    "estimation": GROUND | {"strapdown"},
+    "analysis": GROUND | {"strapdown", "estimation"},
     "recording": GROUND | {"mavlink", "telemetry"},
     "simulate": GROUND | {"mavlink", "strapdown"},
     "examination": GROUND | {"settings", "sensors", "correction", "analysis"},
-    "documents": GROUND | {"recording", "analysis", "examination"},
-    "export": GROUND | {"analysis"},
+    "documents": GROUND | {"recording", "estimation", "analysis", "examination"},
+    "export": GROUND | {"estimation", "analysis"},
     "live": GROUND | {"mavlink", "telemetry", "analysis"},
-    "view": GROUND | {"strapdown", "analysis"},
-    "report": GROUND | {"settings", "recording", "strapdown", "analysis", "examination", "documents", "view", "report"},
+    "view": GROUND | {"strapdown", "estimation", "analysis"},
+    "report": GROUND
+    | {"settings", "recording", "strapdown", "estimation", "analysis", "examination", "documents", "view", "report"},
     "fleet": GROUND | {"settings", "sensors", "mavlink", "recording", "examination", "documents", "report"},
     "cli": GROUND
     | {
@@ -48,6 +48,7 @@ MAY_IMPORT = {
         "telemetry",
         "recording",
         "strapdown",
+        "estimation",
         "analysis",
         "simulate",
         "live",
@@ -59,16 +60,14 @@ MAY_IMPORT = {
     },
     "__main__": {"cli"},
     "__init__": {"api"},
-    "api": GROUND | {"settings", "recording", "strapdown", "analysis", "examination", "export"},
+    "api": GROUND | {"settings", "recording", "strapdown", "estimation", "analysis", "examination", "export"},
 }
 """Part of the house → the other parts that it may import."""
 
 LIBRARIES = {
-    "errors": set[str](),
-    "series": {"numpy"},
-    "frames": {"numpy"},
-    "tracks": {"numpy"},
+    "model": {"numpy"},
     "strapdown": {"numpy"},
+    "estimation": {"numpy", "scipy", "pygeomag"},
     "analysis": {"numpy"},
     "settings": {"msgspec"},
     "mavlink": {"numpy", "pymavlink", "serial"},
@@ -80,14 +79,14 @@ LIBRARIES = {
     "examination": {"msgspec", "numpy"},
     "documents": {"msgspec", "numpy"},
     "export": {"numpy", "msgspec", "pyarrow", "mcap"},
-    "view": {"numpy", "viser", "rich"},
+    "view": {"numpy", "viser", "rich", "msgspec"},
     "report": {"numpy", "msgspec", "plotly"},
     "fleet": {"numpy", "msgspec", "dask", "distributed", "pyarrow"},
     "cli": {"numpy", "msgspec", "rich"},
 }
 """Part of the house → what it may import from outside, beside the standard library."""
 
-PURE = {"__future__", "collections", "dataclasses", "enum", "functools", "itertools", "math", "types", "typing"}
+PURE = {"__future__", "collections", "dataclasses", "enum", "functools", "itertools", "math", "re", "types", "typing"}
 """What the core may take from the standard library: nothing that reads, waits, prints or runs."""
 
 IMPURE_CALLS = {"open", "print", "input", "exec", "eval", "__import__"}
@@ -126,7 +125,7 @@ def test_a_module_imports_only_what_its_part_may(path: Path) -> None:
             assert top in LIBRARIES.get(part, set()), f"{part} imports {name}"
 
 
-@pytest.mark.parametrize("part", ["series", "frames", "tracks", "strapdown", "analysis"])
+@pytest.mark.parametrize("part", ["model", "strapdown", "estimation", "analysis"])
 def test_the_core_is_pure(part: str) -> None:
     for path in (p for p in MODULES if part_of(p) == part):
         standard = {name.split(".")[0] for name in imports(path)} & sys.stdlib_module_names
@@ -139,7 +138,7 @@ def test_the_core_is_pure(part: str) -> None:
         assert not calls & IMPURE_CALLS, f"{path} calls {calls & IMPURE_CALLS}"
 
 
-@pytest.mark.parametrize("part", ["frames", "strapdown", "analysis"])
+@pytest.mark.parametrize("part", ["model", "strapdown", "estimation", "analysis"])
 def test_a_part_of_the_core_can_be_the_first_that_is_imported(part: str) -> None:
     """The API at the top loads everything when it is first used: no import of a part may count as that."""
     import subprocess  # noqa: PLC0415
@@ -155,10 +154,11 @@ def test_the_core_starts_without_viser() -> None:
     """`companion info` has to answer at once, and a notebook that integrates needs no web server."""
     import subprocess  # noqa: PLC0415  (this test alone starts a process)
 
-    code = "import companion.cli, sys; sys.exit('viser' in sys.modules or 'plotly' in sys.modules)"
+    slow = {"viser", "plotly", "scipy.signal", "pygeomag"}
+    code = f"import companion.cli, sys; sys.exit(not {slow}.isdisjoint(sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_modules_fit_in_a_head() -> None:
-    long = {str(p.relative_to(PACKAGE)): n for p in MODULES if (n := len(p.read_text().splitlines())) > 300}
+    long = {str(p.relative_to(PACKAGE)): n for p in MODULES if (n := len(p.read_text().splitlines())) > 350}
     assert not long

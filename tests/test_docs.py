@@ -13,7 +13,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.processes import ended, next_line, started
 from tests.recordings import ROOT
+from tests.waiting import LIMIT_S
+
+pytestmark = pytest.mark.slow
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
@@ -54,7 +58,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 
 @pytest.mark.parametrize(("page", "command"), COMMANDS, ids=[command for _, command in COMMANDS])
 def test_a_documented_command_works(page: str, command: str, desk: Callable[[str], Path]) -> None:
-    words = shlex.split(command)
+    words = [word.replace("/tmp/", f"{desk(page)}/") for word in shlex.split(command)]  # which others may have too
     if words[0] == "make":
         subprocess.run(["make", "--dry-run", *words[1:]], cwd=ROOT, check=True, capture_output=True)
         return
@@ -64,24 +68,17 @@ def test_a_documented_command_works(page: str, command: str, desk: Callable[[str
     if words[0] == "pip":
         return  # installing is what .ci/run begins with
     if words[:2] == ["companion", "view"]:
-        served = start([*(w for w in words if w != "--open"), "--port", "18080"])
-        assert "http://" in served
+        served = [word for word in words if word != "--open"]
+        with started(*served, "--port", "18080", cwd=desk(page), env=environment()) as process:
+            assert "http://" in next_line(process, process.stdout)
+            ended(process, signal.SIGINT)
+        assert process.returncode == 0
         return
     run = subprocess.run(
-        words, cwd=desk(page), env=environment(desk(page)), capture_output=True, text=True, timeout=120, check=False
+        words, cwd=desk(page), env=environment(desk(page)), capture_output=True, text=True, timeout=LIMIT_S, check=False
     )
     assert run.returncode == 0, run.stderr
     assert run.stdout or run.stderr
-
-
-def start(words: list[str]) -> str:
-    """The first line of a server that is stopped with Ctrl-C once it has said it."""
-    with subprocess.Popen(words, cwd=ROOT, env=environment(), stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout
-        line = process.stdout.readline()
-        process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=20) in {0, 130}
-    return line
 
 
 def test_the_notebook_example_runs(tmp_path: Path) -> None:
@@ -89,7 +86,9 @@ def test_the_notebook_example_runs(tmp_path: Path) -> None:
     assert blocks
     script = tmp_path / "example.py"
     script.write_text("".join(blocks), encoding="utf-8")
-    run = subprocess.run([sys.executable, script], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    run = subprocess.run(
+        [sys.executable, script], cwd=ROOT, capture_output=True, text=True, timeout=LIMIT_S, check=False
+    )
     assert run.returncode == 0, run.stderr
     assert "Statistic(" in run.stdout
 

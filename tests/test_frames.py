@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.frames import SEMI_MAJOR_AXIS, geodetic_from_ned, ned_from_geodetic
+from companion.model import SEMI_MAJOR_AXIS, geodetic_from_ned, ned_from_geodetic
 
 places = st.tuples(
     st.floats(-np.pi / 2 + 1e-3, np.pi / 2 - 1e-3), st.floats(-np.pi + 1e-3, np.pi - 1e-3), st.floats(-400.0, 9000.0)

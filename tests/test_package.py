@@ -13,6 +13,8 @@ import pytest
 import companion
 from tests.recordings import ROOT
 
+pytestmark = pytest.mark.slow
+
 
 def test_settings_and_demo_flight_are_found_from_a_wheel(tmp_path: Path) -> None:
     build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(tmp_path)]

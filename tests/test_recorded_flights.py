@@ -12,6 +12,8 @@ import companion as c
 from tests.oracle import scalar_rk4
 from tests.recordings import BUNDLED, shared
 
+pytestmark = pytest.mark.slow
+
 
 def test_the_bundled_hover_equals_a_scalar_loop() -> None:
     flight = c.open_log(BUNDLED / "copter-hover-100hz.tlog")[0]
@@ -52,7 +54,8 @@ def test_drift_agrees_with_independent_figures(name: str, horizon: int) -> None:
     Where the independent windows began is not known to the second, and with five windows of 30 s, some of them over
     flips, it matters: grids that begin up to 1.5 s after the position does are tried.
     """
-    flight = c.open_log(shared(f"sitl/{name}.tlog"))[0]
+    bundled = BUNDLED / f"{name}.tlog"
+    flight = c.open_log(bundled if bundled.exists() else shared(f"sitl/{name}.tlog"))[0]
     position = flight.position
     assert position
     found = []

@@ -22,6 +22,8 @@ from companion.view import ReplayChoice, palette, tables
 from companion.view.moment import footage
 from tests.recordings import BUNDLED
 
+pytestmark = pytest.mark.slow
+
 DEMO = str(BUNDLED / "copter-demo-100hz.tlog")
 QUANTITIES = ("attitude_deg", "velocity_mps", "position_m")
 STATISTICS = ("median", "p95", "max")
@@ -74,7 +76,7 @@ def same(shown: str, value: float) -> bool:
 
 
 def test_the_terminal(flight: Document, capsys: Captured) -> None:
-    assert main(["analyze", DEMO]) == 0
+    assert main(["analyze", DEMO, "--full"]) == 0
     drift, rest = capsys.readouterr().out.split("What it should be")
     rows = [line.split() for line in drift.splitlines() if re.match(r" *\d+ s ", line)]
     expected = [line.split() for line in rest.split("Every IMU")[0].splitlines() if re.match(r" *\d+ s ", line)]

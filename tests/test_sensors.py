@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
+from companion.model import Flight
 from companion.sensors import figures_of, imu_parts
 from companion.strapdown import motions
-from companion.tracks import Flight
 from tests.flights import flight_of, seconds
 
 

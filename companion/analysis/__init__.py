@@ -2,6 +2,7 @@
 
 from companion.analysis.alignment import Alignment, Later, align
 from companion.analysis.autopilot_bias import AutopilotBias, autopilot_bias
+from companion.analysis.autopilot_error import AutopilotError, autopilot_error
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.clips import Clips, clip_counts
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, trailing, windows
@@ -10,19 +11,23 @@ from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correctio
 from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, drift, drift_of
 from companion.analysis.envelope import Expectation, expected_since_anchor
 from companion.analysis.figures import GENERIC, ImuFigures, ReferenceFigures, SensorFigures
-from companion.analysis.finding import Finding, by_severity
+from companion.analysis.finding import Cause, Finding, by_severity
 from companion.analysis.findings import rate_warning
 from companion.analysis.free_run import FreeRun, FreeState
 from companion.analysis.gravity import gravity_for
 from companion.analysis.integration import Integration
+from companion.analysis.inventory import Item, inventory, used_imus
+from companion.analysis.noise import AxisNoise, FlightNoise, ImuNoise, RestNoise, imu_noise
+from companion.analysis.noise_model import ModelFigure, SensorModel, noise_model
+from companion.analysis.phases import phases
 from companion.analysis.pose_error import PoseError, Spread, ape, rpe
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Replay, replay, replay_from_rest
 from companion.analysis.reported import reported_by
 from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift
+from companion.analysis.sensitivity import Sensitivity
 from companion.analysis.siblings import Sibling, odd_one_out, siblings
-from companion.analysis.spectrum import Spectrum, Vibration, imu_spectrum, vibration, welch
 from companion.analysis.verdict import Assessment, Expected, Verdict, assess
 
 __all__ = [
@@ -34,7 +39,10 @@ __all__ = [
     "Alignment",
     "Assessment",
     "AutopilotBias",
+    "AutopilotError",
+    "AxisNoise",
     "Calibration",
+    "Cause",
     "Change",
     "Clips",
     "Comparison",
@@ -46,31 +54,37 @@ __all__ = [
     "Expected",
     "FigureChange",
     "Finding",
+    "FlightNoise",
     "FreeRun",
     "FreeState",
     "ImuFigures",
+    "ImuNoise",
     "Integration",
+    "Item",
     "Later",
     "Limits",
+    "ModelFigure",
     "PoseError",
     "Reference",
     "ReferenceFigures",
     "Replay",
     "Rest",
+    "RestNoise",
     "RunningDrift",
+    "Sensitivity",
     "SensorFigures",
+    "SensorModel",
     "Sibling",
-    "Spectrum",
     "Spread",
     "Statistic",
     "Verdict",
-    "Vibration",
     "WindowErrors",
     "Windows",
     "align",
     "ape",
     "assess",
     "autopilot_bias",
+    "autopilot_error",
     "by_severity",
     "calibrate",
     "clip_counts",
@@ -81,8 +95,11 @@ __all__ = [
     "errors",
     "expected_since_anchor",
     "gravity_for",
-    "imu_spectrum",
+    "imu_noise",
+    "inventory",
+    "noise_model",
     "odd_one_out",
+    "phases",
     "rate_warning",
     "reference_at",
     "replay",
@@ -92,7 +109,6 @@ __all__ = [
     "rpe",
     "siblings",
     "trailing",
-    "vibration",
-    "welch",
+    "used_imus",
     "windows",
 ]

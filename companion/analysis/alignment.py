@@ -16,9 +16,8 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.reference import nearest
 from companion.analysis.rest import Rest, rests, why_none
-from companion.errors import DataError
+from companion.model import Array, DataError, Flight, ImuTrack
 from companion.strapdown import Propagation, preintegrate, propagate, quaternion
-from companion.tracks import Array, Flight, ImuTrack
 
 LATER_S = (1.0, 10.0, 60.0)
 _MAGNETIC = 0.05  # rad, 1σ of a magnetic heading: what is left of hard and soft iron

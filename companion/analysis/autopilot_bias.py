@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.analysis.compare import length
-from companion.tracks import Array, Flight, ImuTrack
+from companion.model import Array, Flight, ImuTrack
 
 _BLOCK_S = 1.0
 _FEWEST = 5  # blocks

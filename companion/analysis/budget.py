@@ -15,8 +15,8 @@ import numpy as np
 from companion.analysis.comparison import Comparison, IntArray, Windows, errors
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.stamps import jitter_covariance
+from companion.model import Array, ImuTrack
 from companion.strapdown import Propagation, propagate
-from companion.tracks import Array, ImuTrack
 
 ATTITUDE, VELOCITY, POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
 
@@ -118,8 +118,23 @@ def turn_jacobian(growth: Propagation) -> Array:
 
 
 def nees(error: Array, covariance: Array) -> Array:
-    """Normalised estimation error squared of each window, (W,): errors (W, k), covariances (W, k, k)."""
-    return np.asarray(np.einsum("wi,wi->w", error, np.linalg.solve(covariance, error[..., None])[..., 0]))
+    """Normalised estimation error squared of each window, (W,): errors (W, k), covariances (W, k, k).
+
+    NaN, which is inside of nothing, where a covariance cannot be inverted: nothing is known of that window.
+    """
+    try:
+        solved = np.linalg.solve(covariance, error[..., None])[..., 0]
+    except np.linalg.LinAlgError:  # one of them, which costs all: NumPy does not say which
+        solved = np.array([_solved(own, by) for own, by in zip(covariance, error, strict=True)])
+    return np.asarray(np.einsum("wi,wi->w", error, solved))
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """The solution (k,), NaN where there is none."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right))
+    except np.linalg.LinAlgError:
+        return np.full(right.shape, np.nan)
 
 
 def chi_square(k: int, z: float) -> float:

@@ -21,8 +21,8 @@ from companion.analysis.comparison import Comparison, Half, Windows, windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS, Correction
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.reference import BoolArray
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack
 from companion.strapdown import quaternion
-from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack
 
 _COUNT = len(NAMES)
 _LASTING: Final = ("autopilot_tilt_north", "autopilot_tilt_east", "autopilot_heading", "gravity")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.series import Series
+from companion.model import Series
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from companion.model import Array
 from companion.strapdown import quaternion
-from companion.tracks import Array
 
 
 def attitude_error(q_ref: Array, q: Array) -> Array:

@@ -20,8 +20,8 @@ from companion.analysis.reference import (
     position_jumps,
     reference_at,
 )
+from companion.model import Array, Flight, ImuTrack
 from companion.strapdown import Preintegration, preintegrate
-from companion.tracks import Array, Flight, ImuTrack
 
 IntArray = npt.NDArray[np.intp]
 Half = Literal["even", "odd"]

@@ -16,7 +16,7 @@ from companion.analysis.finding import Finding
 from companion.analysis.ranks import shift
 from companion.analysis.reference import nearest
 from companion.analysis.verdict import Assessment, Expected
-from companion.tracks import Array
+from companion.model import Array
 
 QUANTITIES = ("attitude", "velocity", "position")
 _SMALLEST = 1e-12  # rad, m/s, m: an error of zero has no logarithm

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from companion.tracks import Array, ImuTrack
+from companion.model import Array, ImuTrack
 
 PARTS: Final[Mapping[str, slice]] = {
     "gyro_bias": slice(0, 3),

@@ -11,7 +11,7 @@ from companion.analysis.comparison import Windows
 from companion.analysis.reference import nearest
 from companion.analysis.replay import Replay
 from companion.analysis.verdict import Assessment
-from companion.tracks import Array
+from companion.model import Array
 
 _POINTS = 2400
 _SAMPLES = 2_500_000  # in all windows together: a third of a second to a second of work

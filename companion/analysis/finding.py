@@ -10,12 +10,31 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.analysis.reference import BoolArray
-from companion.tracks import Array
+from companion.model import Array
 
 IntArray = npt.NDArray[np.intp]
 
 Side = Literal["imu", "autopilot", "data"]
 Severity = Literal["info", "warning", "error"]
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """What is wrong, in numbers: SI, boot clock."""
+
+    kind: str
+    side: Side
+    onset_s: float
+    end_s: float | None = None  # None: it lasts to the end
+    onset_sigma_s: float | None = None
+    sensor: str = ""  # "gyro", "accel", "gps", "compass", "barometer"; "" where it is none, or none alone
+    axis: str = ""  # "x", "y", "z" of the body; "" where it is not one alone
+    size: float | None = None  # length of the vector, at its greatest
+    sigma: float | None = None
+    unit: str = ""
+    rival: str = ""  # kind of the next best explanation; "" where none was near
+    rival_worse: float | None = None  # log-likelihood by which it explains less
+    consequences: tuple[str, ...] = ()  # what it did to the autopilot's estimate, in words
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,12 +48,20 @@ class Finding:
     end_s: float
     evidence: str
     advice: str
+    headline: str = ""  # the evidence in one clause; "" where that is one
+    cause: Cause | None = None
 
 
 def by_severity(found: Iterable[Finding]) -> tuple[Finding, ...]:
     """Errors first, then warnings, then what is only said; each in order of time."""
     order = get_args(Severity)[::-1]
     return tuple(sorted(found, key=lambda f: (order.index(f.severity), f.start_s)))
+
+
+def setting(px4: str, ardupilot: str, autopilot: str) -> str:
+    """The name of a setting at the autopilot at hand; both where that is neither."""
+    known = {"PX4": px4, "ARDUPILOTMEGA": ardupilot}
+    return known.get(autopilot, f"{ardupilot} (ArduPilot), {px4} (PX4)")
 
 
 def digits(value: Array, decimals: int) -> str:

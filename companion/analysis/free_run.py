@@ -9,8 +9,8 @@ import numpy as np
 from companion.analysis.compare import attitude_error
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.replay import Replay
+from companion.model import Array, ImuTrack, NavState
 from companion.strapdown import Reckoner
-from companion.tracks import Array, ImuTrack, NavState
 
 _SETTLED_S = 2.0  # samples older than this change no more: packets come late, and the last cubic is one-sided
 _CONTEXT = 3  # samples before the state, for the cubic through four

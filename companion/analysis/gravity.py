@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from companion.errors import DataError
+from companion.model import STANDARD_GRAVITY, DataError, Flight
 from companion.strapdown import normal_gravity
-from companion.tracks import STANDARD_GRAVITY, Flight
 
 
 def gravity_for(flight: Flight, model: str | float) -> float:

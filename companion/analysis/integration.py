@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from companion.analysis.reference import Limits
-from companion.tracks import STANDARD_GRAVITY
+from companion.model import STANDARD_GRAVITY
 
 
 @dataclass(frozen=True, slots=True)

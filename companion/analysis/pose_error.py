@@ -13,8 +13,8 @@ import numpy as np
 from companion.analysis.compare import attitude_error, length
 from companion.analysis.comparison import IntArray
 from companion.analysis.replay import Replay
+from companion.model import Array
 from companion.strapdown import quaternion
-from companion.tracks import Array
 
 
 @dataclass(frozen=True, slots=True)

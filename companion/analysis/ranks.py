@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.tracks import Array
+from companion.model import Array
 
 _TAIL, _Z = 0.025, 1.959964  # 95 % in between
 _EXACT = 50  # values a side; beyond, the normal approximation is as good

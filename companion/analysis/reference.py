@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.analysis.compare import attitude_error, length
+from companion.model import Array, AttitudeTrack, PositionTrack
 from companion.strapdown import quaternion
-from companion.tracks import Array, AttitudeTrack, PositionTrack
 
 BoolArray = npt.NDArray[np.bool_]
 

@@ -11,9 +11,8 @@ from companion.analysis.compare import attitude_error
 from companion.analysis.comparison import IntArray
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import BoolArray, Reference, nearest, reference_at
-from companion.errors import DataError
+from companion.model import Array, DataError, Flight, ImuTrack
 from companion.strapdown import preintegrate, quaternion
-from companion.tracks import Array, Flight, ImuTrack
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +82,9 @@ def replay(
     t = track.t[shown]
     anchors = np.array([usable[0]])
     if reanchor_s is not None:
-        wanted = t[0] + reanchor_s * np.arange(1, int((t[-1] - t[0]) / reanchor_s) + 1)
+        turn = np.unique(np.floor((t - t[0]) / reanchor_s))  # not those in holes, which may be of any length
+        turn = np.unique(np.concatenate([turn - 1, turn, turn + 1]))
+        wanted = t[0] + reanchor_s * turn[(turn > 0) & (turn <= (t[-1] - t[0]) / reanchor_s)]
         later = nearest(track.t, wanted)
         delayed = np.searchsorted(usable, later)
         anchors = np.unique(np.concatenate([anchors, usable[delayed[delayed < len(usable)]]]))

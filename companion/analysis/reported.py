@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.analysis.figures import ReferenceFigures
-from companion.tracks import Flight
+from companion.model import Flight
 
 _LEAST = 1e-4  # rad, m/s: nobody is more certain
 

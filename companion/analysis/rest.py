@@ -17,7 +17,7 @@ from companion.analysis.compare import length
 from companion.analysis.figures import ImuFigures
 from companion.analysis.finding import IntArray, run_edges
 from companion.analysis.reference import BoolArray
-from companion.tracks import STANDARD_GRAVITY, Array, Flight, ImuTrack
+from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack
 
 _BLOCK_S, _BLOCK_SAMPLES = 0.5, 5  # a block is as long as both need
 _SHORTEST_S = 3.0
@@ -132,23 +132,23 @@ def _possible(flight: Flight, blocks: _Blocks) -> BoolArray:
     """Blocks in which nothing that the autopilot knows speaks against rest."""
     begin, end = blocks.t[:-1], blocks.t[1:]
     fine = np.ones(len(begin), np.bool_)
-    armed, known = _armed(flight, begin, end)
+    motors, known = armed(flight, begin, end)
     position = flight.position
     if position is not None and len(position) > 1:
         inside = (begin >= position.t[0]) & (end <= position.t[-1])
         speed = np.interp(0.5 * (begin + end), position.t, length(position.velocity))
-        fine &= ~inside | (speed < _SLOW) | (known & ~armed)  # an estimator that starts up may think that it moves
+        fine &= ~inside | (speed < _SLOW) | (known & ~motors)  # an estimator that starts up may think that it moves
         down = np.interp(0.5 * (begin + end), position.t, position.position[:, 2])
         if np.ptp(position.position[:, 2]) > _FLOWN_M:
             ground = float(position.position[:, 2].max()) - _GROUND_M
-            fine &= ~inside | (down > ground) | (known & ~armed)
-    if armed.any():  # motors off and motors on are not the same
+            fine &= ~inside | (down > ground) | (known & ~motors)
+    if motors.any():  # motors off and motors on are not the same
         loud = float(np.percentile(blocks.gyro_spread, 75.0))
-        fine &= ~armed | (blocks.gyro_spread * _CONTRAST < loud)
+        fine &= ~motors | (blocks.gyro_spread * _CONTRAST < loud)
     return np.asarray(fine)
 
 
-def _armed(flight: Flight, begin: Array, end: Array) -> tuple[BoolArray, BoolArray]:
+def armed(flight: Flight, begin: Array, end: Array) -> tuple[BoolArray, BoolArray]:
     """Whether the vehicle was armed in some of each block, and whether that is known."""
     told = [(e.t, e.kind == "armed") for e in flight.events if e.kind in {"armed", "disarmed"}]
     heard = "HEARTBEAT" in flight.messages

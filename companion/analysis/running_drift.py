@@ -11,8 +11,7 @@ import numpy as np
 from companion.analysis.comparison import Comparison, Part, WindowErrors, compare, edges, errors, grid_origin, windows
 from companion.analysis.drift import HORIZONS_S, DriftRow, drift_row
 from companion.analysis.integration import DEFAULT, Integration
-from companion.errors import DataError
-from companion.tracks import Array, Flight
+from companion.model import Array, DataError, Flight
 
 MOST_WINDOWS = 40_000
 """Of a horizon. At 1 s that is 11 h; then the oldest are forgotten, which bounds the memory."""

@@ -12,7 +12,7 @@ from companion.analysis.comparison import Comparison, windows
 from companion.analysis.drift import DriftRow, drift_of
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding
-from companion.tracks import Flight
+from companion.model import Flight
 
 _HORIZON_S = 5.0
 _RATE_HZ = 10.0  # below it an IMU says nothing about itself
@@ -65,7 +65,8 @@ def odd_one_out(all_of_them: tuple[Sibling, ...]) -> Finding | None:
         float(odd.drift.errors.end_s[-1]),
         f"{odd.imu} is inside its bound in {odd.inside[worst]:.0%} of the windows ({worst}), "
         f"{good[0].imu} in {min(good[0].inside.values()):.0%}",
-        f"The autopilot and {good[0].imu} agree: it is {odd.imu} that is wrong.",
+        f"The autopilot and {good[0].imu} agree: it is {odd.imu} that is wrong. Calibrate it; replace "
+        "it if that does not mend it.",
     )
 
 

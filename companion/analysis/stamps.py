@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from companion.analysis.comparison import Windows
+from companion.model import Array, ImuTrack
 from companion.strapdown import Propagation
-from companion.tracks import Array, ImuTrack
 
 _FINEST = 4  # a stream may be sent at every second or third tick of the autopilot's loop, as it comes
 _REGULAR = 0.1  # part of a tick that regular stamps keep to

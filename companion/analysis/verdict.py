@@ -25,18 +25,21 @@ from companion.analysis.comparison import Comparison, Windows, compare, windows
 from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.figures import ImuFigures, ReferenceFigures
-from companion.analysis.finding import Finding, Side
-from companion.analysis.findings import findings
+from companion.analysis.finding import Cause, Finding, by_severity
+from companion.analysis.findings import findings, reading_faults
 from companion.analysis.integration import DEFAULT, Integration
+from companion.analysis.phases import phases
 from companion.analysis.rest import Rest, rests
-from companion.tracks import Flight, ImuTrack
+from companion.analysis.sensitivity import Sensitivity, sensitivity
+from companion.estimation import BestEstimate, smooth
+from companion.model import Array, DataError, Flight, ImuTrack, Phase
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
 
 _BLOCKS = {"attitude": ATTITUDE, "velocity": VELOCITY, "position": POSITION}
 _JUDGED_S = 5.0  # the horizon that consistency and calibration are judged at
 _FEWEST_WINDOWS = 3
-_CONSISTENT_SHARE = 0.7  # of windows inside the 99.9 % bound: the windows of a flight share one draw of its biases
+_CONSISTENT_SHARE = 0.7  # of windows inside the 95 % bound: the windows of a flight share one draw of its biases
 _Z_999 = 3.0902
 
 
@@ -59,6 +62,7 @@ class Verdict:
     status: Status
     summary: str
     findings: tuple[Finding, ...]
+    cause: Cause | None = None  # the first cause in time, that the summary is about; None where nobody is suspect
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +81,8 @@ class Assessment:
     corrected: Drift | None  # with the calibration, on the windows that it was not fitted to
     uncorrected: Drift | None  # the same windows without it
     verdict: Verdict
+    best: BestEstimate | None  # the third opinion; None where the flight allows none
+    sensitivity: Sensitivity  # what the flight could have shown
     made_worse: bool  # whether the calibration spoils windows that it was not fitted to: the errors are not constant
 
 
@@ -110,10 +116,22 @@ def assess(
             before = _held_out(comparison)
             after = _held_out(compare_with(half.correction.apply(track)))
     sampling = allowed.shares["attitude"]["sampling"] if allowed else 0.0
-    found, clean = findings(flight, comparison, sampling, compare_with, figures, noise, autopilot)
-    if clean is not comparison:
-        judged = windows(clean, _JUDGED_S)
-        allowed = _expected(clean, judged, figures, autopilot)
+    faults = reading_faults(flight, comparison, figures, autopilot)
+    parts = phases(flight)
+    lost = next((part for part in parts if part.kind == "impact"), None)
+    if lost is not None:
+        faults = [f for f in faults if f.start_s < lost.start]
+    own = replace(flight, imus={**flight.imus, track.source: track})
+    best = _best(own, track.source, how.gravity, faults, lost)
+    found, clean = findings(flight, comparison, sampling, compare_with, figures, noise, autopilot, faults, best)
+    if lost is not None:
+        found = by_severity((_control_lost(lost), *(f for f in found if f.start_s < lost.start)))
+    third = best if best is not None and _independent(best) else None
+    usual = figures if third is None else in_flight(figures, third)
+    if third is not None:
+        clean = compare_with(_unbiased(clean.track, third))
+    judged = _while_judged(windows(clean, _JUDGED_S), clean.track.t, parts)
+    allowed = _expected(clean, judged, usual, autopilot)
     return Assessment(
         comparison=comparison,
         drift=drift_over(comparison, sets),
@@ -126,7 +144,9 @@ def assess(
         calibration=calibration,
         corrected=after,
         uncorrected=before,
-        verdict=_verdict(judged, allowed, found),
+        verdict=_verdict(judged, allowed, found, third),
+        best=best,
+        sensitivity=sensitivity(best),
         made_worse=_made_worse(before, after, autopilot),
     )
 
@@ -176,65 +196,134 @@ def _held_out(comparison: Comparison) -> Drift:
     return drift_over(comparison, [replace(windows(comparison, _JUDGED_S).every_other("odd"), excluded={})])
 
 
-def _verdict(judged: Windows, expected: Expected | None, found: tuple[Finding, ...]) -> Verdict:
-    sides: tuple[Side, ...] = ("data", "imu", "autopilot")
-    errors_of = {side: [f for f in found if f.side == side and f.severity == "error"] for side in sides}
-    if errors_of["data"]:
-        finding = errors_of["data"][0]
-        return Verdict("insufficient_data", f"This log cannot tell: {finding.evidence}.", found)
-    if expected is None or len(judged.start) < _FEWEST_WINDOWS:
-        reasons = ", ".join(f"{n} {reason}" for reason, n in judged.excluded.items()) or "the flight is short"
-        return Verdict(
-            "insufficient_data",
-            f"This log cannot tell: only {len(judged.start)} windows of {_JUDGED_S:g} s can be used ({reasons}).",
-            found,
-        )
-    for side in sides[1:]:
-        if errors_of[side]:
-            first = errors_of[side][0]
-            name = "IMU" if side == "imu" else "autopilot's estimate"
-            return Verdict(
-                "imu_suspect" if side == "imu" else "autopilot_suspect",
-                f"Suspect the {name}: {_KINDS[first.kind]} from {first.start_s:.1f} to {first.end_s:.1f} s.",
-                found,
-            )
-    outside = {name: 1 - share for name, share in expected.plausible.items() if share < _CONSISTENT_SHARE}
-    if outside:
-        worst = max(outside, key=lambda name: outside[name])
-        noisy = [f for f in found if f.kind in {"gyro_noise", "accel_noise"}]
-        if noisy:
-            return Verdict(
-                "imu_suspect",
-                f"Suspect the IMU's noise, not a bias: {noisy[0].evidence}. {outside[worst]:.0%} of the windows of "
-                f"{_JUDGED_S:g} s are beyond the 99.9 % bound in {worst}.",
-                found,
-            )
-        return Verdict(
-            "imu_suspect",
-            f"The IMU drifts more than it should: {outside[worst]:.0%} of the windows are beyond the 99.9 % bound in "
-            f"{worst}, and no single cause stands out.",
-            found,
-        )
+def _control_lost(lost: Phase) -> Finding:
+    return Finding(
+        "control_lost",
+        "data",
+        "warning",
+        lost.start,
+        lost.end,
+        f"control was lost at {lost.start:.1f} s ({lost.reason}); nothing after it is judged",
+        "Look at motors, propellers and the desired attitude before it: a vehicle that tumbles misleads every sensor.",
+    )
+
+
+_UNTRUSTED = ("frozen", "stuck_axis", "gyro_clipping", "accel_clipping")
+
+
+def _best(
+    flight: Flight, imu: str, gravity: float, faults: Sequence[Finding], lost: Phase | None
+) -> BestEstimate | None:
+    """The best estimate, with the IMU's readings left out where they are none; None where there can be none.
+
+    lost: from when on nothing is judged.
+    """
+    untrusted = [(f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED]
+    span = None if lost is None else (-np.inf, lost.start)
+    try:
+        return smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted)
+    except DataError:
+        return None
+
+
+def _while_judged(chosen: Windows, t: Array, parts: Sequence[Phase]) -> Windows:
+    """The windows in which the estimator has aligned and the vehicle is in control."""
+    out = np.zeros(len(chosen.start), np.bool_)
+    for part in parts:
+        if part.kind in ("aligning", "impact"):
+            out |= (t[chosen.start] < part.end) & (t[chosen.end] > part.start)
+    if not out.any():
+        return chosen
+    reasons = {**chosen.excluded, "while the estimator aligned or control was lost": int(out.sum())}
+    kept = ~out
+    return replace(chosen, start=chosen.start[kept], end=chosen.end[kept], number=chosen.number[kept], excluded=reasons)
+
+
+def _independent(best: BestEstimate) -> bool:
+    """Whether anything but the IMU told the estimate of its turns.
+
+    Without it a bias that steps is learned as noise, and nothing would contradict.
+    """
+    return not {"gps_position", "compass"}.isdisjoint(best.residuals)
+
+
+def in_flight(figures: ImuFigures, best: BestEstimate) -> ImuFigures:
+    """The part's figures with the noise that it has in this flight, over seconds."""
+    gyro, accel = best.noise.gyro_noise * best.lasting[0], best.noise.accel_noise * best.lasting[1]
+    return replace(
+        figures,
+        gyro=replace(figures.gyro, noise_density=max(figures.gyro.noise_density, gyro)),
+        accel=replace(figures.accel, noise_density=max(figures.accel.noise_density, accel)),
+    )
+
+
+def _unbiased(track: ImuTrack, best: BestEstimate) -> ImuTrack:
+    """The track without the usual bias of the best estimate: one that the autopilot knows and removes is no fault."""
+    states = best.states
+    return replace(
+        track,
+        gyro=track.gyro - np.median(states.gyro_bias, axis=0),
+        accel=track.accel - np.median(states.accel_bias, axis=0),
+    )
+
+
+def _verdict(
+    judged: Windows, expected: Expected | None, found: tuple[Finding, ...], best: BestEstimate | None
+) -> Verdict:
+    """The first cause in time; without one, whether IMU and autopilot agree, as far as the flight can tell."""
+    causes = sorted((f for f in found if f.severity == "error" and f.side != "data"), key=lambda f: f.start_s)
+    lacking = _lacking(judged, expected, found, bool(causes))
+    if lacking is not None or expected is None:
+        return Verdict("insufficient_data", lacking or "This log cannot tell.", found)
+    if causes:
+        first = causes[0]
+        whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
+        status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
+        return Verdict(status, f"Suspect {whom}: {_headline(first)}.", found, _cause(first))
+    doubt = _doubt(judged, expected, found, best)
+    if doubt is not None:
+        return Verdict("insufficient_data", f"This log cannot tell: {doubt}.", found)
     return Verdict(
         "consistent",
-        f"IMU and autopilot agree: what drifts is within what this sensor's errors explain (in "
-        f"{min(expected.inside.values()):.0%} of {len(judged.start)} windows of {_JUDGED_S:g} s).",
+        f"IMU and autopilot agree within the expected error ({min(expected.inside.values()):.0%} of "
+        f"{len(judged.start)} windows of {_JUDGED_S:g} s inside the 95 % bound).",
         found,
     )
 
 
-_KINDS = {
-    "gyro_bias": "a gyro bias",
-    "accel_bias": "an accelerometer offset",
-    "frozen": "its readings stand still",
-    "stuck_axis": "an axis stands still",
-    "axes_wrong": "its axes are not the body's",
-    "gyro_clipping": "the gyro is at the end of its range",
-    "accel_clipping": "the accelerometer is at the end of its range",
-    "position_jump": "its position jumps",
-    "heading_jump": "its heading jumps",
-    "heading_wrong": "its heading is wrong",
-    "attitude_diverging": "its attitude drifts away",
-    "attitude_tilted": "its attitude leans over",
-    "position_diverging": "its position drifts away",
-}
+def _lacking(judged: Windows, expected: Expected | None, found: tuple[Finding, ...], has_cause: bool) -> str | None:
+    """Why nothing can be judged; None where it can."""
+    lost = next((f for f in found if f.kind == "control_lost"), None)
+    if lost is not None and not has_cause:
+        return f"Loss of control: {lost.evidence}. Before it no sensor is at fault."
+    data = [f for f in found if f.side == "data" and f.severity == "error"]
+    if data:
+        return f"This log cannot tell: {data[0].evidence}."
+    if expected is None or len(judged.start) < _FEWEST_WINDOWS:
+        reasons = ", ".join(f"{n} {reason}" for reason, n in judged.excluded.items()) or "the flight is short"
+        return f"This log cannot tell: only {len(judged.start)} windows of {_JUDGED_S:g} s can be used ({reasons})."
+    return None
+
+
+def _doubt(judged: Windows, expected: Expected, found: tuple[Finding, ...], best: BestEstimate | None) -> str | None:
+    """What speaks against agreement although nothing explains it; None where nothing does."""
+    worst = min(expected.inside, key=lambda name: expected.inside[name])
+    share = expected.inside[worst]
+    if share < _CONSISTENT_SHARE:
+        return (
+            f"IMU and autopilot differ in {worst} by more than expected (only {share:.0%} of {len(judged.start)} "
+            f"windows of {_JUDGED_S:g} s inside the 95 % bound), and "
+            + ("no single cause explains it" if best is not None else "no third witness tells which is wrong")
+        )
+    return next((f.evidence for f in found if f.side == "data" and f.kind.endswith("_off")), None)
+
+
+def _headline(finding: Finding) -> str:
+    """What is wrong and when, without the rivals and consequences that stand in the finding."""
+    if finding.headline and finding.cause is not None:
+        return finding.headline  # has its time, with how sure it is
+    return f"{finding.headline or finding.evidence}, from {finding.start_s:.1f} to {finding.end_s:.1f} s"
+
+
+def _cause(finding: Finding) -> Cause:
+    return finding.cause or Cause(finding.kind, finding.side, finding.start_s, finding.end_s)

@@ -1,4 +1,4 @@
-"""`companion analyze LOG`: the verdict, the drift, what it should be, the calibration."""
+"""`companion analyze LOG`: the verdict on one screen; with --full the drift, what it should be, the calibration."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from rich.markup import escape
 
 from companion.analysis import rate_warning
 from companion.cli import options, sensor_lines, tables
+from companion.cli.first_screen import first_screen
 from companion.cli.info import reference_line
 from companion.documents import analysis_document, encode, unexamined_document
-from companion.errors import DataError
 from companion.examination import Examination, Unexamined, examine, unexaminable
+from companion.model import DataError
 from companion.recording import Source
 
 
@@ -26,6 +27,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     options.add_judgement(parser)
     options.add_anchor(parser)
+    parser.add_argument("--full", action="store_true", help="everything: all findings, all tables, the calibration")
     parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
     parser.add_argument(
         "--fail-on",
@@ -56,7 +58,11 @@ def run(arguments: argparse.Namespace) -> int:
         print(encode(analysis_document(recording.source, examined)))
     else:
         console = tables.console()
-        _print(examined, console)
+        if arguments.full:
+            _print(examined, console)
+        else:
+            for line in first_screen(examined, console.width):
+                console.print(line, highlight=False)
         _print_alignment(examined, console)
     status = examined.assessment.verdict.status
     failed = {"suspect": status.endswith("suspect"), "insufficient": status != "consistent"}

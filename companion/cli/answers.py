@@ -12,20 +12,21 @@ from companion.analysis import (
     NO_CORRECTION,
     Assessment,
     Correction,
+    ImuNoise,
     Integration,
     Replay,
     errors,
     expected_since_anchor,
+    imu_noise,
     replay,
     replay_from_rest,
     trailing,
 )
 from companion.correction import load_correction
-from companion.errors import DataError
 from companion.examination import Examination, align_imu, assess_imu, examine
+from companion.model import DataError, Flight
 from companion.recording import Source
 from companion.settings import Settings
-from companion.tracks import Flight
 
 if TYPE_CHECKING:  # viser is slow to import, and only `view` needs it
     from companion.view import Footage, Insight, Reckoning, ReplayChoice
@@ -74,6 +75,7 @@ class Answers:
             horizon_s=choice.horizon_s,
             siblings=examined.siblings,
             expected=expected_since_anchor(assessment, film.replay),
+            noise=_noise_of(flight, assessment),
         )
 
     def _replay(self, flight: Flight, imu: str | None, choice: ReplayChoice, how: Integration) -> Replay:
@@ -126,6 +128,14 @@ class Answers:
         if correction is None:
             raise DataError("This flight has too few usable windows to calibrate with. Record a longer one.")
         return correction
+
+
+def _noise_of(flight: Flight, found: Assessment) -> ImuNoise | None:
+    comparison = found.comparison
+    try:
+        return imu_noise(flight, comparison.track.source, found.figures, comparison.how.limits)
+    except DataError:
+        return None
 
 
 def _correction_of(found: Assessment) -> Correction | None:

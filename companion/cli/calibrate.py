@@ -7,8 +7,8 @@ from pathlib import Path
 
 from companion.cli import destination, options, sensor_lines, tables
 from companion.correction import correction_text
-from companion.errors import DataError
 from companion.examination import assess_imu
+from companion.model import DataError
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

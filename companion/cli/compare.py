@@ -13,8 +13,8 @@ from rich.table import Table
 from companion.analysis import Change, Contrast, DriftRow, Expected, contrast
 from companion.cli import options, sensor_lines, tables
 from companion.documents import contrast_document, encode
-from companion.errors import DataError, SettingsError
 from companion.examination import Examination, examine
+from companion.model import DataError, SettingsError
 from companion.recording import Recording
 
 _OF_B = {

@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from companion.errors import InputError
+from companion.model import InputError
 
 
 def check(path: Path, *, force: bool) -> None:
     """Whether a file can be written there, before the work is done. Raises InputError when it cannot."""
     if path.is_dir() or not path.parent.is_dir():
         raise InputError(f"cannot write {path}: {'it is a folder' if path.is_dir() else 'there is no such folder'}.")
+    if path.is_symlink() or (path.exists() and not path.is_file()):
+        raise InputError(
+            f"cannot write {path}: it is a link, a pipe or a device, and none of these is replaced, not with --force "
+            "either. Name a file."
+        )
     if path.exists() and not force:
         raise InputError(f"{path} exists. Choose another name, or replace it with --force.")
 
 
 def check_folder(path: Path, *, force: bool) -> None:
     """Whether files can be written into a folder, which need not be there yet. Raises InputError when they cannot."""
+    if path.is_symlink():
+        raise InputError(f"cannot write into {path}: it is a link. Name the folder itself.")
     if (path.exists() and not path.is_dir()) or not path.parent.is_dir():
         raise InputError(f"cannot write into {path}: {'it is a file' if path.exists() else 'there is no such folder'}.")
     if path.is_dir() and any(path.iterdir()) and not force:
@@ -32,14 +40,21 @@ def replacing(path: Path) -> Iterator[Path]:
 
     Raises InputError when the place cannot be written.
     """
-    part = path.with_name(f".{path.name}.part")
+    part: Path | None = None
     try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)  # no planted link
+        part = Path(name)
+        mask = os.umask(0)
+        os.umask(mask)
+        part.chmod(0o666 & ~mask)  # as any other new file
+        os.close(handle)
         yield part
         part.replace(path)
     except OSError as error:
         raise InputError(f"cannot write {path}: {error.strerror or error}. Choose another place.") from None
     finally:
-        part.unlink(missing_ok=True)
+        if part is not None:
+            part.unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
@@ -53,6 +68,7 @@ def filling(path: Path) -> Iterator[Path]:
         with tempfile.TemporaryDirectory(prefix=".part-", dir=path) as part:
             yield Path(part)
             for file in sorted(Path(part).iterdir()):
+                check(path / file.name, force=True)
                 file.replace(path / file.name)
     except OSError as error:
         raise InputError(f"cannot write into {path}: {error.strerror or error}. Choose another place.") from None

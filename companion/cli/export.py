@@ -8,7 +8,6 @@ from pathlib import Path
 from companion.analysis import Replay, ape
 from companion.cli import destination, options
 from companion.documents import analysis_document
-from companion.errors import DataError
 from companion.examination import examine
 from companion.export import (
     reckoning_of,
@@ -20,6 +19,7 @@ from companion.export import (
     write_parquet,
     write_tum,
 )
+from companion.model import DataError
 
 _FOLDERS = ("tum", "csv", "parquet")  # the others are one file
 
@@ -44,7 +44,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--format",
         required=True,
         choices=("tum", "csv", "parquet", "mcap", "json"),
-        help="tum: two trajectories for evo; csv, parquet: a file for each track; mcap: Foxglove; json: everything",
+        help="tum: the trajectories for evo; csv, parquet: a file for each track; mcap: Foxglove; json: everything",
     )
     parser.add_argument(
         "-o", "--output", required=True, metavar="PATH", help="a folder for tum, csv and parquet; a file for mcap, json"
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     with (destination.filling if kind in _FOLDERS else destination.replacing)(path) as place:
         match kind:
             case "tum":
-                files = write_tum(place, flight, shown)
+                files = write_tum(place, flight, shown, examined.assessment.best)
             case "csv":
                 files = write_csv(place, found)
             case "parquet":

@@ -25,6 +25,8 @@ from rich.text import Text
 
 from companion.cli import options, tables
 from companion.fleet import (
+    MEMORY_GB,
+    TIMEOUT_S,
     Fleet,
     FleetRun,
     Row,
@@ -59,6 +61,12 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     cluster.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to use instead, as tcp://HOST:8786")
     parser.add_argument("--reports", action="store_true", help="write the report of every flight, linked from the page")
     parser.add_argument("--retry", action="store_true", help="examine those again that ended in an error")
+    parser.add_argument(
+        "--memory", type=_positive, metavar="GB", default=MEMORY_GB, help=f"for one log (default: {MEMORY_GB:g})"
+    )
+    parser.add_argument(
+        "--timeout", type=_positive, metavar="S", default=TIMEOUT_S, help=f"for one log (default: {TIMEOUT_S:g})"
+    )
     options.add_integration(parser)
     options.add_figures(parser)
     options.add_settings(parser)
@@ -79,6 +87,8 @@ def run(arguments: argparse.Namespace) -> int:
         workers=arguments.workers,
         scheduler=arguments.scheduler,
         retry=arguments.retry,
+        memory_gb=arguments.memory,
+        timeout_s=arguments.timeout,
     )
     began = time.monotonic()
     with _progress() as progress:
@@ -180,6 +190,16 @@ def _line(text: str) -> str:
     """At most 160 characters on a line."""
     text = " ".join(text.split())
     return text if len(text) <= 160 else f"{text[:157]}..."
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value <= 1e6:
+        raise argparse.ArgumentTypeError(f"must be a positive number, got {text!r}")
+    return value
 
 
 def _count(text: str) -> int:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from companion.analysis import inventory, phases, used_imus
 from companion.cli import options, tables
 from companion.documents import encode, info_document
+from companion.model import Flight
 from companion.recording import Recording, Source
-from companion.tracks import Flight
 
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
 
@@ -55,6 +57,8 @@ def _print_said(console: Console, flight: Flight) -> None:
     for text in flight.texts:
         severity = _SEVERITIES[text.severity] if 0 <= text.severity < len(_SEVERITIES) else str(text.severity)
         lines.append((text.t, severity, text.text))
+    lines += [(reset.t, "reset", f"{reset.kind}: {reset.text}") for reset in flight.resets]
+    lines += [(one.t, "parameter", f"{one.name} = {one.value:g}") for one in flight.parameter_changes]
     for t, kind, words in sorted(lines, key=lambda line: line[0]):
         console.print(f"  {t:9.2f} s  {kind:<9} {escape(words)}", highlight=False)
 
@@ -94,8 +98,15 @@ def _print_flight(console: Console, flight: Flight) -> None:
     )
     console.print(f"  would integrate: {imu_line(flight)}", highlight=False)
     console.print(f"  would compare with: {reference_line(flight)}", highlight=False)
+    if used := used_imus(flight):
+        console.print(f"  estimator used: {escape(used)}", highlight=False)
+    parts = ", ".join(f"{part.kind} {part.start:.1f}-{part.end:.1f} s" for part in phases(flight))
+    console.print(f"  phases: {parts}", highlight=False)
+    if announced := _announced(flight):
+        console.print(f"  announced: {announced}", highlight=False)
     for note in flight.notes:
         console.print(f"  note: {escape(note)}", highlight=False)
+    _print_sensors(console, flight)
     table = Table(box=None, pad_edge=False, header_style="bold")
     for heading in ("message", "count", "rate Hz", "longest gap s", "duplicates"):
         table.add_column(heading, justify="left" if heading == "message" else "right")
@@ -104,6 +115,32 @@ def _print_flight(console: Console, flight: Flight) -> None:
         gap = "" if stats.longest_gap_s is None else f"{stats.longest_gap_s:.2f}"
         table.add_row(name, f"{stats.count}", rate, gap, f"{stats.duplicates}" if stats.duplicates else "")
     console.print(table)
+
+
+def _print_sensors(console: Console, flight: Flight) -> None:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in ("sensor", "from", "samples", "rate Hz", "holes", "longest s", ""):
+        words = heading in ("sensor", "from", "")
+        table.add_column(heading, justify="left" if words else "right", no_wrap=heading != "")
+    for item in inventory(flight):
+        rate = "" if item.rate_hz is None else f"{item.rate_hz:.1f}"
+        gap = "" if item.longest_gap_s is None else f"{item.longest_gap_s:.2f}"
+        holes = f"{item.holes}" if item.holes else ""
+        table.add_row(item.kind, escape(item.source), f"{item.samples}", rate, holes, gap, escape(item.about))
+    console.print(table)
+
+
+def _announced(flight: Flight) -> str:
+    """How many jumps and changes of parameters the vehicle announced; "" for none."""
+    kinds = Counter(f"{reset.kind} {'switch' if reset.kind == 'lane' else 'reset'}" for reset in flight.resets)
+    said = [f"{count} {kind}" + _plural(kind, count) for kind, count in sorted(kinds.items())]
+    if count := len(flight.parameter_changes):
+        said.append(f"{count} parameter change" + _plural("", count))
+    return ", ".join(said)
+
+
+def _plural(word: str, count: int) -> str:
+    return "" if count == 1 else "es" if word.endswith("ch") else "s"
 
 
 def imu_line(flight: Flight) -> str:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import re
+import select
 import signal
+import stat
 import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TextIO
 
-from companion.cli import options
-from companion.errors import SettingsError
 from companion.mavlink import Choice, Link, Recorder, Session, load_key
+from companion.model import SettingsError
 from companion.settings import Settings
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_HANGUP = getattr(signal, "SIGHUP", None)  # the terminal was closed; Windows has none
 _TERMINAL_S, _LOG_S = 0.5, 10.0  # between status lines: rewritten on a terminal, added elsewhere
 
 
@@ -51,6 +56,8 @@ def add_manners(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> No
 
 def open_link(address: str, arguments: argparse.Namespace, settings: Settings) -> Link:
     """The link that was named."""
+    if arguments.signing_key_file:
+        _warn_of_readers(Path(arguments.signing_key_file))
     return Link(
         address,
         dialect=settings.log.dialect,
@@ -59,6 +66,12 @@ def open_link(address: str, arguments: argparse.Namespace, settings: Settings) -
         compid=settings.live.compid,
         signing_key=load_key(arguments.signing_key_file) if arguments.signing_key_file else None,
     )
+
+
+def _warn_of_readers(key: Path) -> None:
+    with contextlib.suppress(OSError):  # what reads it says so
+        if os.name == "posix" and key.stat().st_mode & (stat.S_IRGRP | stat.S_IROTH):
+            say(f"{key} can be read by others: whoever has the key can command the vehicle. chmod 600 {key}")
 
 
 def choice_of(arguments: argparse.Namespace, settings: Settings) -> Choice:
@@ -73,10 +86,16 @@ def choice_of(arguments: argparse.Namespace, settings: Settings) -> Choice:
 
 
 @contextlib.contextmanager
-def until_told() -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C or SIGTERM has come, as a function: the work in hand is finished first."""
+def until_told(*, outlive_terminal: bool = True) -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C or SIGTERM has come, as a function: the work in hand is finished first.
+
+    Also in the background of a script, where the shell has had SIGINT ignored: who sends it to a server means it.
+    outlive_terminal: a terminal that is closed (SIGHUP) ends nothing: the flight is not over.
+    """
     told: list[int] = []
     before = {number: signal.signal(number, lambda number, _: told.append(number)) for number in _SIGNALS}
+    if outlive_terminal and _HANGUP is not None:
+        before[_HANGUP] = signal.signal(_HANGUP, signal.SIG_IGN)
     try:
         yield lambda: bool(told)
     finally:
@@ -84,18 +103,50 @@ def until_told() -> Iterator[Callable[[], bool]]:
             signal.signal(number, handler)
 
 
-def conclude(link: Link, recorder: Recorder) -> None:
-    """Say what has been recorded."""
+def say(text: str, end: str = "\n") -> None:
+    """A line on stderr, if somebody takes it at once: who records does not wait for a terminal, nor needs one."""
+    _write(sys.stderr, text + end)
+
+
+def tell(text: str) -> None:
+    """A line on stdout, likewise."""
+    _write(sys.stdout, f"{text}\n")
+
+
+def _write(stream: TextIO | None, text: str) -> None:
+    if stream is None or not _takes(stream):
+        return
+    try:
+        stream.write(text)
+        stream.flush()
+    except (OSError, ValueError):  # its reader has gone, the terminal is closed
+        with contextlib.suppress(OSError, ValueError), Path(os.devnull).open("wb") as nothing:
+            os.dup2(nothing.fileno(), stream.fileno())  # what is left in its buffer must not fail again at the end
+
+
+def _takes(stream: TextIO) -> bool:
+    """Whether a line can be written without waiting: a pipe that nobody reads fills up, Ctrl-S holds a terminal."""
+    if os.name != "posix":
+        return True
+    try:
+        return bool(select.select([], [stream.fileno()], [], 0)[1])
+    except (OSError, ValueError):  # no file behind it
+        return True
+
+
+def conclude(link: Link, recorder: Recorder) -> int:
+    """Say what has been recorded. Returns the exit code: 2 where it ended before it was told to."""
     health = link.health
     if health.unsigned or health.wrongly_signed:
-        options.say(
+        say(
             f"{health.unsigned:,} frames without a signature and {health.wrongly_signed:,} with a wrong one were "
             "dropped: they are not in the recording"
         )
     if not link.health.frames:
-        options.say("nothing was received, so nothing is recorded: does the vehicle send to this address?")
-        return
-    print(f"{recorder.path}: {recorder.size_bytes:,} bytes, {link.health.frames:,} frames", flush=True)
+        say("nothing was received, so nothing is recorded: does the vehicle send to this address?")
+        return 0
+    tell(f"{recorder.path}: {recorder.size_bytes:,} bytes, {recorder.frames:,} frames")
+    return 2 if recorder.problem else 0
 
 
 class StatusLine:
@@ -104,24 +155,23 @@ class StatusLine:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._begin = self._shown = time.monotonic()
-        self._terminal = sys.stderr.isatty()
+        self._terminal = sys.stderr is not None and sys.stderr.isatty()
 
     def show(self) -> None:
         """Say what the session has to say, and the status when it is time."""
         for sentence in self._session.said:
-            options.say(f"\r\x1b[K{sentence}" if self._terminal else sentence)
+            say(f"\r\x1b[K{sentence}" if self._terminal else sentence)
         self._session.said.clear()
         now = time.monotonic()
         if now - self._shown >= (_TERMINAL_S if self._terminal else _LOG_S):
             self._shown = now
-            print(f"\r\x1b[K{self.text()}" if self._terminal else self.text(), end="" if self._terminal else "\n",
-                  file=sys.stderr, flush=True)  # fmt: skip
+            say(f"\r\x1b[K{self.text()}" if self._terminal else self.text(), end="" if self._terminal else "\n")
 
     def end(self) -> None:
         """Leave the line."""
         self.show()
         if self._terminal:
-            options.say("")
+            say("")
 
     def text(self) -> str:
         """One line: time, what arrives of what was asked, loss, recording."""

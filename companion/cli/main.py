@@ -9,14 +9,29 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from companion.cli import analyze, calibrate, compare, export, fleet, info, record, replay, report, simulate, view
-from companion.errors import CompanionError
+from companion.cli import (
+    analyze,
+    calibrate,
+    compare,
+    export,
+    fleet,
+    info,
+    noise,
+    record,
+    replay,
+    report,
+    simulate,
+    smooth,
+    unforeseen,
+    view,
+)
+from companion.model import CompanionError
 
-_COMMANDS = (info, analyze, report, calibrate, compare, view, export, fleet, record, simulate, replay)
+_COMMANDS = (info, analyze, report, calibrate, smooth, noise, compare, view, export, fleet, record, simulate, replay)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command. Returns the exit code: 0, 2 for what the user can mend, 130 after Ctrl-C."""
+    """Run one command. Returns the exit code: 0, 2 (the user can mend it), 70 (a fault of ours), 130 (Ctrl-C)."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a redirect on Windows is cp1252, which has no line of the tables
     arguments = parser().parse_args(argv)
@@ -36,6 +51,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"companion: the output cannot be written: {error.strerror}", file=sys.stderr)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 2
+    except Exception as error:  # noqa: BLE001  (the border of the program)
+        return unforeseen.tell(error, sys.argv[1:] if argv is None else argv)
     return code
 
 

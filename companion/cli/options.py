@@ -14,14 +14,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
-from companion.errors import DataError, SettingsError
+from companion.model import DataError, Flight, SettingsError
 from companion.recording import Recording, Source, read_recording
 from companion.settings import Settings, data_folder, load_settings
 from companion.strapdown import METHODS, MIDDLES
-from companion.tracks import Flight
 
 _SETTABLE = (
     ("log", "dialect", "dialect"),
+    ("log", "max_size_gb", "max_size"),
     ("integration", "method", "method"),
     ("integration", "middle", "middle"),
     ("drift", "horizons_s", "horizons"),
@@ -57,6 +57,9 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     """Where settings come from, and the one that is needed to read a log."""
     parser.add_argument("--config", metavar="FILE", help="settings file; config/default.toml describes every key")
     parser.add_argument("--dialect", metavar="NAME", help="MAVLink dialect (default: ardupilotmega)")
+    parser.add_argument(
+        "--max-size", type=float, metavar="GB", help="the most that a compressed log may grow to (default: 0.8)"
+    )
 
 
 def add_flight_choice(parser: argparse.ArgumentParser) -> None:
@@ -131,7 +134,11 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
     except msgspec.ValidationError as error:
         reason, _, where = str(error).partition(" - at `$.")
         section, _, name = where.rstrip("`").partition(".")
-        option = next(o for s, n, o in _SETTABLE if s == section and name.split("[")[0] == n).removesuffix("_s")
+        option = (
+            next(o for s, n, o in _SETTABLE if s == section and name.split("[")[0] == n)
+            .removesuffix("_s")
+            .replace("_", "-")
+        )
         raise SettingsError(f"--{option}: {reason[:1].lower()}{reason[1:]}.") from None
     method = settings.integration.method
     if "middle" in given and method != "rk4":
@@ -158,6 +165,7 @@ def read(arguments: argparse.Namespace, settings: Settings, *, every_message: bo
             every_message=every_message,
             core=getattr(arguments, "core", None),
             progress=progress,
+            max_size_gb=settings.log.max_size_gb,
         )
     warn_of_damage(recording.source)
     return recording

@@ -6,8 +6,8 @@ import argparse
 import time
 
 from companion.cli import live, options
-from companion.errors import SettingsError
 from companion.mavlink import Recorder, Session
+from companion.model import SettingsError
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -21,7 +21,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Record until Ctrl-C, SIGTERM or the duration; then give the vehicle its message intervals back."""
+    """Record until Ctrl-C, SIGTERM, the duration or a full disk; then give the vehicle its message intervals back."""
     settings = options.settings_of(arguments)
     if arguments.duration is not None and not arguments.duration > 0:
         raise SettingsError(f"--duration is a positive number of seconds, got {arguments.duration:g}.")
@@ -33,12 +33,11 @@ def run(arguments: argparse.Namespace) -> int:
     ):
         session = Session(link, choice=choice, recorder=recorder)
         status = live.StatusLine(session)
-        options.say(f"Recording {link.address} into {recorder.path}  (Ctrl-C ends it)")
+        live.say(f"Recording {link.address} into {recorder.path}  (Ctrl-C ends it)")
         end = time.monotonic() + arguments.duration if arguments.duration is not None else None
-        while not told() and (end is None or time.monotonic() < end):
+        while not told() and not recorder.problem and (end is None or time.monotonic() < end):
             session.step()
             status.show()
         session.leave()
         status.end()
-    live.conclude(link, recorder)
-    return 0
+    return live.conclude(link, recorder)

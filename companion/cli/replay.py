@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from companion.cli import live, options
-from companion.errors import DataError, InputError, SettingsError
 from companion.mavlink import Address, Port, load_dialect, log_format, open_port, parse_address, play
+from companion.model import DataError, InputError, SettingsError
 
 _WAITING = ("udpin", "tcpin", "tcp")  # links on which somebody else has to speak or listen first
 

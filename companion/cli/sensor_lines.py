@@ -11,7 +11,7 @@ from rich.table import Table
 
 from companion.analysis import PARTS, Alignment, Assessment, Statistic
 from companion.cli.tables import short
-from companion.tracks import STANDARD_GRAVITY, Array
+from companion.model import STANDARD_GRAVITY, Array
 
 _DEGREES = float(np.degrees(1.0))
 _MDPS, _MICRO_G = 1e3 * _DEGREES, 1e6 / STANDARD_GRAVITY

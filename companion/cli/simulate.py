@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from companion.analysis import ImuFigures, SensorFigures
-from companion.cli import live, options
-from companion.errors import SettingsError
+from companion.cli import destination, live, options
 from companion.mavlink import open_port, parse_address
+from companion.model import SettingsError
 from companion.sensors import ardupilot_id, load_imu_figures
 from companion.simulate import MOTIONS, PARAMETERS, Faults, SimulatedVehicle, fly, serve, write_flight
 from companion.strapdown import ImuModel, Sensor
@@ -18,6 +18,7 @@ from companion.strapdown import ImuModel, Sensor
 _WRITTEN = {
     "RAW_IMU": 100.0, "SCALED_IMU": 100.0, "SCALED_IMU2": 100.0, "HIGHRES_IMU": 100.0, "ATTITUDE": 50.0,
     "LOCAL_POSITION_NED": 20.0, "GLOBAL_POSITION_INT": 5.0, "SYS_STATUS": 1.0, "SIM_STATE": 20.0,
+    "GPS_RAW_INT": 5.0, "SCALED_PRESSURE": 10.0,
 }  # fmt: skip
 """What a flight that is written to a file is made of, Hz; on a link nothing streams until it is asked for."""
 
@@ -87,7 +88,10 @@ def run(arguments: argparse.Namespace) -> int:
         seed=arguments.seed,
     )
     if arguments.output:
-        write_flight(vehicle, arguments.output)
+        path = Path(arguments.output)
+        destination.check(path, force=True)
+        with destination.replacing(path) as part:
+            write_flight(vehicle, part)
         print(f"{arguments.output}: {Path(arguments.output).stat().st_size:,} bytes, {flown.duration:.0f} s")
         return 0
     port = open_port(parse_address(arguments.link))

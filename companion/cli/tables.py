@@ -24,7 +24,7 @@ _STATUS = {
     "autopilot_suspect": "red",
     "insufficient_data": "yellow",
 }
-_SIGNS = {"error": "[red]✗[/]", "warning": "[yellow]![/]", "info": "·"}
+SIGNS = {"error": "[red]✗[/]", "warning": "[yellow]![/]", "info": "·"}
 
 
 class _Console(Console):
@@ -43,7 +43,7 @@ def verdict_lines(verdict: Verdict, *, most: int = 8) -> Iterator[str]:
     yield f"{status_text(verdict.status)}  {escape(verdict.summary)}"
     for finding in verdict.findings[:most]:
         when = f"{finding.start_s:.1f}-{finding.end_s:.1f} s"
-        yield f"  {_SIGNS[finding.severity]} {when}: {finding.kind.replace('_', ' ')}. {escape(finding.evidence)}"
+        yield f"  {SIGNS[finding.severity]} {when}: {finding.kind.replace('_', ' ')}. {escape(finding.evidence)}"
         if finding.severity != "info":
             yield f"      {escape(finding.advice)}"
     if len(verdict.findings) > most:

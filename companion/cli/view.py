@@ -9,9 +9,9 @@ from pathlib import Path
 
 from companion.cli import live, options
 from companion.cli.answers import Answers
-from companion.errors import SettingsError
 from companion.examination import align_imu, integration_of
 from companion.mavlink import is_link
+from companion.model import SettingsError
 
 _HORIZON_S = 5.0  # the windows that the verdict is reached with
 
@@ -51,7 +51,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C."""
+    """Serve the page until Ctrl-C or SIGTERM."""
     if is_link(arguments.log) and not Path(arguments.log).is_file():
         from companion.cli import view_link  # noqa: PLC0415  (viser is slow to import)
 
@@ -105,8 +105,9 @@ def _replay(arguments: argparse.Namespace) -> int:
             options.say(f"port {settings.view.port} is taken: using {viewer.port}")
         if viewer.warning:
             options.say(viewer.warning)
-        print(f"Replay of {arguments.log}: {viewer.url}  (Ctrl-C ends it)", flush=True)
-        if arguments.open:
-            webbrowser.open(viewer.url)
-        viewer.run()
+        with live.until_told(outlive_terminal=False) as told:
+            print(f"Replay of {arguments.log}: {viewer.url}  (Ctrl-C ends it)", flush=True)
+            if arguments.open:
+                webbrowser.open(viewer.url)
+            viewer.run(told)
     return 0

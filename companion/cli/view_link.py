@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import sys
 import time
 import webbrowser
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from companion.analysis import DriftRow, Integration
-from companion.cli import live, options
+from companion.cli import live, options, unforeseen
 from companion.cli.running_verdict import RunningVerdict
-from companion.errors import SettingsError
 from companion.examination import limits_of
 from companion.live import Attachment, Watch
 from companion.mavlink import Clock, Recorder, Session, State
+from companion.model import CompanionError, SettingsError
 from companion.settings import Settings
 from companion.view import LONGEST_REANCHOR_S, Judgement, LinkState, LiveViewer, ReplayChoice, Seen, StreamState
 
@@ -34,25 +35,50 @@ def run(arguments: argparse.Namespace) -> int:
         recorder = None if arguments.no_record else opened.enter_context(Recorder(arguments.output))
         session = Session(link, choice=live.choice_of(arguments, settings), recorder=recorder)
         attachment = opened.enter_context(Attachment(session))
+        try:
+            _show(attachment, arguments, settings, recorder, told)
+        except CompanionError:
+            raise
+        except Exception as error:
+            if recorder is None:
+                raise
+            unforeseen.tell(error, sys.argv[1:])
+            live.say("The page has ended. The recording goes on; Ctrl-C ends it.")
+        while recorder is not None and not told() and attachment.alive:
+            for sentence in attachment.said():
+                live.say(sentence)
+            time.sleep(0.1)
+        attachment.close()
+        for sentence in attachment.said():
+            live.say(sentence)
+        attachment.check()
+    return live.conclude(link, recorder) if recorder is not None else 0
+
+
+def _show(
+    attachment: Attachment,
+    arguments: argparse.Namespace,
+    settings: Settings,
+    recorder: Recorder | None,
+    told: Callable[[], bool],
+) -> None:
+    """Serve the page until it is told to end. An error of the page is raised here."""
+    with contextlib.ExitStack() as opened:
         feed = _Feed(attachment, _choice(arguments, settings), arguments, settings)
         opened.callback(feed.close)
         viewer = opened.enter_context(
             LiveViewer(feed, window_s=60.0 * settings.live.window_min, host=settings.view.host, port=settings.view.port)
         )
         _announce(arguments, settings, viewer, recorder)
-        while not told() and not viewer.stopped:
+        while not told() and not viewer.stopped and attachment.alive:
             for sentence in feed.news():
-                options.say(sentence)
-            attachment.check()
+                live.say(sentence)
             time.sleep(0.1)
-        attachment.close()  # first of all: the vehicle gets its intervals back
+        if told():
+            attachment.close()  # first of all: the vehicle gets its intervals back
         viewer.close()  # its thread takes no more sentences from the link's
-        for sentence in (*feed.news(), *attachment.said()):
-            options.say(sentence)
-        attachment.check()
-    if recorder is not None:
-        live.conclude(link, recorder)
-    return 0
+        for sentence in feed.news():
+            live.say(sentence)
 
 
 def _choice(arguments: argparse.Namespace, settings: Settings) -> ReplayChoice:
@@ -63,11 +89,11 @@ def _choice(arguments: argparse.Namespace, settings: Settings) -> ReplayChoice:
 
 def _announce(arguments: argparse.Namespace, settings: Settings, viewer: LiveViewer, recorder: Recorder | None) -> None:
     if viewer.port != settings.view.port:
-        options.say(f"port {settings.view.port} is taken: using {viewer.port}")
+        live.say(f"port {settings.view.port} is taken: using {viewer.port}")
     if viewer.warning:
-        options.say(viewer.warning)
+        live.say(viewer.warning)
     where = f"recording into {recorder.path}" if recorder else "not recorded"
-    print(f"Live view of {arguments.log}, {where}: {viewer.url}  (Ctrl-C ends it)", flush=True)
+    live.tell(f"Live view of {arguments.log}, {where}: {viewer.url}  (Ctrl-C ends it)")
     if arguments.open:
         webbrowser.open(viewer.url)
 

@@ -19,12 +19,14 @@ from companion.analysis import (
     Rest,
     Sibling,
     Statistic,
-    Verdict,
+    inventory,
+    phases,
 )
 from companion.documents import schema
+from companion.documents.verdict import verdict_object
 from companion.examination import Examination, Unexamined
+from companion.model import Flight, ImuTrack
 from companion.recording import Recording, Source
-from companion.tracks import Flight, ImuTrack
 
 
 def encode(document: msgspec.Struct) -> str:
@@ -37,7 +39,7 @@ def info_document(recording: Recording) -> schema.Info:
     flights = [_info_flight(flight) for flight in recording.flights]
     others = [schema.OtherObject(other.sysid, other.compid, other.reason) for other in recording.bystanders]
     unknown = {str(number): count for number, count in recording.source.unknown_frames.items()}
-    return schema.Info(log=_log(recording.source), flights=flights, others=others, unknown_frames=unknown)
+    return schema.Info(log=log_object(recording.source), flights=flights, others=others, unknown_frames=unknown)
 
 
 def analysis_document(source: Source, examined: Examination) -> schema.Analysis:
@@ -73,9 +75,9 @@ def analysis_document(source: Source, examined: Examination) -> schema.Analysis:
         autopilot_gyro_bias=_held(found.autopilot_bias),
         alignment=_alignment(examined.alignment),
         imus=[_sibling(other) for other in examined.siblings],
-        verdict=_verdict(found.verdict),
+        verdict=verdict_object(found.verdict, found.sensitivity),
     )
-    return schema.Analysis(log=_log(source), flights=[analysed])
+    return schema.Analysis(log=log_object(source), flights=[analysed])
 
 
 def unexamined_document(source: Source, found: Unexamined) -> schema.Analysis:
@@ -92,7 +94,7 @@ def unexamined_document(source: Source, found: Unexamined) -> schema.Analysis:
         middle=None,
         gravity_mps2=None,
         correction=None,
-        notes=flight.notes,
+        notes=tuple(flight.notes),
         drift=[],
         figures=None,
         consistency=[],
@@ -101,12 +103,12 @@ def unexamined_document(source: Source, found: Unexamined) -> schema.Analysis:
         autopilot_gyro_bias=None,
         alignment=None,
         imus=[],
-        verdict=_verdict(found.verdict),
+        verdict=verdict_object(found.verdict),
     )
-    return schema.Analysis(log=_log(source), flights=[bare])
+    return schema.Analysis(log=log_object(source), flights=[bare])
 
 
-def _log(source: Source) -> schema.LogObject:
+def log_object(source: Source) -> schema.LogObject:
     """The "log" key."""
     return schema.LogObject(
         path=str(source.path).encode("utf-8", "replace").decode(),  # a name need not be UTF-8, JSON has to be
@@ -128,7 +130,12 @@ def _info_flight(flight: Flight) -> schema.InfoFlight:
         duration_s=flight.duration,
         default_imu=flight.default_imu,
         reference=_reference(flight),
-        notes=flight.notes,
+        notes=tuple(flight.notes),
+        phases=[schema.PhaseObject(part.kind, part.start, part.end, part.reason) for part in phases(flight)],
+        sensors=[schema.SensorObject(**asdict(item)) for item in inventory(flight)],
+        imu_in_use=_imu_in_use(flight),
+        resets=[schema.ResetObject(reset.t, reset.kind, reset.text, reset.core) for reset in flight.resets],
+        parameter_changes=[schema.ParameterObject(one.t, one.name, one.value) for one in flight.parameter_changes],
         messages={
             name: schema.StatsObject(
                 count=s.count, rate_hz=s.rate_hz, longest_gap_s=s.longest_gap_s, duplicates=s.duplicates
@@ -136,6 +143,13 @@ def _info_flight(flight: Flight) -> schema.InfoFlight:
             for name, s in flight.messages.items()
         },
     )
+
+
+def _imu_in_use(flight: Flight) -> list[schema.ImuInUseObject] | None:
+    used = flight.imu_in_use
+    if used is None:
+        return None
+    return [schema.ImuInUseObject(t, i) for t, i in zip(used.t.tolist(), used.instance.tolist(), strict=True)]
 
 
 def vehicle_object(flight: Flight) -> schema.VehicleObject:
@@ -174,11 +188,6 @@ def _sibling(other: Sibling) -> schema.SiblingObject:
         position_m=_statistic(row.position_m),
         inside=other.inside,
     )
-
-
-def _verdict(verdict: Verdict) -> schema.VerdictObject:
-    findings = [schema.FindingObject(**asdict(finding)) for finding in verdict.findings]
-    return schema.VerdictObject(verdict.status, verdict.summary, findings)
 
 
 def _figures(found: Assessment) -> schema.FiguresObject:

@@ -9,7 +9,8 @@ import msgspec
 
 from companion.analysis import Change, Contrast, Finding
 from companion.documents.build import analysis_document, drift_object
-from companion.documents.schema import SCHEMA, Analysis, DriftObject, FindingObject
+from companion.documents.schema import SCHEMA, Analysis, DriftObject
+from companion.documents.verdict import FindingObject, finding_object
 from companion.examination import Examination
 from companion.recording import Source
 
@@ -90,4 +91,4 @@ def _change(change: Change) -> ChangeObject:
 
 
 def _findings(found: tuple[Finding, ...]) -> list[FindingObject]:
-    return [FindingObject(**asdict(finding)) for finding in found]
+    return [finding_object(finding) for finding in found]

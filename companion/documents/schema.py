@@ -6,7 +6,9 @@ from collections.abc import Mapping
 
 import msgspec
 
-SCHEMA = 1
+from companion.documents.verdict import VerdictObject
+
+SCHEMA = 2
 
 
 class LogObject(msgspec.Struct, frozen=True):
@@ -47,6 +49,51 @@ class ReferenceObject(msgspec.Struct, frozen=True):
     position: str | None
 
 
+class SensorObject(msgspec.Struct, frozen=True):
+    """A sensor or estimate that a flight has."""
+
+    kind: str
+    source: str
+    samples: int
+    rate_hz: float | None
+    holes: int
+    longest_gap_s: float | None
+    about: str
+
+
+class PhaseObject(msgspec.Struct, frozen=True):
+    """A part of a flight."""
+
+    kind: str
+    start_s: float
+    end_s: float
+    reason: str
+
+
+class ImuInUseObject(msgspec.Struct, frozen=True):
+    """From when on the estimator used an IMU."""
+
+    t_s: float
+    instance: int
+
+
+class ResetObject(msgspec.Struct, frozen=True):
+    """A jump that the estimator announced."""
+
+    t_s: float
+    kind: str
+    text: str
+    core: int | None
+
+
+class ParameterObject(msgspec.Struct, frozen=True):
+    """A parameter that got another value."""
+
+    t_s: float
+    name: str
+    value: float
+
+
 class InfoFlight(msgspec.Struct, frozen=True):
     """A flight in `companion info`."""
 
@@ -57,6 +104,11 @@ class InfoFlight(msgspec.Struct, frozen=True):
     default_imu: str | None
     reference: ReferenceObject
     notes: tuple[str, ...]
+    phases: list[PhaseObject]
+    sensors: list[SensorObject]
+    imu_in_use: list[ImuInUseObject] | None
+    resets: list[ResetObject]
+    parameter_changes: list[ParameterObject]
     messages: Mapping[str, StatsObject]
 
 
@@ -228,26 +280,6 @@ class FiguresObject(msgspec.Struct, frozen=True):
     reason: str
     measured_gyro_noise: float | None
     measured_accel_noise: float | None
-
-
-class FindingObject(msgspec.Struct, frozen=True):
-    """Something that stands out."""
-
-    kind: str
-    side: str
-    severity: str
-    start_s: float
-    end_s: float
-    evidence: str
-    advice: str
-
-
-class VerdictObject(msgspec.Struct, frozen=True):
-    """The answer."""
-
-    status: str
-    summary: str
-    findings: list[FindingObject]
 
 
 class AnalyzeFlight(msgspec.Struct, frozen=True):

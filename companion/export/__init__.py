@@ -1,18 +1,21 @@
 """Results for other tools: tables for notebooks, CSV, Parquet and JSON; trajectories for evo; MCAP for Foxglove."""
 
 from companion.export.files import write_csv, write_json, write_parquet
+from companion.export.kalibr import kalibr_text
 from companion.export.mcap import write_mcap
 from companion.export.table import Column, Table
 from companion.export.tracks import reckoning_of, table_name, tables
-from companion.export.tum import write_tum
+from companion.export.tum import write_estimate_tum, write_tum
 
 __all__ = [
     "Column",
     "Table",
+    "kalibr_text",
     "reckoning_of",
     "table_name",
     "tables",
     "write_csv",
+    "write_estimate_tum",
     "write_json",
     "write_mcap",
     "write_parquet",

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from companion.export.table import Column, Table
+from companion.export.table import Column, Table, harmless
 
 
 def write_csv(folder: Path, tables: Mapping[str, Table]) -> list[Path]:
@@ -59,5 +59,5 @@ def _cells(column: Column) -> list[Any]:
     if column.values.dtype.kind == "f":
         return ["" if np.isnan(value) else value for value in values]
     if column.values.dtype.kind == "U":
-        return [f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r")) else text for text in values]
+        return list(map(harmless, values))
     return values

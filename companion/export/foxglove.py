@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.tracks import Array
+from companion.model import Array
 
 Message = dict[str, Any]
 Schema = dict[str, Any]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.frames import geodetic_from_ned
-from companion.tracks import Array, Flight
+from companion.model import Array, Flight, Origin, geodetic_from_ned
 
 
 def geodetic(flight: Flight, position: Array) -> Array | None:
@@ -20,5 +19,10 @@ def geodetic(flight: Flight, position: Array) -> Array | None:
     there = np.zeros(3)
     if origin.t is not None:
         there = np.array([np.interp(origin.t, track.t, axis) for axis in track.position.T])
-    place = geodetic_from_ned(position - there, (origin.latitude, origin.longitude, origin.height))
+    return places(position - there, origin)
+
+
+def places(position: Array, origin: Origin) -> Array:
+    """NED positions (N, 3) m about an origin as latitude °, longitude °, height m above mean sea level: (N, 3)."""
+    place = geodetic_from_ned(position, (origin.latitude, origin.longitude, origin.height))
     return np.column_stack([np.degrees(place[:, :2]), place[:, 2]])

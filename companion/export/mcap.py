@@ -1,8 +1,8 @@
-"""A flight as an MCAP file that opens in Foxglove: both poses, both places on the map, IMU readings, errors, words.
+"""A flight as an MCAP file that opens in Foxglove: the poses, the places on the map, IMU readings, errors, words.
 
 Frames: `enu` (x east, y north, z up) is the root, so that what is shown in it stands the right way up; `ned` hangs in
-it; `autopilot_frd` and `imu_frd` (x forward, y right, z down) move in `ned`; `autopilot` and `imu` are the same bodies
-with Foxglove's and ROS's axes (FLU: x forward, y left, z up), for models and cameras.
+it; `autopilot_frd`, `imu_frd` and `best_frd` (x forward, y right, z down) move in `ned`; `autopilot`, `imu` and `best`
+are the same bodies with Foxglove's and ROS's axes (FLU: x forward, y left, z up), for models and cameras.
 """
 
 from __future__ import annotations
@@ -16,11 +16,10 @@ import msgspec
 import numpy as np
 
 from companion.analysis import Assessment, Replay
-from companion.errors import InputError
 from companion.export import foxglove
-from companion.export.geodesy import geodetic
+from companion.export.geodesy import geodetic, places
 from companion.export.table import Table
-from companion.tracks import Array, Flight
+from companion.model import Array, Flight, InputError
 
 _NED_IN_ENU = np.array([[0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0]])  # half a turn about north-east: swaps and flips
 _FLU_IN_FRD = np.array([[0.0, 1.0, 0.0, 0.0]])  # half a turn about forward
@@ -72,11 +71,12 @@ def write_mcap(
 
 def _topics(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Topic]:
     t = shown.t
-    beats = np.arange(t[0], t[-1], _STATIC_S)
+    beats = t[0] + _STATIC_S * np.unique(np.floor((t - t[0]) / _STATIC_S))  # none in holes, which may be of any length
     for parent, child, q in (
         ("enu", "ned", _NED_IN_ENU),
         ("autopilot_frd", "autopilot", _FLU_IN_FRD),
         ("imu_frd", "imu", _FLU_IN_FRD),
+        *((("best_frd", "best", _FLU_IN_FRD),) if assessed.best else ()),
     ):
         (still,) = foxglove.transforms(parent, child, _HERE, q)
         yield Topic("/tf", foxglove.TRANSFORM, beats, [still] * len(beats))
@@ -86,8 +86,15 @@ def _topics(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Top
     ):
         yield Topic("/tf", foxglove.TRANSFORM, t, foxglove.transforms("ned", f"{name}_frd", position, q))
         yield Topic(f"/{name}/pose", foxglove.POSE, t, foxglove.poses("ned", position, q))
-        if shown.has_position and (places := geodetic(flight, position)) is not None:
-            yield Topic(f"/{name}/location", foxglove.LOCATION, t, foxglove.locations(name, places))
+        if shown.has_position and (where := geodetic(flight, position)) is not None:
+            yield Topic(f"/{name}/location", foxglove.LOCATION, t, foxglove.locations(name, where))
+    if (best := assessed.best) is not None:
+        position, q = best.position, best.q_ned_frd
+        yield Topic("/tf", foxglove.TRANSFORM, best.t, foxglove.transforms("ned", "best_frd", position, q))
+        yield Topic("/best/pose", foxglove.POSE, best.t, foxglove.poses("ned", position, q))
+        if "gps_position" in best.residuals and best.origin is not None:
+            fixes = foxglove.locations("best", places(position, best.origin))
+            yield Topic("/best/location", foxglove.LOCATION, best.t, fixes)
     velocity, position = shown.velocity_error, shown.position_error
     yield Topic("/error", foxglove.ERROR, t, foxglove.errors(shown.attitude_error, velocity, position))
     for name, track in flight.imus.items():
@@ -127,6 +134,6 @@ def _about(flight: Flight) -> dict[str, str]:
         "boot": str(flight.boot),
         "clock": clock,
         "boot_clock_zero_unix_s": f"{flight.epoch.unix_s:.6f}" if flight.epoch else "",
-        "frames": "enu > ned > autopilot_frd > autopilot (FLU), ned > imu_frd > imu (FLU)",
+        "frames": "enu > ned > autopilot_frd > autopilot (FLU), ned > imu_frd > imu (FLU), ned > best_frd > best",
         "units": "m, m/s, m/s2, rad, rad/s; error = autopilot minus IMU",
     }

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.errors import InputError
+from companion.model import InputError
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -62,12 +62,22 @@ class Table:
             import pyarrow as pa  # noqa: PLC0415  (an extra: needed for this alone)
         except ImportError:
             raise InputError("Arrow and Parquet need pyarrow. Install it: pip install 'companion[export]'") from None
-        arrays = [pa.array(column.values, from_pandas=True) for column in self.columns]  # from_pandas: NaN is null
+        # from_pandas: NaN is null
+        arrays = [pa.array(_safe(column.values), from_pandas=True) for column in self.columns]
         fields = [
             pa.field(column.name, array.type, metadata=_stated(unit=column.unit, frame=column.frame))
             for column, array in zip(self.columns, arrays, strict=True)
         ]
         return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=_stated(table=self.name, **self.about)))
+
+
+def harmless(text: str) -> str:
+    """The text, with an apostrophe before what a spreadsheet would take for a formula: a vehicle may say anything."""
+    return f"'{text}" if text.startswith(("=", "+", "-", "@", "\t", "\r")) else text
+
+
+def _safe(values: Values) -> Values:
+    return np.array(list(map(harmless, values.tolist()))) if values.dtype.kind == "U" and len(values) else values
 
 
 def vectors(name: str, values: npt.ArrayLike, unit: str, suffix: str, frame: str) -> tuple[Column, ...]:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis import NAMES, PARTS, Assessment, Calibration, DriftRow, Replay, replay
+from companion.analysis import NAMES, PARTS, Assessment, Calibration, DriftRow, Replay, phases, replay
+from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
+from companion.export.geodesy import places
 from companion.export.table import Column, Table, quaternions, vectors
-from companion.series import Series
-from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack
+from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, Series
 
 BOOT_CLOCK = "seconds of the vehicle's boot clock"
 _STATISTICS = ("median", "p95", "max")
@@ -21,6 +22,7 @@ _UNITS = {
 }  # fmt: skip
 """The end of a column's name → its unit."""
 
+_PLACE = ("latitude_deg", "longitude_deg", "height_m")
 _PART_UNITS = {"gyro_bias": "rad/s", "accel_bias": "m/s²", "time_offset": "s", "lever_arm": "m", "gyro_scale": "",
                "accel_scale": ""}  # fmt: skip
 _FIGURE_UNITS = {name: _PART_UNITS.get(part, "rad") for part, place in PARTS.items() for name in NAMES[place]}
@@ -31,15 +33,16 @@ def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | N
     """Everything of a flight as tables by name, SI units, body FRD, world NED, quaternions wxyz.
 
     Always: each IMU message (raw_imu, scaled_imu2, ...), `attitude`, `position`, each series (gps, vibration, ...),
-    `texts`, `events`. With a replay: `reckoning`, the IMU alone beside the autopilot. With an assessment: `drift`,
-    `windows`, `findings`, `calibration`. Every table with a time has it twice: `t_s` on the boot clock, and `unix_s`,
-    which is NaN where the log does not tell the date.
+    `bias_0`, `control`, `actuators`, `imu_in_use` and `truth` where it has them; `texts`, `events`, `phases`, `resets`,
+    `parameter_changes`. With a replay: `reckoning`, the IMU alone beside the autopilot. With an assessment: `drift`,
+    `windows`, `findings`, `calibration`, `best_estimate`. Every table with a time has it twice: `t_s` on the boot
+    clock, and `unix_s`, which is NaN where the log does not tell the date.
 
     >>> import companion as c
     >>> flight = c.open_log("tlogs/copter-demo-100hz.tlog")[0]
     >>> found = c.export.tables(flight, c.replay(flight))
     >>> sorted(found)[:4]
-    ['attitude', 'estimator', 'events', 'gps']
+    ['attitude', 'bias_0', 'estimator', 'events']
     >>> f"{found['raw_imu']['accel_z_mps2'].mean():.1f} m/s²"
     '-9.8 m/s²'
     >>> found["raw_imu"].arrow().schema.field("gyro_x_radps").metadata
@@ -51,12 +54,14 @@ def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | N
     if flight.position is not None:
         found.append(_position(flight, flight.position))
     found += [_series(flight, key, series) for key, series in flight.series.items()]
-    found += [_texts(flight), _events(flight)]
+    found += list(_witnesses(flight))
+    found += [_texts(flight), _events(flight), _phases(flight), _resets(flight), _parameters(flight)]
     if shown is not None:
         found.append(_reckoning(flight, shown))
     if assessed is not None:
         found += [_drift(assessed), _windows(flight, assessed.drift.rows), _findings(flight, assessed)]
         found += [_calibration(assessed.calibration)] if assessed.calibration else []
+        found += [_best(flight, assessed.best)] if assessed.best else []
     return {table.name: table for table in found}
 
 
@@ -121,6 +126,65 @@ def _series(flight: Flight, key: str, series: Series) -> Table:
     return Table(table_name(key), (*_times(flight, series.t), *columns), {"source": series.source})
 
 
+def _witnesses(flight: Flight) -> Iterator[Table]:
+    """Biases, desired attitude, motors, and a simulator's truth: those that the flight has."""
+    for i, bias in enumerate(flight.biases):
+        columns = (
+            *vectors("gyro", bias.gyro, "rad/s", "radps", "FRD"),
+            *vectors("accel", bias.accel, "m/s²", "mps2", "FRD"),
+            *vectors("gyro_sigma", bias.gyro_sigma, "rad/s", "radps", "FRD"),
+            *vectors("accel_sigma", bias.accel_sigma, "m/s²", "mps2", "FRD"),
+        )
+        of = "" if bias.imu_instance is None else str(bias.imu_instance)
+        yield Table(f"bias_{i}", (*_times(flight, bias.t), *columns), {"source": bias.source, "instance": of})
+    if (control := flight.control) is not None:
+        columns = quaternions("q", control.q_ned_frd)
+        yield Table("control", (*_times(flight, control.t), *columns), {"source": control.source})
+    if (motors := flight.actuators) is not None:
+        columns = tuple(Column(f"output_{i}", share) for i, share in enumerate(motors.output.T, 1))
+        yield Table("actuators", (*_times(flight, motors.t), *columns), {"source": motors.source})
+    if (used := flight.imu_in_use) is not None:
+        columns = (Column("instance", used.instance),)
+        yield Table("imu_in_use", (*_times(flight, used.t), *columns), {"source": used.source})
+    if (truth := flight.truth) is not None:
+        columns = (
+            *quaternions("q", truth.q_ned_frd),
+            *vectors("position", truth.position, "m", "m", "NED"),
+            *vectors("velocity", truth.velocity, "m/s", "mps", "NED"),
+        )
+        yield Table("truth", (*_times(flight, truth.t), *columns), {"source": truth.source})
+
+
+def _phases(flight: Flight) -> Table:
+    found = phases(flight)
+    columns = (
+        *_times(flight, np.array([part.start for part in found], np.float64), prefix="start_"),
+        *_times(flight, np.array([part.end for part in found], np.float64), prefix="end_"),
+        Column("kind", np.array([part.kind for part in found], np.str_)),
+        Column("reason", np.array([part.reason for part in found], np.str_)),
+    )
+    return Table("phases", columns, {"source": "arming, estimator's flags, texts, motion"})
+
+
+def _resets(flight: Flight) -> Table:
+    columns = (
+        *_times(flight, np.array([reset.t for reset in flight.resets], np.float64)),
+        Column("kind", np.array([reset.kind for reset in flight.resets], np.str_)),
+        Column("core", np.array([_or_nan(reset.core) for reset in flight.resets], np.float64)),
+        Column("text", np.array([reset.text for reset in flight.resets], np.str_)),
+    )
+    return Table("resets", columns, {"source": "jumps that the estimator announced"})
+
+
+def _parameters(flight: Flight) -> Table:
+    columns = (
+        *_times(flight, np.array([change.t for change in flight.parameter_changes], np.float64)),
+        Column("name", np.array([change.name for change in flight.parameter_changes], np.str_)),
+        Column("value", np.array([change.value for change in flight.parameter_changes], np.float64)),
+    )
+    return Table("parameter_changes", columns, {"source": "parameters that got another value in the log"})
+
+
 def _texts(flight: Flight) -> Table:
     columns = (
         *_times(flight, np.array([text.t for text in flight.texts], np.float64)),
@@ -158,6 +222,29 @@ def _reckoning(flight: Flight, shown: Replay) -> Table:
     if not shown.has_position:
         columns = tuple(c for c in columns if not c.name.startswith(("velocity", "position")))
     return Table("reckoning", columns, {"error": "autopilot minus IMU; attitude: rotation vector of q_ap ⊗ q_imu⁻¹"})
+
+
+def _best(flight: Flight, best: BestEstimate) -> Table:
+    t = best.imu.t
+    q, velocity, position = best.at(t)
+    sigma = {
+        block.start: np.column_stack([np.interp(t, best.t, column) for column in best.sigma(block).T])
+        for block in (ATTITUDE, VELOCITY, POSITION)
+    }
+    where = () if best.origin is None else places(position, best.origin).T
+    columns = (
+        *_times(flight, t),
+        *quaternions("q", q),
+        *(Column(f"position_{n}", v, u) for n, v, u in zip(_PLACE, where, ("°", "°", "m"), strict=False)),
+        *vectors("velocity", velocity, "m/s", "mps", "NED"),
+        *vectors("position", position, "m", "m", "NED"),
+        *vectors("attitude_sigma", sigma[ATTITUDE.start], "rad", "rad", "NED"),
+        *vectors("velocity_sigma", sigma[VELOCITY.start], "m/s", "mps", "NED"),
+        *vectors("position_sigma", sigma[POSITION.start], "m", "m", "NED"),
+    )
+    if "gps_position" not in best.residuals:
+        columns = tuple(c for c in columns if not c.name.startswith(("velocity", "position")))
+    return Table("best_estimate", columns, {"source": ", ".join([best.imu.source, *best.residuals])})
 
 
 def _drift(assessed: Assessment) -> Table:

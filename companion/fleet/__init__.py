@@ -1,6 +1,7 @@
 """Many logs at once on dask.distributed: rows of every flight, in Parquet tables and on one page."""
 
 from companion.fleet.digest import count_by_status, count_findings, errors, reasons, short_names, worst
+from companion.fleet.limits import MEMORY_GB, TIMEOUT_S
 from companion.fleet.rows import Row, Rows
 from companion.fleet.run import Fleet, FleetRun, run_fleet
 from companion.fleet.search import FoundLog, Search, find_logs
@@ -8,6 +9,8 @@ from companion.fleet.tables import COLUMNS, arrow_table
 
 __all__ = [
     "COLUMNS",
+    "MEMORY_GB",
+    "TIMEOUT_S",
     "Fleet",
     "FleetRun",
     "FoundLog",

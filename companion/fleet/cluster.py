@@ -10,10 +10,10 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from companion.errors import InputError
 from companion.fleet.records import LogRecord, Plan
 from companion.fleet.search import FoundLog
 from companion.fleet.task import decode, examine_log
+from companion.model import InputError
 
 if TYPE_CHECKING:
     from distributed import Client, Future

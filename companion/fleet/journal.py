@@ -11,9 +11,9 @@ from typing import Self
 
 import msgspec
 
-from companion.errors import InputError
 from companion.fleet.records import LogRecord
 from companion.fleet.search import FoundLog
+from companion.model import InputError
 
 NAME = "fleet.jsonl"
 

@@ -44,3 +44,5 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
     imu: str | None = None
     imu_model: str | None = None
     folder: str | None = None  # of the results, to write reports into; None: no reports
+    memory_gb: float = 4.0  # for one log
+    timeout_s: float = 600.0  # for one log

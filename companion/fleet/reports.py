@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from companion.errors import InputError
 from companion.examination import Examination
 from companion.fleet.journal import replaced
+from companion.model import InputError
 from companion.recording import Recording
 from companion.settings import Settings
 

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import hashlib
+import html
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import msgspec
 
-from companion.errors import InputError
 from companion.fleet.journal import printable, replaced
 from companion.fleet.page import fleet_html
 from companion.fleet.records import LogRecord
-from companion.fleet.rows import rows_of
+from companion.fleet.rows import Rows, rows_of
 from companion.fleet.search import FoundLog
 from companion.fleet.tables import COLUMNS, arrow_table
+from companion.model import InputError
 
 PAGE = "fleet.html"
 _STATE = b"state"
@@ -34,7 +35,7 @@ def write_results(folder: Path, logs: Sequence[tuple[FoundLog, LogRecord]], abou
     if all(path.is_file() for path in paths) and _state_of(paths[0]) == state:
         return []
     rows = rows_of(logs)
-    page = fleet_html(rows, [(name.replace("_", " "), value) for name, value in about.items()])
+    page = _page(rows, about)
     try:
         with replaced(paths[-1]) as draft:
             draft.write_text(page, encoding="utf-8")
@@ -47,6 +48,15 @@ def write_results(folder: Path, logs: Sequence[tuple[FoundLog, LogRecord]], abou
     except OSError as error:
         raise InputError(f"cannot write into {folder}: {error.strerror or error}. What was examined is kept.") from None
     return paths
+
+
+def _page(rows: Rows, about: Mapping[str, str]) -> str:
+    """The page; where it cannot be drawn, one that says so: the tables are not lost for that."""
+    try:
+        return fleet_html(rows, [(name.replace("_", " "), value) for name, value in about.items()])
+    except Exception as error:  # noqa: BLE001
+        said = html.escape(f"{type(error).__name__}: {error}")
+        return f"<!doctype html><title>Fleet</title><p>This page cannot be drawn ({said}). The tables are beside it."
 
 
 def _state_of(path: Path) -> str | None:

@@ -11,14 +11,15 @@ from pathlib import Path
 
 import msgspec
 
-from companion.errors import InputError
 from companion.fleet.cluster import examine_all, local_cluster, remote_cluster
 from companion.fleet.journal import Journal
+from companion.fleet.limits import MEMORY_GB, TIMEOUT_S
 from companion.fleet.records import LogRecord, Plan
 from companion.fleet.results import write_results
 from companion.fleet.rows import Rows, rows_of
 from companion.fleet.search import FoundLog
 from companion.fleet.version import version_of
+from companion.model import InputError
 from companion.settings import Settings
 
 
@@ -34,6 +35,8 @@ class FleetRun:
     workers: int | None = None  # processes of this computer; None: one for each processor
     scheduler: str | None = None  # of an existing cluster, in place of processes of this computer
     retry: bool = False  # examine those again whose row is an error
+    memory_gb: float = MEMORY_GB  # for one log
+    timeout_s: float = TIMEOUT_S  # for one log
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +74,8 @@ def run_fleet(run: FleetRun, logs: Sequence[FoundLog], progress: Progress | None
         imu=run.imu,
         imu_model=_absolute(run.imu_model),
         folder=str(run.folder.resolve()) if run.reports else None,
+        memory_gb=run.memory_gb,
+        timeout_s=run.timeout_s,
     )
     with Journal(run.folder, version) as journal:
         done = {log.path: record for log in logs if (record := journal.record(log)) and not _again(run, record)}

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.errors import CompanionError, InputError
 from companion.mavlink import DEFAULT_DIALECT, looks_like_a_log
+from companion.model import CompanionError, InputError
 
 _LOGS = (".tlog", ".ulg")
 _PERHAPS = (".bin", ".gz", ".zst")  # firmware and archives have these names too: their content tells

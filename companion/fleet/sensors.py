@@ -7,11 +7,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from companion.tracks import Flight
+from companion.model import Flight
 
 _SERIAL = re.compile(r"\b([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})\b|^([0-9a-f]{32})$")
 """ArduPilot's banner gives the processor's unique id so (AP_HAL_ChibiOS/Util.cpp, get_system_id); its simulator's is
 32 digits."""
+
+_IDS = 2.0**32  # a device id has 32 bits: what is larger is damage
 
 
 def sensor_ids(flight: Flight, sensor: str) -> dict[str, int]:
@@ -23,7 +25,7 @@ def sensor_ids(flight: Flight, sensor: str) -> dict[str, int]:
     found: dict[str, int] = {}
     for name, track in flight.imus.items():
         identity = next((flight.parameters[p] for p in _names(sensor, track.instance) if p in flight.parameters), 0.0)
-        if identity:
+        if identity and abs(identity) < _IDS:
             found[name] = int(identity)
     return found
 
@@ -38,7 +40,7 @@ def board_of(flights: Iterable[Flight]) -> str | None:
             if match := _SERIAL.search(said.text):
                 return match[1] or match[2]
         number = flight.parameters.get("BRD_SERIAL_NUM", number)
-    return str(int(number)) if number else None
+    return str(int(number)) if number and abs(number) < _IDS else None
 
 
 def temperatures(flight: Flight) -> dict[str, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from companion.fleet.rows import Row
+from companion.fleet.rows import Row, Rows
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -54,6 +54,11 @@ _UNITS = {
     "_s": "s", "_deg": "deg", "_m": "m", "_mps": "m/s", "_mps2": "m/s²", "_rad": "rad", "_radps": "rad/s",
     "_degc": "°C", "_hz": "Hz", "_bytes": "B",
 }  # fmt: skip
+
+
+def arrow_tables(rows: Rows) -> dict[str, pa.Table]:
+    """All of them by name. Raises ValueError or pyarrow's errors for a row that no table can have."""
+    return {name: arrow_table(name, getattr(rows, name)) for name in COLUMNS}
 
 
 def arrow_table(name: str, rows: Sequence[Row]) -> pa.Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import signal
@@ -12,16 +13,21 @@ from pathlib import Path
 import msgspec
 
 from companion.documents import analysis_document, unexamined_document, vehicle_object
-from companion.errors import CompanionError, DataError
 from companion.examination import examine, unexaminable
 from companion.fleet.journal import printable
+from companion.fleet.limits import TimeUpError, limited
 from companion.fleet.records import FlightRecord, LogRecord, Plan
 from companion.fleet.reports import write_report
+from companion.fleet.rows import rows_of
+from companion.fleet.search import FoundLog
 from companion.fleet.sensors import board_of, sensor_ids, temperatures
+from companion.fleet.tables import arrow_tables
 from companion.fleet.version import version_of
+from companion.model import CompanionError, DataError, Flight
 from companion.recording import Recording, read_recording
 from companion.settings import Settings
-from companion.tracks import Flight
+
+_NO_CALENDAR_S = 4e9  # the year 2096
 
 
 def examine_log(path: str, plan: Plan, known: Collection[str] = ()) -> bytes:
@@ -31,9 +37,13 @@ def examine_log(path: str, plan: Plan, known: Collection[str] = ()) -> bytes:
     the file, its program is another version) is there too, with `settled` False.
     """
     try:
-        return msgspec.json.encode(_record(path, plan, known))
-    except Exception as error:  # noqa: BLE001  (the border between processes: not every exception survives the journey)
-        return msgspec.json.encode(LogRecord(error=_said(error)))
+        with limited(plan.memory_gb, plan.timeout_s):
+            record = _record(path, plan, known)
+            with contextlib.suppress(ImportError):  # this worker writes nothing
+                arrow_tables(rows_of([(FoundLog(path, 0, ""), record)]))  # what cannot be written is this log's error
+            return msgspec.json.encode(record)
+    except (Exception, TimeUpError) as error:  # noqa: BLE001  (the border between processes: not every exception survives the journey)
+        return msgspec.json.encode(LogRecord(sha256=_digest(path), error=_said(error)))
 
 
 def _record(path: str, plan: Plan, known: Collection[str]) -> LogRecord:
@@ -56,13 +66,14 @@ def _record(path: str, plan: Plan, known: Collection[str]) -> LogRecord:
             path,
             dialect=settings.log.dialect,
             dequantise=settings.log.dequantise,
+            max_size_gb=settings.log.max_size_gb,
             every_message=plan.folder is not None,  # a report has the rates of all
         )
         if not recording.flights:
             raise DataError("no vehicle speaks in it: no telemetry of an autopilot was found.")
+        flights = tuple(_flight(recording, flight, plan, settings, digest) for flight in recording.flights)
     except Exception as error:  # noqa: BLE001  (one bad log is a row, whatever it breaks)
         return LogRecord(sha256=digest, error=_said(error))
-    flights = tuple(_flight(recording, flight, plan, settings, digest) for flight in recording.flights)
     return LogRecord(sha256=digest, format=recording.source.format, flights=flights)
 
 
@@ -72,7 +83,7 @@ def _flight(recording: Recording, flight: Flight, plan: Plan, settings: Settings
         vehicle=vehicle_object(flight),
         boot=flight.boot,
         duration_s=flight.duration,
-        date_s=flight.epoch.unix_s + flight.start if flight.epoch else None,
+        date_s=_date(flight),
         board=board_of(same),
         gyro_ids=sensor_ids(flight, "gyro"),
         accel_ids=sensor_ids(flight, "accel"),
@@ -96,14 +107,30 @@ def _flight(recording: Recording, flight: Flight, plan: Plan, settings: Settings
     return msgspec.structs.replace(record, report=page)
 
 
-def _said(error: Exception) -> str:
+def _date(flight: Flight) -> float | None:
+    """When it began, s UNIX; None for a time that no calendar has."""
+    if flight.epoch is None:
+        return None
+    date = flight.epoch.unix_s + flight.start
+    return date if 0.0 <= date < _NO_CALENDAR_S else None
+
+
+def _digest(path: str) -> str | None:
+    try:
+        with Path(path).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return None
+
+
+def _said(error: BaseException) -> str:
     """An error in words that can be kept in a table."""
     if isinstance(error, CompanionError):
         return printable(str(error))
     if isinstance(error, OSError):
         return printable(f"{error.filename or 'a file'}: {error.strerror or error}")
     if isinstance(error, MemoryError):
-        return "it does not fit into the memory of its worker. Give each more: --workers 1"
+        return "it needs more memory than a log is given. Give it more: --memory GB --retry"
     return printable(f"the analysis failed with {type(error).__name__}: {error}. This is a fault of companion.")
 
 

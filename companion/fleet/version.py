@@ -13,8 +13,8 @@ from companion.sensors import load_imu_figures
 from companion.settings import Settings, data_folder
 
 MAKING = {
-    "errors", "frames", "tracks", "series", "settings", "sensors", "correction", "mavlink", "telemetry", "strapdown",
-    "analysis", "recording", "examination", "documents", "fleet",
+    "model", "settings", "sensors", "correction", "mavlink", "telemetry", "strapdown", "estimation", "analysis",
+    "recording", "examination", "documents", "fleet", "toml_file",
 }  # fmt: skip
 """The parts of the program that a row comes out of."""
 

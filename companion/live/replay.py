@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from companion.analysis import Integration, Replay, replay
-from companion.errors import DataError
+from companion.model import DataError, Flight
 from companion.telemetry import Stream
-from companion.tracks import Flight
 
 _MARGIN_S = 3.0  # beside the re-anchor period: late packets, and the autopilot's messages around the anchor
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from companion.analysis import HORIZONS_S, DriftRow, FreeRun, FreeState, Integration, RunningDrift
 from companion.live.replay import LiveReplay, Present
 from companion.mavlink import Frames
+from companion.model import Flight
 from companion.telemetry import Stream
-from companion.tracks import Flight
 
 _DRIFT_S = 5.0  # between two looks for complete windows
 _SETTLED_S = 2.0  # packets come late: a window is judged so long after its end

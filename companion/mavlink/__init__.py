@@ -7,7 +7,7 @@ from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, MessageLayout, d
 from companion.mavlink.encode import encode, make_messages
 from companion.mavlink.frames import Damage, Decoder, Frames
 from companion.mavlink.link import Link, LinkHealth, open_port
-from companion.mavlink.logfile import Contents, log_format
+from companion.mavlink.logfile import MOST_BYTES, Contents, log_format
 from companion.mavlink.messages import Messages, join, split_messages
 from companion.mavlink.modes import mode_name, px4_nav_state_name
 from companion.mavlink.pack import Packer, Value
@@ -25,6 +25,7 @@ from companion.mavlink.wishes import State, Wish
 
 __all__ = [
     "DEFAULT_DIALECT",
+    "MOST_BYTES",
     "Address",
     "Arriving",
     "Choice",

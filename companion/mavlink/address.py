@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import Literal
 
-from companion.errors import InputError
+from companion.model import InputError
 
 Kind = Literal["udpin", "udpout", "tcp", "tcpin", "serial"]
 

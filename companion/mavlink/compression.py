@@ -7,13 +7,17 @@ import importlib
 import lzma
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from companion.errors import InputError
+from companion.model import InputError
 
 _PIECE_BYTES = 1 << 12  # of compressed data: what is lost where it is damaged
+_ZLIB = type(zlib.decompressobj())
+_MOST_BYTES = 1 << 20  # that come out at a time
+_ZSTANDARD_BYTES = 128  # of compressed data, of which 4 MiB may come
+_LZMA_BYTES = 1 << 28  # for the dictionary of an xz file; the largest that xz makes by itself is 64 MiB
 _ERRORS = (EOFError, OSError, ValueError, zlib.error, lzma.LZMAError, zipfile.BadZipFile)
 _ARCHIVES = {b"7z\xbc\xaf\x27\x1c": "a 7-Zip archive", b"Rar!\x1a\x07": "a RAR archive"}
 _ZIP = b"PK\x03\x04"
@@ -45,7 +49,7 @@ def decompressed(path: Path, file: BinaryIO, magic: bytes) -> Pieces:
     if kind == "Zstandard":
         return _unpacked(file, kind, *_zstandard(path))
     if kind == "xz":
-        return _unpacked(file, kind, lzma.LZMADecompressor)
+        return _unpacked(file, kind, lambda: lzma.LZMADecompressor(memlimit=_LZMA_BYTES))
     if kind == "bzip2":
         return _unpacked(file, kind, bz2.BZ2Decompressor)
     return _unpacked(file, "gzip", lambda: zlib.decompressobj(wbits=31))
@@ -68,15 +72,38 @@ def _unpacked(file: BinaryIO, name: str, new: Callable[[], Any], error: type[Exc
                     break
                 machine = new()
             try:
-                piece = machine.decompress(raw)
-            except (*_ERRORS, error) as reason:
+                raw = yield from _unpacked_pieces(machine, raw)
+            except (*_ERRORS, MemoryError, error) as reason:
                 yield f"its {name} data is damaged ({reason}): what lies before that is read"
                 return
-            raw = machine.unused_data if machine.eof else b""
-            if piece:
-                yield piece
     if not machine.eof:
         yield f"its {name} data is cut off: the copy was not finished, and what there is of it is read"
+
+
+def _unpacked_pieces(machine: Any, raw: bytes) -> Generator[bytes, None, bytes]:
+    """What comes out of some compressed bytes, in pieces: a few bytes can stand for gigabytes.
+
+    Returns those that belong to the next stream.
+    """
+    if isinstance(machine, _ZLIB):
+        while raw and not machine.eof:
+            if piece := machine.decompress(raw, _MOST_BYTES):
+                yield piece
+            raw = machine.unconsumed_tail
+    elif hasattr(machine, "needs_input"):  # of bz2, lzma and Python's own zstd
+        while not machine.eof:
+            if piece := machine.decompress(raw, _MOST_BYTES):
+                yield piece
+            raw = b""
+            if machine.needs_input:
+                break
+    else:  # the library zstandard bounds nothing, but 4 bytes are 128 KiB at most
+        for begin in range(0, len(raw), _ZSTANDARD_BYTES):
+            if piece := machine.decompress(raw[begin : begin + _ZSTANDARD_BYTES]):
+                yield piece
+            if machine.eof:
+                return bytes(machine.unused_data) + raw[begin + _ZSTANDARD_BYTES :]
+    return bytes(machine.unused_data) if machine.eof else b""
 
 
 def _zstandard(path: Path) -> tuple[Callable[[], Any], type[Exception]]:

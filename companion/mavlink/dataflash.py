@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.errors import InputError
 from companion.mavlink.crc import Bytes, Index
 from companion.mavlink.declarations import (
     FMT,
@@ -29,10 +28,11 @@ from companion.mavlink.declarations import (
     record_layouts,
     record_lengths,
 )
-from companion.mavlink.logfile import Contents, log_format, read_head
+from companion.mavlink.logfile import MOST_BYTES, Contents, log_format, read_head
 from companion.mavlink.mapped import Mapped
 from companion.mavlink.messages import as_bytes
 from companion.mavlink.spans import first_come
+from companion.model import InputError
 
 _HEAD_1, _HEAD_2 = 0xA3, 0x95
 _SCAN_BYTES = 2 << 20
@@ -46,7 +46,8 @@ class Records:
 
     layout: RecordLayout
     offset: Index  # (N,) position of the record in the file: the order across types
-    rows: npt.NDArray[np.void]  # (N,) of layout.dtype, as in the file; TimeUS alone if this type was not asked for
+    rows: npt.NDArray[np.void]  # (N,) of layout.dtype, as in the file; its time alone if this type was not asked for
+    given: npt.NDArray[np.float64] | None = None  # (N,) s, the times of records that carry none
 
     @property
     def name(self) -> str:
@@ -74,6 +75,11 @@ class Records:
             return self[field].astype(np.float64) * self.layout.multipliers.get(field, 1.0)
 
     @property
+    def t(self) -> npt.NDArray[np.float64]:
+        """When each was written: (N,) s since boot. Raises KeyError for records without a time."""
+        return self.in_unit(self.layout.clock) if self.given is None else self.given
+
+    @property
     def instances(self) -> tuple[int, ...]:
         """The sensors or cores that appear; empty where there is only one."""
         if self.layout.instance_field is None:
@@ -90,7 +96,7 @@ class Records:
         """Those of a mask, an index or a slice."""
         whole = self.rows.dtype.itemsize > 0
         rows = as_bytes(self.rows)[index].view(self.rows.dtype) if whole else self.rows[index]
-        return Records(self.layout, self.offset[index], rows)
+        return Records(self.layout, self.offset[index], rows, None if self.given is None else self.given[index])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +115,11 @@ class DataflashLog:
 
 
 def read_dataflash(
-    path: str | Path, *, names: Collection[str] | None = None, progress: Callable[[int], None] | None = None
+    path: str | Path,
+    *,
+    names: Collection[str] | None = None,
+    progress: Callable[[int], None] | None = None,
+    most_bytes: int = MOST_BYTES,
 ) -> DataflashLog:
     """Read an on-board log, as far as it can be read.
 
@@ -125,7 +135,7 @@ def read_dataflash(
             f"{path} is no ArduPilot DataFlash log: it begins with {head[:8].hex(' ').upper()}, not A3 95. "
             "Name the .bin file that the autopilot wrote."
         )
-    contents = Contents(path)
+    contents = Contents(path, most_bytes)
     mapped = Mapped(contents)
     starts, types, formats = _find(mapped, progress)
     if len(starts) == 0:
@@ -160,9 +170,9 @@ def read_dataflash(
 
 
 def _times(layout: RecordLayout) -> np.dtype[np.void]:
-    """Of a type that is not wanted: TimeUS, which all but a few have as their first field."""
-    timed = layout.fields[:1] == ("TimeUS",)
-    return np.dtype([("TimeUS", layout.dtype["TimeUS"])] if timed else [])
+    """Of a type that is not wanted: its time, which all but a few have as their first field."""
+    timed = layout.clock and layout.fields[0] == layout.clock
+    return np.dtype([(layout.clock, layout.dtype[layout.clock])] if timed else [])
 
 
 def _fill(mapped: Mapped, found: Mapping[str, Records]) -> None:

@@ -26,6 +26,9 @@ _KINDS: dict[str, Any] = {
     "c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4", "L": "<i4",
 }  # fmt: skip
 _INSTANCES = ("I", "C", "IMU")  # a sensor, a core of the EKF: what ArduPilot calls those columns
+_CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3, "T": 1e-3}
+"""Columns with the time since boot → s."""
+
 # Formats in hundredths, or ten-millionths of a degree: divided, not multiplied, which is the more exact (DFReader).
 _DIVISORS = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
 
@@ -42,6 +45,7 @@ class RecordLayout:
     units: Mapping[str, str]  # field -> label of the log's UNIT record ("s", "rad/s", "m/s/s"); absent: none
     multipliers: Mapping[str, float]  # field -> what makes a value one in that unit (TimeUS: 1e-6); absent: 1
     instance_field: str | None  # the column that says which of several sensors or cores ("I", "C"); None: only one
+    clock: str  # the column with the time since boot: "TimeUS", in logs before 2015 "TimeMS"; "" without one
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -70,21 +74,41 @@ class Declaration:
 
 _FMT_BODY = np.dtype([("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")])
 _FMT_LENGTH = HEADER_BYTES + _FMT_BODY.itemsize
+_ALPHANUMERIC = np.array([chr(i).isalnum() and i < 128 for i in range(256)])
+_BLOCK = 1 << 16  # heads looked at together
 
 
 def declarations(data: Bytes, starts: Index) -> dict[int, Declaration]:
     """The declarations in the log, by type; starts: where an FMT record may begin."""
     starts = starts[starts + _FMT_LENGTH <= len(data)]
     known = {FMT: Declaration(FMT, _FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Length", "Name", "Format", "Columns"))}
-    bodies = gather(data, starts + HEADER_BYTES, _FMT_BODY.itemsize)
-    for body in sorted(np.unique(bodies, axis=0, return_index=True)[1].tolist()):
-        row = bodies[body].view(_FMT_BODY)[0]
-        name, letters, columns = (_text(row[field]) for field in ("name", "format", "columns"))
-        # Amid damage it may be no declaration: names are printable, and no record is shorter than its head.
-        if name.isalnum() and letters.isascii() and int(row["length"]) >= HEADER_BYTES:
+    wanted = np.ones(256, np.bool_)  # types without a declaration so far: a log that is full of them takes no longer
+    wanted[FMT] = False
+    for begin in range(0, len(starts), _BLOCK):
+        block = starts[begin : begin + _BLOCK]
+        block = block[wanted[data[block + HEADER_BYTES]]]
+        rows = gather_rows(data, block, _FMT_BODY)
+        rows = rows[_may_declare(rows)]
+        for index in sorted(np.unique(rows["type"], return_index=True)[1].tolist()):
+            row = rows[index]
+            name, letters, columns = (_text(row[field]) for field in ("name", "format", "columns"))
             fields = tuple(columns.split(",")) if columns else ()
-            known.setdefault(int(row["type"]), Declaration(int(row["type"]), int(row["length"]), name, letters, fields))
+            known[int(row["type"])] = Declaration(int(row["type"]), int(row["length"]), name, letters, fields)
+            wanted[int(row["type"])] = False
     return known
+
+
+def _may_declare(rows: npt.NDArray[np.void]) -> npt.NDArray[np.bool_]:
+    """Which bodies (N,) declare a type. Amid damage some do not: names are printable, and no record is shorter than
+    its head.
+    """
+    name = np.ascontiguousarray(rows["name"]).view(np.uint8).reshape(len(rows), -1)
+    letters = np.ascontiguousarray(rows["format"]).view(np.uint8).reshape(len(rows), -1)
+    named = _ALPHANUMERIC[name] | (np.cumsum(name == 0, axis=1) > 0)  # behind a NUL anything may stand
+    plain = (letters < 128) | (np.cumsum(letters == 0, axis=1) > 0)
+    return np.asarray(
+        _ALPHANUMERIC[name[:, 0]] & named.all(axis=1) & plain.all(axis=1) & (rows["length"] >= HEADER_BYTES)
+    )
 
 
 def _text(value: Any) -> str:
@@ -157,8 +181,9 @@ def _layout(
         # 0 stands for "none"; where the format divides already, MULT repeats the same factor.
         if factors.get(i) and field not in divisors
     }
-    if dtype.names and "TimeUS" in dtype.names:  # whatever FMTU says of it, or does not say: logs before 2018 have none
-        units["TimeUS"], multipliers["TimeUS"] = "s", 1e-6
+    clock = _clock(dtype)
+    if clock:  # whatever FMTU says of it, or does not say: logs before 2018 have none
+        units[clock], multipliers[clock] = "s", _CLOCKS[clock]
     if unit_ids:
         instance = next((f for f, i in zip(declared.columns, unit_ids, strict=False) if i == "#"), None)
     else:
@@ -174,4 +199,12 @@ def _layout(
         units=MappingProxyType(units),
         multipliers=MappingProxyType(multipliers),
         instance_field=instance,
+        clock=clock,
     )
+
+
+def _clock(dtype: np.dtype[np.void]) -> str:
+    names = dtype.names or ()
+    clock = next((n for n in ("TimeUS", "TimeMS") if n in names and dtype[n].kind in "iu"), "")
+    # GPS of old firmware: TimeMS is the receiver's time of the week, and T that of the autopilot.
+    return "T" if clock == "TimeMS" and "T" in names and dtype["T"].kind in "iu" else clock

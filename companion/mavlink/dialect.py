@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.errors import SettingsError
+from companion.model import SettingsError
 
 DEFAULT_DIALECT = "ardupilotmega"
 

@@ -9,7 +9,6 @@ from typing import Self
 
 import numpy as np
 
-from companion.errors import InputError
 from companion.mavlink.address import Address, parse_address
 from companion.mavlink.dialect import DEFAULT_DIALECT, load_dialect
 from companion.mavlink.frames import Damage, Decoder, Frames
@@ -20,6 +19,7 @@ from companion.mavlink.requests import Request
 from companion.mavlink.serial_port import SerialPort
 from companion.mavlink.signing import Verifier
 from companion.mavlink.sockets import TcpPort, UdpPort
+from companion.model import InputError
 
 DEFAULT_SYSID, DEFAULT_COMPID = 240, 191
 """Own ids: a system of its own, as MAV_COMP_ID_ONBOARD_COMPUTER. Never 255: ArduPilot takes that for its GCS."""

@@ -7,11 +7,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO, Literal
 
-from companion.errors import InputError
 from companion.mavlink.compression import MAGIC_BYTES, compression, decompressed
+from companion.model import InputError
 
 CHUNK_BYTES = 4 << 20  # large enough for NumPy's overhead to vanish, small enough for the cache
 HEAD_BYTES = 1 << 18
+MOST_BYTES = 800_000_000
+"""Of content that a compressed log may have, unless more is allowed: a few kilobytes can stand for all memory."""
 
 Format = Literal["mavlink", "dataflash", "ulog"]
 
@@ -39,9 +41,10 @@ def open_file(path: Path) -> BinaryIO:
 class Contents:
     """What is in a log file, decompressed: `chunks` reads it, and the rest says how far that has come."""
 
-    def __init__(self, path: Path) -> None:
-        """Raises as `open_file`."""
+    def __init__(self, path: Path, most_bytes: int = MOST_BYTES) -> None:
+        """most_bytes: of content, where it is compressed. Raises as `open_file`."""
         self.path = path
+        self._most = most_bytes
         with open_file(path) as file:
             self._magic = file.read(MAGIC_BYTES)
         self.compression = compression(self._magic)  # None for none
@@ -54,13 +57,19 @@ class Contents:
         """The content in chunks of about `size` bytes.
 
         A compressed file that is damaged or cut off ends where it can no longer be decompressed; `trouble` says so.
-        Raises InputError where nothing can be read.
+        Raises InputError where nothing can be read, or more than is allowed.
         """
         with open_file(self.path) as file:
             pieces = iter(lambda: file.read(size), b"") if self.compression is None else self._joined(file, size)
             for chunk in pieces:
                 self.position = file.tell()
                 self.content_bytes += len(chunk)
+                if self.compression is not None and self.content_bytes > self._most:
+                    raise InputError(
+                        f"{self.path} grows to more than {self._most / 1e9:g} GB when it is decompressed, from "
+                        f"{self.size_bytes / 1e6:.1f} MB: it is no log, or a very large one. Take it as it is with "
+                        "--max-size GB, or decompress it first."
+                    )
                 yield chunk
 
     def read(self, progress: Callable[[int], None] | None = None) -> bytes:

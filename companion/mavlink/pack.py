@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import binascii
 import importlib
+import struct
 from collections.abc import Mapping
 from typing import Any
 
-from companion.mavlink.dialect import DEFAULT_DIALECT, load_dialect
+from companion.mavlink.dialect import DEFAULT_DIALECT, MessageLayout, load_dialect
 from companion.mavlink.signing import now_ticks
 
 Value = int | float | bytes
+
+_HEADER = struct.Struct("<BBBBBBHB")  # after the magic byte; the id has three bytes
+_MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 class Packer:
@@ -49,6 +54,25 @@ class Packer:
         frame: bytes = bytes(kind(**(blank | dict(fields))).pack(self._sender, force_mavlink1=version == 1))
         self._sender.seq = (self._sender.seq + 1) % 256
         return frame
+
+    def frame(self, layout: MessageLayout, payload: bytes) -> bytes:
+        """An unsigned MAVLink 2 frame about a payload that is laid out already."""
+        sent = payload.rstrip(b"\0") or b"\0"
+        sender = self._sender
+        body = (
+            _HEADER.pack(
+                len(sent), 0, 0, sender.seq, sender.srcSystem, sender.srcComponent, layout.id & 0xFFFF, layout.id >> 16
+            )
+            + sent
+        )
+        sender.seq = (sender.seq + 1) % 256
+        return b"\xfd" + body + _crc(body + bytes((layout.crc_extra,))).to_bytes(2, "little")
+
+
+def _crc(data: bytes) -> int:
+    """CRC-16/MCRF4XX, the mirror image of the CRC-16 in the standard library: every byte and the result reversed."""
+    mirrored = binascii.crc_hqx(data.translate(_MIRRORED), 0xFFFF)
+    return _MIRRORED[mirrored & 0xFF] << 8 | _MIRRORED[mirrored >> 8]
 
 
 def _zeros(kind: Any) -> dict[str, Any]:

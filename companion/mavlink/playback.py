@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.errors import InputError
 from companion.mavlink.dialect import Dialect
 from companion.mavlink.frames import Decoder, Frames
 from companion.mavlink.logfile import Contents
 from companion.mavlink.messages import log_time
 from companion.mavlink.ports import Port
+from companion.model import InputError
 
 _STEP_S = 0.005  # the longest sleep: what the other side says is read and thrown away meanwhile
 _LATE_S = 0.5  # so far behind, the pace begins anew: a machine that was asleep does not send hours at once

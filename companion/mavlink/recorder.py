@@ -9,24 +9,30 @@ from itertools import count
 from pathlib import Path
 from typing import Self
 
-from companion.errors import InputError
 from companion.mavlink.frames import Frames
 from companion.mavlink.tlog import TlogWriter
+from companion.model import InputError
+
+_LOOK_S = 1.0  # between two looks whether the file is still there
 
 
 class Recorder:
     """Writes every frame as it comes; each is with the operating system at once, so that a kill -9 loses none.
 
     path: a new file; by default `YYYY-MM-DD hh-mm-ss.tlog` in the current folder, as ground stations name theirs.
-    Raises InputError when the file exists already or cannot be written.
+    Raises InputError when the file exists already, is a pipe or a device, or cannot be written.
     """
 
     def __init__(self, path: str | Path | None = None) -> None:
         self.path = Path(path) if path is not None else _unused(time.strftime("%Y-%m-%d %H-%M-%S"))
-        if path is not None and self.path.is_file():
-            raise InputError(f"{self.path} exists already, and a recording is never overwritten: choose another name.")
-        self.size_bytes = 0
+        if path is not None and (self.path.is_symlink() or self.path.exists()):
+            kind = "exists already" if self.path.is_file() or self.path.is_symlink() else "is no new file"
+            raise InputError(
+                f"{self.path} {kind}, and a recording is never written over anything: choose another name."
+            )
+        self.size_bytes = self.frames = 0  # that are in the file, whole
         self.problem = ""  # why nothing is written any more
+        self._looked = time.monotonic()
         self._writer: TlogWriter | None = TlogWriter(self.path)
 
     def write(self, frames: Frames) -> None:
@@ -37,13 +43,28 @@ class Recorder:
             self._writer.write(frames, time.time())
         except OSError as error:
             full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-            self.problem = (
-                f"{self.path}: {'the disk is full' if full else error.strerror}; the recording ends here, after "
-                f"{self.size_bytes:,} bytes. Everything else goes on."
+            self._end(
+                f"{self.path}: {'the disk is full' if full else error.strerror}; the recording ends here. "
+                f"{self.frames:,} frames ({self.size_bytes:,} bytes) are safe in it."
             )
-            self.close()
             return
         self.size_bytes += int(frames.size.sum()) + 8 * len(frames)
+        self.frames += len(frames)
+        now = time.monotonic()
+        if now - self._looked >= _LOOK_S:
+            self._looked = now
+            if self._writer.deleted:
+                lost = self.frames
+                self.frames = self.size_bytes = 0
+                self._end(f"{self.path} has been deleted: the recording ends here, and its {lost:,} frames are lost.")
+
+    def _end(self, problem: str) -> None:
+        """Keep what is whole, and say why there is no more."""
+        self.problem = problem
+        if self._writer is not None:
+            with contextlib.suppress(OSError):
+                self._writer.cut(self.size_bytes)
+        self.close()
 
     def close(self) -> None:
         """Close the file. A recording of nothing is not left behind."""
@@ -52,7 +73,7 @@ class Recorder:
         with contextlib.suppress(OSError):  # what a full disk did not take is reported in `problem`
             self._writer.close()
         self._writer = None
-        if not self.size_bytes and self.path.is_file():  # and no device
+        if not self.size_bytes and self.path.is_file():
             with contextlib.suppress(OSError):  # someone has taken it away
                 self.path.unlink()
 

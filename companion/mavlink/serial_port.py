@@ -7,9 +7,9 @@ import errno
 import time
 from typing import Any
 
-from companion.errors import InputError
 from companion.mavlink.address import Address
 from companion.mavlink.ports import BackOff
+from companion.model import InputError
 
 _WAIT_S = 0.05  # that a read waits for its first byte
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -19,7 +20,9 @@ from companion.mavlink.requests import Target
 from companion.mavlink.timesync import Clock
 from companion.mavlink.wanted import fit, wanted_from
 from companion.mavlink.wishes import State
+from companion.model import CompanionError
 
+_log = logging.getLogger(__name__)
 _HEARTBEAT_S = 1.0
 _LEAVING_S = (0.4, 0.25, 0.25, 0.25)  # to hear that the intervals are restored, at each attempt
 _HEARD = (
@@ -100,6 +103,7 @@ class Session:
         self._epoch = time.time() - time.monotonic()
         self._leaving = False
         self._told_disk = self._told_crowd = False
+        self._excused: set[str] = set()
 
     def step(self, timeout_s: float = 0.1) -> Frames:
         """Receive, record and ask once. Raises InputError when the link carries no MAVLink."""
@@ -110,12 +114,25 @@ class Session:
             if self.recorder.problem and not self._told_disk:
                 self._told_disk = True
                 self.said.append(self.recorder.problem)
-        if self.on_frames is not None and len(frames):
-            self.on_frames(frames, self._epoch + now)
-        if len(frames):
-            self._notice(split_messages(frames, self.link.dialect, _HEARD), now)
-        self._speak(now)
+        try:
+            if self.on_frames is not None and len(frames):
+                self.on_frames(frames, self._epoch + now)
+            if len(frames):
+                self._notice(split_messages(frames, self.link.dialect, _HEARD), now)
+            self._speak(now)
+        except CompanionError:
+            raise
+        except Exception as error:  # noqa: BLE001  (whatever a frame breaks, the next is recorded)
+            self._excuse(error)
         return frames
+
+    def _excuse(self, error: Exception) -> None:
+        """Say once of each kind what could not be done beside the recording."""
+        kind = type(error).__name__
+        if kind not in self._excused:
+            self._excused.add(kind)
+            _log.debug("beside the recording", exc_info=error)
+            self.said.append(f"what was heard could not be dealt with ({kind}: {error}); the recording goes on")
 
     @property
     def rates(self) -> Rates | None:

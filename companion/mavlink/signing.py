@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.errors import InputError
 from companion.mavlink.frames import Frames
 from companion.mavlink.headers import HEADER_2, SIGNATURE_BYTES, SIGNED
+from companion.model import InputError
 
 _EPOCH = 1_420_070_400  # s UNIX: signing's clock counts 10 µs from 1 January 2015
 _TICKS_S = 100_000

@@ -15,9 +15,9 @@ import socket
 import time
 from typing import Any
 
-from companion.errors import InputError
 from companion.mavlink.address import Address
 from companion.mavlink.ports import BackOff
+from companion.model import InputError
 
 _READ = 65_536  # bytes, taken once for all: `recv` takes so much anew for every datagram, and shreds the heap
 _AT_ONCE = 1 << 20  # bytes taken in one read: more waits in the kernel

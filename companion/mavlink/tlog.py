@@ -16,14 +16,14 @@ from typing import Self
 
 import numpy as np
 
-from companion.errors import InputError
 from companion.mavlink.columns import Collected
 from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, load_dialect
 from companion.mavlink.encode import encode
 from companion.mavlink.frames import Decoder, Frames
 from companion.mavlink.headers import MAGIC_1, MAGIC_2
-from companion.mavlink.logfile import CHUNK_BYTES, HEAD_BYTES, Contents, log_format, open_file, read_head
+from companion.mavlink.logfile import CHUNK_BYTES, HEAD_BYTES, MOST_BYTES, Contents, log_format, open_file, read_head
 from companion.mavlink.messages import Messages, split_messages
+from companion.model import InputError
 
 _SAMPLE = 61  # every so many bytes of a chunk are looked at
 _FULL = 0.125  # of the bytes are magic; in a log of the shortest frames it is a twentieth
@@ -57,6 +57,7 @@ def read_tlog(
     dialect: str = DEFAULT_DIALECT,
     names: Collection[str] | None = None,
     progress: Callable[[int], None] | None = None,
+    most_bytes: int = MOST_BYTES,
 ) -> Log:
     """Read a telemetry log, as far as it can be read.
 
@@ -71,7 +72,7 @@ def read_tlog(
     head = read_head(path)
     decoder = Decoder(spoken, stamped=_is_stamped(head, spoken))
     columns = Collected(spoken, names)
-    contents = Contents(path)
+    contents = Contents(path, most_bytes)
     for chunk in contents.watched(progress):
         for piece in _pieces(chunk):
             columns.add(decoder.push(piece), contents.position / contents.size_bytes)
@@ -151,16 +152,29 @@ class TlogWriter:
     def __init__(self, path: str | Path) -> None:
         """Raises InputError if the file cannot be written."""
         try:
-            self._file = Path(path).open("wb")  # noqa: SIM115  (closed by `close`)
+            self._file = Path(path).open("wb", buffering=0)  # noqa: SIM115  (closed by `close`)
         except OSError as error:
             raise InputError(f"{path} cannot be written ({error.strerror}): choose another place.") from None
 
     def write(self, frames: Frames, received: float) -> None:
         """Add frames that were received at `received` s UNIX, and hand them to the operating system at once."""
         stamp = round(received * 1e6).to_bytes(8, "big")
-        for start, size in zip(frames.start.tolist(), frames.size.tolist(), strict=True):
-            self._file.write(stamp + frames.data[start : start + size].tobytes())
-        self._file.flush()
+        data = b"".join(
+            stamp + frames.data[start : start + size].tobytes()
+            for start, size in zip(frames.start.tolist(), frames.size.tolist(), strict=True)
+        )
+        view = memoryview(data)
+        while view:  # a disk that is nearly full takes a part
+            view = view[self._file.write(view) :]
+
+    def cut(self, size: int) -> None:
+        """Take off what is behind so many bytes: the part of a frame that a full disk has taken."""
+        self._file.truncate(size)
+
+    @property
+    def deleted(self) -> bool:
+        """Whether the file has been removed from its folder, so that nobody can open what is written any more."""
+        return os.fstat(self._file.fileno()).st_nlink == 0
 
     def close(self) -> None:
         self._file.close()

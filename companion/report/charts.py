@@ -6,7 +6,7 @@ import base64
 import gzip
 from typing import Any
 
-from companion.errors import InputError
+from companion.model import InputError
 from companion.report.markup import text
 from companion.report.traces import Figure
 

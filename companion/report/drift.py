@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from companion.model import Array
 from companion.report import traces
 from companion.report.markup import paragraph, percent, short, table, words
 from companion.report.section import Section
 from companion.report.subject import Subject
-from companion.tracks import Array
 from companion.view import palette
 
 _QUANTITIES = (("attitude", "attitude_deg", "°"), ("velocity", "velocity_mps", "m/s"), ("position", "position_m", "m"))

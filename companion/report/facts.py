@@ -12,11 +12,11 @@ import msgspec
 
 from companion.analysis import Assessment
 from companion.documents import schema
+from companion.model import Flight
 from companion.recording import Source
 from companion.report.markup import details, paragraph, table, text
 from companion.report.section import Section
 from companion.settings import Settings
-from companion.tracks import Flight
 
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
 _LIBRARIES = ("companion", "numpy", "pymavlink", "plotly", "viser")

@@ -7,14 +7,13 @@ import dataclasses
 import numpy as np
 
 from companion.analysis import Replay, errors, replay, windows
-from companion.documents import schema
-from companion.errors import CompanionError
+from companion.documents import FindingObject
+from companion.model import Array, CompanionError
 from companion.report import traces
 from companion.report.markup import paragraph, table, text, words
 from companion.report.section import Section
 from companion.report.subject import AXES, Subject
 from companion.strapdown import quaternion
-from companion.tracks import Array
 from companion.view import palette
 
 MOST_DRAWN = 12
@@ -44,7 +43,7 @@ def findings(subject: Subject) -> Section:
     return Section("findings", "Findings", "".join(parts))
 
 
-def _drawn(subject: Subject, finding: schema.FindingObject) -> str:
+def _drawn(subject: Subject, finding: FindingObject) -> str:
     when = f"{finding.start_s:.1f}–{finding.end_s:.1f} s"
     advice = paragraph(finding.advice, "advice") if finding.severity != "info" else ""
     margin = max(5.0, 0.2 * (finding.end_s - finding.start_s))
@@ -64,7 +63,7 @@ def _drawn(subject: Subject, finding: schema.FindingObject) -> str:
     )
 
 
-def _panels(subject: Subject, finding: schema.FindingObject, low: float, high: float) -> tuple[list[traces.Panel], str]:
+def _panels(subject: Subject, finding: FindingObject, low: float, high: float) -> tuple[list[traces.Panel], str]:
     """What there is to see of a finding between two times, s."""
     if finding.side == "data" and finding.kind != "imu_lag":
         return _intervals(subject, low, high), "Time between two samples of the IMU."

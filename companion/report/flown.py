@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from companion.analysis import expected_since_anchor
+from companion.model import Array
 from companion.report import traces
 from companion.report.markup import paragraph
 from companion.report.place import regained
 from companion.report.section import Section
 from companion.report.subject import Subject
-from companion.tracks import Array
 from companion.view import palette
 
 

@@ -7,7 +7,7 @@ import msgspec
 from companion.documents import encode, unexamined_document
 from companion.examination import Examination, Unexamined
 from companion.recording import Source
-from companion.report import drift, facts, flown, sensors, shaking
+from companion.report import drift, facts, flown, noise, sensors, shaking
 from companion.report.charts import Charts
 from companion.report.findings import findings
 from companion.report.place import track
@@ -42,6 +42,7 @@ def report_html(
         drift.budget(subject),
         sensors.calibration(subject),
         sensors.siblings(subject),
+        noise.noise(subject),
         shaking.spectra(subject),
         shaking.shaking(subject),
         track(subject.flight, subject.replay, subject.colour, charts),

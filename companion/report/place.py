@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.analysis import Replay
+from companion.model import Array, Flight
 from companion.report import traces
 from companion.report.charts import Charts
 from companion.report.markup import paragraph, text
 from companion.report.section import Section
-from companion.tracks import Array, Flight
 from companion.view import extremes, palette
 
 _MOST_EVENTS = 200

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.analysis import Spectrum, clip_counts, imu_spectrum, vibration
+from companion.analysis import clip_counts
+from companion.estimation import Spectrum, imu_spectrum, vibration
+from companion.model import Array
 from companion.report import traces
 from companion.report.markup import paragraph, text
 from companion.report.section import Section
 from companion.report.subject import AXES, Subject
-from companion.tracks import Array
 from companion.view import palette
 
 _VIBE_LIMIT = 30.0  # m/s²: ArduPilot's wiki, "Measuring Vibration": below 30 is normally fine
@@ -20,7 +21,7 @@ def spectra(subject: Subject) -> Section:
     """Power spectral densities beside the sensor's own noise."""
     title = "IMU spectra"
     comparison, figures = subject.comparison, subject.found.figures
-    found = imu_spectrum(comparison.track, comparison.how.limits)
+    found = imu_spectrum(comparison.track, comparison.how.limits.hole(comparison.track.t))
     if found is None:
         reason = "Not drawn: no stretch without a hole is long enough for a spectrum (32 samples)."
         return Section("spectra", title, paragraph(reason))
@@ -30,9 +31,9 @@ def spectra(subject: Subject) -> Section:
     ]
     figure = traces.stack(panels, "frequency, Hz", type="log")
     caption = (
-        f"Amplitude density of {comparison.track.source} by Welch's method: mean of {found.segments} segments of "
-        f"{1 / found.frequency_hz[1]:.2g} s. Grey: the white noise of {figures.name}. What moves faster than "
-        f"{found.frequency_hz[-1]:.0f} Hz is folded into what is shown."
+        f"Amplitude density of {comparison.track.source} by Welch's method, two-sided as N is: mean of "
+        f"{found.segments} segments of {1 / found.frequency_hz[1]:.2g} s. Grey: the white noise of {figures.name}. "
+        f"What moves faster than {found.frequency_hz[-1]:.0f} Hz is folded into what is shown."
     )
     return Section("spectra", title, subject.charts.add(figure, caption, rows=3) + _side_by_side(subject))
 
@@ -42,7 +43,7 @@ def _side_by_side(subject: Subject) -> str:
     found = {
         name: spectrum
         for name, track in subject.flight.imus.items()
-        if (spectrum := imu_spectrum(track, subject.comparison.how.limits)) is not None
+        if (spectrum := imu_spectrum(track, subject.comparison.how.limits.hole(track.t))) is not None
     }
     if len(found) < 2:
         return ""
@@ -50,7 +51,7 @@ def _side_by_side(subject: Subject) -> str:
     def lines(sensor: str) -> list[traces.Trace]:
         return [
             traces.line(
-                s.frequency_hz[1:], np.sqrt(getattr(s, sensor)[1:].sum(axis=1)), text(name), subject.colours[name]
+                s.frequency_hz[1:], np.sqrt(0.5 * getattr(s, sensor)[1:].sum(axis=1)), text(name), subject.colours[name]
             )
             for name, s in found.items()
         ]
@@ -101,7 +102,7 @@ def _told(subject: Subject) -> str | None:
 def _seen(subject: Subject) -> str | None:
     """What is left of it in the samples."""
     comparison = subject.comparison
-    found = vibration(comparison.track, comparison.how.limits)
+    found = vibration(comparison.track, comparison.how.limits.hole(comparison.track.t))
     if found is None:
         return None
     lines = [traces.line(found.t, found.accel[:, i], name, colour) for i, (name, colour) in enumerate(AXES)]
@@ -117,7 +118,7 @@ def _densities(found: Spectrum, power: Array, sheet: float) -> list[traces.Trace
     used = slice(1, None)  # a logarithmic axis has no zero
     frequency = found.frequency_hz[used]
     lines = [
-        traces.line(frequency, np.sqrt(np.maximum(power[used, i], 1e-30)), name, colour, limit=2048)
+        traces.line(frequency, np.sqrt(0.5 * np.maximum(power[used, i], 1e-30)), name, colour, limit=2048)
         for i, (name, colour) in enumerate(AXES)
     ]
     floor = traces.curve(frequency[[0, -1]], np.full(2, sheet), "data sheet", palette.CURSOR, line={"dash": "dash"})

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from companion.analysis import Assessment, Comparison, Replay, replay
-from companion.documents import analysis_document, schema
-from companion.errors import CompanionError
+from companion.documents import FindingObject, analysis_document, schema
 from companion.examination import Examination
+from companion.model import CompanionError, Flight
 from companion.recording import Source
 from companion.report.charts import Charts
 from companion.settings import Settings
-from companion.tracks import Flight
 from companion.view import palette
 
 
@@ -58,11 +57,11 @@ class Subject:
         return self.colours[self.comparison.track.source]
 
     @property
-    def severe(self) -> list[schema.FindingObject]:
+    def severe(self) -> list[FindingObject]:
         """The findings that are more than a remark."""
         return [finding for finding in self.numbers.verdict.findings if finding.severity != "info"]
 
-    def is_throughout(self, finding: schema.FindingObject) -> bool:
+    def is_throughout(self, finding: FindingObject) -> bool:
         """Whether it lasts as long as the flight, so that its time says nothing."""
         first, last = self.ends
         return finding.end_s - finding.start_s > 0.9 * (last - first)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from datetime import UTC, datetime
 
 from companion.analysis import Verdict, rate_warning
+from companion.model import Flight
 from companion.recording import Source
 from companion.report.markup import percent, short, text
 from companion.report.subject import Subject
-from companion.tracks import Flight
 
 _MEANS = {
     "consistent": "Consistent",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.tracks import Array
+from companion.model import Array
 from companion.view import extremes, palette
 
 Trace = dict[str, Any]

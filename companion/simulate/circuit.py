@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.model import STANDARD_GRAVITY, Array
 from companion.strapdown import Motion, quaternion
-from companion.tracks import STANDARD_GRAVITY, Array
 
 SIDE = 28.0  # m
 HEIGHT = 10.0  # m
@@ -43,10 +43,11 @@ def square(t: Array) -> Motion:
     laps = max(1, int((float(t[-1]) - _ONCE_S) // _LAP_S))
     states = np.zeros((4, len(t), 4))  # order of the derivative, time, (north, east, down, yaw)
     for move in _moves(laps):
-        u = np.clip((t - move.begin) / move.lasting, 0.0, 1.0)
+        first, last = np.searchsorted(t, [move.begin, move.begin + move.lasting])
+        u, by = (t[first:last] - move.begin) / move.lasting, np.array([*move.by, move.turn])
         for order, polynomial in enumerate(_DERIVATIVES):
-            step = polynomial(u) / move.lasting**order
-            states[order] += step[:, None] * np.array([*move.by, move.turn])
+            states[order, first:last] += (polynomial(u) / move.lasting**order)[:, None] * by
+        states[0, last:] += by
     position, velocity, acceleration, jerk = states[..., :3]
     return _flown(t, position, velocity, acceleration, jerk, states[0, :, 3], states[1, :, 3])
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.errors import SettingsError
+from companion.model import SettingsError
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +50,9 @@ class Channel:
     def carry(self, packets: Iterable[tuple[float, bytes]]) -> Iterator[tuple[float, bytes]]:
         """The packets that arrive, each with its time."""
         faults = self._faults
+        if not (faults.silence or faults.drop or faults.duplicate or faults.reorder or faults.garbage):
+            yield from packets
+            return
         for t, packet in packets:
             lost, twice, late, soiled = self._rng.random(4)
             if faults.silent(t) or lost < faults.drop:

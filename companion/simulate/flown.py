@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.errors import SettingsError
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, SettingsError
 from companion.simulate.circuit import square
 from companion.simulate.faults import Faults
+from companion.simulate.witnesses import FIX_LATENCY_S, Witnesses, witness
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
-from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack
 
 LOOP_US = 2500
 """Period of the autopilot's main loop: ArduCopter's 400 Hz."""
@@ -26,6 +26,8 @@ MOTIONS: dict[str, Callable[[Array], Motion]] = {
 
 _RANGE = 16 * STANDARD_GRAVITY  # m/s², the accelerometer range that autopilots choose
 _SHAKING_HZ = 87.0  # of a propeller out of balance
+_MOVING = 0.02  # m/s
+_ARMED_S = 2.0  # before it moves, and after
 
 TYPICAL = ImuModel(
     gyro=Sensor(noise_density=5e-5, bias_walk=5e-6, bias=np.array([4e-4, -3e-4, 2e-4]), full_scale=np.radians(2000)),
@@ -45,6 +47,7 @@ class Flown:
     rates: Array  # (N, 3) of the body rates, FRD, rad/s,
     velocity: Array  # (N, 3) of velocity, NED, m/s,
     position: Array  # (N, 3) and of position, NED, m
+    witnesses: Witnesses  # GPS, compasses, barometer
 
     def __len__(self) -> int:
         return len(self.truth.t)
@@ -53,6 +56,14 @@ class Flown:
     def duration(self) -> float:
         """s"""
         return (len(self) - 1) * LOOP_US * 1e-6
+
+    @property
+    def armed(self) -> tuple[float, float]:
+        """From when to when it is armed, s: a little longer than it moves; never when it stays where it is."""
+        moving = np.flatnonzero(np.linalg.norm(self.truth.velocity, axis=1) > _MOVING)
+        if not len(moving):
+            return np.inf, np.inf
+        return float(self.truth.t[moving[0]]) - _ARMED_S, float(self.truth.t[moving[-1]]) + _ARMED_S
 
 
 def fly(
@@ -68,9 +79,9 @@ def fly(
     """Fly a closed-form motion of `MOTIONS` for a time. The same seed gives the same flight.
 
     The estimate is the truth with white noise of 0.2 mrad, 5 mm/s and 1 cm: better than any autopilot's, so what
-    drifts against it is the IMU. filter_hz: corner of the low-pass that the autopilot puts over its IMU (ArduPilot's
-    INS_GYRO_FILTER: 20 Hz); 0 for none. latency_s: age of the estimate. Raises SettingsError for an unknown motion, a
-    duration that is not positive, or a filter or a latency that cannot be.
+    drifts against it is the IMU. Where the GPS is wrong the estimate follows it. filter_hz: corner of the low-pass that
+    the autopilot puts over its IMU (ArduPilot's INS_GYRO_FILTER: 20 Hz); 0 for none. latency_s: age of the estimate.
+    Raises SettingsError for an unknown motion, a duration that is not positive, a filter or a latency that cannot be.
     """
     if motion not in MOTIONS:
         raise SettingsError(f"there is no motion {motion!r}: choose one of {', '.join(MOTIONS)}.")
@@ -91,12 +102,15 @@ def fly(
         imu, second = _filtered(imu, filter_hz), _filtered(second, filter_hz)
     then = np.maximum(np.arange(len(t)) - round(latency_s * 1e6 / LOOP_US), 0)
     position = truth.position[then] + 0.01 * place
+    others = witness(truth, seed)
     if faults.ekf_reset:
         begin, jump = faults.ekf_reset
         position[t >= begin, 0] += jump
     if faults.gps_glitch:
         begin, end, jump = faults.gps_glitch
         position[(t >= begin) & (t < end), 1] += jump
+        spoke_of = others.fixed - FIX_LATENCY_S
+        others.place[(spoke_of >= begin) & (spoke_of < end), 1] += jump
     return Flown(
         truth=truth,
         imu=replace(imu, source="measured"),
@@ -105,6 +119,7 @@ def fly(
         rates=truth.gyro[then] + 2e-3 * rate,
         velocity=truth.velocity[then] + 5e-3 * speed,
         position=position,
+        witnesses=others,
     )
 
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
 
 from companion.simulate.flown import LOOP_US
 
@@ -51,6 +55,11 @@ class Intervals:
         self._streams[name] = _Stream(interval, now_us)
         return ACCEPTED
 
+    @property
+    def next_us(self) -> float:
+        """When the next message is due; infinite when none is sent."""
+        return min((stream.due_us for stream in self._streams.values() if stream.interval_us), default=math.inf)
+
     def due(self, now_us: int) -> list[str]:
         """The messages to send now."""
         found = []
@@ -61,6 +70,12 @@ class Intervals:
                 if stream.due_us < now_us - stream.interval_us:  # too far behind to make good
                     stream.due_us = now_us + stream.interval_us
         return found
+
+    def schedule(self, name: str, now_us: int, count: int) -> npt.NDArray[np.int64]:
+        """When a message that is sent now will be sent the next times, if nobody sets its interval: µs, (count,)."""
+        stream = self._streams[name]
+        due = stream.due_us + stream.interval_us * np.arange(count - 1)
+        return np.concatenate(([now_us], -(-due // LOOP_US) * LOOP_US))
 
     def _nearest(self, name: str, interval: int) -> int:
         used = {stream.interval_us for other, stream in self._streams.items() if other != name} - {0}

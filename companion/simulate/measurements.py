@@ -1,97 +1,123 @@
-"""What each message of a simulated autopilot carries at a step of its loop, in wire units."""
+"""What each message of a simulated autopilot carries at the steps of its loop, in wire units."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
-from companion.frames import geodetic_from_ned
-from companion.mavlink import Value
+from companion.mavlink import MessageLayout
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, geodetic_from_ned
 from companion.simulate.flown import Flown
+from companion.simulate.witnesses import GPS_SIGMA, HOME, pressure
 from companion.strapdown import quaternion
-from companion.tracks import STANDARD_GRAVITY, ImuTrack
 
-Fields = dict[str, Value]
+Steps = npt.NDArray[np.int64]
+Fields = Mapping[str, npt.NDArray[Any] | int]
 
 _MG, _MRAD = STANDARD_GRAVITY * 1e-3, 1e-3
-_HOME = (float(np.radians(47.0)), float(np.radians(8.0)), 500.0)  # latitude and longitude in rad, altitude in m
+_GAUSS = 1e-4  # tesla
+_FIX_3D, _SATELLITES, _UNKNOWN = 3, 14, 65535
+_HPA, _MILD = 100.0, 2500  # Pa; cdegC
+_IMU = ("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro")
+_COMPASS = ("xmag", "ymag", "zmag")
+_ANGLES, _RATES = ("roll", "pitch", "yaw"), ("rollspeed", "pitchspeed", "yawspeed")
+_QUATERNION = ("q1", "q2", "q3", "q4")
 
 STREAMS = {
     "RAW_IMU": 27, "SCALED_IMU": 26, "SCALED_IMU2": 116, "HIGHRES_IMU": 105, "ATTITUDE": 30,
     "ATTITUDE_QUATERNION": 31, "LOCAL_POSITION_NED": 32, "GLOBAL_POSITION_INT": 33, "SYS_STATUS": 1, "SIM_STATE": 108,
+    "GPS_RAW_INT": 24, "SCALED_PRESSURE": 29,
 }  # fmt: skip
 """Messages that can be asked for → their ids."""
 
 
-def fields(name: str, flown: Flown, index: int, boot_us: int) -> Fields:
-    """The fields of message `name` at loop step `index`, `boot_us` µs after boot.
+def payloads(layout: MessageLayout, flown: Flown, index: Steps, boot_us: Steps) -> list[bytes]:
+    """The payloads of one message at loop steps `index` (N,), `boot_us` (N,) µs after boot: as on the wire, untrimmed.
 
     Integers are cut towards zero, as ArduPilot's C casts do (GCS_Common.cpp, send_raw_imu).
     """
+    rows = np.zeros(len(index), layout.dtype)
+    for field, values in _fields(layout.name, flown, index, boot_us).items():
+        rows[field] = values
+    packed, size = rows.tobytes(), layout.max_length
+    return [packed[begin : begin + size] for begin in range(0, len(packed), size)]
+
+
+def _fields(name: str, flown: Flown, index: Steps, boot_us: Steps) -> Fields:
     if name == "SYS_STATUS":
         return {"load": 250, "voltage_battery": 12_600, "battery_remaining": 80}
     if name == "SIM_STATE":
         return _truth(flown, index)
+    if name == "GPS_RAW_INT":
+        return _fix(flown, index, boot_us)
     stamp: Fields = {"time_usec": boot_us} if name in ("RAW_IMU", "HIGHRES_IMU") else {"time_boot_ms": boot_us // 1000}
     if name == "HIGHRES_IMU":
-        return {**stamp, **_floats(flown, index), "fields_updated": 0x3F}
-    if name in ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2"):
-        return stamp | _milli(flown.second if name == "SCALED_IMU2" else flown.imu, index)
-    return stamp | (_attitude(name, flown, index) if name.startswith("ATTITUDE") else _position(name, flown, index))
+        field = flown.witnesses.fields[0][index] / _GAUSS
+        read = _columns((*_IMU, *_COMPASS), flown.imu.accel[index], flown.imu.gyro[index], field)
+        found: Fields = {**read, "fields_updated": 0x1FF}
+    elif name in ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2"):
+        second = name == "SCALED_IMU2"
+        found = _milli(flown.second if second else flown.imu, flown.witnesses.fields[second], index)
+    elif name == "SCALED_PRESSURE":
+        found = {"press_abs": pressure(flown.witnesses.height[index]) / _HPA, "temperature": _MILD}
+    elif name == "ATTITUDE":
+        found = _columns((*_ANGLES, *_RATES), quaternion.to_euler(flown.q_ned_frd[index]), flown.rates[index])
+    elif name == "ATTITUDE_QUATERNION":
+        found = _columns((*_QUATERNION, *_RATES), flown.q_ned_frd[index], flown.rates[index])
+    elif name == "LOCAL_POSITION_NED":
+        found = _columns(("x", "y", "z", "vx", "vy", "vz"), flown.position[index], flown.velocity[index])
+    else:
+        found = _global(flown, index)
+    return {**stamp, **found}
 
 
-def _attitude(name: str, flown: Flown, index: int) -> Fields:
-    q = flown.q_ned_frd[index]
-    rates = zip(("rollspeed", "pitchspeed", "yawspeed"), flown.rates[index].tolist(), strict=True)
-    if name == "ATTITUDE":
-        return {**dict(zip(("roll", "pitch", "yaw"), _euler(q), strict=True)), **dict(rates)}
-    return {**dict(zip(("q1", "q2", "q3", "q4"), q.tolist(), strict=True)), **dict(rates)}
+def _global(flown: Flown, index: Steps) -> Fields:
+    position = flown.position[index]
+    place = _geodetic(position) * [1e7, 1e7, 1e3]
+    names = ("lat", "lon", "alt", "relative_alt", "vx", "vy", "vz")
+    found = _columns(names, place, -position[:, 2:] * 1e3, flown.velocity[index] * 100)
+    return {**found, "hdg": _UNKNOWN}  # not known
 
 
-def _position(name: str, flown: Flown, index: int) -> Fields:
-    position, velocity = flown.position[index].tolist(), flown.velocity[index].tolist()
-    if name == "LOCAL_POSITION_NED":
-        return dict(zip(("x", "y", "z", "vx", "vy", "vz"), position + velocity, strict=True))
-    lat, lon, alt = _geodetic(position)
+def _fix(flown: Flown, index: Steps, boot_us: Steps) -> Fields:
+    """GPS_RAW_INT: the newest fix, with the time at which it came. Without the extensions that it does not know."""
+    seen, t = flown.witnesses, flown.truth.t[index]
+    newest = np.maximum(np.searchsorted(seen.fixed, t + 1e-6, side="right") - 1, 0)
+    place, (north, east, _) = _geodetic(seen.place[newest]) * [1e7, 1e7, 1e3], seen.velocity[newest].T
+    horizontal, vertical, speed = (round(1e3 * sigma) for sigma in GPS_SIGMA)
     return {
-        "lat": int(lat * 1e7),
-        "lon": int(lon * 1e7),
-        "alt": int(alt * 1e3),
-        "relative_alt": int(-position[2] * 1e3),
-        **dict(zip(("vx", "vy", "vz"), (int(v * 100) for v in velocity), strict=True)),
-        "hdg": 65535,  # not known
-    }
+        "time_usec": np.maximum(boot_us - np.rint((t - seen.fixed[newest]) * 1e6).astype(np.int64), 0),
+        **_columns(("lat", "lon", "alt"), place),
+        "vel": np.hypot(north, east) * 100,
+        "cog": np.degrees(np.arctan2(east, north)) % 360.0 * 100,
+        "fix_type": _FIX_3D, "satellites_visible": _SATELLITES, "eph": 80, "epv": 120,
+        "h_acc": horizontal, "v_acc": vertical, "vel_acc": speed, "hdg_acc": 0, "yaw": 0,
+    }  # fmt: skip
 
 
-def _milli(imu: ImuTrack, index: int) -> Fields:
-    accel = np.clip(np.trunc(imu.accel[index] / _MG), -32768, 32767).astype(int).tolist()
-    gyro = np.clip(np.trunc(imu.gyro[index] / _MRAD), -32768, 32767).astype(int).tolist()
-    return dict(zip(("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro"), accel + gyro, strict=True))
+def _milli(imu: ImuTrack, field: Array, index: Steps) -> Fields:
+    readings = np.hstack([imu.accel[index] / _MG, imu.gyro[index] / _MRAD, field[index] / _GAUSS * 1e3])
+    return _columns((*_IMU, *_COMPASS), np.clip(np.trunc(readings), -32768, 32767))
 
 
-def _floats(flown: Flown, index: int) -> Fields:
-    values = flown.imu.accel[index].tolist() + flown.imu.gyro[index].tolist()
-    return dict(zip(("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro"), values, strict=True))
-
-
-def _truth(flown: Flown, index: int) -> Fields:
+def _truth(flown: Flown, index: Steps) -> Fields:
     """SIM_STATE; like ArduPilot's without a time of its own, and with degE7 in lat_int and lon_int."""
     truth = flown.truth
-    roll, pitch, yaw = _euler(truth.q_ned_frd[index])
-    lat, lon, alt = _geodetic(truth.position[index].tolist())
-    found: Fields = dict(zip(("q1", "q2", "q3", "q4"), truth.q_ned_frd[index].tolist(), strict=True))
-    found |= {"roll": roll, "pitch": pitch, "yaw": yaw, "alt": alt, "lat": lat, "lon": lon}
-    found |= {"lat_int": int(lat * 1e7), "lon_int": int(lon * 1e7)}
-    keys = ("xacc", "yacc", "zacc", "xgyro", "ygyro", "zgyro", "vn", "ve", "vd")
-    values = np.concatenate((truth.accel[index], truth.gyro[index], truth.velocity[index])).tolist()
-    return found | dict(zip(keys, values, strict=True))
+    q, place = truth.q_ned_frd[index], _geodetic(truth.position[index])
+    names = (*_QUATERNION, *_ANGLES, "lat", "lon", "alt", "lat_int", "lon_int", *_IMU, "vn", "ve", "vd")
+    sensed = truth.accel[index], truth.gyro[index], truth.velocity[index]
+    return _columns(names, q, quaternion.to_euler(q), place, place[:, :2] * 1e7, *sensed)
 
 
-def _euler(q: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[float]:
-    """Roll, pitch, yaw in rad."""
-    return [float(angle) for angle in np.ravel(quaternion.to_euler(q))]
+def _columns(names: tuple[str, ...], *values: Array) -> Fields:
+    """Field names → columns of blocks (N, ...) that lie side by side."""
+    return dict(zip(names, np.hstack(values).T, strict=True))
 
 
-def _geodetic(position: list[float]) -> tuple[float, float, float]:
-    """NED in m about home → latitude and longitude in °, altitude in m."""
-    latitude, longitude, height = geodetic_from_ned(np.array([position]), _HOME)[0].tolist()
-    return float(np.degrees(latitude)), float(np.degrees(longitude)), height
+def _geodetic(position: Array) -> Array:
+    """NED (N, 3) in m about home → latitude and longitude in °, altitude in m."""
+    place = geodetic_from_ned(position, HOME)
+    return np.column_stack([np.degrees(place[:, :2]), place[:, 2]])

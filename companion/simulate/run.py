@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from companion.errors import InputError
 from companion.mavlink import Port
+from companion.model import InputError
 from companion.simulate.vehicle import SimulatedVehicle
 
 EPOCH = 1_700_000_000.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -10,7 +11,7 @@ from companion.mavlink import Decoder, Packer, Value, load_dialect, split_messag
 from companion.simulate.faults import Channel, Faults
 from companion.simulate.flown import LOOP_US, Flown
 from companion.simulate.intervals import ACCEPTED, DENIED, Autopilot, Intervals
-from companion.simulate.measurements import STREAMS, fields
+from companion.simulate.measurements import STREAMS, payloads
 
 _GET_INTERVAL, _SET_INTERVAL, _REQUEST_MESSAGE = 510, 511, 512  # MAV_CMD
 _UNSUPPORTED = 3  # MAV_RESULT
@@ -18,15 +19,18 @@ _CODES = {"ardupilot": 3, "px4": 12}  # MAV_AUTOPILOT
 _REQUEST_ID, _VERSION_ID = 4 << 24 | 7 << 16 | 255, 148  # 4.7.0; AUTOPILOT_VERSION
 _GROUPS = {
     0: tuple(STREAMS),
-    1: ("RAW_IMU", "SCALED_IMU2"),
+    1: ("RAW_IMU", "SCALED_IMU2", "SCALED_PRESSURE"),
+    2: ("SYS_STATUS", "GPS_RAW_INT"),
     6: ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"),
     10: ("ATTITUDE",),
 }
-"""MAV_DATA_STREAM → messages, as ArduPilot groups them (ALL, RAW_SENSORS, POSITION, EXTRA1)."""
+"""MAV_DATA_STREAM → messages, as ArduPilot groups them (ALL, RAW_SENSORS, EXTENDED_STATUS, POSITION, EXTRA1)."""
 
 _BY_ID = {number: name for name, number in STREAMS.items()}
 _WITHOUT = {"ardupilot": {"SCALED_IMU"}, "px4": {"RAW_IMU", "SCALED_IMU2"}}
 _HEARTBEAT_US = 1_000_000
+_MODE, _ARMED = 81, 128  # MAV_MODE_FLAG: manual input, stabilised, custom mode; armed
+_AHEAD = 256  # messages whose payloads are made at a time, as arrays
 PARAMETERS: Mapping[str, float] = {"AHRS_TRIM_X": 0.0, "AHRS_TRIM_Y": 0.0, "AHRS_ORIENTATION": 0.0}
 
 
@@ -57,6 +61,7 @@ class SimulatedVehicle:
         self.sent: Counter[str] = Counter()  # messages made, by name, before the link loses any
         self._autopilot: Autopilot = autopilot
         self._ids = sysid, compid
+        self._armed = flown.armed
         self._parameters = dict(parameters)
         self._tell_parameters = tell_parameters
         self._faults = faults
@@ -102,21 +107,45 @@ class SimulatedVehicle:
         """Fly on to `until_s` (s since the flight began): the packets that arrive, each with the time it was sent."""
         packets: list[tuple[float, bytes]] = []
         last = min(int(until_s * 1e6) // LOOP_US, len(self.flown) - 1)
-        while self._step <= last:
-            t = self._step * LOOP_US * 1e-6
+        while (step := self._next_step()) <= last:
+            self._step = step
+            t = step * LOOP_US * 1e-6
             self._happen(t)
             now = self._boot_us()
             if now >= self._beat_us:
                 self._beat_us += _HEARTBEAT_US
                 code = _CODES[self._autopilot]
-                self._say("HEARTBEAT", type=2, autopilot=code, base_mode=81, system_status=4, mavlink_version=3)
+                begin, end = self._armed
+                mode = _MODE | (_ARMED if begin <= t <= end else 0)
+                self._say("HEARTBEAT", type=2, autopilot=code, base_mode=mode, system_status=4, mavlink_version=3)
             for name in self._intervals.due(now):
                 if name not in self._silent:
-                    self._say(name, **fields(name, self.flown, self._step, now))
+                    self._measure(name, now)
             packets += self._channel.carry((t, packet) for packet in self._out)
             self._out.clear()
             self._step += 1
+        self._step = max(self._step, last + 1)
         return packets
+
+    def _next_step(self) -> int:
+        """The next step at which there may be something to do."""
+        if self._out:
+            return self._step
+        due = self._boot_step + math.ceil(min(self._beat_us, self._intervals.next_us) / LOOP_US)
+        if self._events:
+            due = min(due, int(self._events[0][0] * 1e6 / LOOP_US))
+        return max(self._step, due)
+
+    def _measure(self, name: str, now: int) -> None:
+        layout = self._dialect.by_name[name]
+        if now not in self._ready.get(name, {}):
+            times = self._intervals.schedule(name, now, _AHEAD)
+            steps = self._boot_step + times // LOOP_US
+            times, steps = times[steps < len(self.flown)], steps[steps < len(self.flown)]
+            made = payloads(layout, self.flown, steps, times)
+            self._ready[name] = dict(zip(times.tolist(), made, strict=True))
+        self._out.append(self._packer.frame(layout, self._ready[name][now]))
+        self.sent[name] += 1
 
     def _boot(self) -> None:
         self._boot_step = self._step
@@ -125,6 +154,7 @@ class SimulatedVehicle:
         self._decoder = Decoder(self._dialect, stamped=False)
         self._intervals = Intervals(self._default, self._autopilot)
         self._out: list[bytes] = []
+        self._ready: dict[str, dict[int, bytes]] = {}  # message → µs since boot → payload, made some way ahead
         banner = b"ArduCopter V4.7.0-simulated" if self._autopilot == "ardupilot" else b"PX4 simulated"
         self._say("STATUSTEXT", severity=6, text=banner)
         if self._tell_parameters:

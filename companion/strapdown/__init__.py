@@ -3,6 +3,7 @@
 from companion.strapdown import motions, quaternion
 from companion.strapdown._scheme import METHODS
 from companion.strapdown._signal import MIDDLES
+from companion.strapdown._window_sums import skew
 from companion.strapdown.covariance import Propagation, propagate
 from companion.strapdown.gravity import normal_gravity
 from companion.strapdown.imu_model import ImuModel, Sensor, correct, quantisation_density, simulate
@@ -33,4 +34,5 @@ __all__ = [
     "quaternion",
     "reckon",
     "simulate",
+    "skew",
 ]

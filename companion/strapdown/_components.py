@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.tracks import Array
+from companion.model import Array
 
 
 def dot(a: Array, b: Array) -> Array:

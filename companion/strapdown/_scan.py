@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from companion.tracks import Array
+from companion.model import Array
 
 Complex = npt.NDArray[np.complex128]
 

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from companion.model import ImuTrack
 from companion.strapdown._signal import MIDDLES, UNEVEN, uneven
-from companion.tracks import ImuTrack
 
 METHODS: Final = ("euler", "midpoint", "rk4")
 """Integrators by rising order: 1 (seed 002 §3), 2 (seed 002 §4), and 2 or 4 by the middle sample (seed 000)."""

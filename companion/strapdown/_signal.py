@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from companion.tracks import Array, ImuTrack
+from companion.model import Array, ImuTrack
 
 MIDDLES: Final = ("linear", "cubic")
 """How the signal runs inside an interval."""

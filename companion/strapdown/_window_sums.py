@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.tracks import Array
+from companion.model import Array
 
 
 def skew(vector: Array) -> Array:

@@ -19,11 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack
 from companion.strapdown import _components as rows
 from companion.strapdown import _window_sums as sums
 from companion.strapdown import quaternion
 from companion.strapdown.reckon import Preintegration
-from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack
 
 Index = npt.NDArray[np.intp]
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from companion.frames import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
-from companion.tracks import Array
+from companion.model import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS, Array
 
 # NIMA TR8350.2 (2000), tables 3.1, 3.3 and 3.4
 EQUATOR = 9.7803253359  # m/s²

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from companion.tracks import Array, ImuTrack
+from companion.model import Array, ImuTrack
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,6 +4,8 @@ Seed 000: a step starts from the identity, not from q_n, so every increment depe
 of them are computed as arrays; `companion.strapdown.reckon` then multiplies and sums them up. Between two samples the
 signal is a line through them (`middle="linear"`, as the seeds have it) or the cubic through the four samples around
 (`middle="cubic"`): on smooth motion RK4 is of order 2 with the line and 4 with the cubic (docs/mathematics.md).
+Where samples are means over joining intervals (`ImuTrack.interval`), "cubic" is what conserves their integrals
+(`companion.strapdown._means`).
 """
 
 from __future__ import annotations
@@ -14,11 +16,12 @@ from typing import Final
 
 import numpy as np
 
+from companion.model import Array, ImuTrack
 from companion.strapdown import _components as rows
 from companion.strapdown import quaternion
+from companion.strapdown._means import joined, pieces
 from companion.strapdown._scheme import Scheme, require_samples, scheme_for
 from companion.strapdown._signal import Signal, signal_of
-from companion.tracks import Array, ImuTrack
 
 CHUNK: Final = 8192
 """Intervals handled at a time: the working arrays of a chunk stay in the processor's cache."""
@@ -46,6 +49,7 @@ def increments(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", seg
     three samples the parabola and with two the line through them, which `notes` then says). Euler and midpoint look
     inside an interval only with segments > 1.
     segments: equal pieces into which each interval is divided (seed 001 takes 8), without normalisation in between.
+    Increments lead from one sample's time to the next, also where a sample is the mean over an interval around it.
 
     Raises ValueError for an unknown method or middle, fewer than one segment, or a track without samples.
     """
@@ -111,8 +115,35 @@ def chunks(
     """
     middle = scheme.middle if scheme.looks_ahead else "linear"  # the same numbers where nothing looks inside
     for first in range(start, stop, CHUNK):
-        signal = signal_of(imu, first, min(first + CHUNK, stop), middle)
-        yield first, signal.dt, _increments(signal, scheme.method, scheme.segments)
+        last = min(first + CHUNK, stop)
+        join = joined(imu, first, last) & scheme.looks_ahead
+        if join.all():
+            found = _of_means(imu, first, last, scheme)
+        else:
+            found = _increments(signal_of(imu, first, last, middle), scheme.method, scheme.segments)
+        if join.any() and not join.all():
+            q, v, p = _of_means(imu, first, last, scheme)
+            found = np.where(join, q, found[0]), np.where(join, v, found[1]), np.where(join, p, found[2])
+        yield first, imu.t[first + 1 : last + 1] - imu.t[first:last], found
+
+
+def _of_means(imu: ImuTrack, first: int, last: int, scheme: Scheme) -> tuple[Array, Array, Array]:
+    """(dq, dv, dp), component-first, between samples that are means over joining intervals."""
+    way = pieces(imu, first, last)
+    before, before_v, before_p = _increments(way.beginning, scheme.method, scheme.segments)
+    _, v, p = _increments(way.rest, scheme.method, scheme.segments)
+    back = before[:, :-1] * np.array([1.0, -1.0, -1.0, -1.0])[:, None]
+    q = rows.product(back, quaternion.exp(way.turn.T).T)
+    if way.gap is not None:
+        q, v, p = _then((q, v, p), way.gap.dt, _increments(way.gap, scheme.method, scheme.segments))
+    q, v, p = _then((q, v, p), way.beginning.dt[1:], (before[:, 1:], before_v[:, 1:], before_p[:, 1:]))
+    return rows.unit(q), v, p
+
+
+def _then(one: tuple[Array, Array, Array], dt: Array, other: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    """Increments followed by others that take dt (n,) s."""
+    (q, v, p), (dq, dv, dp) = one, other
+    return rows.product(q, dq), v + rows.rotate(q[0], q[1:], dv), p + dt * v + rows.rotate(q[0], q[1:], dp)
 
 
 def _increments(signal: Signal, method: str, segments: int) -> tuple[Array, Array, Array]:
@@ -121,12 +152,10 @@ def _increments(signal: Signal, method: str, segments: int) -> tuple[Array, Arra
     if segments == 1:
         dq, dv, dp = step(signal, 0.0, 1.0)
         return rows.unit(dq), dv, dp
-    q, v, p = step(signal, 0.0, 1.0 / segments)
+    whole = step(signal, 0.0, 1.0 / segments)
     for i in range(1, segments):
-        dq, dv, dp = step(signal, i / segments, (i + 1) / segments)
-        p = p + signal.dt / segments * v + rows.rotate(q[0], q[1:], dp)
-        v = v + rows.rotate(q[0], q[1:], dv)
-        q = rows.product(q, dq)
+        whole = _then(whole, signal.dt / segments, step(signal, i / segments, (i + 1) / segments))
+    q, v, p = whole
     return rows.unit(q), v, p
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
 from companion.strapdown import quaternion
-from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from companion.frames import from_euler as _from_euler
-from companion.tracks import Array
+from companion.model import Array
+from companion.model import from_euler as _from_euler
 
 from_euler = _from_euler
 IDENTITY: Array = np.array([1.0, 0.0, 0.0, 0.0])

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
 from companion.strapdown import _components as rows
 from companion.strapdown import quaternion
 from companion.strapdown._scan import running_product
 from companion.strapdown._scheme import Scheme, require_samples, scheme_for
 from companion.strapdown.increments import chunks
-from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
 
 SAME_TIME = 5e-7
 """s. MAVLink's finest clock counts microseconds: times closer than half a tick are the same time."""

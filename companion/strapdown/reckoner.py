@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from companion.model import STANDARD_GRAVITY, ImuTrack, NavState, Trajectory
 from companion.strapdown._scheme import scheme_for
 from companion.strapdown.reckon import checked, run, start_index
-from companion.tracks import STANDARD_GRAVITY, ImuTrack, NavState, Trajectory
 
 
 class Reckoner:
@@ -99,9 +99,13 @@ def _join(a: ImuTrack, keep: int, b: ImuTrack) -> ImuTrack:
     """The samples of `a` from `keep` on and those of `b` as one track. Raises ValueError if times do not increase."""
     if len(a) == 0:
         return b
+    interval = None
+    if a.interval is not None and b.interval is not None:
+        interval = np.concatenate((a.interval[keep:], b.interval))
     return ImuTrack(
         np.concatenate((a.t[keep:], b.t)),
         np.concatenate((a.gyro[keep:], b.gyro)),
         np.concatenate((a.accel[keep:], b.accel)),
         b.source or a.source,
+        interval=interval,
     )

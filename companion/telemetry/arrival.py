@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.mavlink import Messages
+from companion.model import Array, MessageStats
 from companion.telemetry.clock import device_time
 from companion.telemetry.lazy import Lazy
-from companion.tracks import Array, MessageStats
 
 _ECHO_S = 2.0  # two identical frames within this time are one packet heard twice
 
@@ -39,8 +39,8 @@ def _stamped(log_time: Array, crc: npt.NDArray[np.uint16], seq: npt.NDArray[np.u
 def arrival(times: Array, duplicates: int) -> MessageStats:
     """The statistics of messages at times (N,) s; those without a time (NaN) count, and that is all."""
     gaps = np.diff(times)
-    if not (gaps > 0).all():
-        gaps = np.diff(np.unique(times[np.isfinite(times)]))
+    in_order = (gaps >= 0).all()  # though perhaps several at once
+    gaps = gaps[gaps > 0] if in_order else np.diff(np.unique(times[np.isfinite(times)]))
     if not len(gaps):
         return MessageStats(len(times), None, None, duplicates)
     return MessageStats(len(times), float(1.0 / np.median(gaps)), float(gaps.max()), duplicates)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.mavlink import Messages
-from companion.tracks import Array
+from companion.model import Array
 
 IntArray = npt.NDArray[np.int64]
 
@@ -31,6 +31,7 @@ UNIX_S = 1e8
 """Larger times count from 1970: three years since boot are none."""
 
 _WRAP_S = 2.0**32 * 1e-3  # time_boot_ms is a uint32
+_SHORT_WRAP_S = 2.0**32 * 1e-6  # and so is time_usec in SERVO_OUTPUT_RAW
 _WINDOW = 25  # samples on either side that have to agree on a fall, so that an echo out of order is none
 
 
@@ -174,6 +175,8 @@ def boot_seconds(messages: Messages, clock: Clock) -> tuple[Array, float]:
         return own, 0.0
     if not len(clock.t) or not len(own):
         return own, 0.0
+    if messages.layout.dtype["time_usec"].itemsize == 4:
+        return own + _SHORT_WRAP_S * np.round((clock.at(messages.offset) - own) / _SHORT_WRAP_S), 0.0
     shift = _shift(own, messages.offset, clock)
     return (own - shift, shift) if abs(shift) > 0.5 else (own, 0.0)
 
@@ -192,6 +195,8 @@ def _shift(own: Array, offset: IntArray, clock: Clock) -> float:
         return float(own[0] - clock.t[0]) if own[0] > UNIX_S else 0.0
     own, after = own[inside], after[inside]
     low, high = own - clock.t[after], own - clock.t[after - 1]
-    if np.subtract(*np.percentile(0.5 * (low + high), [75, 25])) > 0.5:
+    middle = 0.5 * (low + high)
+    if np.subtract(*np.percentile(middle, [75, 25])) > 0.5:
         return 0.0
-    return float(0.5 * (np.percentile(low, 95) + np.percentile(high, 5)))
+    usual = np.abs(middle - np.median(middle)) <= 0.5  # a receiver without a fix repeats the stamp of its last one
+    return float(0.5 * (np.percentile(low[usual], 95) + np.percentile(high[usual], 5)))

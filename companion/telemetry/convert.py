@@ -6,23 +6,35 @@ ArduPilot's `GCS_MAVLink/GCS_Common.cpp` and PX4's `modules/mavlink/streams/`; d
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from companion.frames import from_euler, ned_from_geodetic
 from companion.mavlink import Messages
+from companion.model import (
+    STANDARD_GRAVITY,
+    Array,
+    AttitudeTrack,
+    ImuTrack,
+    Origin,
+    ParameterChange,
+    PositionTrack,
+    from_euler,
+    ned_from_geodetic,
+)
+from companion.telemetry.parameters import out_of_range
 from companion.telemetry.units import SI
 from companion.telemetry.words import words
-from companion.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, Origin, PositionTrack
 
 IMU_MESSAGES = ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU")
 
 _INSTANCE = {"SCALED_IMU2": 1, "SCALED_IMU3": 2}
 
 _BLOCK = 8192  # samples
+_ASTRAY, _ASTRAY_TIMES = 10.0, 10.0  # m or m/s
 _MOST = 1e4  # rad/s, m/s²: no sensor reads so much; NaN is not less either
 
 
@@ -69,13 +81,31 @@ def imu_track(messages: Messages, t: Array, *, dequantise: bool = False) -> tupl
     return track, notes
 
 
-def trim(parameters: Mapping[str, float]) -> tuple[Array, str] | None:
-    """The rotation (3, 3) of an IMU into the frame that ATTITUDE speaks of, and a note; None where they are one.
+Turns = tuple[tuple[float, Array | None], ...]
+"""From when on (s), and the rotation (3, 3) from then on; None for none. In order of time, the first from -inf."""
+
+UNTURNED: Turns = ((-np.inf, None),)
+
+
+def turns(parameters: Mapping[str, float], changes: Iterable[ParameterChange]) -> tuple[Turns, list[str]]:
+    """The rotations of an IMU into the frame that ATTITUDE speaks of, and notes; parameters: at the beginning.
 
     ArduPilot subtracts AHRS_TRIM from the attitude that it sends, but not from the IMU: both gyro and accelerometer are
     turned by R = from_euler(AHRS_TRIM_X, AHRS_TRIM_Y, 0). With a trim of 0.05/-0.06 rad: 39 m after 10 s without it,
-    1.2 m with it.
+    1.2 m with it. A trim that is set in flight holds from then on.
     """
+    known = dict(parameters)
+    found = [(-np.inf, trim(known))]
+    for change in changes:
+        if change.name in ("AHRS_TRIM_X", "AHRS_TRIM_Y"):
+            known[change.name] = change.value
+            found.append((change.t, trim(known)))
+    notes = [f"{one[1]}{f' from {t:.1f} s on' if t > -np.inf else ''}" for t, one in found if one is not None]
+    return tuple((t, None if one is None else one[0]) for t, one in found), notes
+
+
+def trim(parameters: Mapping[str, float]) -> tuple[Array, str] | None:
+    """The rotation (3, 3) of one trim, and a note; None where there is none."""
     roll, pitch = parameters.get("AHRS_TRIM_X", 0.0), parameters.get("AHRS_TRIM_Y", 0.0)
     if not np.isfinite([roll, pitch]).all() or (roll == 0.0 and pitch == 0.0):
         return None
@@ -87,6 +117,28 @@ def trim(parameters: Mapping[str, float]) -> tuple[Array, str] | None:
 def turned(track: ImuTrack, turn: Array) -> ImuTrack:
     """The track in a frame that is turned by (3, 3)."""
     return replace(track, gyro=track.gyro @ turn.T, accel=track.accel @ turn.T)
+
+
+def turned_in_time(track: ImuTrack, turns: Turns) -> ImuTrack:
+    """The track with every sample turned by the rotation of its time."""
+    if all(turn is None for _, turn in turns):
+        return track
+    gyro, accel = (turned_vectors(track.t, vectors, turns) for vectors in (track.gyro, track.accel))
+    return replace(track, gyro=gyro, accel=accel)
+
+
+def turned_vectors(t: Array, vectors: Array, turns: Turns) -> Array:
+    """Vectors (N, 3) at times (N,), each turned by the rotation of its time."""
+    if all(turn is None for _, turn in turns):
+        return vectors
+    if len(turns) == 1 and turns[0][1] is not None:
+        return np.asarray(vectors @ turns[0][1].T)
+    out = vectors.copy()
+    for (begin, turn), (end, _) in pairwise((*turns, (np.inf, None))):
+        now = (t >= begin) & (t < end)
+        if turn is not None:
+            out[now] = vectors[now] @ turn.T
+    return out
 
 
 def attitude_track(messages: Messages, t: Array) -> AttitudeTrack:
@@ -102,8 +154,8 @@ def attitude_track(messages: Messages, t: Array) -> AttitudeTrack:
     return AttitudeTrack(t[keep], continuous(q[keep]), np.nan_to_num(rates[keep]), source=messages.layout.name)
 
 
-def position_track(messages: Messages, t: Array) -> PositionTrack:
-    """LOCAL_POSITION_NED as it is, or GLOBAL_POSITION_INT as NED about its first fix on the WGS-84 ellipsoid."""
+def position_track(messages: Messages, t: Array) -> tuple[PositionTrack, list[str]]:
+    """LOCAL_POSITION_NED as it is, or GLOBAL_POSITION_INT as NED about its first fix on the WGS-84 ellipsoid; notes."""
     if messages.layout.name == "LOCAL_POSITION_NED":
         position = np.column_stack([messages[n] for n in "xyz"]).astype(np.float64)
         good = np.ones(len(t), np.bool_)
@@ -116,7 +168,13 @@ def position_track(messages: Messages, t: Array) -> PositionTrack:
     velocity, _ = _vector(messages, ("vx", "vy", "vz"), "m/s", dequantise=False)
     good &= np.isfinite(position).all(axis=1) & np.isfinite(velocity).all(axis=1) & np.isfinite(t)
     keep = increasing(t, good)
-    return PositionTrack(t[keep], position[keep], velocity[keep], source=messages.layout.name)
+    t, position, velocity = t[keep], position[keep], velocity[keep]
+    astray = lone(position) | lone(velocity)
+    notes = []
+    if astray.any():
+        notes.append(f"{messages.name}: {astray.sum()} samples left out that those before and after contradict")
+        t, position, velocity = t[~astray], position[~astray], velocity[~astray]
+    return PositionTrack(t, position, velocity, source=messages.name), notes
 
 
 def origin(messages: Messages, t: Array) -> Origin | None:
@@ -151,17 +209,27 @@ def ned_between(a: Origin, b: Origin) -> Array:
     return np.asarray(ned_from_geodetic(*there, (a.latitude, a.longitude, a.height))[0])
 
 
-def parameters(messages: Messages, *, bytewise: bool) -> dict[str, float]:
-    """The last value of every parameter. `bytewise` (PX4): integers are sent as their bytes in the float."""
+def parameter_values(messages: Messages, *, bytewise: bool) -> Array:
+    """What each PARAM_VALUE says, (N,); NaN for one that its type cannot have.
+
+    `bytewise` (PX4): integers are sent as their bytes in the float.
+    """
     values = messages["param_value"].astype(np.float64)
     if bytewise:
         integer = (messages["param_type"] >= 1) & (messages["param_type"] <= 6)  # MAV_PARAM_TYPE_UINT8 ... INT32
         raw = np.ascontiguousarray(messages["param_value"]).view(np.int32)
         values = np.where(integer, raw, values)
+    return np.where(out_of_range(values, messages["param_type"]), np.nan, values)
+
+
+def parameters(messages: Messages, values: Array, *, first: bool = False) -> dict[str, float]:
+    """The last value of every parameter that has one, or the first; values: (N,) of `parameter_values`."""
     raw = messages["param_id"].tolist()
-    last = dict(zip(raw, range(len(raw)), strict=True))  # each is sent many times: decode it once
+    places = range(len(raw))
+    rows = zip(reversed(raw), reversed(places), strict=True) if first else zip(raw, places, strict=True)
+    last = dict(rows)  # each is sent many times: decode it once
     in_order = sorted(last.items(), key=lambda item: item[1])
-    return {words(name): float(values[i]) for name, i in in_order}
+    return {words(name): float(values[i]) for name, i in in_order if not np.isnan(values[i])}
 
 
 def increasing(t: Array, good: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64] | slice:
@@ -174,6 +242,19 @@ def increasing(t: Array, good: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64] |
     index = np.flatnonzero(good)
     order = index[np.argsort(t[index], kind="stable")]
     return order[np.diff(t[order], prepend=-np.inf) > 0]
+
+
+def lone(places: Array) -> npt.NDArray[np.bool_]:
+    """Which of (N, k) places, m or m/s, those before and after contradict: damage, for nothing jumps there and back.
+
+    They agree with each other ten times better than with what lies between them.
+    """
+    off = np.zeros(len(places), np.bool_)
+    if len(places) > 2:
+        apart = np.linalg.norm(places[2:] - places[:-2], axis=1)
+        astray = np.linalg.norm(places[1:-1] - 0.5 * (places[2:] + places[:-2]), axis=1)
+        off[1:-1] = astray > np.maximum(_ASTRAY, _ASTRAY_TIMES * apart)
+    return off & ~np.roll(off, 1) & ~np.roll(off, -1)  # one alone: of several it is not known which are right
 
 
 def continuous(q: Array) -> Array:

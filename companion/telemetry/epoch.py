@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from companion.mavlink import Messages
+from companion.model import Array, Epoch
 from companion.telemetry.clock import Clock
-from companion.tracks import Array, Epoch
 
 _BELIEVABLE_S = (1e9, 2.0**32)  # 2001 to 2106: an autopilot without a fix counts from 1970 or from its build
 _STEADY_S = 5.0

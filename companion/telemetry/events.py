@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.mavlink import Dialect, Messages, Records, mode_name
-from companion.series import Event
-from companion.tracks import Array, Vehicle
+from companion.model import Array, Event, Vehicle
 
 _ARMED_FLAG = 128  # MAV_MODE_FLAG_SAFETY_ARMED
+_UNDEFINED, _ON_GROUND = 0, 1  # MAV_LANDED_STATE
 _EV_ARMED, _EV_DISARMED = 10, 11
 
 # ArduPilot libraries/AP_Logger/AP_Logger.h, LogEvent and LogErrorSubsystem.
@@ -52,6 +52,16 @@ def heartbeat_events(beats: Messages, t: Array, vehicle: Vehicle, dialect: Diale
         beats["custom_mode"],
         lambda mode: mode_name(dialect, vehicle.autopilot, vehicle.type, mode),
     )
+
+
+def landed_events(states: Messages, t: Array) -> tuple[Event, ...]:
+    """Take-offs and landings by EXTENDED_SYS_STATE at boot times t (N,) s."""
+    known = np.flatnonzero(np.isfinite(t) & (states["landed_state"] != _UNDEFINED))
+    aloft = states["landed_state"][known] != _ON_GROUND
+    found = [Event(float(t[known[0]]), "event", "in the air")] if len(known) and aloft[0] else []
+    turns = (np.flatnonzero(np.diff(aloft)) + 1).tolist()
+    found += [Event(float(t[known[i]]), "event", "took off" if aloft[i] else "landed") for i in turns]
+    return tuple(found)
 
 
 def changes(
@@ -107,4 +117,4 @@ def _rows(records: Mapping[str, Records], name: str, field: str) -> list[tuple[f
     if not _has(records, name, field):
         return []
     one = records[name]
-    return list(zip(one.in_unit("TimeUS").tolist(), one[field].astype(np.int64).tolist(), strict=True))
+    return list(zip(one.t.tolist(), one[field].astype(np.int64).tolist(), strict=True))

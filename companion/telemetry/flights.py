@@ -2,40 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from companion.mavlink import Dialect, Messages
-from companion.series import Event
-from companion.telemetry import convert
-from companion.telemetry.arrival import arrivals
-from companion.telemetry.clock import boot_seconds
-from companion.telemetry.epoch import system_epoch
-from companion.telemetry.events import heartbeat_events
-from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
-from companion.telemetry.split import Boot, Bystander, boots, describe, senders
-from companion.telemetry.words import words
-from companion.tracks import (
+from companion.model import (
     Array,
     AttitudeTrack,
+    BiasTrack,
+    Event,
     Flight,
+    ImuInUse,
     ImuTrack,
     Origin,
+    ParameterChange,
     PositionTrack,
     StatusText,
     Vehicle,
 )
+from companion.telemetry import convert
+from companion.telemetry.aiding import Aiding
+from companion.telemetry.announced import imu_in_use, odometry_resets, parameter_changes, text_resets
+from companion.telemetry.arrival import arrivals
+from companion.telemetry.biases import ardupilot_biases, px4_biases, selected_imu
+from companion.telemetry.clock import Clock, boot_seconds
+from companion.telemetry.control import CONTROL_MESSAGES, actuator_track, control_track
+from companion.telemetry.epoch import system_epoch
+from companion.telemetry.events import heartbeat_events, in_order, landed_events
+from companion.telemetry.imu_facts import of_instance, with_facts
+from companion.telemetry.lazy import LazyTuple
+from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
+from companion.telemetry.split import Boot, Bystander, Sender, boots, describe, senders
+from companion.telemetry.truth import TRUTH_MESSAGES, message_truth
+from companion.telemetry.words import words
 
 _TIMED = SENSOR_MESSAGES | {
-    *convert.IMU_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "STATUSTEXT",
-    "HEARTBEAT",
+    *convert.IMU_MESSAGES, *TRUTH_MESSAGES, *CONTROL_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED",
+    "GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE", "PARAM_VALUE", "STATUSTEXT", "HEARTBEAT",
 }  # fmt: skip
 """Messages that become tracks, series, events or texts, and need a place on the flight's clock."""
 
+_ELSEWHEN_S = 5.0  # a stamp that is further off than this from those of its neighbours is no time since boot
+_GROUND_STATION = 190  # MAV_COMP_ID_MISSIONPLANNER
 
-NEEDED = _TIMED | {"PARAM_VALUE", "AUTOPILOT_VERSION", "GPS_GLOBAL_ORIGIN", "HOME_POSITION", "SYSTEM_TIME"}
+NEEDED = _TIMED | {"AUTOPILOT_VERSION", "GPS_GLOBAL_ORIGIN", "HOME_POSITION", "SYSTEM_TIME"}
 """Messages whose fields a flight is made of."""
 
 
@@ -51,67 +64,118 @@ def flights(
     others: list[Bystander] = []
     speaking = senders(messages)
     messages.clear()
+    found_by_others = _parameters_of_ground_stations(speaking)
     for ids in sorted(speaking):
         sender = speaking.pop(ids)
         vehicle, notes = describe(ids, sender, dialect)
         if isinstance(vehicle, Bystander):
             others.append(vehicle)
             continue
-        found += _boots_of(vehicle, sender, notes, dialect, dequantise)
+        parameters = found_by_others.get(vehicle.sysid, {}) if _is_ardupilot(vehicle) else {}
+        found += _boots_of(vehicle, sender, parameters, notes, dialect, dequantise)
     return found, others
 
 
+def _parameters_of_ground_stations(speaking: Mapping[tuple[int, int], Sender]) -> dict[int, dict[str, float]]:
+    """System id → the parameters that MAVProxy sends in the vehicle's name when it has downloaded them as a file."""
+    return {
+        sysid: convert.parameters(sent, convert.parameter_values(sent, bytewise=False))
+        for (sysid, compid), sender in speaking.items()
+        if compid == _GROUND_STATION and (sent := sender.get("PARAM_VALUE")) is not None
+    }
+
+
+@dataclass(slots=True)
+class _Begun:
+    """A flight whose tracks are being made."""
+
+    boot: Boot
+    seconds: dict[str, Array]  # the boot times of its messages
+    flight: Flight
+    turns: convert.Turns
+    imus: dict[str, ImuTrack]
+    notes: list[str]
+
+
 def _boots_of(
-    vehicle: Vehicle, sender: dict[str, Messages], said: tuple[str, ...], dialect: Dialect, dequantise: bool
+    vehicle: Vehicle,
+    sender: Sender,
+    parameters: Mapping[str, float],
+    said: tuple[str, ...],
+    dialect: Dialect,
+    dequantise: bool,
 ) -> list[Flight]:
     """The flights of one vehicle. First all but the tracks; then message by message the tracks of all its boots.
 
-    So the messages of a type are let go before the next become tracks.
+    So the messages of a type are let go before the next become tracks. parameters: known before the first boot; those
+    of a boot outlive the next reboot, and are seldom read again after it.
     """
-    begun: list[tuple[Boot, dict[str, Array], Flight]] = []
-    parameters: dict[str, float] = {}
+    begun: list[_Begun] = []
     for boot in boots(vehicle, sender):
-        if "PARAM_VALUE" in boot.messages:  # parameters outlive a reboot, and are seldom read again after it
-            bytewise = vehicle.autopilot == "PX4"
-            parameters = parameters | convert.parameters(boot.messages["PARAM_VALUE"], bytewise=bytewise)
-        begun.append((boot, *_without_tracks(boot, parameters, said, dialect)))
-    tracks: list[tuple[dict[str, ImuTrack], list[str]]] = [({}, []) for _ in begun]
+        begun.append(_begin(boot, parameters, said, dialect))
+        parameters = begun[-1].flight.parameters
     for name in convert.IMU_MESSAGES:
-        for (boot, seconds, flight), (imus, notes) in zip(begun, tracks, strict=True):
-            if name in boot.messages:
-                track, told = convert.imu_track(boot.messages.pop(name), seconds.pop(name), dequantise=dequantise)
-                notes.extend(told)
-                if track is not None:
-                    trim = convert.trim(flight.parameters) if _is_ardupilot(vehicle) else None
-                    imus[name] = convert.turned(track, trim[0]) if trim else track
-    return [
-        replace(
-            flight,
-            imus=imus,
-            attitude=_attitude(boot, seconds),
-            position=_position(boot, seconds),
-            notes=(*flight.notes, *notes, *_doubts(vehicle, imus, flight.parameters)),
-        )
-        for (boot, seconds, flight), (imus, notes) in zip(begun, tracks, strict=True)
-    ]
+        for one in begun:
+            if name not in one.boot.messages:
+                continue
+            track, told = convert.imu_track(one.boot.messages.pop(name), one.seconds.pop(name), dequantise=dequantise)
+            one.notes.extend(told)
+            if track is not None:
+                track = with_facts(track, vehicle, one.flight.parameters)
+                one.imus[name] = convert.turned_in_time(track, one.turns)
+    return [_with_tracks(one, dequantise) for one in begun]
 
 
-def _without_tracks(
-    boot: Boot, parameters: dict[str, float], said: tuple[str, ...], dialect: Dialect
-) -> tuple[dict[str, Array], Flight]:
-    """The boot times of its messages, and its flight as far as it needs no track."""
-    seconds: dict[str, Array] = {}
+def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
+    boot, seconds, flight, imus = begun.boot, begun.seconds, begun.flight, begun.imus
+    notes = [*begun.notes, *_doubts(flight, imus)]
+    attitude = _attitude(boot, seconds)
+    position, told = _position(boot, seconds)
+    notes += told
+    aiding = Aiding(flight.series, begun.turns)
+    used = flight.imu_in_use
+    biases: Sequence[BiasTrack] = ()
+    if _is_ardupilot(flight.vehicle):
+        biases = LazyTuple(partial(ardupilot_biases, imus, attitude, used, begun.turns, dequantised=dequantise))
+    elif flight.vehicle.autopilot == "PX4":
+        selected, instance, told = selected_imu(imus, flight.parameters)
+        notes += told
+        biases = LazyTuple(partial(px4_biases, imus, selected, dequantised=dequantise))
+        if instance is not None:
+            used = ImuInUse(np.array([flight.start]), np.array([instance]), "HIGHRES_IMU")
+            imus["HIGHRES_IMU"] = of_instance(imus["HIGHRES_IMU"], instance, flight.parameters)
+    return replace(
+        flight,
+        imus=imus,
+        attitude=attitude,
+        position=position,
+        gps=aiding.gps,
+        compasses=aiding.compasses,
+        barometers=aiding.barometers,
+        biases=biases,
+        imu_in_use=used,
+        control=control_track(boot.messages, seconds, attitude),
+        actuators=actuator_track(boot.messages, seconds, flight.parameters),
+        truth=message_truth(boot.messages, seconds, flight.origin, position),
+        notes=aiding.noted(notes),
+    )
+
+
+def _begin(boot: Boot, known: Mapping[str, float], said: tuple[str, ...], dialect: Dialect) -> _Begun:
+    """The boot's flight as far as it needs no track. known: the parameters before it."""
     notes = [*said, *boot.notes]
-    for name, messages in boot.messages.items():
-        if name not in _TIMED:
-            continue
-        seconds[name], shift = boot_seconds(messages, boot.clock)
-        if shift and name in convert.IMU_MESSAGES:
-            notes.append(f"{name}.time_usec runs {shift:+.3f} s from time_boot_ms: taken out")
+    seconds = {name: _seconds(m, boot.clock, notes) for name, m in boot.messages.items() if name in _TIMED}
     first, last = _span(boot)
     if not len(boot.clock.t):
         notes.append("the vehicle sends no device time: the duration is that of the log's stamps, 0 where it has none")
-    return seconds, Flight(
+    parameters, at_first, changes = _parameters(boot, seconds, known)
+    texts = _texts(boot, seconds)
+    resets = text_resets(texts)
+    if "ODOMETRY" in boot.messages:
+        resets += odometry_resets(boot.messages["ODOMETRY"], seconds["ODOMETRY"])
+    ardupilot = _is_ardupilot(boot.vehicle)
+    turns, turned = convert.turns(at_first, changes) if ardupilot else (convert.UNTURNED, [])
+    flight = Flight(
         vehicle=boot.vehicle,
         boot=boot.number,
         start=first,
@@ -122,10 +186,39 @@ def _without_tracks(
         series=message_sensors(boot.messages, seconds, px4=boot.vehicle.autopilot == "PX4"),
         events=_events(boot, seconds, dialect),
         parameters=parameters,
-        texts=_texts(boot, seconds),
+        texts=texts,
         messages=arrivals(boot.messages, seconds),
-        notes=tuple(notes),
+        imu_in_use=imu_in_use(resets, parameters, first) if ardupilot else None,
+        resets=tuple(sorted(resets, key=lambda reset: reset.t)),
+        parameter_changes=changes,
     )
+    return _Begun(boot, seconds, flight, turns, {}, [*notes, *turned])
+
+
+def _seconds(messages: Messages, clock: Clock, notes: list[str]) -> Array:
+    """Boot time of each message (N,) in s; of one that counts from elsewhere that of its neighbours."""
+    t, shift = boot_seconds(messages, clock)
+    if messages.name in convert.IMU_MESSAGES:
+        if shift:
+            notes.append(f"{messages.name}.time_usec runs {shift:+.3f} s from time_boot_ms: taken out")
+    elif "time_usec" in messages.layout.fields and len(clock.t) and len(t):
+        beside = clock.at(messages.offset)
+        if float(np.median(np.abs(t - beside))) > _ELSEWHEN_S:
+            notes.append(f"{messages.name}.time_usec is no time since boot: that of its neighbours is used")
+            return beside
+    return t
+
+
+def _parameters(
+    boot: Boot, seconds: Mapping[str, Array], known: Mapping[str, float]
+) -> tuple[dict[str, float], dict[str, float], tuple[ParameterChange, ...]]:
+    """The last value of each parameter, the first, and what changed in between."""
+    if "PARAM_VALUE" not in boot.messages:
+        return dict(known), dict(known), ()
+    sent, t = boot.messages["PARAM_VALUE"], seconds["PARAM_VALUE"]
+    values = convert.parameter_values(sent, bytewise=boot.vehicle.autopilot == "PX4")
+    last, first = convert.parameters(sent, values), convert.parameters(sent, values, first=True)
+    return {**known, **last}, {**known, **first}, parameter_changes(sent["param_id"].tolist(), t, values)
 
 
 def _span(boot: Boot) -> tuple[float, float]:
@@ -137,18 +230,14 @@ def _span(boot: Boot) -> tuple[float, float]:
     return 0.0, float(np.ptp(stamps)) if len(stamps) else 0.0
 
 
-def _doubts(vehicle: Vehicle, imus: Mapping[str, ImuTrack], parameters: Mapping[str, float]) -> list[str]:
+def _doubts(flight: Flight, imus: Mapping[str, ImuTrack]) -> list[str]:
     """What is to be known of a flight's IMUs as a whole."""
-    if not imus:
-        return []
-    if vehicle.autopilot == "PX4" and imus.keys() == {"HIGHRES_IMU"}:
+    px4 = flight.vehicle.autopilot == "PX4"
+    if px4 and imus.keys() == {"HIGHRES_IMU"}:
         return ["HIGHRES_IMU is all there is: PX4 has subtracted its EKF's biases, so it is no independent witness"]
-    if not _is_ardupilot(vehicle):
-        return []
-    if "AHRS_TRIM_X" not in parameters:
+    if imus and _is_ardupilot(flight.vehicle) and "AHRS_TRIM_X" not in flight.parameters:
         return ["AHRS_TRIM is not in the log: if the board is trimmed, the accelerometer looks tilted by it"]
-    trim = convert.trim(parameters)
-    return [trim[1]] if trim else []
+    return []
 
 
 def _is_ardupilot(vehicle: Vehicle) -> bool:
@@ -163,15 +252,15 @@ def _attitude(boot: Boot, seconds: dict[str, Array]) -> AttitudeTrack | None:
     return max(usable, key=len) if usable else None
 
 
-def _position(boot: Boot, seconds: dict[str, Array]) -> PositionTrack | None:
-    """LOCAL_POSITION_NED, unless GLOBAL_POSITION_INT covers more than twice its time."""
+def _position(boot: Boot, seconds: dict[str, Array]) -> tuple[PositionTrack | None, list[str]]:
+    """LOCAL_POSITION_NED, unless GLOBAL_POSITION_INT covers more than twice its time; and notes."""
     names = ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
     tracks = [convert.position_track(boot.messages.pop(n), seconds[n]) for n in names if n in boot.messages]
-    usable = [track for track in tracks if len(track) > 1]
+    usable = [found for found in tracks if len(found[0]) > 1]
     if not usable:
-        return None
+        return None, []
     local, other = usable[0], usable[-1]
-    return other if np.ptp(other.t) > 2 * np.ptp(local.t) else local
+    return other if np.ptp(other[0].t) > 2 * np.ptp(local[0].t) else local
 
 
 def _origin(boot: Boot) -> Origin | None:
@@ -183,9 +272,12 @@ def _origin(boot: Boot) -> Origin | None:
 
 
 def _events(boot: Boot, seconds: dict[str, Array], dialect: Dialect) -> tuple[Event, ...]:
-    if "HEARTBEAT" not in boot.messages:
-        return ()
-    return heartbeat_events(boot.messages["HEARTBEAT"], seconds["HEARTBEAT"], boot.vehicle, dialect)
+    found: tuple[Event, ...] = ()
+    if "HEARTBEAT" in boot.messages:
+        found += heartbeat_events(boot.messages["HEARTBEAT"], seconds["HEARTBEAT"], boot.vehicle, dialect)
+    if "EXTENDED_SYS_STATE" in boot.messages:
+        found += landed_events(boot.messages["EXTENDED_SYS_STATE"], seconds["EXTENDED_SYS_STATE"])
+    return in_order(found)
 
 
 def _texts(boot: Boot, seconds: dict[str, Array]) -> tuple[StatusText, ...]:

@@ -1,9 +1,9 @@
-"""A mapping whose values are made when they are first asked for: of most of a flight, most never are."""
+"""Values that are made when they are first asked for: of most of a flight, most never are."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from typing import TypeVar
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TypeVar, overload
 
 T = TypeVar("T")
 
@@ -30,3 +30,27 @@ class Lazy(Mapping[str, T]):
 
     def __len__(self) -> int:
         return len(self._names)
+
+
+class LazyTuple(Sequence[T]):
+    """A tuple whose items are made together, by its maker, when it is first looked into."""
+
+    def __init__(self, maker: Callable[[], Sequence[T]]) -> None:
+        self._maker: Callable[[], Sequence[T]] | None = maker
+        self._known: tuple[T, ...] = ()
+
+    @overload
+    def __getitem__(self, index: int) -> T: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[T, ...]: ...
+    def __getitem__(self, index: int | slice) -> T | tuple[T, ...]:
+        return self._items()[index]
+
+    def __len__(self) -> int:
+        return len(self._items())
+
+    def _items(self) -> tuple[T, ...]:
+        if self._maker is not None:
+            self._known = tuple(self._maker())
+            self._maker = None
+        return self._known

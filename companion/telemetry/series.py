@@ -6,6 +6,7 @@ temperatures, of which each belongs to an IMU, always by both. What the columns 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -14,11 +15,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.series import Series
+from companion.model import Array, Series
 from companion.telemetry.convert import increasing
 from companion.telemetry.lazy import Lazy
 from companion.telemetry.units import SI
-from companion.tracks import Array
 
 Raw = npt.NDArray[Any]
 Fields = Mapping[str, tuple[str, str]]
@@ -27,18 +27,35 @@ Fields = Mapping[str, tuple[str, str]]
 COLUMNS: Mapping[str, tuple[str, ...]] = {
     "vibration": ("x_mps2", "y_mps2", "z_mps2", "clips_0", "clips_1", "clips_2"),
     "barometer": ("pressure_pa", "altitude_m", "temperature_degc"),
-    "gps": ("lat_rad", "lon_rad", "height_m", "speed_mps", "satellites", "fix_type", "hdop"),
+    "gps": (
+        "lat_rad", "lon_rad", "height_m", "speed_mps", "satellites", "fix_type", "hdop", "course_rad", "vn_mps",
+        "ve_mps", "vd_mps", "horizontal_sigma_m", "vertical_sigma_m", "speed_sigma_mps",
+    ),
     "magnetometer": ("x_tesla", "y_tesla", "z_tesla"),
     "temperature": ("temperature_degc",),
     "estimator": ("velocity_ratio", "position_ratio", "height_ratio", "compass_ratio", "airspeed_ratio", "flags"),
+    "accuracy": ("horizontal_sigma_m", "vertical_sigma_m"),
     "variance": (
         "north_m2", "east_m2", "down_m2", "roll_rad2", "pitch_rad2", "yaw_rad2", "vn_m2ps2", "ve_m2ps2", "vd_m2ps2",
     ),
+    "innovation": (
+        "vn_mps", "ve_mps", "vd_mps", "north_m", "east_m", "down_m", "x_tesla", "y_tesla", "z_tesla", "yaw_rad",
+        "airspeed_mps",
+    ),
+    "attitude": ("roll_rad", "pitch_rad", "yaw_rad"),
+    "airspeed": ("airspeed_mps", "pressure_pa", "temperature_degc"),
+    "range": ("range_m", "status", "orientation"),
+    "flow": ("x_radps", "y_radps", "body_x_radps", "body_y_radps", "quality"),
 }  # fmt: skip
 """The columns of each kind, whatever the format. PX4's own vibration metrics have their own names."""
 
-_ABSENT = {"satellites": 255.0, "speed_mps": 655.35, "hdop": 655.35}  # what GPS_RAW_INT sends for "not known"
+_ABSENT_IF_ZERO = ("magnetometer", "temperature", "gps", "airspeed", "range", "flow", "attitude")
+_ABSENT = {"satellites": 255.0, "speed_mps": 655.35, "hdop": 655.35, "course_rad": math.radians(655.35)}
+"""What GPS_RAW_INT sends for "not known"."""
+
+_SIGMAS = ("horizontal_sigma_m", "vertical_sigma_m", "speed_sigma_mps")
 _FIX_2D, _FIX_3D = 2, 3  # GPS_FIX_TYPE
+_POLE = math.radians(89.9)  # nobody flies there: a latitude of 90° is a receiver that has no fix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +67,7 @@ class Found:
     t: Array  # (N,) s, boot clock; NaN where it is not known
     raw: Mapping[str, Raw]  # column → (N,), as the log has it
     factors: Mapping[str, float]
+    instance: int = 0  # which sensor of its kind
 
 
 def find(
@@ -59,6 +77,8 @@ def find(
     fields: Fields,
     column: Callable[[str], Raw | None],
     units: Mapping[str, str] | None = None,
+    *,
+    instance: int = 0,
 ) -> Found | None:
     """What a source has of a kind; None when that is nothing. `column` gives a field of the source, None for none."""
     raw: dict[str, Raw] = {}
@@ -69,8 +89,8 @@ def find(
             raw[name] = np.array(values)  # not a view: the rows need not stay for it
             stated = (units or {}).get(field, "")
             factors[name] = SI[stated if stated in SI and stated else unit]
-    silent = kind in ("magnetometer", "temperature", "gps") and not any(v.any() for v in raw.values())
-    return None if not raw or not len(t) or silent else Found(kind, source, t, raw, factors)
+    silent = kind in _ABSENT_IF_ZERO and not any(v.any() for v in raw.values())
+    return None if not raw or not len(t) or silent else Found(kind, source, t, raw, factors, instance)
 
 
 def series_of(found: Iterable[Found | None]) -> Mapping[str, Series]:
@@ -84,7 +104,8 @@ def series_of(found: Iterable[Found | None]) -> Mapping[str, Series]:
 
 
 def _series(found: Found) -> Series:
-    names = COLUMNS[found.kind] if found.raw.keys() <= set(COLUMNS[found.kind]) else tuple(found.raw)
+    known = COLUMNS.get(found.kind, ())
+    names = known if found.raw.keys() <= set(known) else tuple(found.raw)
     values = np.full((len(found.t), len(names)), np.nan)
     for i, name in enumerate(names):
         if name in found.raw:
@@ -94,23 +115,27 @@ def _series(found: Found) -> Series:
     if found.kind == "gps":
         _without_unknown(columns)
     if found.kind == "barometer" and np.isnan(columns["altitude_m"]).all():
-        columns["altitude_m"][:] = _pressure_altitude(columns["pressure_pa"])
+        columns["altitude_m"][:] = pressure_altitude(columns["pressure_pa"])
     good = np.isfinite(found.t) & ~np.isnan(values).all(axis=1)
     if found.kind == "temperature":
         good &= values[:, 0] != 0.0  # MAVLink: 0 is "no thermometer", and a true 0 °C is sent as 0.01
     keep = increasing(found.t, np.asarray(good))
-    return Series(found.t[keep], values[keep], names, found.source)
+    return Series(found.t[keep], values[keep], names, found.source, found.instance)
 
 
 def _without_unknown(gps: Mapping[str, Array]) -> None:
     for name, absent in _ABSENT.items():
         gps[name][np.isclose(gps[name], absent, atol=1e-6)] = np.nan
-    gps["lat_rad"][gps["fix_type"] < _FIX_2D] = np.nan
-    gps["lon_rad"][gps["fix_type"] < _FIX_2D] = np.nan
+    for name in _SIGMAS:
+        gps[name][~(gps[name] > 0.0)] = np.nan  # 0 is "not known": the extension fields of an older sender
+    nowhere = (gps["fix_type"] < _FIX_2D) | ((gps["lat_rad"] == 0.0) & (gps["lon_rad"] == 0.0))
+    nowhere |= ~(np.abs(gps["lat_rad"]) < _POLE)
+    for name in ("lat_rad", "lon_rad", "height_m", "course_rad", "speed_mps", "vn_mps", "ve_mps", "vd_mps", *_SIGMAS):
+        gps[name][nowhere] = np.nan
     gps["height_m"][gps["fix_type"] < _FIX_3D] = np.nan
 
 
-def _pressure_altitude(pressure: Array) -> Array:
+def pressure_altitude(pressure: Array) -> Array:
     """m, where the standard atmosphere has this pressure (ICAO Doc 7488, below 11 km)."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(44330.77 * (1.0 - (pressure / 101325.0) ** 0.1902632))

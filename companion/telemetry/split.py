@@ -10,8 +10,9 @@ from itertools import pairwise
 import numpy as np
 
 from companion.mavlink import Dialect, Messages
+from companion.model import Vehicle
 from companion.telemetry.clock import UNIX_S, Clock, device_time, reboots, sender_clock, stale_start, steps_back
-from companion.tracks import Vehicle
+from companion.telemetry.timestamps import ON_LINK, left_out, off_course
 
 Sender = dict[str, Messages]
 
@@ -91,10 +92,11 @@ def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
     Of the last boot, which mostly is the only one, nothing is kept here, so that its taker can let go of what it has
     read.
     """
+    astray = _drop_off_course(sender)
     clock = sender_clock(sender)
     edges = [0, *reboots(clock), len(clock.t)]
     for number, (first, last) in enumerate(pairwise(edges), 1):
-        notes: list[str] = []
+        notes = astray if number == 1 else []
         if number > 1:
             notes.append(
                 f"boot {number} begins where the device clock fell from "
@@ -126,6 +128,14 @@ def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
         yield Boot(vehicle, number, cut, own, (*notes, *stepped))
 
 
+def _drop_off_course(sender: Sender) -> list[str]:
+    """Let go of the messages whose time stamps leave the flight's course; and a note of each type that has such."""
+    times = {name: own for name, m in sender.items() if (own := device_time(m)) is not None}
+    apart = off_course(times, ON_LINK)
+    sender.update({name: sender[name].select(~mask) for name, mask in apart.items()})
+    return left_out(times, apart)
+
+
 def _first_of(messages: Messages, clock: Clock, packet: int) -> int:
     """Index of the first message that belongs to the boot which begins with this packet of the clock.
 
@@ -146,6 +156,7 @@ def _first_of(messages: Messages, clock: Clock, packet: int) -> int:
 def _without_steps_back(sender: Sender, clock: Clock) -> tuple[Sender, Clock, list[str]]:
     """Where the clock was set back without a reboot, the packets that it then passes again are left out."""
     notes = []
+    keep = np.ones(len(clock.t), np.bool_)
     for i in steps_back(clock):
         offset, t = clock.offset[i], clock.t[i]
         notes.append(
@@ -153,9 +164,8 @@ def _without_steps_back(sender: Sender, clock: Clock) -> tuple[Sender, Clock, li
             "what it had said of that time before is left out"
         )
         sender = {n: m.select((m.offset >= offset) | (clock.at(m.offset) < t)) for n, m in sender.items()}
-    for i in steps_back(clock)[::-1]:
-        clock = clock[(clock.offset >= clock.offset[i]) | (clock.t < clock.t[i])]
-    return sender, clock, notes
+        keep &= (clock.offset >= offset) | (clock.t < t)
+    return sender, clock[keep] if notes else clock, notes
 
 
 def _enum_name(dialect: Dialect, enum: str, value: int) -> str:

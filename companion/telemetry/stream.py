@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 
 from companion.mavlink import DEFAULT_DIALECT, Decoder, Frames, Messages, join, load_dialect, split_messages
+from companion.model import Flight, Origin
 from companion.telemetry.clock import reboots, sender_clock
 from companion.telemetry.convert import ned_between
 from companion.telemetry.flights import NEEDED, flights
 from companion.telemetry.split import senders
-from companion.tracks import Flight, Origin
 
 _BLOCK = 2048  # messages of a type that are joined for good
 _PIECES = 64  # pieces of a type that are joined on the way there

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.tracks import STANDARD_GRAVITY
+from companion.model import STANDARD_GRAVITY
 
 SI = {
     "": 1.0,
@@ -16,7 +16,9 @@ SI = {
     "m": 1.0,
     "m/s": 1.0,
     "cm/s": 1e-2,
+    "cm": 1e-2,
     "mm": 1e-3,
+    "mm/s": 1e-3,
     "Pa": 1.0,
     "hPa": 100.0,
     "degC": 1.0,  # temperatures stay in °C, as every data sheet has them
@@ -24,6 +26,7 @@ SI = {
     "deg": float(np.radians(1.0)),
     "deglatitude": float(np.radians(1.0)),
     "deglongitude": float(np.radians(1.0)),
+    "cdeg": float(np.radians(1e-2)),
     "degE7": float(np.radians(1e-7)),
     "gauss": 1e-4,  # tesla
     "Gauss": 1e-4,

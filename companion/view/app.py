@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from companion.errors import CompanionError, InputError
-from companion.tracks import Flight
+from companion.model import CompanionError, Flight, InputError
 from companion.view.choice import Examine, Offer, Recompute, ReplayChoice
 from companion.view.page import Page
 from companion.view.player import Player

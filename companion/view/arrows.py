@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import viser
 
-from companion.tracks import STANDARD_GRAVITY, Array
+from companion.model import STANDARD_GRAVITY, Array
 from companion.view import palette
 from companion.view.moment import Moment
 from companion.view.palette import Rgb

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import viser
 
-from companion.tracks import Array
+from companion.model import Array
 from companion.view import events
 from companion.view.controls import listen
 from companion.view.framing import CAMERA_MODES, CameraMode, Framing, Pose, camera, world
@@ -106,4 +106,4 @@ def _stand(client: viser.ClientHandle, mode: CameraMode, framing: Framing) -> No
 
 
 def _narrow(client: viser.ClientHandle) -> bool:
-    return client.camera.aspect < _NARROW
+    return client.camera.image_width < _NARROW * client.camera.image_height

@@ -10,7 +10,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from companion.tracks import Array
+from companion.model import Array
 from companion.view import palette
 from companion.view.curves import Curves, curves
 from companion.view.palette import Rgb

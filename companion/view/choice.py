@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from companion.analysis import HORIZONS_S, NO_CORRECTION, Correction, Integration, gravity_for
+from companion.model import Flight, ImuTrack
 from companion.strapdown import ImuModel, Sensor, correct
-from companion.tracks import Flight, ImuTrack
 from companion.view.insight import Insight
 from companion.view.moment import Footage, Reckoning
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.tracks import Array
+from companion.model import Array
 from companion.view.thin import Indices, extremes
 
 MOST_POINTS = 250

@@ -9,11 +9,16 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
+import logging
 import socket
 from typing import Any
 from urllib.parse import urlsplit
 
 import viser
+
+from companion.view.client_messages import accepted
+
+_log = logging.getLogger(__name__)
 
 POLICY_VIOLATION = 1008  # WebSocket close code, RFC 6455
 
@@ -52,11 +57,33 @@ def admit_only_own_pages(server: viser.ViserServer, host: str) -> None:
             await websocket.close(POLICY_VIOLATION, "companion serves only its own page")
 
     async def joined(connection: Any) -> None:
-        await check(sockets._live_connections[connection.client_id])
+        websocket = sockets._live_connections[connection.client_id]
+        await check(websocket)
+        _hear_only_what_is_accepted(websocket)
 
     sockets.on_client_connect(joined)
+    server.get_event_loop().set_exception_handler(_note)
     for early in list(sockets._live_connections.values()):  # between the server's start and this line
         asyncio.run_coroutine_threadsafe(check(early), server.get_event_loop()).result(timeout=10)
+
+
+def _hear_only_what_is_accepted(websocket: Any) -> None:
+    """Let viser receive no message but those that the page sends."""
+    receive = websocket.recv
+
+    async def recv() -> bytes:
+        while True:
+            raw: bytes = await receive()
+            if accepted(raw):
+                return raw
+            _log.debug("a message of a browser was dropped (%d bytes)", len(raw))
+
+    websocket.recv = recv
+
+
+def _note(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """What viser's own handlers fail at is for who develops, and no traceback in a terminal."""
+    _log.debug("in the server: %s", context.get("message"), exc_info=context.get("exception"))
 
 
 def _name(url: str) -> str | None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from companion.tracks import Array, Flight
+from companion.model import Array, Flight
 from companion.view import palette
 from companion.view.chart import DASHED, DOTTED, Drawing, Line
 from companion.view.insight import Envelope, Errors

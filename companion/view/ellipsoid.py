@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import viser
 
+from companion.model import Array
 from companion.strapdown import quaternion
-from companion.tracks import Array
 from companion.view.palette import Rgb
 
 SIGMAS = 3.0

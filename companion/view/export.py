@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import viser
 
-from companion.tracks import Array, Flight
+from companion.model import Array, Flight
 from companion.view import palette
 from companion.view.framing import FIELD_OF_VIEW, camera, frame, readable_span
 from companion.view.home import home_position

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from companion.analysis import DriftRow, FreeState, Replay
-from companion.tracks import Flight
+from companion.model import Flight
 from companion.view.choice import ReplayChoice
 
 

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from companion.tracks import Array
+from companion.model import Array
 from companion.view.moment import Moment
 
 CameraMode = Literal["Free", "Follow", "Chase", "From above"]

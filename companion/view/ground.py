@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import viser
 
-from companion.tracks import Array
+from companion.model import Array
 from companion.view.framing import Framing
 
 GREY = (90, 90, 90)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.analysis import FreeState, Replay
-from companion.tracks import Array
+from companion.model import Array
 from companion.view.insight import MOST
 from companion.view.moment import Footage, Reckoning, footage
 

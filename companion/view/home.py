@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.frames import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS
-from companion.tracks import Array, Flight
+from companion.model import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS, Array, Flight
 
 
 def home_position(flight: Flight) -> Array | None:

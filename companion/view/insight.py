@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.analysis import Assessment, Expectation, Sibling, WindowErrors
-from companion.tracks import Array
+from companion.analysis import Assessment, Expectation, ImuNoise, Sibling, WindowErrors
+from companion.model import Array
 from companion.view.marks import Mark
 
 MOST = 1e12
@@ -23,6 +23,7 @@ class Insight:
     horizon_s: float
     siblings: tuple[Sibling, ...] = ()
     expected: Expectation | None = None  # over the replay; None where it cannot be said
+    noise: ImuNoise | None = None  # of that IMU as it was read; None where the log is too short to tell
 
     @property
     def marks(self) -> tuple[Mark, ...]:

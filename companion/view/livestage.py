@@ -10,8 +10,7 @@ from dataclasses import replace
 import numpy as np
 import viser
 
-from companion.errors import DataError
-from companion.tracks import Array
+from companion.model import Array, DataError
 from companion.view import events
 from companion.view.cadence import Cadence
 from companion.view.controls import dock

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Literal
 
-from companion.series import Event
-from companion.tracks import Flight, StatusText
+from companion.model import Event, Flight, StatusText
 from companion.view import palette
 from companion.view.palette import Rgb
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from companion.analysis import Replay
-from companion.errors import DataError
-from companion.tracks import Array, ImuTrack
+from companion.model import Array, DataError, ImuTrack
 from companion.view.insight import MOST, Envelope, Errors, Insight, envelope_of, errors_of
 from companion.view.thin import Indices
 

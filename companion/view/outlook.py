@@ -8,7 +8,7 @@ from typing import assert_never
 import numpy as np
 import viser
 
-from companion.tracks import Array
+from companion.model import Array
 from companion.view import events, palette
 from companion.view.browsers import Browsers
 from companion.view.framing import FIELD_OF_VIEW, CameraMode, Framing, camera, grid_cell, readable_span, screen_up

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 import time
@@ -16,6 +17,9 @@ from companion.view import events
 from companion.view.outlook import Outlook
 from companion.view.scene import Scene
 from companion.view.server import close_server, find_address, open_server
+
+_log = logging.getLogger(__name__)
+_MOST_FAILED = 10  # turns, one behind the other
 
 
 class Turned(Protocol):
@@ -52,6 +56,7 @@ class Page(Generic[Behind]):
         self._stopping = threading.Event()
         self._closed = False
         self._failure: BaseException | None = None
+        self._failed = 0
         self._period = 1.0 / rate_hz
         try:
             self._behind = build(self._server, self._events.put)
@@ -105,10 +110,10 @@ class Page(Generic[Behind]):
         """Whether the page is at its end, also because of an error in the view thread."""
         return self._stopping.is_set()
 
-    def run(self) -> None:
-        """Serve until `stop`, Ctrl-C, or an error in the view thread, which is raised here."""
+    def run(self, until: Callable[[], bool] = lambda: False) -> None:
+        """Serve until `until()`, `stop`, Ctrl-C, or an error in the view thread, which is raised here."""
         try:
-            while not self._stopping.wait(0.5):
+            while not self._stopping.wait(0.2) and not until():
                 pass
         except KeyboardInterrupt:
             pass
@@ -149,6 +154,26 @@ class Page(Generic[Behind]):
         if failure is not None:
             raise failure
 
+    def _attempt(self, event: events.Event) -> None:
+        """Do what a control of a page asks for, if it can be done: no browser ends the page for all."""
+        try:
+            self._behind.handle(event)
+        except Exception as error:  # noqa: BLE001
+            _log.warning("dropped: %s (%s: %s)", event, type(error).__name__, error)
+            _log.debug("dropped", exc_info=error)
+
+    def _turn(self, now: float, dt: float) -> None:
+        """Draw. What fails once may be mended by the next sample; what fails again and again is raised."""
+        try:
+            self._behind.turn(now, dt)
+            self._failed = 0
+        except Exception as error:
+            self._failed += 1
+            if self._failed == _MOST_FAILED:
+                raise
+            _log.warning("not drawn: %s: %s", type(error).__name__, error)
+            _log.debug("not drawn", exc_info=error)
+
     def _loop(self) -> None:
         before = time.monotonic()
         try:
@@ -157,8 +182,8 @@ class Page(Generic[Behind]):
                 # What changes together has to arrive together: a chart with a line too many for its data fails.
                 with self._server.atomic():
                     while not self._events.empty():
-                        self._behind.handle(self._events.get())
-                    self._behind.turn(now, now - before)
+                        self._attempt(self._events.get())
+                    self._turn(now, now - before)
                 before = now
                 self._stopping.wait(max(0.0, self._period - (time.monotonic() - now)))
         except BaseException as error:  # noqa: BLE001 - handed to `run`, which raises it in the main thread

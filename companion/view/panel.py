@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 import viser
 
-from companion.tracks import Flight
+from companion.model import Flight
 from companion.view import events, palette, tables
 from companion.view.choice import Offer, ReplayChoice
 from companion.view.controls import listen, write

@@ -6,18 +6,31 @@ from collections.abc import Mapping
 
 import viser
 
-from companion.tracks import Flight
+from companion.model import Flight
 from companion.view import events, palette
 from companion.view.chart import STYLE, Chart, Drawing
 from companion.view.controls import listen
 from companion.view.drawings import error_drawings, horizon_drawings, rate_drawings, reading_drawings
-from companion.view.drift_chart import DriftCharts
+from companion.view.drift_chart import QUANTITIES, drift_lines, drift_styles
+from companion.view.log_charts import LogCharts
 from companion.view.moment import Footage, Moment
+from companion.view.noise_chart import STYLES, TITLES, noise_lines
 from companion.view.palette import Rgb
 
-PAGES = ("Errors since the anchor", "Errors over the horizon", "IMU readings", "Drift by horizon", "Rates and gaps")
-ERRORS, HORIZON, READINGS, DRIFT, RATES = PAGES
+PAGES = (
+    "Errors since the anchor",
+    "Errors over the horizon",
+    "IMU readings",
+    "IMU noise",
+    "Drift by horizon",
+    "Rates and gaps",
+)
+ERRORS, HORIZON, READINGS, NOISE, DRIFT, RATES = PAGES
 CHARTS = 3
+_NOTHING = {
+    HORIZON: "No window of this length can be used.",
+    NOISE: "Neither a rest of 10 s nor a stretch without holes that is long enough for a spectrum.",
+}
 
 
 class Plots:
@@ -30,7 +43,8 @@ class Plots:
         listen(self._page, post, lambda: events.PickCharts(str(self._page.value)))
         gui.add_html(STYLE)
         self._charts = [Chart(gui) for _ in range(CHARTS)]
-        self._drift = DriftCharts(gui)
+        self._drift = LogCharts(gui, tuple(QUANTITIES), "after, s", drift_styles(palette.IMU), points=True)
+        self._noise = LogCharts(gui, TITLES, "Hz or s", STYLES)
         self._hint = gui.add_html("", visible=False)
         self._film: Footage | None = None
         self._flight: Flight | None = None
@@ -42,7 +56,10 @@ class Plots:
         """Draw another reckoning, between two times (s, boot clock)."""
         self._film, self._flight, self._colours, self._part = film, flight, colours, part
         insight = film.insight
-        self._drift.load(insight.assessment if insight else None, colours.get(film.source, palette.IMU))
+        found = insight.assessment if insight else None
+        drifts = [None if found is None else drift_lines(found, name) for name in QUANTITIES.values()]
+        self._drift.draw(drifts, drift_styles(colours.get(film.source, palette.IMU)))
+        self._noise.draw(noise_lines(insight.noise if insight else None), STYLES)
         self._draw()
 
     def choose_part(self, part: tuple[float, float]) -> None:
@@ -61,6 +78,7 @@ class Plots:
         for chart in self._charts:
             chart.relayout()
         self._drift.relayout()
+        self._noise.relayout()
 
     def show(self, moment: Moment) -> None:
         """Move the line to `moment`."""
@@ -75,10 +93,13 @@ class Plots:
         for i, chart in enumerate(self._charts):
             chart.draw(drawings[i] if i < len(drawings) else None, self._part)
         self._drift.pick(shown=self._shown == DRIFT)
-        waiting = self._shown in (HORIZON, DRIFT) and self._film.insight is None
-        empty = self._shown == HORIZON and not drawings
+        self._noise.pick(shown=self._shown == NOISE)
+        insight = self._film.insight
+        waiting = self._shown in (HORIZON, NOISE, DRIFT) and insight is None
+        silent = self._shown == NOISE and insight is not None and insight.noise is None
+        empty = silent or (self._shown == HORIZON and not drawings)
         self._hint.visible = waiting or empty
-        said = "The analysis is still at work." if waiting else "No window of this length can be used."
+        said = "The analysis is still at work." if waiting else _NOTHING.get(self._shown, "")
         self._hint.content = f'<div style="padding:0.5em 1em;font-size:0.8em">{said}</div>'
 
     def _drawings(self, film: Footage, flight: Flight) -> list[Drawing]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.tracks import Array
+from companion.model import Array
 
 BINS = 120
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import viser
 
-from companion.tracks import Flight
+from companion.model import Flight
 from companion.view import events
 from companion.view.choice import NO_BIAS, Corrected, Offer, ReplayChoice
 from companion.view.controls import bounded, key_of, listen, write

@@ -8,7 +8,7 @@ from concurrent.futures import Future
 
 import viser
 
-from companion.errors import CompanionError
+from companion.model import CompanionError
 from companion.view import export
 from companion.view.background import begin, leave
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import viser
 
-from companion.tracks import Array
+from companion.model import Array
 from companion.view import palette
 from companion.view.arrows import Arrows
 from companion.view.body import Body

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import rich
 import viser
 
-from companion.errors import InputError
+from companion.model import InputError
 from companion.view.doorkeeper import admit_only_own_pages
 
 PORTS_TRIED = 100

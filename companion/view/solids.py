@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from companion.tracks import Array
+from companion.model import Array
 
 Faces = npt.NDArray[np.uint32]
 Point = tuple[float, float, float]

@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 import viser
 
-from companion.errors import CompanionError
-from companion.tracks import Flight
+from companion.model import CompanionError, Flight
 from companion.view import events, export, palette
 from companion.view.cadence import Cadence
 from companion.view.choice import Examine, Offer, Recompute, ReplayChoice

@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from companion.analysis import Assessment, Drift, Sibling, Statistic
-from companion.tracks import Vehicle
+from companion.model import Vehicle
 from companion.view import palette
 from companion.view.palette import Rgb
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from companion.tracks import Array
+from companion.model import Array
 
 Indices = npt.NDArray[np.intp]
 

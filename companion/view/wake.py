@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import viser
 
-from companion.tracks import Array
+from companion.model import Array
 from companion.view.palette import Rgb
 from companion.view.trail import CHUNK
 

@@ -6,7 +6,7 @@ import numpy as np
 import viser
 
 from companion.analysis import FreeState
-from companion.tracks import Array
+from companion.model import Array
 from companion.view import palette
 from companion.view.moment import Footage
 from companion.view.scene import WORLD

@@ -7,8 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
-from companion.errors import CompanionError
-from companion.tracks import Flight
+from companion.model import CompanionError, Flight
 from companion.view.choice import Examine, Recompute, ReplayChoice
 from companion.view.insight import Insight
 from companion.view.moment import Footage, footage

@@ -9,13 +9,11 @@ import pytest
 
 import companion as c
 from companion.analysis import GENERIC, Alignment, align, autopilot_bias, compare, replay_from_rest
-from companion.errors import DataError
-from companion.series import Series
+from companion.model import AttitudeTrack, DataError, Flight, Series
 from companion.strapdown import motions, quaternion
-from companion.tracks import AttitudeTrack, Flight
 from tests.analysis.test_rest import BIAS, noisy, rest_then_motion
 from tests.flights import seconds
-from tests.recordings import BUNDLED, shared
+from tests.recordings import BUNDLED, recording
 
 FIELD = np.array([21e-6, 4.5e-6, 43e-6])
 """T, NED: pointing 12.1° east of north."""
@@ -108,7 +106,7 @@ def test_recordings() -> None:
     assert all(
         row.tilt_deg < row.expected_tilt_deg and row.heading_deg < row.expected_heading_deg for row in demo.later
     )
-    flight = c.open_log(shared("sitl/copter-biased-imu-100hz.tlog"))[0]
+    flight = c.open_log(recording("sitl/copter-biased-imu-100hz.tlog"))[0]
     held = autopilot_bias(flight, flight.imu())
     assert held
     assert held.gyro == pytest.approx([9.5e-3, -14.5e-3, 7.2e-3], abs=1e-3)

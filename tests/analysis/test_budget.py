@@ -13,6 +13,8 @@ from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget, chi_
 from companion.strapdown import ImuModel, Sensor, motions, simulate
 from tests.flights import flight_of, seconds
 
+pytestmark = pytest.mark.slow
+
 RNG = np.random.default_rng(6)
 CERTAIN = ReferenceFigures(0, 0, 1e-7, 1e-6, 1e-6, 0, 0, 0)
 """An autopilot that knows the truth, and an IMU that is where it should be."""
@@ -102,3 +104,10 @@ def test_the_noise_in_flight_is_measured() -> None:
 def test_chi_square_against_scipy() -> None:
     for k in (3, 9):
         assert chi_square_95(k) == pytest.approx(float(chi2.ppf(0.95, k)), rel=0.006)
+
+
+def test_a_window_whose_covariance_cannot_be_inverted_costs_no_other() -> None:
+    covariance = np.stack([np.eye(3), np.zeros((3, 3)), 4 * np.eye(3)])
+    found = nees(np.ones((3, 3)), covariance)
+    assert found[[0, 2]] == pytest.approx([3.0, 0.75])
+    assert np.isnan(found[1])

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from companion.analysis import GENERIC, PARTS, Calibration, Correction, ReferenceFigures, calibrate, compare, drift_of
+from companion.model import ImuTrack
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
-from companion.tracks import ImuTrack
 from tests.flights import flight_of, seconds
+
+pytestmark = pytest.mark.slow
 
 CLOSE = ReferenceFigures(tilt=1e-4, heading=1e-4, attitude_noise=5e-4, velocity=0.01, position=0.02)
 

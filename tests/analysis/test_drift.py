@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from companion.analysis import Integration, Limits, compare, drift, windows
-from companion.errors import DataError
+from companion.model import AttitudeTrack, DataError, Flight, ImuTrack, NavState, PositionTrack
 from companion.strapdown import motions, quaternion, reckon
-from companion.tracks import AttitudeTrack, Flight, ImuTrack, NavState, PositionTrack
 from tests.flights import flight_of, seconds
 
 

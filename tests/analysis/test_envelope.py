@@ -9,6 +9,8 @@ import companion as c
 from companion.analysis import GENERIC, assess, expected_since_anchor, replay
 from tests.recordings import BUNDLED
 
+pytestmark = pytest.mark.slow
+
 FLIGHT = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
 FOUND = assess(FLIGHT, GENERIC)
 

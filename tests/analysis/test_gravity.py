@@ -9,9 +9,8 @@ import pytest
 
 import companion as c
 from companion.analysis import gravity_for
-from companion.errors import DataError
+from companion.model import DataError, Origin
 from companion.strapdown import motions
-from companion.tracks import Origin
 from tests.flights import flight_of, seconds
 from tests.recordings import BUNDLED
 

@@ -9,9 +9,8 @@ import pytest
 
 from companion.analysis import replay
 from companion.analysis.compare import length
-from companion.errors import DataError
+from companion.model import DataError, NavState, PositionTrack
 from companion.strapdown import motions, reckon
-from companion.tracks import NavState, PositionTrack
 from tests.flights import flight_of, seconds
 
 MOTION = motions.coning(seconds(35, 100))

@@ -11,11 +11,10 @@ import pytest
 import companion as c
 from companion.analysis import GENERIC, Rest, rests
 from companion.analysis.rest import why_none
-from companion.series import Event
+from companion.model import STANDARD_GRAVITY, Event, Flight, PositionTrack
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
-from companion.tracks import STANDARD_GRAVITY, Flight, PositionTrack
 from tests.flights import flight_of, seconds
-from tests.recordings import BUNDLED, shared
+from tests.recordings import BUNDLED, recording
 
 BIAS = np.array([3e-3, -2e-3, 1e-3])
 NOISY = ImuModel(
@@ -113,12 +112,12 @@ def test_rest_of_recordings() -> None:
 
 @pytest.mark.parametrize("log", ["sitl/copter-hover-nodrift-100hz.tlog", "px4/px4_hover.tlog"])
 def test_a_hover_of_a_recording_is_no_rest(log: str) -> None:
-    flight = c.open_log(shared(log))[0]
+    flight = c.open_log(recording(log))[0]
     armed, disarmed = (next(e.t for e in flight.events if e.kind == kind) for kind in ("armed", "disarmed"))
     for rest in found(flight):
         assert rest.end_s < armed + 5 or rest.start_s > disarmed - 3
 
 
 def test_a_boat_at_its_moorings_does_not_rest() -> None:
-    flight = c.open_log(shared("public/clydemcqueen__ardusub_log_tools__small.tlog"))[0]
+    flight = c.open_log(recording("public/clydemcqueen__ardusub_log_tools__small.tlog"))[0]
     assert not found(flight)

@@ -10,8 +10,10 @@ import pytest
 
 import companion as c
 from companion.analysis import FreeRun, RunningDrift, drift, replay
-from companion.tracks import Flight
+from companion.model import Flight
 from tests.recordings import BUNDLED
+
+pytestmark = pytest.mark.slow
 
 HORIZONS = (1.0, 5.0, 30.0)
 

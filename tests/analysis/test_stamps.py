@@ -11,8 +11,8 @@ from scipy.stats import chi2
 from companion.analysis import GENERIC, ReferenceFigures, compare, windows
 from companion.analysis.budget import budget, nees, stacked
 from companion.analysis.stamps import stamp_jitter
+from companion.model import ImuTrack
 from companion.strapdown import motions
-from companion.tracks import ImuTrack
 from tests.flights import flight_of, seconds
 
 MOTION = motions.coning(seconds(40, 100), angle=0.4, frequency=0.4)

@@ -10,6 +10,8 @@ import pytest
 from companion.cli import main
 from tests.recordings import BUNDLED
 
+pytestmark = pytest.mark.slow
+
 DEMO, HOVER = (str(BUNDLED / f"copter-{name}-100hz.tlog") for name in ("demo", "hover"))
 
 Captured = pytest.CaptureFixture[str]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import signal
-import subprocess
 import sys
-import time
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,24 +16,23 @@ import pytest
 from pymavlink import mavutil
 
 import companion as c
-from companion.cli import main
+from companion.cli import live, main
 from companion.mavlink.requests import ALLOWED_MESSAGES
-from companion.simulate import Faults
-from tests.mavlink.peers import wait_for
+from companion.simulate import PARAMETERS, Faults
+from tests.processes import COMPANION, Process, ended, started
 from tests.simulated import flying, free_port
+from tests.waiting import LIMIT_S, wait_for
+
+pytestmark = pytest.mark.slow
 
 NAMES = ("RAW_IMU", "HIGHRES_IMU", "ATTITUDE", "LOCAL_POSITION_NED")
 
 
 @contextlib.contextmanager
-def recording(port: int, *options: str, folder: Path) -> Iterator[subprocess.Popen[str]]:
+def recording(port: int, *options: str, folder: Path) -> Iterator[Process]:
     """The command in a process of its own."""
-    words = [sys.executable, "-m", "companion", "record", f"udpin:127.0.0.1:{port}", *options]
-    with subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
+    with started(*COMPANION, "record", f"udpin:127.0.0.1:{port}", *options, cwd=folder) as process:
+        yield process
 
 
 def size(path: Path) -> int:
@@ -57,11 +56,10 @@ def test_a_signal_ends_it_with_the_recording_whole_and_the_vehicle_as_it_was(tmp
         flying(port, streams={"ATTITUDE": 4.0, "ATTITUDE_QUATERNION": 4.0}) as vehicle,
         recording(port, "-o", "a.tlog", folder=tmp_path) as process,
     ):
-        wait_for(lambda: size(tmp_path / "a.tlog") > 20_000, 10.0)
-        begin = time.monotonic()
-        process.send_signal(end)
-        said, told = process.communicate(timeout=5.0)
-        assert time.monotonic() - begin < 2.0
+        wait_for(lambda: vehicle.sent["PARAM_VALUE"] == len(PARAMETERS))
+        before = size(tmp_path / "a.tlog")
+        wait_for(lambda: size(tmp_path / "a.tlog") > before + 20_000)
+        said, told = ended(process, end)
         assert process.returncode == 0
         assert {name: vehicle.interval_us(name) for name in NAMES} == dict.fromkeys(NAMES, -1) | {"ATTITUDE": 250_000}
         assert set(vehicle.heard) <= ALLOWED_MESSAGES
@@ -80,7 +78,7 @@ def test_a_signal_ends_it_with_the_recording_whole_and_the_vehicle_as_it_was(tmp
 def test_a_killed_recording_holds_all_but_the_last_second(tmp_path: Path) -> None:
     port = free_port()
     with flying(port) as vehicle, recording(port, "-o", "a.tlog", folder=tmp_path) as process:
-        wait_for(lambda: size(tmp_path / "a.tlog") > 20_000, 10.0)
+        wait_for(lambda: size(tmp_path / "a.tlog") > 20_000)
         process.kill()
         sent = vehicle.sent["RAW_IMU"]
         process.wait(5.0)
@@ -108,14 +106,13 @@ def test_a_bad_link_and_a_reboot_are_survived(tmp_path: Path) -> None:
         recording(port, "-o", "a.tlog", folder=tmp_path) as process,
     ):
         for boot in (1, 2):
-            wait_for(lambda: vehicle.interval_us("RAW_IMU") == 10_000 and vehicle.interval_us("ATTITUDE") > 0, 20.0)
+            wait_for(lambda: vehicle.interval_us("RAW_IMU") == 10_000 and vehicle.interval_us("ATTITUDE") > 0)
             before = vehicle.sent["ATTITUDE"]
             wait_for(lambda before=before: vehicle.sent["ATTITUDE"] > before + 100)  # type: ignore[misc]
             if boot == 1:
                 vehicle.reboot()
                 wait_for(lambda: vehicle.interval_us("RAW_IMU") == -1)
-        process.terminate()
-        _, told = process.communicate(timeout=5.0)
+        _, told = ended(process, signal.SIGTERM)
         assert set(vehicle.heard) <= ALLOWED_MESSAGES
     assert "asking again" in told
     assert "Traceback" not in told
@@ -126,13 +123,133 @@ def test_a_bad_link_and_a_reboot_are_survived(tmp_path: Path) -> None:
     assert pymavlink_counts(path)["RAW_IMU"] >= len(first.imu("RAW_IMU")) + len(second.imu("RAW_IMU"))
 
 
-def test_a_full_disk_is_said_once_and_ends_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+@contextlib.contextmanager
+def files_end_at(size: int) -> Iterator[None]:
+    """A disk that takes no more than so many bytes of a file, in the middle of a frame."""
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_ends_it_with_what_is_safe_and_an_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     port = free_port()
-    with flying(port, streams={"ATTITUDE": 50.0}):
-        assert main(["record", f"udpin:127.0.0.1:{port}", "-o", "/dev/full", "--duration", "1"]) == 0
-    told = capsys.readouterr().err
-    assert told.count("the disk is full") == 1
-    assert Path("/dev/full").is_char_device(), "and is still there"
+    log = tmp_path / "a.tlog"
+    with flying(port) as vehicle:
+        with files_end_at(20_011):
+            assert main(["record", f"udpin:127.0.0.1:{port}", "-o", str(log), "--duration", "60"]) == 2
+        wait_for(lambda: vehicle.interval_us("RAW_IMU") == -1)  # the vehicle is left as it was
+    said, told = capsys.readouterr()
+    counts = pymavlink_counts(log)
+    assert told.count("the recording ends here") == 1
+    found = re.search(r"([\d,]+) frames \(([\d,]+) bytes\) are safe", told)
+    assert found
+    frames, size = (int(number.replace(",", "")) for number in found.groups())
+    assert size == log.stat().st_size, "no part of a frame is left at the end"
+    assert sum(counts.values()) == frames
+    assert said == f"{log}: {size:,} bytes, {frames:,} frames\n"
+
+
+def test_a_deleted_recording_is_said_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    port = free_port()
+    log = tmp_path / "a.tlog"
+
+    def delete() -> None:
+        wait_for(lambda: size(log) > 5000)
+        log.unlink()
+
+    deleting = threading.Thread(target=delete)
+    with flying(port):
+        deleting.start()
+        assert main(["record", f"udpin:127.0.0.1:{port}", "-o", str(log), "--duration", "60"]) == 2
+    deleting.join()
+    said, told = capsys.readouterr()
+    assert re.search(r"has been deleted: the recording ends here, and its [\d,]+ frames are lost", told)
+    assert said.endswith(": 0 bytes, 0 frames\n")
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no terminals that hang up")
+def test_a_closed_terminal_ends_nothing(tmp_path: Path) -> None:
+    """Its window is closed: SIGHUP comes, and neither stdout nor stderr takes a word any more."""
+    port = free_port()
+    log = tmp_path / "a.tlog"
+    with (
+        flying(port, streams={"ATTITUDE": 4.0}) as vehicle,
+        recording(port, "-o", "a.tlog", folder=tmp_path) as process,
+    ):
+        wait_for(lambda: size(log) > 5000)
+        assert process.stdout
+        assert process.stderr
+        process.stdout.close()
+        process.stderr.close()
+        process.send_signal(signal.SIGHUP)
+        before = size(log)
+        vehicle.reboot()  # which it wants to say
+        wait_for(lambda: size(log) > before + 20_000)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=LIMIT_S) == 0
+        wait_for(lambda: vehicle.interval_us("RAW_IMU") == -1)  # the vehicle is left as it was
+    assert len(c.open_log(log)) >= 1
+
+
+def test_a_reader_that_reads_nothing_makes_it_wait_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full pipe takes no line; to write one all the same would wait for ever."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with contextlib.suppress(BlockingIOError):
+        while os.write(writing, b"x" * 4096):
+            pass
+    os.set_blocking(writing, True)
+    with os.fdopen(writing, "w") as full:
+        monkeypatch.setattr(sys, "stderr", full)
+        live.say("a line")
+        monkeypatch.undo()
+    os.close(reading)
+
+
+def test_a_page_that_fails_leaves_the_recording_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = free_port()
+    log = tmp_path / "a.tlog"
+
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError
+
+    def end() -> None:
+        wait_for(lambda: size(log) > 20_000)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr("companion.cli.view_link.LiveViewer", broken)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    ending = threading.Thread(target=end)
+    with flying(port):
+        ending.start()
+        assert main(["view", f"udpin:127.0.0.1:{port}", "-o", str(log), "--port", str(free_port())]) == 0
+    ending.join()
+    assert "The page has ended. The recording goes on" in capsys.readouterr().err
+    assert size(log) > 20_000
+
+
+@pytest.mark.parametrize("kind", ["pipe", "link", "device"])
+def test_it_is_never_written_over_what_is_no_new_file(
+    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.tlog"
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "link":
+        path.symlink_to(tmp_path / "elsewhere")
+    else:
+        path = Path("/dev/null")
+    assert main(["record", f"udpin:127.0.0.1:{free_port()}", "-o", str(path), "--duration", "1"]) == 2
+    assert "never written over anything" in capsys.readouterr().err
+    assert not (tmp_path / "elsewhere").exists()
 
 
 def test_two_vehicles_are_recorded_and_the_chosen_one_is_asked(

@@ -7,7 +7,9 @@ import json
 import pytest
 
 from companion.cli.main import main
-from tests.recordings import BUNDLED, shared
+from tests.recordings import BUNDLED, recording
+
+pytestmark = pytest.mark.slow
 
 DEMO = str(BUNDLED / "copter-demo-100hz.tlog")
 
@@ -26,7 +28,7 @@ def test_from_rest_in_words_and_numbers(capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_noise_at_rest_stands_beside_the_data_sheet(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["analyze", str(shared("px4/px4_square_lownoise.tlog"))]) == 0
+    assert main(["analyze", str(recording("px4/px4_square_lownoise.tlog")), "--full"]) == 0
     noise = [line for line in capsys.readouterr().out.splitlines() if "/√Hz expected" in line]
     assert len(noise) == 2
     assert all("at rest" in line and "in flight" in line for line in noise)
@@ -45,7 +47,7 @@ def test_what_rest_does_not_go_with(arguments: list[str], words: str, capsys: py
 
 
 def test_a_flight_without_rest(capsys: pytest.CaptureFixture[str]) -> None:
-    log = str(shared("public/squilter__gridlines__kresge_02.tlog"))
+    log = str(recording("public/squilter__gridlines__kresge_02.tlog"))
     for command in ("analyze", "view"):
         assert main([command, log, "--anchor", "rest"]) == 2
         assert "no rest of three seconds" in capsys.readouterr().err

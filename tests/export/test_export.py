@@ -24,6 +24,9 @@ from companion.cli import main
 from companion.strapdown import quaternion
 from tests.recordings import BUNDLED
 from tests.tlogs import Writer
+from tests.waiting import LIMIT_S
+
+pytestmark = pytest.mark.slow
 
 DEMO = BUNDLED / "copter-demo-100hz.tlog"
 FORMATS = ("tum", "csv", "parquet", "mcap", "json")
@@ -59,7 +62,7 @@ def evo(tool: str, folder: Path, home: Path, *options: str) -> dict[str, float]:
         env=os.environ | {"HOME": str(home)},
         capture_output=True,
         check=True,
-        timeout=120,
+        timeout=LIMIT_S,
     )
     with zipfile.ZipFile(result) as archive:
         found: dict[str, float] = json.loads(archive.read("stats.json"))
@@ -101,6 +104,18 @@ def test_the_tum_files_say_their_frames(exported: Callable[[str], Path]) -> None
     head = [line for line in (exported("tum") / "imu.tum").read_text().splitlines() if line.startswith("#")]
     assert "north, east, down" in head[2]
     assert "add 1795229517.827520 for UNIX time" in head[1]
+
+
+def test_the_best_estimate_is_the_third_trajectory(flight: c.Flight, exported: Callable[[str], Path]) -> None:
+    rows = np.loadtxt(exported("tum") / "best.tum")
+    with (exported("csv") / "best_estimate.csv").open(newline="") as file:
+        table = list(csv.DictReader(file))
+    assert len(rows) == len(table) == len(flight.imu("RAW_IMU"))
+    for place, name in ((1, "position_north_m"), (3, "position_down_m"), (7, "q_w")):
+        assert np.allclose(rows[:, place], [float(row[name]) for row in table], atol=1e-8)
+    assert flight.origin is not None
+    assert float(table[0]["position_latitude_deg"]) == pytest.approx(np.degrees(flight.origin.latitude), abs=1e-4)
+    assert float(table[0]["position_sigma_north_m"]) > 0
 
 
 def test_csv_reads_back_as_the_tracks(flight: c.Flight, exported: Callable[[str], Path]) -> None:
@@ -186,6 +201,7 @@ def test_mcap_reads_back(flight: c.Flight, topics: Topics) -> None:
         "/tf": {"foxglove.FrameTransform"},
         "/imu/pose": {"foxglove.PoseInFrame"},
         "/autopilot/location": {"foxglove.LocationFix"},
+        "/best/location": {"foxglove.LocationFix"},
         "/imu/RAW_IMU": {"companion.Imu"},
         "/statustext": {"foxglove.Log"},
         "/findings": {"foxglove.Log"},
@@ -219,7 +235,8 @@ def test_foxglove_sees_the_vehicle_the_right_way_up(topics: Topics) -> None:
         up = quaternion.rotate(turn_of(transforms[link]), up)
     assert up == pytest.approx([0, 0, 1], abs=1e-3), "the vehicle stands level on the ground"
     assert quaternion.rotate(turn_of(transforms["enu", "ned"]), north) == pytest.approx([0, 1, 0])
-    assert {child for _, child in transforms} == {"ned", "autopilot_frd", "imu_frd", "autopilot", "imu"}
+    bodies = ("autopilot", "imu", "best")
+    assert {child for _, child in transforms} == {"ned", *bodies, *(f"{body}_frd" for body in bodies)}
 
 
 def test_the_autopilot_is_where_its_gps_is(flight: c.Flight, topics: Topics) -> None:

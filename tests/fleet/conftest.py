@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import pytest
 
 from tests.recordings import BUNDLED
 from tests.tlogs import Writer
+from tests.waiting import LIMIT_S, wait_for
 
 DASK = str(Path(sys.executable).with_name("dask"))
 
@@ -67,7 +67,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The address of a scheduler with two workers, as docs/fleet.md starts them."""
     folder = tmp_path_factory.mktemp("cluster")
     (folder / "deadly.py").write_text(_DEADLY)
@@ -78,22 +78,37 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     try:
         options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
         started.append(subprocess.Popen([DASK, "scheduler", *options], **silent))  # type: ignore[call-overload]
-        deadline = time.monotonic() + 30
-        while not file.exists() or not file.read_text():
+
+        def begun() -> bool:
             assert started[0].poll() is None, "the scheduler has ended"
-            assert time.monotonic() < deadline, "the scheduler does not start"
-            time.sleep(0.05)
+            return file.exists() and bool(file.read_text())
+
+        wait_for(begun, "the scheduler starts")
         address: str = json.loads(file.read_text())["address"]
         workers = ["--nworkers", "2", "--nthreads", "1", "--host", "127.0.0.1", "--no-dashboard"]
         started.append(
             subprocess.Popen([DASK, "worker", address, *workers, "--preload", "deadly.py"], **silent)  # type: ignore[call-overload]
         )
-        yield address
+        yield with_workers(address)
     finally:
         for process in reversed(started):
             process.terminate()
             try:
-                process.wait(timeout=20)
+                process.wait(timeout=LIMIT_S)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+
+
+@pytest.fixture
+def scheduler(cluster: str) -> str:
+    """Its address, once both workers are there: one that a log has killed takes a while to come again."""
+    return with_workers(cluster)
+
+
+def with_workers(address: str) -> str:
+    from distributed import Client  # noqa: PLC0415
+
+    with Client(address, timeout=LIMIT_S, set_as_default=False) as client:  # type: ignore[no-untyped-call]
+        client.wait_for_workers(2, timeout=LIMIT_S)
+    return address

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -11,14 +12,29 @@ import sys
 import time
 from pathlib import Path
 
+import msgspec
+import numpy as np
 import psutil
 import pytest
 
 from companion.cli import main
 from companion.fleet import FleetRun, FoundLog, cluster, run_fleet
+from companion.fleet.limits import limited
+from companion.fleet.records import LogRecord, Plan
+from companion.fleet.results import write_results
+from companion.fleet.rows import rows_of
+from companion.fleet.tables import arrow_tables
+from companion.fleet.task import decode, examine_log
+from companion.fleet.version import version_of
+from companion.model import InputError
 from companion.settings import Settings
-from tests.fleet.conftest import copies, table
+from tests.fleet.conftest import copies, table, with_workers
+from tests.processes import ended
 from tests.recordings import BUNDLED
+from tests.tlogs import Writer
+from tests.waiting import wait_for
+
+pytestmark = pytest.mark.slow
 
 Captured = pytest.CaptureFixture[str]
 TABLES = ("flights", "drift", "findings", "calibration")
@@ -36,10 +52,10 @@ def times(folder: Path) -> dict[str, int]:
 
 
 @pytest.fixture(scope="module")
-def done(logs: Path, scheduler: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def done(logs: Path, cluster: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of the logs, from a scheduler in a process of its own."""
     folder = tmp_path_factory.mktemp("done") / "results"
-    assert main(["fleet", str(logs), "-o", str(folder), "--scheduler", scheduler]) == 0
+    assert main(["fleet", str(logs), "-o", str(folder), "--scheduler", with_workers(cluster)]) == 0
     return folder
 
 
@@ -183,18 +199,19 @@ class Running:
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
         )
         journal = out / "fleet.jsonl"
-        deadline = time.monotonic() + 60
-        while not journal.exists() or journal.read_bytes().count(b"\n") < 3:
+
+        def begun() -> bool:
             assert self.process.poll() is None, self.process.communicate()
-            assert time.monotonic() < deadline, "nothing is done"
-            time.sleep(0.01)
+            return journal.exists() and journal.read_bytes().count(b"\n") >= 3
+
+        wait_for(begun, "three logs are done")
 
     def workers(self) -> list[psutil.Process]:
         found = psutil.Process(self.process.pid).children(recursive=True)
         return [child for child in found if "spawn_main" in " ".join(child.cmdline())]
 
     def end(self) -> tuple[int, str, str]:
-        out, err = self.process.communicate(timeout=60)
+        out, err = ended(self.process)
         return self.process.returncode, out, err
 
 
@@ -271,3 +288,50 @@ def test_a_wrong_number_of_workers(count: str, logs: Path, tmp_path: Path, capsy
         main(["fleet", str(logs), "-o", str(tmp_path), "--workers", count])
     assert stop.value.code == 2
     assert "--workers" in capsys.readouterr().err
+
+
+def test_what_no_table_or_calendar_has_is_a_row(tmp_path: Path) -> None:
+    """Whatever a log says, a worker's answer can be written."""
+    log = Writer(tmp_path / "odd.tlog")
+    log.send(0, "param_value", param_id=b"INS_GYR_ID", param_value=1.2e19, param_type=9, param_count=1, param_index=0)
+    log.send(0, "system_time", time_unix_usec=4_000_000_000_000_000, time_boot_ms=20_000)
+    log.rest(8.0)
+    log.close()
+    settings = Settings()
+    plan = Plan(version=version_of(settings, None, None), settings=msgspec.msgpack.encode(settings))
+    record = decode(examine_log(str(tmp_path / "odd.tlog"), plan))
+    assert record.sha256
+    assert [flight.error for flight in record.flights] == [None]
+    assert record.flights[0].gyro_ids == {}
+    rows = rows_of([(FoundLog(str(tmp_path / "odd.tlog"), 1, ""), record)])
+    assert len(rows.flights) == 1
+    assert arrow_tables(rows)["flights"].num_rows == 1
+    assert write_results(tmp_path, [(FoundLog("odd.tlog", 1, ""), record)], {})
+
+
+def test_a_page_that_cannot_be_drawn_costs_no_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> str:
+        raise ValueError("year 148163 is out of range")
+
+    monkeypatch.setattr("companion.fleet.results.fleet_html", broken)
+    failed = LogRecord(error="bad")
+    assert write_results(tmp_path, [(FoundLog("a.tlog", 1, ""), failed)], {})
+    assert [row["error"] for row in table(tmp_path)] == ["bad"]
+    assert "year 148163" in (tmp_path / "fleet.html").read_text()
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is limited on Linux")
+def test_a_log_that_needs_more_memory_than_it_is_given_is_an_error_of_its_own() -> None:
+    with pytest.raises(MemoryError), limited(0.1, 60.0):
+        np.ones(50_000_000)
+    assert np.ones(50_000_000).sum() == 50_000_000, "and of no other"
+
+
+def test_a_log_that_takes_longer_than_it_is_given_is_an_error_of_its_own() -> None:
+    def work() -> None:
+        while True:
+            with contextlib.suppress(Exception):  # as much that is lenient with damage does
+                time.sleep(0.01)
+
+    with pytest.raises(InputError, match=r"longer than the 0.2 s .* --timeout"), limited(4.0, 0.2):
+        work()

@@ -7,11 +7,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from companion.errors import InputError
 from companion.fleet.journal import NAME, Journal
 from companion.fleet.records import LogRecord
 from companion.fleet.search import FoundLog
 from companion.fleet.version import MAKING, version_of
+from companion.model import InputError
 from companion.settings import AutopilotSettings, Settings, ViewSettings
 from tests.test_architecture import MAY_IMPORT
 

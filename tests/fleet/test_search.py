@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from companion.errors import InputError
 from companion.fleet import find_logs
+from companion.model import InputError
 from tests.recordings import BUNDLED
 
 TLOG = (BUNDLED / "copter-mission-default-rates.tlog").read_bytes()[:20000]

@@ -10,8 +10,11 @@ from companion.analysis import Integration
 from companion.live import Attachment, Watch
 from companion.mavlink import Link, Packer, Session
 from companion.simulate import SimulatedVehicle
-from tests.mavlink.peers import UdpPeer, udp_peer, wait_for
+from tests.mavlink.peers import UdpPeer, udp_peer
 from tests.simulated import flying
+from tests.waiting import wait_for
+
+pytestmark = pytest.mark.slow
 
 G_MG = -1000
 

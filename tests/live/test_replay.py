@@ -12,6 +12,8 @@ from companion.live import LiveReplay
 from companion.simulate import Faults, SimulatedVehicle, fly, write_flight
 from companion.telemetry import Stream
 
+pytestmark = pytest.mark.slow
+
 STREAMS = {"RAW_IMU": 100.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0}
 
 

@@ -6,14 +6,14 @@ import contextlib
 import os
 import pty
 import socket
-import time
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from companion.mavlink import Frames, Link
+from tests.waiting import LIMIT_S, wait_for
 
 
 class UdpPeer:
@@ -21,23 +21,28 @@ class UdpPeer:
 
     def __init__(self, port: int) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.settimeout(2.0)
+        self.socket.settimeout(LIMIT_S)
         self._to = ("127.0.0.1", port)
 
     def send(self, data: bytes) -> None:
         self.socket.sendto(data, self._to)
 
-    def heard(self, within_s: float = 0.2) -> bytes:
-        """Everything that arrives within a time."""
-        return b"".join(_datagrams(self.socket, within_s))
+    def heard(self) -> bytes:
+        """Everything that has been sent to it: waits for the first datagram, and until no other follows."""
+        data = self.socket.recv(65536)
+        while more := self.heard_late():
+            data += more
+        return data
 
-
-def _datagrams(end: socket.socket, within_s: float) -> Iterator[bytes]:
-    until = time.monotonic() + within_s
-    while (left := until - time.monotonic()) > 0:
-        end.settimeout(left)
-        with contextlib.suppress(TimeoutError):
-            yield end.recv(65536)
+    def heard_late(self) -> bytes:
+        """What still comes, b"" for nothing."""
+        self.socket.settimeout(0.1)
+        try:
+            return self.socket.recv(65536)
+        except TimeoutError:
+            return b""
+        finally:
+            self.socket.settimeout(LIMIT_S)
 
 
 @contextlib.contextmanager
@@ -56,7 +61,7 @@ def listener(port: int = 0) -> Iterator[socket.socket]:
         server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         server.bind(("127.0.0.1", port))
         server.listen(1)
-        server.settimeout(5.0)
+        server.settimeout(LIMIT_S)
         yield server
 
 
@@ -74,24 +79,18 @@ def serial_cable(device: Path) -> Iterator[int]:
         os.close(ours)
 
 
-def frames_until(link: Link, count: int, within_s: float = 5.0) -> list[Frames]:
-    """Receive until `count` frames have come. Fails after `within_s`."""
+def frames_until(link: Link, count: int) -> list[Frames]:
+    """Receive until `count` frames have come."""
     found: list[Frames] = []
-    until = time.monotonic() + within_s
-    while sum(map(len, found)) < count:
-        assert time.monotonic() < until, f"{sum(map(len, found))} of {count} frames in {within_s} s; {link.problem}"
+
+    def come() -> bool:
         found.append(link.receive(0.05))
+        return sum(map(len, found)) >= count
+
+    wait_for(come, f"{count} frames on {link}")
     return found
 
 
 def ids(found: list[Frames]) -> list[int]:
     """Message ids in order."""
     return np.concatenate([frames.id for frames in found]).tolist() if found else []
-
-
-def wait_for(happened: Callable[[], object], within_s: float = 5.0) -> None:
-    """Fails unless something becomes true within a time."""
-    until = time.monotonic() + within_s
-    while not happened():
-        assert time.monotonic() < until, f"not within {within_s} s"
-        time.sleep(0.01)

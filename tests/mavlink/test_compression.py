@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import zstandard
 
-from companion.errors import InputError
 from companion.mavlink import Contents, log_format, read_tlog
+from companion.model import InputError
 from tests.mavlink.link import link_frames, stamped
 from tests.recordings import BUNDLED
 

@@ -12,16 +12,19 @@ import numpy as np
 import pytest
 from pymavlink.DFReader import DFReader_binary
 
-from companion.errors import InputError
 from companion.mavlink import Records, read_dataflash
-from tests.recordings import shared
+from companion.model import InputError
+from tests.recordings import recording
 
+pytestmark = pytest.mark.slow
+
+SMALL = "dataflash/sitl__copter-imu1-fail.BIN"
 LOGS = [
-    "dataflash/public__clydemcqueen__ardusub_log_tools__small.BIN",
+    SMALL,
+    "dataflash/sitl__copter-demo.BIN",
     "dataflash/sitl__copter-hover-nodrift.BIN",
-    "dataflash/sitl__copter-imu1-fail.BIN",
+    "dataflash/public__clydemcqueen__ardusub_log_tools__small.BIN",
 ]
-SMALL = LOGS[0]
 
 
 def read_with_pymavlink(path: Path) -> dict[str, list[Any]]:
@@ -39,7 +42,7 @@ def text(value: bytes) -> str:
 
 @pytest.mark.parametrize("name", LOGS)
 def test_every_record_and_value_is_what_dfreader_reads(name: str) -> None:
-    path = shared(name)
+    path = recording(name)
     log = read_dataflash(path)
     theirs = read_with_pymavlink(path)
     assert {key: len(records) for key, records in log.messages.items()} == {k: len(v) for k, v in theirs.items()}
@@ -58,7 +61,7 @@ def test_every_record_and_value_is_what_dfreader_reads(name: str) -> None:
 
 
 def test_imu_of_a_fast_log_is_dfreaders() -> None:
-    path = shared("dataflash/sitl__copter-demo.BIN")
+    path = recording("dataflash/sitl__copter-demo.BIN")
     imu = read_dataflash(path, names={"IMU"}).messages["IMU"]
     reader: Any = DFReader_binary(str(path))
     theirs = []
@@ -70,7 +73,7 @@ def test_imu_of_a_fast_log_is_dfreaders() -> None:
 
 
 def test_units_and_multipliers_are_the_logs_own() -> None:
-    log = read_dataflash(shared(LOGS[1]))
+    log = read_dataflash(recording(SMALL))
     imu, gps = log.messages["IMU"], log.messages["GPS"]
     assert {imu.layout.units[f] for f in ("GyrX", "GyrY", "GyrZ")} == {"rad/s"}
     assert {imu.layout.units[f] for f in ("AccX", "AccY", "AccZ")} == {"m/s/s"}
@@ -82,7 +85,7 @@ def test_units_and_multipliers_are_the_logs_own() -> None:
 
 
 def test_instances_are_told_apart() -> None:
-    messages = read_dataflash(shared(LOGS[1])).messages
+    messages = read_dataflash(recording(SMALL)).messages
     imu = messages["IMU"]
     assert (imu.layout.instance_field, imu.instances) == ("I", (0, 1))
     assert (messages["XKF1"].layout.instance_field, messages["XKF1"].instances) == ("C", (0, 1))
@@ -95,7 +98,7 @@ def test_instances_are_told_apart() -> None:
 
 
 def test_bytes_add_up_and_offsets_are_heads() -> None:
-    path = shared(LOGS[2])
+    path = recording(SMALL)
     log = read_dataflash(path)
     data = path.read_bytes()
     total = 0
@@ -108,7 +111,7 @@ def test_bytes_add_up_and_offsets_are_heads() -> None:
 
 
 def test_only_the_rows_asked_for_are_read() -> None:
-    log = read_dataflash(shared(SMALL), names={"IMU"})
+    log = read_dataflash(recording(SMALL), names={"IMU"})
     assert len(log.messages["IMU"]["GyrX"]) == len(log.messages["IMU"])
     with pytest.raises(KeyError, match="names"):
         log.messages["ATT"]["Roll"]
@@ -198,7 +201,7 @@ def same_rows(one: Records, other: Records) -> bool:
 
 
 def test_compressed_and_joined_logs(tmp_path: Path) -> None:
-    path = shared(SMALL)
+    path = recording(SMALL)
     data, log = path.read_bytes(), read_dataflash(path)
     (tmp_path / "log.gz").write_bytes(gzip.compress(data, 1))
     packed = read_dataflash(tmp_path / "log.gz")
@@ -209,7 +212,7 @@ def test_compressed_and_joined_logs(tmp_path: Path) -> None:
 
 def test_damage_costs_the_records_it_touches(tmp_path: Path) -> None:
     """Heads overwritten at 80 places: those records are lost, and no others (each has an intact neighbour)."""
-    path = shared(SMALL)
+    path = recording(SMALL)
     log = read_dataflash(path)
     data = bytearray(path.read_bytes())
     imu = log.messages["IMU"]
@@ -229,7 +232,7 @@ def test_damage_costs_the_records_it_touches(tmp_path: Path) -> None:
     "junk", [bytes(5000), b"\xff" * 5000, np.random.default_rng(1).integers(0, 256, 5000, np.uint8).tobytes()]
 )
 def test_junk_in_the_middle_and_at_the_end(tmp_path: Path, junk: bytes) -> None:
-    path = shared(SMALL)
+    path = recording(SMALL)
     data, log = path.read_bytes(), read_dataflash(path)
     middle = int(log.messages["IMU"].offset[300])
     (tmp_path / "junk.bin").write_bytes(data[:middle] + junk + data[middle:] + junk)
@@ -239,7 +242,7 @@ def test_junk_in_the_middle_and_at_the_end(tmp_path: Path, junk: bytes) -> None:
 
 
 def test_cut_at_every_byte_of_the_last_record(tmp_path: Path) -> None:
-    path = shared(SMALL)
+    path = recording(SMALL)
     data, log = path.read_bytes(), read_dataflash(path)
     counts = Counter({name: len(records) for name, records in log.messages.items()})
     last = max(log.messages.values(), key=lambda records: int(records.offset[-1]))

@@ -10,8 +10,8 @@ import numpy as np
 import pymavlink
 import pytest
 
-from companion.errors import SettingsError
 from companion.mavlink import dialect_names, enum_names, load_dialect
+from companion.model import SettingsError
 
 SIZES = {"char": 1, "int8_t": 1, "uint8_t": 1, "uint8_t_mavlink_version": 1, "int16_t": 2, "uint16_t": 2}
 SIZES |= {"int32_t": 4, "uint32_t": 4, "float": 4, "int64_t": 8, "uint64_t": 8, "double": 8}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 from collections.abc import Iterator
@@ -12,7 +13,6 @@ import numpy as np
 import pymavlink.dialects.v20.ardupilotmega as mavlink
 import pytest
 
-from companion.errors import InputError
 from companion.mavlink import (
     Address,
     ForbiddenMessageError,
@@ -24,8 +24,10 @@ from companion.mavlink import (
     requests,
     sockets,
 )
+from companion.model import InputError
 from tests.mavlink.link import link_frames
-from tests.mavlink.peers import frames_until, ids, listener, serial_cable, udp_peer, wait_for
+from tests.mavlink.peers import frames_until, ids, listener, serial_cable, udp_peer
+from tests.waiting import LIMIT_S, wait_for
 
 TARGET = Target(1, 1)
 EVERY_REQUEST = [
@@ -116,8 +118,7 @@ def test_late_packets_and_copies_are_no_losses(udp: Link) -> None:
                 peer.send(packets[i])
                 if i % 9 == 0:
                     peer.send(packets[i])
-        while udp.health.frames < 588 + 66:
-            udp.receive(0.05)
+        wait_for(lambda: udp.receive(0.05) is not None and udp.health.frames >= 588 + 66)
     assert udp.health.lost[1, 1] == pytest.approx(12, abs=1)
 
 
@@ -173,7 +174,7 @@ def test_a_listener_sends_nothing() -> None:
         frames_until(link, 1)
         for request in EVERY_REQUEST:
             link.send(request)
-        assert peer.heard() == b""
+        assert peer.heard_late() == b""
         assert link.health.sent == {}
     with pytest.raises(InputError, match="unless it speaks first"):
         Link("udpout:127.0.0.1:14550", listen_only=True)
@@ -216,7 +217,7 @@ def test_a_host_name_of_both_kinds_is_the_address_that_vehicles_use(monkeypatch:
 def test_udpout_speaks_first_and_hears_the_answer() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
         server.bind(("127.0.0.1", 0))
-        server.settimeout(2.0)
+        server.settimeout(LIMIT_S)
         with Link(f"udpout:127.0.0.1:{server.getsockname()[1]}") as link:
             link.send(requests.heartbeat())
             data, peer = server.recvfrom(1000)
@@ -253,21 +254,23 @@ def test_a_tcp_peer_may_close_and_come_back() -> None:
                 frames_until(link, 2)
                 assert link.problem == ""
                 link.send(requests.heartbeat())
-                second.settimeout(2.0)
+                second.settimeout(LIMIT_S)
                 assert decoded(second.recv(1000))
 
 
 def accept_while_receiving(server: socket.socket, link: Link) -> tuple[socket.socket, Any]:
     server.setblocking(False)
-    for _ in range(200):
+    found: list[tuple[socket.socket, Any]] = []
+
+    def accepted() -> bool:
         link.receive(0.02)
-        try:
-            end, where = server.accept()
-        except BlockingIOError:
-            continue
-        end.setblocking(True)
-        return end, where
-    raise AssertionError("the link did not come back")
+        with contextlib.suppress(BlockingIOError):
+            found.append(server.accept())
+        return bool(found)
+
+    wait_for(accepted, "the link comes back")
+    found[0][0].settimeout(LIMIT_S)
+    return found[0]
 
 
 def test_a_tcp_peer_that_vanishes_without_a_farewell_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -290,14 +293,14 @@ def test_tcpin_waits_for_one_peer_after_the_other() -> None:
     with Link("tcpin:127.0.0.1:0") as link:
         assert "nobody" in link.problem
         for _ in range(2):
-            with socket.create_connection(("127.0.0.1", link.port), timeout=2.0) as peer:
+            with socket.create_connection(("127.0.0.1", link.port), timeout=LIMIT_S) as peer:
                 peer.sendall(b"".join(link_frames(5)))
                 frames_until(link, 5)
                 link.send(requests.heartbeat())
                 assert decoded(peer.recv(1000))
         with (
-            socket.create_connection(("127.0.0.1", link.port), timeout=2.0),  # dead, and never says so
-            socket.create_connection(("127.0.0.1", link.port), timeout=2.0) as new,
+            socket.create_connection(("127.0.0.1", link.port), timeout=LIMIT_S),  # dead, and never says so
+            socket.create_connection(("127.0.0.1", link.port), timeout=LIMIT_S) as new,
         ):
             new.sendall(b"".join(link_frames(5)))
             frames_until(link, 5)

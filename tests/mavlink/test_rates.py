@@ -12,8 +12,11 @@ from companion.mavlink import Decoder, Packer, Rates, Target, load_dialect, spli
 from companion.mavlink.wanted import fit, load, wanted_from
 from companion.simulate import Faults, SimulatedVehicle, fly
 
+pytestmark = pytest.mark.slow
+
 DIALECT = load_dialect()
 WANTED = wanted_from("ARDUPILOTMEGA")
+STEP_S = 0.05  # between two looks at the link
 
 
 class Conversation:
@@ -29,8 +32,8 @@ class Conversation:
         self._decoder = Decoder(DIALECT, stamped=False)
 
     def run(self, seconds: float) -> None:
-        for _ in range(round(seconds / 0.02)):
-            self.t += 0.02
+        for _ in range(round(seconds / STEP_S)):
+            self.t += STEP_S
             data = b"".join(packet for _, packet in self.vehicle.advance(self.t))
             self.rates.hear(split_messages(self._decoder.push(data), DIALECT), self.t)
             if request := self.rates.next_request(self.t):

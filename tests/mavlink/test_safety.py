@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
+import pytest
+
 from companion.mavlink import Choice, Decoder, Link, Session, load_dialect, split_messages
 from companion.mavlink.requests import ALLOWED_COMMANDS, ALLOWED_MESSAGES
 from companion.simulate import Faults, SimulatedVehicle
-from tests.mavlink.peers import wait_for
 from tests.simulated import flying
+from tests.waiting import wait_for
+
+pytestmark = pytest.mark.slow
 
 VEHICLES: dict[str, dict[str, Any]] = {
     "ardupilot": {},
@@ -56,12 +59,12 @@ def test_this_is_all_that_is_ever_sent() -> None:
             asked = [asked.rates for asked in session.asked.values() if asked.rates]
             return len(asked) == len(vehicles) and all(rates.settled for rates in asked)
 
-        wait_for(agreed, 20.0)
+        wait_for(agreed)
         before = commands[511]
         vehicles[0].reboot()
-        wait_for(lambda: agreed() and commands[511] > before and commands[512] > 0, 20.0)
+        wait_for(lambda: agreed() and commands[511] > before and commands[512] > 0)
         session.leave()
-        time.sleep(0.1)
+        wait_for(lambda: set(commands) == ALLOWED_COMMANDS and set(names) == ALLOWED_MESSAGES)
     print("sent:", dict(names), "commands:", dict(commands))
     assert set(names) == {"HEARTBEAT", "COMMAND_LONG", "REQUEST_DATA_STREAM", "PARAM_REQUEST_READ", "TIMESYNC"}
     assert set(names) == ALLOWED_MESSAGES

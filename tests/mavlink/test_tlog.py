@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.errors import InputError
 from companion.mavlink import Log, read_tlog
-from tests.recordings import BUNDLED, shared
+from companion.model import InputError
+from tests.recordings import BUNDLED, recording
+
+pytestmark = pytest.mark.slow
 
 Reader = Callable[[Path], dict[str, list[Any]]]
 
@@ -67,7 +69,7 @@ def _same(ours: Any, theirs: Any) -> bool:
 
 @pytest.mark.parametrize("name", INTACT)
 def test_every_frame_and_every_value_is_what_pymavlink_reads(pymavlink_reads: Reader, name: str) -> None:
-    path = shared(name)
+    path = recording(name)
     log = read_tlog(path)
     theirs = pymavlink_reads(path)
     for message_name, messages in log.messages.items():
@@ -91,7 +93,7 @@ def test_every_frame_and_every_value_is_what_pymavlink_reads(pymavlink_reads: Re
 
 @pytest.mark.parametrize("name", DAMAGED)
 def test_at_least_as_many_frames_of_each_type_as_pymavlink(pymavlink_reads: Reader, name: str) -> None:
-    path = shared(name)
+    path = recording(name)
     log = read_tlog(path)
     for message_name, reference in pymavlink_reads(path).items():
         if not message_name.startswith(("BAD_DATA", "UNKNOWN_")):
@@ -99,7 +101,7 @@ def test_at_least_as_many_frames_of_each_type_as_pymavlink(pymavlink_reads: Read
 
 
 def test_counts_account_for_every_byte() -> None:
-    log = read_tlog(shared("sitl/copter-demo-100hz.tlog"))
+    log = read_tlog(recording("sitl/copter-demo-100hz.tlog"))
     assert (log.bad_crc_frames, log.skipped_bytes, dict(log.unknown_frames)) == (0, 0, {})
     assert log.frames == sum(len(messages) for messages in log.messages.values())
     assert log.size_bytes == log.path.stat().st_size
@@ -109,13 +111,13 @@ def test_counts_account_for_every_byte() -> None:
 
 
 def test_unknown_ids_are_skipped_by_length() -> None:
-    log = read_tlog(shared("public/SemvdH__5g_drone_ROS2__src_mav.tlog"))
+    log = read_tlog(recording("public/SemvdH__5g_drone_ROS2__src_mav.tlog"))
     assert log.unknown_frames == {8: 18, 410: 1, 411: 11}
     assert log.skipped_bytes == 0
 
 
 def test_stamps_are_exact_to_the_microsecond() -> None:
-    path = shared("sitl/two-vehicles.tlog")
+    path = recording("sitl/two-vehicles.tlog")
     data = path.read_bytes()
     for messages in read_tlog(path).messages.values():
         stamps = [int.from_bytes(data[offset - 8 : offset], "big") for offset in messages.offset.tolist()]
@@ -123,7 +125,7 @@ def test_stamps_are_exact_to_the_microsecond() -> None:
 
 
 def test_absurd_stamps_are_no_time() -> None:
-    log = read_tlog(shared("public/LucaGemma__MasterThesis__mav.tlog"))
+    log = read_tlog(recording("public/LucaGemma__MasterThesis__mav.tlog"))
     times = np.concatenate([messages.log_time for messages in log.messages.values()])
     assert np.isnan(times).any()
     assert np.nanmax(times) < 2**52 / 1e6
@@ -132,7 +134,7 @@ def test_absurd_stamps_are_no_time() -> None:
 
 
 def test_only_the_rows_asked_for_are_read() -> None:
-    path = shared("sitl/copter-demo-100hz.tlog")
+    path = recording("sitl/copter-demo-100hz.tlog")
     every, some = read_tlog(path), read_tlog(path, names={"ATTITUDE"})
     assert Counter({n: len(m) for n, m in every.messages.items()}) == {n: len(m) for n, m in some.messages.items()}
     np.testing.assert_array_equal(some.messages["ATTITUDE"]["roll"], every.messages["ATTITUDE"]["roll"])
@@ -144,7 +146,7 @@ def test_only_the_rows_asked_for_are_read() -> None:
 
 
 def test_select_takes_the_same_messages_from_every_column() -> None:
-    attitude = read_tlog(shared("sitl/two-vehicles.tlog")).messages["ATTITUDE"]
+    attitude = read_tlog(recording("sitl/two-vehicles.tlog")).messages["ATTITUDE"]
     second = attitude.select(attitude.sysid == 2)
     assert 0 < len(second) < len(attitude)
     assert set(second.sysid.tolist()) == {2}
@@ -152,7 +154,7 @@ def test_select_takes_the_same_messages_from_every_column() -> None:
 
 
 def test_another_dialect_reads_its_own_ids() -> None:
-    log: Log = read_tlog(shared("px4/px4_gcs_default.tlog"), dialect="development")
+    log: Log = read_tlog(recording("px4/px4_gcs_default.tlog"), dialect="development")
     assert log.messages["CURRENT_MODE"].layout.id == 436
     assert 436 not in log.unknown_frames
 

@@ -10,6 +10,8 @@ import pytest
 from companion.cli import main
 from tests.report.pages import DEMO, Contents, report
 
+pytestmark = pytest.mark.slow
+
 
 def close(cell: str, value: float | None) -> bool:
     """Whether a cell of three digits says the value."""

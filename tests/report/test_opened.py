@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, Locator, Page
 from companion.view import palette
 from tests.report.pages import DEMO, report
 from tests.report.test_page import hostile_log
-from tests.view.browsing import near, until
+from tests.view.browsing import near, new_page, until
 
 pytestmark = pytest.mark.browser
 
@@ -33,7 +33,7 @@ class Watched:
     def open(self, path: Path) -> Page:
         """Go there and wait until every chart is drawn."""
         self.page.goto(path.as_uri())
-        self.page.wait_for_selector("html[data-ready=yes]", timeout=60_000)
+        self.page.wait_for_selector("html[data-ready=yes]")
         return self.page
 
 
@@ -44,9 +44,8 @@ def pixels(part: Locator) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
 
 @pytest.fixture
 def watched(browser: Browser) -> Iterator[Watched]:
-    context = browser.new_context(viewport={"width": 1100, "height": 800}, color_scheme="dark")
-    yield Watched(context.new_page())
-    context.close()
+    with new_page(browser, 1100, color_scheme="dark") as page:
+        yield Watched(page)
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +64,8 @@ def test_the_page_asks_nobody_and_complains_of_nothing(watched: Watched, path: P
     assert page.evaluate("[...document.querySelectorAll('.chart')].every(c => c.data.length > 0)")
 
     page.get_by_role("button", name="Load the 3D playback").click()
-    page.frame_locator("iframe").locator("canvas").first.wait_for(timeout=60_000)
-    until(lambda: near(pixels(page.locator("iframe")), palette.IMU) > 50, "the IMU's path in the playback", 30)
+    page.frame_locator("iframe").locator("canvas").first.wait_for()
+    until(lambda: near(pixels(page.locator("iframe")), palette.IMU) > 50, "the IMU's path in the playback")
     assert page.locator("iframe").get_attribute("sandbox") == "allow-scripts"
 
     dark = page.locator(".chart .main-svg text").first
@@ -92,14 +91,13 @@ def test_what_a_vehicle_says_does_not_run(watched: Watched, tmp_path: Path) -> N
     page = watched.open(path)
     page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
     page.get_by_role("button", name="Load the 3D playback").click()
-    page.frame_locator("iframe").locator("canvas").first.wait_for(timeout=60_000)
+    page.frame_locator("iframe").locator("canvas").first.wait_for()
     assert page.evaluate("window.hacked") is None
     assert page.locator("text=window.hacked=3").count() > 0
     assert watched.trouble == []
 
 
 def test_a_telephone_scrolls_down_and_not_sideways(browser: Browser, path: Path) -> None:
-    context = browser.new_context(viewport={"width": 360, "height": 700})
-    page = Watched(context.new_page()).open(path)
-    assert page.evaluate("document.documentElement.scrollWidth") <= 360
-    context.close()
+    with new_page(browser, 360, 700) as page:
+        Watched(page).open(path)
+        assert page.evaluate("document.documentElement.scrollWidth") <= 360

@@ -12,11 +12,13 @@ import pytest
 
 from companion.cli import main
 from companion.settings import Settings, load_settings
-from tests.recordings import BUNDLED, shared
+from tests.recordings import BUNDLED, recording
 from tests.report.pages import DEMO, Contents, report
 from tests.tlogs import Writer
 
-SECTIONS = ["findings", "errors", "drift", "budget", "calibration", "imus", "spectra", "vibration", "track"]
+pytestmark = pytest.mark.slow
+
+SECTIONS = ["findings", "errors", "drift", "budget", "calibration", "imus", "noise", "spectra", "vibration", "track"]
 SECTIONS += ["playback", "log", "again"]
 
 HOSTILE = [
@@ -68,7 +70,7 @@ def test_a_report_of_everything_has_every_section(tmp_path: Path) -> None:
     ],
 )
 def test_a_section_that_cannot_be_made_says_why(name: str, missing: dict[str, str], tmp_path: Path) -> None:
-    log = BUNDLED / name if "/" not in name else shared(name)
+    log = BUNDLED / name if "/" not in name else recording(name)
     found = Contents(report(log, tmp_path / "report.html", "--no-playback"))
     assert set(found.sections) == set(SECTIONS) - {"playback"}
     for section, reason in missing.items():

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
 from companion.strapdown import (
     ImuModel,
     Propagation,
@@ -21,7 +22,8 @@ from companion.strapdown import (
     simulate,
 )
 from companion.strapdown.motions import Motion
-from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
+
+pytestmark = pytest.mark.slow
 
 RNG = np.random.default_rng(9)
 
@@ -183,7 +185,6 @@ def test_the_world_may_be_turned() -> None:
     np.testing.assert_allclose(turned.time_offset[0], c @ WINDOW.time_offset[0], atol=1e-10)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("middle", ["linear", "cubic"])
 def test_simulated_sensors_drift_as_predicted(middle: str) -> None:
     """300 simulated sensors over 60 s: the mean NEES lies inside the 99 % bounds of chi-square at 1, 10 and 60 s."""

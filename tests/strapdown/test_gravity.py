@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from companion.model import STANDARD_GRAVITY
 from companion.strapdown import normal_gravity
-from companion.tracks import STANDARD_GRAVITY
 
 
 def test_values_of_the_standard() -> None:

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from companion.model import Array
 from companion.strapdown import motions, preintegrate, propagate, quaternion
 from companion.strapdown.motions import Motion
-from companion.tracks import Array
 
 gtsam = pytest.importorskip("gtsam", reason="gtsam is not installed: pip install gtsam")
 

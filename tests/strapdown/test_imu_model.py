@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack
 from companion.strapdown import ImuModel, Sensor, correct, motions, quantisation_density, simulate
-from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack
 
 HOUR = motions.rest(np.arange(360_000) / 100).imu
 RNG = np.random.default_rng(8)

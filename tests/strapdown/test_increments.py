@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from companion.model import Array, ImuTrack
 from companion.strapdown import METHODS, MIDDLES, attitude_at, dense_attitude, increments, motions, quaternion, reckon
-from companion.tracks import Array, ImuTrack
 
 RNG = np.random.default_rng(1)
 

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from companion.model import STANDARD_GRAVITY, Array
 from companion.simulate import square
 from companion.strapdown import motions, quaternion
 from companion.strapdown.motions import Motion
-from companion.tracks import STANDARD_GRAVITY, Array
 
 MOTIONS = [square, motions.coning, motions.circle, motions.spin, motions.free_fall, motions.rest]
 

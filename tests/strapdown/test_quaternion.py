@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
+from companion.model import Array
 from companion.strapdown import quaternion as quat
-from companion.tracks import Array
 
 VECTORS = arrays(np.float64, 3, elements=st.floats(-3.0, 3.0))
 UNIT = (

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
 from companion.strapdown import METHODS, MIDDLES, motions, preintegrate, quaternion, reckon
 from companion.strapdown.motions import Motion
-from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
 from tests.oracle import scalar_rk4
 
 RNG = np.random.default_rng(2)

@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
+from companion.model import STANDARD_GRAVITY, ImuTrack, NavState, Trajectory
 from companion.strapdown import METHODS, MIDDLES, Reckoner, motions, quaternion, reckon
 from companion.strapdown.motions import Motion
-from companion.tracks import STANDARD_GRAVITY, ImuTrack, NavState, Trajectory
 
 
 def stream(n: int = 1_500) -> Motion:

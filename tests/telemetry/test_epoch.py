@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from companion.model import Epoch
 from companion.recording import open_log
 from companion.telemetry.epoch import gps_to_unix
-from companion.tracks import Epoch
-from tests.recordings import BUNDLED, shared
+from tests.recordings import BUNDLED, recording
 from tests.tlogs import EPOCH, Writer
 
 
@@ -48,7 +48,7 @@ def test_stamps_that_run_at_another_pace_date_nothing(tmp_path: Path) -> None:
 def test_both_logs_of_one_flight_are_of_the_same_time() -> None:
     """The telemetry log by SYSTEM_TIME, the on-board log by GPS week, leap seconds and all: 0.2 s apart at most."""
     told, measured = (
-        epoch(path) for path in (BUNDLED / "copter-demo-100hz.tlog", shared("dataflash/sitl__copter-demo.BIN"))
+        epoch(path) for path in (BUNDLED / "copter-demo-100hz.tlog", recording("dataflash/sitl__copter-demo.BIN"))
     )
     assert told is not None
     assert measured is not None

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import companion as c
 from companion.mavlink import Decoder, load_dialect
-from tests.recordings import BUNDLED, shared
+from tests.recordings import BUNDLED, recording
 from tests.tlogs import EPOCH, Writer
 
 
@@ -353,9 +353,9 @@ def test_the_bundled_demo_flight() -> None:
     ],
 )
 def test_flights_of_real_recordings(name: str, expected: list[tuple[str, int]]) -> None:
-    assert [(str(f.vehicle), f.boot) for f in c.open_log(shared(name))] == expected
+    assert [(str(f.vehicle), f.boot) for f in c.open_log(recording(name))] == expected
 
 
 def test_the_default_imu_depends_on_the_autopilot() -> None:
-    assert c.open_log(shared("px4/px4_hover.tlog"))[0].default_imu == "SCALED_IMU"
-    assert c.open_log(shared("sitl/copter-hover-nodrift-100hz.tlog"))[0].default_imu == "HIGHRES_IMU"
+    assert c.open_log(recording("px4/px4_hover.tlog"))[0].default_imu == "SCALED_IMU"
+    assert c.open_log(recording("sitl/copter-hover-nodrift-100hz.tlog"))[0].default_imu == "HIGHRES_IMU"

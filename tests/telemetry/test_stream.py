@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,13 @@ from hypothesis import strategies as st
 import companion as c
 from companion.mavlink import Recorder, load_dialect
 from companion.mavlink.frames import Decoder
+from companion.model import Flight, NavState
 from companion.simulate import Faults, SimulatedVehicle, fly, write_flight
 from companion.strapdown import Reckoner
 from companion.telemetry import Stream
-from companion.tracks import Flight, NavState
-from tests.recordings import BUNDLED, shared
+from tests.recordings import BUNDLED, recording
+
+pytestmark = pytest.mark.slow
 
 STREAMS = {"RAW_IMU": 100.0, "HIGHRES_IMU": 100.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0}
 BAD = Faults(drop=0.2, duplicate=0.1, reorder=0.1, garbage=0.1, reboot=(7.0,), silence=((11.0, 12.0),))
@@ -37,8 +39,8 @@ def assert_same(found: object, wanted: object, where: str = "flight") -> None:
         assert dict(found).keys() == dict(wanted).keys(), where  # type: ignore[call-overload]
         for key in wanted.keys():  # noqa: SIM118  (a Mapping of unknown type)
             assert_same(found[key], wanted[key], f"{where}[{key}]")  # type: ignore[index]
-    elif isinstance(wanted, list | tuple):
-        assert isinstance(found, list | tuple), where
+    elif isinstance(wanted, Sequence) and not isinstance(wanted, str):
+        assert isinstance(found, Sequence), where
         for i, (one, other) in enumerate(zip(found, wanted, strict=True)):
             assert_same(one, other, f"{where}[{i}]")
     else:
@@ -86,7 +88,7 @@ def test_however_it_is_cut_a_stream_gives_the_flights_of_the_log(bad_log: Path, 
     "name", ["copter-demo-100hz.tlog", "copter-mission-default-rates.tlog", "sitl/two-vehicles.tlog"]
 )
 def test_recorded_logs_too(name: str) -> None:
-    path = shared(name) if "/" in name else BUNDLED / name
+    path = recording(name) if "/" in name else BUNDLED / name
     assert_same(streamed(path.read_bytes(), random_sizes(1, 20_000)).flights(), c.open_log(path))
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
+
+from tests.waiting import LIMIT_S, wait_for
 
 CHROMIUM = Path(os.environ.get("CHROMIUM", "/usr/bin/chromium"))
 FLAGS = [
@@ -28,6 +31,17 @@ FLAGS = [
 ]
 SCREENSHOTS = Path(__file__).parents[2] / "screenshots"
 
+expect.set_options(timeout=1e3 * LIMIT_S)
+
+
+@contextlib.contextmanager
+def new_page(browser: Browser, width: int = 1280, height: int = 800, **options: Any) -> Iterator[Page]:
+    """A page in a window of this size."""
+    context = browser.new_context(viewport={"width": width, "height": height}, **options)
+    context.set_default_timeout(1e3 * LIMIT_S)
+    yield context.new_page()
+    context.close()
+
 
 def open_page(page: Page, url: str) -> Page:
     """Go there and wait until the picture is."""
@@ -41,11 +55,8 @@ def open_page(page: Page, url: str) -> Page:
     return page
 
 
-def until(condition: Callable[[], bool], what: str, seconds: float = 15.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, f"not within {seconds} s: {what}"
-        time.sleep(0.05)
+def until(condition: Callable[[], bool], what: str) -> None:
+    wait_for(condition, what)
 
 
 def shoot(page: Page, name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:

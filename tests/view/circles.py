@@ -14,8 +14,7 @@ from companion.analysis import (
     expected_since_anchor,
     trailing,
 )
-from companion.errors import DataError
-from companion.tracks import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, Vehicle
+from companion.model import Array, AttitudeTrack, DataError, Flight, ImuTrack, PositionTrack, Vehicle
 from companion.view import Footage, Insight, Reckoning, ReplayChoice, chosen_track, with_track
 
 RATE = 50.0

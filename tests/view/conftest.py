@@ -5,7 +5,8 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, Page
 
-from companion.tracks import Flight
+from companion.model import Flight
+from tests.view.browsing import new_page
 from tests.view.circles import make_flight
 
 
@@ -17,13 +18,11 @@ def flight() -> Flight:
 
 @pytest.fixture
 def page(browser: Browser) -> Iterator[Page]:
-    context = browser.new_context(viewport={"width": 1280, "height": 800})
-    yield context.new_page()
-    context.close()
+    with new_page(browser) as page:
+        yield page
 
 
 @pytest.fixture
 def wide_page(browser: Browser) -> Iterator[Page]:
-    context = browser.new_context(viewport={"width": 1600, "height": 900})
-    yield context.new_page()
-    context.close()
+    with new_page(browser, 1600, 900) as page:
+        yield page

@@ -9,23 +9,26 @@ from dataclasses import replace
 import pytest
 
 from companion.analysis import Integration
-from companion.errors import DataError
-from companion.tracks import Flight
+from companion.model import DataError, Flight
 from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, events
 from companion.view.work import Opinion, Outcome, Work
 from tests.view.browsing import until
 from tests.view.circles import examine, recompute
+from tests.waiting import LIMIT_S
 
 
 def wait_for(worker: Work) -> Outcome | Opinion:
     """The next outcome that is still wanted."""
-    end = time.monotonic() + 10
-    while time.monotonic() < end:
+    found: list[Outcome | Opinion] = []
+
+    def come() -> bool:
         outcome = worker.poll()
         if outcome is not None:
-            return outcome
-        time.sleep(0.005)
-    raise AssertionError("no outcome in 10 s")
+            found.append(outcome)
+        return bool(found)
+
+    until(come, "an outcome")
+    return found[0]
 
 
 def test_the_newest_request_wins_and_those_between_are_never_begun(flight: Flight) -> None:
@@ -33,12 +36,13 @@ def test_the_newest_request_wins_and_those_between_are_never_begun(flight: Fligh
 
     def slow(flight: Flight, choice: ReplayChoice) -> Reckoning:
         begun.append(choice.how.method)
-        gate.wait(10)
+        gate.wait(LIMIT_S)
         return recompute(flight, choice)
 
     worker = Work(slow, examine)
     try:
         worker.reckon(flight, ReplayChoice(how=Integration(method="euler")))
+        until(lambda: begun == ["euler"], "the first")
         worker.reckon(flight, ReplayChoice(how=Integration(method="midpoint")))
         worker.reckon(flight, ReplayChoice(how=Integration(method="rk4")))
         gate.set()

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import warnings
 
 import pytest
 import viser
-import websockets.asyncio.client
 import websockets.exceptions
+import websockets.sync.client
 
-from companion.tracks import Flight
+from companion.model import Flight
 from companion.view import Viewer
 from companion.view.doorkeeper import is_own_page, own_names
 from tests.view.circles import examine, recompute
+from tests.waiting import LIMIT_S
 
 NAMES = frozenset({"localhost", "pi.local"})
 
@@ -58,17 +58,19 @@ def test_the_address_that_was_asked_for_is_a_name_of_its_own() -> None:
 
 @pytest.mark.parametrize(("origin", "served"), [("https://evil.example", False), (None, True), ("own", True)])
 def test_a_foreign_page_hears_nothing(flight: Flight, origin: str | None, served: bool) -> None:
-    async def first_message(url: str, origin: str | None) -> bytes | str | None:
+    def first_message(url: str, origin: str | None) -> bytes | str | None:
         version = websockets.Subprotocol(f"viser-v{viser.__version__}")
         headers = {} if origin is None else {"Origin": origin}
-        with contextlib.suppress(websockets.exceptions.ConnectionClosed):
-            async with websockets.asyncio.client.connect(
+        with (
+            contextlib.suppress(websockets.exceptions.ConnectionClosed),
+            websockets.sync.client.connect(
                 url, additional_headers=headers, subprotocols=[version], proxy=None
-            ) as socket:
-                return await asyncio.wait_for(socket.recv(), timeout=5)
+            ) as socket,
+        ):
+            return socket.recv(timeout=LIMIT_S)
         return None
 
     with warnings.catch_warnings(), Viewer([flight], recompute, examine, port=0) as viewer:
         own = viewer.url if origin == "own" else origin
-        message = asyncio.run(first_message(viewer.url.replace("http", "ws", 1), own))
+        message = first_message(viewer.url.replace("http", "ws", 1), own)
     assert (message is not None) is served

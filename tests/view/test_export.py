@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from companion.tracks import Flight
+from companion.model import Flight
 from companion.view import ReplayChoice
 from companion.view.export import over, page, png
 from companion.view.moment import footage

@@ -9,16 +9,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.analysis import Finding, Verdict
-from companion.strapdown import quaternion
-from companion.tracks import Origin
+from companion.analysis import GENERIC, Finding, FlightNoise, Limits, Verdict, imu_noise
+from companion.estimation import imu_spectrum
+from companion.model import Origin
+from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
 from companion.view import ReplayChoice, tables
 from companion.view.drift_chart import drift_lines
 from companion.view.ellipsoid import semi_axes
 from companion.view.home import home_position
 from companion.view.moment import footage
+from companion.view.noise_chart import noise_lines
 from companion.view.palette import of_imus
 from companion.view.rates import rates
+from tests.flights import flight_of, seconds
 from tests.view.circles import examine, make_flight, recompute
 
 FLIGHT = make_flight()
@@ -80,3 +83,29 @@ def test_no_text_becomes_markup() -> None:
     markup += tables.siblings_table(sibling, colours) + tables.calibration_table(found)
     assert "<img" not in markup
     assert "&lt;img" in markup
+
+
+def test_the_noise_charts_are_the_spectrum_and_the_allan_deviation() -> None:
+    """White noise lies on the data sheet's line in all four, in the convention of N."""
+    motion = motions.rest(seconds(60, 100))
+    model = ImuModel(Sensor(GENERIC.gyro.noise_density), Sensor(GENERIC.accel.noise_density))
+    resting = simulate(motion.imu, model, 1)
+    flight = flight_of(motion, imus={"RAW_IMU": replace(resting, source="RAW_IMU")})
+    found = imu_noise(flight, "RAW_IMU", GENERIC, Limits())
+    nothing, _, gyro, accel = noise_lines(found)
+    assert nothing is None, "it never flew"
+    for chart in (gyro, accel):
+        assert chart is not None
+        tau, *axes, sheet = chart
+        assert len(tau) == len(sheet)
+        for axis in axes:
+            assert np.median(axis / sheet) == pytest.approx(1.0, rel=0.1)
+    assert noise_lines(None) == [None] * 4
+    spectrum = imu_spectrum(resting, 0.1)
+    assert spectrum is not None
+    shaking = replace(found, flight=FlightNoise(60.0, spectrum, None, None, (), ()))
+    in_flight = noise_lines(shaking)[0]
+    assert in_flight is not None
+    frequency, forward, *_, sheet = in_flight
+    assert frequency[0] > 0
+    assert np.median(forward[frequency < 2] / sheet[0]) == pytest.approx(1.0, rel=0.2)

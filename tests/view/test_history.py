@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.analysis import FreeState, Replay
-from companion.tracks import NavState
+from companion.model import NavState
 from companion.view import ReplayChoice
 from companion.view.history import History, free_errors, present
 from tests.view.circles import make_flight, reckon

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from companion.analysis import DriftRow
-from companion.tracks import Flight
+from companion.model import Flight
 from companion.view import Judgement, LinkState, LiveViewer, ReplayChoice, Seen
 from tests.view.browsing import until
 from tests.view.circles import reckon

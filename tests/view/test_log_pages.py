@@ -18,13 +18,13 @@ from playwright.sync_api import Browser, Page, expect
 import companion as c
 from companion.cli.answers import Answers
 from companion.examination import examine
+from companion.model import Flight
 from companion.recording import Source
 from companion.settings import Settings
 from companion.simulate import SimulatedVehicle, fly, write_flight
-from companion.tracks import Flight
 from companion.view import Offer, ReplayChoice, Viewer, events, palette
 from tests.recordings import BUNDLED
-from tests.view.browsing import choose, near, open_page, shoot, until
+from tests.view.browsing import choose, near, new_page, open_page, shoot, until
 
 pytestmark = pytest.mark.browser
 
@@ -50,7 +50,7 @@ def test_the_verdict_and_a_jump_to_a_finding(page: Page) -> None:
     first = found.verdict.findings[0]
     with viewing(DEMO) as viewer:
         open_page(page, viewer.url)
-        expect(page.get_by_text(found.verdict.status.upper()).first).to_be_visible(timeout=30_000)
+        expect(page.get_by_text(found.verdict.status.upper()).first).to_be_visible()
         tab(page, "Verdict")
         viewer.post(events.Seek(viewer.player.end))
         page.get_by_role("button", name=f"{first.start_s:.1f} s: {first.kind.replace('_', ' ')}").click()
@@ -75,8 +75,12 @@ def test_the_verdict_and_a_jump_to_a_finding(page: Page) -> None:
         )
         assert page.evaluate("() => Object.values(window.__viserTestpoints.uplots)[0].chart.scales.x.distr") == 3
         shoot(page, "drift-by-horizon")
+        choose(page, "Charts", "IMU noise")
+        labels = "() => Object.values(window.__viserTestpoints.uplots).map(p => p.chart.series[0].label)"
+        until(lambda: page.evaluate(labels) == ["Hz or s"] * 4, "spectra and Allan deviations")
+        shoot(page, "imu-noise")
         page.get_by_text("Save", exact=True).click()
-        with page.expect_download(timeout=60_000) as download:
+        with page.expect_download() as download:
             page.get_by_role("button", name="The report (HTML)").click()
         report = Path(download.value.path()).read_text(encoding="utf-8")
         assert html.escape(found.verdict.summary) in report
@@ -103,11 +107,11 @@ def test_several_imus_a_correction_and_another_horizon(page: Page) -> None:
         until(all_drawn, "the paths of all three")
         choose(page, "Readings", "By this flight's calibration")
         choose(page, "Charts", "IMU readings")
-        until(lambda: "forward raw" in page.evaluate(names), "the readings before and after the correction", 30.0)
+        until(lambda: "forward raw" in page.evaluate(names), "the readings before and after the correction")
         shoot(page, "corrected-readings")
         choose(page, "Charts", "Errors over the horizon")
         choose(page, "Horizon", "10 s")
-        expect(page.get_by_text("Attitude error after 10 s, °")).to_be_visible(timeout=30_000)
+        expect(page.get_by_text("Attitude error after 10 s, °")).to_be_visible()
         choose(page, "IMU", "SCALED_IMU2")
         expect(page.get_by_text("Solid: SCALED_IMU2 alone")).to_be_visible()
         choose(page, "Charts", "Rates and gaps")
@@ -122,7 +126,7 @@ def test_a_log_without_position(page: Page) -> None:
         open_page(page, viewer.url)
         expect(page.get_by_text("This log has no position")).to_be_visible()
         expect(page.get_by_text("Velocity error")).to_have_count(0)
-        expect(page.get_by_text(re.compile("CONSISTENT|SUSPECT")).first).to_be_visible(timeout=30_000)
+        expect(page.get_by_text(re.compile("CONSISTENT|SUSPECT")).first).to_be_visible()
         page.get_by_role("button", name="+10", exact=True).click()
         until(lambda: viewer.player.time > viewer.player.start + 9.9, "ten seconds on")
         assert not viewer.scene.imu.position.any()
@@ -163,7 +167,7 @@ OVERLAPS = """() => {
 def test_nothing_is_cut_off_on_a_laptop(page: Page) -> None:
     with viewing(DEMO) as viewer:
         open_page(page, viewer.url)
-        expect(page.get_by_text("CONSISTENT").first).to_be_visible(timeout=30_000)
+        expect(page.get_by_text("CONSISTENT").first).to_be_visible()
         fits = {"cut": [], "outside": [], "wide": 1280}
         until(lambda: page.evaluate(OVERLAPS) == fits, "nothing cut off")
         time.sleep(0.5)
@@ -180,22 +184,20 @@ def test_nothing_is_cut_off_on_a_laptop(page: Page) -> None:
         shoot(page, "window-1280x800")
         tab(page, "Verdict")
         expect(page.get_by_role("row", name=re.compile(r"^30 s"))).to_be_visible()
-        assert page.evaluate(OVERLAPS)["cut"] == []
+        until(lambda: page.evaluate(OVERLAPS)["cut"] == [], "nothing cut off in the tables")
 
 
 def test_a_phone(browser: Browser) -> None:
-    context = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True)
-    page = context.new_page()
-    with viewing(DEMO) as viewer:
+    with new_page(browser, 390, 844, has_touch=True) as page, viewing(DEMO) as viewer:
         open_page(page, viewer.url)
-        expect(page.get_by_text("CONSISTENT").first).to_be_visible(timeout=30_000)
+        expect(page.get_by_text("CONSISTENT").first).to_be_visible()
         page.get_by_text("▶ / ❚❚").click()
         until(lambda: viewer.player.playing, "the play button")
         page.get_by_text("▶ / ❚❚").click()
         viewer.post(events.SeekShare(0.3))
         until(lambda: near(shoot(page, "window-390x844")[:330], palette.IMU) > 50, "the drone is above the sheet")
-        assert page.evaluate(OVERLAPS) == {"cut": [], "outside": [], "wide": 390}
+        fits = {"cut": [], "outside": [], "wide": 390}
+        until(lambda: page.evaluate(OVERLAPS) == fits, "nothing cut off")
         page.get_by_text("companion", exact=True).click()  # fold the sheet away
         expect(page.get_by_text("Since anchor")).not_to_be_visible()
         shoot(page, "phone-folded")
-    context.close()

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.tracks import Flight, StatusText
+from companion.model import Flight, StatusText
 from companion.view import Mark
 from companion.view.marks import neighbour, short, strip, text_marks
 

@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.analysis import Replay
-from companion.errors import DataError
-from companion.tracks import Flight
+from companion.model import DataError, Flight
 from companion.view import Reckoning, ReplayChoice
 from companion.view.insight import Errors
 from companion.view.moment import Footage, Moment, with_insight

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from companion.tracks import Array
+from companion.model import Array
 from companion.view import palette
 
 # Machado, Oliveira and Fernandes 2009, table 1, severity 1: what a dichromat sees, in linear RGB.

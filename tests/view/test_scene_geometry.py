@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.tracks import Array
+from companion.model import Array
 from companion.view import ReplayChoice
 from companion.view.arrows import LONGEST, SHORTEST, arrow_length
 from companion.view.framing import (

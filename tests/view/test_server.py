@@ -6,11 +6,11 @@ import socket
 
 import pytest
 
-from companion.errors import DataError, InputError
-from companion.tracks import Flight
+from companion.model import DataError, Flight, InputError
 from companion.view import Viewer
 from companion.view.server import find_address
 from tests.view.circles import examine, make_flight, recompute
+from tests.waiting import LIMIT_S
 
 
 def test_a_taken_port_becomes_the_next_one_and_is_told(flight: Flight, capsys: pytest.CaptureFixture[str]) -> None:
@@ -22,7 +22,7 @@ def test_a_taken_port_becomes_the_next_one_and_is_told(flight: Flight, capsys: p
             assert viewer.port > port
             assert viewer.url == f"http://127.0.0.1:{viewer.port}"
             assert viewer.warning is None
-            with socket.create_connection(("127.0.0.1", viewer.port), timeout=5):
+            with socket.create_connection(("127.0.0.1", viewer.port), timeout=LIMIT_S):
                 pass
     assert capsys.readouterr().out == ""  # stdout belongs to results
 

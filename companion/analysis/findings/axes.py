@@ -10,14 +10,14 @@ import numpy as np
 from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison, IntArray
 from companion.analysis.finding import Finding
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack
 from companion.strapdown import quaternion
-from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack
 
 _TURN_S = 0.5  # over which turns and forces are averaged
 _PLAIN = 0.2  # misfit, g plus rad/s, from which on a far better rotation is enough
 _NOTHING = 0.015  # misfit of a good sensor
 _ASKEW = np.radians(12.0)  # less is a trim
-_ADVICE = "Set AHRS_ORIENTATION (SENS_BOARD_ROT on PX4) to how the board is mounted, and calibrate again."
+_ADVICE = "Set the board's orientation to how it is mounted, and calibrate again."
 _LEAST = 0.04  # below it a bias explains it as well
 
 

@@ -3,29 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cache
+from dataclasses import replace
 
 import numpy as np
 
+from companion.analysis.attribution import departures, episodes, findings_of
 from companion.analysis.calibrate import Compare
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
-from companion.analysis.finding import Finding, by_severity
+from companion.analysis.finding import Finding, by_severity, setting
 from companion.analysis.findings.axes import axes_findings
-from companion.analysis.findings.biases import bias_findings, position_findings
-from companion.analysis.findings.blame import own_rates
-from companion.analysis.findings.heading import heading_findings
-from companion.analysis.findings.held_bias import held, held_findings
 from companion.analysis.findings.installation import Installation, installation, level
 from companion.analysis.findings.jumps import jump_findings
 from companion.analysis.findings.lags import lags
 from companion.analysis.findings.readings import reading_findings, stuck_findings
-from companion.analysis.findings.residuals import SHORT_S, residuals
+from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import rate_findings, stamp_findings
-from companion.analysis.findings.steps import step_findings
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
-from companion.analysis.findings.witnesses import other_imus, with_witnesses
-from companion.tracks import Flight
+from companion.analysis.findings.witnesses import with_witnesses
+from companion.analysis.known_bias import known_biases
+from companion.estimation import BestEstimate
+from companion.model import Flight
+
+
+def reading_faults(
+    flight: Flight, comparison: Comparison, figures: ImuFigures, autopilot: ReferenceFigures
+) -> list[Finding]:
+    """Readings that cannot be: frozen, stuck, at the end of the range, of the wrong axes."""
+    found = [*reading_findings(comparison, flight.require_attitude(), figures)]
+    others = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
+    found += stuck_findings(comparison, autopilot, others)
+    found += axes_findings(comparison)
+    return found
 
 
 def findings(
@@ -36,82 +45,80 @@ def findings(
     figures: ImuFigures,
     noise: tuple[float, float] | None,
     autopilot: ReferenceFigures,
+    faults: Sequence[Finding],
+    best: BestEstimate | None,
 ) -> tuple[tuple[Finding, ...], Comparison]:
-    """What stands out, and the comparison with what is no fault taken out: how the IMU sits in the vehicle."""
-    found = [*rate_findings(flight, comparison, sampling_share)]
-    found += reading_findings(comparison, flight.require_attitude(), figures)
+    """What stands out, and the comparison with what is no fault taken out: how the IMU sits in the vehicle.
+
+    faults: of `reading_faults`. best: the best estimate, None where the flight allows none.
+    """
+    found = [*rate_findings(flight, comparison, sampling_share), *faults]
     if flight.vehicle.autopilot == "PX4" and comparison.track.source == "HIGHRES_IMU":
         found.append(_not_independent(comparison))
-    found += stuck_findings(comparison, autopilot)
-    found += axes_findings(comparison)
-    found += jump_findings(comparison, flight)
+    jumps = list(jump_findings(comparison, flight))
     if noise is not None:
         found += noise_findings(comparison, noise, figures)
     found += vibration_findings(comparison, flight)
     raw = residuals(comparison)
-    found += position_findings(comparison, raw)
-    if not any(f.kind == "heading_jump" and f.severity == "error" for f in found):
-        found += heading_findings(comparison, raw, figures, autopilot)
-    wrong = [f.start_s for f in found if f.kind in _HEADING and f.severity == "error"]
-    fitted = installation(comparison, raw, figures, autopilot, min(wrong, default=np.inf))
+    fitted = installation(comparison, raw, figures, autopilot, np.inf)
     found += stamp_findings(flight, comparison, lags(comparison))
     clean = comparison
     if fitted is not None and fitted.moved:
-        found += _installed(comparison, fitted)
-        # a lag of 12 ms in a flip looks like a bias of the gyro: take it out before looking for one
+        found += _installed(flight, comparison, fitted)
         clean = level(comparison, fitted, compare_with)
-        raw = residuals(clean)
-    own = own_rates(flight.require_attitude(), raw, comparison.how.limits)
-    others = cache(lambda: other_imus(flight, comparison))
-    found += bias_findings(clean, raw, own, others, figures, autopilot)
-    found += step_findings(clean, raw, figures)
-    if (known := held(flight, comparison.track, raw, own)) is not None:  # as sent: HIGHRES_IMU is turned as much
-        found += held_findings(raw, known, figures)
+    if best is not None:
+        limits = comparison.how.limits
+        found += findings_of(episodes(best), departures(flight, best, limits), best)
+        found += known_biases(flight, best)
+        # the best estimate has judged where the autopilot went: a jump is one of the signs of it
+        found = [_sudden(f, jumps) for f in found]
+        jumps = [_confirmed(f, found) for f in jumps]
+    found += jumps
     found = [with_witnesses(f, flight) for f in found if not _follows(f, found)]
     return by_severity(found), clean
 
 
-def _follows(finding: Finding, found: Sequence[Finding]) -> bool:
-    """Whether a bias or a jump is only what another fault looks like from elsewhere.
+def _sudden(doubted: Finding, jumps: Sequence[Finding]) -> Finding:
+    """A departure that begins with a jump of the autopilot's own is the autopilot's, however uncertain its size."""
+    own = {"heading_off": "heading_jump", "position_off": "position_jump"}.get(doubted.kind)
+    if doubted.severity != "warning" or not any(
+        f.kind == own and f.severity == "error" and -_BLURRED_S < f.start_s - doubted.start_s < _NEAR_S for f in jumps
+    ):
+        return doubted
+    return replace(doubted, side="autopilot", severity="error")
 
-    A frozen, stuck or turned sensor also looks biased; and once the autopilot's heading has jumped, the forces that it
-    sees point the wrong way for as long as it does not notice.
+
+def _confirmed(jump: Finding, found: Sequence[Finding]) -> Finding:
+    """A jump, as serious as the best estimate takes the autopilot to be at that time."""
+    off = [f for f in found if f.side == "autopilot" and f.severity == "error"]
+    if jump.severity != "error" or any(f.start_s - _NEAR_S <= jump.start_s <= f.end_s + _NEAR_S for f in off):
+        return jump
+    return replace(jump, severity="info")
+
+
+def _follows(finding: Finding, found: Sequence[Finding]) -> bool:
+    """Whether a finding is only what another fault looks like from elsewhere.
+
+    A frozen, stuck or turned sensor also looks biased, and misleads the autopilot.
     """
-    if finding.kind not in _EFFECTS:
+    if finding.kind in _CAUSES or finding.side == "data":
         return False
-    causes: Sequence[str] = _CAUSES[1:] if finding.kind == "stuck_axis" else _CAUSES
-    if finding.kind == "position_diverging":  # the estimator believes a bad IMU for a while
-        causes = (*_CAUSES, "gyro_bias", "accel_bias")
-    if finding.kind == "bias_step":
-        causes = (*_CAUSES, "attitude_diverging", "attitude_tilted")
-    errors = [f for f in found if f.severity == "error"]
-    if any(f.kind in causes and f.start_s < finding.end_s and finding.start_s < f.end_s for f in errors):
-        return True
-    return finding.kind in _FORCES and any(
-        f.kind in _HEADING and f.start_s < finding.start_s + 2 * SHORT_S for f in errors
+    return any(
+        f.kind in _CAUSES and f.severity == "error" and f.start_s < finding.end_s and f.start_s - 2.0 < finding.start_s
+        for f in found
     )
 
 
-_HEADING = ("heading_jump", "heading_wrong")
-_FORCES = ("accel_bias", "attitude_tilted", "bias_step")
-_EFFECTS = {
-    *_FORCES,
-    "gyro_bias",
-    "attitude_diverging",
-    "ekf_bias",
-    "heading_jump",
-    "heading_wrong",
-    "mounting",
-    "position_diverging",
-    "stuck_axis",
-}
+_NEAR_S = 5.0
+_BLURRED_S = 20.0  # a departure may be noticed so long after it began
 _CAUSES = ("stuck_axis", "frozen", "axes_wrong", "clocks_diverge")
 _LAG_S, _MOUNTING_RAD = 5e-3, np.radians(2.0)
 
 
-def _installed(comparison: Comparison, fitted: Installation) -> Iterator[Finding]:
+def _installed(flight: Flight, comparison: Comparison, fitted: Installation) -> Iterator[Finding]:
     """What is said of how the IMU sits in the vehicle."""
     begin, end = float(comparison.track.t[0]), float(comparison.track.t[-1])
+    autopilot = flight.vehicle.autopilot
     if fitted.lag:
         yield Finding(
             "imu_lag",
@@ -133,8 +140,8 @@ def _installed(comparison: Comparison, fitted: Installation) -> Iterator[Finding
             begin,
             end,
             f"the IMU is turned by ({roll:.1f}, {pitch:.1f}, {yaw:.1f})° against the axes of the attitude, throughout",
-            "A board trim (AHRS_TRIM_X, AHRS_TRIM_Y; SENS_BOARD_X_OFF on PX4) that the log does not name, or the "
-            "board sits askew. A flight that stays level cannot tell it from an accelerometer's offset.",
+            f"A board trim ({setting('SENS_BOARD_X_OFF, _Y_OFF', 'AHRS_TRIM_X, _Y', autopilot)}) that the log does not "
+            "name, or the board sits askew. A flight that stays level cannot tell it from an accelerometer's offset.",
         )
     if fitted.lever.any():
         x, y, z = fitted.lever
@@ -145,7 +152,8 @@ def _installed(comparison: Comparison, fitted: Installation) -> Iterator[Finding
             begin,
             end,
             f"the IMU sits ({x:.2f}, {y:.2f}, {z:.2f}) m from the point that the position speaks of",
-            "Set INS_POSn_X, _Y, _Z to where the IMU is, so that the autopilot knows too.",
+            f"Set {setting('EKF2_IMU_POS_X, _Y, _Z', 'INS_POSn_X, _Y, _Z', autopilot)} to where the IMU is, so that "
+            "the autopilot knows too.",
         )
 
 

@@ -18,7 +18,7 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.correction import Correction
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.findings.residuals import ACCEL_BIAS, GYRO_BIAS, Residuals
-from companion.tracks import Array
+from companion.model import Array
 
 _TURNED, _LATE, _OFF = 0.1, 0.02, 0.3  # what may be expected beforehand, 1σ: rad, s, m
 _BIASED = 4.0  # times what calibration leaves: a gyro may be wrong as well

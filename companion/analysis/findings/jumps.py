@@ -9,8 +9,8 @@ import numpy as np
 from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding, Severity, runs
+from companion.model import Flight, PositionTrack
 from companion.strapdown import quaternion
-from companion.tracks import Flight, PositionTrack
 
 _STEP_RATE_HZ = 20.0  # below it a turn between two samples looks like a step of the heading
 _STEP_S = 0.2  # length of the windows in which a heading step is looked for

@@ -6,14 +6,15 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison
 from companion.analysis.reference import BoolArray
+from companion.model import Array
 from companion.strapdown import quaternion
-from companion.tracks import Array
 
 _PARTS = 3
 _GRID_S, _TURN_S, _MOST_S = 0.04, 0.2, 1.0  # s
 _TURNING = 0.05  # rad/s, root mean square: less does not tell a lag
 _SHARP = 0.1  # part of the power, and of what is left beside it, that the best lag may leave
 _ASIDE = 5  # shifts
+_MOST_POINTS = 10  # of the grid for each sample
 
 
 def lags(comparison: Comparison) -> list[tuple[float, float, float]]:
@@ -21,6 +22,8 @@ def lags(comparison: Comparison) -> list[tuple[float, float, float]]:
     track, reference = comparison.track, comparison.reference
     if track.rate_hz < 1 / _TURN_S or track.t[-1] - track.t[0] < _PARTS * 4 * _MOST_S:
         return []
+    if (track.t[-1] - track.t[0]) / _GRID_S > _MOST_POINTS * len(track):
+        return []  # mostly holes
     grid = np.arange(track.t[0] + _TURN_S, track.t[-1] - _TURN_S, _GRID_S)
     ends = [np.clip(np.searchsorted(track.t, grid + half), 0, len(track) - 1) for half in (-_TURN_S / 2, _TURN_S / 2)]
     good = reference.attitude_known[ends[0]] & reference.attitude_known[ends[1]] & (ends[1] > ends[0])

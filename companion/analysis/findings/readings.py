@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
-from companion.analysis.finding import Finding, run_edges, runs
+from companion.analysis.finding import Cause, Finding, run_edges, runs
+from companion.analysis.reference import BoolArray
+from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack
 from companion.strapdown import quaternion
-from companion.tracks import STANDARD_GRAVITY, Array, AttitudeTrack
 
 _FROZEN_S = 0.5
 _TOGETHER_S = 1.0  # shocks closer than this are one finding
 _STUCK_S = 1.0
 _TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a step is in less than a fifth of such spans
 _STUCK_RATE_HZ = 20.0
+_MANY, _FEW = 50.0, 8.0  # steps
+_NEARLY = 0.005  # of what another axis changes by from sample to sample
+_FLAT, _EDGE = 0.003, 0.03  # of the level: a top is flat to the first, and reached in a step of the second
+_FLAT_S, _FLAT_SAMPLES = 0.02, 3
+_STRONG = {"gyro": 1.0, "accel": 1.5 * STANDARD_GRAVITY}  # rad/s, m/s²: no sensor's range ends below
 
 
 def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuFigures) -> Iterator[Finding]:
@@ -41,25 +47,48 @@ def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuFi
                 end,
                 f"every axis reads the same for {end - start:.1f} s while the autopilot's attitude moves by "
                 f"{np.degrees(moved):.0f}°",
-                "The sensor or its bus has stopped while its messages go on. Replace the IMU.",
+                "The sensor or its bus has stopped while its messages go on: do not fly on it. Look at its "
+                "bus and power.",
             )
     for name, readings, full in (
         ("gyro", track.gyro, imu.gyro.full_scale),
         ("accel", track.accel, imu.accel.full_scale),
     ):
-        at = np.flatnonzero((np.abs(readings) >= 0.98 * full).any(axis=1))
+        at = np.flatnonzero((np.abs(readings) >= 0.98 * full).any(axis=1) | _flat_tops(readings, name, track.rate_hz))
         if not len(at):
             continue
         for group in np.split(at, np.flatnonzero(np.diff(track.t[at]) > _TOGETHER_S) + 1):
+            start, end = float(track.t[group[0]]), float(track.t[group[-1]])
             yield Finding(
                 f"{name}_clipping",
                 "imu",
                 "error",
-                float(track.t[group[0]]),
-                float(track.t[group[-1]]),
-                f"{len(group)} samples at the end of the range, {full:.1f}",
+                start,
+                end,
+                f"{len(group)} samples at the end of the range, {np.abs(readings[group]).max():.1f}",
                 "Damp the mounting: vibration or a shock is larger than the sensor can read.",
+                cause=Cause(f"{name}_clipping", "imu", start, end, sensor=name),
             )
+
+
+def _flat_tops(readings: Array, name: str, rate_hz: float) -> BoolArray:
+    """(N,) samples at a level that an axis reaches in a step, keeps and leaves in a step: the end of a range.
+
+    Whatever the data sheet says of it.
+    """
+    flat = np.zeros(len(readings), np.bool_)
+    fewest = max(_FLAT_SAMPLES, round(_FLAT_S * rate_hz))
+    for column in readings.T:
+        level = np.abs(column)
+        same = (np.abs(np.diff(column)) <= _FLAT * level[1:]) & (level[1:] > _STRONG[name])
+        for first, last in runs(np.asarray(same)):
+            if last + 1 - first < fewest - 1 or first == 0 or last + 2 >= len(column):
+                continue
+            top = level[first : last + 2]
+            steps = abs(column[first] - column[first - 1]), abs(column[last + 2] - column[last + 1])
+            if np.ptp(top) <= _FLAT * top.max() and min(steps) > _EDGE * top.max() and top.max() > level[last + 2]:
+                flat[first : last + 2] = True
+    return flat
 
 
 def _heading_free(q: Array) -> Array:
@@ -67,7 +96,9 @@ def _heading_free(q: Array) -> Array:
     return np.asarray(quaternion.rotate(quaternion.conjugate(q), np.broadcast_to([0.0, 0.0, 1.0], (len(q), 3))))
 
 
-def stuck_findings(comparison: Comparison, autopilot: ReferenceFigures) -> Iterator[Finding]:
+def stuck_findings(
+    comparison: Comparison, autopilot: ReferenceFigures, others: Sequence[ImuTrack]
+) -> Iterator[Finding]:
     """One axis that reads the same for a second or more while its neighbours go on and the vehicle moves about it.
 
     Whole milli-units read the same for long when nothing happens: there, what the autopilot's attitude says that the
@@ -77,40 +108,76 @@ def stuck_findings(comparison: Comparison, autopilot: ReferenceFigures) -> Itera
     if track.rate_hz < _STUCK_RATE_HZ:
         return
     for name, readings, step in (("gyro", track.gyro, track.gyro_step), ("accel", track.accel, track.accel_step)):
-        same = np.diff(readings, axis=0) == 0
+        change = np.abs(np.diff(readings, axis=0))
+        same = change <= _NEARLY * np.median(change, axis=0).max()  # floats flicker in their last digits
         for axis in range(3):
             first, last = run_edges(np.asarray(same[:, axis]))
             lasted = track.t[last + 1] - track.t[first]
             for i in np.flatnonzero(lasted > _STUCK_S):
                 stretch = slice(int(first[i]), int(last[i]) + 2)
-                others = np.delete(same[stretch], axis, axis=1)
-                if others.mean(axis=0).max() > 0.8 or comparison.holes[stretch].any():
+                beside = np.delete(same[stretch], axis, axis=1)
+                if beside.mean(axis=0).max() > 0.8 or comparison.holes[stretch].any():
                     continue
                 if not comparison.reference.attitude_known[stretch].all():
                     continue
-                low, high = np.percentile(_should_read(comparison, name, stretch)[:, axis], [20, 80])
-                noise = autopilot.attitude_noise * (
-                    STANDARD_GRAVITY if name == "accel" else np.sqrt(2.0) / (_TURN_PART * lasted[i])
-                )
-                if step and high - low < max(10 * step, 2 * noise):  # not the whole range: a yaw reset is no turn
+                if step and not _should_have_moved(comparison, autopilot, others, name, stretch, axis):
                     continue
+                start, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
                 yield Finding(
                     "stuck_axis",
                     "imu",
                     "error",
-                    float(track.t[first[i]]),
-                    float(track.t[last[i] + 1]),
+                    start,
+                    end,
                     f"{name} {'xyz'[axis]} reads {readings[first[i], axis]:.4g} for {lasted[i]:.1f} s while the other "
                     "axes go on",
-                    "The sensor or its driver has lost an axis. Replace the IMU.",
+                    "The sensor or its driver has lost an axis: do not fly on it. Look at its wiring and driver.",
+                    cause=Cause("stuck_axis", "imu", start, end, sensor=name, axis="xyz"[axis]),
                 )
 
 
+def _should_have_moved(
+    comparison: Comparison,
+    autopilot: ReferenceFigures,
+    others: Sequence[ImuTrack],
+    name: str,
+    stretch: slice,
+    axis: int,
+) -> bool:
+    """Whether something was to be read along an axis that reads the same whole steps.
+
+    In steady flight nothing changes sideways, and the autopilot, whose attitude and velocity say what was to be felt,
+    may be wrong itself: so another accelerometer decides, and without one a change of many steps is asked for.
+    """
+    track = comparison.track
+    t, step = track.t[stretch], track.gyro_step if name == "gyro" else track.accel_step
+    if name == "accel":
+        level = float(track.accel[stretch, axis].mean())
+        felt = [o.accel[(o.t >= t[0]) & (o.t <= t[-1]), axis] for o in others]
+        felt = [readings for readings in felt if len(readings) > 2]
+        if felt:
+            return any(float(np.abs(readings - level).mean()) > _FEW * step for readings in felt)
+    low, high = np.percentile(_should_read(comparison, name, stretch)[:, axis], [20, 80])
+    lasted = float(t[-1] - t[0])
+    noise = autopilot.attitude_noise * (STANDARD_GRAVITY if name == "accel" else np.sqrt(2.0) / (_TURN_PART * lasted))
+    # not the whole range: a yaw reset is no turn
+    return bool(high - low >= max((_MANY if name == "accel" else 10.0) * step, 2 * noise))
+
+
 def _should_read(comparison: Comparison, name: str, stretch: slice) -> Array:
-    """What the autopilot's attitude says the gyro turned (rad/s), or gravity weighs on the accelerometer (m/s²)."""
+    """What the autopilot's attitude says the gyro turned (rad/s), or its velocity and gravity that it felt (m/s²).
+
+    Without a velocity nothing is said of the accelerometer: in steady flight a multicopter feels nothing sideways,
+    however it leans.
+    """
     t, q = comparison.track.t[stretch], comparison.reference.q_ned_frd[stretch]
     if name == "accel":
-        return quaternion.rotate(quaternion.conjugate(q), np.broadcast_to([0.0, 0.0, -STANDARD_GRAVITY], (len(q), 3)))
+        if not comparison.reference.position_known[stretch].all():
+            return np.zeros((len(t), 3))
+        span = max(1, round(_TURN_PART * len(t)))
+        velocity = comparison.reference.velocity[stretch]
+        force = (velocity[span:] - velocity[:-span]) / (t[span:] - t[:-span])[:, None] - [0.0, 0.0, STANDARD_GRAVITY]
+        return quaternion.rotate(quaternion.conjugate(q[span // 2 : span // 2 + len(force)]), force)
     span = max(1, round(_TURN_PART * len(t)))
     turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:]))
     return np.asarray(turned / (t[span:] - t[:-span])[:, None])

@@ -8,8 +8,8 @@ import numpy as np
 
 from companion.analysis.budget import VELOCITY, window_noise
 from companion.analysis.comparison import Comparison, Windows, errors, windows
+from companion.model import Array
 from companion.strapdown import Propagation, propagate, quaternion
-from companion.tracks import Array
 
 SHORT_S = 2.0  # length of the windows
 GYRO_BIAS = slice(9, 12)  # places in the 15-state error of `propagate`

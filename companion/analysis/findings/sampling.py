@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding
-from companion.tracks import Flight
+from companion.model import Flight
 
 _LOST = 8.0  # periods from which on an interval is a hole
 _UNEVEN, _UNEVEN_S = 0.2, 0.004  # of a period, s

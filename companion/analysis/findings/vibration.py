@@ -10,9 +10,8 @@ from companion.analysis.clips import clip_counts
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures
 from companion.analysis.finding import Finding, Severity
-from companion.analysis.spectrum import vibration
-from companion.series import Series
-from companion.tracks import Array, Flight
+from companion.estimation import vibration
+from companion.model import Array, Flight, Series
 
 _HIGH, _MUCH = 15.0, 30.0  # m/s²: ArduPilot's documentation calls 30 the end of what is acceptable
 _HIGH_IN_SAMPLES = 5.0  # m/s² that has come through the filter and the rate of a stream
@@ -30,7 +29,7 @@ def vibration_findings(comparison: Comparison, flight: Flight) -> Iterator[Findi
             said = True
             yield from _level(series.t, series.values[:, :3], series.source, _HIGH)
         yield from _clips(series)
-    level = vibration(comparison.track, comparison.how.limits)
+    level = vibration(comparison.track, comparison.how.limits.hole(comparison.track.t))
     if not said and level is not None:
         yield from _level(level.t, level.accel, f"the samples of {comparison.track.source}, at least", _HIGH_IN_SAMPLES)
 

@@ -1,49 +1,23 @@
-"""What others say of a finding: the vehicle's own words, its estimator, its further IMUs."""
+"""What the vehicle says of a finding: its own words, and its estimator's ratios."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis.compare import length
-from companion.analysis.comparison import Comparison, compare
 from companion.analysis.finding import Finding
-from companion.analysis.findings.residuals import Residuals, residuals
-from companion.series import Series
-from companion.tracks import Array, Flight
+from companion.model import Flight, Series
 
 _BEFORE_S, _AFTER_S = 2.0, 15.0  # a glitch is spoken of once the estimator has noticed
 _WORDS = ("ekf", "gps", "compass", "mag", "yaw", "lane", "glitch", "aiding", "primary", "variance", "failsafe", "reset")
 _MOST = 2  # quotations
-_RATE_HZ = 20.0
-_ALIKE = 0.4  # part by which two biases may differ and be the same
 _RATIOS = {
     "velocity_ratio": "velocity",
     "position_ratio": "position",
     "height_ratio": "height",
     "compass_ratio": "compass",
 }
-
-
-def other_imus(flight: Flight, comparison: Comparison) -> list[Residuals]:
-    """The short windows of every IMU that is another sensor than the one compared."""
-    tracks: dict[int, str] = {}
-    for name, track in flight.imus.items():
-        if track.instance != comparison.track.instance and len(track) > 1 and track.rate_hz >= _RATE_HZ:
-            tracks.setdefault(track.instance, name)
-    return [residuals(compare(flight, imu=name, how=comparison.how)) for name in tracks.values()]
-
-
-def all_alike(others: Sequence[Residuals], kind: str, begin: float, end: float, value: Array) -> bool:
-    """Whether every other IMU shows the same rate or force (kind), (3,), from begin to end s; False without another."""
-    seen = []
-    for other in others:
-        during = (other.begin >= begin - 0.1) & (other.end <= end + 0.1)
-        if during.sum() >= 2:
-            seen.append(np.median(getattr(other, kind)[during], axis=0))
-    return bool(seen) and all(float(length(own - value)) < _ALIKE * float(length(value)) for own in seen)
 
 
 def with_witnesses(finding: Finding, flight: Flight) -> Finding:
@@ -62,7 +36,7 @@ def with_witnesses(finding: Finding, flight: Flight) -> Finding:
     estimator = flight.series.get("estimator")
     if estimator is not None and (ratio := _worst_ratio(estimator, begin - _BEFORE_S, end + _BEFORE_S)):
         evidence.append(ratio)
-    return replace(finding, evidence="; ".join(evidence))
+    return replace(finding, evidence="; ".join(evidence), headline=finding.headline or finding.evidence)
 
 
 def _speaks(text: str) -> bool:

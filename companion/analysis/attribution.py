@@ -1,0 +1,219 @@
+"""Which of the two is wrong, by evidence: what the best estimate had to explain, and where the autopilot leaves it.
+
+The smoother (`companion.estimation`) lets everything that may go wrong compete for what the sensors do not agree on.
+What it accepted becomes episodes: the gyro read 15 mrad/s too much from 116 to 166 s. The autopilot's own estimate,
+which took no part in it, is then compared with the best estimate: where it is further off than both may be, it departs.
+A departure that follows an episode is its consequence; one that follows nothing is the estimator's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from companion.analysis.compare import attitude_error, length
+from companion.analysis.episode import PHRASES, Departure, Episode, cause_of, rivals, said
+from companion.analysis.finding import Finding, Severity, Side, runs
+from companion.analysis.phases import phases
+from companion.analysis.reference import BoolArray, Limits, reference_at
+from companion.estimation import ATTITUDE, KINDS, POSITION, VELOCITY, BestEstimate, Explained, kind_of
+from companion.model import Array, Flight
+from companion.strapdown import quaternion
+
+_LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0, "position": 3.0}
+"""A departure lasts as long, s: what an estimator mends by itself is none."""
+
+_SETTLED_S = 10.0  # on a bench, after which an estimator has aligned
+_WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
+_SIGMAS, _CERTAIN = 3.0, 5.0  # of both together: a departure is doubted, and is the autopilot's alone
+_SLOPES = ("ramp", "creep")  # shapes whose size is per second
+_TOLERANCE: Mapping[str, tuple[float, float]] = {
+    "tilt": (np.radians(0.7), np.radians(2.0)),
+    "heading": (np.radians(3.0), np.radians(8.0)),
+    "velocity": (0.25, 1.0),
+    "position": (1.0, 4.0),
+}
+"""Quantity → 1σ of an estimator in order, and the least that is called a departure: rad, m/s, m."""
+
+_SERIOUS: Mapping[str, float] = {
+    "gyro_bias": 5e-3, "accel_bias": 0.3, "gyro_scale": 0.03, "accel_scale": 0.03, "gyro_shock": np.inf,
+    "accel_shock": np.inf,
+}  # fmt: skip
+"""IMU kind → the size from which on it is a fault, in the kind's unit: three times what real parts change in flight.
+
+A moment in which the IMU did not feel all of a motion is a shock, strong vibration or lost samples, and no fault."""
+
+
+def episodes(best: BestEstimate) -> tuple[Episode, ...]:
+    """What was explained, kind by kind, as times with a beginning, an end and a size; in order of time."""
+    found: list[Episode] = []
+    for kind in KINDS:
+        parts = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
+        if parts:
+            found += _episodes_of(parts, kind.side, kind.least, float(best.t[-1]))
+    return tuple(sorted(found, key=lambda e: e.start))
+
+
+def _episodes_of(parts: list[Explained], witness: str, least: float, last: float) -> Iterator[Episode]:
+    grid = np.unique(np.concatenate([np.linspace(parts[0].onset, last, 400), [p.onset for p in parts]]))
+    level = np.zeros((len(grid), len(parts[0].size)))
+    for part in parts:
+        if part.shape == "shock":
+            level[(grid >= part.onset) & (grid <= part.onset + 1.0)] = part.size
+            continue
+        since = np.clip(grid, part.onset, part.end) - part.onset
+        on = (grid >= part.onset) & (grid < part.end)
+        level += (since if part.shape in _SLOPES else on.astype(np.float64))[:, None] * part.size
+    for first, final in runs(np.asarray(length(level) >= 0.5 * least)):
+        peak = first + int(np.argmax(length(level[first : final + 1])))
+        if float(length(level[peak])) < least:
+            continue
+        before = [p for p in parts if p.onset <= grid[first] + 1e-9]
+        cause = before[-1] if before[-1].shape not in _SLOPES else next(p for p in before if p.shape in _SLOPES)
+        lasted = min(grid[peak], cause.end) - cause.onset if cause.shape in _SLOPES else 1.0
+        yield Episode(
+            cause.kind,
+            witness,
+            cause.onset,
+            cause.onset_sigma,
+            float(grid[final]) if final < len(grid) - 1 else np.inf,
+            level[peak],
+            float(np.linalg.norm(cause.sigma)) * max(float(lasted), 1.0),
+            cause.gain,
+            cause.others,
+        )
+
+
+def departures(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[Departure, ...]:
+    """Where the autopilot's estimate leaves the best estimate, while it is judged."""
+    t = best.t
+    reference = reference_at(flight.require_attitude(), flight.position, t, limits)
+    judged = _judged(flight, t) & reference.attitude_known
+    if judged.sum() < 5:
+        return ()
+    error = attitude_error(reference.q_ned_frd, best.q_ned_frd)
+    error = error - _lag(error, best, judged)
+    sigma = {name: np.sqrt((best.sigma(block)[:, rows] ** 2).max(axis=1)) for name, block, rows in (
+        ("tilt", ATTITUDE, slice(0, 2)), ("heading", ATTITUDE, slice(2, 3)), ("velocity", VELOCITY, slice(0, 2)),
+        ("position", POSITION, slice(0, 2)))}  # fmt: skip
+    off = {"tilt": length(error[:, :2]), "heading": np.abs(error[:, 2])}
+    known = judged & reference.position_known
+    if "gps_position" in best.residuals and known.sum() > 5:
+        off["velocity"] = length((reference.velocity - best.velocity)[:, :2])
+        moved = (reference.position - best.position)[:, :2]
+        early = np.flatnonzero(known)[: max(5, int(0.1 * known.sum()))]
+        off["position"] = length(moved - np.median(moved[early], axis=0))
+    found: list[Departure] = []
+    for name, value in off.items():
+        both = np.hypot(sigma[name], _TOLERANCE[name][0])
+        where = (judged if name in ("tilt", "heading") else known) & (value > least_departure(name, sigma[name]))
+        for first, last in runs(np.asarray(where)):
+            if t[last] - t[first] >= _LASTING_S[name]:
+                peak = first + int(np.argmax(value[first : last + 1]))
+                found.append(Departure(name, float(t[first]), float(t[last]), float(value[peak]), float(both[peak])))
+    return tuple(sorted(found, key=lambda d: d.start))
+
+
+def least_departure(quantity: str, sigma: Array) -> Array:
+    """(K,) the least that is called a departure where the best estimate is known to sigma (K,): rad, m/s, m."""
+    own, least = _TOLERANCE[quantity]
+    return np.maximum(_SIGMAS * np.hypot(sigma, own), least)
+
+
+def _judged(flight: Flight, t: Array) -> BoolArray:
+    """Keyframes at which the estimator is held responsible: in the air, or on a bench after it has aligned."""
+    parts = phases(flight)
+    aloft = [p for p in parts if p.kind == "flight"]
+    judged = np.zeros(len(t), np.bool_)
+    for part in aloft or [p for p in parts if p.kind == "standing"]:
+        begin = part.start if aloft else part.start + _SETTLED_S
+        judged |= (t >= begin) & (t <= part.end)
+    return judged
+
+
+def _lag(error: Array, best: BestEstimate, judged: BoolArray) -> Array:
+    """(K, 3) what a constant lag between the IMU's clock and the attitude's makes of the error, NED: no fault."""
+    rate = quaternion.rotate(best.q_ned_frd, best.imu.gyro[best.index])
+    turning = judged & (length(rate) > 0.1)
+    if turning.sum() < 10:
+        return np.zeros_like(error)
+    lag = float(np.median((error * rate).sum(axis=1)[turning] / (rate**2).sum(axis=1)[turning]))
+    return np.asarray(rate * np.clip(lag, -0.1, 0.1))
+
+
+def is_serious(episode: Episode) -> bool:
+    """Whether an IMU's episode is a fault; a witness' is one where it misled the autopilot, which this does not say."""
+    return episode.witness != "imu" or episode.magnitude >= _SERIOUS[episode.kind]
+
+
+def follows(departure: Departure, episode: Episode) -> bool:
+    """Whether a departure may be the consequence of an episode."""
+    if departure.start < episode.start - _WITHIN_S - _SIGMAS * episode.start_sigma:
+        return False
+    side = kind_of(episode.kind).side
+    if side == "compass":
+        return departure.quantity in ("heading", "velocity", "position", "tilt")
+    if side == "barometer":
+        return False
+    return episode.kind != "gps_height"
+
+
+def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], best: BestEstimate) -> list[Finding]:
+    """Episodes and departures as findings: causes as errors, consequences as warnings, the harmless as information."""
+    out: list[Finding] = []
+    end_of_all = float(best.t[-1])
+    caused: set[int] = set()
+    for episode in found:
+        consequences = [i for i, d in enumerate(departed) if i not in caused and follows(d, episode)]
+        harmed = bool(consequences)
+        misleads = any(departed[i].size >= _CERTAIN * departed[i].sigma for i in consequences)
+        severity: Severity = "info"
+        if misleads or (is_serious(episode) and (harmed or episode.witness == "imu")):
+            severity = "error"
+        elif harmed and episode.witness == "imu":
+            severity = "warning"
+        side: Side = "imu" if episode.witness == "imu" else "autopilot" if harmed else "data"
+        headline = words = said(episode, best)
+        misled: tuple[str, ...] = ()
+        if harmed and severity != "info":
+            caused.update(consequences)
+            worst = {d.quantity: d for d in sorted((departed[i] for i in consequences), key=lambda d: d.size)}
+            misled = tuple(str(d) for d in worst.values())
+            words += "; the autopilot was misled by it: " + ", ".join(misled)
+        if rival := rivals(episode):
+            words += f" ({rival})"
+        end = episode.end if np.isfinite(episode.end) else end_of_all
+        cause = cause_of(episode, best, side, misled)
+        advice = PHRASES[episode.kind][1]
+        out.append(Finding(episode.kind, side, severity, episode.start, end, words, advice, headline, cause))
+    for i, d in enumerate(departed):
+        if i not in caused:
+            out.append(_own(d, best))
+    return out
+
+
+def _own(departure: Departure, best: BestEstimate) -> Finding:
+    """A departure that nothing explains: the sensors agree with one another, and the estimate does not with them.
+
+    Without GPS, or where it is not far beyond what both may be off by, it is said and accuses nobody.
+    """
+    alone = "gps_position" not in best.residuals
+    unsure = alone or departure.size < _CERTAIN * departure.sigma
+    words = f"its estimate is off by {departure} against the best estimate of the sensors, which agree with each other"
+    if unsure:
+        why = "without GPS" if alone else "that close to what both may be off by,"
+        words = f"autopilot and IMU differ by {departure}; {why} it cannot be told which of them is wrong"
+    return Finding(
+        f"{departure.quantity}_off",
+        "data" if unsure else "autopilot",
+        "warning" if unsure else "error",
+        departure.start,
+        departure.end,
+        words,
+        "Record GPS and a second IMU as well: they would tell." if unsure else
+        "Look at the estimator's innovations and at its settings; compare with another core or another estimator.",
+        headline="" if unsure else f"it is off by {departure} from what all sensors together say, "
+        f"from {departure.start:.1f} to {departure.end:.1f} s",
+        cause=None if unsure else departure.cause,
+    )  # fmt: skip

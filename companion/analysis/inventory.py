@@ -1,0 +1,108 @@
+"""What a flight has: every sensor and every estimate in it, its rate and its holes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.model import Array, Flight, GpsTrack, ImuTrack
+
+_HOLE_PERIODS = 3.0  # a longer interval than so many median ones is a hole
+_SERIES = {
+    "vibration": "vibration", "airspeed": "airspeed", "range": "range finder", "flow": "optical flow",
+    "attitude": "other attitude", "estimator": "test ratios", "innovation": "innovations", "variance": "variances",
+    "accuracy": "accuracies",
+}  # fmt: skip
+"""Kind of a series → its name here. GPS, compasses and barometers have tracks; thermometers belong to the IMUs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One sensor or estimate of a flight."""
+
+    kind: str
+    source: str  # the message, record or topic
+    samples: int
+    rate_hz: float | None  # 1 / median interval; None for fewer than two samples
+    holes: int  # intervals longer than three median ones
+    longest_gap_s: float | None
+    about: str = ""  # what else is known of it, in words
+
+
+def inventory(flight: Flight) -> tuple[Item, ...]:
+    """Everything that a flight has, sensors first."""
+    return tuple(_items(flight))
+
+
+def used_imus(flight: Flight) -> str:
+    """Which IMU the estimator used when, in words; "" where the log does not tell."""
+    used = flight.imu_in_use
+    if used is None or not len(used.t):
+        return ""
+    later = "".join(f", IMU {i} from {t:.1f} s" for t, i in zip(used.t[1:], used.instance[1:], strict=True))
+    return f"IMU {used.instance[0]}{later} ({used.source})"
+
+
+def _items(flight: Flight) -> Iterator[Item]:
+    for imu in flight.imus.values():
+        yield _item("IMU", imu.source, imu.t, _about_imu(imu))
+    for gps in flight.gps:
+        yield _item("GPS", gps.source, gps.t, _about_gps(gps))
+    for compass in flight.compasses:
+        yield _item("compass", compass.source, compass.t, "" if compass.calibrated else "not calibrated")
+    for barometer in flight.barometers:
+        yield _item("barometer", barometer.source, barometer.t)
+    if flight.attitude is not None:
+        yield _item("attitude", flight.attitude.source, flight.attitude.t)
+    if flight.position is not None:
+        yield _item("position", flight.position.source, flight.position.t)
+    for bias in flight.biases:
+        of = "" if bias.imu_instance is None else f"of IMU {bias.imu_instance}"
+        yield _item("IMU bias", bias.source, bias.t, of)
+    if flight.control is not None:
+        yield _item("desired attitude", flight.control.source, flight.control.t)
+    if flight.actuators is not None:
+        outputs = int(np.isfinite(flight.actuators.output).any(axis=0).sum())
+        yield _item("motors and servos", flight.actuators.source, flight.actuators.t, f"{outputs} outputs")
+    for key, series in flight.series.items():
+        if (name := _SERIES.get(key.partition(":")[0])) is not None:
+            yield _item(name, series.source, series.t)
+    if flight.truth is not None:
+        yield _item("truth", flight.truth.source, flight.truth.t, "a simulator's: never an input")
+
+
+def _item(kind: str, source: str, t: Array, about: str = "") -> Item:
+    gaps = np.diff(t)
+    if not len(gaps):
+        return Item(kind, source, len(t), None, 0, None, about)
+    period = float(np.median(gaps))
+    return Item(
+        kind, source, len(t), 1.0 / period, int((gaps > _HOLE_PERIODS * period).sum()), float(gaps.max()), about
+    )
+
+
+def _about_imu(imu: ImuTrack) -> str:
+    known = [f"IMU {imu.instance}"]
+    if imu.device_id is not None:
+        known.append(f"device {imu.device_id}")
+    if imu.low_pass_hz is not None:
+        known.append(f"low-pass {imu.low_pass_hz:g} Hz")
+    if imu.interval is not None and len(imu.interval):
+        known.append(f"mean over {1e3 * float(np.median(imu.interval)):.3g} ms")
+    if imu.bias_removed:
+        known.append("the estimator's bias removed")
+    return ", ".join(known)
+
+
+def _about_gps(gps: GpsTrack) -> str:
+    fixed = np.isfinite(gps.latitude)
+    known = [f"{int((~fixed).sum())} without a fix"] if not fixed.all() else []
+    for sigma, what in ((gps.horizontal_sigma, "horizontal"), (gps.speed_sigma, "speed")):
+        if np.isfinite(sigma).any():
+            unit = "m" if what == "horizontal" else "m/s"
+            known.append(f"{what} 1σ {float(np.nanmedian(sigma)):.2g} {unit}")
+    if not np.isfinite(gps.velocity[:, 2]).any():
+        known.append("no vertical speed")
+    return ", ".join(known)

@@ -1,0 +1,226 @@
+"""How noisy an IMU is: Allan deviation where the vehicle rests, spectra where it flies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from companion.analysis.figures import ImuFigures
+from companion.analysis.reference import BoolArray, Limits
+from companion.analysis.rest import Rest, armed, rests
+from companion.estimation import (
+    AllanDeviation,
+    Coefficient,
+    Peak,
+    Sampling,
+    Spectrum,
+    WhiteNoise,
+    allan_deviation,
+    confirmed_sampling,
+    imu_spectrum,
+    noise_figures,
+    peaks,
+    quantisation_bound,
+    sampling_of,
+    stretches,
+    white_noise,
+)
+from companion.model import Array, DataError, Flight, ImuTrack
+
+LONG_S = 120.0
+"""A rest that is long enough for an Allan deviation to show more than white noise."""
+
+_SHORT_S = 10.0  # of a rest that tells white noise
+_FILTER_TIMES = 5.0  # τ below so many periods of a low-pass's corner are not white noise's: it loses 1.5 % of N there
+_TOO_QUIET = 0.02  # times the data sheet's noise
+_SENSORS: tuple[Literal["gyro", "accel"], ...] = ("gyro", "accel")
+_AXES = "xyz"
+
+
+@dataclass(frozen=True, slots=True)
+class AxisNoise:
+    """One axis at rest. Its unit u is rad/s or m/s²."""
+
+    white: Coefficient  # N, u/√Hz, of the readings as they are sampled
+    instability: Coefficient | None  # B, u; None where the steps of the readings hide it
+    walk: Coefficient | None  # K, u/√s
+    hidden: bool  # below quantisation: `white` is an upper bound
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RestNoise:
+    """A rest of an IMU."""
+
+    start_s: float  # boot clock
+    end_s: float
+    gyro: AllanDeviation
+    accel: AllanDeviation
+    gyro_axes: tuple[AxisNoise | None, ...]  # forward, right, down; None for an axis that never changes
+    accel_axes: tuple[AxisNoise | None, ...]
+
+    @property
+    def duration_s(self) -> float:
+        """s"""
+        return self.end_s - self.start_s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlightNoise:
+    """An IMU in flight: all that is not rest, and armed where arming is known."""
+
+    duration_s: float
+    spectrum: Spectrum
+    gyro: WhiteNoise | None  # None where the rate is too low to read it
+    accel: WhiteNoise | None
+    gyro_peaks: tuple[Peak, ...]
+    accel_peaks: tuple[Peak, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuNoise:
+    """The noise of one IMU of a flight."""
+
+    imu: str
+    rate_hz: float
+    sampling: Sampling
+    figures: ImuFigures  # the data sheet's
+    rests: tuple[RestNoise, ...]  # those of two minutes or more, else the longest if it has ten seconds
+    flight: FlightNoise | None  # None where no part of the flight is long enough
+    notes: tuple[str, ...]
+
+    @property
+    def rest(self) -> RestNoise | None:
+        """The longest one."""
+        return max(self.rests, key=lambda rest: rest.duration_s, default=None)
+
+
+def imu_noise(flight: Flight, imu: str, figures: ImuFigures, limits: Limits) -> ImuNoise:
+    """The noise of the IMU message `imu` of a flight.
+
+    Raises DataError when the flight lacks it, or when it neither rests for ten seconds nor has a stretch without holes
+    that is long enough for a spectrum.
+    """
+    track = flight.imu(imu)
+    hole = limits.hole(track.t)
+    still = rests(flight, track, figures)
+    chosen = _chosen(still)
+    longest = max(chosen, key=lambda rest: rest.duration_s, default=None)
+    sampling = confirmed_sampling(_part(track, longest), hole) if longest else sampling_of(track)
+    resting = tuple(told for rest in chosen if (told := _rest_noise(_part(track, rest), sampling, hole)))
+    flying = _flight_noise(_only(track, _flown(flight, track, still)), sampling, hole)
+    if not resting and flying is None:
+        raise DataError(
+            f"{track.source} has {len(track)} samples in {track.t[-1] - track.t[0]:.1f} s: no rest of {_SHORT_S:g} s "
+            f"and no stretch without a hole that is long enough for a spectrum. {flight.how_to_record}."
+        )
+    found = ImuNoise(track.source, track.rate_hz, sampling, figures, resting, flying, ())
+    return replace(found, notes=tuple(_notes(found, track)))
+
+
+def _chosen(still: tuple[Rest, ...]) -> list[Rest]:
+    long = [rest for rest in still if rest.duration_s >= LONG_S]
+    longest = max(still, key=lambda rest: rest.duration_s, default=None)
+    if long or longest is None or longest.duration_s < _SHORT_S:
+        return long
+    return [longest]
+
+
+def _part(track: ImuTrack, rest: Rest) -> ImuTrack:
+    return track[rest.first : rest.last + 1]
+
+
+def _only(track: ImuTrack, mask: BoolArray) -> ImuTrack:
+    """The samples of a mask: what is cut out is a hole."""
+    interval = None if track.interval is None else track.interval[mask]
+    return replace(track, t=track.t[mask], gyro=track.gyro[mask], accel=track.accel[mask], interval=interval)
+
+
+def _flown(flight: Flight, track: ImuTrack, still: tuple[Rest, ...]) -> BoolArray:
+    mask = np.ones(len(track), np.bool_)
+    for rest in still:
+        mask[rest.first : rest.last + 1] = False
+    flying, _ = armed(flight, track.t, track.t)
+    return mask & flying if flying.any() else mask
+
+
+def _rest_noise(track: ImuTrack, sampling: Sampling, hole: float) -> RestNoise | None:
+    """The Allan deviation over the longest stretch of a rest that has no hole; single lost samples are closed up."""
+    a, b = max(stretches(track.t, hole), key=lambda edges: edges[1] - edges[0], default=(0, 0))
+    part = track[a:b]
+    if len(part) < 2:
+        return None
+    rate = float((len(part) - 1) / (part.t[-1] - part.t[0]))
+    gyro, accel = allan_deviation(part.gyro, rate), allan_deviation(part.accel, rate)
+    if gyro is None or accel is None:
+        return None
+    return RestNoise(
+        float(part.t[0]),
+        float(part.t[-1]),
+        gyro,
+        accel,
+        tuple(_axis(part.gyro[:, i], gyro, i, part.gyro_step, rate, sampling) for i in range(3)),
+        tuple(_axis(part.accel[:, i], accel, i, part.accel_step, rate, sampling) for i in range(3)),
+    )
+
+
+def _axis(
+    readings: Array, found: AllanDeviation, axis: int, step: float, rate: float, sampling: Sampling
+) -> AxisNoise | None:
+    bound = quantisation_bound(readings, step, rate, sampling)
+    if bound is not None:
+        return AxisNoise(Coefficient(None, 0.0, bound), None, None, hidden=True)
+    shortest = _FILTER_TIMES / sampling.corner_hz if sampling.corner_hz else 0.0
+    fitted = noise_figures(found, axis, shortest, step**2 / (12.0 * rate))
+    return AxisNoise(fitted.white, fitted.instability, fitted.walk, hidden=False) if fitted else None
+
+
+def _flight_noise(track: ImuTrack, sampling: Sampling, hole: float) -> FlightNoise | None:
+    spectrum = imu_spectrum(track, hole)
+    if spectrum is None:
+        return None
+    gyro, accel = (white_noise(track, sensor, hole, sampling) for sensor in _SENSORS)
+    seconds = float(sum(track.t[b - 1] - track.t[a] for a, b in stretches(track.t, hole)))
+    return FlightNoise(seconds, spectrum, gyro, accel, peaks(spectrum, spectrum.gyro), peaks(spectrum, spectrum.accel))
+
+
+def _notes(found: ImuNoise, track: ImuTrack) -> Iterator[str]:
+    rest, flight, how = found.rest, found.flight, found.sampling
+    if rest is None:
+        yield f"no rest of {_SHORT_S:g} s: N is that of the flight, vibration included; B and K are not told"
+    elif rest.duration_s < LONG_S:
+        yield (
+            f"no rest of {LONG_S:g} s: the longest has {rest.duration_s:.0f} s, which tells N at best; for B and K "
+            "let the vehicle stand for 10 minutes or more, recorded"
+        )
+    if flight is not None and flight.gyro is None:
+        yield f"{found.rate_hz:.1f} Hz is too low to tell noise from motion in flight: 10 Hz are needed"
+    if how.confirmed is False:
+        yield f"the log says a low-pass of {how.corner_hz:g} Hz, but the spectrum at rest does not show that"
+    if track.bias_removed:
+        yield "the estimator's bias has been taken off these readings: B and K are of both together"
+    yield from _quantisation_notes(rest)
+    yield from _quiet_notes(found, track)
+
+
+def _quantisation_notes(rest: RestNoise | None) -> Iterator[str]:
+    for sensor in _SENSORS if rest else ():
+        axes = getattr(rest, f"{sensor}_axes")
+        hidden = [name for name, axis in zip(_AXES, axes, strict=True) if axis is not None and axis.hidden]
+        if hidden:
+            yield f"{sensor} {', '.join(hidden)} at rest: below quantisation, N is an upper bound"
+
+
+def _quiet_notes(found: ImuNoise, track: ImuTrack) -> Iterator[str]:
+    """Axes that never change, or change less than any sensor does."""
+    for sensor, values, step in (("gyro", track.gyro, track.gyro_step), ("accel", track.accel, track.accel_step)):
+        sheet = getattr(found.figures, sensor).noise_density
+        spread = values.std(axis=0)
+        for i in np.flatnonzero(spread < _TOO_QUIET * sheet * np.sqrt(found.rate_hz)):
+            between = f"{values[:, i].min():.6g} to {values[:, i].max():.6g}" if spread[i] else f"{values[0, i]:.6g}"
+            yield (
+                f"{sensor} {_AXES[i]} reads {between} throughout"
+                + (": less than its steps show, or stuck" if step else ": stuck, no noise is told")
+            )

@@ -1,0 +1,95 @@
+"""What `analyze` says first: the verdict, why, how far the IMU drifts, what could have been seen, what to do."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Sequence
+
+from rich.markup import escape
+
+from companion.analysis import Assessment, Finding, rate_warning
+from companion.cli.tables import SIGNS, short, status_text
+from companion.examination import Examination
+
+_MOST_LINES = 23  # and the prompt: an old terminal's window
+_WIDEST = 100
+_SHOWN_S = 10.0  # the horizon that is told
+_LABEL = 18  # columns of "Would have shown"
+_ADVICES = 2
+
+
+def first_screen(examined: Examination, width: int) -> list[str]:
+    """At most 23 lines of rich markup; what does not fit is behind --full."""
+    found = examined.assessment
+    width = min(width, _WIDEST)
+    flight, track = examined.flight, examined.flight.imu(found.drift.imu)
+    status = found.verdict.status.replace("_", " ").upper()
+    head = _wrapped(f"{status}  {found.verdict.summary}", width, 2)
+    head[0] = head[0].replace(escape(status), status_text(found.verdict.status), 1)
+    head += _wrapped(
+        f"Vehicle {flight.vehicle}, boot {flight.boot}: {flight.vehicle.autopilot} {flight.vehicle.firmware} "
+        f"{flight.vehicle.type}, {flight.duration:.1f} s; {found.drift.imu} at {track.rate_hz:.1f} Hz",
+        width,
+        2,
+    )
+    rows = [*_rows(found)]
+    if warning := rate_warning(flight, track.rate_hz):
+        rows.insert(0, ("Warning", warning))
+    tail = [line for label, text in rows for line in _labelled(label, text, width)]
+    room = _MOST_LINES - len(head) - len(tail) - 4
+    shown = _evidence(found.verdict.findings, width, room)
+    more = "Everything else, with all tables: --full"
+    return [*head, "", *shown, *([""] if shown else []), *tail, "", more]
+
+
+def _rows(found: Assessment) -> Iterator[tuple[str, str]]:
+    yield f"After {_SHOWN_S:g} s", _drift(found)
+    could = found.sensitivity
+    if could.smallest:
+        yield "Would have shown", str(could)
+    for words in could.not_judged:
+        yield "Not judged", words
+    told = [f for f in found.verdict.findings if f.severity != "info"]
+    for i, advice in enumerate(list(dict.fromkeys(f.advice for f in told if f.advice))[:_ADVICES]):
+        yield "" if i else "What to do", advice
+
+
+def _drift(found: Assessment) -> str:
+    """Measured against expected at one horizon, in words."""
+    for row, expected in zip(found.drift.rows, found.expected, strict=True):
+        if row.horizon_s == _SHOWN_S and expected is not None:
+            pairs = (
+                (row.attitude_deg, expected.attitude_deg, "°"),
+                (row.velocity_mps, expected.velocity_mps, " m/s"),
+                (row.position_m, expected.position_m, " m"),
+            )
+            parts = [f"{short(s.median)}{unit} ({short(e)} expected)" for s, e, unit in pairs if s and e is not None]
+            return f"the IMU alone is off by {', '.join(parts)}: median of {row.windows} windows"
+    return "no window could be used"
+
+
+def _evidence(findings: Sequence[Finding], width: int, room: int) -> list[str]:
+    lines: list[str] = []
+    for i, finding in enumerate(findings):
+        text = _when(finding) + finding.evidence
+        own = _wrapped(text, width - 4, 0)
+        if len(lines) + len(own) > room - (i + 1 < len(findings)):
+            return [*lines, f"  and {len(findings) - i} more: --full"]
+        lines.append(f"  {SIGNS[finding.severity]} {own[0]}")
+        lines += [f"    {line}" for line in own[1:]]
+    return lines
+
+
+def _when(finding: Finding) -> str:
+    timed = finding.cause is not None and finding.headline != "" and finding.cause.onset_sigma_s is not None
+    return "" if timed else f"{finding.start_s:.1f}-{finding.end_s:.1f} s: "  # an episode's words have its time
+
+
+def _labelled(label: str, text: str, width: int) -> list[str]:
+    lines = _wrapped(text, width - _LABEL, 0)
+    return [f"[bold]{label:<{_LABEL}}[/]{lines[0]}", *(" " * _LABEL + line for line in lines[1:])]
+
+
+def _wrapped(text: str, width: int, hanging: int) -> list[str]:
+    lines = textwrap.wrap(text, width, subsequent_indent=" " * hanging, break_long_words=False, break_on_hyphens=False)
+    return [escape(line) for line in lines] or [""]

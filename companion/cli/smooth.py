@@ -1,0 +1,208 @@
+"""`companion smooth LOG`: where the vehicle really was, by its sensors alone, and how far off the autopilot was."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from rich import box
+from rich.markup import escape
+from rich.table import Table
+
+from companion.analysis import AutopilotError, autopilot_error
+from companion.cli import destination, options, tables
+from companion.documents import encode, estimate_document
+from companion.estimation import CONSTANTS, BestEstimate, Explained, kind_of, smooth
+from companion.examination import integration_of
+from companion.export import write_estimate_tum
+from companion.model import Array, BiasTrack, Flight, InputError
+from companion.sensors import figures_of
+
+_DEGREES = float(np.degrees(1.0))
+_SHOWN: Mapping[str, tuple[str, float]] = {
+    "rad": ("°", _DEGREES), "rad/s": ("mrad/s", 1e3), "m/s²": ("m/s²", 1.0), "": ("%", 100.0),
+}  # fmt: skip
+"""Unit of a number → the unit that it is shown in, and the factor to it; others are shown as they are."""
+
+_CONSTANT_UNITS: Mapping[str, tuple[str, float]] = {
+    "earth_field": ("µT, NED", 1.0), "hard_iron": ("µT, FRD", 1.0), "gps_latency": ("ms", 1e3),
+    "lever_arm": ("m, FRD", 1.0), "barometer_offset": ("m", 1.0), "compass_latency": ("ms", 1e3),
+}  # fmt: skip
+"""The constants that are shown; the matrices are in --json."""
+
+_NEEDS = {
+    "gps_latency": "gps", "lever_arm": "gps", "earth_field": "compass", "hard_iron": "compass",
+    "compass_latency": "compass", "barometer_offset": "barometer",
+}  # fmt: skip
+"""Constant of the flight → the witness without which nothing is known of it."""
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Register the command."""
+    parser = options.add_command(
+        commands,
+        "smooth",
+        "Where it really was: the best estimate of the trajectory from all sensors, without the autopilot's.",
+        "companion smooth flight.tlog -o best.tum",
+    )
+    options.add_flight_choice(parser)
+    parser.add_argument("--imu", metavar="NAME", help="IMU message that carries the estimate (default: the best)")
+    parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
+    parser.add_argument("-o", "--output", metavar="FILE.tum", help="write the trajectory, a pose for each IMU sample")
+    parser.add_argument("--force", action="store_true", help="replace what is there already")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the estimate; write it where asked."""
+    path = Path(arguments.output) if arguments.output else None
+    if path is not None:
+        if path.suffix != ".tum":
+            raise InputError(f"cannot write {path}: the name has to end in .tum. companion export has more formats.")
+        destination.check(path, force=arguments.force)
+    settings = options.settings_of(arguments)
+    recording = options.read(arguments, settings)
+    flight = recording.flights[options.choose(recording.flights, arguments)]
+    how = integration_of(settings, flight)
+    best = smooth(flight, arguments.imu, gravity=how.gravity)
+    errors = autopilot_error(flight, best, how.limits)
+    believed = _believed(flight, best)
+    if arguments.json:
+        print(encode(estimate_document(recording.source, flight, best, errors, believed)))
+    else:
+        _print(flight, best, errors, believed)
+    if path is not None:
+        with destination.replacing(path) as part:
+            write_estimate_tum(part, flight, best)
+        options.say(f"written: {path} ({best.imu.source})")
+    return 0
+
+
+def _believed(flight: Flight, best: BestEstimate) -> BiasTrack | None:
+    """What the autopilot's estimator believes of the same IMU."""
+    return next((one for one in flight.biases if one.imu_instance in (None, best.imu.instance)), None)
+
+
+def _print(flight: Flight, best: BestEstimate, errors: Sequence[AutopilotError], believed: BiasTrack | None) -> None:
+    console = tables.console()
+    console.print(
+        f"Best estimate of vehicle {flight.vehicle}, boot {flight.boot}, {best.t[0]:.1f}-{best.t[-1]:.1f} s: "
+        f"{escape(best.imu.source)} {best.imu.rate_hz:.1f} Hz, {len(best.t)} keyframes; heading from "
+        f"{best.heading_from}",
+        highlight=False,
+    )
+    for title, table in (
+        ("Witnesses", _witnesses(best)),
+        ("Biases (read too much)", _biases(best, believed)),
+        ("Noise in flight, learned", _noise(flight, best)),
+        ("Constants of the flight", _constants(best)),
+        ("Autopilot minus best estimate", _errors(errors)),
+    ):
+        if table.row_count:
+            console.print(f"\n[bold]{title}[/]", highlight=False)
+            console.print(table, no_wrap=True)
+    console.print("\n[bold]What the sensors do not agree on[/]", highlight=False)
+    for line in _explained(best.explained):
+        console.print(line, highlight=False)
+    for note in best.notes:
+        console.print(f"Note: {escape(note)}", highlight=False)
+
+
+def _table(*headings: str, left: int = 1) -> Table:
+    """A table whose first columns are text."""
+    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
+    for i, heading in enumerate(headings):
+        shown.add_column(heading, justify="left" if i < left else "right", no_wrap=True)
+    return shown
+
+
+def _witnesses(best: BestEstimate) -> Table:
+    shown = _table("", "used", "residual, rms", "in σ", "σ, times stated", "doubted")
+    for name, left in best.residuals.items():
+        factor = 1e3 if left.unit == "rad/s" else 1.0
+        unit = "mrad/s" if left.unit == "rad/s" else left.unit
+        shown.add_row(
+            name.replace("_", " "),
+            f"{len(left.t)}",
+            f"{tables.short(left.rms * factor)} {unit}",
+            f"{left.normalised_rms:.2f}",
+            f"{best.measurement_scale[name]:.2f}",
+            f"{left.doubted:.0%}",
+        )
+    return shown
+
+
+def _explained(found: Sequence[Explained]) -> Iterator[str]:
+    for one in found:
+        kind = kind_of(one.kind)
+        unit, factor = _SHOWN.get(kind.unit, (kind.unit, 1.0))
+        unit += "/s" if one.shape == "ramp" else ""
+        size = ", ".join(
+            f"{value:.3g} ± {sigma:.2g}" for value, sigma in zip(one.size * factor, one.sigma * factor, strict=True)
+        )
+        until = f" to {one.end:.1f}" if np.isfinite(one.end) else ""
+        second = f"; next best: {one.others[0][0].replace('_', ' ')}" if one.others else ""
+        yield (
+            f"  {one.kind.replace('_', ' ')}, {one.shape}: {size} {unit} from {one.onset:.1f} ± "
+            f"{one.onset_sigma:.1f}{until} s (2 ln likelihood ratio {one.gain:.0f}{second})"
+        )
+    if not found:
+        yield "  nothing: they agree within their noise"
+
+
+def _biases(best: BestEstimate, believed: BiasTrack | None) -> Table:
+    shown = _table("", "", "forward", "right", "down", left=2)
+    for name, unit, factor, value, sigma, own in (
+        ("gyro", "mrad/s", 1e3, best.states.gyro_bias, best.gyro_bias_sigma, believed.gyro if believed else None),
+        ("accel", "m/s²", 1.0, best.states.accel_bias, best.accel_bias_sigma, believed.accel if believed else None),
+    ):
+        cells = (
+            f"{v:.3f} ± {s:.3f}"
+            for v, s in zip(value.mean(axis=0) * factor, np.median(sigma, axis=0) * factor, strict=True)
+        )
+        shown.add_row(name, unit, *cells)
+        if believed is not None and own is not None and np.isfinite(own).all(axis=1).any():
+            shown.add_row("", f"by {believed.source}", *(f"{v:.3f}" for v in np.nanmean(own, axis=0) * factor))
+    return shown
+
+
+def _noise(flight: Flight, best: BestEstimate) -> Table:
+    shown = _table("", "", "N /√Hz", "data sheet", "times", "lasting")
+    sheet = figures_of(flight, best.imu.source)
+    for name, unit, factor, value, given, lasting in (
+        ("gyro", "mdps", 1e3 * _DEGREES, best.noise.gyro_noise, sheet.gyro.noise_density, best.lasting[0]),
+        ("accel", "mm/s²", 1e3, best.noise.accel_noise, sheet.accel.noise_density, best.lasting[1]),
+    ):
+        cells = (tables.short(value * factor), tables.short(given * factor), f"{value / given:.0f}", f"{lasting:.1f}")
+        shown.add_row(name, unit, *cells)
+    return shown
+
+
+def _constants(best: BestEstimate) -> Table:
+    shown = _table("", "", "value", "1σ", left=2)
+    for name, (unit, factor) in _CONSTANT_UNITS.items():
+        if not any(witness.startswith(_NEEDS[name]) for witness in best.residuals):
+            continue
+        place, _ = CONSTANTS[name]
+        shown.add_row(
+            name.replace("_", " "),
+            unit,
+            _listed(best.states.constants[place] * factor),
+            _listed(best.constants_sigma[place] * factor),
+        )
+    return shown
+
+
+def _listed(values: Array) -> str:
+    return ", ".join(f"{value:.2f}" for value in values)
+
+
+def _errors(errors: Sequence[AutopilotError]) -> Table:
+    shown = _table("", "", "median", "95 %", "worst", "at s", "its 1σ", left=2)
+    for one in errors:
+        unit, factor = _SHOWN.get(one.unit, (one.unit, 1.0))
+        numbers = (tables.short(value * factor) for value in (one.median, one.p95, one.worst))
+        shown.add_row(one.quantity, unit, *numbers, f"{one.worst_s:.1f}", tables.short(one.sigma * factor))
+    return shown

@@ -1,0 +1,46 @@
+"""The border of the program: what nobody foresaw becomes one sentence, a report to send in, and an exit code."""
+
+from __future__ import annotations
+
+import platform
+import sys
+import tempfile
+import traceback
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h
+
+
+def tell(error: BaseException, arguments: Sequence[str]) -> int:
+    """Write the report and say where it is. Returns the exit code."""
+    what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+    if isinstance(error, MemoryError):
+        what = f"there is not enough memory ({what})"
+    path = _write(error, arguments)
+    where = f"Send in {path} and, if you may, the log" if path else "The report of it cannot be written"
+    _say(f"companion: this is a fault of companion, and not yours: {what}. {where}.")
+    return EXIT_CODE
+
+
+def _write(error: BaseException, arguments: Sequence[str]) -> Path | None:
+    """The report, in a new file of the folder for temporary ones that only its owner can read."""
+    told = "".join(traceback.format_exception(error))
+    about = f"companion {version('companion')}, Python {platform.python_version()}, {platform.platform()}"
+    text = f"{about}\ncommand: {' '.join(map(repr, arguments))}\n\n{told}"
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="companion-report-", suffix=".txt", delete=False, encoding="utf-8", errors="replace"
+        ) as file:
+            file.write(text)
+    except OSError:
+        return None
+    return Path(file.name)
+
+
+def _say(text: str) -> None:
+    try:
+        print(text, file=sys.stderr, flush=True)
+    except (OSError, ValueError, AttributeError):  # stderr is closed
+        return

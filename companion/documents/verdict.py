@@ -1,0 +1,69 @@
+"""The verdict in the JSON documents."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+
+import msgspec
+
+from companion.analysis import Finding, Sensitivity, Verdict
+
+
+class FindingObject(msgspec.Struct, frozen=True):
+    """Something that stands out."""
+
+    kind: str
+    side: str
+    severity: str
+    start_s: float
+    end_s: float
+    evidence: str
+    advice: str
+
+
+class CauseObject(msgspec.Struct, frozen=True):
+    """What is wrong, in numbers: SI, boot clock; `end_s` is null where it lasts to the end."""
+
+    kind: str
+    side: str
+    onset_s: float
+    end_s: float | None
+    onset_sigma_s: float | None
+    sensor: str
+    axis: str
+    size: float | None
+    sigma: float | None
+    unit: str
+    rival: str
+    rival_worse: float | None
+    consequences: tuple[str, ...]
+
+
+class VerdictObject(msgspec.Struct, frozen=True):
+    """The answer."""
+
+    status: str
+    summary: str
+    findings: list[FindingObject]
+    cause: CauseObject | None = None
+    detectable: Mapping[str, float] = {}  # rad/s, m/s², rad, m
+    not_judged: tuple[str, ...] = ()
+
+
+def verdict_object(verdict: Verdict, could: Sensitivity | None = None) -> VerdictObject:
+    """The verdict of an examination, and what the flight could have shown; None where it was not examined."""
+    cause = None if verdict.cause is None else CauseObject(**asdict(verdict.cause))
+    return VerdictObject(
+        status=verdict.status,
+        summary=verdict.summary,
+        findings=[finding_object(f) for f in verdict.findings],
+        cause=cause,
+        detectable={} if could is None else could.smallest,
+        not_judged=() if could is None else could.not_judged,
+    )
+
+
+def finding_object(f: Finding) -> FindingObject:
+    """A finding, without the numbers behind it."""
+    return FindingObject(f.kind, f.side, f.severity, f.start_s, f.end_s, f.evidence, f.advice)

@@ -1,0 +1,73 @@
+"""The best estimate of a flight from its sensors alone, and how noisy they are. Pure: imports model and strapdown."""
+
+from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures
+from companion.estimation.explanations import KINDS, Kind, kind_of
+from companion.estimation.model import (
+    ATTITUDE,
+    CONSTANTS,
+    POSITION,
+    VELOCITY,
+    BestEstimate,
+    Explained,
+    ProcessNoise,
+    Residuals,
+    States,
+    corrected,
+)
+from companion.estimation.noise_density import (
+    Sampling,
+    WhiteNoise,
+    confirmed_sampling,
+    folded_gain,
+    quantisation_bound,
+    sampling_of,
+    white_noise,
+)
+from companion.estimation.smoother import smooth
+from companion.estimation.spectrum import (
+    Peak,
+    Spectrum,
+    Vibration,
+    folded_onto,
+    imu_spectrum,
+    peaks,
+    stretches,
+    vibration,
+)
+
+__all__ = [
+    "ATTITUDE",
+    "CONSTANTS",
+    "KINDS",
+    "POSITION",
+    "VELOCITY",
+    "AllanDeviation",
+    "BestEstimate",
+    "Coefficient",
+    "Explained",
+    "Kind",
+    "NoiseFigures",
+    "Peak",
+    "ProcessNoise",
+    "Residuals",
+    "Sampling",
+    "Spectrum",
+    "States",
+    "Vibration",
+    "WhiteNoise",
+    "allan_deviation",
+    "confirmed_sampling",
+    "corrected",
+    "folded_gain",
+    "folded_onto",
+    "imu_spectrum",
+    "kind_of",
+    "noise_figures",
+    "peaks",
+    "quantisation_bound",
+    "sampling_of",
+    "smooth",
+    "stretches",
+    "vibration",
+    "white_noise",
+]

@@ -1,0 +1,155 @@
+"""Allan deviation of an IMU at rest, and the noise figures that it shows (IEEE Std 952-1997, annex C).
+
+    σ²(τ) = N²/τ + (2 ln 2/π) B² + K² τ/3
+
+N white noise (u/√Hz), B bias instability (u), K rate random walk (u/√s), with u rad/s or m/s². The deviation itself is
+the overlapping one; how far it can be trusted at each τ follows from its degrees of freedom: few where τ is a large
+part of the rest. A figure that a rest is too short to show gets an upper bound and no value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.model import Array
+
+FLICKER = 2.0 * np.log(2.0) / np.pi  # σ² of a flicker floor of B = 1: its root is 0.664
+_PER_DECADE = 10  # points of the curve
+_LONGEST = 0.25  # of the rest, τ of the last point: fewer than three independent differences say nothing
+_FEWEST = 32  # samples
+_SIGMAS = 2.0  # a term is seen when it is so many standard errors above zero
+_PASSES = 4  # of the weights
+_ALIKE = 3.0  # octaves of τ that are as good as one point: with it the 95 % intervals hold 95 % (test)
+
+
+@dataclass(frozen=True, slots=True)
+class Coefficient:
+    """A noise figure with its 95 % interval; without a value, `high` is an upper bound."""
+
+    value: float | None
+    low: float
+    high: float
+
+    @property
+    def most(self) -> float:
+        """The value, or the bound where there is none."""
+        return self.high if self.value is None else self.value
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseFigures:
+    """What the Allan deviation of one axis shows."""
+
+    white: Coefficient  # N, u/√Hz
+    instability: Coefficient  # B, u
+    walk: Coefficient  # K, u/√s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AllanDeviation:
+    """The overlapping Allan deviation of the three axes of one sensor."""
+
+    tau: Array  # (M,) s, increasing
+    deviation: Array  # (M, 3) u
+    freedom: Array  # (M,) degrees of freedom of the variance: the fewer of white noise's and of a random walk's
+
+    @property
+    def interval(self) -> tuple[Array, Array]:
+        """Low and high end (M, 3) of the 95 % interval of the deviation: chi-square with `freedom`."""
+        low, high = _chi_square_factors(self.freedom)
+        return self.deviation * low[:, None], self.deviation * high[:, None]
+
+
+def allan_deviation(readings: Array, rate_hz: float) -> AllanDeviation | None:
+    """Of readings (N, 3) at an even rate, at τ spread evenly over the decades; None for fewer than 32 samples.
+
+    Source: Riley, Handbook of Frequency Stability Analysis, NIST SP 1065 (2008): (11) for the overlapping variance,
+    table 5 for its degrees of freedom.
+    """
+    count = len(readings)
+    if count < _FEWEST:
+        return None
+    longest = count * _LONGEST
+    sizes = np.unique(np.geomspace(1, longest, int(_PER_DECADE * np.log10(longest)) + 1).astype(np.int64))
+    angle = np.concatenate([np.zeros((1, 3)), np.cumsum(readings - readings.mean(axis=0), axis=0)])
+    rows = []
+    for m in sizes:
+        change = angle[2 * m :] - 2.0 * angle[m:-m] + angle[: -2 * m]
+        rows.append(np.sqrt(np.mean(np.square(change), axis=0) / 2.0) / m)
+    freedom = np.minimum(_freedom_of_white(count + 1.0, sizes), _freedom_of_walk(count + 1.0, sizes))
+    return AllanDeviation(sizes / rate_hz, np.array(rows), np.maximum(freedom, 1.0))
+
+
+def _freedom_of_white(n: float, m: NDArray[np.int64]) -> Array:
+    """Degrees of freedom of white noise's variance over m samples each, from n sums of the readings."""
+    return np.asarray((3.0 * (n - 1) / (2.0 * m) - 2.0 * (n - 2) / n) * 4.0 * m**2 / (4.0 * m**2 + 5.0))
+
+
+def _freedom_of_walk(n: float, m: NDArray[np.int64]) -> Array:
+    """The same for a random walk of the readings."""
+    return np.asarray((n - 2) / (m * (n - 3) ** 2) * ((n - 1) ** 2 - 3.0 * m * (n - 1) + 4.0 * m**2))
+
+
+def noise_figures(found: AllanDeviation, axis: int, shortest_s: float = 0.0, grid: float = 0.0) -> NoiseFigures | None:
+    """N, B and K of an axis by weighted non-negative least squares; None where it never changes.
+
+    shortest_s: τ below it are left out (a low-pass makes neighbouring samples alike); grid: what the steps of the
+    readings add to N², u²/Hz.
+    """
+    used = (found.tau >= shortest_s) & (found.deviation[:, axis] > 0)
+    if used.sum() < 3:
+        return None
+    tau, freedom = found.tau[used], found.freedom[used]
+    variance = np.square(found.deviation[used, axis])
+    shapes = np.column_stack([1.0 / tau, np.full(len(tau), FLICKER), tau / 3.0])
+    alike = _ALIKE * max(len(tau) / max(float(np.log2(tau[-1] / tau[0])), 1.0), 1.0)
+    seen = [0, 1, 2]
+    while True:  # a term that is not seen is left out of the fit, the least sure first: it only blurs the others
+        power, sigma = _fit(shapes[:, seen], variance, freedom, alike)
+        sure = power / np.maximum(sigma, 1e-300)
+        if sure.min() > _SIGMAS or len(seen) == 1:
+            break
+        seen.pop(int(np.argmin(sure)))
+    fitted = {which: (float(power[i]), float(sigma[i])) for i, which in enumerate(seen)}
+    if 0 in fitted:
+        fitted[0] = max(fitted[0][0] - grid, 0.0), fitted[0][1]
+    _, high = _chi_square_factors(freedom)
+    bounds = np.min(np.sqrt(variance)[:, None] * high[:, None] / np.sqrt(shapes), axis=0)
+    return NoiseFigures(*(_coefficient(*fitted.get(which, (0.0, 0.0)), float(bounds[which])) for which in range(3)))
+
+
+def _fit(shapes: Array, variance: Array, freedom: Array, alike: float) -> tuple[Array, Array]:
+    """Powers (P,) of terms of given shapes (M, P) and their standard errors, from variances (M,).
+
+    The relative error of a variance is √(2 / freedom), and `alike` of neighbouring ones are as good as one.
+    """
+    from scipy.optimize import nnls  # noqa: PLC0415  (slow to import)
+
+    weight = np.sqrt(freedom / (2.0 * alike))
+    model = variance
+    for _ in range(_PASSES):
+        scaled = shapes * (weight / model)[:, None]
+        size = np.linalg.norm(scaled, axis=0)
+        power = nnls(scaled / size, variance * weight / model)[0] / size
+        model = np.maximum(shapes @ power, 1e-300)
+    scaled = shapes * (weight / model)[:, None] / size
+    return power, np.sqrt(np.diag(np.linalg.pinv(scaled.T @ scaled))) / size
+
+
+def _coefficient(power: float, sigma: float, bound: float) -> Coefficient:
+    """The square root of a term with its interval; where the term is not seen, what the whole curve leaves for it."""
+    if power <= _SIGMAS * sigma or power <= 0.0:
+        return Coefficient(None, 0.0, bound)
+    root, spread = float(np.sqrt(power)), sigma / power  # two standard errors of the root
+    return Coefficient(root, root * float(np.exp(-spread)), root * float(np.exp(spread)))
+
+
+def _chi_square_factors(freedom: Array) -> tuple[Array, Array]:
+    """What a deviation is multiplied by for the ends of its 95 % interval."""
+    from scipy.special import gammaincinv  # noqa: PLC0415  (slow to import)
+
+    low, high = (2.0 * gammaincinv(0.5 * freedom, share) for share in (0.975, 0.025))
+    return np.sqrt(freedom / low), np.sqrt(freedom / np.maximum(high, 1e-12))

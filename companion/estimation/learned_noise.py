@@ -1,0 +1,178 @@
+"""Noise learned from the flight: densities of the IMU, and the scale of every witness' σ.
+
+The variance θ of a cause with covariance θ V is multiplied by the root of eᵀ V e / tr(D V), where e is the smoothed
+disturbance and D its variance: each step raises the likelihood (MM algorithm of Zhou et al. 2019, "MM algorithms for
+variance components models"; e and D as in de Jong and Penzer 1998, "Diagnosing shocks in time series"). The sums are
+kept for stretches of the flight, without what is off in the same way all through a stretch, and a typical stretch is
+taken: a fault in a part of the flight does not pass for noise in all of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from companion.estimation.linearisation import Linear
+from companion.estimation.measurements import LEAST
+from companion.estimation.model import (
+    ATTITUDE,
+    CAUSES,
+    POSITION,
+    STATES,
+    VELOCITY,
+    ProcessNoise,
+)
+from companion.estimation.setup import Setup
+from companion.estimation.system import (
+    disturbances,
+    measurement_covariance,
+    measurement_residual,
+)
+from companion.model import Array
+from companion.strapdown import quaternion
+
+START = ProcessNoise(gyro_noise=3e-3, accel_noise=5e-2, gyro_walk=1e-4, accel_walk=2e-3)
+
+
+"""Where learning begins: wide, some thirty times a data sheet, as vibration and aliasing make it. The walks are not
+learned: they are what warming parts show in flight (1.5 mrad/s and 0.03 m/s² in four minutes), and a walk that were
+free would swallow every fault."""
+
+
+LEAST_NOISE, MOST_NOISE = (5e-5, 1e-3), (0.5, 5.0)
+
+
+"""rad/s/√Hz, m/s²/√Hz: what may be learned of gyro and accelerometer."""
+
+
+_TRUNCATED_S = 0.2  # for so long the error of a reading that is cut to whole steps may stay the same
+
+
+_STRETCHES = 12  # of the flight
+
+
+_TYPICAL = 65.0  # percentile of the stretches: a third of a log may stand still, a third may hold a fault
+
+
+_HUBER, _NEIGHBOURS = 4.0, 7
+
+
+_LAGS = 15
+
+
+def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
+    """What may be learned of the densities: not less than the steps of the readings make."""
+    steps = (setup.imu.gyro_step, setup.imu.accel_step)
+    return {
+        cause: (max(least, 0.5 * step * np.sqrt(_TRUNCATED_S)), most)
+        for cause, least, most, step in zip(CAUSES[:2], LEAST_NOISE, MOST_NOISE, steps, strict=True)
+    }
+
+
+def learn(
+    linear: Linear, noise: ProcessNoise, scale: Mapping[str, float], limits: Mapping[str, tuple[float, float]]
+) -> tuple[ProcessNoise, dict[str, float]]:
+    """One step of learning: densities of the process noise, and the scale of every witness' σ."""
+    solution = linear.solution
+    own, _ = solution.factor.inverse_blocks()
+    e, d, to_body = _in_body(linear)
+    usual = np.diagonal(linear.covariance, axis1=1, axis2=2)[:, 0] < 0.1  # not across holes
+    e, d, to_body = e[usual], d[usual], to_body[usual]
+    count = max(1, min(_STRETCHES, len(e) // 8))
+    # what is off in the same way all through a stretch is a bias, and no noise
+    e = np.concatenate([part - part.mean(axis=0) for part in np.array_split(e, count)])
+    densities: dict[str, float] = {}
+    for cause in limits:
+        v = to_body @ linear.sums[cause][usual] @ to_body.swapaxes(-1, -2)
+        above = np.einsum("ki,kij,kj->k", e, v, e)
+        below = np.einsum("kij,kij->k", d, v) * (1.0 - count / len(e))
+        ratio = _typical(above, below)
+        densities[cause] = float(np.clip(noise.density(cause) * ratio**0.5, *limits[cause]))
+    learned = dict(scale)
+    for one in linear.measurements:
+        if one.name.startswith("rest"):
+            continue
+        information = one.information
+        left = measurement_residual(one, solution)
+        above = (left**2 * information).sum(axis=1)
+        h = np.diagonal(measurement_covariance(one, solution, own), axis1=1, axis2=2)
+        below = (1.0 - np.minimum(information * h, 1.0)).sum(axis=1)
+        least = LEAST[one.name] / float(np.median(one.sigma / scale[one.name]))
+        learned[one.name] = float(np.clip(scale[one.name] * _typical(above, below) ** 0.5, min(least, 1.0), 100.0))
+    return replace(noise, **densities), learned
+
+
+def _in_body(linear: Linear) -> tuple[Array, Array, Array]:
+    """Disturbances e (K-1, 15) and their variance D (K-1, 15, 15) in FRD, and the turn from the sums' frame to it.
+
+    In the body a bias stands still.
+    """
+    e, d = disturbances(linear.motion, linear.solution)
+    matrix = quaternion.to_matrix(linear.states.q_ned_frd[:-1]).swapaxes(-1, -2)
+    turn = np.tile(np.eye(STATES), (len(e), 1, 1))
+    for block in (ATTITUDE, VELOCITY, POSITION):
+        turn[:, block, block] = matrix
+    back = turn.swapaxes(-1, -2)
+    return (turn @ e[..., None])[..., 0], turn @ d @ back, turn @ linear.turn
+
+
+def _typical(above: Array, below: Array) -> float:
+    """The ratio of the sums in a typical stretch, between 1/10 and 10; 1 where nothing says it."""
+    count = min(_STRETCHES, len(above) // 8)
+    parts = count if count >= 3 else 1
+    sums = np.array([[part.sum() for part in np.array_split(one, parts)] for one in (above, below)])
+    above, below = sums[:, np.isfinite(sums).all(axis=0) & (sums[1] > 0.0)]
+    if not len(below):
+        return 1.0
+    ratio = above / np.maximum(below, above / 100.0)  # at most 100: a quotient of what is absurd overflows
+    return float(np.clip(np.percentile(ratio, _TYPICAL), 0.1, 10.0))
+
+
+def coloured(linear: Linear) -> dict[str, float]:
+    """What the σ of a witness, or of the IMU, has to grow by because its errors last.
+
+    White noise of this size says as much about what changes slowly as the correlated errors do: it grows by the root of
+    the sum of the autocorrelation.
+    """
+    grown = {
+        one.name: _lasting(measurement_residual(one, linear.solution) / one.sigma)
+        for one in linear.measurements
+        if not one.name.startswith("rest")
+    }
+    e, _, _ = _in_body(linear)
+    sigma = np.sqrt(np.diagonal(linear.covariance, axis1=1, axis2=2))
+    return grown | {"gyro": _lasting((e * sigma)[:, ATTITUDE]), "accel": _lasting((e * sigma)[:, VELOCITY])}
+
+
+def _lasting(values: Array) -> float:
+    """The root of the sum of the autocorrelation of values (M, d), in a typical stretch; at least 1."""
+    if len(values) < 4 * _LAGS:
+        return 1.0
+    ratios = []
+    for part in np.array_split(values, len(values) // (4 * _LAGS)):
+        rest = part - part.mean(axis=0)
+        own = float((rest**2).sum())
+        lags = [float((rest[lag:] * rest[:-lag]).sum()) / max(own, 1e-300) for lag in range(1, _LAGS)]
+        end = next((i for i, value in enumerate(lags) if value < 0.05), len(lags))
+        ratios.append(1.0 + 2.0 * sum(lags[:end]))
+    return float(np.sqrt(np.clip(np.median(ratios), 1.0, 36.0)))
+
+
+def outlier_weights(linear: Linear) -> dict[str, Array]:
+    """Weights of readings that their own neighbours contradict: they count linearly, not by their square.
+
+    Readings that are off together keep their weight: whether it is they that are wrong is for the explanations to say.
+    """
+    weights = {}
+    for one in linear.measurements:
+        left = measurement_residual(one, linear.solution) / one.sigma
+        if len(left) <= _NEIGHBOURS:
+            continue
+        half = _NEIGHBOURS // 2
+        padded = np.pad(left, ((half, half), (0, 0)), mode="edge")
+        typical = np.median(np.lib.stride_tricks.sliding_window_view(padded, _NEIGHBOURS, axis=0), axis=2)
+        size = np.abs(left - typical).max(axis=1)
+        weights[one.name] = np.minimum(1.0, _HUBER / np.maximum(size, 1e-9)) ** 2
+    return weights

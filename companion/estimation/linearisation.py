@@ -1,0 +1,198 @@
+"""The problem made linear about the present states; `propagate` gives Φ and the noise of every interval."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from companion.estimation.competition import Choice, with_choice
+from companion.estimation.explanations import Problem
+from companion.estimation.measurements import Kinematics, measure
+from companion.estimation.model import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    CAUSES,
+    CONSTANT_STATES,
+    CONSTANTS,
+    GYRO_BIAS,
+    POSITION,
+    STATES,
+    VELOCITY,
+    ProcessNoise,
+    States,
+)
+from companion.estimation.setup import Setup
+from companion.estimation.system import (
+    Measurement,
+    Motion,
+    Prior,
+    Solution,
+    solve,
+)
+from companion.model import Array
+from companion.strapdown import Preintegration, preintegrate, propagate, quaternion
+
+BIAS_SIGMA = (0.02, 0.08)  # rad/s, m/s², 1σ at the first keyframe: what real parts show (config/imu/README.md)
+
+
+_HOLE = (2.0, 30.0, 100.0)  # rad, m/s, m per s: what may happen while the IMU is not heard
+
+
+_FLOOR = np.repeat([1e-6, 2e-5, 2e-5, 1e-9, 1e-8], 3) ** 2  # of the process noise, for its inverse
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linear:
+    """The problem made linear about the present states, and its solution."""
+
+    states: States  # about which
+    motion: Motion
+    measurements: tuple[Measurement, ...]
+    prior: Prior
+    solution: Solution
+    problem: Problem  # what explanations are made of
+    turn: Array  # (K-1, 15, 15) from the frame of the sums to NED
+    sums: Mapping[str, Array]  # cause → (K-1, 15, 15) in the frame of the sums, per squared density
+    covariance: Array  # (K-1, 15, 15) process noise in the frame of the sums
+    noise: ProcessNoise  # that it is made of
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CarriedImu:
+    """One pass over the IMU with a constant bias taken off, and what it says of every interval."""
+
+    bias: tuple[Array, Array]  # rad/s, m/s²
+    path: Preintegration
+    transition: Array  # (K-1, 15, 15), in the frame in which the track begins
+    sums: Mapping[str, Array]
+    gyro_matrix: Array  # (K-1, 9, 9)
+    accel_matrix: Array  # (K-1, 9, 9)
+
+
+def carry_imu(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
+    track = replace(setup.imu, gyro=setup.imu.gyro - bias[0], accel=setup.imu.accel - bias[1])
+    path = preintegrate(track)
+    start, end = setup.index[:-1], setup.index[1:]
+    raw = propagate(track, path, start, end, path.q[start], np.zeros((len(start), 3)), gravity=setup.gravity)
+    count = len(start)
+    return CarriedImu(
+        bias,
+        path,
+        raw.transition,
+        raw.noise,
+        raw.gyro_matrix.reshape(count, 9, 9),
+        raw.accel_matrix.reshape(count, 9, 9),
+    )
+
+
+def linearise(
+    setup: Setup,
+    path: CarriedImu,
+    states: States,
+    noise: ProcessNoise,
+    scale: Mapping[str, float],
+    weights: Mapping[str, Array],
+    accepted: Sequence[Choice] = (),
+    colour: Mapping[str, float] = MappingProxyType({}),
+) -> Linear:
+    """The linear problem about the states, solved. The sizes of what is accepted follow the constants."""
+    turn = _turn(setup, path, states)
+    covariance = np.zeros_like(path.transition) + np.diag(_FLOOR)
+    for cause in CAUSES:
+        covariance += noise.density(cause) ** 2 * path.sums[cause]
+    if setup.broken.any():
+        lasted = np.diff(setup.t)[setup.broken][:, None]
+        wide = np.concatenate(
+            [np.repeat(w * (1 + lasted), 3, axis=1) for w in _HOLE] + [np.zeros((len(lasted), 6))], axis=1
+        )
+        covariance[setup.broken] += wide[:, :, None] ** 2 * np.eye(STATES)
+    back = turn.swapaxes(-1, -2)
+    motion = Motion(
+        residual=_motion_residual(setup, path, states, turn),
+        transition=turn @ path.transition @ back,
+        constants=_motion_constants(path, turn),
+        weight=turn @ _inverse(covariance) @ back,
+    )
+    at = _kinematics(setup, path, states)
+    measurements = []
+    for readings in setup.readings:
+        one = measure(readings, states, at, path.path, setup.index)
+        sigma = one.sigma * scale[one.name] * colour.get(one.name, 1.0)
+        measurements.append(replace(one, sigma=sigma, weight=weights.get(one.name, one.weight)))
+    problem = Problem(setup.t, states.q_ned_frd, states.velocity, setup.gravity, motion, tuple(measurements))
+    prior = _prior(setup, states)
+    for choice in accepted:
+        problem, prior = with_choice(problem, prior, choice)
+    solution = solve(len(setup.t), problem.motion, problem.measurements, prior)
+    return Linear(
+        states, problem.motion, problem.measurements, prior, solution, problem, turn, path.sums, covariance, noise
+    )
+
+
+def _turn(setup: Setup, path: CarriedImu, states: States) -> Array:
+    """(K-1, 15, 15) from the frame in which the track begins to NED, at each interval's start."""
+    start = setup.index[:-1]
+    matrix = quaternion.to_matrix(quaternion.multiply(states.q_ned_frd[:-1], quaternion.conjugate(path.path.q[start])))
+    turn = np.tile(np.eye(STATES), (len(start), 1, 1))
+    for block in (ATTITUDE, VELOCITY, POSITION):
+        turn[:, block, block] = matrix
+    return turn
+
+
+def _motion_residual(setup: Setup, path: CarriedImu, states: States, turn: Array) -> Array:
+    """(K-1, 15) the IMU's prediction from each keyframe less the next keyframe's nominal state."""
+    start, end = setup.index[:-1], setup.index[1:]
+    q, v, p = path.path.carry(
+        start, end, states.q_ned_frd[:-1], states.velocity[:-1], states.position[:-1], gravity=setup.gravity
+    )
+    bias = np.concatenate((states.gyro_bias[:-1] - path.bias[0], states.accel_bias[:-1] - path.bias[1]), axis=1)
+    matrix = states.constants[12:30]
+    shift = path.transition[:, :9, 9:] @ bias[..., None]
+    shift += (np.concatenate((path.gyro_matrix, path.accel_matrix), axis=2) @ matrix)[..., None]
+    shift = (turn[:, :9, :9] @ shift)[..., 0]
+    q = quaternion.multiply(quaternion.exp(shift[:, :3]), q)
+    angle = quaternion.log(quaternion.multiply(q, quaternion.conjugate(states.q_ned_frd[1:])))
+    return np.concatenate(
+        (
+            angle,
+            v + shift[:, 3:6] - states.velocity[1:],
+            p + shift[:, 6:9] - states.position[1:],
+            states.gyro_bias[:-1] - states.gyro_bias[1:],
+            states.accel_bias[:-1] - states.accel_bias[1:],
+        ),
+        axis=1,
+    )
+
+
+def _motion_constants(path: CarriedImu, turn: Array) -> Array:
+    out = np.zeros((len(turn), STATES, CONSTANT_STATES))
+    out[:, :9, CONSTANTS["gyro_matrix"][0]] = turn[:, :9, :9] @ path.gyro_matrix
+    out[:, :9, CONSTANTS["accel_matrix"][0]] = turn[:, :9, :9] @ path.accel_matrix
+    return out
+
+
+def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
+    track, index = setup.imu, setup.index
+    reach = max(1, round(0.05 * track.rate_hz))
+    low, high = np.maximum(index - reach, 0), np.minimum(index + reach, len(track) - 1)
+    lasted = (track.t[high] - track.t[low])[:, None]
+    c = quaternion.multiply(states.q_ned_frd, quaternion.conjugate(path.path.q[index]))
+    force = quaternion.rotate(c, (path.path.v[high] - path.path.v[low]) / lasted)
+    return Kinematics(setup.t, force + [0.0, 0.0, setup.gravity], track.gyro[index] - states.gyro_bias)
+
+
+def _prior(setup: Setup, states: States) -> Prior:
+    """Position, velocity and attitude are free: their priors only keep the step finite (Levenberg)."""
+    residual = np.zeros(STATES)
+    residual[GYRO_BIAS], residual[ACCEL_BIAS] = -states.gyro_bias[0], -states.accel_bias[0]
+    sigma = np.repeat([1.0, 30.0, 100.0, *BIAS_SIGMA], 3)
+    return Prior(residual, sigma, setup.constants - states.constants, setup.constants_sigma)
+
+
+def _inverse(covariance: Array) -> Array:
+    scale = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    scale = scale[:, :, None] * scale[:, None, :]
+    return np.asarray(np.linalg.inv(covariance / scale) / scale)

@@ -1,0 +1,179 @@
+"""What each witness measures of the keyframes, linear in their errors: GPS, compass, barometer, rest.
+
+With C = C(q_ned_frd) at the keyframe, m the Earth's field in NED, h the hard and S the soft iron, l the lever arm and τ
+the latency:
+
+    position  z = p + C l + v (t - t_k - τ)            velocity  z = v + a (t - t_k - τ) + C (ω × l)
+    compass   z = (I + τ_m [ω]×) (I + S) Cᵀ m + h            barometer z = -p_down + offset
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.estimation.model import (
+    ATTITUDE,
+    CONSTANT_STATES,
+    CONSTANTS,
+    GYRO_BIAS,
+    POSITION,
+    STATES,
+    VELOCITY,
+    States,
+)
+from companion.estimation.system import Index, Measurement
+from companion.model import Array, GpsTrack, ned_from_geodetic
+from companion.strapdown import Preintegration, quaternion, skew
+
+MICROTESLA = 1e6
+
+NOMINAL: Mapping[str, float] = {
+    "gps_position": 1.0,  # m, horizontal
+    "gps_height": 1.5,  # m
+    "gps_velocity": 0.2,  # m/s
+    "gps_climb": 0.3,  # m/s
+    "compass": 1.0,  # µT
+    "barometer": 0.5,  # m
+    "rest_velocity": 0.02,  # m/s
+    "rest_rate": 2e-4,  # rad/s
+    "calm": 5.0,  # m/s: a vehicle without GPS is taken to stay about where it is, by a velocity that is learned
+}
+"""Witness → 1σ before anything is learned, where the vehicle states none."""
+
+LEAST: Mapping[str, float] = {
+    "gps_position": 0.1, "gps_height": 0.15, "gps_velocity": 0.04, "gps_climb": 0.06, "compass": 0.8, "barometer": 0.1,
+    "calm": 0.2,
+}  # fmt: skip
+"""Witness → the least 1σ that may be learned: below it stand errors of the model, such as soft iron and timing."""
+
+UNITS: Mapping[str, str] = {
+    "gps_position": "m", "gps_height": "m", "gps_velocity": "m/s", "gps_climb": "m/s", "compass": "µT",
+    "barometer": "m", "rest_velocity": "m/s", "rest_rate": "rad/s", "calm": "m/s",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """The readings of one witness that stand at keyframes. Nothing in them depends on the estimate."""
+
+    name: str
+    t: Array  # (M,) s
+    keyframe: Index  # (M,)
+    value: Array  # (M, d) in the unit of UNITS
+    sigma: Array  # (M, d) nominal 1σ
+    sample: Index  # (M,) of the IMU, nearest in time
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Kinematics:
+    """What measurements need of the IMU at each keyframe, beside the states."""
+
+    t: Array  # (K,) s
+    acceleration: Array  # (K, 3) NED, m/s², averaged over a tenth of a second
+    rate: Array  # (K, 3) FRD, rad/s
+
+
+def gps_readings(track: GpsTrack, t: Array, origin: tuple[float, float, float], spacing: float) -> Iterator[Readings]:
+    """A GpsTrack at keyframes t (K,): every reading within half a spacing of one, the nearest to each."""
+    ned = ned_from_geodetic(track.latitude, track.longitude, track.height, origin)
+    # where there is no height the horizontal position is still one: of the origin's height
+    flat = ned_from_geodetic(track.latitude, track.longitude, np.full(len(track), origin[2]), origin)
+    horizontal = np.where(np.isfinite(ned[:, :2]), ned[:, :2], flat[:, :2])
+    for name, value, own in (
+        ("gps_position", horizontal, track.horizontal_sigma),
+        ("gps_height", ned[:, 2:], track.vertical_sigma),
+        ("gps_velocity", track.velocity[:, :2], track.speed_sigma),
+        ("gps_climb", track.velocity[:, 2:], track.speed_sigma),
+    ):
+        good = np.isfinite(value).all(axis=1) & (track.fix_type >= 3)
+        if good.sum() < 2:
+            continue
+        sigma = np.where(np.isfinite(own) & (own > 0), np.maximum(own, 0.05 * NOMINAL[name]), NOMINAL[name])
+        sigma = np.repeat(sigma[:, None], value.shape[1], axis=1)
+        yield _at_keyframes(name, track.t[good], value[good], sigma[good], t, spacing)
+
+
+def vector_readings(name: str, when: Array, value: Array, t: Array, spacing: float) -> Readings:
+    """Readings (M, d) of a witness with the nominal σ at keyframes t (K,)."""
+    return _at_keyframes(name, when, value, np.full(value.shape, NOMINAL[name]), t, spacing)
+
+
+def _at_keyframes(name: str, when: Array, value: Array, sigma: Array, t: Array, spacing: float) -> Readings:
+    """The reading nearest to each keyframe, where one is near enough."""
+    i = np.clip(np.searchsorted(when, t), 1, max(len(when) - 1, 1))
+    i = i - (t - when[i - 1] < when[np.minimum(i, len(when) - 1)] - t)
+    near = np.abs(when[i] - t) <= 0.5 * spacing + 1e-3
+    k = np.flatnonzero(near).astype(np.intp)
+    i = i[near]
+    once = np.concatenate([[True], np.diff(i) > 0]) if len(i) else np.zeros(0, np.bool_)  # a reading counts once
+    k, i = k[once], i[once]
+    return Readings(name, when[i], k, value[i], sigma[i], np.zeros(len(i), np.intp))
+
+
+def measure(one: Readings, states: States, at: Kinematics, path: Preintegration, index: Index) -> Measurement:
+    """The measurement factor of a witness about the present states; weights 1."""
+    count, d = one.value.shape
+    h, h_c = np.zeros((count, d, STATES)), np.zeros((count, d, CONSTANT_STATES))
+    k = one.keyframe
+    if one.name.startswith("gps"):
+        predicted = _gps(one, states, at, h, h_c)
+    elif one.name == "compass":
+        predicted = _compass(one, states, at, path, index, h, h_c)
+    elif one.name == "barometer":
+        h[:, 0, POSITION.start + 2] = -1.0
+        h_c[:, 0, CONSTANTS["barometer_offset"][0]] = 1.0
+        predicted = (states.constant("barometer_offset")[0] - states.position[k, 2])[:, None]
+    elif one.name == "rest_rate":
+        h[:, :, GYRO_BIAS] = np.eye(3)
+        predicted = states.gyro_bias[k]
+    else:  # rest_velocity, calm
+        h[:, :, VELOCITY] = np.eye(3)
+        predicted = states.velocity[k]
+    return Measurement(one.name, one.t, k, one.value - predicted, h, h_c, one.sigma, np.ones(count), UNITS[one.name])
+
+
+def _gps(one: Readings, states: States, at: Kinematics, h: Array, h_c: Array) -> Array:
+    k = one.keyframe
+    lever = states.constant("lever_arm")
+    late = (one.t - at.t[k] - states.constant("gps_latency")[0])[:, None]
+    matrix = quaternion.to_matrix(states.q_ned_frd[k])
+    rows = slice(2, 3) if one.name in ("gps_height", "gps_climb") else slice(0, 2)
+    if one.name in ("gps_position", "gps_height"):
+        arm = matrix @ lever
+        value = states.position[k] + arm + states.velocity[k] * late
+        h[:, :, POSITION] = np.eye(3)[rows]
+        h[:, :, VELOCITY] = late[:, :, None] * np.eye(3)[rows]
+        change, of_arm = states.velocity[k], matrix
+    else:
+        arm = np.einsum("kij,kj->ki", matrix, np.cross(at.rate[k], lever))
+        value = states.velocity[k] + at.acceleration[k] * late + arm
+        h[:, :, VELOCITY] = np.eye(3)[rows]
+        change, of_arm = at.acceleration[k], matrix @ skew(at.rate[k])
+    h[:, :, ATTITUDE] = -skew(arm)[:, rows]
+    h_c[:, :, CONSTANTS["gps_latency"][0]] = -change[:, rows, None]
+    h_c[:, :, CONSTANTS["lever_arm"][0]] = of_arm[:, rows]
+    return np.asarray(value[:, rows])
+
+
+def _compass(
+    one: Readings, states: States, at: Kinematics, path: Preintegration, index: Index, h: Array, h_c: Array
+) -> Array:
+    """The field at the reading's own time: the IMU turns the keyframe's attitude until then."""
+    start = index[one.keyframe]
+    turned = quaternion.multiply(quaternion.conjugate(path.q[start]), path.q[one.sample])
+    matrix = quaternion.to_matrix(quaternion.multiply(states.q_ned_frd[one.keyframe], turned)).swapaxes(-1, -2)
+    field = states.constant("earth_field")
+    iron = np.eye(3) + states.constant("soft_iron").reshape(3, 3)
+    rate = skew(at.rate[one.keyframe])
+    late = np.eye(3) + states.constant("compass_latency") * rate  # a reading of a moment ago
+    h[:, :, ATTITUDE] = late @ iron @ matrix @ skew(field)
+    h_c[:, :, CONSTANTS["earth_field"][0]] = late @ iron @ matrix
+    h_c[:, :, CONSTANTS["hard_iron"][0]] = np.eye(3)
+    felt = matrix @ field
+    h_c[:, :, CONSTANTS["soft_iron"][0]] = np.einsum("mij,mk->mijk", late, felt).reshape(-1, 3, 9)
+    felt = (felt @ iron.T)[..., None]
+    h_c[:, :, CONSTANTS["compass_latency"][0]] = rate @ felt
+    return np.asarray((late @ felt)[..., 0] + states.constant("hard_iron"))

@@ -1,0 +1,225 @@
+"""What the smoother estimates: the constants of a flight, the noise densities, and the result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, Origin
+from companion.strapdown import preintegrate, quaternion
+
+ATTITUDE, VELOCITY, POSITION, GYRO_BIAS, ACCEL_BIAS = (slice(i, i + 3) for i in range(0, 15, 3))
+"""Places in the error of a keyframe, truth minus estimate: rad and m/s and m in NED, rad/s and m/s² in FRD."""
+
+STATES = 15
+
+CONSTANTS: Mapping[str, tuple[slice, float]] = {
+    "earth_field": (slice(0, 3), 8.0),  # µT, NED; the world model's own σ is set where it is known
+    "hard_iron": (slice(3, 6), 10.0),  # µT, FRD: what the autopilot's own calibration leaves
+    "gps_latency": (slice(6, 7), 0.06),  # s
+    "lever_arm": (slice(7, 10), 0.2),  # m, FRD, from the IMU to the antenna
+    "barometer_offset": (slice(10, 11), 1000.0),  # m
+    "compass_latency": (slice(11, 12), 0.02),  # s
+    "gyro_matrix": (slice(12, 21), 0.004),  # 3 x 3 by rows, scale and misalignment: true rate = (I + E) reading
+    "accel_matrix": (slice(21, 30), 0.004),  # the same for specific force
+    "soft_iron": (slice(30, 39), 0.03),  # 3 x 3 by rows: what it adds to the field, as a part of it
+}
+"""Constant of the flight → its place among the constants, and the 1σ of its prior."""
+
+CONSTANT_STATES = 39
+
+CAUSES = ("gyro_noise", "accel_noise", "gyro_walk", "accel_walk")
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessNoise:
+    """Densities of the IMU as it is in this flight."""
+
+    gyro_noise: float  # rad/s/√Hz
+    accel_noise: float  # m/s²/√Hz
+    gyro_walk: float  # rad/s/√s
+    accel_walk: float  # m/s²/√s
+
+    def density(self, cause: str) -> float:
+        """The density of a cause by its name."""
+        return float(getattr(self, cause))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class States:
+    """The estimate at K keyframes, and the constants of the flight."""
+
+    q_ned_frd: Array  # (K, 4) wxyz
+    velocity: Array  # (K, 3) NED, m/s
+    position: Array  # (K, 3) NED, m
+    gyro_bias: Array  # (K, 3) rad/s, FRD: truth = reading - bias
+    accel_bias: Array  # (K, 3) m/s²
+    constants: Array  # (39,) in the order of CONSTANTS
+
+    def constant(self, name: str) -> Array:
+        """The value of one of CONSTANTS."""
+        return np.asarray(self.constants[CONSTANTS[name][0]])
+
+    def moved(self, x: Array, c: Array) -> States:
+        """The states with an error x (K, 15) and c (39,) taken out: truth = estimate ⊕ error.
+
+        What follows in c are sizes of explanations, which are no states.
+        """
+        return States(
+            quaternion.normalize(quaternion.multiply(quaternion.exp(x[:, ATTITUDE]), self.q_ned_frd)),
+            self.velocity + x[:, VELOCITY],
+            self.position + x[:, POSITION],
+            self.gyro_bias + x[:, GYRO_BIAS],
+            self.accel_bias + x[:, ACCEL_BIAS],
+            self.constants + c[:CONSTANT_STATES],
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Explained:
+    """One thing that changed during the flight, with its size, and what else it could have been."""
+
+    kind: str  # of `explanations.KINDS`
+    shape: str  # "step", "pulse" (to its end), "ramp", "creep" (a ramp to its end), "shock"
+    onset: float  # s, boot clock
+    onset_sigma: float  # s
+    end: float  # s, of a pulse; infinite for what stays
+    size: Array  # (m,) in the unit of the kind; of a ramp per second
+    sigma: Array  # (m,)
+    gain: float  # twice the logarithm of the likelihood ratio to the same without it, the price of its unknowns paid
+    others: tuple[tuple[str, str, float], ...] = ()  # (kind, shape, gain) of the next best explanations in its place
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """One witness: what the best estimate leaves of it."""
+
+    t: Array = field(repr=False)  # (M,) s
+    value: Array = field(repr=False)  # (M, d) measured less estimated, in the unit of the witness
+    sigma: Array = field(repr=False)  # (M, d) 1σ as learned
+    weight: Array = field(repr=False)  # (M,) 1 for what is believed, towards 0 for what is doubted
+    unit: str = ""
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of all components."""
+        return float(np.sqrt((self.value**2).mean())) if self.value.size else 0.0
+
+    @property
+    def normalised_rms(self) -> float:
+        """The same in units of σ: 1 where σ is what the residuals are."""
+        return float(np.sqrt(((self.value / self.sigma) ** 2).mean())) if self.value.size else 0.0
+
+    @property
+    def doubted(self) -> float:
+        """Share of the readings that count for less than half."""
+        return float((self.weight < 0.5).mean()) if len(self.weight) else 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class BestEstimate:
+    """The third opinion: a trajectory from IMU, GPS, compass, barometer and rest, without the autopilot's estimate."""
+
+    imu: ImuTrack  # that it was carried by
+    index: npt.NDArray[np.intp]  # (K,) samples of the IMU track at which the keyframes stand
+    t: Array  # (K,) s, boot clock
+    states: States
+    covariance: Array  # (K, 9, 9) of attitude (rad, NED), velocity, position errors
+    gyro_bias_sigma: Array  # (K, 3) rad/s
+    accel_bias_sigma: Array  # (K, 3) m/s²
+    constants_sigma: Array  # (39,)
+    noise: ProcessNoise  # learned
+    lasting: tuple[float, float]  # by how much more it weighs, gyro and accelerometer, because it is not white
+    measurement_scale: Mapping[str, float]  # witness → learned σ over the nominal one
+    residuals: Mapping[str, Residuals]
+    gravity: float
+    origin: Origin | None = None  # the zero of the positions; None where no place on Earth is known
+    explained: tuple[Explained, ...] = ()  # what was wrong, as far as the witnesses tell, the first in time first
+    detectable: Mapping[str, float] = field(default_factory=dict)  # kind → smallest step that would have been found
+    heading_from: str = ""  # "compass", "GPS and acceleration", "first guess": which witness gives the heading
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """In a line: what it was made of and what it had to explain."""
+        wrong = ", ".join(f"{e.kind} {e.shape} at {e.onset:.1f} s" for e in self.explained) or "nothing"
+        return (
+            f"BestEstimate({self.imu.source}, {len(self.t)} keyframes, {self.t[0]:.1f}-{self.t[-1]:.1f} s, "
+            f"from {', '.join(self.residuals)}; explained: {wrong})"
+        )
+
+    @property
+    def q_ned_frd(self) -> Array:
+        """(K, 4) wxyz at the keyframes."""
+        return self.states.q_ned_frd
+
+    @property
+    def velocity(self) -> Array:
+        """(K, 3) NED, m/s"""
+        return self.states.velocity
+
+    @property
+    def position(self) -> Array:
+        """(K, 3) NED, m, about `origin`."""
+        return self.states.position
+
+    def sigma(self, block: slice) -> Array:
+        """(K, 3) 1σ of a block of the error: ATTITUDE, VELOCITY or POSITION."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance[:, block, block], axis1=1, axis2=2)))
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """q_ned_frd (N, 4), velocity and position (N, 3) at times t (N,), carried by the IMU from the keyframe before.
+
+        Times are moved to the nearest sample of the IMU, and carried on from there at the velocity of that sample.
+        Outside the keyframes the first or last one is carried on.
+        """
+        track = corrected(self.imu, self)
+        path = preintegrate(track)
+        sample = _nearest(track.t, t)
+        k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 1)
+        start = self.index.astype(np.intp)[k]
+        s = self.states
+        q, v, p = path.carry(start, sample, s.q_ned_frd[k], s.velocity[k], s.position[k], gravity=self.gravity)
+        rest = (t - track.t[sample])[:, None]
+        q = quaternion.multiply(q, quaternion.exp(track.gyro[sample] * rest))
+        return q, v, p + v * rest
+
+
+def corrected(imu: ImuTrack, estimate: BestEstimate) -> ImuTrack:
+    """The IMU track without the biases, scale and misalignment that were estimated."""
+    s = estimate.states
+    gyro, accel = (
+        np.column_stack([np.interp(imu.t, estimate.t, b) for b in bias.T]) for bias in (s.gyro_bias, s.accel_bias)
+    )
+    eye = np.eye(3)
+    return replace(
+        imu,
+        gyro=(imu.gyro - gyro) @ (eye + s.constant("gyro_matrix").reshape(3, 3)).T,
+        accel=(imu.accel - accel) @ (eye + s.constant("accel_matrix").reshape(3, 3)).T,
+    )
+
+
+def _nearest(samples: Array, t: Array) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+    index = np.clip(np.searchsorted(samples, t), 1, len(samples) - 1)
+    return np.asarray(index - (t - samples[index - 1] < samples[index] - t), dtype=np.intp)
+
+
+__all__ = [
+    "ACCEL_BIAS",
+    "ATTITUDE",
+    "CAUSES",
+    "CONSTANTS",
+    "CONSTANT_STATES",
+    "GYRO_BIAS",
+    "POSITION",
+    "STANDARD_GRAVITY",
+    "STATES",
+    "VELOCITY",
+    "BestEstimate",
+    "ProcessNoise",
+    "Residuals",
+    "States",
+    "corrected",
+]

@@ -1,0 +1,230 @@
+"""White noise of an IMU from the spectrum of its readings, whatever filter, mean or rate they came through.
+
+Second differences of neighbouring samples understate the noise of a low-passed IMU 2 to 9 times, and a stream that is
+slower than the filter folds the rest down. Here the density is read where the filter passes it, and what folding adds
+follows from the filter:
+
+    S(f) = 2 (N² G(f) + q² / 12 r),   G(f) = Σ_k |H(f + k r)|²
+
+with one-sided density S, rate r, quantisation step q and H the low-pass (second order, Butterworth, as ArduPilot's
+LowPassFilter2p) or the mean over the sample's interval. N is in the convention of Kalibr and `strapdown`: a sample
+of an IMU that averages between samples has the standard deviation N √r. Where nothing is known of what came before the
+sampling, G is 1 and N is that of the readings as they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.estimation.spectrum import frequencies, periodograms, segment_length, segments
+from companion.model import Array, ImuTrack
+
+_SLOWEST_HZ = 3.0  # below it a vehicle moves
+_FASTEST_HZ = 10.0  # well below the corner of ArduPilot's filters, which are 20 Hz where nobody has changed them
+_NARROWEST_HZ = 1.5  # a band narrower than this says nothing
+_SEGMENT_S = 2.0  # short, so that a manoeuvre is in few of them
+_MOST_SEGMENTS = 512  # as many as a median needs, spread evenly over the flight
+_FEWEST_SEGMENTS = 4
+_QUIET = 0.25  # quantile over the frequencies: up to three quarters of them may hold vibration or motion
+_TWO_VALUES = 0.85  # share of the readings that two values have when noise is half a step
+_MOSTLY_ZERO = 0.3
+_HIDDEN = 0.5  # steps of noise that they hide
+_BLOCKS = 8  # of time, for the standard error
+_WINDOW = "blackmanharris"  # its side lobes are 92 dB down: noise of a ten-thousandth of the motion is seen beside it
+_VISIBLE = 300.0  # a filter's fall is fitted to 25 dB below its pass band: further down digital and analogue part ways
+_EFFICIENCY = 0.48  # of the median of an exponential variable beside its mean: ln²2
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """How readings were taken from the sensor's signal."""
+
+    kind: Literal["filtered", "averaged", "point"]
+    corner_hz: float | None = None  # of the low-pass; of averaged samples, one that the spectrum shows before the mean
+    interval_s: float | None = None  # over which a sample is averaged
+    source: Literal["log", "spectrum", "assumed"] = "assumed"
+    confirmed: bool | None = None  # whether a spectrum at rest shows what the log says; None where it cannot
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WhiteNoise:
+    """White-noise density of one sensor, unit u/√Hz with u rad/s or m/s²."""
+
+    sampled: Array  # (3,) of the readings as they are: what an integration of them meets
+    sensor: Array | None  # (3,) before filter and folding; None where the log and the spectrum do not tell them
+    sigma: Array  # (3,) standard error of `sampled`, from how it varies over the flight
+    band_hz: tuple[float, float]  # in which it was read
+    hidden: npt.NDArray[np.bool_]  # (3,) below the steps of the readings: then `sampled` is an upper bound
+
+
+def sampling_of(track: ImuTrack) -> Sampling:
+    """What the log says of how a track was sampled; "point" where it says nothing."""
+    if track.low_pass_hz:
+        return Sampling("filtered", corner_hz=float(track.low_pass_hz), source="log")
+    if track.interval is not None and len(track) and float(np.median(track.interval)) > 0:
+        return Sampling("averaged", interval_s=float(np.median(track.interval)), source="log")
+    return Sampling("point")
+
+
+def folded_gain(frequency_hz: Array, rate_hz: float, sampling: Sampling) -> Array:
+    """G(f): how strongly white noise before the sampling shows at frequencies (F,), with all that folds onto them."""
+    f = np.asarray(frequency_hz, dtype=np.float64)
+    if sampling.corner_hz:
+        reach = int(np.ceil(8.0 * sampling.corner_hz / rate_hz)) + 4
+        k = np.arange(-reach, reach + 1)[:, None] * rate_hz
+        return np.asarray(np.sum(1.0 / (1.0 + ((f + k) / sampling.corner_hz) ** 4), axis=0))
+    if sampling.interval_s:
+        k = np.arange(-400, 401)[:, None] * rate_hz
+        return np.asarray(np.sum(np.sinc((f + k) * sampling.interval_s) ** 2, axis=0))
+    return np.ones_like(f)
+
+
+def white_noise(
+    track: ImuTrack, sensor: Literal["gyro", "accel"], hole_s: float, sampling: Sampling | None = None
+) -> WhiteNoise | None:
+    """The white noise of an IMU in motion or at rest; None where no band or too little time is left to read it in.
+
+    In each frequency the median over time, so that a manoeuvre does not count; over the frequencies from 3 Hz to half
+    the filter's corner (at most 10 Hz) the lower quartile, so that vibration does not: both corrected for
+    what they are of white noise. What shakes all of the band all of the time counts as noise: it is to the integration.
+    """
+    rate, how = track.rate_hz, sampling or sampling_of(track)
+    band = _band(rate, how)
+    if band is None:
+        return None
+    length = max(round(_SEGMENT_S * rate), 2)
+    begin = segments(track.t, hole_s, length)
+    if len(begin) < _FEWEST_SEGMENTS:
+        return None
+    begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), _MOST_SEGMENTS)).round().astype(np.int64)]
+    values, step = (track.gyro, track.gyro_step) if sensor == "gyro" else (track.accel, track.accel_step)
+    f = frequencies(length, rate)
+    inside = (f >= band[0]) & (f <= band[1])
+    power = periodograms(values, begin, rate, length, _WINDOW)[:, inside]
+    gain = folded_gain(f[inside], rate, how)
+    grid = step**2 / (12.0 * rate)
+    density = _density(power, gain, grid)
+    blocks = np.array_split(np.arange(len(begin)), min(_BLOCKS, len(begin) // 2))
+    without = np.array([_density(np.delete(power, block, axis=0), gain, grid) for block in blocks])
+    sigma = np.sqrt((1.0 - 1.0 / len(blocks)) * np.square(without - without.mean(axis=0)).sum(axis=0))  # jackknife
+    total = float(np.sqrt(folded_gain(np.zeros(1), rate, how)[0]))
+    hidden = density**2 < grid  # less than the steps' own noise: it cannot be told from it
+    half = _HIDDEN * step * total / np.sqrt(_bandwidth(rate, how))  # more than this would show through the steps
+    sampled = np.where(hidden, np.maximum(half, np.sqrt(density**2 + grid)), density * total)
+    known = how.kind != "point" or how.source == "spectrum"
+    return WhiteNoise(sampled, density if known else None, sigma * total, band, hidden)
+
+
+def confirmed_sampling(track: ImuTrack, hole_s: float) -> Sampling:
+    """How a track at rest was sampled, by the log and by its spectrum.
+
+    Noise of a sensor at rest is white; where it falls off with frequency as a second-order low-pass does, there is one.
+    The mean over an interval cannot be seen: its noise is white.
+    """
+    told, rate, length = sampling_of(track), track.rate_hz, segment_length(max(track.rate_hz, 1.0))
+    begin = segments(track.t, hole_s, length)
+    if len(begin) < 2 * _FEWEST_SEGMENTS or rate < 4.0 * _NARROWEST_HZ:
+        return told
+    begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), _MOST_SEGMENTS)).round().astype(np.int64)]
+    f = frequencies(length, rate)
+    used = slice(2, len(f) - 1)
+    corners = []
+    for values, step in ((track.gyro, track.gyro_step), (track.accel, track.accel_step)):
+        power = 0.5 * periodograms(values, begin, rate, length).mean(axis=0)[used] - step**2 / (12.0 * rate)
+        clear = (power > step**2 / (12.0 * rate)).all(axis=0) & (power > 0).all(axis=0)
+        corners += [_corner(f[used], power[:, i], rate, len(begin)) for i in np.flatnonzero(clear)]
+    if not corners:
+        return told
+    seen = [corner for corner in corners if corner is not None]
+    corner = float(np.median(seen)) if len(seen) > len(corners) / 2 else None
+    return _judged(told, corner, rate)
+
+
+def quantisation_bound(readings: Array, step: float, rate_hz: float, sampling: Sampling) -> float | None:
+    """Upper bound (95 %) of the white-noise density of readings (N,) whose steps hide their noise; None if they do not.
+
+    They do where two values make up nearly all of the readings, or where most are 0: autopilots cut towards zero, so
+    that zero is two steps wide. The noise can be as large as leaves so few readings outside of the commonest value when
+    the truth lies in its middle.
+    """
+    if step <= 0 or not len(readings):
+        return None
+    from scipy.special import ndtri  # noqa: PLC0415  (slow to import)
+
+    values, counts = np.unique(np.round(readings / step), return_counts=True)
+    order = np.argsort(counts)[::-1]
+    share = float(counts[order[0]] / len(readings))
+    zero = values[order[0]] == 0
+    if counts[order[:2]].sum() < _TWO_VALUES * len(readings) and not (zero and share > _MOSTLY_ZERO):
+        return None
+    outside = 1.0 - share
+    outside += (3.0 + 2.0 * np.sqrt(outside * len(readings))) / len(
+        readings
+    )  # none of n seen: less than 3/n, with 95 %
+    wide = 2.0 if zero else 1.0
+    sigma = step * float(np.std(readings / step))
+    if zero or outside < 0.2:
+        sigma = 0.5 * wide * step / float(-ndtri(0.5 * min(outside, 0.7)))
+    return sigma * float(np.sqrt(folded_gain(np.zeros(1), rate_hz, sampling)[0] / _bandwidth(rate_hz, sampling)))
+
+
+def _bandwidth(rate: float, sampling: Sampling) -> float:
+    """Variance of a sample over N² of the noise before the sampling, Hz."""
+    if sampling.corner_hz:
+        return float(np.pi / np.sqrt(2.0) * sampling.corner_hz)  # of a Butterworth filter of second order
+    return 1.0 / sampling.interval_s if sampling.interval_s else rate
+
+
+def _judged(told: Sampling, corner: float | None, rate: float) -> Sampling:
+    if told.corner_hz is not None:
+        if told.corner_hz > 0.35 * rate:  # too near to half the rate to be seen
+            return told
+        agrees = corner is not None and 0.5 < corner / told.corner_hz < 2.0
+        return replace(told, confirmed=agrees)
+    if told.kind == "averaged":
+        return replace(told, corner_hz=corner)  # the sensor's own low-pass comes before the mean
+    if corner is not None:
+        return Sampling("filtered", corner_hz=corner, source="spectrum")
+    return Sampling("point", source="spectrum")
+
+
+def _corner(f: Array, power: Array, rate: float, count: int) -> float | None:
+    """The corner of the low-pass that a density (F,) at frequencies (F,) shows, Hz; None where it is flat."""
+    from scipy import ndimage  # noqa: PLC0415  (slow to import)
+
+    smooth = ndimage.median_filter(power, size=9, mode="nearest")
+    fallen = np.flatnonzero(smooth < smooth[: max(len(f) // 50, 9)].mean() / _VISIBLE)
+    f, logarithm = f[: fallen[0]] if len(fallen) else f, np.log(power[: fallen[0]] if len(fallen) else power)
+
+    def misfit(corner: float) -> float:
+        shape = np.log(folded_gain(f, rate, Sampling("filtered", corner_hz=corner)))
+        return float(np.var(logarithm - shape))
+
+    grid = np.geomspace(0.01 * rate, 0.35 * rate, 60)
+    costs = np.array([misfit(corner) for corner in grid])
+    best = int(np.argmin(costs))
+    noise = 1.0 / count  # variance of the logarithm of a density from so many segments
+    flat = float(np.var(logarithm))
+    falls = flat - costs[best] > 25.0 * noise / len(f) and costs[best] < 0.3 * flat
+    return float(grid[best]) if falls else None
+
+
+def _band(rate: float, how: Sampling) -> tuple[float, float] | None:
+    """From 3 Hz to half the filter's corner, at most 10 Hz and below half the rate; None where that is too narrow."""
+    fastest = min(_FASTEST_HZ, max(0.5 * how.corner_hz, 5.0) if how.corner_hz else np.inf, 0.45 * rate)
+    return (_SLOWEST_HZ, fastest) if fastest - _SLOWEST_HZ >= _NARROWEST_HZ else None
+
+
+def _density(power: Array, gain: Array, grid: float) -> Array:
+    """N (3,) before folding from one-sided densities (S, F, 3), G (F,) and what the steps of the readings add, N²."""
+    from scipy.special import gammaincinv  # noqa: PLC0415  (slow to import)
+
+    typical = np.median(power, axis=0) / np.log(2.0)  # the median of an exponential variable of mean 1 is ln 2
+    each = (0.5 * typical - grid) / gain[:, None]
+    freedom = max(len(power) * _EFFICIENCY, 0.5)
+    lower = float(gammaincinv(freedom, _QUIET) / freedom)
+    return np.asarray(np.sqrt(np.maximum(np.quantile(each, _QUIET, axis=0) / lower, 0.0)))

@@ -1,0 +1,60 @@
+"""Where a vehicle stands still, by its IMU, its GPS and its motors."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack
+
+_LOUDER = 2.0  # than the quietest tenth, and still quiet
+_MOST = (0.01, 0.15)  # rad/s, m/s²: a spread that nothing at rest has
+_FORCE = 1.0  # m/s², from gravity
+_MOVING_MPS = 0.5
+
+
+def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """Mean rates (K, 3) about keyframes t (K,) and their 1σ (K,), rad/s, and whether the vehicle rests there (K,).
+
+    A hover can be quieter than a bench, and an IMU cannot tell them apart: so the vehicle has to say that its motors
+    are off, and the GPS must not see it move.
+    """
+    armed = _armed(flight, t)
+    index = np.searchsorted(track.t, t)
+    half = max(2, round(0.25 * track.rate_hz))
+    low, high = np.maximum(index - half, 0), np.minimum(index + half, len(track))
+    count = (high - low)[:, None]
+    mean, spread = [], []
+    for values in (track.gyro, track.accel):
+        first, second = (np.concatenate([np.zeros((1, 3)), np.cumsum(v, axis=0)]) for v in (values, values**2))
+        average = (first[high] - first[low]) / count
+        variance = (second[high] - second[low]) / count - average**2
+        mean.append(average)
+        spread.append(np.sqrt(np.maximum(variance, 0.0)).max(axis=1))
+    still = ~armed
+    for own, step, most in ((spread[0], track.gyro_step, _MOST[0]), (spread[1], track.accel_step, _MOST[1])):
+        still &= own < min(most, max(_LOUDER * float(np.percentile(own, 10.0)), 0.6 * step, 0.2 * most))
+    still &= np.abs(np.linalg.norm(mean[1], axis=1) - STANDARD_GRAVITY) < _FORCE
+    still &= np.linalg.norm(mean[0], axis=1) < 0.1
+    for gps in flight.gps[:1]:
+        speed = np.linalg.norm(gps.velocity[:, :2], axis=1)
+        good = np.isfinite(speed) & (gps.fix_type >= 3)
+        if good.sum() > 1:
+            still &= np.interp(t, gps.t[good], speed[good]) < _MOVING_MPS
+    # the neighbours have to rest too: nothing begins or ends here
+    calm = still.copy()
+    calm[1:] &= still[:-1]
+    calm[:-1] &= still[1:]
+    return mean[0], spread[0] * np.sqrt(2.0 / count[:, 0]), np.asarray(calm)
+
+
+def _armed(flight: Flight, t: Array) -> npt.NDArray[np.bool_]:
+    """Whether the motors may run at each time: where nothing is said of it, they may."""
+    told = [(e.t, e.kind == "armed") for e in flight.events if e.kind in {"armed", "disarmed"}]
+    if not told:
+        return np.ones(len(t), np.bool_)
+    when = np.array([a for a, _ in told])
+    state = np.array([not told[0][1], *(b for _, b in told)])
+    return np.asarray(
+        state[np.searchsorted(when, t, side="right")] | state[np.searchsorted(when, t + 1.0, side="right")]
+    )

@@ -1,0 +1,259 @@
+"""What is fixed while the smoother iterates: keyframes, the readings that stand at them, and the first guess."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.estimation.earth_field import EarthField, field_at
+from companion.estimation.measurements import MICROTESLA, NOMINAL, Readings, gps_readings, vector_readings
+from companion.estimation.model import CONSTANT_STATES, CONSTANTS, States
+from companion.estimation.rest import at_rest
+from companion.estimation.system import Index
+from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin
+from companion.strapdown import quaternion
+
+BoolArray = npt.NDArray[np.bool_]
+
+_SPACING_S = (0.2, 1.0)  # between keyframes, at least and at most
+_KEYFRAMES = 1500  # a longer flight has them further apart
+_WITHOUT_GPS_S = 0.5
+_HOLE_S, _HOLE_PERIODS = 0.1, 3.0
+_FEWEST_FIXES = 5
+_FEWEST = 8  # intervals between keyframes without a hole
+_LOWEST_HZ = 8.0  # below it a keyframe interval has no motion of its own between two samples
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setup:
+    """The problem: everything but the states."""
+
+    imu: ImuTrack
+    index: Index  # (K,) samples at which keyframes stand
+    t: Array  # (K,) s
+    broken: BoolArray  # (K-1,) whether the IMU has a hole between two keyframes
+    readings: tuple[Readings, ...]
+    origin: Origin | None
+    earth: EarthField | None
+    gravity: float
+    constants: Array  # (39,) prior means
+    constants_sigma: Array  # (39,)
+    notes: tuple[str, ...]
+
+    def has(self, prefix: str) -> bool:
+        """Whether a witness of that name has readings."""
+        return any(one.name.startswith(prefix) for one in self.readings)
+
+
+def set_up(
+    flight: Flight,
+    imu: str | None,
+    gravity: float,
+    span: tuple[float, float] | None,
+    untrusted: Sequence[tuple[float, float]] = (),
+) -> Setup:
+    """The problem of a flight. Raises DataError where its IMU cannot carry an estimate.
+
+    untrusted: stretches (s) in which the IMU's readings are none: stuck, frozen, at the end of the range.
+    """
+    track = _undelayed(flight.imu(imu))
+    if span is not None:
+        first, last = np.searchsorted(track.t, span)
+        track = track[int(first) : int(last)]
+    if len(track) < 20 or track.rate_hz < _LOWEST_HZ:
+        raise DataError(
+            f"{track.source} has {len(track)} samples at {track.rate_hz:.1f} Hz: an estimate of the trajectory needs "
+            f"{_LOWEST_HZ:g} Hz or more. {flight.how_to_record}."
+        )
+    gps = _gps(flight, track)
+    spacing = float(np.clip((track.t[-1] - track.t[0]) / _KEYFRAMES, *_SPACING_S))
+    spacing = max(spacing, 1.5 / track.rate_hz)
+    index = _keyframes(track, gps.t[gps.fix_type >= 3] if gps is not None else None, spacing)
+    t = track.t[index]
+    notes: list[str] = []
+    origin = _origin(flight, gps)
+    readings: list[Readings] = []
+    if gps is not None and origin is not None:
+        readings += gps_readings(gps, t, (origin.latitude, origin.longitude, origin.height), 2 * spacing)
+        readings = [one for one in readings if len(one.t) > 1]
+    if not readings:
+        why = f"none of the {len(flight.gps)} has {_FEWEST_FIXES} fixes in the IMU's time: " if flight.gps else ""
+        notes.append(f"no GPS: {why}attitude only, from gravity and compass; position and velocity are not known")
+        readings.append(Readings("calm", t, np.arange(len(t)), np.zeros((len(t), 3)),
+                                 np.full((len(t), 3), NOMINAL["calm"]), index))  # fmt: skip
+    readings += _compass(flight, track, t, spacing, notes)
+    if flight.barometers:
+        one = max(flight.barometers, key=len)
+        good = np.isfinite(one.altitude)
+        if good.sum() > 5 and np.ptp(one.altitude[good]) > 0:
+            readings.append(vector_readings("barometer", one.t[good], one.altitude[good][:, None], t, 2 * spacing))
+    readings += _rest(flight, track, t)
+    earth = field_at(origin, flight.epoch)
+    mean, sigma = _constants(earth, readings)
+    gaps = np.diff(track.t)
+    hole = np.concatenate([[0], np.cumsum(gaps > max(_HOLE_S, _HOLE_PERIODS * float(np.median(gaps))))])
+    broken = np.diff(hole[index]) > 0
+    for first, last in untrusted:
+        broken |= (t[1:] > first) & (t[:-1] < last)
+    whole = len(broken) - int(broken.sum())
+    if whole < _FEWEST:
+        raise DataError(
+            f"{track.source} has readings to trust in {whole} of {len(broken)} intervals: an estimate of the path "
+            f"needs {_FEWEST} without holes. {flight.how_to_record}."
+        )
+    if broken.any():
+        notes.append(f"{int(broken.sum())} holes in {track.source}: the estimate begins anew after each")
+    return Setup(track, index, t, broken, tuple(readings), origin, earth, gravity, mean, sigma, tuple(notes))
+
+
+def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
+    """The receiver with the most fixes in the IMU's time."""
+
+    def fixes(one: GpsTrack) -> int:
+        return int(((one.fix_type >= 3) & (one.t >= track.t[0]) & (one.t <= track.t[-1])).sum())
+
+    best = max(flight.gps, key=fixes, default=None)
+    return best if best is not None and fixes(best) >= _FEWEST_FIXES else None
+
+
+def _undelayed(track: ImuTrack) -> ImuTrack:
+    """The track at the times that its readings speak of: a low-pass of second order delays them by √2 / (2π f)."""
+    if track.low_pass_hz is None or not track.low_pass_hz > 0:
+        return track
+    return replace(track, t=track.t - np.sqrt(2.0) / (2.0 * np.pi * track.low_pass_hz))
+
+
+def _keyframes(track: ImuTrack, epochs: Array | None, spacing: float) -> Index:
+    """Samples at the GPS epochs, thinned to the spacing and filled where there are none for longer."""
+    if epochs is None or not len(epochs):
+        wanted = np.arange(track.t[0], track.t[-1], max(spacing, _WITHOUT_GPS_S))
+    else:
+        inside = epochs[(epochs >= track.t[0]) & (epochs <= track.t[-1])]
+        slot = np.floor((inside - track.t[0]) / spacing + 0.5)
+        thinned = inside[np.concatenate([[True], np.diff(slot) > 0])] if len(inside) else inside
+        ends = np.concatenate([[track.t[0]], thinned, [track.t[-1]]])
+        longest = max(2.5 * spacing, 0.5)
+        fill = [np.linspace(a, b, int((b - a) / longest) + 1, endpoint=False)[1:]
+                for a, b in pairwise(ends.tolist()) if b - a > longest]  # fmt: skip
+        wanted = np.sort(np.concatenate([ends, *fill]))
+    near = np.clip(np.searchsorted(track.t, wanted), 1, len(track) - 1)
+    near = near - (wanted - track.t[near - 1] < track.t[near] - wanted)
+    index = np.unique(np.concatenate([[0], near, [len(track) - 1]]))
+    close = np.diff(track.t[index], prepend=-np.inf) < 0.4 * spacing
+    close[-1] = False
+    return np.asarray(index[~close], dtype=np.intp)
+
+
+def _origin(flight: Flight, gps: GpsTrack | None) -> Origin | None:
+    """The zero of the position: the flight's own where it states one, else the first fix."""
+    if gps is None:
+        return flight.origin
+    fixed = np.flatnonzero((gps.fix_type >= 3) & np.isfinite(gps.latitude) & np.isfinite(gps.height))
+    if flight.origin is not None and flight.origin.t is None:
+        return flight.origin
+    if not len(fixed):
+        return None
+    i = int(fixed[0])
+    return Origin(float(gps.latitude[i]), float(gps.longitude[i]), float(gps.height[i]), float(gps.t[i]))
+
+
+def _compass(flight: Flight, track: ImuTrack, t: Array, spacing: float, notes: list[str]) -> list[Readings]:
+    """The compass that goes with the IMU, else the first that reads something."""
+    usable = [one for one in flight.compasses if len(one) > 10 and _plausible(one.field)]
+    if not usable:
+        if flight.compasses:
+            notes.append("no compass is used: its readings are constant, or no field of the Earth")
+        return []
+    one = next((c for c in usable if c.source == track.source), usable[0])
+    good = np.isfinite(one.field).all(axis=1) & (np.linalg.norm(one.field, axis=1) > 5e-6)
+    found = vector_readings("compass", one.t[good], one.field[good] * MICROTESLA, t, spacing)
+    sample = np.clip(np.searchsorted(track.t, found.t), 0, len(track) - 1).astype(np.intp)
+    return [Readings("compass", found.t, found.keyframe, found.value, found.sigma, sample)]
+
+
+def _plausible(field: Array) -> bool:
+    """Whether most readings have the size of a field on Earth (22 to 67 µT, with room for iron)."""
+    size = np.linalg.norm(field[np.isfinite(field).all(axis=1)], axis=1)
+    return bool(len(size) > 10 and 10e-6 < np.median(size) < 150e-6 and np.ptp(field, axis=0).max() > 0)
+
+
+def _rest(flight: Flight, track: ImuTrack, t: Array) -> list[Readings]:
+    """Zero velocity and zero rate at the keyframes at rest."""
+    means, own, still = at_rest(flight, track, t)
+    k = np.flatnonzero(still).astype(np.intp)
+    if not len(k):
+        return []
+    zero = np.zeros((len(k), 3))
+    step = np.hypot(NOMINAL["rest_rate"], 0.5 * track.gyro_step)
+    return [
+        Readings("rest_velocity", t[k], k, zero, np.full((len(k), 3), NOMINAL["rest_velocity"]), k),
+        Readings("rest_rate", t[k], k, means[k], np.hypot(step, np.repeat(own[k, None], 3, axis=1)), k),
+    ]
+
+
+def _constants(earth: EarthField | None, readings: list[Readings]) -> tuple[Array, Array]:
+    mean, sigma = np.zeros(CONSTANT_STATES), np.empty(CONSTANT_STATES)
+    for place, width in CONSTANTS.values():
+        sigma[place] = width
+    mean[CONSTANTS["gps_latency"][0]] = 0.1
+    field = CONSTANTS["earth_field"][0]
+    if earth is not None:
+        mean[field], sigma[field] = earth.ned * MICROTESLA, earth.sigma * MICROTESLA
+    else:
+        size = [float(np.median(np.linalg.norm(one.value, axis=1))) for one in readings if one.name == "compass"]
+        # the dip is not known, nor on which half of the Earth it is: only that north is magnetic north
+        mean[field], sigma[field] = np.array([0.5, 0.0, 0.6]) * (size[0] if size else 50.0), [20.0, 8.0, 40.0]
+    baro = next((one for one in readings if one.name == "barometer"), None)
+    if baro is not None:
+        mean[CONSTANTS["barometer_offset"][0]] = baro.value[0, 0]
+    return mean, sigma
+
+
+def first_guess(setup: Setup, flight: Flight) -> States:
+    """Where the iteration begins: the autopilot's attitude where there is one, else gravity and compass."""
+    count = len(setup.t)
+    q = _attitude_guess(setup, flight)
+    position, velocity = np.zeros((count, 3)), np.zeros((count, 3))
+    for one in setup.readings:
+        rows = {"gps_position": slice(0, 2), "gps_height": slice(2, 3), "gps_velocity": slice(0, 2),
+                "gps_climb": slice(2, 3)}.get(one.name)  # fmt: skip
+        if rows is not None:
+            target = position if one.name in ("gps_position", "gps_height") else velocity
+            for axis, column in zip(range(rows.start, rows.stop), one.value.T, strict=True):
+                target[:, axis] = np.interp(setup.t, one.t, column)
+    return States(q, velocity, position, np.zeros((count, 3)), np.zeros((count, 3)), setup.constants.copy())
+
+
+def _attitude_guess(setup: Setup, flight: Flight) -> Array:
+    attitude = flight.attitude
+    if attitude is not None and len(attitude) > 1:
+        i = np.clip(np.searchsorted(attitude.t, setup.t, side="right") - 1, 0, len(attitude) - 2)
+        u = np.clip((setup.t - attitude.t[i]) / (attitude.t[i + 1] - attitude.t[i]), 0.0, 1.0)
+        return quaternion.slerp(attitude.q_ned_frd[i], attitude.q_ned_frd[i + 1], u)
+    return _triad(setup)
+
+
+def _triad(setup: Setup) -> Array:
+    """Attitudes from mean specific force and magnetic field at every keyframe; heading zero without a compass."""
+    track, index = setup.imu, setup.index
+    half = max(1, round(0.5 * track.rate_hz))
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(track.accel, axis=0)])
+    low, high = np.maximum(index - half, 0), np.minimum(index + half, len(track))
+    down = -(total[high] - total[low])
+    down /= np.linalg.norm(down, axis=1)[:, None]
+    compass = next((one for one in setup.readings if one.name == "compass"), None)
+    field = np.tile([1.0, 0.0, 0.0], (len(index), 1))
+    declination = 0.0
+    if compass is not None:
+        field = np.column_stack([np.interp(setup.t, compass.t, column) for column in compass.value.T])
+        m = setup.constants[CONSTANTS["earth_field"][0]]
+        declination = float(np.arctan2(m[1], m[0]))
+    east = np.cross(down, field)
+    east /= np.linalg.norm(east, axis=1)[:, None]
+    north = np.cross(east, down)
+    magnetic = quaternion.from_matrix(np.stack([north, east, down], axis=1))
+    return quaternion.multiply(quaternion.exp(np.array([0.0, 0.0, declination])), magnetic)

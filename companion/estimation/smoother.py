@@ -1,0 +1,167 @@
+"""The smoother: Gauss-Newton over all keyframes at once, and one explanation after the other for what does not fit.
+
+Each pass takes the nominal states, makes them linear, solves for all errors at once and moves the states; in between
+the densities are learned. Then everything that may be wrong competes for what the witnesses do not agree on, and the
+estimate is made anew with what explains most, until nothing pays for itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.estimation.competition import Choice, choose, detectable, explained
+from companion.estimation.learned_noise import START, coloured, learn, noise_limits, outlier_weights
+from companion.estimation.linearisation import Linear, carry_imu, linearise
+from companion.estimation.measurements import UNITS
+from companion.estimation.model import (
+    ACCEL_BIAS,
+    ATTITUDE,
+    CAUSES,
+    GYRO_BIAS,
+    BestEstimate,
+    ProcessNoise,
+    Residuals,
+    States,
+)
+from companion.estimation.setup import Setup, first_guess, set_up
+from companion.estimation.system import (
+    measurement_residual,
+)
+from companion.model import STANDARD_GRAVITY, Array, DataError, Flight
+
+_PASSES = 14
+
+
+_LEARN_FROM = 1  # the pass after which densities are learned
+
+
+_MOST_EXPLAINED = 6
+
+
+def smooth(
+    flight: Flight,
+    imu: str | None = None,
+    *,
+    gravity: float = STANDARD_GRAVITY,
+    guess: States | None = None,
+    span: tuple[float, float] | None = None,
+    untrusted: Sequence[tuple[float, float]] = (),
+) -> BestEstimate:
+    """The best estimate of a flight's trajectory from one IMU and every witness but the autopilot's own estimate.
+
+    imu: the message, as for `Flight.imu`. guess: where to begin, in place of the autopilot's attitude and the GPS; the
+    result does not depend on it. span: boot times (s) to which the estimate is confined.
+    untrusted: stretches in which the IMU's readings are none: stuck, frozen, at the end of the range.
+
+    Raises DataError where the IMU cannot carry an estimate.
+    """
+    setup = set_up(flight, imu, gravity, span, untrusted)
+    start = Start(
+        guess or first_guess(setup, flight), START, {one.name: _scale_at_first(one.name) for one in setup.readings}
+    )
+    try:
+        return explain(setup, start)
+    except np.linalg.LinAlgError as error:
+        raise DataError(
+            f"{setup.imu.source}: no estimate of the trajectory can be made of these readings ({error}). "
+            "Look at them with `companion info`; another IMU may be in order: --imu."
+        ) from error
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """Where an iteration begins."""
+
+    states: States
+    noise: ProcessNoise
+    scale: Mapping[str, float]
+
+
+def _scale_at_first(name: str) -> float:
+    return 1.0 if name.startswith("rest") else 3.0
+
+
+def explain(setup: Setup, start: Start) -> BestEstimate:
+    """The estimate with everything explained that has to be: one after the other, each time what explains most."""
+    accepted: list[Choice] = []
+    while True:
+        settled, linear = estimate(setup, start, accepted)
+        if len(accepted) >= _MOST_EXPLAINED:
+            break
+        choice = choose(linear.problem, linear.solution)
+        if choice is None:
+            break
+        accepted.append(choice)
+        start = settled
+    return _result(setup, settled, linear, accepted)
+
+
+def estimate(setup: Setup, start: Start, accepted: Sequence[Choice] = ()) -> tuple[Start, Linear]:
+    """The iteration with what is accepted: where it settles, and the linear problem there."""
+    states, noise, scale = start.states, start.noise, dict(start.scale)
+    weights: dict[str, Array] = {}
+    path = carry_imu(setup, (states.gyro_bias.mean(axis=0), states.accel_bias.mean(axis=0)))
+    for count in range(_PASSES):
+        linear = linearise(setup, path, states, noise, scale, weights, accepted)
+        states = states.moved(linear.solution.x, linear.solution.c)
+        moved = float(np.abs(linear.solution.x[:, ATTITUDE]).max())
+        if count == 0 or moved > 0.02:
+            path = carry_imu(setup, (np.median(states.gyro_bias, axis=0), np.median(states.accel_bias, axis=0)))
+        if count >= _LEARN_FROM:
+            learned, new_scale = learn(linear, noise, scale, noise_limits(setup))
+            change = max(
+                *(abs(np.log(learned.density(c) / noise.density(c))) for c in CAUSES[:2]),
+                *(abs(np.log(new_scale[name] / scale[name])) for name in scale),
+            )
+            noise, scale = learned, new_scale
+            if count >= (1 if accepted else 4):
+                weights = outlier_weights(linear)
+            if count >= (3 if accepted else 6) and change < 0.05 and moved < 1e-3:
+                break
+    grown = coloured(linear)
+    wide = replace(noise, gyro_noise=noise.gyro_noise * grown["gyro"], accel_noise=noise.accel_noise * grown["accel"])
+    for _ in range(2):
+        linear = linearise(setup, path, states, wide, scale, weights, accepted, grown)
+        states = states.moved(linear.solution.x, linear.solution.c)
+    if not np.isfinite(states.q_ned_frd).all():
+        raise DataError(f"{setup.imu.source}: the estimate of the trajectory does not settle; the readings do not fit")
+    return Start(states, noise, scale), linear
+
+
+def _result(setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Choice]) -> BestEstimate:
+    states = settled.states
+    covariance, _ = linear.solution.covariances()
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+    residuals = {
+        one.name: Residuals(one.t, measurement_residual(one, linear.solution), one.sigma, one.weight, UNITS[one.name])
+        for one in linear.measurements
+    }
+    heading = "compass" if "compass" in residuals else "GPS and acceleration"
+    if "gps_velocity" not in residuals and "compass" not in residuals:
+        heading = "first guess"
+    return BestEstimate(
+        imu=setup.imu,
+        index=setup.index,
+        t=setup.t,
+        states=states,
+        covariance=covariance[:, :9, :9],
+        gyro_bias_sigma=sigma[:, GYRO_BIAS],
+        accel_bias_sigma=sigma[:, ACCEL_BIAS],
+        constants_sigma=np.sqrt(np.maximum(np.diagonal(linear.solution.constants_covariance), 0.0)),
+        noise=settled.noise,
+        lasting=(
+            linear.noise.gyro_noise / settled.noise.gyro_noise,
+            linear.noise.accel_noise / settled.noise.accel_noise,
+        ),
+        measurement_scale=dict(settled.scale),
+        residuals=residuals,
+        gravity=setup.gravity,
+        origin=setup.origin,
+        explained=explained(linear.problem, linear.solution, accepted),
+        detectable=detectable(linear.problem, linear.solution),
+        heading_from=heading,
+        notes=setup.notes,
+    )

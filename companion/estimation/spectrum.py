@@ -1,0 +1,157 @@
+"""What an IMU shakes with: power spectral densities by Welch's method, their peaks, and the vibration over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.model import Array, ImuTrack
+
+IntArray = npt.NDArray[np.int64]
+
+_SEGMENT_S = 4.0  # s: a resolution of a quarter of a hertz
+_FEWEST, _MOST = 32, 4096  # samples of a segment
+_AT_ONCE = 128  # segments in memory, so that a day's log needs no more than a minute's
+_VIBRATION_S = 1.0  # s, over which the vibration is averaged
+_SLOW_S = 0.2  # s, the moving mean that is taken for the vehicle's own motion: 5 Hz
+_PEAK = 4.0  # times the density around it, in power: 6 dB
+_AROUND_HZ = 6.0  # what "around it" is
+_SLOWEST_PEAK_HZ = 3.0  # below it the vehicle flies, it does not vibrate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectrum:
+    """One-sided power spectral densities of an IMU's readings, FRD. White noise of density N is 2 N² in them."""
+
+    frequency_hz: Array  # (F,)
+    gyro: Array  # (F, 3) (rad/s)²/Hz
+    accel: Array  # (F, 3) (m/s²)²/Hz
+    segments: int  # how many were averaged, half overlapping
+
+
+@dataclass(frozen=True, slots=True)
+class Peak:
+    """A line in a spectrum that stands out of what is around it."""
+
+    axis: int  # 0, 1, 2: forward, right, down
+    frequency_hz: float  # as sampled: what vibrates faster than half the rate is folded down to it
+    amplitude: float  # root mean square of what is in the peak, rad/s or m/s²
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Vibration:
+    """How strongly an IMU shakes, over time."""
+
+    t: Array  # (M,) s, boot clock, middle of each second
+    accel: Array  # (M, 3) standard deviation of the specific force about its moving mean, FRD, m/s²
+
+
+def imu_spectrum(track: ImuTrack, hole_s: float) -> Spectrum | None:
+    """The spectra of an IMU (Welch 1967), over all the stretches of it without a hole; None where none is long enough.
+
+    hole_s: sample intervals that are longer than this are holes. Samples are taken as even within a segment: device
+    clocks jitter by less than a tenth of a period.
+    """
+    rate = track.rate_hz
+    if not rate:
+        return None
+    length = segment_length(rate)
+    begin = segments(track.t, hole_s, length)
+    if not len(begin):
+        return None
+    parts = np.array_split(begin, -(-len(begin) // _AT_ONCE))
+
+    def mean(values: Array) -> Array:
+        total = sum(periodograms(values, some, rate, length).sum(axis=0) for some in parts)
+        return np.asarray(total / len(begin))
+
+    return Spectrum(frequencies(length, rate), mean(track.gyro), mean(track.accel), len(begin))
+
+
+def segment_length(rate_hz: float) -> int:
+    """Samples of a segment at a rate, Hz: a power of two, about four seconds."""
+    return int(np.clip(2 ** np.floor(np.log2(_SEGMENT_S * rate_hz)), _FEWEST, _MOST))
+
+
+def segments(t: Array, hole_s: float, length: int) -> IntArray:
+    """The first samples (S,) of segments of `length` samples that overlap by half and have no hole in them."""
+    begin = [np.arange(a, b - length + 1, length - length // 2) for a, b in stretches(t, hole_s)]
+    return np.concatenate([*begin, np.zeros(0, np.int64)]).astype(np.int64)
+
+
+def stretches(t: Array, hole_s: float) -> list[tuple[int, int]]:
+    """Where samples at times t (N,) s follow one another without a hole: [first, end) of each stretch."""
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(t) > hole_s) + 1, [len(t)]])
+    return [(a, b) for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True) if b - a > 1]
+
+
+def frequencies(length: int, rate_hz: float) -> Array:
+    """The frequencies (F,), Hz, of a segment of `length` samples."""
+    return np.asarray(np.fft.rfftfreq(length, 1 / rate_hz), dtype=np.float64)
+
+
+def periodograms(values: Array, begin: IntArray, rate_hz: float, length: int, window: str = "hann") -> Array:
+    """One-sided power spectral density (S, F, ...) of each of the segments of values (N, ...) that start at `begin`.
+
+    Each without its mean and under a window that SciPy knows; it integrates to the variance.
+    """
+    from scipy import signal  # noqa: PLC0415  (slow to import, and `companion info` needs no spectrum)
+
+    parts = values[begin[:, None] + np.arange(length)]
+    _, density = signal.periodogram(parts, rate_hz, window=window, detrend="constant", axis=1)
+    return np.asarray(density, dtype=np.float64)
+
+
+def peaks(spectrum: Spectrum, density: Array, most: int = 3) -> tuple[Peak, ...]:
+    """The strongest lines in a density (F, 3) of a spectrum, up to `most` an axis, the strongest first.
+
+    A line is four times as strong as the median within 6 Hz, and more than chance makes of so few segments.
+    """
+    from scipy import ndimage, signal  # noqa: PLC0415  (slow to import)
+
+    resolution = float(spectrum.frequency_hz[1])
+    threshold = _PEAK * (1.0 + 6.0 / np.sqrt(max(spectrum.segments, 1)))
+    found = []
+    for axis in range(3):
+        line = density[:, axis]
+        around = ndimage.median_filter(line, size=2 * round(_AROUND_HZ / resolution) + 1, mode="nearest")
+        ratio = line / np.maximum(around, 1e-30)
+        tops, _ = signal.find_peaks(ratio, height=threshold, distance=max(round(1.0 / resolution), 1))
+        for top in tops[spectrum.frequency_hz[tops] >= _SLOWEST_PEAK_HZ].tolist():
+            near = slice(max(top - 2, 0), top + 3)  # a line under a Hann window is four bins wide
+            power = float(np.sum(np.maximum(line[near] - around[near], 0.0))) * resolution
+            found.append(Peak(axis, float(spectrum.frequency_hz[top]), float(np.sqrt(power))))
+    found.sort(key=lambda peak: -peak.amplitude)
+    return tuple(p for i, p in enumerate(found) if sum(q.axis == p.axis for q in found[:i]) < most)
+
+
+def folded_onto(frequency_hz: float, rate_hz: float, count: int = 3) -> tuple[float, ...]:
+    """The frequencies above half the rate that sampling at `rate_hz` shows at `frequency_hz`, the lowest first."""
+    both = [abs(k * rate_hz + sign * frequency_hz) for k in range(1, count + 1) for sign in (-1, 1)]
+    return tuple(sorted(both)[:count])
+
+
+def vibration(track: ImuTrack, hole_s: float) -> Vibration | None:
+    """The specific force that is left above about 5 Hz, second by second; None below 20 Hz.
+
+    After ArduPilot's VIBE, which is the same from the IMU at its full rate; what the stream's own low-pass and rate
+    have lost is missing here.
+    """
+    rate = track.rate_hz
+    if rate < 4 / _SLOW_S:
+        return None
+    slow, second = round(_SLOW_S * rate) | 1, round(_VIBRATION_S * rate)
+    times, levels = [], []
+    for a, b in stretches(track.t, hole_s):
+        if b - a < slow + second:
+            continue
+        running = np.cumsum(np.vstack([np.zeros(3), track.accel[a:b]]), axis=0)
+        mean = (running[slow:] - running[:-slow]) / slow
+        fast = track.accel[a + slow // 2 : b - slow // 2] - mean
+        whole = len(fast) // second
+        parts = fast[: whole * second].reshape(whole, second, 3)
+        levels.append(np.sqrt(np.mean(np.square(parts), axis=1)))
+        times.append(track.t[a + slow // 2 + second // 2 :][: whole * second : second])
+    return Vibration(np.concatenate(times), np.concatenate(levels)) if times else None

@@ -1,0 +1,176 @@
+"""The linear system of the smoother: keyframes in a chain, the constants of the flight beside them.
+
+Every piece of knowledge is a factor: a residual `r + J x` with a covariance. The IMU joins neighbouring keyframes
+(x_{k+1} = Φ x_k + G c + r + noise), a measurement sees one keyframe and the constants, a prior sees one of them. The
+sum of all squared residuals is least where A x + B c = b and Bᵀ x + C c = b_c: A is block-tridiagonal, and the border
+(B, C) is eliminated by its Schur complement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.estimation.block_tridiagonal import Factor, factorise
+from companion.estimation.model import STATES
+from companion.model import Array
+
+Index = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """What the IMU says between neighbouring keyframes: residual = r + Φ x_k + G c - x_{k+1}."""
+
+    residual: Array  # (K-1, 15) predicted less nominal
+    transition: Array  # (K-1, 15, 15) Φ
+    constants: Array  # (K-1, 15, C) G
+    weight: Array  # (K-1, 15, 15) inverse of the process noise Q
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measurement:
+    """M readings of one witness: residual = r - H x_k - H_c c."""
+
+    name: str
+    t: Array  # (M,) s, of the readings
+    keyframe: Index  # (M,), each once
+    residual: Array  # (M, d) measured less what the nominal states predict
+    states: Array  # (M, d, 15) H
+    constants: Array  # (M, d, C) H_c
+    sigma: Array  # (M, d) 1σ, with the learned scale; robust weights not in it
+    weight: Array  # (M,) robust, 1 for what is believed
+    unit: str = ""
+
+    @property
+    def information(self) -> Array:
+        """(M, d) the inverse variances."""
+        return np.asarray(self.weight[:, None] / self.sigma**2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prior:
+    """What is believed beforehand about the first keyframe and the constants: residual = r - x."""
+
+    residual: Array  # (15,)
+    sigma: Array  # (15,)
+    constants_residual: Array  # (C,)
+    constants_sigma: Array  # (C,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """The least-squares solution, and what is needed to ask it further questions."""
+
+    factor: Factor
+    x: Array  # (K, 15)
+    c: Array  # (C,)
+    border: Array  # (K, 15, C) Y = A⁻¹ B
+    constants_covariance: Array  # (C, C)
+
+    def covariances(self) -> tuple[Array, Array]:
+        """Covariance (K, 15, 15) of every keyframe, and (K-1, 15, 15) of it with the next, the constants unknown."""
+        own, beside = self.factor.inverse_blocks()
+        y, s = self.border, self.constants_covariance
+        ys = y @ s
+        return own + ys @ y.swapaxes(-1, -2), beside + ys[:-1] @ y[1:].swapaxes(-1, -2)
+
+
+def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior: Prior) -> Solution:
+    """The errors x of the `count` keyframes and c of the constants that fit all factors best.
+
+    Raises numpy.linalg.LinAlgError where something is not determined by any factor.
+    """
+    diagonal = np.zeros((count, STATES, STATES))
+    border = np.zeros((count, STATES, len(prior.constants_sigma)))
+    b = np.zeros((count, STATES))
+    inner = np.diag(prior.constants_sigma**-2.0)
+    b_c = prior.constants_residual * prior.constants_sigma**-2.0
+    diagonal[0] += np.diag(prior.sigma**-2.0)
+    b[0] += prior.residual * prior.sigma**-2.0
+
+    phi, g, w = motion.transition, motion.constants, motion.weight
+    phi_w, w_g = phi.swapaxes(-1, -2) @ w, w @ g
+    w_r = (w @ motion.residual[..., None])[..., 0]
+    diagonal[:-1] += phi_w @ phi
+    diagonal[1:] += w
+    upper = -phi_w
+    border[:-1] += phi_w @ g
+    border[1:] -= w_g
+    b[:-1] -= np.einsum("kij,ki->kj", phi, w_r)
+    b[1:] += w_r
+    inner += _crossed(g, w_g)
+    b_c -= _crossed(g, w_r[..., None])[:, 0]
+
+    for one in measurements:
+        information = one.information
+        weighted = one.states * information[..., None]  # W H
+        diagonal[one.keyframe] += weighted.swapaxes(-1, -2) @ one.states  # a witness has one reading at a keyframe
+        border[one.keyframe] += weighted.swapaxes(-1, -2) @ one.constants
+        b[one.keyframe] += np.einsum("mdi,md->mi", weighted, one.residual)
+        weighted = one.constants * information[..., None]
+        inner += _crossed(weighted, one.constants)
+        b_c += _crossed(weighted, one.residual[..., None])[:, 0]
+
+    factor = factorise(diagonal, upper)
+    solved = factor.solve(np.concatenate((border, b[..., None]), axis=2))
+    y, x0 = solved[..., :-1], solved[..., -1]
+    schur = inner - _crossed(border, y)
+    covariance = np.asarray(np.linalg.inv(0.5 * (schur + schur.T)), np.float64)
+    c = covariance @ (b_c - _crossed(border, x0[..., None])[:, 0])
+    return Solution(factor, x0 - y @ c, c, y, covariance)
+
+
+def disturbances(motion: Motion, solution: Solution) -> tuple[Array, Array]:
+    """e (K-1, 15) and D (K-1, 15, 15): the smoothed disturbance of every interval, and its variance.
+
+    e = W r̂, D = W - W cov(r̂) W. A shock u to the states at the end of an interval would raise twice the logarithm of
+    the likelihood by e' D⁻¹ e, and its size is D⁻¹ e, of the components that it moves (de Jong and Penzer 1998).
+    """
+    own, beside = solution.factor.inverse_blocks()
+    w = motion.weight
+    e = (w @ motion_residual(motion, solution)[..., None])[..., 0]
+    return e, w - w @ motion_residual_covariance(motion, solution, own, beside) @ w
+
+
+def _crossed(a: Array, b: Array) -> Array:
+    """Σ over k of a_kᵀ b_k: a (K, n, i), b (K, n, j), the sum (i, j)."""
+    return np.asarray(a.reshape(-1, a.shape[2]).T @ b.reshape(-1, b.shape[2]))
+
+
+def motion_residual(motion: Motion, solution: Solution) -> Array:
+    """(K-1, 15) what the solution leaves of the motion factors."""
+    return np.asarray(
+        motion.residual
+        + (motion.transition @ solution.x[:-1, :, None])[..., 0]
+        + motion.constants @ solution.c
+        - solution.x[1:]
+    )
+
+
+def measurement_residual(one: Measurement, solution: Solution) -> Array:
+    """(M, d) what the solution leaves of a witness."""
+    return np.asarray(
+        one.residual - (one.states @ solution.x[one.keyframe][..., None])[..., 0] - one.constants @ solution.c
+    )
+
+
+def motion_residual_covariance(motion: Motion, solution: Solution, own: Array, beside: Array) -> Array:
+    """(K-1, 15, 15) posterior covariance of r + Φ x_k + G c - x_{k+1}; own, beside: of `factor.inverse_blocks`."""
+    phi = motion.transition
+    crossed = phi @ beside
+    chain = phi @ own[:-1] @ phi.swapaxes(-1, -2) - crossed - crossed.swapaxes(-1, -2) + own[1:]
+    y = solution.border
+    constants = motion.constants - phi @ y[:-1] + y[1:]
+    return np.asarray(chain + constants @ solution.constants_covariance @ constants.swapaxes(-1, -2))
+
+
+def measurement_covariance(one: Measurement, solution: Solution, own: Array) -> Array:
+    """(M, d, d) covariance of the posterior of H x + H_c c."""
+    h = one.states
+    constants = one.constants - h @ solution.border[one.keyframe]
+    chain = h @ own[one.keyframe] @ h.swapaxes(-1, -2)
+    return np.asarray(chain + constants @ solution.constants_covariance @ constants.swapaxes(-1, -2))

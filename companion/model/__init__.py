@@ -1,0 +1,68 @@
+"""The nouns: tracks, series, flights, errors, and the Earth they are on. NumPy alone, and no autopilot's name."""
+
+from companion.model.aiding import (
+    ActuatorTrack,
+    BarometerTrack,
+    BiasTrack,
+    CompassTrack,
+    ControlTrack,
+    EstimatorReset,
+    GpsTrack,
+    ImuInUse,
+    ParameterChange,
+    Phase,
+    PhaseKind,
+    ResetKind,
+    TruthTrack,
+)
+from companion.model.errors import CompanionError, DataError, InputError, SettingsError
+from companion.model.flight import Epoch, Flight, MessageStats, Origin, StatusText, Vehicle
+from companion.model.geodesy import (
+    ECCENTRICITY_SQUARED,
+    SEMI_MAJOR_AXIS,
+    from_euler,
+    geodetic_from_ned,
+    ned_from_geodetic,
+)
+from companion.model.series import Event, Series
+from companion.model.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, NavState, PositionTrack, Trajectory
+
+__all__ = [
+    "ECCENTRICITY_SQUARED",
+    "SEMI_MAJOR_AXIS",
+    "STANDARD_GRAVITY",
+    "ActuatorTrack",
+    "Array",
+    "AttitudeTrack",
+    "BarometerTrack",
+    "BiasTrack",
+    "CompanionError",
+    "CompassTrack",
+    "ControlTrack",
+    "DataError",
+    "Epoch",
+    "EstimatorReset",
+    "Event",
+    "Flight",
+    "GpsTrack",
+    "ImuInUse",
+    "ImuTrack",
+    "InputError",
+    "MessageStats",
+    "NavState",
+    "Origin",
+    "ParameterChange",
+    "Phase",
+    "PhaseKind",
+    "PositionTrack",
+    "ResetKind",
+    "Series",
+    "SettingsError",
+    "StatusText",
+    "Trajectory",
+    "TruthTrack",
+    "Vehicle",
+    "from_euler",
+    "geodetic_from_ned",
+    "ned_from_geodetic",
+]

@@ -1,0 +1,184 @@
+"""A flight, one boot of one vehicle: its tracks, what it says of itself, and which IMU to integrate."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from companion.model.aiding import (
+    ActuatorTrack,
+    BarometerTrack,
+    BiasTrack,
+    CompassTrack,
+    ControlTrack,
+    EstimatorReset,
+    GpsTrack,
+    ImuInUse,
+    ParameterChange,
+    TruthTrack,
+)
+from companion.model.errors import DataError
+from companion.model.series import Event, Series
+from companion.model.tracks import AttitudeTrack, ImuTrack, PositionTrack
+
+_COVERED = 0.5  # of the time, by what the samples are means over; between them lies what nobody measured
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """Who flew: MAVLink ids, and what its heartbeats say (names without the enum's prefix)."""
+
+    sysid: int
+    compid: int
+    autopilot: str  # MAV_AUTOPILOT: ARDUPILOTMEGA, PX4, ... or UNKNOWN without a heartbeat
+    type: str  # MAV_TYPE: QUADROTOR, FIXED_WING, SUBMARINE, ... or UNKNOWN
+    firmware: str = ""  # as the vehicle states it, "" when it does not
+
+    def __str__(self) -> str:
+        return f"{self.sysid}:{self.compid}"
+
+
+@dataclass(frozen=True, slots=True)
+class MessageStats:
+    """How one message type of a flight arrived. Rate and gaps by device time where the message carries it."""
+
+    count: int
+    rate_hz: float | None  # 1 / median period; None for fewer than two messages
+    longest_gap_s: float | None
+    duplicates: int  # copies with the device time and content of another
+
+
+@dataclass(frozen=True, slots=True)
+class StatusText:
+    """What the vehicle said in words. The text is untrusted: escape it before it becomes markup."""
+
+    t: float  # s, boot clock
+    severity: int  # MAV_SEVERITY: 0 emergency ... 7 debug
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where on Earth a flight was, as its autopilot first knew it (WGS-84)."""
+
+    latitude: float  # rad
+    longitude: float  # rad
+    height: float  # m above mean sea level
+    t: float | None = None  # s, boot clock, when the vehicle was there; None: it is the zero of the position track
+
+
+@dataclass(frozen=True, slots=True)
+class Epoch:
+    """When the boot clock was zero, in the world's time."""
+
+    unix_s: float  # s since 1970, UTC
+    source: str  # SYSTEM_TIME, GPS, ...: the vehicle's own word; "log stamps": the recording computer's
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Flight:
+    """One boot of one vehicle: what its IMUs measured and what its autopilot made of it."""
+
+    vehicle: Vehicle
+    boot: int  # 1 for the vehicle's first boot in the log
+    start: float  # s, boot clock, of the first message
+    duration: float  # s
+    imus: Mapping[str, ImuTrack] = field(default_factory=dict)  # by message name
+    attitude: AttitudeTrack | None = None
+    position: PositionTrack | None = None
+    origin: Origin | None = None
+    epoch: Epoch | None = None  # None where the log does not tell the date
+    home: Origin | None = None  # where it says that it returns to
+    series: Mapping[str, Series] = field(default_factory=dict)  # "vibration", "gps", "gps:GPS2_RAW", ...
+    events: tuple[Event, ...] = ()  # arming, modes, errors, in order of time
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    texts: tuple[StatusText, ...] = ()
+    messages: Mapping[str, MessageStats] = field(default_factory=dict)
+    notes: Sequence[str] = ()  # decisions taken on the way from messages to tracks, in words
+    on_board: bool = False  # the vehicle's own log, not what came over a link
+    gps: Sequence[GpsTrack] = ()  # each receiver
+    compasses: Sequence[CompassTrack] = ()
+    barometers: Sequence[BarometerTrack] = ()
+    biases: Sequence[BiasTrack] = ()  # what the estimators believe, each core; that of the one that flew first
+    control: ControlTrack | None = None  # the desired attitude
+    actuators: ActuatorTrack | None = None
+    truth: TruthTrack | None = None  # of a simulator: never an input of the analysis
+    imu_in_use: ImuInUse | None = None  # None where the log does not tell
+    resets: tuple[EstimatorReset, ...] = ()  # announced, in order of time
+    parameter_changes: tuple[ParameterChange, ...] = ()  # in flight, in order of time
+
+    @property
+    def default_imu(self) -> str | None:
+        """The IMU message to integrate when the user names none; None when the flight has no usable one.
+
+        ArduPilot's RAW_IMU is IMU 0 cut to whole milli-units; HIGHRES_IMU is the same readings as floats, so it
+        is preferred when it speaks of the same IMU throughout. PX4 subtracts its EKF's biases from HIGHRES_IMU, which
+        makes it a witness in its own case: there SCALED_IMU is the independent one. A message with less than a quarter
+        of the samples of the best is passed over, unless its samples are means over intervals that join (PX4's
+        vehicle_imu at full rate; logged at 2 Hz they are not): nothing costs more accuracy than a low rate.
+        """
+        order = ["HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"]
+        if self.vehicle.autopilot == "PX4":
+            order = ["SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "RAW_IMU", "HIGHRES_IMU"]
+        elif "HIGHRES_IMU" in self.imus and "RAW_IMU" in self.imus:
+            floats, integers = self.imus["HIGHRES_IMU"], self.imus["RAW_IMU"]
+            if floats.instance != integers.instance or len(floats) < 0.9 * len(integers):
+                order = [*order[1:], order[0]]
+        order += [name for name in self.imus if name not in order]  # on-board logs: in the order of the log
+        samples = {name: len(self.imus[name]) for name in order if name in self.imus}
+        enough = max(2.0, max(samples.values(), default=0) / 4)
+        for name, count in samples.items():
+            if count >= enough or (count >= 2 and self.imus[name].covered > _COVERED):
+                return name
+        return None
+
+    @property
+    def how_to_record(self) -> str:
+        """How to get more of the IMU from this vehicle than there is, as the beginning of a sentence."""
+        px4 = self.vehicle.autopilot == "PX4"
+        if self.on_board:
+            how = "full rate (SDLOG_PROFILE: high rate)" if px4 else "full rate (LOG_BITMASK: fast or raw IMU)"
+            return f"Have the IMU logged at its {how}"
+        how = "SCALED_IMU on an onboard link: MAV_x_MODE 2" if px4 else "SRx_RAW_SENS, SET_MESSAGE_INTERVAL"
+        return f"Record the IMU at 50-200 Hz ({how}), or use the on-board log"
+
+    def imu(self, name: str | None = None) -> ImuTrack:
+        """The IMU track of message `name`, in capitals or not (default: `default_imu`).
+
+        Raises DataError when the flight has no such message or too few samples to integrate.
+        """
+        if name is not None:
+            name = next((own for own in self.imus if own.upper() == name.upper()), name)
+        else:
+            name = self.default_imu
+        found = ", ".join(f"{n} ({len(track)})" for n, track in self.imus.items()) or "none"
+        if name is None:
+            raise DataError(f"no IMU message with two samples or more (found: {found}). {self.how_to_record}.")
+        if name not in self.imus:
+            raise DataError(
+                f"vehicle {self.vehicle}, boot {self.boot}: no usable {name} (IMU messages and samples found: {found})."
+            )
+        if len(self.imus[name]) < 2:
+            raise DataError(
+                f"{name} has {len(self.imus[name])} sample, and an integration needs two or more. "
+                "Record longer, or choose another IMU with --imu."
+            )
+        return self.imus[name]
+
+    def require_attitude(self) -> AttitudeTrack:
+        """The attitude track. Raises DataError when the flight has none."""
+        if self.attitude is None and self.messages.keys() & {"ATTITUDE", "ATTITUDE_QUATERNION", "XKQ", "ATT"}:
+            raise DataError(
+                "fewer than two usable samples of the attitude. Record longer"
+                + ("." if self.on_board else ", or use the on-board log.")
+            )
+        if self.attitude is None:
+            raise DataError(
+                f"no attitude to compare with (messages found: {', '.join(sorted(self.messages)) or 'none'}). "
+                + (
+                    "Have the estimator's attitude logged."
+                    if self.on_board
+                    else "Ask the vehicle for ATTITUDE (stream EXTRA1), or use its on-board log."
+                )
+            )
+        return self.attitude

@@ -1,0 +1,147 @@
+"""IMU readings, the autopilot's estimate and integrated trajectories, as frozen dataclasses of arrays.
+
+Conventions, everywhere (docs/conventions.md):
+
+- time `t` in seconds of the vehicle's boot clock, time first in every array, float64;
+- body frame FRD (forward, right, down), world frame NED (north, east, down) about the flight's own origin;
+- `q_ned_frd`: Hamilton quaternion `[w, x, y, z]` that rotates FRD vectors into NED;
+- specific force is what an accelerometer says: `(0, 0, -g)` at rest and level; angles in radians.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+STANDARD_GRAVITY = 9.80665
+"""m/s², the value behind MAVLink's mG and ArduPilot's and PX4's estimators."""
+
+
+def _check(name: str, t: Array, **columns: tuple[Array, int]) -> None:
+    """Hold the contract of a track: shapes agree, everything finite, time strictly increasing."""
+    if t.ndim != 1:
+        raise ValueError(f"{name}.t must have shape (N,), got {t.shape}")
+    for column, (values, width) in columns.items():
+        if values.shape != (len(t), width):
+            raise ValueError(f"{name}.{column} must have shape ({len(t)}, {width}), got {values.shape}")
+        if not np.isfinite(values).all():
+            raise ValueError(f"{name}.{column} holds non-finite values")
+    if not np.isfinite(t).all():
+        raise ValueError(f"{name}.t holds non-finite values")
+    if len(t) > 1 and not (np.diff(t) > 0).all():
+        first = int(np.argmin(np.diff(t) > 0))
+        raise ValueError(f"{name}.t must increase strictly; sample {first + 1} does not follow sample {first}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuTrack:
+    """Samples of one IMU in the body frame that the autopilot's attitude speaks of.
+
+    Raises ValueError for shapes that do not match, non-finite samples or times that do not increase.
+    """
+
+    t: Array  # (N,) s, strictly increasing
+    gyro: Array  # (N, 3) angular rate, FRD, rad/s
+    accel: Array  # (N, 3) specific force, FRD, m/s²
+    source: str = ""  # the message it came from: RAW_IMU, SCALED_IMU2, ...
+    gyro_step: float = 0.0  # rad/s, quantisation step of the readings; 0 for floats
+    accel_step: float = 0.0  # m/s², the same for specific force
+    instance: int = 0  # which of the vehicle's IMUs: RAW_IMU is always 0, SCALED_IMU2 is 1, ...
+    t_step: float = 0.0  # s, resolution of the message's clock; 0 where it is far finer than an interval
+    device_id: int | None = None  # the vehicle's own id of the sensor; None where it is not told
+    interval: Array | None = None  # (N,) s, the sample is the mean over `t ± interval / 2`: of the gyro the rotation
+    #                                vector (coning included), of the force in body axes; None: an instant's reading
+    bias_removed: bool = False  # whether the estimator's own bias has been taken off
+    low_pass_hz: float | None = None  # cutoff of the 2-pole filter before sampling; None where it is not known
+    gyro_range: float | None = None  # rad/s, where the gyro saturates; None where it is not told
+    accel_range: float | None = None  # m/s²
+
+    def __post_init__(self) -> None:
+        _check("ImuTrack", self.t, gyro=(self.gyro, 3), accel=(self.accel, 3))
+        if self.interval is not None and self.interval.shape != self.t.shape:
+            raise ValueError(f"ImuTrack.interval must have shape {self.t.shape}, got {self.interval.shape}")
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, index: slice) -> ImuTrack:
+        """The same track, cut to a slice of its samples."""
+        interval = None if self.interval is None else self.interval[index]
+        return replace(self, t=self.t[index], gyro=self.gyro[index], accel=self.accel[index], interval=interval)
+
+    @property
+    def rate_hz(self) -> float:
+        """1 / median sample interval; 0 for fewer than two samples."""
+        return float(1.0 / np.median(np.diff(self.t))) if len(self) > 1 else 0.0
+
+    @property
+    def covered(self) -> float:
+        """Share of its time over which the samples are means: 1 where their intervals join, 0 for readings."""
+        if self.interval is None or len(self) < 2:
+            return 0.0
+        return float(min(np.nansum(self.interval[1:]) / (self.t[-1] - self.t[0]), 1.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AttitudeTrack:
+    """The autopilot's own attitude. Raises ValueError as ImuTrack does."""
+
+    t: Array  # (N,) s, strictly increasing
+    q_ned_frd: Array  # (N, 4) wxyz, unit length, sign continuous along the track
+    rates: Array  # (N, 3) the autopilot's bias-corrected body rates, FRD, rad/s
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        _check("AttitudeTrack", self.t, q_ned_frd=(self.q_ned_frd, 4), rates=(self.rates, 3))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PositionTrack:
+    """The autopilot's own position and velocity. Raises ValueError as ImuTrack does."""
+
+    t: Array  # (N,) s, strictly increasing
+    position: Array  # (N, 3) NED, m, about the flight's origin
+    velocity: Array  # (N, 3) NED, m/s
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        _check("PositionTrack", self.t, position=(self.position, 3), velocity=(self.velocity, 3))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NavState:
+    """Where a strapdown integration stands at one instant: the start of a run or the end of a chunk."""
+
+    t: float  # s
+    q_ned_frd: Array  # (4,) wxyz
+    velocity: Array  # (3,) NED, m/s
+    position: Array  # (3,) NED, m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """What the integration says, at the times of the IMU samples."""
+
+    t: Array  # (N,) s
+    q_ned_frd: Array  # (N, 4) wxyz, unit length, sign continuous
+    velocity: Array  # (N, 3) NED, m/s
+    position: Array  # (N, 3) NED, m
+    notes: tuple[str, ...] = ()  # what was done differently from what was asked, and why
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def end(self) -> NavState:
+        """The state at the last sample: where the next chunk continues."""
+        return NavState(float(self.t[-1]), self.q_ned_frd[-1], self.velocity[-1], self.position[-1])

@@ -1,0 +1,84 @@
+"""How noisy the IMU is: Allan deviation at rest, white noise in flight, beside its data sheet."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.analysis import ImuNoise, RestNoise, imu_noise
+from companion.estimation import AllanDeviation, Coefficient
+from companion.model import STANDARD_GRAVITY, DataError
+from companion.report import traces
+from companion.report.markup import paragraph, short, table
+from companion.report.section import Section
+from companion.report.subject import AXES, Subject
+from companion.view import palette
+
+_SENSORS = (
+    ("gyro", "gyro", 1e3 * float(np.degrees(1.0)), "mdps/√Hz"),
+    ("accel", "accelerometer", 1e6 / STANDARD_GRAVITY, "µg/√Hz"),
+)
+
+
+def noise(subject: Subject) -> Section:
+    """White noise of each axis at rest, in flight and by the data sheet; the Allan deviation of the longest rest."""
+    title = "IMU noise"
+    used, flight = subject.comparison.track.source, subject.flight
+    try:
+        found = imu_noise(flight, used, subject.found.figures, subject.comparison.how.limits)
+    except DataError as error:
+        return Section("noise", title, paragraph(f"Not told: {error}"))
+    rows = []
+    for key, name, factor, unit in _SENSORS:
+        for i, (axis, _) in enumerate(AXES):
+            sheet = short(getattr(found.figures, key).noise_density * factor)
+            rows.append([f"{name} {axis}", *_cells(found, key, i, factor), sheet, unit])
+    body = table(["white noise N", "at rest", "in flight", "data sheet", ""], rows, name="noise-table", words=1)
+    if found.rest is not None:
+        body += _allan_chart(subject, found, found.rest)
+    body += "".join(paragraph(f"{note[:1].upper()}{note[1:]}.") for note in found.notes)
+    return Section("noise", title, body)
+
+
+def _cells(found: ImuNoise, key: str, axis: int, factor: float) -> tuple[str, str]:
+    resting = getattr(found.rest, f"{key}_axes")[axis] if found.rest else None
+    flying = getattr(found.flight, key) if found.flight else None
+    rest = "-" if resting is None else _interval(resting.white, factor)
+    if flying is None:
+        return rest, "-"
+    value = short(float(flying.sampled[axis]) * factor)
+    return rest, f"< {value}" if flying.hidden[axis] else f"{value} ± {short(float(flying.sigma[axis]) * factor)}"
+
+
+def _interval(found: Coefficient, factor: float) -> str:
+    if found.value is None:
+        return f"< {short(found.high * factor)}"
+    return f"{short(found.value * factor)} ({short(found.low * factor)} to {short(found.high * factor)})"
+
+
+def _allan_chart(subject: Subject, found: ImuNoise, rest: RestNoise) -> str:
+    panels = [
+        traces.Panel(unit, _curves(curve, sheet), {"type": "log"})
+        for unit, curve, sheet in (
+            ("gyro, rad/s", rest.gyro, found.figures.gyro.noise_density),
+            ("accel, m/s²", rest.accel, found.figures.accel.noise_density),
+        )
+        if (curve.deviation > 0).any()
+    ]
+    if not panels:
+        return ""
+    caption = (
+        f"Overlapping Allan deviation of {found.imu} over a rest of {rest.duration_s:.0f} s "
+        f"({rest.start_s:.0f} to {rest.end_s:.0f} s). Dashed: the white noise of {found.figures.name}, which falls as "
+        "1/√τ; where the curve turns flat is the bias instability, where it rises the random walk."
+    )
+    return subject.charts.add(traces.stack(panels, "averaging time τ, s", type="log"), caption, rows=3)
+
+
+def _curves(curve: AllanDeviation, sheet: float) -> list[traces.Trace]:
+    lines = [
+        traces.curve(curve.tau, np.maximum(curve.deviation[:, i], 1e-12), name, colour)
+        for i, (name, colour) in enumerate(AXES)
+        if (curve.deviation[:, i] > 0).any()
+    ]
+    white = traces.curve(curve.tau, sheet / np.sqrt(curve.tau), "data sheet", palette.CURSOR, line={"dash": "dash"})
+    return [*lines, white]

@@ -1,0 +1,179 @@
+"""Series of any format → typed tracks of GPS, compass and barometer; poses of a simulator → its truth.
+
+What the fields of a format mean, their units and what stands for "not known" is settled in the series
+(`companion.telemetry.sensors`): a row there with these columns is all that a format needs to have the track.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+
+from companion.model import (
+    Array,
+    BarometerTrack,
+    CompassTrack,
+    GpsTrack,
+    Origin,
+    PositionTrack,
+    Series,
+    TruthTrack,
+    ned_from_geodetic,
+)
+from companion.telemetry.convert import UNTURNED, Turns, continuous, increasing, lone, turned_vectors
+from companion.telemetry.lazy import LazyTuple
+
+_Track = TypeVar("_Track", GpsTrack, CompassTrack, BarometerTrack)
+Found = tuple[tuple[_Track, ...], tuple[str, ...]]
+"""Tracks in order of instance, and what had to be left out, in words."""
+
+_CONSTANT = 20  # readings that are all the same are those of no sensor: even at rest they differ by a step
+_EARTH_M = 6.4e6
+
+
+@dataclass(frozen=True, eq=False)
+class Aiding:
+    """The aiding sensors in a flight's series, each kind made when its tracks or the notes are first looked into."""
+
+    series: Mapping[str, Series]
+    turns: Turns = UNTURNED  # into the frame of the IMU tracks, where that is not the compass's
+
+    @property
+    def gps(self) -> Sequence[GpsTrack]:
+        """Every receiver that ever had a fix."""
+        return LazyTuple(lambda: self._gps[0])
+
+    @property
+    def compasses(self) -> Sequence[CompassTrack]:
+        """Every magnetometer."""
+        return LazyTuple(lambda: self._compasses[0])
+
+    @property
+    def barometers(self) -> Sequence[BarometerTrack]:
+        """Every barometer."""
+        return LazyTuple(lambda: self._barometers[0])
+
+    def noted(self, notes: Iterable[str]) -> Sequence[str]:
+        """The notes, and what had to be left out."""
+        before = tuple(notes)
+        return LazyTuple(lambda: (*before, *self._gps[1], *self._compasses[1], *self._barometers[1]))
+
+    @cached_property
+    def _gps(self) -> Found[GpsTrack]:
+        notes: list[str] = []
+        return _each(_gps_track(one, notes) for one in _of_kind(self.series, "gps")), tuple(notes)
+
+    @cached_property
+    def _compasses(self) -> Found[CompassTrack]:
+        notes: list[str] = []
+        found = (_compass_track(one, self.turns, notes) for one in _of_kind(self.series, "magnetometer"))
+        return _each(found), tuple(notes)
+
+    @cached_property
+    def _barometers(self) -> Found[BarometerTrack]:
+        notes: list[str] = []
+        return _each(_barometer_track(one, notes) for one in _of_kind(self.series, "barometer")), tuple(notes)
+
+
+def truth_track(
+    source: str,
+    t: Array,
+    q_ned_frd: Array,
+    velocity: Array,
+    place: tuple[Array, Array, Array],
+    origin: Origin | None,
+    track: PositionTrack | None,
+) -> TruthTrack | None:
+    """A simulator's own poses at boot times t (N,) s, in any order; None without any.
+
+    velocity: NED, m/s; place: latitude and longitude in rad, height in m; each (N,), NaN where it is not told. They
+    become NED about the zero of `track`, the autopilot's position, which `origin` places on Earth.
+    """
+    norm = np.linalg.norm(q_ned_frd, axis=1)
+    keep = increasing(t, np.isfinite(t) & (np.abs(norm - 1.0) < 0.1))
+    if not len(t[keep]):
+        return None
+    position = np.full((len(t), 3), np.nan)
+    if origin is not None:
+        latitude, longitude, height = place
+        unknown = np.isnan(height)
+        position = ned_from_geodetic(
+            latitude,
+            longitude,
+            np.where(unknown, origin.height, height),
+            (origin.latitude, origin.longitude, origin.height),
+        )
+        position[unknown, 2] = np.nan
+        if origin.t is not None and track is not None:
+            position = position + [np.interp(origin.t, track.t, axis) for axis in track.position.T]
+    return TruthTrack(t[keep], continuous(q_ned_frd[keep]), velocity[keep], position[keep], source)
+
+
+def _compass_track(one: Series, turns: Turns, notes: list[str]) -> CompassTrack | None:
+    if _is_constant(one, one.values, notes):
+        return None
+    return CompassTrack(one.t, turned_vectors(one.t, one.values, turns), source=one.source, instance=one.instance)
+
+
+def _barometer_track(one: Series, notes: list[str]) -> BarometerTrack | None:
+    if _is_constant(one, one["pressure_pa"], notes):
+        return None
+    good = ~(one["pressure_pa"] <= 0.0)
+    pressure, altitude, temperature = (one[name][good] for name in ("pressure_pa", "altitude_m", "temperature_degc"))
+    track = BarometerTrack(one.t[good], pressure, altitude, temperature, one.source, one.instance)
+    if not len(track):
+        notes.append(f"{one.source} left out: its pressure is never above zero")
+    return track
+
+
+def _is_constant(one: Series, values: Array, notes: list[str]) -> bool:
+    constant = len(one) >= _CONSTANT and bool((values == values[:1]).all())
+    if constant:
+        notes.append(f"{one.source} left out: all of its {len(one)} readings are the same")
+    return constant
+
+
+def _gps_track(gps: Series, notes: list[str]) -> GpsTrack | None:
+    if np.isnan(gps["lat_rad"]).all():
+        notes.append(f"{gps.source} left out: it never has a fix")
+        return None
+    place = np.column_stack([gps["lat_rad"], gps["lon_rad"] * np.cos(gps["lat_rad"])]) * _EARTH_M
+    astray = lone(place)
+    if astray.any():
+        notes.append(f"{gps.source}: {astray.sum()} fixes left out that those before and after contradict")
+        gps = Series(gps.t[~astray], gps.values[~astray], gps.columns, gps.source, gps.instance)
+    velocity = np.column_stack([gps[name] for name in ("vn_mps", "ve_mps", "vd_mps")])
+    if np.isnan(velocity[:, :2]).all():  # speed over ground and course: nothing about up and down
+        velocity[:, 0] = gps["speed_mps"] * np.cos(gps["course_rad"])
+        velocity[:, 1] = gps["speed_mps"] * np.sin(gps["course_rad"])
+    return GpsTrack(
+        t=gps.t,
+        latitude=gps["lat_rad"],
+        longitude=gps["lon_rad"],
+        height=gps["height_m"],
+        velocity=velocity,
+        horizontal_sigma=gps["horizontal_sigma_m"],
+        vertical_sigma=gps["vertical_sigma_m"],
+        speed_sigma=gps["speed_sigma_mps"],
+        fix_type=gps["fix_type"],
+        satellites=gps["satellites"],
+        source=gps.source,
+        instance=gps.instance,
+    )
+
+
+def _of_kind(series: Mapping[str, Series], kind: str) -> Iterator[Series]:
+    return (series[key] for key in series if key.partition(":")[0] == kind)
+
+
+def _each(tracks: Iterable[_Track | None]) -> tuple[_Track, ...]:
+    """One track per instance, the best sampled of it: RAW_IMU and HIGHRES_IMU speak of the same compass."""
+    best: dict[int, _Track] = {}
+    for track in tracks:
+        if track is not None and len(track) and len(track) > len(best.get(track.instance, ())):
+            best[track.instance] = track
+    return tuple(best[instance] for instance in sorted(best))

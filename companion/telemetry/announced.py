@@ -1,0 +1,151 @@
+"""Changes that a vehicle announces itself: resets of its estimator, lane switches, parameters set in flight.
+
+The words are those of ArduPilot's `AP_NavEKF2/3` and `AP_AHRS`; PX4 counts its resets in ODOMETRY.reset_counter
+(`modules/mavlink/streams/ODOMETRY.hpp`: the sum of all its counters), so that which state was reset shows in the jump.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.mavlink import Messages
+from companion.model import Array, EstimatorReset, ImuInUse, ParameterChange, ResetKind, StatusText
+from companion.telemetry.words import words
+
+_RESETS: tuple[tuple[re.Pattern[str], ResetKind], ...] = (
+    (re.compile(r"EKF\d (?:IMU\d )?lane switch (?P<core>\d)", re.ASCII), "lane"),
+    (re.compile(r"EKF primary changed: ?(?P<core>\d)", re.ASCII), "lane"),
+    (re.compile(r"EKF\d IMU(?P<core>\d) .*(?:yaw|heading).*(?:reset|align)", re.ASCII | re.IGNORECASE), "heading"),
+    (re.compile(r"EKF\d IMU(?P<core>\d) forced reset", re.ASCII), "attitude"),
+    (
+        re.compile(r"EKF\d IMU(?P<core>\d) (?:is using|stopped aiding|started relative aiding|origin set)", re.ASCII),
+        "position",
+    ),
+    (re.compile(r"EKF yaw reset", re.ASCII), "heading"),
+    (re.compile(r"EKF height reset", re.ASCII), "height"),
+)
+"""What a text announces; the first that matches."""
+
+Index = npt.NDArray[np.int64]
+
+_SAME_S = 2.0  # "EKF3 lane switch 1" and "EKF primary changed:1" are one change
+_DEGREE = float(np.radians(1.0))
+_VISIBLE: Mapping[ResetKind, float] = {
+    "attitude": 0.2 * _DEGREE, "heading": 0.2 * _DEGREE, "velocity": 0.2, "position": 0.05, "height": 0.05,
+}  # fmt: skip
+"""rad, m/s, m: a jump that is more than what happens between two messages."""
+
+
+def text_resets(texts: Iterable[StatusText]) -> tuple[EstimatorReset, ...]:
+    """Resets and lane switches in words."""
+    found: list[EstimatorReset] = []
+    for said in texts:
+        for pattern, kind in _RESETS:
+            if match := pattern.match(said.text):
+                core = match.groupdict().get("core")
+                reset = EstimatorReset(said.t, kind, said.text, None if core is None else int(core))
+                if not any(_same_switch(reset, other) for other in found):
+                    found.append(reset)
+                break
+    return tuple(found)
+
+
+def odometry_resets(odometry: Messages, t: Array) -> tuple[EstimatorReset, ...]:
+    """Where ODOMETRY's counter of resets goes on, and which states jumped there: at least the one that did most."""
+    order = np.flatnonzero(np.isfinite(t))
+    order = order[np.argsort(t[order], kind="stable")]
+    counter = odometry["reset_counter"][order].astype(np.int64)
+    places = np.flatnonzero(np.diff(counter) != 0)
+    before, after = order[places], order[places + 1]
+    sizes = _jumps(odometry, before, after, (t[after] - t[before])[:, None])
+    kinds = list(sizes)
+    seen = np.nan_to_num(np.column_stack([sizes[kind] / _VISIBLE[kind] for kind in kinds]))
+    found = []
+    for n, place in enumerate(places.tolist()):
+        text = f"ODOMETRY.reset_counter {counter[place]} → {counter[place + 1]}"
+        jumped = np.flatnonzero(seen[n] > 1.0)
+        most = jumped if len(jumped) else [int(np.argmax(seen[n]))]
+        found += [EstimatorReset(float(t[after[n]]), kinds[k], text) for k in most]
+    return tuple(found)
+
+
+def parameter_changes(names: Sequence[bytes], t: Array, values: Array) -> tuple[ParameterChange, ...]:
+    """Parameters whose value is another than the one told before, without what ArduPilot only counts (STAT_RUNTIME).
+
+    names, t and values: (N,) of what was told, at boot times in s. A vehicle acknowledges a new value by sending it,
+    and logs it; a value that it only repeats is no change.
+    """
+    known: dict[bytes, float] = {}
+    found = []
+    for name, at, value in zip(names, t.tolist(), values.tolist(), strict=True):
+        if not math.isfinite(at) or not math.isfinite(value):
+            continue
+        before = known.get(name, value)
+        known[name] = value
+        if before != value and not name.startswith(b"STAT_"):
+            found.append(ParameterChange(at, words(name), value))
+    return tuple(found)
+
+
+def imu_in_use(resets: Sequence[EstimatorReset], parameters: Mapping[str, float], begin: float) -> ImuInUse | None:
+    """Which IMU ArduPilot's EKF used, from its lane switches and from what its parameters say of the lanes.
+
+    The n-th lane reads the n-th IMU of EK3_IMU_MASK (AP_NavEKF3.cpp, InitialiseFilter). None where nothing tells.
+    """
+    ekf = "EK2" if parameters.get("AHRS_EKF_TYPE") == 2 else "EK3"
+    switches = [reset for reset in resets if reset.kind == "lane" and reset.core is not None]
+    if not switches and f"{ekf}_IMU_MASK" not in parameters:
+        return None
+    primary = int(np.nan_to_num(parameters.get(f"{ekf}_PRIMARY", 0.0)))
+    lanes = [(begin, primary), *((switch.t, switch.core or 0) for switch in switches)]
+    known = [
+        (at, imu) for at, lane in lanes if (imu := _imu_of_lane(lane, parameters.get(f"{ekf}_IMU_MASK"))) is not None
+    ]
+    if not known:
+        return None
+    source = "lane switches" if switches else f"{ekf}_PRIMARY"
+    return ImuInUse(np.array([at for at, _ in known]), np.array([imu for _, imu in known], np.int64), source)
+
+
+def _imu_of_lane(lane: int, mask: float | None) -> int | None:
+    if mask is None or not np.isfinite(mask):
+        return lane
+    bits = [bit for bit in range(8) if int(mask) >> bit & 1]
+    return bits[lane] if lane < len(bits) else None
+
+
+def _same_switch(one: EstimatorReset, other: EstimatorReset) -> bool:
+    return one.kind == other.kind == "lane" and one.core == other.core and abs(one.t - other.t) < _SAME_S
+
+
+def _jumps(odometry: Messages, before: Index, after: Index, dt: Array) -> dict[ResetKind, Array]:
+    """By how much each state jumped between pairs of messages, beyond what rates and velocities explain: (n,) each."""
+    q = odometry["q"].astype(np.float64)
+    w, axis = q[before, :1], q[before, 1:]
+    moved_w, moved_axis = q[after, :1], q[after, 1:]
+    turn = w * moved_axis - moved_w * axis - np.cross(axis, moved_axis)  # vector part of q0* ⊗ q1
+    real = w * moved_w + (axis * moved_axis).sum(axis=1, keepdims=True)
+    rates = _vectors(odometry, ("rollspeed", "pitchspeed", "yawspeed"))
+    error = 2.0 * turn * np.where(real < 0, -1.0, 1.0) - rates[before] * dt
+    swing = 2.0 * np.cross(axis, error)
+    error = error + w * swing + np.cross(axis, swing)  # into NED
+    velocity = _vectors(odometry, ("vx", "vy", "vz"))
+    mean = 0.5 * (velocity[before] + velocity[after])
+    step = _vectors(odometry, ("x", "y", "z"))
+    step = step[after] - step[before] - mean * dt
+    return {
+        "attitude": np.hypot(error[:, 0], error[:, 1]),
+        "heading": np.abs(error[:, 2]),
+        "velocity": np.linalg.norm(velocity[after] - velocity[before], axis=1),
+        "position": np.hypot(step[:, 0], step[:, 1]),
+        "height": np.abs(step[:, 2]),
+    }
+
+
+def _vectors(messages: Messages, names: tuple[str, str, str]) -> Array:
+    return np.column_stack([messages[name] for name in names]).astype(np.float64)

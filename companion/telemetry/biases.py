@@ -1,0 +1,150 @@
+"""What an estimator takes off an IMU, from two messages that speak of the same sensor with and without it.
+
+PX4: SCALED_IMU is the sensor, HIGHRES_IMU the selected sensor minus the EKF's biases. ArduPilot: the rates of ATTITUDE
+are the gyro that the EKF uses minus its gyro bias (AP_AHRS_NavEKF). Each block of some seconds gives one value.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.model import Array, AttitudeTrack, BiasTrack, ImuInUse, ImuTrack
+from companion.telemetry.convert import Turns, turned_vectors
+
+_TOGETHER_S = 0.02  # samples of two messages that belong together: sent in one go, or within a period
+_BLOCK_S = 5.0
+_FEWEST = 5  # pairs in a block
+_SAME_S, _FEWEST_ALIKE = 1e-3, 20  # stamps of one instant, and how many of them tell
+_SCALED = ("SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
+_SAME_STEPS = 1.2  # the readings of one sensor differ by less than a step when the bias is taken out
+
+
+def selected_imu(
+    imus: Mapping[str, ImuTrack], parameters: Mapping[str, float]
+) -> tuple[str | None, int | None, list[str]]:
+    """Which SCALED_IMUn is the sensor that PX4 has selected, which HIGHRES_IMU speaks of; its instance; notes.
+
+    By their readings; where no two of them are of one instant, by the number of gyros that the parameters know. None
+    where nothing tells. A sensor that no SCALED_IMUn speaks of is taken for the first that the log has none of.
+    """
+    if "HIGHRES_IMU" not in imus:
+        return None, None, []
+    others = []
+    for name in (name for name in _SCALED if name in imus):
+        same = same_sensor(imus[name], imus["HIGHRES_IMU"])
+        if same or (same is None and name == "SCALED_IMU" and parameters.get("CAL_GYRO1_ID") == 0):
+            return name, imus[name].instance, []
+        if same is False:
+            others.append(name)
+    if not others or len(others) < sum(name in imus for name in _SCALED):
+        return None, None, []
+    instance = next(i for i in range(len(_SCALED) + 1) if all(imus[name].instance != i for name in others))
+    return None, instance, [f"HIGHRES_IMU is of another sensor than {' and '.join(others)}: IMU {instance}, it seems"]
+
+
+def same_sensor(one: ImuTrack, other: ImuTrack) -> bool | None:
+    """Whether two messages have the same readings but for a bias that changes slowly; None where that does not show.
+
+    The noise of two sensors differs from sample to sample; that of one is the same to the step to which it is cut.
+    """
+    mine, theirs = _pairs(one.t, other.t, _SAME_S)
+    if len(mine) < _FEWEST_ALIKE:
+        return None
+    for a, b, step in (
+        (one.gyro, other.gyro, max(one.gyro_step, other.gyro_step)),
+        (one.accel, other.accel, max(one.accel_step, other.accel_step)),
+    ):
+        jitter = np.diff(a[mine] - b[theirs], axis=0)
+        if np.median(np.abs(jitter)) > _SAME_STEPS * max(step, 1e-6):
+            return False
+    return True
+
+
+def px4_biases(
+    imus: Mapping[str, ImuTrack], selected: str | None, *, dequantised: bool = False
+) -> tuple[BiasTrack, ...]:
+    """SCALED_IMUn minus HIGHRES_IMU for the one n that is the same sensor; empty where none is."""
+    if selected is None:
+        return ()
+    track, without = imus[selected], imus["HIGHRES_IMU"]
+    mine, theirs = _pairs(track.t, without.t, _TOGETHER_S)
+    difference = np.hstack([track.gyro[mine] - without.gyro[theirs], track.accel[mine] - without.accel[theirs]])
+    difference += _half_steps(track, dequantised)[mine]
+    return _track(track.t[mine], difference, f"{selected} - HIGHRES_IMU", track.instance)
+
+
+def ardupilot_biases(
+    imus: Mapping[str, ImuTrack],
+    attitude: AttitudeTrack | None,
+    used: ImuInUse | None,
+    turns: Turns,
+    *,
+    dequantised: bool = False,
+) -> tuple[BiasTrack, ...]:
+    """Gyro minus the rates of ATTITUDE, for each IMU while the EKF used it (IMU 0 where the log does not tell).
+
+    imus: turned by `turns`, the trim, which the rates are not.
+    """
+    if attitude is None or attitude.source != "ATTITUDE":
+        return ()
+    found: list[BiasTrack] = []
+    for instance in sorted({track.instance for track in imus.values()}):
+        candidates = [track for track in imus.values() if track.instance == instance]
+        track = min(candidates, key=lambda one: (len(one) < 0.9 * max(map(len, candidates)), one.gyro_step))
+        mine, theirs = _pairs(track.t, attitude.t, _TOGETHER_S)
+        in_use = np.zeros(len(mine)) if used is None else _instances_at(used, track.t[mine])
+        mine, theirs = mine[in_use == instance], theirs[in_use == instance]
+        rates = turned_vectors(attitude.t, attitude.rates, turns)
+        gyro = track.gyro[mine] - rates[theirs] + _half_steps(track, dequantised)[mine, :3]
+        difference = np.hstack([gyro, np.full(gyro.shape, np.nan)])
+        found += _track(track.t[mine], difference, f"{track.source} - ATTITUDE", instance)
+    return tuple(found)
+
+
+def _track(t: Array, difference: Array, source: str, instance: int) -> tuple[BiasTrack, ...]:
+    """The medians of blocks of (N, 6), with the standard error of each."""
+    if not len(t):
+        return ()
+    block = np.floor((t - t[0]) / _BLOCK_S).astype(np.int64)
+    edges = np.flatnonzero(np.diff(block, prepend=-1, append=block[-1] + 1))
+    rows = []
+    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        if last - first >= _FEWEST:
+            piece = difference[first:last]
+            middle = np.median(piece, axis=0)
+            error = 1.4826 * np.median(np.abs(piece - middle), axis=0) * np.sqrt(np.pi / 2 / (last - first))
+            rows.append(np.concatenate([[t[first:last].mean()], middle, error]))
+    if not rows:
+        return ()
+    table = np.array(rows)
+    return (
+        BiasTrack(
+            table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7:10], table[:, 10:13], source, 0, instance
+        ),
+    )  # fmt: skip
+
+
+def _half_steps(track: ImuTrack, added: bool) -> Array:
+    """(N, 6): what whole numbers that are cut towards zero lack on average, where it has not been added already."""
+    if added:
+        return np.zeros((len(track), 6))
+    steps = np.repeat([track.gyro_step, track.accel_step], 3)
+    return np.asarray(0.5 * steps * np.sign(np.hstack([track.gyro, track.accel])))
+
+
+def _instances_at(used: ImuInUse, t: Array) -> npt.NDArray[np.int64]:
+    return used.instance[np.maximum(np.searchsorted(used.t, t, side="right") - 1, 0)]
+
+
+def _pairs(t: Array, other: Array, within: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Indices of the samples that have one of the other track beside them, and of those."""
+    if not len(other):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    after = np.clip(np.searchsorted(other, t), 1, max(len(other) - 1, 1))
+    nearest = np.where(t - other[after - 1] < other[np.minimum(after, len(other) - 1)] - t, after - 1, after)
+    nearest = np.minimum(nearest, len(other) - 1)
+    near = np.abs(other[nearest] - t) < within
+    return np.flatnonzero(near), nearest[near]

@@ -1,0 +1,75 @@
+"""What the controller wanted, and what it asked of the motors: ATTITUDE_TARGET, SERVO_OUTPUT_RAW and their like."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from companion.mavlink import Messages
+from companion.model import ActuatorTrack, Array, AttitudeTrack, ControlTrack, from_euler
+from companion.telemetry.convert import continuous, increasing
+
+CONTROL_MESSAGES = ("ATTITUDE_TARGET", "NAV_CONTROLLER_OUTPUT", "SERVO_OUTPUT_RAW")
+
+_NO_ATTITUDE = 128  # ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
+_MAIN = 0  # SERVO_OUTPUT_RAW.port
+_SERVOS = 16
+_PULSES_US = (1000.0, 2000.0)  # where SERVOn_MIN and SERVOn_MAX are not in the log
+_NO_PULSE = (0, 65535)
+_MOTORS = frozenset({*range(33, 41), *range(82, 86), *range(160, 164)})  # SRV_Channel::Function, k_motor1 ...
+
+
+def control_track(
+    messages: Mapping[str, Messages], seconds: Mapping[str, Array], attitude: AttitudeTrack | None
+) -> ControlTrack | None:
+    """The desired attitude: ATTITUDE_TARGET; else roll and pitch of NAV_CONTROLLER_OUTPUT with the present heading."""
+    if "ATTITUDE_TARGET" in messages:
+        target, t = messages["ATTITUDE_TARGET"], seconds["ATTITUDE_TARGET"]
+        q = target["q"].astype(np.float64)
+        told = (target["type_mask"] & _NO_ATTITUDE) == 0
+    elif "NAV_CONTROLLER_OUTPUT" in messages and attitude is not None:
+        target, t = messages["NAV_CONTROLLER_OUTPUT"], seconds["NAV_CONTROLLER_OUTPUT"]
+        w, x, y, z = (np.interp(t, attitude.t, part) for part in attitude.q_ned_frd.T)
+        heading = np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
+        q = from_euler(np.radians(target["nav_roll"]), np.radians(target["nav_pitch"]), heading)
+        told = (t >= attitude.t[0]) & (t <= attitude.t[-1])
+    else:
+        return None
+    told &= np.isfinite(t) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.1)
+    keep = increasing(t, told)
+    return ControlTrack(t[keep], continuous(q[keep]), target.name) if len(t[keep]) else None
+
+
+def actuator_track(
+    messages: Mapping[str, Messages], seconds: Mapping[str, Array], parameters: Mapping[str, float]
+) -> ActuatorTrack | None:
+    """SERVO_OUTPUT_RAW of the main outputs; None where none of them is in use."""
+    if "SERVO_OUTPUT_RAW" not in messages:
+        return None
+    outputs, t = messages["SERVO_OUTPUT_RAW"], seconds["SERVO_OUTPUT_RAW"]
+    pulses = np.column_stack([outputs[f"servo{i}_raw"] for i in range(1, _SERVOS + 1)]).astype(np.float64)
+    share = share_of_range(pulses, parameters)
+    keep = increasing(t, np.isfinite(t) & (outputs["port"] == _MAIN) & np.isfinite(share).any(axis=1))
+    track = ActuatorTrack(t[keep], share[keep], outputs.name)
+    return track if len(track) else None
+
+
+def share_of_range(pulses: Array, parameters: Mapping[str, float]) -> Array:
+    """ArduPilot's outputs 1 to K, µs (N, K), as a share of the range of each, 0 to 1; NaN for those not in use."""
+    limits = np.array([_limits(i, parameters) for i in range(1, pulses.shape[1] + 1)]).reshape(-1, 2)
+    share = np.clip((pulses - limits[:, 0]) / (limits[:, 1] - limits[:, 0]), 0.0, 1.0)
+    unused = [parameters.get(f"SERVO{i}_FUNCTION") == 0 for i in range(1, pulses.shape[1] + 1)]
+    return np.where(np.isin(pulses, _NO_PULSE) | np.array(unused, np.bool_), np.nan, share)
+
+
+def _limits(number: int, parameters: Mapping[str, float]) -> tuple[float, float]:
+    """µs at 0 and at 1: of a motor MOT_PWM_MIN and MOT_PWM_MAX, of a servo its own."""
+    names = [(f"SERVO{number}_MIN", f"SERVO{number}_MAX")]
+    if parameters.get(f"SERVO{number}_FUNCTION") in _MOTORS:
+        names.insert(0, ("MOT_PWM_MIN", "MOT_PWM_MAX"))
+    for low, high in names:
+        ends = parameters.get(low, 0.0), parameters.get(high, 0.0)
+        if 0 < ends[0] < ends[1] < _NO_PULSE[1]:  # which is not so with NaN either
+            return ends
+    return _PULSES_US

@@ -1,0 +1,84 @@
+"""What a simulator knows, what the controller wanted, and what it asked of the motors.
+
+Sources: ArduPilot `SITL/SITL.cpp` (SIM, SIM2), `AP_AHRS/LogStructure.h` (ATT), `AP_Logger/LogStructure.h` (RCOU).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from companion.mavlink import Records
+from companion.model import ActuatorTrack, Array, ControlTrack, TruthTrack
+from companion.telemetry import convert
+from companion.telemetry.aiding import truth_track
+from companion.telemetry.control import share_of_range
+from companion.telemetry.dataflash.pose import ekf_origin
+
+NUMBERS: Mapping[str, tuple[str, ...]] = {
+    "SIM": ("Lat", "Lng", "Alt", "Roll", "Pitch", "Yaw"),
+    "SIM2": ("VN", "VE", "VD"),
+}
+"""Columns that these records must have."""
+
+_DESIRED = ("DesRoll", "DesPitch", "DesYaw")
+
+
+def truth(records: Mapping[str, Records]) -> TruthTrack | None:
+    """SITL's own state: SIM, with the velocity of SIM2 where that is logged; position about the estimator's origin."""
+    if "SIM" not in records:
+        return None
+    one = records["SIM"]
+    if one.layout.has_numbers("Q1", "Q2", "Q3", "Q4"):
+        q = np.column_stack([one[f"Q{i}"] for i in (1, 2, 3, 4)]).astype(np.float64)
+    else:
+        q = convert.q_from_euler(*(np.radians(one[name].astype(np.float64)) for name in ("Roll", "Pitch", "Yaw")))
+    velocity = np.full((len(one), 3), np.nan)
+    if "SIM2" in records:
+        fine = records["SIM2"]
+        for i, name in enumerate(("VN", "VE", "VD")):
+            velocity[:, i] = np.interp(one.t, fine.t, fine[name], left=np.nan, right=np.nan)
+    place = np.radians(one["Lat"]), np.radians(one["Lng"]), one["Alt"].astype(np.float64)
+    return truth_track("SIM", one.t, q, velocity, place, ekf_origin(records), None)
+
+
+def control(
+    records: Mapping[str, Records], parameters: Mapping[str, float], *, in_imu_frame: bool
+) -> ControlTrack | None:
+    """The desired attitude of ATT, in the frame of the attitude track.
+
+    in_imu_frame: that is the IMU's; ATT speaks of the vehicle's, which AHRS_TRIM turns.
+    """
+    one = records.get("ATT")
+    if one is None or not one.layout.has_numbers(*_DESIRED):
+        return None
+    angles = np.radians(np.column_stack([one[name] for name in _DESIRED]).astype(np.float64))
+    keep = convert.increasing(one.t, np.asarray(np.isfinite(one.t) & np.isfinite(angles).all(axis=1)))
+    angles = angles[keep]
+    if not angles.any():
+        return None
+    q = convert.q_from_euler(*angles.T)
+    if in_imu_frame and convert.trim(parameters) is not None:
+        roll, pitch = (np.array([parameters.get(f"AHRS_TRIM_{axis}", 0.0)]) for axis in "XY")
+        q = _product(q, convert.q_from_euler(roll, pitch, np.zeros(1))[0])
+    return ControlTrack(one.t[keep], convert.continuous(q), "ATT")
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Hamilton product of quaternions (N, 4) with one (4,): first b, then a."""
+    w, x, y, z = b
+    right = np.array([[w, x, y, z], [-x, w, -z, y], [-y, z, w, -x], [-z, -y, x, w]])
+    return np.asarray(a @ right)
+
+
+def actuators(records: Mapping[str, Records], parameters: Mapping[str, float]) -> ActuatorTrack | None:
+    """RCOU: the first 8 or 14 outputs. None where none of them is in use."""
+    one = records.get("RCOU")
+    if one is None:
+        return None
+    names = [name for name in one.layout.fields if name != one.layout.clock and one.layout.has_numbers(name)]
+    output = share_of_range(np.column_stack([one[name].astype(np.float64) for name in names]), parameters)
+    keep = convert.increasing(one.t, np.asarray(np.isfinite(one.t) & np.isfinite(output).any(axis=1)))
+    track = ActuatorTrack(one.t[keep], output[keep], "RCOU")
+    return track if len(track) else None

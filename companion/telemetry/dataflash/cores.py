@@ -1,0 +1,163 @@
+"""The cores of ArduPilot's EKFs: which IMU each of them reads, which of them flew, and what each believes of its IMU.
+
+Since 2020 each record names its core in a column; before, the second cores have record types of their own.
+Sources: ArduPilot `AP_NavEKF3.cpp` (InitialiseFilter), `AP_NavEKF3_Logging.cpp`, `AP_NavEKF2_Logging.cpp`, and of 2015
+`DataFlash/LogFile.cpp` (Log_Write_EKF).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.mavlink import Records
+from companion.model import Array, BiasTrack, DataError, ImuInUse
+from companion.telemetry import convert
+
+_EKFS = {"XK": (3, "EK3_IMU_MASK"), "NK": (2, "EK2_IMU_MASK"), "EK": (1, "")}
+"""What the names of an EKF's records begin with → its number in AHRS_EKF_TYPE, and the parameter with its IMUs."""
+
+_SECOND = {"F1": "F6", "F2": "F7", "F3": "F8", "F4": "F9"}  # of the second core, before 2020
+_TARGET_DT = 0.01  # s, of an EKF update: EKF_TARGET_DT; XKT has the true one
+
+NUMBERS: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(("XKF1", "XKF6", "NKF1", "NKF6", "EKF1"), ("PN", "PE", "PD", "VN", "VE", "VD", "GX", "GY", "GZ")),
+    **dict.fromkeys(("XKF2", "XKF7"), ("AX", "AY", "AZ")),
+    **dict.fromkeys(("NKF2", "NKF7"), ("AZbias",)),
+    **dict.fromkeys(("XKQ", "NKQ", "XKQ1", "XKQ2", "NKQ1", "NKQ2"), ("Q1", "Q2", "Q3", "Q4")),
+    "XKV1": ("V10", "V11"),
+    "XKV2": ("V12", "V13", "V14", "V15"),
+    "XKT": ("EKFMin", "EKFMax"),
+}
+"""Columns that these records must have."""
+
+
+def of_cores(records: Mapping[str, Records], name: str) -> dict[int, Records]:
+    """The records of each core. name: of the first core ("XKF1", "XKQ")."""
+    if name in records and records[name].instances:
+        one = records[name]
+        return {int(core): one.instance(core) for core in one.instances}
+    names = (f"{name}1", f"{name}2") if name.endswith("Q") else (name, name[:2] + _SECOND.get(name[2:], ""))
+    return {core: records[own] for core, own in enumerate(names) if own in records}
+
+
+@dataclass(frozen=True, slots=True)
+class Flew:
+    """The EKF and the core of it that flew for most of the log."""
+
+    prefix: str  # "XK", "NK" or "EK"
+    core: int
+    cores: tuple[int, ...]  # all that were primary at some time
+
+
+def flew(records: Mapping[str, Records], parameters: Mapping[str, float]) -> Flew:
+    """By AHRS_EKF_TYPE where several were running, and XKF4.PI."""
+    kind = parameters.get("AHRS_EKF_TYPE")
+    present = [prefix for prefix in _EKFS if f"{prefix}F1" in records] or ["XK"]
+    prefix = next((prefix for prefix in present if _EKFS[prefix][0] == kind), present[0])
+    status = records.get(f"{prefix}F4")
+    if status is None or not status.layout.has_numbers("PI"):
+        return Flew(prefix, 0, (0,))
+    cores, counts = np.unique(status["PI"], return_counts=True)
+    return Flew(prefix, int(cores[np.argmax(counts)]), tuple(cores.tolist()))
+
+
+def reference_core(records: Mapping[str, Records], mine: Flew, wanted: int | None) -> tuple[int, list[str]]:
+    """The EKF core to compare with, and a note when that is not simply the one that always flew.
+
+    Raises DataError for a core that the log has not.
+    """
+    notes = []
+    if len(mine.cores) > 1:
+        notes = [f"the EKF changed its primary core ({list(mine.cores)}): core {mine.core} is the reference"]
+    if wanted is None or wanted == mine.core:
+        return mine.core, notes
+    known = sorted({core for name in ("Q", "F1") for core in of_cores(records, mine.prefix + name)})
+    if wanted not in known:
+        have = ", ".join(map(str, known)) or "one without a number"
+        raise DataError(f"the log has no EKF core {wanted}. It has: {have}; the one that flew is {mine.core}.")
+    return wanted, [*notes, f"EKF core {wanted} is the reference, as asked; the one that flew is {mine.core}"]
+
+
+def imu_of_core(core: int, prefix: str, parameters: Mapping[str, float]) -> int | None:
+    """The IMU of a core: the n-th bit of EK3_IMU_MASK, which by default has all.
+
+    None for a core that the mask has not, and for the first EKF, which mixes two IMUs.
+    """
+    if prefix == "EK":
+        return None
+    mask = parameters.get(_EKFS[prefix][1], np.nan)
+    if not 0 < mask < 256:
+        return core
+    bits = [bit for bit in range(8) if int(mask) >> bit & 1]
+    return bits[core] if core < len(bits) else None
+
+
+def imu_in_use(records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew) -> ImuInUse | None:
+    """The IMU of the primary core (XKF4.PI), from each change on."""
+    name = f"{mine.prefix}F4"
+    if name not in records or not records[name].layout.has_numbers("PI"):
+        return None
+    t, primary = records[name].t, records[name]["PI"].astype(np.int64)
+    imus = {core: imu_of_core(core, mine.prefix, parameters) for core in mine.cores if core >= 0}
+    known = {core: imu for core, imu in imus.items() if imu is not None}
+    keep = convert.increasing(t, np.isfinite(t) & np.isin(primary, list(known)))
+    instance = np.array([known[core] for core in primary[keep].tolist()], np.int64)
+    if not len(instance):
+        return None
+    change = np.concatenate([[True], np.diff(instance) != 0])
+    return ImuInUse(t[keep][change], instance[change], f"{name}.PI")
+
+
+def bias_tracks(records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew) -> tuple[BiasTrack, ...]:
+    """What each core believes, that of the core that flew first, in the frame of the logged IMUs.
+
+    Gyro biases are logged in 0.01 deg/s, accelerometer biases in 0.01 m/s², cut towards zero. EKF2 knows the z axis of
+    the accelerometer only; its predecessor has one for each IMU, in columns that changed their names.
+    """
+    estimates, others = (of_cores(records, mine.prefix + name) for name in ("F1", "F2"))
+    tracks = (
+        _bias_track(records, one, others.get(core), core, imu_of_core(core, mine.prefix, parameters))
+        for core, one in sorted(estimates.items(), key=lambda item: (item[0] != mine.core, item[0]))
+    )
+    return tuple(track for track in tracks if len(track))
+
+
+def _bias_track(
+    records: Mapping[str, Records], estimate: Records, other: Records | None, core: int, imu: int | None
+) -> BiasTrack:
+    t = estimate.t
+    gyro = np.radians(np.column_stack([estimate[f"G{axis}"] for axis in "XYZ"]).astype(np.float64))
+    accel = np.full((len(t), 3), np.nan)
+    if other is not None and len(other) and other.name != "EKF2":
+        for i, axis in enumerate("XYZ"):
+            if other.layout.has_numbers(f"A{axis}"):
+                accel[:, i] = np.interp(t, other.t, other[f"A{axis}"])
+        if other.layout.has_numbers("AZbias"):
+            accel[:, 2] = np.interp(t, other.t, other["AZbias"] * 0.01)
+    keep = convert.increasing(t, np.isfinite(t) & np.asarray(np.isfinite(gyro).all(axis=1)))
+    gyro_sigma, accel_sigma = _sigmas(records, estimate.name, core, t)
+    source = f"{estimate.name}[{core}]"
+    return BiasTrack(t[keep], gyro[keep], accel[keep], gyro_sigma[keep], accel_sigma[keep], source, core, imu)
+
+
+def _sigmas(records: Mapping[str, Records], name: str, core: int, t: Array) -> tuple[Array, Array]:
+    """1σ of both biases (N, 3): XKV1 and XKV2 of the core that flies, about twice a second.
+
+    They are variances of a delta angle and a delta velocity over one update of the EKF, whose length XKT has.
+    """
+    gyro, accel = np.full((len(t), 3), np.nan), np.full((len(t), 3), np.nan)
+    first, second = (of_cores(records, own).get(core) for own in ("XKV1", "XKV2"))
+    if not name.startswith("XK") or first is None or second is None:
+        return gyro, accel
+    timing = of_cores(records, "XKT").get(core)
+    dt = _TARGET_DT if timing is None else float(np.median(0.5 * (timing["EKFMin"] + timing["EKFMax"])))
+    if not 1e-3 < dt < 0.1:
+        dt = _TARGET_DT
+    columns = [(first, "V10"), (first, "V11"), (second, "V12"), *((second, f"V{i}") for i in (13, 14, 15))]
+    for i, (one, column) in enumerate(columns):
+        sigma = np.sqrt(one[column].astype(np.float64)) / dt
+        (gyro if i < 3 else accel)[:, i % 3] = np.interp(t, one.t, sigma, left=np.nan, right=np.nan)
+    return gyro, accel

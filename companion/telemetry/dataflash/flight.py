@@ -1,0 +1,197 @@
+"""ArduPilot's on-board log → its flight. The IMU is there at 25-1000 Hz, as floats.
+
+Attitude and position are those of the primary EKF core (XKQ and XKF1, or NKQ and NKF1 of EKF2), which live in the frame
+of the IMU: AHRS_TRIM plays no part. Where a log has none, ATT is taken, which is what ATTITUDE would have said.
+Sources: ArduPilot `libraries/AP_Logger/LogStructure.h`, `AP_NavEKF3/LogStructure.h`, `AP_NavEKF3_Logging.cpp`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+
+from companion.mavlink import Dialect, RecordLayout, Records
+from companion.model import Array, Flight, StatusText, Vehicle
+from companion.telemetry import convert
+from companion.telemetry.aiding import Aiding
+from companion.telemetry.arrival import arrival
+from companion.telemetry.dataflash import aiding, changes, cores, imu, pose, sensors
+from companion.telemetry.dataflash.rows import with_times
+from companion.telemetry.events import dataflash_events
+from companion.telemetry.parameters import identity, known
+from companion.telemetry.words import words
+
+_TYPES = {
+    b"ArduCopter": "QUADROTOR",
+    b"ArduPlane": "FIXED_WING",
+    b"ArduRover": "GROUND_ROVER",
+    b"Rover": "GROUND_ROVER",
+    b"ArduSub": "SUBMARINE",
+    b"Blimp": "AIRSHIP",
+}
+_BUILDS = {1: "GROUND_ROVER", 2: "QUADROTOR", 3: "FIXED_WING", 7: "SUBMARINE", 12: "AIRSHIP", 13: "HELICOPTER"}
+"""VER.BU, AP_Vehicle_Type.h: for firmware of another name."""
+
+_INFO = 6  # MAV_SEVERITY: MSG does not say
+
+_NUMBERS: Mapping[str, tuple[str, ...]] = {
+    **imu.NUMBERS,
+    **cores.NUMBERS,
+    **pose.NUMBERS,
+    **aiding.NUMBERS,
+    "GPS": ("Lat", "Lng", "Alt"),
+    "PARM": ("Value",),
+}
+_WORDS = {"PARM": "Name", "MSG": "Message"}
+
+RECORDS = sensors.NEEDED | _NUMBERS.keys() | _WORDS.keys() | {"EV", "ERR", "MODE", "ARM", "RCOU", "VER"}
+"""Records whose fields a flight is made of."""
+
+
+@np.errstate(invalid="ignore", over="ignore")  # damage makes NaNs that signal, and numbers beyond all bounds
+def dataflash_flight(
+    messages: dict[str, Records],
+    dialect: Dialect,
+    *,
+    core: int | None = None,
+    undecoded: Mapping[str, int] = MappingProxyType({}),
+) -> Flight | None:
+    """The one flight of a .bin; None when it has no times at all.
+
+    The records are taken over: the dictionary is empty afterwards, and the IMU's are let go when they have become
+    tracks. dialect: has the names of the modes. core: of the EKF, to compare with; None: the one that flew.
+    undecoded: how many records of each name could not be read, for the notes.
+    Raises DataError when the log has no such core.
+    """
+    records = {name: one for name, one in messages.items() if len(one)}
+    messages.clear()
+    damaged = [
+        f"{name}: {count} records left out: the log's declaration of them is damaged or contradicts itself"
+        for name, count in undecoded.items()
+    ]
+    for name in [name for name, one in records.items() if not _is_whole(name, one.layout)]:
+        columns = words(", ".join(records[name].layout.fields))
+        damaged.append(
+            f"{name}: {len(records.pop(name))} records left out: the log declares their columns as {columns}"
+        )
+    records, wrong = with_times(records)
+    if not records:
+        return None
+    times = {name: records[name].t for name in sorted(records)}
+    records = {name: one for name, one in records.items() if name in RECORDS}  # of the others there are only times
+    parameters = _parameters(records)
+    flew = cores.flew(records, parameters)
+    core, notes = cores.reference_core(records, flew, core)
+    flight = _without_tracks(records, times, parameters, flew, dialect)
+    del times
+    return _with_tracks(flight, records, flew, core, [*notes, *damaged, *wrong])
+
+
+def _without_tracks(
+    records: Mapping[str, Records],
+    times: Mapping[str, Array],
+    parameters: Mapping[str, float],
+    flew: cores.Flew,
+    dialect: Dialect,
+) -> Flight:
+    vehicle = _vehicle(records, parameters)
+    begin, end = (float(edge) for edge in (min(t[0] for t in times.values()), max(t[-1] for t in times.values())))
+    texts = _texts(records)
+    return Flight(
+        vehicle=vehicle,
+        boot=1,
+        start=begin,
+        duration=end - begin,
+        origin=pose.origin(records),
+        epoch=pose.epoch(records),
+        home=pose.home(records),
+        events=dataflash_events(records, vehicle, dialect),
+        parameters=parameters,
+        texts=texts,
+        messages={name: arrival(t, 0) for name, t in times.items()},
+        on_board=True,
+        actuators=aiding.actuators(records, parameters),
+        truth=aiding.truth(records),
+        imu_in_use=cores.imu_in_use(records, parameters, flew),
+        resets=changes.resets(records, texts, parameters, flew),
+        parameter_changes=changes.parameter_changes(records),
+    )
+
+
+def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, core: int, notes: list[str]) -> Flight:
+    """The IMUs, and all that lives in their frame: where only ATT tells the attitude, theirs becomes that of ATT."""
+    series, unhealthy = sensors.record_sensors(records, flew.prefix, core)
+    imus, odd = imu.imu_tracks(records, flight.vehicle, flight.parameters)
+    biases = cores.bias_tracks(records, flight.parameters, flew)
+    found = pose.attitude(records, flew, core, flight.parameters)
+    turns, told = convert.turns(_parameters(records, first=True), flight.parameter_changes)
+    if found is None or found[2] != "ATT":
+        turns, told = convert.UNTURNED, []
+    imus = {name: convert.turned_in_time(track, turns) for name, track in imus.items()}
+    biases = tuple(
+        replace(
+            one,
+            gyro=convert.turned_vectors(one.t, one.gyro, turns),
+            accel=convert.turned_vectors(one.t, one.accel, turns),
+        )
+        for one in biases
+    )
+    own = next((bias for bias in biases if bias.core == core), None)
+    position, astray = pose.position(records, flew, core, flight.parameters)
+    sensed = Aiding(series, turns)
+    return replace(
+        flight,
+        imus=imus,
+        attitude=None if found is None else pose.with_rates(found, imus, own),
+        position=position,
+        series=series,
+        notes=sensed.noted([*notes, *unhealthy, *odd, *told, *astray]),
+        gps=sensed.gps,
+        compasses=sensed.compasses,
+        barometers=sensed.barometers,
+        biases=biases,
+        control=aiding.control(records, flight.parameters, in_imu_frame=found is not None and found[2] != "ATT"),
+    )
+
+
+def _is_whole(name: str, layout: RecordLayout) -> bool:
+    """Whether records have what is read of them: where damage met their declaration, a column has another name."""
+    words = _WORDS.get(name)
+    return layout.has_numbers(*_NUMBERS.get(name, ())) and (words is None or layout.kind(words) == "S")
+
+
+def _parameters(records: Mapping[str, Records], *, first: bool = False) -> dict[str, float]:
+    """The last value of each, or the first."""
+    if "PARM" not in records:
+        return {}
+    rows = records["PARM"].select(slice(None, None, -1 if first else 1))
+    names = (words(raw) for raw in rows["Name"].tolist())
+    values = rows["Value"].astype(np.float64).tolist()
+    return known(dict(zip(names, values, strict=True)))
+
+
+def _texts(records: Mapping[str, Records]) -> tuple[StatusText, ...]:
+    if "MSG" not in records:
+        return ()
+    rows = zip(records["MSG"].t.tolist(), records["MSG"]["Message"].tolist(), strict=True)
+    return tuple(StatusText(t, _INFO, words(text)) for t, text in rows)
+
+
+def _vehicle(records: Mapping[str, Records], parameters: Mapping[str, float]) -> Vehicle:
+    said = records["MSG"]["Message"].tolist() if "MSG" in records else []
+    banner = next((m for text in said if (m := re.match(rb"(Ardu\w+|Rover|Blimp) V(\d[\w.-]*)", text))), None)
+    kind, firmware = (_TYPES.get(banner[1], "UNKNOWN"), banner[2].decode("ascii")) if banner else ("UNKNOWN", "")
+    if banner is None and "VER" in records and records["VER"].layout.has_numbers("BU", "Maj", "Min", "Pat"):
+        build, *version = (int(records["VER"][name][0]) for name in ("BU", "Maj", "Min", "Pat"))
+        kind, firmware = _BUILDS.get(build, "UNKNOWN"), ".".join(map(str, version))
+    return Vehicle(
+        sysid=identity(parameters, "MAV_SYSID", "SYSID_THISMAV"),
+        compid=1,
+        autopilot="ARDUPILOTMEGA",
+        type=kind,
+        firmware=firmware,
+    )

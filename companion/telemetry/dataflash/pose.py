@@ -1,0 +1,151 @@
+"""The attitude and position that an ArduPilot log's reference core estimated, and where on Earth it was.
+
+Sources: ArduPilot `AP_NavEKF3/LogStructure.h`, `AP_AHRS/LogStructure.h`, `AP_NavEKF/AP_Nav_Common.h`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from companion.mavlink import Records
+from companion.model import Array, AttitudeTrack, BiasTrack, Epoch, ImuTrack, Origin, PositionTrack
+from companion.telemetry import convert
+from companion.telemetry.dataflash.cores import Flew, of_cores
+from companion.telemetry.epoch import epoch_of, gps_to_unix
+
+_HAS_POSITION = 0b11000  # EKF solution status: horiz_pos_rel and horiz_pos_abs (nav_filter_status in AP_NavEKF)
+EKF_ORIGIN, _HOME = 0, 1  # ORGN.Type: LogOriginType
+_FIX_3D = 3
+
+NUMBERS: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(("POS", "ORGN"), ("Lat", "Lng", "Alt")),
+    "ATT": ("Roll", "Pitch", "Yaw"),
+}
+"""Columns that these records must have."""
+
+
+def attitude(
+    records: Mapping[str, Records], mine: Flew, core: int, parameters: Mapping[str, float]
+) -> tuple[Array, Array, str] | None:
+    """Times (N,) s, quaternions (N, 4) and source of the attitude that flew: of its EKF core, else ATT.
+
+    None for fewer than two.
+    """
+    one = of_cores(records, f"{mine.prefix}Q").get(core)
+    if one is not None and not by_dcm(parameters):
+        return _continuous(one.t, np.column_stack([one[f"Q{i}"] for i in (1, 2, 3, 4)]).astype(np.float64), one.name)
+    if "ATT" in records:
+        one = records["ATT"]
+        q = convert.q_from_euler(*(np.radians(one[n].astype(np.float64)) for n in ("Roll", "Pitch", "Yaw")))
+        return _continuous(one.t, q, "ATT")
+    return None
+
+
+def by_dcm(parameters: Mapping[str, float]) -> bool:
+    """Whether the vehicle flew by DCM, and its EKFs only ran along."""
+    return parameters.get("AHRS_EKF_TYPE", parameters.get("AHRS_EKF_USE", 1.0)) == 0
+
+
+def _continuous(t: Array, q: Array, source: str) -> tuple[Array, Array, str] | None:
+    good = np.isfinite(t) & np.isfinite(q).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.1)
+    keep = convert.increasing(t, np.asarray(good))
+    return (t[keep], convert.continuous(q[keep]), source) if len(t[keep]) > 1 else None
+
+
+def with_rates(found: tuple[Array, Array, str], imus: Mapping[str, ImuTrack], bias: BiasTrack | None) -> AttitudeTrack:
+    """The attitude with body rates: those of the core's own IMU less the bias that it believes.
+
+    The log has none without bias, so they are the mean of the IMU around each time. bias: None where it is not told.
+    """
+    t, q, source = found
+    instance = bias.imu_instance if bias is not None else None
+    tracks = [track for track in imus.values() if len(track) > 1]
+    track = next((one for one in tracks if one.instance == instance), tracks[0] if tracks else None)
+    if track is None:
+        return AttitudeTrack(t, q, np.zeros((len(t), 3)), source)
+    steps = np.diff(track.t)[:, None] * 0.5 * (track.gyro[1:] + track.gyro[:-1])
+    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    edges = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
+    at = np.column_stack([np.interp(edges, track.t, column) for column in turned.T])
+    rates = np.diff(at, axis=0) / np.diff(edges)[:, None]
+    if bias is not None and bias.imu_instance == track.instance:  # and not that of a mixture of IMUs
+        rates -= np.column_stack([np.interp(t, bias.t, column) for column in bias.gyro.T])
+    return AttitudeTrack(t, q, rates, source)
+
+
+def position(
+    records: Mapping[str, Records], mine: Flew, core: int, parameters: Mapping[str, float]
+) -> tuple[PositionTrack | None, list[str]]:
+    """XKF1, NKF1 or EKF1 while the filter calls its horizontal position known; and notes."""
+    one = of_cores(records, f"{mine.prefix}F1").get(core)
+    if one is None:
+        return None, []
+    if by_dcm(parameters):
+        return None, [f"{one.name}: its position is left out, as this EKF did not fly: the attitude is that of DCM"]
+    t = one.t
+    place = np.column_stack([one.in_unit(n) for n in ("PN", "PE", "PD")])
+    velocity = np.column_stack([one.in_unit(n) for n in ("VN", "VE", "VD")])
+    good = np.isfinite(t) & np.isfinite(np.column_stack([place, velocity])).all(axis=1)
+    solution = of_cores(records, f"{mine.prefix}F4").get(core)
+    if solution is not None and len(solution) and solution.layout.has_numbers("SS"):
+        last = np.searchsorted(solution.t, t, side="right") - 1
+        good &= (solution["SS"][np.maximum(last, 0)].astype(np.int64) & _HAS_POSITION) != 0
+    keep = convert.increasing(t, np.asarray(good))
+    t, place, velocity = t[keep], place[keep], velocity[keep]
+    astray, notes = convert.lone(place) | convert.lone(velocity), []
+    if astray.any():
+        notes.append(f"{one.name}: {astray.sum()} samples left out that those before and after contradict")
+        t, place, velocity = t[~astray], place[~astray], velocity[~astray]
+    return (PositionTrack(t, place, velocity, f"{mine.prefix}F1") if len(t) > 1 else None), notes
+
+
+def origin(records: Mapping[str, Records]) -> Origin | None:
+    """Where POS or GPS first says that the vehicle was; else the zero of the estimate."""
+    for name in ("POS", "GPS"):
+        if name in records:
+            latitude, longitude, height = (records[name][n].astype(np.float64) for n in ("Lat", "Lng", "Alt"))
+            fixed = np.flatnonzero((latitude != 0) | (longitude != 0))
+            if len(fixed):
+                i = fixed[0]
+                t = float(records[name].t[i])
+                return Origin(float(np.radians(latitude[i])), float(np.radians(longitude[i])), float(height[i]), t)
+    return _place(records, None, first=True)
+
+
+def ekf_origin(records: Mapping[str, Records]) -> Origin | None:
+    """Where the estimate's position is zero."""
+    return _place(records, EKF_ORIGIN)
+
+
+def home(records: Mapping[str, Records]) -> Origin | None:
+    """The last home that ORGN names: it is set again where the vehicle arms."""
+    return _place(records, _HOME)
+
+
+def _place(records: Mapping[str, Records], kind: int | None, *, first: bool = False) -> Origin | None:
+    """The last (or first) place that ORGN names, of a kind where it tells it."""
+    if "ORGN" not in records:
+        return None
+    rows = records["ORGN"]
+    known = (rows["Lat"] != 0) | (rows["Lng"] != 0)
+    if kind is not None:
+        known &= rows["Type"] == kind if rows.layout.has_numbers("Type") else False
+    rows = rows.select(np.asarray(known))
+    if not len(rows):
+        return None
+    latitude, longitude, height = (float(rows[n][0 if first else -1]) for n in ("Lat", "Lng", "Alt"))
+    return Origin(float(np.radians(latitude)), float(np.radians(longitude)), height)
+
+
+def epoch(records: Mapping[str, Records]) -> Epoch | None:
+    """By the GPS's own week and time of week, where it has a fix. Before 2015 they are called Week and TimeMS."""
+    gps = records.get("GPS")
+    names = (("GWk", "GMS"), ("Week", "TimeMS"))
+    found = next((n for n in names if gps is not None and gps.layout.has_numbers(*n, "Status")), None)
+    if gps is None or found is None or found[1] == gps.layout.clock:
+        return None
+    fixed = gps["Status"] >= _FIX_3D
+    week, seconds = gps[found[0]][fixed].astype(np.float64), gps[found[1]][fixed] * 1e-3
+    return epoch_of(gps_to_unix(week, seconds), gps.t[fixed], "GPS")

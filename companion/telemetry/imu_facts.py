@@ -1,0 +1,84 @@
+"""What a vehicle's parameters say of its IMUs: device, filter, averaging, and whether biases have been taken off.
+
+Sources: ArduPilot `AP_InertialSensor.cpp` (INS_GYR_ID, INS_GYRO_FILTER) and its drivers for the ranges; PX4
+`modules/mavlink/streams/HIGHRES_IMU.hpp`, `SCALED_IMU.hpp`, `modules/sensors/vehicle_imu/VehicleIMU.cpp`
+(IMU_INTEG_RATE).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from companion.model import STANDARD_GRAVITY, ImuTrack, Vehicle
+
+_USUAL_RANGES = (2000.0, 16.0)
+_RANGES: Mapping[int, tuple[float | None, float | None]] = {
+    0x2A: (None, None),  # SITL
+    0x2B: (2000.0, 24.0),  # BMI088
+    0x2E: (2000.0, 30.0),  # ICM20649
+    0x30: (4000.0, 8.0),  # ICM20601
+    0x31: (None, 40.0),  # ADIS1647x: 125, 500 or 2000 deg/s, by its model
+    0x32: (None, None),  # external
+    0x33: (2000.0, 32.0),  # ICM40609
+    0x3B: (4000.0, 32.0),  # ICM45686
+    0x3C: (None, None),  # SCHA63T
+    0x3D: (4000.0, 32.0),  # IIM42653
+}
+"""Device type of ArduPilot (bits 16-23 of a device id) → deg/s and g that its driver sets, where not the usual."""
+
+_RATES_HZ = (50.0, 2000.0)  # IMU_INTEG_RATE may be 100 to 1000
+
+
+def with_facts(track: ImuTrack, vehicle: Vehicle, parameters: Mapping[str, float]) -> ImuTrack:
+    """The track with what is known of its sensor. PX4's samples are means: their times are moved to the middles."""
+    if vehicle.autopilot == "PX4":
+        rate = parameters.get("IMU_INTEG_RATE", 0.0)
+        track = replace(
+            track,
+            device_id=_device(parameters, f"CAL_GYRO{track.instance}_ID"),
+            bias_removed=track.source == "HIGHRES_IMU",
+        )
+        if _RATES_HZ[0] <= rate <= _RATES_HZ[1]:
+            track = replace(track, t=track.t - 0.5 / rate, interval=np.full(len(track), 1.0 / rate))
+        return track
+    if vehicle.autopilot == "ARDUPILOTMEGA":
+        gyro, accel = (_device(parameters, _id_name(kind, track.instance)) for kind in ("GYR", "ACC"))
+        return replace(
+            track,
+            device_id=gyro,
+            low_pass_hz=_low_pass(parameters),
+            gyro_range=None if (range_dps := _ranges(gyro)[0]) is None else float(np.radians(range_dps)),
+            accel_range=None if (range_g := _ranges(accel)[1]) is None else range_g * STANDARD_GRAVITY,
+        )
+    return track
+
+
+def of_instance(track: ImuTrack, instance: int, parameters: Mapping[str, float]) -> ImuTrack:
+    """PX4's HIGHRES_IMU, which says IMU 0 whatever sensor it speaks of, as that of the selected one."""
+    return replace(track, instance=instance, device_id=_device(parameters, f"CAL_GYRO{instance}_ID"))
+
+
+def _id_name(kind: str, instance: int) -> str:
+    """INS_GYR_ID, INS_GYR2_ID, INS_GYR3_ID, INS4_GYR_ID, ..."""
+    if instance > 2:
+        return f"INS{instance + 1}_{kind}_ID"
+    return f"INS_{kind}{instance + 1 if instance else ''}_ID"
+
+
+def _ranges(device_id: int | None) -> tuple[float | None, float | None]:
+    return (None, None) if device_id is None else _RANGES.get(device_id >> 16 & 0xFF, _USUAL_RANGES)
+
+
+def _device(parameters: Mapping[str, float], name: str) -> int | None:
+    value = parameters.get(name, 0.0)
+    return int(value) if np.isfinite(value) and 0 < value < 2**32 else None
+
+
+def _low_pass(parameters: Mapping[str, float]) -> float | None:
+    """The lower of gyro's and accelerometer's cutoff; 0 is no filter, and NaN damage."""
+    cutoffs = [parameters.get(name, 0.0) for name in ("INS_GYRO_FILTER", "INS_ACCEL_FILTER")]
+    known = [cutoff for cutoff in cutoffs if np.isfinite(cutoff) and cutoff > 0]
+    return min(known) if known else None

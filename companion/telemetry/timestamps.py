@@ -1,0 +1,110 @@
+"""Time stamps that leave the flight's own course, as one flipped bit makes them: what carries one is left out, counted.
+
+A .bin and a .ulg have no checksum, and a frame with a right one may still lie: one such time makes a flight of
+thousands of years, and every grid over it larger than memory. What the autopilot itself does to its clock stays: holes,
+reboots, steps back, and packets that come late or twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.model import Array
+
+BoolArray = npt.NDArray[np.bool_]
+
+_NEIGHBOURS = 2  # on either side; together with its own, the median of five times stays at every step that lasts
+_SURE = 3 * _NEIGHBOURS + 1  # samples of a stream that say by themselves where the flight was
+_PASSES = 5  # a burst of wrong times thins out from its edges
+_PERIODS = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """How far a time may be off the times around it."""
+
+    disorder_s: float  # from the median of its neighbours in the stream, and no less than three median periods
+    before_s: float  # the first samples of a stream may lie before what all streams cover
+    after_s: float  # and its last behind it
+    away_s: float  # from the median of all streams: what is further off is of another clock
+
+
+ON_BOARD = Course(disorder_s=1.0, before_s=np.inf, after_s=600.0, away_s=86400.0)
+"""A logger writes what it measures, in order; first of all what was said last, perhaps when the board had just booted
+(PX4: test_motor at 0 s). It has one clock, and no flight lasts a day; UNIX time is 20,000 times as far away."""
+
+ON_LINK = Course(disorder_s=10.0, before_s=600.0, after_s=600.0, away_s=np.inf)
+"""Routers deliver packets late and twice, radios hand out what they had buffered minutes before a flight."""
+
+
+def off_course(streams: Mapping[str, Array], course: Course) -> dict[str, BoolArray]:
+    """Which samples leave the flight's course, (N,) for each stream that has such: its times (N,) s, in file order.
+
+    Per stream: those that stand apart from the median of five, while the stream goes on as before. The first and last
+    two of a stream, where nothing follows, and all of a stream of less than seven: those that lie further from what the
+    other samples of all streams cover than any silence is long. In between, no sample of a stream whose times only rise
+    is ever left out, however long its holes are.
+    """
+    middle = _middle([t for t in streams.values() if len(t)])
+    apart = {name: _apart(t, np.abs(t - middle) < course.away_s, course.disorder_s) for name, t in streams.items()}
+    covered = [_core(t[~apart[name]]) for name, t in streams.items() if (~apart[name]).sum() >= _SURE]
+    for name, t in streams.items():
+        if covered:
+            kept = np.flatnonzero(~apart[name])
+            if len(kept) >= _SURE:
+                kept = np.concatenate([kept[:_NEIGHBOURS], kept[-_NEIGHBOURS:]])
+            ends = t[kept]
+            near = [(ends >= low - course.before_s) & (ends <= high + course.after_s) for low, high in covered]
+            apart[name][kept[~np.any(near, axis=0)]] = True
+    return {name: mask for name, mask in apart.items() if mask.any()}
+
+
+def left_out(streams: Mapping[str, Array], apart: Mapping[str, BoolArray]) -> list[str]:
+    """A note for each stream that `off_course` found such samples in."""
+    return [
+        f"{name}: {int(mask.sum())} of {len(mask)} left out: their time stamps leave the flight's course "
+        f"(the first says {streams[name][mask][0]:.6g} s)"
+        for name, mask in apart.items()
+    ]
+
+
+def _middle(streams: list[Array]) -> float:
+    """The median of the streams' medians, each with the weight of its samples."""
+    middles, weights = np.array([np.median(t) for t in streams]), np.array([len(t) for t in streams])
+    order = np.argsort(middles)
+    passed = np.cumsum(weights[order])
+    return float(middles[order][np.searchsorted(passed, passed[-1] / 2)]) if streams else 0.0
+
+
+def _core(t: Array) -> tuple[float, float]:
+    """What a stream covers for certain: without its first and last two."""
+    inner = t[_NEIGHBOURS:-_NEIGHBOURS]
+    return float(inner.min()), float(inner.max())
+
+
+def _apart(t: Array, near: BoolArray, disorder_s: float) -> BoolArray:
+    """Which of the times (N,) are not `near`, or stand apart from the median of five around them."""
+    apart = np.asarray(~near | ~np.isfinite(t))
+    for _ in range(_PASSES):
+        kept = np.flatnonzero(~apart)
+        rest = t[kept]
+        step = np.diff(rest)
+        falls = np.flatnonzero(step < 0)
+        if not len(falls):
+            break
+        close = np.zeros(len(rest) + 2 * _NEIGHBOURS, np.bool_)
+        for k in range(2 * _NEIGHBOURS):  # from one before the fall's first sample to one behind its second
+            close[falls + k + 1] = True
+        index = np.flatnonzero(close[_NEIGHBOURS:-_NEIGHBOURS])
+        padded = np.pad(rest, _NEIGHBOURS, mode="edge")
+        around = np.sort(np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOURS + 1)[index], axis=1)
+        most = max(disorder_s, _PERIODS * float(np.median(np.abs(step))))
+        off = np.abs(rest[index] - around[:, _NEIGHBOURS]) > most
+        if not off.any():
+            break
+        apart[kept[index[off]]] = True
+    return apart

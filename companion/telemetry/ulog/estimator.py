@@ -1,0 +1,148 @@
+"""What PX4's EKF2 believes of its IMU, and which IMU it uses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from companion.model import Array, BiasTrack, ImuInUse
+from companion.telemetry.convert import increasing
+from companion.telemetry.ulog.topics import (
+    Topic,
+    Topics,
+    column,
+    columns,
+    device_ids,
+    finite,
+    flag,
+    instances,
+    sampled,
+    seconds,
+    xyz,
+)
+
+Version = tuple[int, int]
+"""Major and minor of PX4's release; (0, 0) where the log does not tell it."""
+
+_GYRO, _ACCEL = 10, 13  # in EKF2's state vector: after attitude (4), velocity (3) and position (3)
+_ERROR_STATE = (1, 15)
+_GYROS = (("vehicle_imu", "gyro_device_id"), ("vehicle_imu_status", "gyro_device_id"), ("sensor_gyro", "device_id"))
+_SELECTOR = "estimator_selector_status"
+_RATES = (1, 15)  # since then the states are rates; before, delta angles and velocities over one filter interval
+
+
+def imu_instances(topics: Topics) -> dict[int, int]:
+    """Device id of a gyro → its instance, as vehicle_imu numbers them."""
+    found: dict[int, int] = {}
+    for name, field in _GYROS:
+        for instance, _, topic in instances(topics, name):
+            for device in np.unique(device_ids(topic, field)).tolist():
+                if device:
+                    found.setdefault(device, instance)
+    return found
+
+
+def imu_in_use(topics: Topics, by_device: Mapping[int, int]) -> ImuInUse | None:
+    """The gyro that sensor_selection names, or where it is not there estimator_selector_status; None without both."""
+    for name in ("sensor_selection", "estimator_selector_status"):
+        if name not in topics:
+            continue
+        t, devices = seconds(topics[name]), device_ids(topics[name], "gyro_device_id")
+        keep = increasing(t, np.isin(devices, list(by_device)))
+        t, devices = t[keep], devices[keep]
+        changed = np.flatnonzero(np.diff(devices, prepend=0))
+        if len(changed):
+            used = np.array([by_device[device] for device in devices[changed].tolist()], np.int64)
+            return ImuInUse(t[changed], used, name)
+    return None
+
+
+def bias_tracks(topics: Topics, version: Version, by_device: Mapping[int, int]) -> tuple[BiasTrack, ...]:
+    """The in-run biases of each EKF2 instance, that of the one that flew longest first.
+
+    From estimator_sensor_bias, which names the sensor; where that is not there from the state vector.
+    """
+    found = [
+        track
+        for core, name, topic in instances(topics, "estimator_sensor_bias")
+        for track in _named_biases(topic, name, core, by_device)
+    ]
+    for states in ("estimator_states", "estimator_status"):
+        if not found:
+            found = [
+                _state_biases(topic, name, core, version, by_device)
+                for core, name, topic in instances(topics, states)
+                if f"states[{_ACCEL + 2}]" in topic
+            ]
+    first = primary_core(topics)
+    found = [track for track in found if len(track)]
+    return tuple(sorted(found, key=lambda track: (track.core != first, track.core)))
+
+
+def primary_core(topics: Topics) -> int:
+    """The EKF2 instance that flew longest; 0 where there is one."""
+    flown = column(topics["estimator_selector_status"], "primary_instance") if _SELECTOR in topics else np.empty(0)
+    numbers, counts = np.unique(flown[np.isfinite(flown)], return_counts=True)
+    return int(numbers[np.argmax(counts)]) if len(numbers) else 0
+
+
+def _named_biases(topic: Topic, name: str, core: int, by_device: Mapping[int, int]) -> list[BiasTrack]:
+    """One track for each gyro that the instance has used."""
+    t = sampled(topic)
+    gyros, accels = device_ids(topic, "gyro_device_id"), device_ids(topic, "accel_device_id")
+    gyro, accel = xyz(topic, "gyro_bias"), xyz(topic, "accel_bias")
+    gyro_sigma, accel_sigma = _sigma(xyz(topic, "gyro_bias_variance")), _sigma(xyz(topic, "accel_bias_variance"))
+    no_gyro = (gyros == 0) | ~flag(topic, "gyro_bias_valid", default=True)
+    no_accel = (accels == 0) | ~flag(topic, "accel_bias_valid", default=True)
+    gyro[no_gyro], gyro_sigma[no_gyro] = np.nan, np.nan
+    accel[no_accel], accel_sigma[no_accel] = np.nan, np.nan
+    known = np.isfinite(gyro).all(axis=1) | np.isfinite(accel).all(axis=1)
+    devices = np.where(gyros != 0, gyros, accels)
+    tracks = []
+    for device in dict.fromkeys(devices[known].tolist()):
+        keep = increasing(t, known & (devices == device))
+        tracks.append(
+            BiasTrack(
+                t[keep], gyro[keep], accel[keep], gyro_sigma[keep], accel_sigma[keep],
+                source=name, core=core, imu_instance=by_device.get(device),
+            )
+        )  # fmt: skip
+    return tracks
+
+
+def _state_biases(topic: Topic, name: str, core: int, version: Version, by_device: Mapping[int, int]) -> BiasTrack:
+    """From the state vector; the IMU is known where the vehicle has one."""
+    t, dt = sampled(topic), filter_interval(version)
+    gyro, accel = (columns(topic, *(f"states[{i}]" for i in range(at, at + 3))) / dt for at in (_GYRO, _ACCEL))
+    less = 4 - attitude_elements(version)
+    gyro_sigma, accel_sigma = (
+        _sigma(columns(topic, *(f"covariances[{i}]" for i in range(at - less, at - less + 3)))) / dt
+        for at in (_GYRO, _ACCEL)
+    )
+    keep = increasing(t, finite(gyro, accel))
+    only = next(iter(by_device.values())) if len(by_device) == 1 else (None if by_device else 0)
+    return BiasTrack(
+        t[keep], gyro[keep], accel[keep], gyro_sigma[keep], accel_sigma[keep], source=name, core=core, imu_instance=only
+    )
+
+
+def attitude_elements(version: Version) -> int:
+    """Of EKF2's covariance: the quaternion's, or since PX4 1.15 those of the attitude's error."""
+    return 3 if version >= _ERROR_STATE else 4
+
+
+def filter_interval(version: Version) -> float:
+    """s by which the biases in EKF2's state vector are to be divided.
+
+    It held a delta angle and a delta velocity over FILTER_UPDATE_PERIOD_MS (ecl `EKF/estimator_interface.h`): 12 ms in
+    PX4 1.6, 8 ms from 1.7 to 1.10, 10 ms from 1.11 to 1.14. Since 1.15 it holds rates.
+    """
+    if version >= _RATES:
+        return 1.0
+    return 0.012 if version < (1, 7) else 0.008 if version < (1, 11) else 0.010
+
+
+def _sigma(variance: Array) -> Array:
+    """1σ; NaN where no variance is told."""
+    return np.sqrt(np.where(variance > 0.0, variance, np.nan))

@@ -1,0 +1,117 @@
+"""The IMUs of a PX4 ULog.
+
+`vehicle_imu` is what PX4 integrates of each IMU at its full rate: a rotation vector (coning included) and ∫f dt in body
+axes over intervals that join, calibrated and in the body frame, without the EKF's biases. `sensor_combined` is the same
+of the selected IMU. Both are means over `interval`, at its middle, and not low-passed. The topics of the drivers are in
+`drivers`. Sources: PX4 `msg/VehicleImu.msg`, `msg/SensorCombined.msg`, `modules/sensors/vehicle_imu/VehicleIMU.cpp`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.model import Array, ImuInUse, ImuTrack
+from companion.telemetry.convert import increasing
+from companion.telemetry.ulog.drivers import driver_tracks
+from companion.telemetry.ulog.parts import accel_range, gyro_range
+from companion.telemetry.ulog.topics import (
+    Topic,
+    Topics,
+    column,
+    device_ids,
+    finite,
+    instances,
+    sampled,
+    seconds,
+    xyz,
+)
+
+
+def imu_tracks(
+    topics: Topics, used: ImuInUse | None, parameters: Mapping[str, float], notes: list[str]
+) -> dict[str, ImuTrack]:
+    """Every instance of vehicle_imu, sensor_combined and what the drivers logged at higher rates, by topic."""
+    found = [*_integrated(topics)]
+    if "sensor_combined" in topics:
+        combined = _combined(topics["sensor_combined"])
+        shares = np.zeros(0) if used is None else _shares(used, combined.t)
+        instance = int(np.argmax(shares)) if len(shares) else 0
+        same = next((track for track in found if track.instance == instance), None)
+        if same is not None:
+            combined = replace(
+                combined, device_id=same.device_id, gyro_range=same.gyro_range, accel_range=same.accel_range
+            )
+        if np.count_nonzero(shares) > 1:
+            notes.append(
+                f"sensor_combined changes between IMUs {np.flatnonzero(shares).tolist()}; IMU {instance} has "
+                f"{100 * shares[instance]:.0f} % of it"
+            )
+        found.append(replace(combined, instance=instance))
+    found += driver_tracks(topics, found, parameters)
+    if not any(len(track) > 1 for track in found):
+        found += _filtered(topics, parameters)
+    notes += [f"{track.source} left out: it has no readings, or zeros only" for track in found if not len(track)]
+    return {track.source: track for track in found if len(track)}
+
+
+def _integrated(topics: Topics) -> Iterator[ImuTrack]:
+    """vehicle_imu: increments over dt, of which the means are kept."""
+    for instance, name, topic in instances(topics, "vehicle_imu"):
+        gyro_dt, accel_dt = (column(topic, f"{of}_dt") * 1e-6 for of in ("delta_angle", "delta_velocity"))
+        whole = (gyro_dt > 0) & (accel_dt > 0)
+        gyro = xyz(topic, "delta_angle") / np.where(whole, gyro_dt, 1.0)[:, None]
+        accel = xyz(topic, "delta_velocity") / np.where(whole, accel_dt, 1.0)[:, None]
+        t = seconds(topic, "timestamp_sample") - gyro_dt / 2
+        device, other = (_most(device_ids(topic, f"{of}_device_id")) for of in ("gyro", "accel"))
+        yield replace(
+            _track(name, t, gyro, accel, gyro_dt, whole),
+            instance=instance,
+            device_id=device or None,
+            gyro_range=gyro_range(device),
+            accel_range=accel_range(other),
+        )
+
+
+def _combined(topic: Topic) -> ImuTrack:
+    """sensor_combined is stamped at the end of the gyro's interval; before PX4 1.7 some releases tell it in s."""
+    own = column(topic, "gyro_integral_dt")
+    own *= 1.0 if np.nanmax(own, initial=0.0) < 1.0 else 1e-6
+    t = seconds(topic) - own / 2
+    return _track("sensor_combined", t, xyz(topic, "gyro_rad"), xyz(topic, "accelerometer_m_s2"), own, own >= 0.0)
+
+
+def _filtered(topics: Topics, parameters: Mapping[str, float]) -> Iterator[ImuTrack]:
+    """Where nothing else is logged: what the controllers use, low-passed and without the EKF's biases."""
+    if not {"vehicle_angular_velocity", "vehicle_acceleration"} <= topics.keys():
+        return
+    turning, pushed = topics["vehicle_angular_velocity"], topics["vehicle_acceleration"]
+    own, rate = sampled(turning), xyz(turning, "xyz")
+    keep = increasing(own, finite(rate))
+    own, rate, t = own[keep], rate[keep], sampled(pushed)
+    within = (t >= own[0]) & (t <= own[-1]) if len(own) else np.zeros(len(t), np.bool_)
+    if within.any():
+        gyro = np.column_stack([np.interp(t, own, axis) for axis in rate.T])
+        track = _track("vehicle_angular_velocity", t, gyro, xyz(pushed, "xyz"), np.zeros(len(t)), within)
+        cutoff = parameters.get("IMU_GYRO_CUTOFF", 0.0)
+        yield replace(track, interval=None, bias_removed=True, low_pass_hz=cutoff if cutoff > 0.0 else None)
+
+
+def _track(source: str, t: Array, gyro: Array, accel: Array, interval: Array, good: npt.NDArray[np.bool_]) -> ImuTrack:
+    keep = increasing(t, good & finite(gyro, accel) & np.isfinite(t) & (gyro.any(axis=1) | accel.any(axis=1)))
+    return ImuTrack(t[keep], gyro[keep], accel[keep], source=source, interval=interval[keep])
+
+
+def _shares(used: ImuInUse, t: Array) -> Array:
+    """Which share of times t (N,) each instance was used for."""
+    at = used.instance[np.maximum(np.searchsorted(used.t, t, side="right") - 1, 0)]
+    return np.asarray(np.bincount(at) / max(len(t), 1))
+
+
+def _most(devices: npt.NDArray[np.int64]) -> int:
+    """The device that most rows are of; 0 where none is told."""
+    numbers, counts = np.unique(devices[devices != 0], return_counts=True)
+    return int(numbers[np.argmax(counts)]) if len(numbers) else 0

@@ -1,0 +1,206 @@
+"""The topics of a PX4 ULog as columns, by pyulog; what is damaged or not of the boot clock is left out and noted.
+
+Format: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import struct
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.model import Array, InputError
+from companion.telemetry.timestamps import ON_BOARD, left_out, off_course
+from companion.telemetry.ulog.formats import check_formats
+from companion.telemetry.words import words
+
+Topic = Mapping[str, Any]
+"""Field → column (N,); elements of arrays are fields of their own: `q[0]`."""
+
+Topics = Mapping[str, Topic]
+"""Topic by the name that PX4's tools give it: vehicle_imu, vehicle_imu_1, ..."""
+
+_DATED = "timestamp"
+_XYZ = ("[0]", "[1]", "[2]")
+_Q = ("q[0]", "q[1]", "q[2]", "q[3]")
+_NEEDED: Mapping[str, tuple[str, ...]] = {
+    "vehicle_imu": ("timestamp_sample", "delta_angle_dt", "delta_velocity_dt")
+    + tuple(f"delta_{of}{i}" for of in ("angle", "velocity") for i in _XYZ),
+    "sensor_combined": ("gyro_integral_dt", *(f"{of}{i}" for of in ("gyro_rad", "accelerometer_m_s2") for i in _XYZ)),
+    "vehicle_attitude": _Q,
+    "vehicle_angular_velocity": ("xyz[0]", "xyz[1]", "xyz[2]"),
+    "vehicle_local_position": (
+        "x", "y", "z", "vx", "vy", "vz", "xy_valid", "z_valid", "v_xy_valid", "v_z_valid", "ref_lat", "ref_lon",
+        "ref_alt",
+    ),
+    "home_position": ("lat", "lon", "alt"),
+    "vehicle_status": ("arming_state", "nav_state"),
+    "vehicle_magnetometer": tuple(f"magnetometer_ga{i}" for i in _XYZ),
+    "sensor_mag": ("x", "y", "z"),
+    "vehicle_air_data": ("baro_pressure_pa", "baro_alt_meter"),
+    "sensor_baro": ("pressure",),
+    "vehicle_gps_position": ("fix_type",),
+    "sensor_gps": ("fix_type",),
+    "estimator_sensor_bias": tuple(f"{of}_bias{i}" for of in ("gyro", "accel") for i in _XYZ),
+    "sensor_selection": ("gyro_device_id",),
+    "vehicle_attitude_groundtruth": _Q,
+    "vehicle_local_position_groundtruth": ("x", "y", "z", "vx", "vy", "vz"),
+}  # fmt: skip
+"""What is read of a topic without asking whether it is there."""
+
+_HEADER_BYTES = 16
+_SYNC = bytes.fromhex("2F731320250CBB12")  # in the log again and again, so that damage does not spread
+_INSTANCES = 16  # the most that a flight controller publishes of one topic
+
+
+def read_ulog(path: Path, contents: bytes) -> Any:
+    """pyulog's ULog of these contents.
+
+    Raises InputError when pyulog is not installed or cannot read the file.
+    """
+    try:
+        from pyulog import ULog  # noqa: PLC0415  (an extra: needed for these files alone)
+        from pyulog.core import ULogException  # noqa: PLC0415
+    except ImportError:
+        raise InputError(
+            f"{path} is a PX4 ULog, and reading it needs pyulog. Install it: pip install 'companion[ulog]'"
+        ) from None
+    check_formats(path, contents)
+    try:
+        with contextlib.redirect_stdout(sys.stderr):  # it prints what it thinks of a file
+            log = ULog(_Whole(contents), disable_str_exceptions=True)
+    except (ULogException, ValueError, LookupError, TypeError, RecursionError, struct.error) as error:
+        raise InputError(f"{path} begins like a PX4 ULog, but cannot be read: {error!r}.") from error
+    if not log.data_list:
+        raise InputError(
+            f"{path} begins like a PX4 ULog, but no data can be read from it: it was cut off, or its definitions are "
+            "damaged. Copy it again."
+        )
+    return log
+
+
+class _Whole(io.BytesIO):
+    """The bytes of a file, for pyulog: after a size that leads beyond their end it goes back by that size.
+
+    It would go round for ever from there, so what could not be read is not gone back either.
+    """
+
+    _missing = 0
+
+    def read(self, size: int | None = -1) -> bytes:
+        data = super().read(size)
+        self._missing = max((size or 0) - len(data), 0)
+        return data
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        if whence == io.SEEK_CUR and offset < 0:
+            offset += self._missing
+        self._missing = 0
+        return super().seek(offset, whence)
+
+
+def topics_of(log: Any) -> tuple[dict[str, Topic], list[str]]:
+    """The topics by name, without those whose declaration lacks what is read of them; and a note of each of these.
+
+    Rows whose time is not of the clock of the others (UNIX time, damage) are left out: see `timestamps`.
+    """
+    topics: dict[str, Topic] = {}
+    notes = []
+    for one in log.data_list:
+        name = _name(one.name, one.multi_id)
+        lacks = [field for field in (_DATED, *_NEEDED.get(one.name, ())) if field not in one.data]
+        if not name.isidentifier():
+            notes.append(f"a topic is left out: its name is damaged ({words(name)})")
+            continue
+        if lacks:
+            notes.append(f"{name} is left out: the log declares it without {', '.join(lacks)}")
+            continue
+        topics[name] = one.data
+    times = {name: seconds(topic) for name, topic in topics.items()}
+    apart = off_course(times, ON_BOARD)
+    for name, mask in apart.items():
+        topics[name] = {field: values[~mask] for field, values in topics[name].items()}
+    topics = {name: topic for name, topic in topics.items() if len(topic[_DATED])}
+    return topics, [*notes, *left_out(times, apart)]
+
+
+def unfinished(contents: bytes, *, appended: bool) -> int:
+    """Bytes of a message at the end that is not all there. appended: data of a crash follows, which has another end."""
+    at = contents.rfind(_SYNC) + len(_SYNC) if _SYNC in contents else _HEADER_BYTES
+    while at + 3 <= len(contents) and not appended:
+        size = 3 + int.from_bytes(contents[at : at + 2], "little")
+        if at + size > len(contents):
+            break
+        at += size
+    return 0 if appended else len(contents) - at
+
+
+def _name(topic: str, instance: int) -> str:
+    return f"{topic}_{instance}" if instance else topic
+
+
+def instances(topics: Topics, topic: str) -> Iterator[tuple[int, str, Topic]]:
+    """(instance, name, columns) of each instance of a topic that is in the log."""
+    for instance in range(_INSTANCES):
+        name = _name(topic, instance)
+        if name in topics:
+            yield instance, name, topics[name]
+
+
+def seconds(topic: Topic, field: str = _DATED) -> Array:
+    """A time field, µs of the boot clock, in s."""
+    return np.asarray(topic[field], np.float64) * 1e-6
+
+
+def sampled(topic: Topic) -> Array:
+    """When it was measured; where that is not told (before PX4 1.11 often, or zero), when it was published."""
+    t = seconds(topic)
+    if "timestamp_sample" not in topic:
+        return t
+    measured = seconds(topic, "timestamp_sample")
+    return np.where(np.abs(measured - t) < 1.0, measured, t)  # no estimator waits longer
+
+
+def columns(topic: Topic, *fields: str) -> Array:
+    """Fields side by side, (N, len(fields)), NaN for a field that is not there or not finite."""
+    found = np.full((len(topic[_DATED]), len(fields)), np.nan)
+    with np.errstate(invalid="ignore"):  # damage makes NaNs that signal
+        for i, field in enumerate(fields):
+            if field in topic:
+                found[:, i] = topic[field]
+    found[~np.isfinite(found)] = np.nan
+    return found
+
+
+def column(topic: Topic, field: str) -> Array:
+    """One field, (N,), NaN where it is not there or not finite."""
+    return np.asarray(columns(topic, field)[:, 0])
+
+
+def xyz(topic: Topic, field: str) -> Array:
+    """The three elements of a vector field, (N, 3)."""
+    return columns(topic, *(f"{field}[{i}]" for i in range(3)))
+
+
+def finite(*found: Array) -> npt.NDArray[np.bool_]:
+    """Rows (N,) in which every one of the arrays (N, k) is finite."""
+    return np.asarray(np.isfinite(np.hstack(found)).all(axis=1))
+
+
+def flag(topic: Topic, field: str, *, default: bool) -> npt.NDArray[np.bool_]:
+    """A field of truth values, (N,); `default` where the topic has none."""
+    found = topic.get(field)
+    return np.full(len(topic[_DATED]), default) if found is None else np.asarray(found, np.bool_)
+
+
+def device_ids(topic: Topic, field: str) -> npt.NDArray[np.int64]:
+    """Ids of the sensor behind each row, (N,); 0 where they are not told."""
+    found = topic.get(field)
+    return np.zeros(len(topic[_DATED]), np.int64) if found is None else np.asarray(found).astype(np.int64)

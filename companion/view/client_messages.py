@@ -1,0 +1,87 @@
+"""What a browser may say: the messages that the page itself sends, with numbers that are numbers.
+
+viser takes any message of any type from any client and believes what is in it: a canvas of no height divides by zero,
+NaN ends up in every picture, a request to share publishes the page on the internet, and upload parts stay in memory.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+
+MOST_BYTES = 1 << 16
+_MOST = 1e9  # m, pixels, s: nothing in a picture is larger
+_LONGEST = 256  # characters of a name or a choice
+_SEVERAL = 16  # numbers in one control
+
+
+def accepted(raw: object) -> bool:
+    """Whether a message is one that the page sends, and whole."""
+    if not isinstance(raw, bytes) or len(raw) > MOST_BYTES:
+        return False
+    try:
+        message = msgspec.msgpack.decode(raw)
+    except (ValueError, TypeError, RecursionError):  # msgspec.DecodeError is a ValueError; keys may be unhashable
+        return False
+    if not isinstance(message, dict):
+        return False
+    said = dict(message)
+    kind = said.pop("type", None)
+    return isinstance(kind, str) and kind in _CHECKS and _CHECKS[kind](said)
+
+
+def _camera(said: Mapping[str, Any]) -> bool:
+    vectors = {"wxyz": 4, "position": 3, "look_at": 3, "up_direction": 3}
+    numbers = ("fov", "near", "far", "image_height", "image_width")
+    return (
+        said.keys() == {*vectors, *numbers}
+        and all(_vector(said[name], size) for name, size in vectors.items())
+        and all(_number(said[name]) and said[name] > 0 for name in numbers)
+        and all(isinstance(said[name], int) for name in ("image_height", "image_width"))
+        and said["fov"] < math.pi
+        and any(said["wxyz"])
+        and any(said["up_direction"])
+    )
+
+
+def _update(said: Mapping[str, Any]) -> bool:
+    updates = said.get("updates")
+    return (
+        said.keys() == {"uuid", "updates"}
+        and _name(said["uuid"])
+        and isinstance(updates, dict)
+        and updates.keys() == {"value"}
+        and _value(updates["value"])
+    )
+
+
+def _command(said: Mapping[str, Any]) -> bool:
+    return said.keys() == {"uuid"} and _name(said["uuid"])
+
+
+_CHECKS: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
+    "ViewerCameraMessage": _camera,
+    "GuiUpdateMessage": _update,
+    "CommandTriggerMessage": _command,
+}
+
+
+def _value(value: object) -> bool:
+    if isinstance(value, list):
+        return len(value) <= _SEVERAL and all(map(_number, value))
+    return isinstance(value, bool) or value is None or _name(value) or _number(value)
+
+
+def _vector(value: object, size: int) -> bool:
+    return isinstance(value, list) and len(value) == size and all(map(_number, value))
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _MOST  # which NaN is not
+
+
+def _name(value: object) -> bool:
+    return isinstance(value, str) and len(value) <= _LONGEST

@@ -1,0 +1,59 @@
+"""The first screen of `analyze`: short, whatever the flight, and the rest is behind --full."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from companion.cli import main
+from tests.recordings import BUNDLED, recording
+
+Captured = pytest.CaptureFixture[str]
+
+LOGS = [
+    "sitl/copter-biased-imu-100hz.tlog",
+    "sitl/copter-gps-glitch-50hz.tlog",
+]
+
+
+@pytest.mark.parametrize("log", LOGS)
+def test_it_fits_on_a_screen(log: str, monkeypatch: pytest.MonkeyPatch, capsys: Captured) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["analyze", str(recording(log))]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 24
+    assert max(len(line) for line in lines) <= 80
+    text = "\n".join(lines)
+    assert lines[0].startswith(("IMU SUSPECT", "AUTOPILOT SUSPECT", "CONSISTENT"))
+    assert "After 10 s" in text
+    assert "expected)" in text
+    assert "Would have shown" in text
+    assert "--full" in text
+    assert lines[0].startswith("CONSISTENT") or "What to do" in text
+
+
+def test_what_cannot_be_judged_is_said(capsys: Captured) -> None:
+    assert main(["analyze", str(BUNDLED / "copter-mission-default-rates.tlog")]) == 0
+    out = capsys.readouterr().out
+    assert "Not judged" in out
+    assert "too low" in out
+
+
+def test_the_cause_in_numbers(capsys: Captured) -> None:
+    """A gyro bias of (9.55, -14.48, 7.52) mrad/s is switched on at rest."""
+    assert main(["analyze", str(recording("sitl/copter-biased-imu-100hz.tlog")), "--json"]) == 0
+    verdict = json.loads(capsys.readouterr().out)["flights"][0]["verdict"]
+    cause = verdict["cause"]
+    assert (cause["kind"], cause["side"], cause["sensor"], cause["unit"]) == ("gyro_bias", "imu", "gyro", "rad/s")
+    assert cause["size"] == pytest.approx(18.9e-3, abs=3e-3)
+    assert cause["onset_s"] == pytest.approx(57.3, abs=3.0)
+    assert verdict["detectable"].keys() == {"gyro_bias", "accel_bias", "tilt", "heading", "position"}
+    assert verdict["not_judged"] == []
+
+
+def test_a_healthy_flight_has_no_cause(capsys: Captured) -> None:
+    assert main(["analyze", "demo", "--json"]) == 0
+    verdict = json.loads(capsys.readouterr().out)["flights"][0]["verdict"]
+    assert (verdict["status"], verdict["cause"]) == ("consistent", None)
+    assert 1e-3 < verdict["detectable"]["gyro_bias"] < 20e-3

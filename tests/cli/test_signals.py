@@ -1,0 +1,24 @@
+"""Ctrl-C and SIGTERM end what serves, in the background of a script too."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+from tests.processes import COMPANION, ended, next_line, started
+
+pytestmark = pytest.mark.slow
+
+# A shell without job control starts what it puts in the background with SIGINT ignored.
+IN_BACKGROUND = ("sh", "-c", "trap '' INT; exec \"$@\"", "sh")
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("words", [("view", "demo", "--port", "18080"), ("view", "udpin:127.0.0.1:0", "--no-record")])
+def test_a_server_in_the_background_is_ended(words: tuple[str, ...], end: int) -> None:
+    with started(*IN_BACKGROUND, *COMPANION, *words) as process:
+        assert "http://" in next_line(process, process.stdout)
+        said, told = ended(process, end)
+    assert (process.returncode, said) == (0, "")
+    assert "Traceback" not in told

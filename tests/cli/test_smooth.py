@@ -1,0 +1,76 @@
+"""`companion smooth`: what it prints and writes, and what bad input gets."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import companion as c
+from companion.cli import main
+from companion.estimation import CONSTANTS
+from tests.recordings import BUNDLED
+from tests.tlogs import Writer
+
+DEMO = str(BUNDLED / "copter-demo-100hz.tlog")
+Captured = pytest.CaptureFixture[str]
+
+
+def test_the_tables_fit_a_terminal_and_the_trajectory_is_written(tmp_path: Path, capsys: Captured) -> None:
+    path = tmp_path / "best.tum"
+    assert main(["smooth", DEMO, "-o", str(path)]) == 0
+    printed = capsys.readouterr().out
+    for title in ("Witnesses", "Biases", "Noise", "Constants", "Autopilot minus best estimate"):
+        assert title in printed
+    rows = [line for line in printed.splitlines() if line.startswith(" ")]
+    assert max(map(len, rows)) <= 80
+    assert "nothing: they agree" in printed
+
+    rows_written = np.loadtxt(path)
+    flight = c.open_log(DEMO)[0]
+    track = flight.imu()
+    assert len(rows_written) == len(track)
+    assert np.abs(rows_written[:, 0] - track.t).max() < 0.03  # readings speak of the time before the filter's delay
+    np.testing.assert_allclose(np.linalg.norm(rows_written[:, 4:], axis=1), 1.0, atol=1e-6)
+    truth = flight.truth
+    assert truth is not None
+    north = np.interp(rows_written[:, 0], truth.t, truth.position[:, 0])
+    assert np.percentile(np.abs(rows_written[:, 1] - north), 95) < 1.0
+
+    assert main(["smooth", DEMO, "-o", str(path)]) == 2
+    assert "--force" in capsys.readouterr().err
+
+
+def test_the_json_says_the_same_with_every_constant(capsys: Captured) -> None:
+    assert main(["smooth", DEMO, "--json"]) == 0
+    (flight,) = json.loads(capsys.readouterr().out)["flights"]
+    assert flight["imu"] == "RAW_IMU"
+    assert flight["explained"] == []
+    assert set(flight["constants"]) == set(CONSTANTS)
+    assert [one["quantity"] for one in flight["autopilot_error"]] == ["tilt", "heading", "velocity", "position"]
+    for one in flight["autopilot_error"]:
+        assert 0 <= one["median"] <= one["p95"] <= one["worst"]
+        assert one["sigma"] > 0
+    assert {one["name"] for one in flight["witnesses"]} >= {"gps_position", "gps_velocity", "compass"}
+
+
+def test_another_ending_is_refused_before_the_work_is_done(tmp_path: Path, capsys: Captured) -> None:
+    assert main(["smooth", DEMO, "-o", str(tmp_path / "best.csv")]) == 2
+    assert "companion export" in capsys.readouterr().err
+
+
+def test_an_imu_that_is_too_slow_gets_one_sentence(tmp_path: Path, capsys: Captured) -> None:
+    log = Writer(tmp_path / "slow.tlog")
+    log.rest(20.0, hz=4.0)
+    assert main(["smooth", str(log.close())]) == 2
+    said = capsys.readouterr()
+    assert not said.out
+    assert "8 Hz or more" in said.err
+
+
+def test_a_repr_fits_in_a_line() -> None:
+    shown = repr(c.smooth(c.open_log(DEMO)[0]))
+    assert shown.startswith("BestEstimate(RAW_IMU, 306 keyframes")
+    assert len(shown) < 200

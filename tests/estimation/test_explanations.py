@@ -1,0 +1,155 @@
+"""What is put wrong into a flight is found: what it was, how large, and since when."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from companion.estimation import KINDS, BestEstimate, Explained, kind_of, smooth
+from companion.estimation.competition import Choice, with_choice
+from companion.estimation.explanations import Problem, weigh
+from companion.estimation.learned_noise import START
+from companion.estimation.linearisation import Linear, carry_imu, linearise
+from companion.estimation.setup import first_guess, set_up
+from companion.estimation.system import Prior, Solution, motion_residual, solve
+from companion.model import STANDARD_GRAVITY, Flight, geodetic_from_ned
+from companion.strapdown import quaternion
+from tests.estimation.sensed import PLACE, sensed, with_imu
+
+ONSET = 30.0
+
+
+def gyro_step(flight: Flight) -> Flight:
+    imu = flight.imu()
+    return with_imu(flight, replace(imu, gyro=imu.gyro + (imu.t >= ONSET)[:, None] * np.array([0.0, 0.02, 0.0])))
+
+
+def accel_step(flight: Flight) -> Flight:
+    imu = flight.imu()
+    return with_imu(flight, replace(imu, accel=imu.accel + (imu.t >= ONSET)[:, None] * np.array([0.8, 0.0, 0.0])))
+
+
+def gps_creep(flight: Flight) -> Flight:
+    """The position moves off north at 1.5 m/s; the velocity does not know of it."""
+    (gps,) = flight.gps
+    off = np.maximum(gps.t - ONSET, 0.0)[:, None] * np.array([1.5, 0.0, 0.0])
+    where = geodetic_from_ned(off, PLACE) - np.array(PLACE)
+    return replace(
+        flight, gps=(replace(gps, latitude=gps.latitude + where[:, 0], longitude=gps.longitude + where[:, 1]),)
+    )
+
+
+def gps_jump(flight: Flight) -> Flight:
+    (gps,) = flight.gps
+    return replace(flight, gps=(replace(gps, latitude=gps.latitude + (gps.t >= ONSET) * 20.0 / 6.37e6),))
+
+
+def compass_turn(flight: Flight) -> Flight:
+    """The field turns by 30° about down."""
+    (compass,) = flight.compasses
+    q = flight.require_attitude()
+    i = np.searchsorted(q.t, compass.t)
+    world = quaternion.rotate(q.q_ned_frd[i], compass.field)
+    turned = quaternion.rotate(quaternion.exp(np.radians([0.0, 0.0, 30.0])), world)
+    later = (compass.t >= ONSET)[:, None]
+    field = np.where(later, quaternion.rotate(quaternion.conjugate(q.q_ned_frd[i]), turned), compass.field)
+    return replace(flight, compasses=(replace(compass, field=field),))
+
+
+FAULTS: dict[str, tuple[Callable[[Flight], Flight], str, float]] = {
+    "gyro step": (gyro_step, "gyro_bias", 0.02),
+    "accelerometer step": (accel_step, "accel_bias", 0.8),
+    "gps creep": (gps_creep, "gps_position", 1.5),
+    "gps jump": (gps_jump, "gps_position", 20.0),
+    "compass turn": (compass_turn, "compass_field", 11.0),
+}
+
+
+@cache
+def found_in(fault: str) -> BestEstimate:
+    flight, _ = sensed(60.0)
+    return smooth(FAULTS[fault][0](flight))
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_an_injected_fault_is_found(fault: str) -> None:
+    _, kind, size = FAULTS[fault]
+    explained = found_in(fault).explained
+    assert explained, "nothing found"
+    largest: Explained = max(explained, key=lambda one: one.gain)
+    assert largest.kind == kind
+    assert largest.gain > 30.0
+    assert np.linalg.norm(largest.size) == pytest.approx(size, rel=0.25)
+    assert abs(largest.onset - ONSET) < max(4.0 * largest.onset_sigma, 2.0)
+
+
+@pytest.mark.parametrize("fault", ["gyro step", "accelerometer step", "gps creep", "gps jump"])
+def test_the_other_side_is_not_accused(fault: str) -> None:
+    _, kind, _ = FAULTS[fault]
+    side = kind_of(kind).side
+    others = [one for one in found_in(fault).explained if kind_of(one.kind).side != side]
+    assert sum(one.gain for one in others) < 0.2 * sum(one.gain for one in found_in(fault).explained)
+
+
+@pytest.fixture(scope="module")
+def linear() -> Linear:
+    """The linear problem of a short flight, as it stands before anything is explained."""
+    flight, _ = sensed(25.0, "circle")
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    states = first_guess(setup, flight)
+    path = carry_imu(setup, (np.zeros(3), np.zeros(3)))
+    scale = {one.name: 1.0 for one in setup.readings}
+    for _ in range(4):
+        found = linearise(setup, path, states, START, scale, {})
+        states = states.moved(found.solution.x, found.solution.c)
+    return found
+
+
+def misfit(problem: Problem, prior: Prior, solution: Solution) -> float:
+    """The sum of all squared residuals."""
+    left = motion_residual(problem.motion, solution)
+    total = float(np.einsum("ki,kij,kj->", left, problem.motion.weight, left))
+    for one in problem.measurements:
+        rest = one.residual - np.einsum("mdi,mi->md", one.states, solution.x[one.keyframe]) - one.constants @ solution.c
+        total += float((rest**2 * one.information).sum())
+    total += float((((prior.residual - solution.x[0]) / prior.sigma) ** 2).sum())
+    return total + float((((prior.constants_residual - solution.c) / prior.constants_sigma) ** 2).sum())
+
+
+LAWS = [(kind.name, shape) for kind in KINDS for shape in kind.shapes if shape not in ("pulse", "shock")]
+
+
+@pytest.mark.parametrize(("name", "shape"), LAWS)
+def test_the_gain_is_that_of_estimating_anew_with_the_unknowns(linear: Linear, name: str, shape: str) -> None:
+    """A law: weigh() asks the old solution what `solve` with further unknowns would say."""
+    kind = kind_of(name)
+    onset = np.array([11.3])
+    problem, solution = linear.problem, linear.solution
+    weighed = weigh(problem, solution, kind, shape, onset)
+    assert weighed is not None
+    axis = int(weighed.axis[0])
+    choice = Choice(kind, shape, 11.3, np.inf, 0.1, axis, 0.0, ())
+    wider = with_choice(problem, linear.prior, choice)
+    again = solve(len(problem.t), wider[0].motion, wider[0].measurements, wider[1])
+    unknowns = len(again.c) - len(solution.c)
+    size, covariance = weighed.size[0], weighed.covariance[0]
+    if axis >= 0:
+        size, covariance = size[axis : axis + 1], covariance[axis : axis + 1, axis : axis + 1]
+    np.testing.assert_allclose(again.c[-unknowns:], size, rtol=1e-4, atol=1e-3 * np.sqrt(covariance.max()))
+    np.testing.assert_allclose(
+        again.constants_covariance[-unknowns:, -unknowns:], covariance, rtol=1e-4, atol=1e-4 * covariance.max()
+    )
+    better = misfit(problem, linear.prior, solution) - misfit(*wider, again)
+    lasted = max(float(problem.t[-1]) - 11.3, 1.0) if shape == "ramp" else 1.0
+    prior = np.full(unknowns, (lasted / kind.prior) ** 2)
+    paid = -np.linalg.slogdet(covariance * prior[:, None])[1] + (
+        2.0 * np.log(weighed.size.shape[1]) if axis >= 0 else 0
+    )
+    if np.linalg.norm(weighed.size[0]) * lasted >= kind.least:
+        assert weighed.gain[0] == pytest.approx(better - paid, rel=1e-3, abs=1e-3 * max(1.0, abs(better)))
+    else:
+        assert weighed.gain[0] == 0.0

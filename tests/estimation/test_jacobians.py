@@ -1,0 +1,109 @@
+"""Every derivative of the smoother against differences: of each measurement, and of the motion between keyframes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.estimation.learned_noise import START
+from companion.estimation.linearisation import CarriedImu, Linear, _kinematics, carry_imu, linearise
+from companion.estimation.measurements import UNITS, Readings, measure
+from companion.estimation.model import CONSTANT_STATES, CONSTANTS, STATES, States
+from companion.estimation.setup import Setup, first_guess, set_up
+from companion.model import STANDARD_GRAVITY, Array
+from tests.estimation.sensed import BIASES, sensed
+
+STEP = 1e-5
+
+
+@pytest.fixture(scope="module")
+def problem() -> tuple[Setup, CarriedImu, States]:
+    """Nominal states that are off in everything, and constants that all count."""
+    flight, _ = sensed(12.0, "circle", rate=50.0)
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    count, rng = len(setup.t), np.random.default_rng(0)
+    every = np.arange(count, dtype=np.intp)
+    for name in ("rest_velocity", "rest_rate", "calm"):
+        zero = Readings(name, setup.t, every, np.zeros((count, 3)), np.ones((count, 3)), every)
+        setup = replace(setup, readings=(*setup.readings, zero))
+    moved = rng.normal(size=(count, STATES)) * np.repeat([0.1, 1.0, 2.0, 2e-3, 0.02], 3)
+    constants = np.zeros(CONSTANT_STATES)
+    constants[CONSTANTS["lever_arm"][0]] = [0.3, -0.2, 0.1]
+    constants[CONSTANTS["hard_iron"][0]] = [2.0, -1.0, 3.0]
+    constants[CONSTANTS["soft_iron"][0]] = rng.normal(size=9) * 0.03
+    constants[CONSTANTS["compass_latency"][0]] = 0.02
+    states = first_guess(setup, flight).moved(moved, constants)
+    return setup, carry_imu(setup, BIASES), states
+
+
+def derivative(function: Callable[[States], Array], states: States, x: Array, c: Array) -> Array:
+    """Central difference in the direction (x, c)."""
+    return (function(states.moved(x, c)) - function(states.moved(-x, -c))) / 2.0
+
+
+def test_every_witness_has_a_case(problem: tuple[Setup, CarriedImu, States]) -> None:
+    assert {one.name for one in problem[0].readings} == set(UNITS)
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_a_measurement_is_linear_as_it_says(problem: tuple[Setup, CarriedImu, States], name: str) -> None:
+    setup, path, states = problem
+    one = next(reading for reading in setup.readings if reading.name == name)
+    at = _kinematics(setup, path, states)  # of the nominal states: rate and acceleration are the IMU's
+
+    def predicted(of: States) -> Array:
+        return one.value - measure(one, of, at, path.path, setup.index).residual
+
+    exact = measure(one, states, at, path.path, setup.index)
+    none = np.zeros(CONSTANT_STATES)
+    for column in range(STATES):
+        x = np.zeros((len(setup.t), STATES))
+        x[:, column] = STEP
+        found = derivative(predicted, states, x, none) / STEP
+        np.testing.assert_allclose(found, exact.states[:, :, column], rtol=1e-5, atol=1e-5, err_msg=f"state {column}")
+    still = np.zeros((len(setup.t), STATES))
+    for column in range(CONSTANT_STATES):
+        c = np.zeros(CONSTANT_STATES)
+        c[column] = STEP
+        found = derivative(predicted, states, still, c) / STEP
+        np.testing.assert_allclose(
+            found, exact.constants[:, :, column], rtol=1e-5, atol=1e-5, err_msg=f"constant {column}"
+        )
+
+
+def test_the_motion_is_linear_as_it_says() -> None:
+    """Residual r + Φ x_k + G c - x_{k+1}, about the bias that the pass over the IMU took off."""
+    flight, _ = sensed(12.0, "circle", rate=50.0)
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    path, count = carry_imu(setup, BIASES), len(setup.t)
+    states = replace(
+        first_guess(setup, flight),
+        gyro_bias=np.tile(BIASES[0], (count, 1)),
+        accel_bias=np.tile(BIASES[1], (count, 1)),
+    )
+    scale = {one.name: 1.0 for one in setup.readings}
+
+    def made(of: States) -> Linear:
+        return linearise(setup, path, of, START, scale, {})
+
+    exact = made(states).motion
+    size = np.repeat([1e-5, 1e-4, 1e-4, 1e-7, 1e-6], 3)
+    none = np.zeros(CONSTANT_STATES)
+    for column in range(STATES):
+        x = np.zeros((len(setup.t), STATES))
+        x[::2, column] = size[column]
+        found = derivative(lambda of: made(of).motion.residual, states, x, none) / size[column]
+        expected = exact.transition[:, :, column] * (x[:-1, column] > 0)[:, None]
+        expected[:, column] -= x[1:, column] > 0
+        np.testing.assert_allclose(found, expected, rtol=2e-3, atol=2e-3, err_msg=f"state {column}")
+    still = np.zeros((len(setup.t), STATES))
+    for column in range(CONSTANT_STATES):
+        c = np.zeros(CONSTANT_STATES)
+        c[column] = 1e-5
+        found = derivative(lambda of: made(of).motion.residual, states, still, c) / 1e-5
+        np.testing.assert_allclose(
+            found, exact.constants[:, :, column], rtol=2e-3, atol=2e-3, err_msg=f"constant {column}"
+        )

@@ -1,0 +1,137 @@
+"""The best estimate of simulated flights whose truth is known, with every witness and without one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from companion.estimation import ATTITUDE, CONSTANTS, POSITION, VELOCITY, BestEstimate, smooth
+from companion.estimation.setup import first_guess, set_up
+from companion.model import STANDARD_GRAVITY, Array, Flight
+from companion.strapdown import Motion, quaternion
+from tests.estimation.sensed import BIASES, LATENCY, errors, nees, sensed
+
+FLIGHTS = (("square", 0), ("square", 1), ("circle", 2))
+OUTAGE = (30.0, 45.0)
+
+
+@cache
+def estimated(path: str = "square", seed: int = 0) -> tuple[Flight, Motion, BestEstimate]:
+    flight, truth = sensed(60.0, path, seed=seed)
+    return flight, truth, smooth(flight)
+
+
+def without(flight: Flight, *names: str) -> Flight:
+    return replace(flight, **dict.fromkeys(names, ()))  # type: ignore[arg-type]
+
+
+def heading(error: Array) -> Array:
+    """(K,) the turn about down."""
+    return error[:, 2]
+
+
+def test_sigma_is_honest() -> None:
+    """Mean NEES over flights: the dimension is 3, and what errors of neighbouring keyframes share widens the band."""
+    found = [(estimate, errors(estimate, truth)) for _, truth, estimate in (estimated(*flight) for flight in FLIGHTS)]
+    for block in (ATTITUDE, VELOCITY, POSITION):
+        mean = np.mean([nees(estimate, error, block) for estimate, error in found])
+        assert 0.3 < mean < 6.0
+
+
+def test_nothing_is_explained_where_nothing_is_wrong() -> None:
+    assert [estimated(*flight)[2].explained for flight in FLIGHTS] == [()] * len(FLIGHTS)
+
+
+def test_the_biases_and_the_latency_are_recovered() -> None:
+    for flight in FLIGHTS:
+        _, _, found = estimated(*flight)
+        for bias, sigma, true in (
+            (found.states.gyro_bias, found.gyro_bias_sigma, BIASES[0]),
+            (found.states.accel_bias, found.accel_bias_sigma, BIASES[1]),
+        ):
+            assert (np.abs(bias - true) < 3.5 * sigma).mean() > 0.95
+        latency = CONSTANTS["gps_latency"][0]
+        off = found.states.constants[latency] - LATENCY
+        assert np.abs(off) < max(4.0 * found.constants_sigma[latency], 0.01)
+
+
+def test_it_is_better_than_each_witness() -> None:
+    _, truth, found = estimated()
+    error = errors(found, truth)
+    assert np.percentile(np.linalg.norm(error[:, :2], axis=1), 95) < np.radians(0.2)
+    assert np.percentile(np.abs(heading(error)), 95) < np.radians(1.0)
+    assert np.percentile(np.linalg.norm(error[:, VELOCITY], axis=1), 95) < 0.1  # the GPS: 0.1 a component
+    assert np.percentile(np.linalg.norm(error[:, POSITION], axis=1), 95) < 0.6  # 0.4, 0.4 and 0.6 a component
+
+
+def test_where_it_begins_does_not_matter() -> None:
+    """20° and 30 m away the same place is reached, to 1 % of σ."""
+    flight, _, found = estimated()
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    near = first_guess(setup, flight)
+    away = replace(
+        near,
+        q_ned_frd=quaternion.multiply(quaternion.exp(np.radians([14.0, -8.0, 12.0])), near.q_ned_frd),
+        position=near.position + [20.0, -20.0, 10.0],
+        velocity=near.velocity + [2.0, -1.0, 1.0],
+    )
+    other = smooth(flight, guess=away)
+    apart = quaternion.log(quaternion.multiply(found.q_ned_frd, quaternion.conjugate(other.q_ned_frd)))
+    assert np.abs(apart / found.sigma(ATTITUDE)).max() < 0.01
+    assert np.abs((found.velocity - other.velocity) / found.sigma(VELOCITY)).max() < 0.01
+    assert np.abs((found.position - other.position) / found.sigma(POSITION)).max() < 0.01
+
+
+def test_the_autopilots_estimate_is_no_witness() -> None:
+    flight, _, found = estimated()
+    other = smooth(replace(flight, attitude=None))
+    np.testing.assert_allclose(other.position, found.position, atol=0.1 * float(found.sigma(POSITION).min()))
+
+
+def test_a_gps_outage_is_bridged_and_sigma_grows() -> None:
+    flight, truth = sensed(60.0, seed=1)
+    (gps,) = flight.gps
+    lost = (gps.t > OUTAGE[0]) & (gps.t < OUTAGE[1])
+    found = smooth(replace(flight, gps=(replace(gps, fix_type=np.where(lost, 1.0, gps.fix_type)),)))
+    error, sigma = errors(found, truth), found.sigma(POSITION)
+    middle = (found.t > OUTAGE[0] + 5) & (found.t < OUTAGE[1] - 5)
+    outside = (found.t < OUTAGE[0] - 5) | (found.t > OUTAGE[1] + 5)
+    assert sigma[middle, :2].max() > 2.0 * np.median(sigma[outside, :2])
+    assert np.abs(error[:, POSITION] / sigma).max() < 6.0
+    assert np.linalg.norm(error[middle, :][:, POSITION], axis=1).max() < 10.0
+    assert np.diff(found.t).max() < 1.5  # keyframes go on
+
+
+def test_without_a_compass_heading_comes_from_acceleration() -> None:
+    flight, truth, with_it = estimated()
+    found = smooth(without(flight, "compasses"))
+    assert (with_it.heading_from, found.heading_from) == ("compass", "GPS and acceleration")
+    error, sigma = heading(errors(found, truth)), found.sigma(ATTITUDE)[:, 2]
+    assert (np.abs(error) < 4.0 * sigma).mean() > 0.95
+    assert sigma.max() < np.radians(20.0)
+    assert sigma.mean() > with_it.sigma(ATTITUDE)[:, 2].mean()
+
+
+def test_without_gps_attitude_is_all_there_is() -> None:
+    flight, truth, with_it = estimated()
+    found = smooth(without(flight, "gps"))
+    assert any("no GPS" in note for note in found.notes)
+    error, sigma = errors(found, truth), found.sigma(ATTITUDE)
+    assert (np.abs(error[:, ATTITUDE]) < 4.0 * sigma).mean() > 0.95
+    assert np.percentile(np.linalg.norm(error[:, :2], axis=1), 95) < np.radians(3.0)
+    assert found.sigma(ATTITUDE).mean() > with_it.sigma(ATTITUDE).mean()
+
+
+def test_at_any_time_it_is_carried_by_the_imu() -> None:
+    flight, truth, found = estimated()
+    t = flight.imu().t[500:-500:7]
+    q, velocity, position = found.at(t)
+    i = np.searchsorted(truth.t, t)
+    angle = quaternion.log(quaternion.multiply(truth.q_ned_frd[i], quaternion.conjugate(q)))
+    assert np.percentile(np.linalg.norm(angle, axis=1), 95) < np.radians(1.0)
+    assert np.percentile(np.linalg.norm(velocity - truth.velocity[i], axis=1), 95) < 0.15
+    assert np.percentile(np.linalg.norm(position - truth.position[i], axis=1), 95) < 0.7
+    there = found.at(found.t)
+    np.testing.assert_allclose(there[2], found.position, atol=1e-9)

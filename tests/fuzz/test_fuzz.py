@@ -1,0 +1,52 @@
+"""A short run of every target, and logs that were once the end of a reader. `make fuzz` goes on for hours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import companion as c
+from tests.fuzz import logs
+from tests.fuzz.cases import attempt, read_log, targets
+
+CASES = {"tlog": 8, "bin": 8, "ulg": 8, "toml": 60, "live": 8, "websocket": 500}
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # NumPy's, which the program does not show either
+@pytest.mark.parametrize("name", CASES)
+def test_whatever_is_changed_ends_in_a_result_or_a_clear_error(tmp_path: Path, name: str) -> None:
+    suffix, good, change, read = targets(tmp_path)[name]
+    random = np.random.default_rng(20)
+    for i in range(CASES[name]):
+        path = tmp_path / f"case{i}{suffix}"
+        path.write_bytes(change(good, random))
+        assert attempt(path, read) is None, f"case {i}"
+
+
+@pytest.mark.parametrize("name", ["tlog", "bin", "ulg"])
+def test_the_logs_that_are_changed_are_good(tmp_path: Path, name: str) -> None:
+    suffix, good, _, _ = targets(tmp_path)[name]
+    path = tmp_path / f"good{suffix}"
+    path.write_bytes(good)
+    (flight,) = c.open_log(path)
+    assert flight.duration == pytest.approx(logs.SECONDS, abs=0.1)
+    assert flight.attitude
+    assert flight.position
+    assert len(flight.imu()) == logs.SECONDS * logs.HZ
+    assert not [note for note in flight.notes if "left out" in note or "damaged" in note]
+
+
+@pytest.mark.parametrize(("name", "size"), [("bin", 8), ("ulg", 8)])
+def test_one_flipped_bit_of_a_time_stamp_costs_one_sample(tmp_path: Path, name: str, size: int) -> None:
+    suffix, good, _, _ = targets(tmp_path)[name]
+    stamp = round((20.0 + 100 / logs.HZ) * 1e6).to_bytes(size, "little")
+    for bit in range(24, 64, 3):
+        data = bytearray(good)
+        data[good.index(stamp) + bit // 8] ^= 1 << bit % 8
+        path = tmp_path / f"flipped{suffix}"
+        path.write_bytes(data)
+        (flight,) = c.open_log(path)
+        assert flight.duration == pytest.approx(logs.SECONDS, abs=0.1)
+        assert attempt(path, read_log) is None

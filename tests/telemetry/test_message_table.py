@@ -1,0 +1,52 @@
+"""The table of what each MAVLink message says: a row that is incomplete, or not documented, fails here."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from companion.mavlink import load_dialect
+from companion.telemetry.sensors import _SOURCES, Source  # the table itself
+from companion.telemetry.series import COLUMNS
+from companion.telemetry.units import SI
+from tests.recordings import ROOT
+
+DIALECT = load_dialect()
+DOCUMENTED = (ROOT / "docs/messages.md").read_text(encoding="utf-8")
+ROWS = pytest.mark.parametrize("row", _SOURCES, ids=lambda row: f"{row.message}-{row.kind}")
+
+
+@ROWS
+def test_the_fields_are_those_of_the_message(row: Source) -> None:
+    layout = DIALECT.by_name[row.message]
+    for field, _ in row.fields.values():
+        name, _, place = field.partition("[")
+        assert name in layout.fields, field
+        if place:
+            assert int(place[:-1]) < layout.dtype[name].shape[0], field
+
+
+@ROWS
+def test_every_field_has_a_unit(row: Source) -> None:
+    """The dialect's, which must then be one that is known, or the row's own; counts and flags have "" for none."""
+    for column, (field, unit) in row.fields.items():
+        stated = DIALECT.by_name[row.message].units.get(field, "")
+        assert unit in SI, (column, unit)
+        measured = re.search(r"_(rad|radps|m|mps|mps2|pa|degc|tesla)$", column)
+        if measured and "[" not in field:
+            assert stated in SI or unit, f"{column}: {stated!r} is not known, and the row has no unit"
+
+
+@ROWS
+def test_the_columns_are_those_of_the_kind(row: Source) -> None:
+    """A row with columns of its own must be described, by every column, in docs/messages.md."""
+    assert f"`{row.kind}" in DOCUMENTED, f"docs/messages.md says nothing of {row.kind!r}"
+    assert row.message.rstrip("23") in DOCUMENTED, f"docs/messages.md says nothing of {row.message}"
+    if not row.fields.keys() <= set(COLUMNS.get(row.kind, ())):
+        assert row.kind in ("vibration", "flow"), f"{row.kind} has columns that COLUMNS lacks: {list(row.fields)}"
+
+
+def test_no_two_rows_say_the_same() -> None:
+    told = [(row.message, row.kind) for row in _SOURCES]
+    assert len(told) == len(set(told))

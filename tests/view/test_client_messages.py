@@ -1,0 +1,130 @@
+"""What a browser may say, and that nothing else ends or changes anything."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from typing import Any
+
+import msgspec
+import pytest
+import viser
+import websockets
+import websockets.sync.client
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.model import Flight
+from companion.view import Viewer
+from companion.view.client_messages import MOST_BYTES, accepted
+from companion.view.doorkeeper import admit_only_own_pages
+from tests.view.circles import examine, recompute
+
+CAMERA: dict[str, Any] = {
+    "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [5.0, 5.0, 5.0], "fov": 1.0, "near": 0.1,
+    "far": 100.0, "look_at": [0.0, 0.0, 0.0], "up_direction": [0.0, 0.0, -1.0], "image_height": 600, "image_width": 800,
+}  # fmt: skip
+NAN, INF = float("nan"), float("inf")
+HOSTILE: list[dict[str, Any]] = [
+    CAMERA | {"image_height": 0}, CAMERA | {"image_width": -1}, CAMERA | {"image_height": 1e300},
+    CAMERA | {"look_at": [0.0, 0.0, NAN]}, CAMERA | {"position": [INF, 0.0, 0.0]}, CAMERA | {"position": [1.0]},
+    CAMERA | {"wxyz": [0.0, 0.0, 0.0, 0.0]}, CAMERA | {"fov": 0.0}, CAMERA | {"fov": "1"}, CAMERA | {"near": None},
+    {"type": "ViewerCameraMessage"}, {"type": "GuiUpdateMessage", "uuid": "x", "updates": {"value": NAN}},
+    {"type": "GuiUpdateMessage", "uuid": "x", "updates": {"content": "<script>"}},
+    {"type": "GuiUpdateMessage", "uuid": 7, "updates": {"value": 1}},
+    {"type": "GuiUpdateMessage", "uuid": "x", "updates": {"value": "x" * 10_000}},
+    {"type": "ShareUrlRequest"}, {"type": "GetRenderResponseMessage", "payload": b"x"},
+    {"type": "FileTransferStartUpload", "source_component_uuid": "x", "transfer_uuid": "y", "filename": "z",
+     "mime_type": "", "part_count": 1 << 40, "size_bytes": 1 << 60},
+    {"type": "FileTransferPart", "source_component_uuid": "x", "transfer_uuid": "y", "part_index": 0, "content": b"0"},
+    {"type": ["unhashable"]}, {"type": None}, {},
+]  # fmt: skip
+
+
+def pack(message: object) -> bytes:
+    return msgspec.msgpack.encode(message)
+
+
+@pytest.mark.parametrize("message", HOSTILE)
+def test_what_no_page_sends_is_dropped(message: dict[str, Any]) -> None:
+    assert not accepted(pack(message))
+
+
+def test_what_pages_send_is_heard() -> None:
+    assert accepted(pack(CAMERA))
+    assert accepted(pack({"type": "CommandTriggerMessage", "uuid": "a"}))
+    for value in (True, 3, 2.5, "Free", [1.0, 2.0], None):
+        assert accepted(pack({"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": value}}))
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_get_an_answer(raw: bytes) -> None:
+    accepted(raw)
+
+
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.floats() | st.integers(-(2**63), 2**64 - 1) | st.text(max_size=9),
+        lambda inner: st.lists(inner, max_size=5) | st.dictionaries(st.text(max_size=9), inner, max_size=4),
+    )
+)
+def test_any_field_of_a_camera_may_be_anything(value: object) -> None:
+    for name in CAMERA:
+        accepted(pack(CAMERA | {name: value}))
+
+
+def test_too_long_or_too_deep_is_dropped() -> None:
+    assert not accepted(b"\x91" * 20_000)
+    assert not accepted(pack(CAMERA | {"x": b"0" * MOST_BYTES}))
+    assert not accepted("text")
+
+
+def test_no_message_ends_the_page(flight: Flight, capfd: pytest.CaptureFixture[str]) -> None:
+    def attack(url: str) -> None:
+        version = websockets.Subprotocol(f"viser-v{viser.__version__}")
+        with websockets.sync.client.connect(url, subprotocols=[version], proxy=None, max_size=None) as socket:
+            for message in (*map(pack, HOSTILE), b"", b"\xc1", b"\x91" * 20_000, pack(CAMERA)):
+                socket.send(message)
+            socket.send("text")
+            socket.send(pack({"type": "GuiUpdateMessage", "uuid": "none", "updates": {"value": "x"}}))
+            time.sleep(0.5)
+
+    with Viewer([flight], recompute, examine, port=0) as viewer:
+        attack(viewer.url.replace("http", "ws", 1))
+        before = viewer.pose_updates
+        until = time.monotonic() + 10
+        while viewer.pose_updates == before and time.monotonic() < until:
+            viewer.player.playing = True
+            time.sleep(0.1)
+        assert not viewer.stopped
+    out, err = capfd.readouterr()
+    assert "Traceback" not in out + err
+
+
+def test_viser_has_what_the_checks_rely_on() -> None:
+    """They rest on two private attributes and on `recv`: a new viser that moves them must be looked at first."""
+    server = viser.ViserServer(port=0, verbose=False)
+    try:
+        sockets: Any = server._websock_server
+        assert isinstance(sockets._live_connections, dict)
+        assert callable(sockets.on_client_connect)
+        admit_only_own_pages(server, "127.0.0.1")
+        heard: list[object] = []
+        sockets.register_handler(viser._messages.ViewerCameraMessage, lambda _, message: heard.append(message))
+
+        def talk() -> None:
+            version = websockets.Subprotocol(f"viser-v{viser.__version__}")
+            url = f"ws://127.0.0.1:{server.get_port()}"
+            with websockets.sync.client.connect(url, subprotocols=[version], proxy=None) as socket:
+                socket.send(pack(CAMERA | {"image_height": 0}))
+                socket.send(pack(CAMERA))
+                for _ in range(100):
+                    time.sleep(0.05)
+                    if heard:
+                        return
+
+        talk()
+        assert len(heard) == 1, "each message passes the check before viser hears it"
+    finally:
+        with contextlib.suppress(Exception):
+            server.stop()

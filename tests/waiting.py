@@ -1,0 +1,19 @@
+"""Waiting for facts: what a test waits for has happened, or it fails and says what has not."""
+
+from __future__ import annotations
+
+import inspect
+import time
+from collections.abc import Callable
+
+LIMIT_S = 240.0
+"""How long anything is waited for: far more than it takes on a busy machine, and green tests never wait it out."""
+
+
+def wait_for(happened: Callable[[], object], what: str = "") -> None:
+    """Fails unless something becomes true: `what`, or else what the source says."""
+    end = time.monotonic() + LIMIT_S
+    while not happened():
+        if time.monotonic() > end:
+            raise AssertionError(f"not within {LIMIT_S:g} s: {what or inspect.getsource(happened).strip()}")
+        time.sleep(0.01)
