@@ -26,8 +26,8 @@ for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, NavState  # noqa: E402
 from companion.strapdown import Motion, Reckoner, motions, preintegrate, propagate, quaternion, reckon  # noqa: E402
-from companion.tracks import STANDARD_GRAVITY, Array, ImuTrack, NavState  # noqa: E402
 
 RATE = 200.0
 End = tuple[Array, Array | None]  # attitude (4,) and position (3,) at the last sample; None: the peer has none

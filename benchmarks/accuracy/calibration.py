@@ -14,9 +14,9 @@ from functools import partial
 import numpy as np
 
 from companion.analysis import PARTS, Comparison, Correction, ImuFigures, ReferenceFigures, calibrate, compare
+from companion.model import STANDARD_GRAVITY, AttitudeTrack, Flight, ImuTrack, PositionTrack, Vehicle
 from companion.sensors import imu_parts, load_imu_figures
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
-from companion.tracks import STANDARD_GRAVITY, AttitudeTrack, Flight, ImuTrack, PositionTrack, Vehicle
 
 RATE_HZ, SECONDS = 100.0, 120.0
 Random = np.random.Generator

@@ -15,9 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.analysis import ImuFigures, assess
-from companion.sensors import imu_parts, load_imu_figures
-from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
-from companion.tracks import (
+from companion.model import (
     STANDARD_GRAVITY,
     Array,
     AttitudeTrack,
@@ -26,6 +24,8 @@ from companion.tracks import (
     PositionTrack,
     Vehicle,
 )
+from companion.sensors import imu_parts, load_imu_figures
+from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 
 RATE_HZ, SECONDS = 100.0, 80.0
 Random = np.random.Generator

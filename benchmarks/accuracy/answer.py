@@ -1,0 +1,91 @@
+"""What the program says of a flight, in the few words that the accuracy benchmarks compare with the truth.
+
+`answer` is the one place of the benchmarks that knows the form of a verdict.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from companion.analysis import Verdict
+from companion.examination import examine, unexaminable
+from companion.model import Flight
+
+Side = Literal["none", "imu", "autopilot", "cannot_tell"]
+
+_SIDES: dict[str, Side] = {
+    "consistent": "none",
+    "imu_suspect": "imu",
+    "autopilot_suspect": "autopilot",
+    "insufficient_data": "cannot_tell",
+}
+
+# kind of cause → cause and sensor, in the words of the labels
+_CAUSES = {
+    "gyro_bias": ("gyro_bias", "gyro"),
+    "accel_bias": ("accel_bias", "accel"),
+    "gyro_scale": ("gyro_scale", "gyro"),
+    "accel_scale": ("accel_scale", "accel"),
+    "gyro_shock": ("noise", "gyro"),
+    "accel_shock": ("noise", "accel"),
+    "gps_position": ("position", "gps"),
+    "gps_height": ("position", "gps"),
+    "gps_velocity": ("velocity", "gps"),
+    "compass_field": ("heading", "compass"),
+    "compass_iron": ("heading", "compass"),
+    "barometer": ("position", "baro"),
+    "tilt_off": ("tilt", ""),
+    "heading_off": ("heading", ""),
+    "velocity_off": ("velocity", ""),
+    "position_off": ("position", ""),
+    "frozen": ("stuck", ""),
+    "stuck_axis": ("stuck", ""),
+    "axes_wrong": ("axes", ""),
+    "gyro_clipping": ("saturation", "gyro"),
+    "accel_clipping": ("saturation", "accel"),
+    "gyro_noise": ("noise", "gyro"),
+    "accel_noise": ("noise", "accel"),
+    "position_jump": ("position", ""),
+    "position_lost": ("position", ""),
+    "heading_jump": ("heading", ""),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The verdict's headline. Its cause is the first in time, "" where nobody is suspect."""
+
+    side: Side
+    cause: str = ""  # a word of the labels, or the finding's own kind where they have none
+    sensor: str = ""  # gyro, accel, compass, gps, baro; "" where it is not told
+    axis: str = ""  # x, y, z; "" where it is not told
+    onset: float | None = None  # s, boot clock
+    end: float | None = None  # s
+    size: float | None = None  # SI; None where it is not told
+    summary: str = ""
+
+
+def answer(flight: Flight) -> Answer:
+    """What a user with default settings is told about a flight. Raises whatever the analysis raises."""
+    lacking = unexaminable(flight)
+    return read_verdict(lacking.verdict if lacking else examine(flight).assessment.verdict)
+
+
+def read_verdict(verdict: Verdict) -> Answer:
+    """The adapter: the form of `Verdict` is known here alone."""
+    side = _SIDES[verdict.status]
+    first = verdict.cause
+    if first is None:
+        return Answer(side, summary=verdict.summary)
+    cause, sensor = _CAUSES.get(first.kind, (first.kind, ""))
+    return Answer(
+        side,
+        cause,
+        sensor or first.sensor,
+        first.axis,
+        onset=first.onset_s,
+        end=first.end_s,
+        size=first.size,
+        summary=verdict.summary,
+    )

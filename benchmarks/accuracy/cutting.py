@@ -1,0 +1,116 @@
+"""Flights cut in time, thinned in rate, and their tracks read at other times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.model import Array, CompassTrack, Flight, GpsTrack, ImuTrack, PositionTrack, ned_from_geodetic
+from companion.simulate import LOOP_US, low_pass
+from companion.strapdown import quaternion
+
+Track = TypeVar("Track")
+
+_FILTER_HZ = 20.0  # ArduPilot's INS_GYRO_FILTER
+
+
+def part(track: Track, chosen: npt.NDArray[Any] | slice) -> Track:
+    """Some samples of any track."""
+    given: Any = track
+    columns = {f.name: getattr(given, f.name) for f in fields(given)}
+    arrays = {n: v[chosen] for n, v in columns.items() if isinstance(v, np.ndarray) and len(v) == len(given.t)}
+    changed: Track = replace(given, **arrays)
+    return changed
+
+
+def cut(flight: Flight, begin: float, end: float) -> Flight:
+    """What lies between two times of the boot clock, s."""
+
+    def inside(track: Track) -> Track:
+        t: Array = track.t  # type: ignore[attr-defined]
+        return part(track, slice(*np.searchsorted(t, [begin, end]).tolist()))
+
+    def optional(track: Track | None) -> Track | None:
+        return None if track is None else inside(track)
+
+    return replace(
+        flight,
+        start=begin,
+        duration=end - begin,
+        imus={name: inside(track) for name, track in flight.imus.items()},
+        attitude=optional(flight.attitude),
+        position=optional(flight.position),
+        gps=tuple(map(inside, flight.gps)),
+        compasses=tuple(map(inside, flight.compasses)),
+        barometers=tuple(map(inside, flight.barometers)),
+        biases=tuple(map(inside, flight.biases)),
+        control=optional(flight.control),
+        actuators=optional(flight.actuators),
+        truth=optional(flight.truth),
+        series={name: inside(series) for name, series in flight.series.items()},
+        events=tuple(e for e in flight.events if begin <= e.t < end),
+        texts=tuple(s for s in flight.texts if begin <= s.t < end),
+        resets=tuple(r for r in flight.resets if begin <= r.t < end),
+        parameter_changes=tuple(p for p in flight.parameter_changes if begin <= p.t < end),
+    )
+
+
+def every_imu(flight: Flight, change: Callable[[ImuTrack], ImuTrack], instance: int | None = None) -> Flight:
+    """The flight with the tracks of one IMU changed (its messages all at once), or of all of them."""
+    imus = {
+        name: change(track) if instance is None or track.instance == instance else track
+        for name, track in flight.imus.items()
+    }
+    return replace(flight, imus=imus)
+
+
+def thinned(flight: Flight, rate_hz: float) -> Flight:
+    """Its IMUs as an autopilot logs them at a lower rate: point samples of what its low-pass lets through.
+
+    ArduPilot's readings have been through its filter; PX4's raw ones go through the same here.
+    """
+    filtered = flight.vehicle.autopilot == "ARDUPILOTMEGA"
+
+    def thin(track: ImuTrack) -> ImuTrack:
+        every = round(track.rate_hz / rate_hz)
+        if every < 2:
+            return track
+        if not filtered:
+            corner = _FILTER_HZ * 1e6 / LOOP_US / track.rate_hz  # `low_pass` counts in steps of the simulator's loop
+            track = replace(track, gyro=low_pass(track.gyro, corner), accel=low_pass(track.accel, corner))
+        return replace(track[::every], interval=None)
+
+    return every_imu(flight, thin)
+
+
+def at(times: Array, t: Array, values: Array) -> Array:
+    """Columns (N, k) linearly interpolated at other times, (M, k); held at the ends."""
+    return np.column_stack([np.interp(times, t, column) for column in values.T])
+
+
+def attitude_at(times: Array, t: Array, q: Array) -> Array:
+    """Attitudes (N, 4) of continuous sign at other times, (M, 4)."""
+    return quaternion.normalize(at(times, t, q))
+
+
+def gps_ned(gps: GpsTrack, reference: GpsTrack, position: PositionTrack, latency: float = 0.0) -> Array:
+    """A receiver's positions (N, 3) NED in the frame of a position track; NaN without a fix.
+
+    The frame is laid through the fixes of `reference`, the receiver of the healthy flight, by their median.
+    """
+    good = np.flatnonzero(np.isfinite(reference.latitude + reference.height))
+    origin = tuple(float(column[good[0]]) for column in (reference.latitude, reference.longitude, reference.height))
+    assert len(origin) == 3
+    theirs = ned_from_geodetic(reference.latitude, reference.longitude, reference.height, origin)
+    ours = at(reference.t - latency, position.t, position.position)
+    offset = np.nanmedian(theirs - ours, axis=0)
+    return np.asarray(ned_from_geodetic(gps.latitude, gps.longitude, gps.height, origin) - offset)
+
+
+def field_ned(compass: CompassTrack, t: Array, q: Array) -> Array:
+    """A compass's field turned into the world by attitudes (N, 4) at times t: (M, 3)."""
+    return quaternion.rotate(attitude_at(compass.t, t, q), compass.field)

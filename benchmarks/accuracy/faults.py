@@ -1,0 +1,252 @@
+"""Faults to inject into healthy flights: one table of what is wrong, on which side, and in which sizes.
+
+A fault of a sensor (IMU, GPS, compass) changes what the sensor says; what the estimator makes of it is the small EKF's
+matter (ekf.py). A fault of the estimate itself bends the recorded attitude or position.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from benchmarks.accuracy.cutting import at, attitude_at, every_imu
+from companion.model import Array, Flight, GpsTrack, ImuTrack
+from companion.strapdown import quaternion
+
+Inject = Callable[[Flight, float, float], Flight]  # (flight, size, onset in s) → flight
+
+_RAMP_S = 40.0  # biases that grow
+_DRIFT_S = 30.0  # headings and positions that drift
+_TURN_S = 10.0  # tilts and compasses that turn
+_EARTH_M = 6_371_000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One way to be wrong. Sizes ascend, from what nobody can see to what nobody can miss."""
+
+    name: str
+    side: Literal["imu", "autopilot"]
+    causes: tuple[str, ...]  # in the words of labels.toml
+    unit: str
+    sizes: tuple[float, ...]  # in `unit`
+    scale: float  # of the unit, in SI
+    inject: Inject
+    sensed: bool = True  # a sensor is wrong, and the estimator follows; otherwise the estimate alone is
+    throughout: bool = False  # there is no onset: it has always been so
+
+
+def _gyro(change: Callable[[Array, Array, float], Array]) -> Inject:
+    """A change of the gyro's readings (N, 3), given the time since the onset (N,) and the size."""
+
+    def inject(flight: Flight, size: float, onset: float) -> Flight:
+        def changed(imu: ImuTrack) -> ImuTrack:
+            return replace(imu, gyro=change(imu.t - onset, imu.gyro, size))
+
+        return every_imu(flight, changed, flight.imu().instance)
+
+    return inject
+
+
+def _accel(change: Callable[[Array, Array, float], Array]) -> Inject:
+    def inject(flight: Flight, size: float, onset: float) -> Flight:
+        def changed(imu: ImuTrack) -> ImuTrack:
+            return replace(imu, accel=change(imu.t - onset, imu.accel, size))
+
+        return every_imu(flight, changed, flight.imu().instance)
+
+    return inject
+
+
+def _step(axis: int) -> Callable[[Array, Array, float], Array]:
+    def change(since: Array, readings: Array, size: float) -> Array:
+        return np.asarray(readings + size * np.eye(3)[axis] * (since >= 0)[:, None])
+
+    return change
+
+
+def _ramp(axis: int) -> Callable[[Array, Array, float], Array]:
+    def change(since: Array, readings: Array, size: float) -> Array:
+        return np.asarray(readings + size * np.eye(3)[axis] * np.clip(since / _RAMP_S, 0, 1)[:, None])
+
+    return change
+
+
+def _scaled(since: Array, readings: Array, size: float) -> Array:
+    return readings * (1 + size * (since >= 0)[:, None])
+
+
+def _stuck(axis: int) -> Callable[[Array, Array, float], Array]:
+    def change(since: Array, readings: Array, size: float) -> Array:
+        held = readings.copy()
+        inside = (since >= 0) & (since < size)
+        if inside.any():
+            held[inside, axis] = readings[np.argmax(inside), axis]
+        return held
+
+    return change
+
+
+def _flipped(axis: int) -> Callable[[Array, Array, float], Array]:
+    sign = np.where(np.arange(3) == axis, -1.0, 1.0)
+    return lambda since, readings, size: readings * sign  # noqa: ARG005
+
+
+def _clipped(since: Array, readings: Array, size: float) -> Array:
+    """The range is less than the largest reading by `size`, a share of it."""
+    end = (1 - size) * np.quantile(np.abs(readings), 0.9999)
+    return np.where((since >= 0)[:, None], np.clip(readings, -end, end), readings)
+
+
+def _swapped(flight: Flight, size: float, onset: float) -> Flight:
+    del size, onset
+
+    def changed(imu: ImuTrack) -> ImuTrack:
+        return replace(imu, gyro=imu.gyro[:, [1, 0, 2]], accel=imu.accel[:, [1, 0, 2]])
+
+    return every_imu(flight, changed, flight.imu().instance)
+
+
+def _turned(turn: Callable[[Array, float], Array]) -> Inject:
+    """The recorded attitude turned in the world by rotation vectors (N, 3), given the time since the onset."""
+
+    def inject(flight: Flight, size: float, onset: float) -> Flight:
+        attitude = flight.require_attitude()
+        q = quaternion.multiply(quaternion.exp(turn(attitude.t - onset, size)), attitude.q_ned_frd)
+        return replace(flight, attitude=replace(attitude, q_ned_frd=quaternion.continuous_sign(q)))
+
+    return inject
+
+
+def _about(axis: int, course: Array, size: float) -> Array:
+    return np.asarray(size * course[:, None] * np.eye(3)[axis])
+
+
+def _moved(course: Callable[[Array], Array]) -> Inject:
+    """The recorded position moved to the north-east, and its velocity does not know."""
+
+    def inject(flight: Flight, size: float, onset: float) -> Flight:
+        assert flight.position
+        position = flight.position
+        away = size * course(position.t - onset)[:, None] * np.array([0.6, 0.8, 0.0])
+        return replace(flight, position=replace(position, position=position.position + away))
+
+    return inject
+
+
+def _late(flight: Flight, size: float, onset: float) -> Flight:
+    """The estimate of `size` s ago."""
+    attitude, position = flight.require_attitude(), flight.position
+    ta = attitude.t - size * (attitude.t >= onset)
+    late = replace(
+        attitude,
+        q_ned_frd=quaternion.continuous_sign(attitude_at(ta, attitude.t, attitude.q_ned_frd)),
+        rates=at(ta, attitude.t, attitude.rates),
+    )
+    if position is None:
+        return replace(flight, attitude=late)
+    tp = position.t - size * (position.t >= onset)
+    both = np.hstack([position.position, position.velocity])
+    values = at(tp, position.t, both)
+    return replace(flight, attitude=late, position=replace(position, position=values[:, :3], velocity=values[:, 3:]))
+
+
+def _gps(course: Callable[[Array], Array], *, velocity: bool = False) -> Inject:
+    """Every receiver moved to the north-east; with `velocity`, the velocity that it tells goes with it."""
+
+    def inject(flight: Flight, size: float, onset: float) -> Flight:
+        def moved(gps: GpsTrack) -> GpsTrack:
+            away = size * course(gps.t - onset)[:, None] * np.array([0.6, 0.8])
+            told = gps.velocity.copy()
+            if velocity:
+                told[1:, :2] += np.diff(away, axis=0) / np.diff(gps.t)[:, None]
+            return replace(
+                gps,
+                latitude=gps.latitude + away[:, 0] / _EARTH_M,
+                longitude=gps.longitude + away[:, 1] / (_EARTH_M * np.cos(gps.latitude)),
+                velocity=told,
+            )
+
+        return replace(flight, gps=tuple(map(moved, flight.gps)))
+
+    return inject
+
+
+def _gps_late(flight: Flight, size: float, onset: float) -> Flight:
+    def late(gps: GpsTrack) -> GpsTrack:
+        before = gps.t - size * (gps.t >= onset)
+        columns = np.column_stack([gps.latitude, gps.longitude, gps.height, gps.velocity])
+        values = at(before, gps.t, columns)
+        return replace(gps, latitude=values[:, 0], longitude=values[:, 1], height=values[:, 2], velocity=values[:, 3:])
+
+    return replace(flight, gps=tuple(map(late, flight.gps)))
+
+
+def _compass(flight: Flight, size: float, onset: float) -> Flight:
+    """The field about every compass turns in the world, as beside a wall."""
+    attitude = flight.require_attitude()
+    turned = []
+    for compass in flight.compasses:
+        q = attitude_at(compass.t, attitude.t, attitude.q_ned_frd)
+        turn = quaternion.exp(_about(2, np.clip((compass.t - onset) / _TURN_S, 0, 1), size))
+        world = quaternion.rotate(turn, quaternion.rotate(q, compass.field))
+        turned.append(replace(compass, field=quaternion.rotate(quaternion.conjugate(q), world)))
+    return replace(flight, compasses=tuple(turned))
+
+
+def _jump(since: Array) -> Array:
+    return (since >= 0).astype(np.float64)
+
+
+def _creep(since: Array) -> Array:
+    return np.clip(since, 0, _DRIFT_S)
+
+
+_MRAD, _PERCENT, _DEG = 1e-3, 1e-2, float(np.radians(1))
+
+FAULTS: tuple[Fault, ...] = (
+    Fault("gyro bias, step (z)", "imu", ("gyro_bias",), "mrad/s", (1, 3, 10, 30, 100), _MRAD, _gyro(_step(2))),
+    Fault("gyro bias, step (x)", "imu", ("gyro_bias",), "mrad/s", (3, 10, 30), _MRAD, _gyro(_step(0))),
+    Fault("gyro bias, ramp of 40 s (x)", "imu", ("gyro_bias",), "mrad/s", (3, 10, 30), _MRAD, _gyro(_ramp(0))),
+    Fault("gyro scale", "imu", ("gyro_scale",), "%", (1, 3, 10, 30), _PERCENT, _gyro(_scaled)),
+    Fault("gyro axis stuck (x)", "imu", ("stuck",), "s", (2, 20), 1.0, _gyro(_stuck(0))),
+    Fault("gyro sign (x)", "imu", ("axes",), "", (1,), 1.0, _gyro(_flipped(0)), throughout=True),
+    Fault("gyro saturated", "imu", ("saturation",), "% of the largest", (25, 75), _PERCENT, _gyro(_clipped)),
+    Fault("accel. bias, step (x)", "imu", ("accel_bias",), "m/s²", (0.1, 0.3, 1, 3), 1.0, _accel(_step(0))),
+    Fault("accel. bias, step (z)", "imu", ("accel_bias",), "m/s²", (0.1, 0.3, 1), 1.0, _accel(_step(2))),
+    Fault("accel. bias, ramp of 40 s (x)", "imu", ("accel_bias",), "m/s²", (0.3, 1, 3), 1.0, _accel(_ramp(0))),
+    Fault("accel. scale", "imu", ("accel_scale", "accel_bias"), "%", (1, 4, 10), _PERCENT, _accel(_scaled)),
+    Fault("accel. axis stuck (x)", "imu", ("stuck",), "s", (2, 20), 1.0, _accel(_stuck(0))),
+    Fault("accel. sign (x)", "imu", ("axes",), "", (1,), 1.0, _accel(_flipped(0)), throughout=True),
+    Fault("accel. saturated", "imu", ("saturation",), "% of the largest", (25, 60), _PERCENT, _accel(_clipped)),
+    Fault("axes x and y swapped", "imu", ("axes",), "", (1,), 1.0, _swapped, throughout=True),
+    Fault(
+        "heading steps", "autopilot", ("heading", "attitude"), "°", (3, 10, 30), _DEG,
+        _turned(lambda t, s: _about(2, _jump(t), s)), sensed=False,
+    ),
+    Fault(
+        "heading drifts for 30 s", "autopilot", ("heading", "attitude"), "°/s", (0.1, 0.3, 1), _DEG,
+        _turned(lambda t, s: _about(2, _creep(t), s)), sensed=False,
+    ),
+    Fault(
+        "attitude leans over within 10 s", "autopilot", ("tilt", "attitude"), "°", (1, 3, 10), _DEG,
+        _turned(lambda t, s: _about(0, np.clip(t / _TURN_S, 0, 1), s)), sensed=False,
+    ),
+    Fault("position jumps", "autopilot", ("position",), "m", (1, 3, 10, 30), 1.0, _moved(_jump), sensed=False),
+    Fault(
+        "position creeps for 30 s", "autopilot", ("position",), "m/s", (0.1, 0.3, 1, 3), 1.0, _moved(_creep),
+        sensed=False,
+    ),
+    Fault("estimate is late", "autopilot", ("latency", "attitude"), "ms", (50, 150, 400), 1e-3, _late, sensed=False),
+    Fault("GPS jumps", "autopilot", ("position",), "m", (2, 10, 50), 1.0, _gps(_jump)),
+    Fault("GPS creeps for 30 s", "autopilot", ("position",), "m/s", (0.1, 0.3, 1, 3), 1.0, _gps(_creep)),
+    Fault(
+        "GPS creeps, its velocity too", "autopilot", ("position", "velocity"), "m/s", (0.3, 1, 3), 1.0,
+        _gps(_creep, velocity=True),
+    ),
+    Fault("GPS is late", "autopilot", ("latency", "position"), "ms", (200, 500, 1000), 1e-3, _gps_late),
+    Fault("compass turns within 10 s", "autopilot", ("heading", "attitude"), "°", (5, 15, 45), _DEG, _compass),
+)  # fmt: skip

@@ -1,0 +1,243 @@
+"""Faults injected into real, healthy flights: `python benchmarks/accuracy/injected.py [LOG_OR_FOLDER ...]`.
+
+Without arguments: the standard set of ../shared/tlogs beside the checkout. With them: every flight of those logs,
+which have to be healthy; logs of one vehicle lie in one folder, or begin with the same `OWNER__`.
+
+A faulty sensor is followed by the small EKF (ekf.py), whose estimate replaces the recorded one; where the IMU was
+logged below 50 Hz, the difference that the fault makes to the EKF is put on the recorded estimate instead, because the
+real one had the full rate. Shares are means over vehicles of the means over their flights.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from benchmarks.accuracy import ekf
+from benchmarks.accuracy.answer import Answer, answer
+from benchmarks.accuracy.cutting import cut, thinned
+from benchmarks.accuracy.estimated import replaced, shifted
+from benchmarks.accuracy.faults import FAULTS, Fault
+from benchmarks.accuracy.labels import recordings
+from benchmarks.accuracy.parallel import Failed, each
+from benchmarks.accuracy.power import table
+from companion.model import DataError, Flight
+from companion.recording import read_recording
+
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "tlogs"
+
+STANDARD = (
+    "sitl/copter-demo-100hz.tlog",
+    "sitl/copter-square-100hz.tlog",
+    "ap_witness/clean_cruise.tlog.xz",
+    "px4/px4_square_lownoise.ulg",
+    "px4/px4_hover_250hz.tlog",
+    "real/JAParedes__ulogPX4QuadcopterAnimation__TestFlight1.ulg",
+    "real/zlite__PX4_flight_review__3DRFlight_1.ulg.xz",
+    "real/zlite__PX4_flight_review__3DRFlight_2.ulg.xz",
+    "real/srikanthgoli1__rrc_fault_tolerant_control__good_prop_hover_1.BIN",
+    "real/srikanthgoli1__rrc_fault_tolerant_control__good_prop_straight_line_1.BIN",
+    "real/spark404__dataflashlog__log.bin",
+    "dataflash/sitl__copter-hover-nodrift.BIN",
+)
+QUICK = (STANDARD[0], STANDARD[5], STANDARD[8])
+_SIMULATORS = {
+    "sitl": "ArduPilot SITL",
+    "ap_witness": "ArduPilot SITL",
+    "dataflash": "ArduPilot SITL",
+    "px4": "PX4 SIH",
+}
+
+_LONGEST_S = 100.0  # of a flight that is used
+_SHORTEST_S = 25.0
+_ONSETS = (0.35, 0.5, 0.65)  # as a share of the flight
+_EARLY_S = 10.0  # what is said to have begun longer before the fault is not the fault
+_SLOW_HZ, _FAST_HZ, _LOW_HZ = 50.0, 95.0, 25.0
+
+Result = Literal["found", "wrong", "missed", "cannot tell", "early", "failed", "clear", "false alarm"]
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A flight at one rate, and the faults to inject into it."""
+
+    log: str
+    flight: int  # of the log
+    vehicle: str
+    thin: bool  # to 25 Hz
+    faults: tuple[tuple[int, int, float], ...]  # fault, size, onset as a share of the flight; fault -1: untouched
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One fault in one flight, and what was said."""
+
+    vehicle: str
+    log: str
+    rate: str  # "full" or "25 Hz"
+    fault: str
+    size: float
+    result: Result
+    said: str  # side and cause
+    cause_right: bool
+    delay_s: float | None  # of the onset that was said
+    cpu_s: float
+
+
+def vehicle_of(path: Path) -> str:
+    """Whose flight it is: by the simulator, the owner before `__`, or the folder."""
+    if path.parent.name in _SIMULATORS and SHARED in path.parents:
+        return _SIMULATORS[path.parent.name]
+    owner, found, _ = path.name.partition("__")
+    return owner if found else path.parent.name
+
+
+def flown(flight: Flight) -> Flight | None:
+    """The part of a flight that is used: the estimator aligned, at most 100 s; None where there is too little."""
+    if flight.attitude is None or flight.position is None or not flight.imus:
+        return None
+    imu, attitude, position = flight.imu(), flight.attitude, flight.position
+    begin = max(imu.t[0], attitude.t[0], position.t[0]) + 1.0
+    end = min(imu.t[-1], attitude.t[-1], position.t[-1])
+    height = position.position[0, 2] - position.position[:, 2]
+    aloft = position.t[(np.abs(height) > 1.0) | (np.linalg.norm(position.velocity, axis=1) > 1.0)]
+    if len(aloft):
+        begin = max(begin, float(aloft[0]) - 15.0)
+    end = min(end, begin + _LONGEST_S)
+    return cut(flight, begin, end) if end - begin >= _SHORTEST_S else None
+
+
+def judged(case: Case) -> list[Row]:
+    """Every fault of a case."""
+    whole = read_recording(case.log).flights[case.flight]
+    flight = flown(whole)
+    if flight is None:
+        return []
+    known, healthy = _estimator(flight)
+    slow = flight.imu().rate_hz < _SLOW_HZ
+    rows = []
+    for number, size, share in case.faults:
+        if number < 0:
+            rows += _untouched(case, flight, None if slow else healthy)
+            continue
+        fault = FAULTS[number]
+        if fault.sensed and known is None:
+            continue
+        began, onset = time.process_time(), flight.start + share * flight.duration
+        try:
+            wrong = fault.inject(flight, fault.sizes[size] * fault.scale, onset)
+            if known is not None and healthy is not None and fault.sensed:
+                after = replaced(wrong, ekf.estimate(wrong, known))
+                wrong = shifted(wrong, flight, healthy, after) if slow else after
+            said: Answer | Failed = answer(_as_logged(wrong, thin=case.thin))
+        except Exception as error:  # noqa: BLE001  (a failure is a row)
+            said = Failed(f"{type(error).__name__}: {error}")
+        rows.append(_row(case, fault, fault.sizes[size], onset, said, began))
+    return rows
+
+
+def _estimator(flight: Flight) -> tuple[ekf.SetUp | None, Flight | None]:
+    """The EKF, and the healthy flight with its estimate; None where the flight has not what it needs."""
+    try:
+        known = ekf.set_up(flight)
+    except DataError:
+        return None, None
+    return known, replaced(flight, ekf.estimate(flight, known))
+
+
+def _untouched(case: Case, flight: Flight, healthy: Flight | None) -> list[Row]:
+    rows = []
+    for name, one in (("none, recorded estimate", flight), ("none, the EKF's estimate", healthy)):
+        if one is None:
+            continue
+        began = time.process_time()
+        said = answer(_as_logged(one, thin=case.thin))
+        results: dict[str, Result] = {"none": "clear", "cannot_tell": "cannot tell"}
+        result = results.get(said.side, "false alarm")
+        rows.append(_made(case, name, 0.0, result, f"{said.side} {said.cause}", None, began, cause=False))
+    return rows
+
+
+def _row(case: Case, fault: Fault, size: float, onset: float, said: Answer | Failed, began: float) -> Row:
+    if isinstance(said, Failed):
+        return _made(case, fault.name, size, "failed", said.reason, None, began, cause=False)
+    delay = None if said.onset is None or fault.throughout else float(said.onset - onset)
+    others: dict[str, Result] = {"none": "missed", "cannot_tell": "cannot tell"}
+    result: Result = others.get(said.side, "wrong")
+    if said.side == fault.side:
+        result = "early" if delay is not None and delay < -_EARLY_S else "found"
+    cause = said.cause in fault.causes
+    return _made(case, fault.name, size, result, f"{said.side} {said.cause}", delay, began, cause=cause)
+
+
+def _made(
+    case: Case, name: str, size: float, result: Result, said: str, delay: float | None, began: float, *, cause: bool
+) -> Row:
+    rate = "25 Hz" if case.thin else "full"
+    return Row(case.vehicle, case.log, rate, name, size, result, said, cause, delay, time.process_time() - began)
+
+
+def _as_logged(flight: Flight, *, thin: bool) -> Flight:
+    return thinned(flight, _LOW_HZ) if thin and flight.imu().rate_hz >= _FAST_HZ else flight
+
+
+def cases(paths: Sequence[Path], *, sizes: Literal["all", "middle"]) -> list[Case]:
+    """Every flight at its full rate and at 25 Hz, with every fault; onsets go round."""
+    found: list[Case] = []
+    for path in paths:
+        for number, flight in enumerate(read_recording(path).flights):
+            if not flight.imus:
+                continue
+            rate = flight.imu().rate_hz
+            for thin in [False] * (rate >= _FAST_HZ) + [True]:
+                chosen = [(-1, 0, 0.0)]
+                for i, fault in enumerate(FAULTS):
+                    some = range(len(fault.sizes)) if sizes == "all" else [len(fault.sizes) // 2]
+                    chosen += [(i, k, _ONSETS[(len(found) + i + k) % len(_ONSETS)]) for k in some]
+                halves = chosen[::2], chosen[1::2]
+                found += [Case(str(path), number, vehicle_of(path), thin, tuple(half)) for half in halves]
+    return found
+
+
+def main() -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("logs", nargs="*", type=Path, help="healthy logs, or folders of them")
+    parser.add_argument("--quick", action="store_true", help="three flights and one size of each fault")
+    parser.add_argument("--sizes", choices=("all", "middle"), default="all", help="of each fault (default: all)")
+    parser.add_argument("--vehicle", action="append", help="only this one; may be repeated")
+    parser.add_argument("--workers", type=int, help="processes, default: one for each processor")
+    parser.add_argument("--timeout", type=float, default=1200.0, help="seconds for one flight")
+    parser.add_argument("--json", type=Path, help="write every row there")
+    chosen = parser.parse_args()
+    named = [SHARED / name for name in (QUICK if chosen.quick else STANDARD)]
+    paths = [p for one in chosen.logs or named for p in (recordings(one) if one.is_dir() else [one])]
+    paths = [p for p in paths if p.exists() and (not chosen.vehicle or vehicle_of(p) in chosen.vehicle)]
+    if not paths:
+        parser.error("there is no such log. Name healthy logs or folders of them.")
+    todo = cases(paths, sizes="middle" if chosen.quick else chosen.sizes)
+    rows: list[Row] = []
+    for done, (index, result) in enumerate(each(judged, todo, workers=chosen.workers, timeout=chosen.timeout), 1):
+        name = Path(todo[index].log).name
+        if isinstance(result, Failed):
+            print(f"{name}: {result.reason}", file=sys.stderr)
+        else:
+            rows += result
+            print(f"{done} of {len(todo)}: {name}", file=sys.stderr)
+    print(table(rows, {fault.name: fault.unit for fault in FAULTS}))
+    print(f"{len(rows)} verdicts, {sum(row.cpu_s for row in rows):.0f} s of CPU")
+    if chosen.json:
+        chosen.json.write_bytes(msgspec.json.format(msgspec.json.encode(rows)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,171 @@
+"""The verdict on recordings whose truth is known: `python benchmarks/accuracy/labelled.py [FOLDER] [--labels FILE]`.
+
+Without FOLDER: ../shared/tlogs beside the checkout. Anyone can run it on labelled recordings of their own: the format
+of the labels is documented in benchmarks/accuracy/labels.toml.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import get_args
+
+import msgspec
+
+from benchmarks.accuracy.answer import Answer, answer
+from benchmarks.accuracy.labels import Label, Outcome, details, load_labels, outcome, recordings
+from benchmarks.accuracy.parallel import Failed, each
+from companion.model import CompanionError
+from companion.recording import read_recording
+
+HERE = Path(__file__).resolve().parent
+SHARED = HERE.parents[2] / "shared" / "tlogs"
+OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
+
+Answers = dict[str, Answer | Failed]  # "SYSID/BOOT" → what was said of the flight
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One label, and what was said."""
+
+    log: str
+    flight: str  # SYSID/BOOT, "" where there is none
+    group: str
+    truth: str
+    outcome: Outcome
+    said: Answer | None
+    details: dict[str, bool]  # cause, sensor, axis, onset, size: right or not, where the side is right
+    delay_s: float | None  # of the onset that was said
+    note: str = ""
+
+
+def answers(path: Path) -> Answers:
+    """What is said of each flight of a recording. A flight that the analysis fails on does not hide the others."""
+    found: Answers = {}
+    for flight in read_recording(path).flights:
+        name = f"{flight.vehicle.sysid}/{flight.boot}"
+        try:
+            found[name] = answer(flight)
+        except Exception as error:  # noqa: BLE001  (a failure is a row)
+            found[name] = Failed(f"{type(error).__name__}: {error}")
+    return found
+
+
+def rows(log: str, labels: Sequence[Label], said: Answers | Failed) -> list[Row]:
+    """A recording's flights and labels side by side. Flights that no label speaks of are left out."""
+    own = [label for label in labels if label.matches(log)]
+    if isinstance(said, Failed) or not said:
+        reason = said.reason if isinstance(said, Failed) else "no flight in it"
+        named = [label for label in own if label.flight] or own[:1]
+        return [_row(log, label.flight, label, Failed(reason)) for label in named]
+    found = []
+    for flight, what in said.items():
+        label = next((label for label in own if label.flight in {"", flight}), None)
+        if label is not None:
+            found.append(_row(log, flight, label, what))
+    lacking = [label for label in own if label.flight and label.flight not in said]
+    return found + [_row(log, label.flight, label, Failed("no such flight was found")) for label in lacking]
+
+
+def _row(log: str, flight: str, label: Label, what: Answer | Failed) -> Row:
+    said = None if isinstance(what, Failed) else what
+    result = outcome(label, said)
+    named = said is not None and said.side == label.truth
+    delay = None
+    if said is not None and named and said.onset is not None and label.onset is not None:
+        delay = said.onset - label.onset
+    return Row(
+        log,
+        flight,
+        label.group or log.partition("/")[0],
+        label.truth,
+        result,
+        said,
+        details(label, said) if said is not None and named else {},
+        delay,
+        what.reason if isinstance(what, Failed) else "",
+    )
+
+
+def run(folder: Path, labels: Sequence[Label], *, workers: int | None, timeout: float) -> list[Row]:
+    """Every labelled recording below a folder."""
+    paths = [path for path in recordings(folder) if any(label.matches(_name(path, folder)) for label in labels)]
+    found: list[Row] = []
+    for index, said in each(answers, paths, workers=workers, timeout=timeout):
+        found += rows(_name(paths[index], folder), labels, said)
+    return sorted(found, key=lambda row: (row.group, row.log, row.flight))
+
+
+def _name(path: Path, folder: Path) -> str:
+    return path.relative_to(folder).as_posix()
+
+
+def table(found: Iterable[Row]) -> str:
+    """How often each outcome came up, by group and in all, as a Markdown table."""
+    counts: dict[str, Counter[Outcome]] = defaultdict(Counter)
+    for row in found:
+        counts[row.group][row.outcome] += 1
+        counts["**all**"][row.outcome] += 1
+    lines = [f"| group | flights | {' | '.join(OUTCOMES)} |", "|---" * (len(OUTCOMES) + 2) + "|"]
+    for group in sorted(counts, key=lambda name: (name == "**all**", name)):
+        count = counts[group]
+        lines.append(f"| {group} | {count.total()} | {' | '.join(str(count[o] or '') for o in OUTCOMES)} |")
+    return "\n".join(lines)
+
+
+def wrong_reason(row: Row) -> bool:
+    """Whether the right side is named, but for a cause or at a time that is not the fault's."""
+    return not (row.details.get("cause", True) and row.details.get("onset", True))
+
+
+def detail_table(found: Iterable[Row]) -> str:
+    """Of the faults whose side is named: how often the rest is right too."""
+    right: Counter[str] = Counter()
+    known: Counter[str] = Counter()
+    for row in found:
+        right.update(name for name, good in row.details.items() if good)
+        known.update(row.details.keys())
+    return ", ".join(f"{name} {right[name]} of {known[name]}" for name in known) or "none"
+
+
+def _line(row: Row) -> str:
+    said = row.note if row.said is None else f"{row.said.side} {row.said.cause}: {row.said.summary}"
+    wrong = [name for name, good in row.details.items() if not good]
+    return (
+        f"{row.outcome:12} {row.log} {row.flight} [{row.truth}] {said}"
+        + (f" (onset {row.delay_s:+.1f} s)" if row.delay_s is not None else "")
+        + (f" (not right: {', '.join(wrong)})" if wrong else "")
+    )
+
+
+def main() -> int:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path, default=SHARED, help="with the recordings")
+    parser.add_argument("--labels", type=Path, default=HERE / "labels.toml", help="what is known of them")
+    parser.add_argument("--workers", type=int, help="processes, default: one for each processor")
+    parser.add_argument("--timeout", type=float, default=120.0, help="seconds for one recording")
+    parser.add_argument("--json", type=Path, help="write every row there")
+    chosen = parser.parse_args()
+    try:
+        labels = load_labels(chosen.labels)
+    except CompanionError as error:
+        parser.error(str(error))
+    found = run(chosen.folder, labels, workers=chosen.workers, timeout=chosen.timeout)
+    if not found:
+        parser.error(f"no recording below {chosen.folder} is named in {chosen.labels}")
+    print(*map(_line, found), sep="\n")
+    print(f"\n{table(found)}\n\nOf the faults whose side is named, right: {detail_table(found)}")
+    print(f"Right side for a wrong reason (cause or time): {sum(map(wrong_reason, found))}")
+    if chosen.json:
+        chosen.json.write_bytes(msgspec.json.format(msgspec.json.encode(found)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

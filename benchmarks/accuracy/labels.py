@@ -1,0 +1,100 @@
+"""Labels of recordings: which side was wrong in which flight, and what has to be said. The format: labels.toml."""
+
+from __future__ import annotations
+
+import fnmatch
+import tomllib
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from benchmarks.accuracy.answer import Answer
+from companion.model import InputError
+
+Outcome = Literal["right", "cannot tell", "false alarm", "inverted", "missed", "unread"]
+
+RECORDINGS = (".tlog", ".bin", ".ulg", ".log", ".raw")
+PACKED = (".xz", ".gz", ".zst", ".bz2")
+
+_IN_TIME_S = 10.0
+_TRUE_SIZE = 0.3  # how far off the size may be, as a share of it
+
+
+class Label(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is known of one flight, or of every flight of a recording."""
+
+    log: str
+    truth: Literal["none", "imu", "autopilot", "none_judgeable", "no_flight"]
+    flight: str = ""
+    group: str = ""
+    cause: tuple[str, ...] = ()
+    sensor: str = ""
+    axis: str = ""
+    onset: float | None = None
+    end: float | None = None
+    size: float | None = None
+    accept: tuple[str, ...] = ()
+    what: str = ""
+
+    def matches(self, log: str) -> bool:
+        """Whether it speaks of a recording, whose path below the folder is `log`, packed or not."""
+        return any(fnmatch.fnmatchcase(log, self.log + suffix) for suffix in ("", *PACKED))
+
+
+class _Labels(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    label: tuple[Label, ...]
+
+
+def load_labels(path: Path) -> tuple[Label, ...]:
+    """The labels of a file. Raises InputError when it cannot be read or says what no label can say."""
+    try:
+        with path.open("rb") as file:
+            return msgspec.convert(tomllib.load(file), _Labels).label
+    except (OSError, tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
+        raise InputError(f"{path} is no file of labels: {error}. See benchmarks/accuracy/labels.toml.") from error
+
+
+def recordings(folder: Path) -> list[Path]:
+    """Every recording below a folder."""
+
+    def named(path: Path) -> str:
+        name = path.name.lower()
+        return next((name.removesuffix(suffix) for suffix in PACKED if name.endswith(suffix)), name)
+
+    return sorted(path for path in folder.rglob("*") if path.is_file() and named(path).endswith(RECORDINGS))
+
+
+def outcome(label: Label, said: Answer | None) -> Outcome:
+    """The verdict of a flight against its label. None: the flight, or the recording, was not read."""
+    if label.truth == "no_flight":
+        return "right" if said is None else "missed"
+    if said is None:
+        return "unread"
+    right = {"none": "none", "imu": "imu", "autopilot": "autopilot", "none_judgeable": "cannot_tell"}[label.truth]
+    if said.side == right:
+        return "right"
+    if said.side in label.accept or f"{said.side}:{said.cause}" in label.accept:
+        return "cannot tell" if said.side == "cannot_tell" else "right"
+    if said.side in {"imu", "autopilot"}:
+        return "inverted" if label.truth in {"imu", "autopilot"} else "false alarm"
+    return "missed"
+
+
+def details(label: Label, said: Answer) -> dict[str, bool]:
+    """Of a side that is named rightly: whether cause, sensor, axis, time and size are right, where the label has them.
+
+    An axis or size that is not told is not right.
+    """
+    found: dict[str, bool] = {}
+    if label.cause:
+        found["cause"] = said.cause in label.cause
+    if label.sensor:
+        found["sensor"] = said.sensor == label.sensor
+    if label.axis:
+        found["axis"] = said.axis == label.axis
+    if label.onset is not None:
+        found["onset"] = said.onset is not None and abs(said.onset - label.onset) <= _IN_TIME_S
+    if label.size is not None:
+        found["size"] = said.size is not None and abs(said.size - label.size) <= _TRUE_SIZE * label.size
+    return found

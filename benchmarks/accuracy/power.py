@@ -1,0 +1,93 @@
+"""The power curve as a table: of each fault and size, how often it was found, on the right side, and how late."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+
+_ENOUGH = 0.95
+_OTHERS = ("wrong", "missed", "cannot tell", "early", "failed")
+
+
+class Row(Protocol):
+    """What is read of a row."""
+
+    @property
+    def vehicle(self) -> str: ...
+    @property
+    def rate(self) -> str: ...
+    @property
+    def fault(self) -> str: ...
+    @property
+    def size(self) -> float: ...
+    @property
+    def result(self) -> str: ...
+    @property
+    def cause_right(self) -> bool: ...
+    @property
+    def delay_s(self) -> float | None: ...
+
+
+def share(rows: Sequence[Row], result: str) -> float:
+    """How often a result came up: the mean over vehicles of the mean over each one's flights."""
+    by_vehicle: dict[str, list[bool]] = defaultdict(list)
+    for row in rows:
+        by_vehicle[row.vehicle].append(row.result == result)
+    return float(np.mean([np.mean(found) for found in by_vehicle.values()]))
+
+
+def smallest_found(found: Iterable[tuple[float, float]]) -> float | None:
+    """The smallest size from which on at least 95 % are found; pairs of size and share."""
+    smallest = None
+    for size, part in sorted(found, reverse=True):
+        if part < _ENOUGH:
+            break
+        smallest = size
+    return smallest
+
+
+def table(rows: Sequence[Row], units: Mapping[str, str]) -> str:
+    """Everything as Markdown: first the untouched flights, then each fault of `units` (name → unit of its sizes)."""
+    lines: list[str] = []
+    for rate in sorted({row.rate for row in rows}, reverse=True):
+        own = [row for row in rows if row.rate == rate]
+        vehicles = len({row.vehicle for row in own})
+        lines += [f"### IMU at {'its full rate' if rate == 'full' else rate}: {vehicles} vehicles", ""]
+        lines += ["| untouched flights | flights | false alarm | cannot tell |", "|---|---|---|---|"]
+        for name in sorted({row.fault for row in own} - units.keys()):
+            these = [row for row in own if row.fault == name]
+            shares = " | ".join(_percent(share(these, result)) for result in ("false alarm", "cannot tell"))
+            lines.append(f"| {name} | {len(these)} | {shares} |")
+        lines += [
+            "",
+            f"| fault | found, by size | found in 95 % from | {' | '.join(_OTHERS)} | cause right | delay, s |",
+        ]
+        lines += ["|---" * (5 + len(_OTHERS)) + "|"]
+        for name in units:
+            these = [row for row in own if row.fault == name]
+            lines += [_of_fault(name, these, units[name])] if these else []
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _of_fault(name: str, rows: Sequence[Row], unit: str) -> str:
+    """One line: what was found by size; the rest over all sizes."""
+    sizes = sorted({row.size for row in rows})
+    curve = [(size, share([row for row in rows if row.size == size], "found")) for size in sizes]
+    by_size = ", ".join(f"{size:g}: {part:.0%}" for size, part in curve)
+    smallest = smallest_found(curve)
+    others = " | ".join(_percent(share(rows, result)) for result in _OTHERS)
+    found = [row for row in rows if row.result == "found"]
+    right = _percent(float(np.mean([row.cause_right for row in found]))) if found else ""
+    delays = [row.delay_s for row in found if row.delay_s is not None]
+    late = f"{np.median(delays):.1f}" if delays else ""
+    enough = "—" if smallest is None else f"{smallest:g} {unit}"
+    label = f"{name}, {unit}" if unit else name
+    return f"| {label} | {by_size} | {enough} | {others} | {right} | {late} |"
+
+
+def _percent(part: float) -> str:
+    return f"{part:.0%}" if part else ""
