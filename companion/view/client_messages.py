@@ -13,6 +13,8 @@ from typing import Any
 import msgspec
 
 MOST_BYTES = 1 << 16
+MOST_PICTURE_BYTES = 1 << 25
+_MOST_PIXELS = 1 << 25  # 8K and a little: a small PNG may claim to be of any size, and is unpacked to it
 _MOST = 1e9  # m, pixels, s: nothing in a picture is larger
 _LONGEST = 256  # characters of a name or a choice
 _SEVERAL = 16  # numbers in one control
@@ -20,8 +22,10 @@ _SEVERAL = 16  # numbers in one control
 
 def accepted(raw: object) -> bool:
     """Whether a message is one that the page sends, and whole."""
-    if not isinstance(raw, bytes) or len(raw) > MOST_BYTES:
+    if not isinstance(raw, bytes):
         return False
+    if len(raw) > MOST_BYTES:
+        return _picture(raw)
     try:
         message = msgspec.msgpack.decode(raw)
     except (ValueError, TypeError, RecursionError):  # msgspec.DecodeError is a ValueError; keys may be unhashable
@@ -30,7 +34,34 @@ def accepted(raw: object) -> bool:
         return False
     said = dict(message)
     kind = said.pop("type", None)
+    if kind == "GetRenderResponseMessage":
+        return _picture(raw)
     return isinstance(kind, str) and kind in _CHECKS and _CHECKS[kind](said)
+
+
+class _Picture(msgspec.Struct, tag="GetRenderResponseMessage", forbid_unknown_fields=True):
+    """The canvas that was asked for; viser drops one that was not."""
+
+    payload: bytes
+    render_uuid: str
+
+
+_PICTURE = msgspec.msgpack.Decoder(_Picture)
+_PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR"
+
+
+def _picture(raw: bytes) -> bool:
+    """Whether it is a PNG of a bounded size; nothing is built of what is not, whatever its length."""
+    if len(raw) > MOST_PICTURE_BYTES:
+        return False
+    try:
+        said = _PICTURE.decode(raw)
+    except (ValueError, TypeError, RecursionError):
+        return False
+    size = said.payload[len(_PNG) : len(_PNG) + 8]
+    if not (_name(said.render_uuid) and said.payload.startswith(_PNG) and len(size) == 8):
+        return False
+    return 0 < int.from_bytes(size[:4]) * int.from_bytes(size[4:]) <= _MOST_PIXELS
 
 
 def _camera(said: Mapping[str, Any]) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import struct
 import time
 from typing import Any
 
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 
 from companion.model import Flight
 from companion.view import Viewer
-from companion.view.client_messages import MOST_BYTES, accepted
+from companion.view.client_messages import MOST_BYTES, MOST_PICTURE_BYTES, accepted
 from companion.view.doorkeeper import admit_only_own_pages
 from tests.view.circles import examine, recompute
 
@@ -55,6 +56,32 @@ def test_what_pages_send_is_heard() -> None:
     assert accepted(pack({"type": "CommandTriggerMessage", "uuid": "a"}))
     for value in (True, 3, 2.5, "Free", [1.0, 2.0], None):
         assert accepted(pack({"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": value}}))
+
+
+def picture(width: int, height: int, body: bytes = b"") -> bytes:
+    header = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", width, height)
+    return pack({"type": "GetRenderResponseMessage", "payload": header + body, "render_uuid": "a"})
+
+
+def test_a_picture_that_was_asked_for_is_heard() -> None:
+    assert accepted(picture(1280, 800))
+    assert accepted(picture(3840, 2160, b"x" * 20_000_000))
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        picture(1 << 20, 1 << 20),
+        picture(0, 5),
+        picture(10, 10, b"x" * MOST_PICTURE_BYTES),
+        pack({"type": "GetRenderResponseMessage", "payload": b"GIF89a" + b"x" * MOST_BYTES, "render_uuid": "a"}),
+        pack({"type": "GetRenderResponseMessage", "payload": b"\x89PNG", "render_uuid": "a"}),
+        pack({"type": "FileTransferPart", "content": b"x" * MOST_BYTES}),
+    ],
+    ids=["a bomb", "no pixels", "too long", "no PNG", "no header", "an upload"],
+)
+def test_a_picture_of_no_bounded_size_is_dropped(raw: bytes) -> None:
+    assert not accepted(raw)
 
 
 @given(st.binary(max_size=200))
