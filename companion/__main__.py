@@ -6,6 +6,9 @@ import sys
 import warnings
 from types import FrameType
 
+# The matrices here are small: a second thread of BLAS waits, at full load, and makes nothing quicker.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 
 def main() -> int:
     """Run the command line. Its imports take a moment, in which Ctrl-C ends it as cleanly as later."""
