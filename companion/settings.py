@@ -68,6 +68,7 @@ class ViewSettings(_Section, frozen=True):
 
     host: str = "127.0.0.1"
     port: Annotated[int, msgspec.Meta(ge=1, le=65535)] = 8080
+    token: bool = False
     reanchor_s: NotNegative = 10.0
 
 

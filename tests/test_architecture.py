@@ -79,7 +79,7 @@ LIBRARIES = {
     "examination": {"msgspec", "numpy"},
     "documents": {"msgspec", "numpy"},
     "export": {"numpy", "msgspec", "pyarrow", "mcap"},
-    "view": {"numpy", "viser", "rich", "msgspec"},
+    "view": {"numpy", "viser", "rich", "msgspec", "websockets"},
     "report": {"numpy", "msgspec", "plotly"},
     "fleet": {"numpy", "msgspec", "dask", "distributed", "pyarrow"},
     "cli": {"numpy", "msgspec", "rich"},

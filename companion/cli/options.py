@@ -27,6 +27,7 @@ _SETTABLE = (
     ("drift", "horizons_s", "horizons"),
     ("view", "host", "host"),
     ("view", "port", "port"),
+    ("view", "token", "token"),
     ("view", "reanchor_s", "reanchor_s"),
 )
 """Options that are settings too: section, key, name of the option."""

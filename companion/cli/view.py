@@ -34,6 +34,12 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument("--host", help="address to serve on (default: 127.0.0.1, this computer alone)")
     parser.add_argument("--port", type=int, help="port to serve on (default: 8080; the next free one when taken)")
     parser.add_argument(
+        "--token",
+        action="store_true",
+        default=None,
+        help="let in only who has the token in the address, on 127.0.0.1 too (with another --host: always)",
+    )
+    parser.add_argument(
         "--reanchor",
         dest="reanchor_s",
         type=float,
@@ -100,6 +106,7 @@ def _replay(arguments: argparse.Namespace) -> int:
         ),
         host=settings.view.host,
         port=settings.view.port,
+        token=settings.view.token,
     ) as viewer:
         if viewer.port != settings.view.port:
             options.say(f"port {settings.view.port} is taken: using {viewer.port}")

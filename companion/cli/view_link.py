@@ -67,7 +67,13 @@ def _show(
         feed = _Feed(attachment, _choice(arguments, settings), arguments, settings)
         opened.callback(feed.close)
         viewer = opened.enter_context(
-            LiveViewer(feed, window_s=60.0 * settings.live.window_min, host=settings.view.host, port=settings.view.port)
+            LiveViewer(
+                feed,
+                window_s=60.0 * settings.live.window_min,
+                host=settings.view.host,
+                port=settings.view.port,
+                token=settings.view.token,
+            )
         )
         _announce(arguments, settings, viewer, recorder)
         while not told() and not viewer.stopped and attachment.alive:

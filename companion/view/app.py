@@ -33,6 +33,7 @@ class Viewer(Page[Stage]):
         offer: Offer | None = None,
         host: str = "127.0.0.1",
         port: int = 8080,
+        token: bool = False,
     ) -> None:
         if not flights:
             raise InputError("There is no flight to show.")
@@ -50,6 +51,7 @@ class Viewer(Page[Stage]):
             port,
             POSE_HZ,
             lambda server, post: Stage(server, tuple(flights), recompute, examine, also, first, film, post),
+            token=token,
         )
 
     @property

@@ -1,26 +1,53 @@
-"""Who may connect: a page that this server has sent, and programs. Not the page of another site in the same browser.
+"""Who may connect: a page that this server has sent, and programs; where a token is asked for, who has it.
 
 Any web page can make its visitor's browser open a WebSocket to 127.0.0.1, and a name that an attacker owns can be made
 to mean 127.0.0.1 (DNS rebinding). The first shows in the `Origin` header, the second in `Host`, and a browser lets no
-page change either.
+page change either. A page of viser connects to whatever server its address names (`?websocket=`) and runs what that one
+sends: no page is served under an address with a query.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import hmac
+import http
+import http.cookies
 import ipaddress
 import logging
 import socket
+import threading
+from collections.abc import Awaitable, Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
-from urllib.parse import urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 import viser
+import websockets.asyncio.server
+from websockets.asyncio.server import ServerConnection
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
 
-from companion.view.client_messages import accepted
+from companion.view.client_messages import MOST_PICTURE_BYTES, accepted
 
 _log = logging.getLogger(__name__)
+_log_of_connections = logging.getLogger(f"{__name__}.connections")
+_log_of_connections.propagate = False  # a request that is none is no traceback in a terminal
+_log_of_connections.addHandler(logging.NullHandler())
 
-POLICY_VIOLATION = 1008  # WebSocket close code, RFC 6455
+MOST_BROWSERS = 32
+_PROTOCOL_ERROR, _TRY_AGAIN_LATER = 1002, 1013  # WebSocket close codes
+_COOKIE_DAYS = 30
+_HEADERS = {
+    "Content-Security-Policy": "frame-ancestors 'none'",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+_patching = threading.Lock()
+
+Handler = Callable[[ServerConnection], Awaitable[None]]
+Answer = Callable[[ServerConnection, Request], Response | None]
 
 
 def own_names(host: str) -> frozenset[str]:
@@ -42,34 +69,102 @@ def is_own_page(host: str | None, origin: str | None, names: frozenset[str]) -> 
     return origin is None or (origin.startswith(("http://", "https://")) and urlsplit(origin).netloc == host)
 
 
-def admit_only_own_pages(server: viser.ViserServer, host: str) -> None:
-    """Close the connection of every other before a single message is sent to it or heard from it.
+@dataclass(frozen=True, slots=True)
+class Doorkeeper:
+    """What is asked of whoever connects to a server at `host`. token: "" for none."""
 
-    viser 1.1 has no hook for this, so two of its private attributes are used: the WebSocket server, which awaits its
-    callbacks before it serves a connection, and the table of connections.
-    """
-    names = own_names(host)
-    sockets: Any = server._websock_server
+    host: str
+    token: str = ""
 
-    async def check(websocket: Any) -> None:
-        headers = websocket.request.headers
-        if not is_own_page(headers.get("Host"), headers.get("Origin"), names):
-            await websocket.close(POLICY_VIOLATION, "companion serves only its own page")
+    @contextlib.contextmanager
+    def at_the_door(self) -> Iterator[None]:
+        """Guard the viser server that is made inside. Raises RuntimeError when viser makes none as it did.
 
-    async def joined(connection: Any) -> None:
-        websocket = sockets._live_connections[connection.client_id]
-        await check(websocket)
-        _hear_only_what_is_accepted(websocket)
+        viser 1.1 has no hook for requests: what it calls to open its WebSocket server is replaced meanwhile.
+        """
+        guarded: list[bool] = []
+        with _patching:
+            serve: Any = websockets.asyncio.server.serve
 
-    sockets.on_client_connect(joined)
+            def guarded_serve(handler: Handler, *places: Any, process_request: Answer, **options: Any) -> Any:
+                guarded.append(True)
+                options |= {"max_size": MOST_PICTURE_BYTES + 1, "logger": _log_of_connections, "server_header": None}
+                return serve(
+                    self._heard(handler),
+                    *places,
+                    process_request=self._answered(process_request),
+                    process_response=_marked,
+                    **options,
+                )
+
+            websockets.asyncio.server.serve = guarded_serve  # type: ignore[assignment, misc]
+            try:
+                yield
+            finally:
+                websockets.asyncio.server.serve = serve  # type: ignore[misc]
+        if not guarded:
+            raise RuntimeError(f"viser {viser.__version__} opens its server in another way than 1.1: it is not guarded")
+
+    def _answered(self, answer: Answer) -> Answer:
+        """The answer to a request: a refusal, or what viser answers."""
+        names = own_names(self.host)
+
+        def answered(connection: ServerConnection, request: Request) -> Response | None:
+            headers = request.headers
+            if not is_own_page(headers.get("Host"), headers.get("Origin"), names):
+                return connection.respond(http.HTTPStatus.FORBIDDEN, "companion serves only its own page.\n")
+            query = urlsplit(request.path).query
+            given = parse_qs(query).get("token", [""])[-1]
+            cookie = f"companion-{connection.local_address[1]}"
+            if not any(self._is_right(said) for said in (given, _cookie(headers, cookie), _bearer(headers))):
+                return connection.respond(
+                    http.HTTPStatus.FORBIDDEN,
+                    "Open the whole address that companion has printed, with the token in it.\n",
+                )
+            if not query or headers.get("Upgrade") == "websocket":
+                return answer(connection, request)
+            there = connection.respond(http.HTTPStatus.SEE_OTHER, "")
+            there.headers["Location"] = "./"
+            if self.token:
+                age = f"Max-Age={86400 * _COOKIE_DAYS}"
+                there.headers["Set-Cookie"] = f"{cookie}={self.token}; {age}; HttpOnly; SameSite=Lax; Path=/"
+            return there
+
+        return answered
+
+    def _is_right(self, token: str) -> bool:
+        return not self.token or hmac.compare_digest(token.encode(errors="replace"), self.token.encode())
+
+    def _heard(self, handler: Handler) -> Handler:
+        """Let viser speak with pages of its own version, of whose messages it receives those that the page sends."""
+        present: set[ServerConnection] = set()
+        speaks = f"viser-v{viser.__version__}"
+
+        async def heard(connection: ServerConnection) -> None:
+            if connection.subprotocol != speaks:
+                await connection.close(_PROTOCOL_ERROR, f"Version mismatch. Server: {viser.__version__}")
+                return
+            if len(present) >= MOST_BROWSERS:
+                await connection.close(_TRY_AGAIN_LATER, "too many pages are open")
+                return
+            present.add(connection)
+            _hear_only_what_is_accepted(connection)
+            try:
+                await handler(connection)
+            finally:
+                present.discard(connection)
+
+        return heard
+
+
+def quieten(server: viser.ViserServer) -> None:
+    """What viser's own handlers fail at is for who develops, and no traceback in a terminal."""
     server.get_event_loop().set_exception_handler(_note)
-    for early in list(sockets._live_connections.values()):  # between the server's start and this line
-        asyncio.run_coroutine_threadsafe(check(early), server.get_event_loop()).result(timeout=10)
 
 
-def _hear_only_what_is_accepted(websocket: Any) -> None:
+def _hear_only_what_is_accepted(connection: Any) -> None:
     """Let viser receive no message but those that the page sends."""
-    receive = websocket.recv
+    receive = connection.recv
 
     async def recv() -> bytes:
         while True:
@@ -78,12 +173,32 @@ def _hear_only_what_is_accepted(websocket: Any) -> None:
                 return raw
             _log.debug("a message of a browser was dropped (%d bytes)", len(raw))
 
-    websocket.recv = recv
+    connection.recv = recv
+
+
+def _marked(_: ServerConnection, __: Request, response: Response) -> None:
+    """Every answer says that no other page may show it in a frame."""
+    for name, value in _HEADERS.items():
+        response.headers[name] = value
 
 
 def _note(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """What viser's own handlers fail at is for who develops, and no traceback in a terminal."""
     _log.debug("in the server: %s", context.get("message"), exc_info=context.get("exception"))
+
+
+def _cookie(headers: Headers, name: str) -> str:
+    """The value of a cookie; "" when the browser sends none, or what is no cookie."""
+    try:
+        found = http.cookies.SimpleCookie("; ".join(headers.get_all("Cookie"))).get(name)
+    except http.cookies.CookieError:
+        return ""
+    return found.value if found else ""
+
+
+def _bearer(headers: Headers) -> str:
+    """What a program says in `Authorization: Bearer TOKEN`."""
+    scheme, _, token = (headers.get("Authorization") or "").partition(" ")
+    return token if scheme.lower() == "bearer" else ""
 
 
 def _name(url: str) -> str | None:

@@ -17,7 +17,7 @@ from companion.view.home import home_position
 from companion.view.moment import Footage, Reckoning, footage
 from companion.view.palette import Rgb
 from companion.view.scene import Scene
-from companion.view.server import Address, close_server, open_server
+from companion.view.server import Address, close_server, new_token, open_server
 from companion.view.shapes import Drone, drone_for
 
 FRAMES_HZ = 10.0
@@ -74,8 +74,9 @@ def page(
     """The 3D replay as one HTML file with its own player. Takes a second or two: not for the view thread."""
     framing = frame(film.replay.position_ref, film.replay.position_imu)
     view = camera("Free", framing)
-    # The scene is drawn a second time, on a server of its own, so that nobody's picture moves meanwhile.
-    server = open_server(Address("127.0.0.1", 0, loopback=True))
+    # The scene is drawn a second time, on a server of its own, so that nobody's picture moves meanwhile. Nobody knows
+    # its token: no browser is meant to find it.
+    server = open_server(Address("127.0.0.1", 0, loopback=True, token=new_token()))
     try:
         first = server.initial_camera
         first.position, first.look_at = view.position, view.look_at

@@ -13,8 +13,10 @@ class LiveViewer(Page[LiveStage]):
     feed: belongs to the view thread from now on. window_s: how far charts and trails reach back.
     """
 
-    def __init__(self, feed: Feed, *, window_s: float = 600.0, host: str = "127.0.0.1", port: int = 8080) -> None:
-        super().__init__(host, port, LOOK_HZ, lambda server, post: LiveStage(server, feed, window_s, post))
+    def __init__(
+        self, feed: Feed, *, window_s: float = 600.0, host: str = "127.0.0.1", port: int = 8080, token: bool = False
+    ) -> None:
+        super().__init__(host, port, LOOK_HZ, lambda server, post: LiveStage(server, feed, window_s, post), token=token)
 
     @property
     def newest(self) -> float:

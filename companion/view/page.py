@@ -43,13 +43,20 @@ Behind = TypeVar("Behind", bound=Turned)
 class Page(Generic[Behind]):
     """A web page. A resource: close it, or use it in a `with` block.
 
-    build: makes what stands behind the page, once the server is up. Raises InputError for an address that is none.
+    build: makes what stands behind the page, once the server is up. token: to be asked for on 127.0.0.1 too. Raises
+    InputError for an address that is none.
     """
 
     def __init__(
-        self, host: str, port: int, rate_hz: float, build: Callable[[viser.ViserServer, events.Post], Behind]
+        self,
+        host: str,
+        port: int,
+        rate_hz: float,
+        build: Callable[[viser.ViserServer, events.Post], Behind],
+        *,
+        token: bool = False,
     ) -> None:
-        self._address = find_address(host, port)
+        self._address = find_address(host, port, token=token)
         self._server = open_server(self._address)
         self._address = replace(self._address, port=self._server.get_port())
         self._events: queue.SimpleQueue[events.Event] = queue.SimpleQueue()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
+import secrets
 import socket
 import warnings
 from collections.abc import Iterator
@@ -13,7 +14,7 @@ import rich
 import viser
 
 from companion.model import InputError
-from companion.view.doorkeeper import admit_only_own_pages
+from companion.view.doorkeeper import Doorkeeper, quieten
 
 PORTS_TRIED = 100
 
@@ -25,12 +26,14 @@ class Address:
     host: str
     port: int
     loopback: bool
+    token: str = ""  # that whoever connects has to know; "" for none
 
     @property
     def url(self) -> str:
         """What to type into the browser on this machine."""
         host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
-        return f"http://[{host}]:{self.port}" if ":" in host else f"http://{host}:{self.port}"
+        where = f"http://[{host}]:{self.port}" if ":" in host else f"http://{host}:{self.port}"
+        return f"{where}/?token={self.token}" if self.token else where
 
     @property
     def warning(self) -> str | None:
@@ -38,14 +41,17 @@ class Address:
         if self.loopback:
             return None
         return (
-            f"Everybody who can reach {self.host}:{self.port} sees this flight and can work the controls: there is no "
-            "password. Safer: leave --host at 127.0.0.1 and forward the port from your own machine with "
+            f"Everybody who can reach {self.host}:{self.port} and has the token of its address sees this flight and "
+            "can work the controls. Nothing is encrypted: who listens on the network has the token. Safer: leave "
+            "--host at 127.0.0.1 and forward the port from your own machine with "
             f"ssh -L {self.port}:127.0.0.1:{self.port} user@host"
         )
 
 
-def find_address(host: str, port: int) -> Address:
+def find_address(host: str, port: int, *, token: bool = False) -> Address:
     """The first free port from `port` (0: any) upwards on `host`. Raises InputError when there is none.
+
+    A token is made up where others than this machine can connect, and on 127.0.0.1 when it is asked for (`token`).
 
     viser has to be spared this: it tries every port on every error, for an address that does not exist too, and
     then waits for ever.
@@ -71,11 +77,16 @@ def find_address(host: str, port: int) -> Address:
     for candidate in [port] if port == 0 else range(port, min(port + PORTS_TRIED, 65536)):
         if all(_bindable(family, address, candidate) for family, address in places):
             loopback = all(ipaddress.ip_address(address.split("%")[0]).is_loopback for _, address in places)
-            return Address(host, candidate, loopback)
+            return Address(host, candidate, loopback, new_token() if token or not loopback else "")
     raise InputError(
         f"No port from {port} to {min(port + PORTS_TRIED, 65536) - 1} can be opened on {host}: they are taken, or not "
         "open to you (below 1024). Choose another with --port, or 0 for any."
     )
+
+
+def new_token() -> str:
+    """What nobody guesses."""
+    return secrets.token_hex(24)
 
 
 def _bindable(family: int, address: str, port: int) -> bool:
@@ -92,12 +103,12 @@ def _bindable(family: int, address: str, port: int) -> bool:
 
 
 def open_server(address: Address) -> viser.ViserServer:
-    """Start viser's server there, without its banner, and closed to pages of other sites."""
-    with _quiet():
+    """Start viser's server there, without its banner, and guarded: see `Doorkeeper`."""
+    with _quiet(), Doorkeeper(address.host, address.token).at_the_door():
         # A page may be closed between two writes, and it does not miss what it is not sent.
         warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
         server = viser.ViserServer(host=address.host, port=address.port, label="companion", verbose=False)
-    admit_only_own_pages(server, address.host)
+    quieten(server)
     return server
 
 

@@ -300,3 +300,13 @@ def test_a_page_finds_its_way_back_to_a_server_that_was_restarted(page: Page, fl
         until(lambda: viewer.player.time == pytest.approx(BOOT + 10.0), "its buttons work")
         choose(page, "Camera", "Chase")  # a list of the new session
         shoot(page, "reconnected")
+
+
+def test_a_page_with_a_token_is_opened_and_opened_again(wide_page: Page, flight: Flight) -> None:
+    """The cookie goes with the WebSocket, and with a reload of the address that no longer has the token."""
+    with Viewer([flight], recompute, examine, port=0, token=True) as viewer:
+        visit(wide_page, viewer)
+        assert wide_page.url == viewer.url.partition("?")[0]
+        wide_page.reload()
+        expect(wide_page.get_by_role("button", name="Play", exact=True)).to_be_visible()
+        assert viewer.browsers == 1

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import http.client
 import warnings
+from collections.abc import Iterator
+from urllib.parse import urlsplit
 
 import pytest
 import viser
+import websockets.asyncio.server
 import websockets.exceptions
 import websockets.sync.client
 
-from companion.model import Flight
 from companion.view import Viewer
-from companion.view.doorkeeper import is_own_page, own_names
-from tests.view.circles import examine, recompute
+from companion.view.doorkeeper import Doorkeeper, is_own_page, own_names
+from tests.view.circles import examine, make_flight, recompute
 from tests.waiting import LIMIT_S
 
 NAMES = frozenset({"localhost", "pi.local"})
@@ -56,21 +59,115 @@ def test_the_address_that_was_asked_for_is_a_name_of_its_own() -> None:
     assert {"localhost", "workshop"} <= own_names("Workshop")
 
 
-@pytest.mark.parametrize(("origin", "served"), [("https://evil.example", False), (None, True), ("own", True)])
-def test_a_foreign_page_hears_nothing(flight: Flight, origin: str | None, served: bool) -> None:
-    def first_message(url: str, origin: str | None) -> bytes | str | None:
-        version = websockets.Subprotocol(f"viser-v{viser.__version__}")
-        headers = {} if origin is None else {"Origin": origin}
-        with (
-            contextlib.suppress(websockets.exceptions.ConnectionClosed),
-            websockets.sync.client.connect(
-                url, additional_headers=headers, subprotocols=[version], proxy=None
-            ) as socket,
-        ):
-            return socket.recv(timeout=LIMIT_S)
-        return None
+@pytest.fixture(scope="module")
+def open_page() -> Iterator[str]:
+    with warnings.catch_warnings(), Viewer([make_flight()], recompute, examine, port=0) as viewer:
+        yield viewer.url
 
-    with warnings.catch_warnings(), Viewer([flight], recompute, examine, port=0) as viewer:
-        own = viewer.url if origin == "own" else origin
-        message = first_message(viewer.url.replace("http", "ws", 1), own)
-    assert (message is not None) is served
+
+@pytest.fixture(scope="module")
+def closed_page() -> Iterator[str]:
+    """One that asks for a token: its address, with it."""
+    with warnings.catch_warnings(), Viewer([make_flight()], recompute, examine, port=0, token=True) as viewer:
+        yield viewer.url
+
+
+def first_message(url: str, **headers: str) -> bytes | str | None:
+    """What is heard at an http address, opened as a WebSocket; None where nobody speaks."""
+    with (
+        contextlib.suppress(websockets.exceptions.WebSocketException),
+        websockets.sync.client.connect(
+            url.replace("http", "ws", 1),
+            additional_headers=headers,
+            subprotocols=[websockets.Subprotocol(f"viser-v{viser.__version__}")],
+            proxy=None,
+        ) as socket,
+    ):
+        return socket.recv(timeout=LIMIT_S)
+    return None
+
+
+def get(url: str, path: str = "/", **headers: str) -> http.client.HTTPResponse:
+    connection = http.client.HTTPConnection(urlsplit(url).netloc, timeout=LIMIT_S)
+    try:
+        connection.request("GET", path, headers=headers)
+        answer = connection.getresponse()
+        answer.read()
+        return answer
+    finally:
+        connection.close()
+
+
+@pytest.mark.parametrize(("origin", "served"), [("https://evil.example", False), (None, True), ("own", True)])
+def test_a_foreign_page_hears_nothing(open_page: str, origin: str | None, served: bool) -> None:
+    headers = {} if origin is None else {"Origin": open_page if origin == "own" else origin}
+    assert (first_message(open_page, **headers) is not None) is served
+
+
+def test_a_foreign_name_gets_no_page(open_page: str) -> None:
+    assert get(open_page).status == 200
+    assert get(open_page, Host="evil.example").status == 403
+
+
+def test_no_page_may_show_ours_in_a_frame(open_page: str, closed_page: str) -> None:
+    for answer in (get(open_page), get(open_page, "/nothing"), get(closed_page), get(closed_page, Host="evil.example")):
+        assert answer.getheader("Content-Security-Policy") == "frame-ancestors 'none'"
+        assert answer.getheader("X-Frame-Options") == "DENY"
+
+
+@pytest.mark.parametrize("query", ["websocket=ws://evil.example", "playbackPath=https://evil.example/x.viser", "x"])
+def test_no_address_makes_the_page_connect_elsewhere(open_page: str, query: str) -> None:
+    answer = get(open_page, f"/?{query}")
+    assert (answer.status, answer.getheader("Location")) == (303, "./")
+
+
+def test_without_the_token_nothing_is_served(closed_page: str) -> None:
+    bare = closed_page.partition("/?")[0]
+    wrong = bare + "/?token=" + "0" * 48
+    for answer in (get(bare), get(bare, "/?token="), get(bare, "/?token=%FF"), get(bare, Cookie="a[]=;;")):
+        assert answer.status == 403
+    for url in (bare, wrong):
+        assert first_message(url) is None
+
+
+def test_the_token_opens_the_page_once_and_the_cookie_from_then_on(closed_page: str) -> None:
+    bare, _, query = closed_page.partition("/?")
+    answer = get(bare, f"/?{query}")
+    assert (answer.status, answer.getheader("Location")) == (303, "./")
+    cookie, *attributes = (answer.getheader("Set-Cookie") or "").split("; ")
+    assert {"HttpOnly", "SameSite=Lax"} <= set(attributes)
+    assert get(bare, Cookie=cookie).status == 200
+    assert first_message(bare, Cookie=cookie, Origin=bare) is not None
+    assert first_message(bare, Cookie=cookie, Origin="https://evil.example") is None
+
+
+def test_a_program_says_the_token_in_its_address_or_in_a_header(closed_page: str) -> None:
+    bare, _, query = closed_page.partition("/?")
+    assert first_message(closed_page) is not None
+    assert first_message(bare, Authorization=f"Bearer {query.removeprefix('token=')}") is not None
+
+
+def test_a_page_of_another_version_is_told_so_and_not_the_terminal(
+    open_page: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    foreign = [websockets.Subprotocol("viser-v0.0.printed")]
+    url = open_page.replace("http", "ws", 1)
+    with (
+        pytest.raises(websockets.exceptions.ConnectionClosed, match="Version mismatch"),
+        websockets.sync.client.connect(url, subprotocols=foreign, proxy=None) as socket,
+    ):
+        socket.recv(timeout=LIMIT_S)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_request_that_is_none_prints_nothing(open_page: str, capfd: pytest.CaptureFixture[str]) -> None:
+    for path, headers in [("/", {"Host": "[::1"}), ("/", {"Upgrade": "websocket"}), ("/%00", {}), ("//x/?y", {})]:
+        get(open_page, path, **headers)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_server_that_is_opened_in_another_way_is_not_left_unguarded() -> None:
+    before = websockets.asyncio.server.serve
+    with pytest.raises(RuntimeError, match="not guarded"), Doorkeeper("127.0.0.1").at_the_door():
+        pass
+    assert websockets.asyncio.server.serve is before

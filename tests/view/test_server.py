@@ -52,7 +52,9 @@ def test_other_hosts_get_a_warning_with_the_safer_way() -> None:
     address = find_address("0.0.0.0", 8080)
     assert address.warning is not None
     assert f"ssh -L {address.port}:127.0.0.1:{address.port} user@host" in address.warning
-    assert address.url == f"http://127.0.0.1:{address.port}"
+    assert address.url == f"http://127.0.0.1:{address.port}/?token={address.token}"
+    assert len(address.token) == 48
+    assert address.token != find_address("0.0.0.0", 8080).token
 
 
 def test_a_flight_that_cannot_be_shown_raises_before_anything_is_served() -> None:
