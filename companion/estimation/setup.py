@@ -130,14 +130,14 @@ def _undelayed(track: ImuTrack) -> ImuTrack:
 def _keyframes(track: ImuTrack, epochs: Array | None, spacing: float) -> Index:
     """Samples at the GPS epochs, thinned to the spacing and filled where there are none for longer."""
     if epochs is None or not len(epochs):
-        wanted = np.arange(track.t[0], track.t[-1], max(spacing, _WITHOUT_GPS_S))
+        wanted = _between(track.t, track.t[0], track.t[-1], max(spacing, _WITHOUT_GPS_S))
     else:
         inside = epochs[(epochs >= track.t[0]) & (epochs <= track.t[-1])]
         slot = np.floor((inside - track.t[0]) / spacing + 0.5)
         thinned = inside[np.concatenate([[True], np.diff(slot) > 0])] if len(inside) else inside
         ends = np.concatenate([[track.t[0]], thinned, [track.t[-1]]])
         longest = max(2.5 * spacing, 0.5)
-        fill = [np.linspace(a, b, int((b - a) / longest) + 1, endpoint=False)[1:]
+        fill = [_between(track.t, a, b, (b - a) / (np.floor((b - a) / longest) + 1.0))
                 for a, b in pairwise(ends.tolist()) if b - a > longest]  # fmt: skip
         wanted = np.sort(np.concatenate([ends, *fill]))
     near = np.clip(np.searchsorted(track.t, wanted), 1, len(track) - 1)
@@ -257,3 +257,11 @@ def _triad(setup: Setup) -> Array:
     north = np.cross(east, down)
     magnetic = quaternion.from_matrix(np.stack([north, east, down], axis=1))
     return quaternion.multiply(quaternion.exp(np.array([0.0, 0.0, declination])), magnetic)
+
+
+def _between(t: Array, begin: float, end: float, step: float) -> Array:
+    """Steps from `begin` to `end` that have a sample nearby: a hole of years takes no memory."""
+    inside = t[np.searchsorted(t, begin) : np.searchsorted(t, end)]
+    steps = np.unique(np.floor((inside - begin) / step + 0.5))
+    wanted = begin + steps * step
+    return np.asarray(wanted[wanted < end])

@@ -17,6 +17,10 @@ from companion.model import Array
 
 BoolArray = npt.NDArray[np.bool_]
 
+LONGEST_WAIT_S = 1.0
+"""From a measurement to its record: a second time in a record, that of its sample, is no more than this off the first,
+which is the one that is checked."""
+
 _NEIGHBOURS = 2  # on either side; together with its own, the median of five times stays at every step that lasts
 _SURE = 3 * _NEIGHBOURS + 1  # samples of a stream that say by themselves where the flight was
 _PASSES = 5  # a burst of wrong times thins out from its edges

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -50,3 +51,17 @@ def test_one_flipped_bit_of_a_time_stamp_costs_one_sample(tmp_path: Path, name: 
         (flight,) = c.open_log(path)
         assert flight.duration == pytest.approx(logs.SECONDS, abs=0.1)
         assert attempt(path, read_log) is None
+
+
+@pytest.mark.parametrize("bit", range(24, 64, 3))
+def test_a_sample_s_own_time_stays_near_that_of_its_record(tmp_path: Path, bit: int) -> None:
+    """vehicle_imu has two times: when it was measured, and when it was published. Both may be damaged."""
+    _, good, _, _ = targets(tmp_path)["ulg"]
+    stamp = struct.pack("<QQ", 24_000_000, 24_000_000)
+    data = bytearray(good)
+    data[good.index(stamp) + 8 + bit // 8] ^= 1 << bit % 8
+    path = tmp_path / "flipped.ulg"
+    path.write_bytes(data)
+    (flight,) = c.open_log(path)
+    t = flight.imu().t
+    assert t[-1] - t[0] == pytest.approx(logs.SECONDS, abs=0.1)

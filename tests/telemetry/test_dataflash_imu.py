@@ -60,6 +60,18 @@ def test_every_sample_of_a_fifo_has_its_own_time(tmp_path: Path) -> None:
     np.testing.assert_allclose(track.accel[inner, 1], true[inner], atol=1e-4)
 
 
+def test_a_sample_time_far_from_that_of_its_record_is_left_out(tmp_path: Path) -> None:
+    samples = [
+        (name, (values[0], values[1], int(str(values[2])) | 1 << 60, *values[3:]) if k in (900, 905) else values)
+        for k, (name, values) in enumerate(rows(1.0))
+    ]
+    assert {samples[k][0] for k in (900, 905)} == {"GYR", "ACC"}
+    (flight,) = c.open_log(write_dataflash(tmp_path / "odd.bin", TYPES, iter(samples)))
+    t = flight.imus["GYR[0]"].t
+    assert len(t) == pytest.approx(1000, abs=12)
+    assert t[-1] - t[0] == pytest.approx(1.0, abs=0.02)
+
+
 def test_what_is_known_of_a_sensor(tmp_path: Path) -> None:
     (flight,) = c.open_log(write_dataflash(tmp_path / "fast.bin", TYPES, rows(1.0)))
     filtered, raw = flight.imus["IMU[0]"], flight.imus["GYR[0]"]

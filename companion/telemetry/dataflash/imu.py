@@ -16,6 +16,7 @@ from companion.model import Array, ImuTrack, Vehicle
 from companion.telemetry import convert
 from companion.telemetry.dataflash.rows import sources
 from companion.telemetry.imu_facts import with_facts
+from companion.telemetry.timestamps import LONGEST_WAIT_S
 
 _VECTORS = tuple(f"{kind}{axis}" for kind in ("Gyr", "Acc") for axis in "XYZ")
 _IMU = ("IMU", "IMU2", "IMU3")
@@ -113,7 +114,8 @@ def _in_time(one: Records, kind: str) -> tuple[Array, Array]:
     running mean of those around, as the sensor samples evenly.
     """
     t, values = one["SampleUS"].astype(np.float64) * 1e-6, _vector(one, kind)
-    keep = convert.increasing(t, np.asarray(np.isfinite(values).all(axis=1)))
+    good = np.isfinite(values).all(axis=1) & (np.abs(t - one.t) < LONGEST_WAIT_S)
+    keep = convert.increasing(t, np.asarray(good))
     t, values = t[keep], values[keep]
     if len(t) > _SPAN and np.mean(np.diff(t) < 0.25 * _mean_step(t)) > 0.1:
         step = np.diff(t)

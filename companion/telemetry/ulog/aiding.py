@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
 from companion.model import (
     SEMI_MAJOR_AXIS,
@@ -25,6 +24,7 @@ from companion.model import (
 )
 from companion.telemetry.convert import continuous, increasing, lone
 from companion.telemetry.series import pressure_altitude
+from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.topics import (
     Topic,
     Topics,
@@ -42,7 +42,6 @@ from companion.telemetry.units import SI
 
 _FIX_2D, _FIX_3D = 2, 3  # GPS_FIX_TYPE
 _EXTRAPOLATED = 8  # of PX4: the receiver goes on from its last fix
-_NEVER = 2147483647  # sensor_combined: RELATIVE_TIMESTAMP_INVALID
 _HECTOPASCAL = 2000.0  # below it a pressure is in hPa: no air weighs more or, in Pa, less
 _CONSTANT = 20  # readings
 _TRUTH_HOLE = 0.2  # s: across a longer one the truth is not interpolated
@@ -229,6 +228,6 @@ def _sensors(
 
 
 def _relative(topic: Topic, field: str) -> Array:
-    """Times that sensor_combined tells as an offset from its own; NaN where there is no reading."""
-    offset: npt.NDArray[np.int64] = np.asarray(topic[field]).astype(np.int64)
-    return np.where(offset == _NEVER, np.nan, seconds(topic) + offset * 1e-6)
+    """Times that sensor_combined tells as an offset from its own; NaN where there is no reading (2³¹ - 1 µs)."""
+    offset = np.asarray(topic[field], np.float64) * 1e-6
+    return np.where(np.abs(offset) < LONGEST_WAIT_S, seconds(topic) + offset, np.nan)

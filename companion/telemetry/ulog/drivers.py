@@ -16,6 +16,7 @@ import numpy as np
 
 from companion.model import Array, ImuTrack
 from companion.telemetry.convert import increasing
+from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.parts import accel_range, gyro_range
 from companion.telemetry.ulog.topics import Topic, Topics, column, columns, device_ids, finite, instances, sampled
 
@@ -118,6 +119,7 @@ def _fifo(topic: Topic) -> tuple[Array, Array, Array | None, float | None]:
     dt, scale = column(topic, "dt") * 1e-6, column(topic, "scale")
     row = np.repeat(np.arange(len(count)), count)
     place = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    dt = np.where((dt >= 0.0) & (dt * _FIFO_MOST < LONGEST_WAIT_S), dt, np.nan)
     t = sampled(topic)[row] - (count[row] - 1 - place) * dt[row]
     raw = [columns(topic, *(f"{axis}[{i}]" for i in range(_FIFO_MOST)))[row, place] for axis in "xyz"]
     most = float(np.nanmedian(scale)) * _FULL_SCALE if np.isfinite(scale).any() else None

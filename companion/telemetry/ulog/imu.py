@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from companion.model import Array, ImuInUse, ImuTrack
 from companion.telemetry.convert import increasing
+from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.drivers import driver_tracks
 from companion.telemetry.ulog.parts import accel_range, gyro_range
 from companion.telemetry.ulog.topics import (
@@ -62,10 +63,10 @@ def _integrated(topics: Topics) -> Iterator[ImuTrack]:
     """vehicle_imu: increments over dt, of which the means are kept."""
     for instance, name, topic in instances(topics, "vehicle_imu"):
         gyro_dt, accel_dt = (column(topic, f"{of}_dt") * 1e-6 for of in ("delta_angle", "delta_velocity"))
-        whole = (gyro_dt > 0) & (accel_dt > 0)
+        whole = (gyro_dt > 0) & (accel_dt > 0) & (gyro_dt < LONGEST_WAIT_S)
         gyro = xyz(topic, "delta_angle") / np.where(whole, gyro_dt, 1.0)[:, None]
         accel = xyz(topic, "delta_velocity") / np.where(whole, accel_dt, 1.0)[:, None]
-        t = seconds(topic, "timestamp_sample") - gyro_dt / 2
+        t = sampled(topic) - gyro_dt / 2
         device, other = (_most(device_ids(topic, f"{of}_device_id")) for of in ("gyro", "accel"))
         yield replace(
             _track(name, t, gyro, accel, gyro_dt, whole),
@@ -81,7 +82,8 @@ def _combined(topic: Topic) -> ImuTrack:
     own = column(topic, "gyro_integral_dt")
     own *= 1.0 if np.nanmax(own, initial=0.0) < 1.0 else 1e-6
     t = seconds(topic) - own / 2
-    return _track("sensor_combined", t, xyz(topic, "gyro_rad"), xyz(topic, "accelerometer_m_s2"), own, own >= 0.0)
+    good = (own >= 0.0) & (own < LONGEST_WAIT_S)
+    return _track("sensor_combined", t, xyz(topic, "gyro_rad"), xyz(topic, "accelerometer_m_s2"), own, good)
 
 
 def _filtered(topics: Topics, parameters: Mapping[str, float]) -> Iterator[ImuTrack]:

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import Array, InputError
-from companion.telemetry.timestamps import ON_BOARD, left_out, off_course
+from companion.telemetry.timestamps import LONGEST_WAIT_S, ON_BOARD, left_out, off_course
 from companion.telemetry.ulog.formats import check_formats
 from companion.telemetry.words import words
 
@@ -165,7 +165,7 @@ def sampled(topic: Topic) -> Array:
     if "timestamp_sample" not in topic:
         return t
     measured = seconds(topic, "timestamp_sample")
-    return np.where(np.abs(measured - t) < 1.0, measured, t)  # no estimator waits longer
+    return np.where(np.abs(measured - t) < LONGEST_WAIT_S, measured, t)
 
 
 def columns(topic: Topic, *fields: str) -> Array:
