@@ -9,6 +9,9 @@ import pytest
 from hypothesis import settings
 from playwright.sync_api import Browser, sync_playwright
 
+from companion import examination
+from companion.analysis import assess
+from tests.remembered import remembering
 from tests.view.browsing import CHROMIUM, FLAGS
 
 # The same examples every time, and no deadline: neither chance nor a busy machine is a failure.
@@ -28,13 +31,17 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What drives a browser or a cluster is slow, and begins first where several processes share the files."""
+    """What drives a browser or a cluster is slow, and begins first where several processes share the files.
+
+    The other slow ones follow: what is left for the end is short, and no process is alone with it.
+    """
     long = {item.location[0] for item in items if {"browser", "cluster"} & set(getattr(item, "fixturenames", ()))}
     for item in items:
         if item.location[0] in long:
             item.add_marker(pytest.mark.slow)
     if "PYTEST_XDIST_WORKER" in os.environ:
-        items.sort(key=lambda item: item.location[0] not in long)
+        slow = {item.location[0] for item in items if item.get_closest_marker("slow")} - long
+        items.sort(key=lambda item: (item.location[0] not in long, item.location[0] not in slow))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
@@ -44,6 +51,17 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     if reasons:
         lacking = "; ".join(f"{count} ({reason})" for reason, count in reasons.most_common())
         terminalreporter.write_line(f"Not run: {lacking}")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _remembered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Commands, reports and pages that ask the same of the same flight share the answer, in every process."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "answers"
+    folder.mkdir(exist_ok=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(examination, "assess", remembering(assess, folder))
+        yield
 
 
 @pytest.fixture(scope="module")

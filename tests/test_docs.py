@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from companion.cli import main
 from tests.processes import ended, next_line, started
 from tests.recordings import ROOT
 from tests.waiting import LIMIT_S
@@ -57,7 +58,14 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 
 
 @pytest.mark.parametrize(("page", "command"), COMMANDS, ids=[command for _, command in COMMANDS])
-def test_a_documented_command_works(page: str, command: str, desk: Callable[[str], Path]) -> None:
+def test_a_documented_command_works(
+    page: str,
+    command: str,
+    desk: Callable[[str], Path],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Those of the program in this process, which asks the same of the same flight only once."""
     words = [word.replace("/tmp/", f"{desk(page)}/") for word in shlex.split(command)]  # which others may have too
     if words[0] == "make":
         subprocess.run(["make", "--dry-run", *words[1:]], cwd=ROOT, check=True, capture_output=True)
@@ -73,6 +81,13 @@ def test_a_documented_command_works(page: str, command: str, desk: Callable[[str
             assert "http://" in next_line(process, process.stdout)
             ended(process, signal.SIGINT)
         assert process.returncode == 0
+        return
+    if words[0] == "companion":
+        monkeypatch.chdir(desk(page))
+        monkeypatch.setenv("COLUMNS", "120")
+        assert main(words[1:]) == 0
+        said = capsys.readouterr()
+        assert said.out or said.err
         return
     run = subprocess.run(
         words, cwd=desk(page), env=environment(desk(page)), capture_output=True, text=True, timeout=LIMIT_S, check=False

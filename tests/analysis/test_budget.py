@@ -19,7 +19,7 @@ RNG = np.random.default_rng(6)
 CERTAIN = ReferenceFigures(0, 0, 1e-7, 1e-6, 1e-6, 0, 0, 0)
 """An autopilot that knows the truth, and an IMU that is where it should be."""
 
-MOTION = motions.circle(seconds(40, 100))
+MOTION = motions.circle(seconds(40, 50))
 
 
 def drawn(seed: int) -> ImuModel:

@@ -10,7 +10,6 @@ import pytest
 import companion as c
 from companion.analysis import GENERIC, Assessment, Finding, assess
 from companion.model import STANDARD_GRAVITY, Event, ImuTrack, Series, StatusText, Vehicle
-from companion.sensors import figures_of
 from companion.strapdown import Motion, motions, quaternion
 from tests.flights import CIRCLE, LIVELY, flown, seconds, turned, with_imu
 from tests.recordings import recording
@@ -216,7 +215,7 @@ def test_a_jump_is_told_with_what_the_vehicle_said() -> None:
 )
 def test_recordings(name: str, statuses: set[str], kind: str | None) -> None:
     flight = c.open_log(recording(name))[0]
-    found = assess(flight, figures_of(flight, flight.imu().source))
+    found = c.examine(flight).assessment
     assert found.verdict.status in statuses
     assert not {"gyro_bias", "accel_bias"} & {f.kind for f in found.verdict.findings}
     if kind:

@@ -14,7 +14,6 @@ from benchmarks.accuracy.answer import answer
 from benchmarks.accuracy.labels import load_labels, outcome
 from companion.analysis import GENERIC, PARTS, Assessment, Finding, assess
 from companion.model import Array, Flight
-from companion.sensors import figures_of
 from companion.strapdown import ImuModel, Motion, Sensor, motions, simulate
 from tests.flights import (
     CIRCLE,
@@ -240,7 +239,7 @@ def test_a_noisy_sensor_is_called_noisy() -> None:
 def test_every_finding_lies_in_the_flight_and_says_what_to_do() -> None:
     for name in ("copter-demo-100hz", "copter-hover-100hz", "copter-mission-default-rates"):
         flight = c.open_log(BUNDLED / f"{name}.tlog")[0]
-        found = assess(flight, figures_of(flight, flight.imu().source))
+        found = c.examine(flight).assessment
         for finding in found.verdict.findings:
             assert flight.start - 1 <= finding.start_s <= finding.end_s <= flight.start + flight.duration + 1
             assert finding.evidence
@@ -268,7 +267,7 @@ def test_recordings_with_known_faults(name: str, status: str, kinds: dict[str, f
     """A cut holds the faults; that there is none is said of a whole flight."""
     cut = kinds or (BUNDLED / f"{name}.tlog").exists()
     for flight in c.open_log((recording if cut else shared)(f"sitl/{name}.tlog")):
-        found = assess(flight, figures_of(flight, flight.imu().source))
+        found = c.examine(flight).assessment
         assert found.verdict.status == status
         for kind, start in kinds.items():
             assert of_kind(found, kind).start_s == pytest.approx(start, abs=2.0)
@@ -287,7 +286,7 @@ def test_recordings_of_others_are_answered_as_they_are_labelled(name: str) -> No
 def test_calibration_of_the_biased_recording() -> None:
     """RAW_IMU shows (9.55, -14.48, 7.52) mrad/s: what was set, cut towards zero."""
     flight = c.open_log(recording("sitl/copter-biased-imu-100hz.tlog"))[0]
-    found = assess(flight, GENERIC)
+    found = c.examine(flight).assessment
     assert found.calibration
     assert found.calibration.values[:3] * 1e3 == pytest.approx([9.55, -14.48, 7.52], abs=0.4)
     before, after = (d.rows[0].position_m for d in (found.uncorrected, found.corrected) if d)
@@ -298,6 +297,6 @@ def test_calibration_of_the_biased_recording() -> None:
 
 def test_the_lag_of_ardupilots_filter_is_found() -> None:
     flight = c.open_log(recording("sitl/copter-square-100hz.tlog"))[0]
-    found = assess(flight, GENERIC)
+    found = c.examine(flight).assessment
     assert found.calibration
     assert found.calibration.values[PARTS["time_offset"]] == pytest.approx(0.012, abs=0.0015)

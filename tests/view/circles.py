@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from companion.analysis import (
-    GENERIC,
     Replay,
-    assess,
     errors,
     expected_since_anchor,
     trailing,
 )
+from companion.examination import assess_imu
 from companion.model import Array, AttitudeTrack, DataError, Flight, ImuTrack, PositionTrack, Vehicle
+from companion.settings import Settings
 from companion.view import Footage, Insight, Reckoning, ReplayChoice, chosen_track, with_track
 
 RATE = 50.0
@@ -65,7 +65,7 @@ def recompute(flight: Flight, choice: ReplayChoice) -> Reckoning:
 def examine(flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
     """What the analysis says of the made-up readings: nothing good, for the IMU stands still while it circles."""
     seen = with_track(flight, film.track or flight.imu(choice.imu))
-    found = assess(seen, GENERIC, imu=choice.imu, how=choice.integration(flight))
+    found = assess_imu(seen, Settings(), imu=choice.imu, how=choice.integration(flight))
     over = errors(found.comparison, trailing(found.comparison, choice.horizon_s))
     expected = expected_since_anchor(found, film.replay)
     return Insight(found, over, choice.horizon_s, expected=expected)

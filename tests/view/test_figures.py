@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from companion.analysis import GENERIC, Finding, FlightNoise, Limits, Verdict, i
 from companion.estimation import imu_spectrum
 from companion.model import Origin
 from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
-from companion.view import ReplayChoice, tables
+from companion.view import Insight, ReplayChoice, tables
 from companion.view.drift_chart import drift_lines
 from companion.view.ellipsoid import semi_axes
 from companion.view.home import home_position
@@ -25,7 +26,11 @@ from tests.flights import flight_of, seconds
 from tests.view.circles import examine, make_flight, recompute
 
 FLIGHT = make_flight()
-INSIGHT = examine(FLIGHT, ReplayChoice(), footage(recompute(FLIGHT, ReplayChoice())))
+
+
+@functools.cache
+def insight() -> Insight:
+    return examine(FLIGHT, ReplayChoice(), footage(recompute(FLIGHT, ReplayChoice())))
 
 
 @given(st.integers(0, 10_000))
@@ -63,7 +68,7 @@ def test_rates_and_gaps_are_those_of_the_messages() -> None:
 
 
 def test_the_charts_show_the_drift_table() -> None:
-    found = INSIGHT.assessment
+    found = insight().assessment
     lines = drift_lines(found, "position_m")
     assert lines is not None
     rows = [(row, e) for row, e in zip(found.drift.rows, found.expected, strict=True) if row.position_m and e]
@@ -75,9 +80,9 @@ def test_the_charts_show_the_drift_table() -> None:
 def test_no_text_becomes_markup() -> None:
     evil = "<img src=x onerror=alert(1)>"
     finding = Finding(evil, "imu", "error", 1.0, 2.0, evil, evil)
-    found = replace(INSIGHT.assessment, verdict=Verdict("imu_suspect", evil, (finding,)))
+    found = replace(insight().assessment, verdict=Verdict("imu_suspect", evil, (finding,)))
     found = replace(found, drift=replace(found.drift, imu=evil))
-    sibling = [replace(s, imu=evil) for s in (*INSIGHT.siblings, *INSIGHT.siblings)]
+    sibling = [replace(s, imu=evil) for s in (*insight().siblings, *insight().siblings)]
     colours = of_imus([evil])
     markup = tables.status(found) + tables.drift_table(found.drift, found, colours[evil], 5.0)
     markup += tables.siblings_table(sibling, colours) + tables.calibration_table(found)
