@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import functools
 import lzma
+import os
 import shutil
 import tempfile
 from pathlib import Path
@@ -18,6 +19,8 @@ SHARED = ROOT.parent / "shared" / "tlogs"
 
 _PACKED = Path(__file__).with_name("data")
 _WITHOUT = "no ../shared: more recordings, which only widen what is tested"
+_SMALL = 1_500_000  # bytes
+_LARGE = "recordings of ../shared above 1.5 MB: RECORDINGS=all reads them too"
 
 
 @functools.cache
@@ -46,9 +49,16 @@ def shared(name: str) -> Path:
 
 
 def all_shared() -> list[Any]:
-    """Every recording beside the project as a parameter; where there are none, one that is skipped."""
+    """Every recording beside the project as a parameter; where there are none, one that is skipped.
+
+    What lies there may be any amount: the large ones are skipped too, but where the environment says RECORDINGS=all.
+    """
     found = sorted(p for p in SHARED.rglob("*") if p.suffix.lower() in {".tlog", ".bin", ".ulg"})
-    return [pytest.param(p, id=p.name) for p in found] or [pytest.param(SHARED, marks=pytest.mark.skip(_WITHOUT))]
+    most = float("inf") if os.environ.get("RECORDINGS") == "all" else _SMALL
+    marks = [[] if p.stat().st_size <= most else [pytest.mark.skip(_LARGE)] for p in found]
+    return [pytest.param(p, id=p.name, marks=m) for p, m in zip(found, marks, strict=True)] or [
+        pytest.param(SHARED, marks=pytest.mark.skip(_WITHOUT))
+    ]
 
 
 @functools.cache
