@@ -100,7 +100,7 @@ def test_the_numbers_are_those_of_analyze(done: Path, capsys: Captured) -> None:
 
 
 def test_a_local_cluster_gives_the_same_tables(done: Path, logs: Path, tmp_path: Path, capsys: Captured) -> None:
-    assert main(["fleet", str(logs), "-o", str(tmp_path), "--workers", "2"]) == 0
+    assert main(["fleet", str(logs), "-o", str(tmp_path), "--workers", "1"]) == 0
     said = capsys.readouterr()
     assert "7 logs: 7 examined, 0 unchanged" in said.out
     assert "garbage.tlog: " in said.out
@@ -114,6 +114,7 @@ def test_only_what_is_new_or_changed_is_done(
 ) -> None:
     own, out = tmp_path / "logs", tmp_path / "results"
     shutil.copytree(logs, own)
+    copies(own, 4)[3].replace(own / "demo.tlog")  # which is examined sooner
     command = ["fleet", str(own), "-o", str(out), "--scheduler", scheduler]
 
     def said() -> str:
@@ -193,8 +194,8 @@ def test_reports_are_written_and_linked(scheduler: str, logs: Path, tmp_path: Pa
 class Running:
     """The command in a process group of its own, as a terminal runs it."""
 
-    def __init__(self, logs: Path, out: Path) -> None:
-        command = [sys.executable, "-m", "companion", "fleet", str(logs), "-o", str(out), "--workers", "2"]
+    def __init__(self, logs: Path, out: Path, workers: int) -> None:
+        command = [sys.executable, "-m", "companion", "fleet", str(logs), "-o", str(out), "--workers", str(workers)]
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
         )
@@ -218,7 +219,7 @@ class Running:
 @pytest.mark.skipif(os.name == "nt", reason="needs signals")
 def test_a_killed_worker_loses_no_row(tmp_path: Path) -> None:
     copies(tmp_path / "logs", 16)
-    running = Running(tmp_path / "logs", tmp_path / "results")
+    running = Running(tmp_path / "logs", tmp_path / "results", workers=2)
     running.workers()[0].send_signal(signal.SIGKILL)
     code, out, err = running.end()
     assert (code, err) == (0, "")
@@ -231,7 +232,7 @@ def test_a_killed_worker_loses_no_row(tmp_path: Path) -> None:
 @pytest.mark.skipif(os.name == "nt", reason="needs signals")
 def test_ctrl_c_keeps_what_is_done(tmp_path: Path, capsys: Captured, scheduler: str) -> None:
     copies(tmp_path / "logs", 16)
-    running = Running(tmp_path / "logs", tmp_path / "results")
+    running = Running(tmp_path / "logs", tmp_path / "results", workers=1)
     workers = running.workers()
     os.killpg(running.process.pid, signal.SIGINT)
     code, out, err = running.end()

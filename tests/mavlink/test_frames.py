@@ -287,7 +287,7 @@ PIECES = st.one_of(
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.lists(PIECES, max_size=12), st.lists(st.integers(0, 2000), max_size=6), st.booleans())
 def test_any_garbage(pieces: list[bytes], cuts: list[int], with_stamps: bool) -> None:
     data = b"".join(pieces)
