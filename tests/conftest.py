@@ -64,6 +64,12 @@ def _remembered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def state_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """What commands remember between runs is none of the user's."""
+    os.environ["XDG_STATE_HOME"] = os.environ["LOCALAPPDATA"] = str(tmp_path_factory.mktemp("state"))
+
+
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     """Of each module its own: Playwright keeps an event loop running, which other modules' asyncio would meet."""

@@ -181,11 +181,10 @@ class StatusLine:
             parts.append(problem)
         if session.rates is not None:
             parts += [f"{w.name} {w.received_hz:.0f}/{w.wanted_hz:.0f} Hz" for w in session.rates.wishes if w.count]
-        lost = sum(health.lost.values())
         if health.unsigned or health.wrongly_signed:
             parts.append(f"{health.unsigned + health.wrongly_signed} not signed with our key")
-        if health.frames:
-            parts.append(f"lost {lost / (lost + health.frames):.1%}")
+        several = len(session.asked) > 1
+        parts += [f"{who} lost {share:.1%}" if several else f"lost {share:.1%}" for who, share in session.lost.items()]
         if (clock := session.report().clock) is not None:
             parts.append(f"latency {clock.latency_ms:.0f} ms")
         if session.recorder is not None:

@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
         live.open_link(arguments.link, arguments, settings) as link,
         Recorder(arguments.output) as recorder,
     ):
-        session = Session(link, choice=choice, recorder=recorder)
+        session = Session(link, choice=choice, recorder=recorder, remember=True)
         status = live.StatusLine(session)
         live.say(f"Recording {link.address} into {recorder.path}  (Ctrl-C ends it)")
         end = time.monotonic() + arguments.duration if arguments.duration is not None else None

@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
         told = opened.enter_context(live.until_told())
         link = opened.enter_context(live.open_link(arguments.log, arguments, settings))
         recorder = None if arguments.no_record else opened.enter_context(Recorder(arguments.output))
-        session = Session(link, choice=live.choice_of(arguments, settings), recorder=recorder)
+        session = Session(link, choice=live.choice_of(arguments, settings), recorder=recorder, remember=True)
         attachment = opened.enter_context(Attachment(session))
         try:
             _show(attachment, arguments, settings, recorder, told)
@@ -179,7 +179,7 @@ class _Feed:
                 StreamState(a.name, a.wanted_hz, a.received_hz, _NOTES.get(a.state, "")) for a in report.arriving
             ),
             frames=report.frames,
-            lost=report.lost,
+            lost=report.lost_by,
             rejected=report.unsigned + report.wrongly_signed,
             latency_ms=report.clock.latency_ms if report.clock else None,
             clock=_in_words(report.clock) if report.clock else "",

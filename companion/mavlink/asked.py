@@ -23,6 +23,7 @@ class Asked:
         self.timesync = Timesync()
         self.counts: Counter[str] = Counter()  # messages of this vehicle, by name
         self.started: float | None = None  # s, when it has last rebooted
+        self.signs = False  # whether the vehicle signs what it sends, and we have no key
         self.said: list[str] = []
         self._boots = Boots()  # where there are no rates, which watch this too
         self._found_at, self._patience_s = now, patience_s
@@ -41,6 +42,7 @@ class Asked:
         if self.rates is None:
             self.started = self._boots.hear(own, now) or self.started
         else:
+            self.rates.signed = self.signs
             self.rates.hear(own, now)
             self.started = self.rates.started
             self.said += self.rates.said
@@ -60,4 +62,7 @@ class Asked:
         self._told = True
         how = "raise the stream rate on the vehicle: SRx_RAW_SENS, or MAVx_RAW_SENS from ArduPilot 4.7"
         why = "--listen-only asks for none" if self.rates is None else "it was asked, and sends none"
+        if self.signs and self.rates is not None:
+            why = "it signs its messages, and obeys only requests that are signed with its key"
+            how = "give the key with --signing-key-file"
         self.said.append(f"vehicle {self.target} sends no IMU message ({why}): {how}.")

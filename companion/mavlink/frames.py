@@ -94,13 +94,17 @@ class Decoder:
     """Bytes in, frames out; keeps an incomplete tail of at most a few hundred bytes for the next push.
 
     The result does not depend on how the stream is cut into pushes. `stamped`: a tlog, with a time stamp before each
-    frame; otherwise the plain stream of a link.
+    frame; otherwise the plain stream of a link. unknown: give frames of ids that the dialect lacks too.
     """
 
-    def __init__(self, dialect: Dialect, *, stamped: bool) -> None:
+    def __init__(self, dialect: Dialect, *, stamped: bool, unknown: bool = False) -> None:
         self.dialect = dialect
         self.damage = Damage()
         self.stamped = stamped
+        self._unknown, self._met = (
+            unknown,
+            list[int](),
+        )  # stream positions of the unknown frames on the chain, this push
         self._stamp = STAMP_BYTES if stamped else 0
         self._carry = np.empty(0, np.uint8)
         self._base = 0  # stream position of the first byte carried over
@@ -149,8 +153,10 @@ class Decoder:
         wrong = merge(bad, bad_1)
         wrong = wrong[wrong.start < decided]
         counts = self._count_bad(wrong, frames, decided, final=final)
+        self._met.clear()
         self._walk_gaps(data, frames, unknown, decided, counts, frozenset((wrong.start + base).tolist()))
-        result = self._frames(data, frames)
+        given = merge(frames, unknown[np.isin(unknown.start + base, self._met)]) if self._unknown else frames
+        result = self._frames(data, given)
 
         if len(frames):
             self._last_end = base + int(frames.end[-1])
@@ -279,6 +285,7 @@ class Decoder:
                 self._chain = -1
                 return
             if self._chain in intact:
+                self._met.append(self._chain)
                 self._pending.append(intact[self._chain])
                 self._pending_bytes += size + self._stamp
             self._chain_bad += self._chain in wrong

@@ -17,7 +17,7 @@ from companion.mavlink.pack import Packer
 from companion.mavlink.ports import Port
 from companion.mavlink.requests import Request
 from companion.mavlink.serial_port import SerialPort
-from companion.mavlink.signing import Verifier
+from companion.mavlink.signing import Verifier, is_signed
 from companion.mavlink.sockets import TcpPort, UdpPort
 from companion.model import InputError
 
@@ -35,7 +35,9 @@ class LinkHealth:
 
     bytes: int = 0
     frames: int = 0
-    lost: dict[tuple[int, int], int] = field(default_factory=dict)  # (sysid, compid) → frames missing by sequence
+    heard: dict[tuple[int, int], int] = field(default_factory=dict)  # (sysid, compid) → frames
+    lost: dict[tuple[int, int], int] = field(default_factory=dict)  # ... → frames missing by sequence
+    signers: set[tuple[int, int]] = field(default_factory=set)  # ... that sign, where no key is set
     sent: dict[str, int] = field(default_factory=dict)  # message name → how many the companion has sent
     first_byte: float | None = None
     last_frame: float | None = None
@@ -74,7 +76,7 @@ class Link:
             raise InputError(f"{address} hears nothing unless it speaks first: use udpin: or leave --listen-only away.")
         self._packer = Packer(sysid, compid, dialect=dialect, signing_key=signing_key)
         self._verifier = Verifier(signing_key) if signing_key is not None else None
-        self._decoder = Decoder(self.dialect, stamped=False)
+        self._decoder = Decoder(self.dialect, stamped=False, unknown=True)
         self.health.damage = self._decoder.damage
         self._modern = False  # whether MAVLink 2 has been heard
         self._patience_s = patience_s
@@ -125,6 +127,11 @@ class Link:
                 health.last_frame = now
                 self._count_lost(frames)
                 self._modern = self._modern or bool((frames.payload - frames.start != HEADER_1).any())
+                if self._verifier is None:
+                    signed = is_signed(frames)
+                    health.signers.update(
+                        zip(frames.sysid[signed].tolist(), frames.compid[signed].tolist(), strict=True)
+                    )
         self._check_speech()
         return frames
 
@@ -184,6 +191,7 @@ class Link:
             ahead = max(int(place.max()), 0)
             missing = ahead - int((step != 0).sum())
             self.health.lost[ids] = max(self.health.lost.get(ids, 0) + missing, 0)
+            self.health.heard[ids] = self.health.heard.get(ids, 0) + len(seq)
             self._remember_lost(ids)
             self._sequence[ids] = (int(seq[-1]), ahead - int(place[-1]))
 

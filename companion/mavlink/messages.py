@@ -99,7 +99,7 @@ def split_messages(frames: Frames, dialect: Dialect, names: Collection[str] | No
 
 
 def grouped(frames: Frames, dialect: Dialect) -> Iterator[tuple[MessageLayout, Index]]:
-    """Each message type among the frames, and the indices of its frames in stream order."""
+    """Each message type among the frames, and the indices of its frames in stream order; ids that are known alone."""
     if len(frames) == 0:
         return
     number = frames.id
@@ -108,7 +108,9 @@ def grouped(frames: Frames, dialect: Dialect) -> Iterator[tuple[MessageLayout, I
     order = np.argsort(number, kind="stable")
     ordered = number[order]
     for index in np.split(order, np.flatnonzero(ordered[1:] != ordered[:-1]) + 1):
-        yield dialect.by_id[int(number[index[0]])], index
+        layout = dialect.by_id.get(int(number[index[0]]))
+        if layout is not None:
+            yield layout, index
 
 
 def join(pieces: Sequence[Messages]) -> Messages:

@@ -11,18 +11,23 @@ messages that it has no source for and never sends them, and takes the nearest o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import ceil
 
 from companion.mavlink import requests
 from companion.mavlink.boots import Boots
 from companion.mavlink.dialect import Dialect
+from companion.mavlink.earlier import Earlier, EarlierFile
 from companion.mavlink.facts import PARAMETERS, PX4_PARAMETERS, Facts
 from companion.mavlink.messages import Messages
 from companion.mavlink.requests import Request, Target
-from companion.mavlink.wishes import State, Wish
+from companion.mavlink.restoring import restoring
+from companion.mavlink.wanted import OPTIONAL
+from companion.mavlink.wishes import ABSENT, REFUSES, SIGNS, STREAMS, WITHOUT, Gathered, State, Wish, slower
 
 _ANSWER_S = 1.0  # how long an answer may take
 _ATTEMPTS = 4  # for a request that is not answered
+_FIND_ATTEMPTS = 8  # for the present interval of what arrives: without the answer it could not be given back
+_FIND_ATTEMPTS_ABSENT = 2  # ... of what does not arrive
+_AS_OFTEN = 0.8  # of the rate that is wanted: what arrives so often, though nobody says its interval, is left alone
 _SPACING_S = 0.02  # between requests: some firmware drops what comes in one burst
 _WINDOW_S = 5.0  # over which an arriving rate is measured
 _ENOUGH = 0.6  # of the messages agreed, less their square root: fewer is "turned down"; a loss of 30 % is not
@@ -32,42 +37,48 @@ _SLOWEST_HZ = 5.0  # a DENIED request is lowered no further
 _SILENT_S = 3.0  # after that the vehicle, or the link to it, may have forgotten everything
 _ACCEPTED, _NOT_NOW, _DENIED, _IN_PROGRESS = 0, 1, 2, 5  # MAV_RESULT
 
-_STREAMS = {
-    "RAW_IMU": 1,
-    "SCALED_IMU2": 1,
-    "LOCAL_POSITION_NED": 6,
-    "GLOBAL_POSITION_INT": 6,
-    "ATTITUDE": 10,
-}
-"""Message → MAV_DATA_STREAM (RAW_SENSORS, POSITION, EXTRA1), for firmware without SET_MESSAGE_INTERVAL."""
-
-_WITHOUT = {"LOCAL_POSITION_NED": "the autopilot's estimate has no position yet (GPS?)"}
-"""Why a message does not come at all, where that is no lack of a sensor. When it comes, that is said."""
-
 
 class Rates:
     """The wishes for one vehicle, and the parameters that are read from it. Times in s of any steady clock.
 
-    wanted: message → Hz. own_sysid: answers to others are not ours.
+    wanted: message → Hz. own_sysid: answers to others are not ours. earlier: what there was, kept beyond a kill -9.
     """
 
     def __init__(
-        self, target: Target, wanted: Mapping[str, float], dialect: Dialect, *, own_sysid: int, ardupilot: bool = True
+        self,
+        target: Target,
+        wanted: Mapping[str, float],
+        dialect: Dialect,
+        *,
+        own_sysid: int,
+        ardupilot: bool = True,
+        earlier: EarlierFile | None = None,
     ) -> None:
         self.target = target
-        self.wishes = [Wish(name, dialect.by_name[name].id, hz, hz) for name, hz in wanted.items()]
+        self.wishes = [Wish(n, dialect.by_name[n].id, hz, hz, optional=n in OPTIONAL) for n, hz in wanted.items()]
+        self.signed = False  # whether the vehicle signs, and we have no key
         self.said: list[str] = []  # for the user; emptied by whoever shows it
         self.confirmed = 0  # requests for an interval that the vehicle has accepted
         self._own = own_sysid
         self._ardupilot = ardupilot
         self._facts = Facts(target, PARAMETERS if ardupilot else PX4_PARAMETERS)
         self._waiting: Wish | None = None  # whose COMMAND_ACK is due: an ack names the command, not the message
+        self._answers = False  # whether it has ever answered a request for an interval
         self._next = 0.0
         self._boots = Boots()
         self.started: float | None = None  # s, when it has last rebooted
         self._heard: float | None = None  # s, when the vehicle was heard last
         self._streamed: float | None = None  # s, when something that we asked for came last
         self._restarts = 0
+        self._gathered = Gathered()
+        self._earlier = earlier or EarlierFile()
+        self._ids = {name: dialect.by_name[name].id for name in self._earlier.known if name in dialect.by_name}
+        self._leftover = frozenset(self._ids) - set(wanted)  # an earlier companion was killed, and this wants less
+
+    @property
+    def left_behind(self) -> bool:
+        """Whether an earlier companion has not given everything back."""
+        return bool(self._ids)
 
     @property
     def settled(self) -> bool:
@@ -91,6 +102,7 @@ class Rates:
                 self._streamed = now
             self._measure(wish, now)
         self._notice_end(now)
+        self.said += self._gathered.sentences(now, complete=self.settled)
 
     def next_request(self, now: float) -> Request | None:
         """What to send now, if anything."""
@@ -100,7 +112,7 @@ class Rates:
             for wish in self.wishes:
                 wish.received_hz = 0.0
             return None
-        request = self._find(now) or self._ask(now)
+        request = self._ask(now) or self._find(now)  # the IMU need not wait until the last interval is known
         if request is None and self.settled:
             request = self._facts.next_request(now)
         if request is not None:
@@ -108,78 +120,91 @@ class Rates:
         return request
 
     def restore(self) -> list[Request]:
-        """What gives every message that we changed the interval back that it had; where that is not known, its default.
+        """What gives every message that we changed the interval back that it had."""
+        left = {self._ids[name]: one for name, one in self._earlier.known.items() if name in self._leftover}
+        return restoring(self.target, self.wishes, left, ardupilot=self._ardupilot)
 
-        A stream gets the rate back at which it arrived before.
-        """
-        streams: dict[int, int] = {}
-        given_back: list[Request] = []
-        for wish in self.wishes:
-            if wish.by_stream:
-                stream = _STREAMS[wish.name]
-                streams[stream] = max(streams.get(stream, 0), ceil(wish.found_hz))
-            elif wish.ours:
-                # ArduPilot has no default for what is in no stream: it FAILS such a request, and goes on sending.
-                unknown = 0 if wish.name in _STREAMS or not self._ardupilot else -1
-                given_back.append(requests.set_interval(self.target, wish.message_id, wish.found_us or unknown))
-        return given_back + [requests.request_stream(self.target, stream, hz) for stream, hz in streams.items()]
+    def restored(self) -> None:
+        """The vehicle has confirmed that everything is as before."""
+        self._earlier.forget()
 
     def _find(self, now: float) -> Request | None:
         for wish in self.wishes:
             if wish.state is State.FINDING and now >= wish.due:
-                if wish.attempts >= 2:  # it does not say: then its default is what it gets back
-                    wish.found_hz = wish.count / (now - wish.window) if wish.window is not None else 0.0
-                    self._move(wish, State.ASKING, now)
+                if wish.attempts >= (_FIND_ATTEMPTS if wish.arrives else _FIND_ATTEMPTS_ABSENT):
+                    self._found_nothing(wish, now)
                     continue
                 wish.attempts, wish.due = wish.attempts + 1, now + _ANSWER_S
                 return requests.get_interval(self.target, wish.message_id)
         return None
+
+    def _found_nothing(self, wish: Wish, now: float) -> None:
+        """The vehicle does not say how often it sends a message; what arrives says something."""
+        counted = wish.count / (now - wish.window) if wish.window is not None and now > wish.window else 0.0
+        wish.found_hz = max(wish.received_hz, counted)
+        earlier = self._earlier.known.get(wish.name)
+        if earlier is not None:
+            wish.found_us, wish.found_hz, wish.ours = earlier.found_us, earlier.found_hz, not earlier.by_stream
+        as_often = wish.found_hz >= _AS_OFTEN * wish.asked_hz
+        wish.move(State.WATCHING if as_often and earlier is None else State.ASKING, now)
 
     def _ask(self, now: float) -> Request | None:
         if self._waiting is not None:
             if now < self._waiting.due:
                 return None
             self._waiting = None
-        if any(wish.state is State.FINDING and (wish.attempts or now >= wish.due) for wish in self.wishes):
-            return None
         for wish in self.wishes:
             if wish.state is not State.ASKING or now < wish.due:
                 continue
-            if wish.attempts >= _ATTEMPTS:
-                self._refused(wish, "the vehicle does not answer", now)
+            if wish.attempts >= (_ATTEMPTS if self._answers or wish is self.wishes[0] else 1):
+                self._refused(wish, SIGNS if self.signed else "the vehicle does not answer", now)
             if wish.by_stream:
-                self._move(wish, State.WATCHING, now)  # nobody acknowledges a stream
-                return self._ask_stream(_STREAMS[wish.name])
+                self._note(wish)
+                wish.move(State.WATCHING, now)  # nobody acknowledges a stream
+                return self._ask_stream(STREAMS[wish.name])
             if wish.state is State.ASKING:
+                self._note(wish)
                 wish.ours = True
                 wish.attempts, wish.due, self._waiting = wish.attempts + 1, now + _ANSWER_S, wish
                 return requests.set_interval(self.target, wish.message_id, round(1e6 / wish.asked_hz))
         return None
 
+    def _note(self, wish: Wish) -> None:
+        """Write down what there was, before it is changed."""
+        told = self._earlier.problem
+        one = Earlier(wish.found_us, round(wish.found_hz, 1), round(1e6 / wish.asked_hz), wish.by_stream)
+        self._earlier.note(wish.name, one)
+        if self._earlier.problem != told:
+            self.said.append(self._earlier.problem)
+
     def _ask_stream(self, stream: int) -> Request:
         """A stream carries several messages: the fastest of them says how often."""
-        members = [wish.asked_hz for wish in self.wishes if wish.by_stream and _STREAMS[wish.name] == stream]
+        members = [wish.asked_hz for wish in self.wishes if wish.by_stream and STREAMS[wish.name] == stream]
         return requests.request_stream(self.target, stream, round(max(members)))
 
     def _take_answers(self, messages: Mapping[str, Messages], now: float) -> None:
         for name, found in messages.items():
             if name == "MESSAGE_INTERVAL":
+                self._answers = True
                 for number, interval in zip(found["message_id"].tolist(), found["interval_us"].tolist(), strict=True):
                     self._found(number, interval)
             elif name == "COMMAND_ACK":
                 for i in range(len(found)):
                     mine = int(found["target_system"][i]) in (0, self._own)
                     if mine and found["command"][i] == requests.SET_MESSAGE_INTERVAL:
+                        self._answers = True
                         self.confirmed += int(found["result"][i]) == _ACCEPTED
                         self._answered(int(found["result"][i]), now)
 
     def _found(self, number: int, interval: int) -> None:
         for wish in self.wishes:
             if wish.message_id == number and wish.state is State.FINDING:
-                wish.found_us = interval
+                earlier = self._earlier.known.get(wish.name)
+                wish.ours = earlier is not None and earlier.is_ours(interval)
+                wish.found_us = earlier.found_us if earlier is not None and wish.ours else interval
                 # Somebody has it as often already, e.g. PX4's onboard link its attitude: we need not take from them.
                 enough = 0 < interval <= 1e6 / wish.asked_hz
-                self._move(wish, State.WATCHING if enough else State.ASKING, 0.0)
+                wish.move(State.WATCHING if enough else State.ASKING, 0.0)
 
     def _answered(self, result: int, now: float) -> None:
         wish = self._waiting
@@ -187,28 +212,29 @@ class Rates:
             return
         self._waiting = None
         if result == _ACCEPTED:
-            self._move(wish, State.WATCHING, now)
-        elif result == _DENIED and not self._unknown(wish) and _slower(wish.asked_hz) >= _SLOWEST_HZ:
+            wish.move(State.WATCHING, now)
+        elif result == _DENIED and not self._unknown(wish) and slower(wish.asked_hz) >= _SLOWEST_HZ:
             # perhaps faster than its loop allows
-            wish.asked_hz = _slower(wish.asked_hz)
-            self._move(wish, State.ASKING, now)
+            wish.asked_hz = slower(wish.asked_hz)
+            wish.move(State.ASKING, now)
         elif result == _NOT_NOW:
             wish.due = now + _ANSWER_S  # as if it had not answered
         else:
-            self._refused(wish, "the vehicle refuses it", now)
+            self._refused(wish, REFUSES, now)
 
     def _unknown(self, wish: Wish) -> bool:
         """Whether ArduPilot has said that it does not know a message (PX4 says the same of one that is not sent)."""
         return self._ardupilot and wish.found_us == 0
 
     def _refused(self, wish: Wish, why: str, now: float) -> None:
-        if self._ardupilot and wish.name in _STREAMS and not wish.by_stream:
+        if self._ardupilot and wish.name in STREAMS and not wish.by_stream:
             wish.by_stream, wish.asked_hz = True, wish.wanted_hz
-            self.said.append(f"{wish.name}: {why}; asking for its stream instead")
-            self._move(wish, State.ASKING, now)
+            self._gathered.add(wish.name, f"{{}}: {why}; asking for its stream instead", now)
+            wish.move(State.ASKING, now)
         else:
-            self._move(wish, State.GIVEN_UP, now)
-            self.said.append(f"{wish.name}: {why}; given up")
+            wish.move(State.GIVEN_UP, now)
+            absent = wish.optional and why == REFUSES
+            self._gathered.add(wish.name, ABSENT if absent else f"{{}}: {why}; given up", now)
 
     def _measure(self, wish: Wish, now: float) -> None:
         if wish.window is None:
@@ -223,7 +249,7 @@ class Rates:
             # e.g. ArduPilot sends all streams at a quarter for as long as parameters are loaded
             self.said.append(f"{wish.name}: {wish.received_hz:.0f} Hz arrive again")
             wish.retries = 0
-            self._move(wish, State.WATCHING, now)
+            wish.move(State.WATCHING, now)
         if wish.state is not State.WATCHING:
             return
         if not enough:
@@ -233,16 +259,22 @@ class Rates:
             self.said.append(f"{wish.name}: {wish.wanted_hz:g} Hz is refused, {wish.received_hz:.0f} Hz arrive")
 
     def _turned_down(self, wish: Wish, now: float) -> None:
+        absent = wish.optional and not wish.received_hz
+        if absent and wish.retries:
+            self._gathered.add(wish.name, ABSENT, now)
+            wish.move(State.GIVEN_UP, now)
+            return
         arrives = f"{wish.received_hz:.1f} of {wish.asked_hz:.3g} Hz arrive"
         if wish.retries >= _RETRIES:
-            nothing = _WITHOUT.get(wish.name, "it has no source")
+            nothing = WITHOUT.get(wish.name, "it has no source")
             why = "another program turns it down, or the link is too slow" if wish.received_hz else nothing
             self.said.append(f"{wish.name}: {arrives}: {why}; given up")
-            self._move(wish, State.GIVEN_UP, now)
+            wish.move(State.GIVEN_UP, now)
             return
-        self.said.append(f"{wish.name}: {arrives}; asking again")
+        if not absent:
+            self.said.append(f"{wish.name}: {arrives}; asking again")
         again = State.ASKING if wish.ours else State.FINDING  # who asked for what we found has left
-        self._move(wish, again, now + (_BACK_OFF_S * 2 ** (wish.retries - 1) if wish.retries else 0.0))
+        wish.move(again, now + (_BACK_OFF_S * 2 ** (wish.retries - 1) if wish.retries else 0.0))
         wish.retries += 1
 
     def _notice_reboot(self, messages: Mapping[str, Messages], now: float) -> None:
@@ -274,13 +306,4 @@ class Rates:
         self._waiting = self._streamed = None
         for wish in self.wishes:
             wish.asked_hz, wish.retries, wish.by_stream = wish.wanted_hz, 0, False
-            self._move(wish, State.ASKING if wish.ours else State.FINDING, 0.0)
-
-    def _move(self, wish: Wish, state: State, due: float) -> None:
-        wish.state, wish.attempts, wish.due, wish.window = state, 0, due, None
-
-
-def _slower(hz: float) -> float:
-    """The next rate to try: ArduPilot knows whole milliseconds only, and the fastest of them depends on its loop."""
-    interval = int(1000 / hz)
-    return 1000 / max(interval + 1, ceil(1.25 * interval))
+            wish.move(State.ASKING if wish.ours else State.FINDING, 0.0)

@@ -11,6 +11,7 @@ import numpy as np
 
 from companion.mavlink import requests
 from companion.mavlink.asked import Asked
+from companion.mavlink.earlier import EarlierFile, earlier_path
 from companion.mavlink.frames import Frames
 from companion.mavlink.link import Link
 from companion.mavlink.messages import Messages, split_messages
@@ -24,7 +25,8 @@ from companion.model import CompanionError
 
 _log = logging.getLogger(__name__)
 _HEARTBEAT_S = 1.0
-_LEAVING_S = (0.4, 0.25, 0.25, 0.25)  # to hear that the intervals are restored, at each attempt
+_LEAVING_S = (0.5, 0.4, 0.3, 0.3)  # to hear that the intervals are restored, at each attempt
+_SPACING_S = 0.005  # between requests then: a burst would overrun a receive buffer
 _HEARD = (
     "HEARTBEAT", "COMMAND_ACK", "MESSAGE_INTERVAL", "PARAM_VALUE", "AUTOPILOT_VERSION", "ATTITUDE", "SCALED_IMU",
     "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "TIMESYNC",
@@ -55,7 +57,8 @@ class Report:
     vehicles: tuple[str, ...]  # every autopilot heard
     arriving: tuple[Arriving, ...]
     frames: int
-    lost: int  # frames missing by sequence
+    lost: int  # frames of the vehicles that are asked, missing by sequence
+    lost_by: Mapping[str, float]  # SYSID:COMPID of each of these → share of its frames that is missing, 0 to 1
     unsigned: int  # frames dropped because they carry no signature
     wrongly_signed: int  # ... because theirs is not of our key, or is repeated
     clock: Clock | None  # of the first vehicle that is asked
@@ -78,7 +81,8 @@ class Session:
     """Call `step` again and again; then `leave`. `said` collects sentences for the user.
 
     on_frames: is given what arrives, and when (s UNIX, by a clock that is never set and only goes forward). patience_s:
-    how long a vehicle may send no IMU message before that is said.
+    how long a vehicle may send no IMU message before that is said. remember: keep what a vehicle sent before in the
+    user's state folder, so that it can be given back after this program was killed.
     """
 
     def __init__(
@@ -89,6 +93,7 @@ class Session:
         recorder: Recorder | None = None,
         on_frames: Callable[[Frames, float], None] | None = None,
         patience_s: float = 10.0,
+        remember: bool = False,
     ) -> None:
         self.link = link
         self.recorder = recorder
@@ -98,6 +103,7 @@ class Session:
         self._choice = choice
         self.on_frames = on_frames
         self._patience_s = patience_s
+        self._remember = remember
         self._names = link.dialect.enum_names("MAV_AUTOPILOT")
         self._beat = 0.0
         self._epoch = time.time() - time.monotonic()
@@ -135,6 +141,23 @@ class Session:
             self.said.append(f"what was heard could not be dealt with ({kind}: {error}); the recording goes on")
 
     @property
+    def lost(self) -> dict[str, float]:
+        """SYSID:COMPID of each vehicle that is asked → share of its frames that is missing by their sequence.
+
+        Of nobody else: of cameras, ground stations and other vehicles an autopilot or a router passes on a part.
+        """
+        health = self.link.health
+        shares = {}
+        for ids in self._asked_ids:
+            lost, heard = health.lost.get(ids, 0), health.heard.get(ids, 0)
+            shares[f"{ids[0]}:{ids[1]}"] = lost / (lost + heard) if heard else 0.0
+        return shares
+
+    @property
+    def _asked_ids(self) -> list[tuple[int, int]]:
+        return [(target.sysid, target.compid) for target in self.asked]
+
+    @property
     def rates(self) -> Rates | None:
         """Of the first vehicle that is asked."""
         return next((asked.rates for asked in self.asked.values()), None)
@@ -156,7 +179,8 @@ class Session:
             vehicles=tuple(map(str, self.vehicles)),
             arriving=tuple(Arriving(name, w.wanted_hz, w.received_hz, w.state) for name, w in wishes),
             frames=link.health.frames,
-            lost=sum(link.health.lost.values()),
+            lost=sum(link.health.lost.get(ids, 0) for ids in self._asked_ids),
+            lost_by=self.lost,
             unsigned=link.health.unsigned,
             wrongly_signed=link.health.wrongly_signed,
             clock=first.timesync.clock(time.monotonic(), time.time()) if first else None,
@@ -166,20 +190,24 @@ class Session:
         )
 
     def leave(self) -> None:
-        """Give every vehicle its intervals back; takes 1.2 s at most."""
+        """Give every vehicle its intervals back; takes 1.8 s at most."""
         self._leaving = True  # nothing is asked any more
-        given_back = [request for asked in self.asked.values() if asked.rates for request in asked.rates.restore()]
+        asked = [one.rates for one in self.asked.values() if one.rates]
+        given_back = [request for rates in asked for request in rates.restore()]
         if self.link.listen_only or not given_back:
             return
         expected = sum(request.name == "COMMAND_LONG" for request in given_back)
+        until = time.monotonic()
         for attempt_s in _LEAVING_S:
-            before = self._acknowledged()
+            before, until = self._acknowledged(), until + attempt_s
             for request in given_back:
                 self.link.send(request)
-            until = time.monotonic() + attempt_s
+                self.step(_SPACING_S)
             while self._acknowledged() - before < expected and time.monotonic() < until:
                 self.step(0.02)
             if self._acknowledged() - before >= expected:
+                for rates in asked:
+                    rates.restored()
                 return
         self.said.append("the vehicle has not confirmed that its message intervals are as before")
 
@@ -189,8 +217,9 @@ class Session:
     def _notice(self, messages: Mapping[str, Messages], now: float) -> None:
         if "HEARTBEAT" in messages:
             self._meet(messages["HEARTBEAT"], now)
-        for asked in self.asked.values():
+        for target, asked in self.asked.items():
             before = asked.started
+            asked.signs = (target.sysid, target.compid) in self.link.health.signers
             asked.hear(messages, now)
             if asked.started is not None and asked.started != before:
                 self.link.restarted((asked.target.sysid, asked.target.compid), asked.started)
@@ -232,7 +261,19 @@ class Session:
             fitting, warning = fit(wanted, self.link.dialect, self.link.address.bytes_per_second)
             if warning:
                 self.said.append(warning)
-            rates = Rates(target, fitting, self.link.dialect, own_sysid=self.link.sysid, ardupilot=name != "PX4")
+            rates = Rates(
+                target,
+                fitting,
+                self.link.dialect,
+                own_sysid=self.link.sysid,
+                ardupilot=name != "PX4",
+                earlier=EarlierFile(earlier_path(str(self.link.address), str(target)) if self._remember else None),
+            )
+            if rates.left_behind:
+                self.said.append(
+                    f"an earlier companion on this link ended without giving vehicle {target} its message intervals "
+                    "back: they are given back when this one ends"
+                )
         self.asked[target] = Asked(target, rates, now, self._patience_s)
 
     def _speak(self, now: float) -> None:

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.mavlink.frames import Frames
 from companion.mavlink.headers import HEADER_2, SIGNATURE_BYTES, SIGNED
@@ -37,6 +38,12 @@ def load_key(path: str | Path) -> bytes:
 def now_ticks() -> int:
     """The time as signatures carry it."""
     return int((time.time() - _EPOCH) * _TICKS_S)
+
+
+def is_signed(frames: Frames) -> npt.NDArray[np.bool_]:
+    """Which frames carry a signature, right or not: (N,)."""
+    second = frames.payload - frames.start == HEADER_2
+    return np.asarray(second & (frames.data[frames.start + 2] & SIGNED != 0))
 
 
 class Verifier:

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
 from companion.mavlink import MessageLayout
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack, geodetic_from_ned
 from companion.simulate.flown import Flown
+from companion.simulate.status import STATUS, Fields, Steps, status_fields
 from companion.simulate.witnesses import GPS_SIGMA, HOME, pressure
 from companion.strapdown import quaternion
-
-Steps = npt.NDArray[np.int64]
-Fields = Mapping[str, npt.NDArray[Any] | int]
 
 _MG, _MRAD = STANDARD_GRAVITY * 1e-3, 1e-3
 _GAUSS = 1e-4  # tesla
@@ -29,7 +23,8 @@ _QUATERNION = ("q1", "q2", "q3", "q4")
 STREAMS = {
     "RAW_IMU": 27, "SCALED_IMU": 26, "SCALED_IMU2": 116, "HIGHRES_IMU": 105, "ATTITUDE": 30,
     "ATTITUDE_QUATERNION": 31, "LOCAL_POSITION_NED": 32, "GLOBAL_POSITION_INT": 33, "SYS_STATUS": 1, "SIM_STATE": 108,
-    "GPS_RAW_INT": 24, "SCALED_PRESSURE": 29,
+    "GPS_RAW_INT": 24, "SCALED_PRESSURE": 29, "VIBRATION": 241, "EKF_STATUS_REPORT": 193, "ESTIMATOR_STATUS": 230,
+    "EXTENDED_SYS_STATE": 245, "ODOMETRY": 331, "GPS2_RAW": 124, "SCALED_IMU3": 129, "ATTITUDE_TARGET": 83,
 }  # fmt: skip
 """Messages that can be asked for → their ids."""
 
@@ -40,7 +35,8 @@ def payloads(layout: MessageLayout, flown: Flown, index: Steps, boot_us: Steps) 
     Integers are cut towards zero, as ArduPilot's C casts do (GCS_Common.cpp, send_raw_imu).
     """
     rows = np.zeros(len(index), layout.dtype)
-    for field, values in _fields(layout.name, flown, index, boot_us).items():
+    fields = status_fields if layout.name in STATUS else _fields
+    for field, values in fields(layout.name, flown, index, boot_us).items():
         rows[field] = values
     packed, size = rows.tobytes(), layout.max_length
     return [packed[begin : begin + size] for begin in range(0, len(packed), size)]

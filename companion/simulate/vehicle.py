@@ -19,15 +19,21 @@ _CODES = {"ardupilot": 3, "px4": 12}  # MAV_AUTOPILOT
 _REQUEST_ID, _VERSION_ID = 4 << 24 | 7 << 16 | 255, 148  # 4.7.0; AUTOPILOT_VERSION
 _GROUPS = {
     0: tuple(STREAMS),
-    1: ("RAW_IMU", "SCALED_IMU2", "SCALED_PRESSURE"),
-    2: ("SYS_STATUS", "GPS_RAW_INT"),
+    1: ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE"),
+    2: ("SYS_STATUS", "GPS_RAW_INT", "GPS2_RAW"),
     6: ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"),
     10: ("ATTITUDE",),
+    12: ("EKF_STATUS_REPORT", "VIBRATION"),
 }
-"""MAV_DATA_STREAM → messages, as ArduPilot groups them (ALL, RAW_SENSORS, EXTENDED_STATUS, POSITION, EXTRA1)."""
+"""MAV_DATA_STREAM → messages, as ArduPilot groups them: ALL, RAW_SENSORS, EXTENDED_STATUS, POSITION, EXTRA1, 3."""
 
 _BY_ID = {number: name for name, number in STREAMS.items()}
-_WITHOUT = {"ardupilot": {"SCALED_IMU"}, "px4": {"RAW_IMU", "SCALED_IMU2"}}
+_WITHOUT = {
+    "ardupilot": {"SCALED_IMU", "ESTIMATOR_STATUS", "ODOMETRY"},
+    "px4": {"RAW_IMU", "SCALED_IMU2", "EKF_STATUS_REPORT"},
+}
+_NO_SENSOR = frozenset({"SCALED_IMU3", "GPS2_RAW", "ATTITUDE_TARGET"})
+"""Messages that both autopilots promise, and do not send without the sensor (or, here, a controller)."""
 _HEARTBEAT_US = 1_000_000
 _MODE, _ARMED = 81, 128  # MAV_MODE_FLAG: manual input, stabilised, custom mode; armed
 _AHEAD = 256  # messages whose payloads are made at a time, as arrays
@@ -70,7 +76,7 @@ class SimulatedVehicle:
         self._default = {name: round(1e6 / asked[name]) if name in asked else 0 for name in STREAMS if name in known}
         if autopilot == "px4":  # accepts messages that it has no source for, and never sends them
             self._default |= dict.fromkeys(_WITHOUT["px4"], 0)
-        self._silent = faults.never | (_WITHOUT["px4"] if autopilot == "px4" else set())
+        self._silent = faults.never | _NO_SENSOR | (_WITHOUT["px4"] if autopilot == "px4" else set())
         self._channel = Channel(faults, seed)
         self._events = sorted([*((t, "reboot") for t in faults.reboot), *((t, "down") for t in faults.turned_down)])
         self._step = 0  # of the flight, the next to be done

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from companion.analysis import DriftRow, FreeState, Replay
@@ -39,7 +39,7 @@ class LinkState:
     problem: str = ""  # why nothing is received at present; "" while frames arrive
     streams: tuple[StreamState, ...] = ()
     frames: int = 0
-    lost: int = 0  # frames missing by sequence
+    lost: Mapping[str, float] = field(default_factory=dict)  # vehicle → share of its frames missing by sequence
     rejected: int = 0  # frames whose signature is missing or wrong
     latency_ms: float | None = None  # half of the way there and back
     clock: str = ""  # what is known of the vehicle's clock, in words

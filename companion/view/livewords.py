@@ -81,8 +81,8 @@ def numbers(moment: Moment, free: Sequence[float] | None, free_age_s: float, *, 
 def health(state: LinkState) -> str:
     """Rates, losses, the clocks."""
     rows = [(escape(s.name), f"{s.received_hz:.0f} / {s.wanted_hz:.0f} Hz", escape(s.note)) for s in state.streams]
-    total = state.lost + state.frames
-    lines = [f"{escape(state.link)}: {state.frames:,} frames, {state.lost / total if total else 0:.2%} lost"]
+    lost = "".join(f", {share:.2%} of {escape(who)} lost" for who, share in state.lost.items())
+    lines = [f"{escape(state.link)}: {state.frames:,} frames{lost}"]
     if state.latency_ms is not None:
         lines.append(f"Latency {state.latency_ms:.1f} ms")
     if state.clock:

@@ -36,3 +36,9 @@ def link_frames(count: int, *, seed: int = 1, version: int = 2, signed: bool = F
         )
         yield messages[index % len(messages)].pack(link, force_mavlink1=version == 1)
         link.seq = (link.seq + 1) % 256
+
+
+def unknown_frame(number: int, payload: bytes, seq: int) -> bytes:
+    """A frame of a message that the dialect does not have, with the CRC_EXTRA that its own dialect gives it."""
+    body = struct.pack("<BBBBBBHB", len(payload), 0, 0, seq, 1, 1, number & 0xFFFF, number >> 16) + payload
+    return b"\xfd" + body + struct.pack("<H", mavlink.x25crc(body + bytes([number % 251])).crc)

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.mavlink import Damage, Decoder, load_dialect
-from tests.mavlink.link import link_frames, stamped
+from companion.mavlink import Damage, Decoder, load_dialect, split_messages
+from tests.mavlink.link import link_frames, stamped, unknown_frame
 from tests.recordings import BUNDLED, recording
 
 pytestmark = pytest.mark.slow
@@ -106,12 +106,6 @@ def test_junk_at_a_thousand_places() -> None:
     assert expect(parts).skipped_bytes == junk_bytes
 
 
-def unknown_frame(number: int, payload: bytes, seq: int) -> bytes:
-    """A frame of a message that the dialect does not have, with the CRC_EXTRA that its own dialect gives it."""
-    body = struct.pack("<BBBBBBHB", len(payload), 0, 0, seq, 1, 1, number & 0xFFFF, number >> 16) + payload
-    return b"\xfd" + body + struct.pack("<H", mavlink.x25crc(body + bytes([number % 251])).crc)
-
-
 def test_a_thousand_frames_of_unknown_ids_are_named_and_nothing_is_skipped() -> None:
     rng = np.random.default_rng(4)
     parts: list[tuple[bytes, bool]] = []
@@ -122,6 +116,34 @@ def test_a_thousand_frames_of_unknown_ids_are_named_and_nothing_is_skipped() -> 
     damage = expect(parts)
     assert damage.unknown_frames == {60_000: 334, 60_001: 333, 60_002: 333}
     assert damage.skipped_bytes == 0
+
+
+@pytest.mark.parametrize("cuts", [0, 1, 60])
+def test_a_link_gives_intact_frames_of_unknown_ids_in_their_place(cuts: int) -> None:
+    """PX4 sends ids that no dialect of pymavlink has: a recording that lacks them has lost something."""
+    frames = list(link_frames(200))
+    for index in range(3, 200, 4):
+        frames[index] = unknown_frame(60_000 + index, bytes([index] * (index % 60 + 1)), index)
+    stream = b"".join(frames)
+    decoder = Decoder(DIALECT, stamped=False, unknown=True)
+    edges = [0, *sorted(np.random.default_rng(5).integers(0, len(stream), cuts).tolist()), len(stream)]
+    pieces = [decoder.push(stream[a:b]) for a, b in pairwise(edges)] + [decoder.finish()]
+    given = [
+        some.data[start : start + size].tobytes()
+        for some in pieces
+        for start, size in zip(some.start, some.size, strict=True)
+    ]
+    assert given == frames
+    assert decoder.damage.skipped_bytes == 0
+    known = sum(len(columns) for some in pieces for columns in split_messages(some, DIALECT).values())
+    assert known == 150
+
+
+def test_noise_is_no_frame_of_an_unknown_id() -> None:
+    noise = np.random.default_rng(8).integers(0, 256, 300_000, np.uint8).tobytes()
+    decoder = Decoder(DIALECT, stamped=False, unknown=True)
+    known = Decoder(DIALECT, stamped=False)
+    assert len(decoder.push(noise)) + len(decoder.finish()) == len(known.push(noise)) + len(known.finish())
 
 
 def test_a_damaged_id_is_not_an_unknown_message() -> None:

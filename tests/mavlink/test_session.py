@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from companion.mavlink import Choice, Link, Packer, Session
+from companion.mavlink import Choice, Link, Packer, Recorder, Session, read_tlog
+from tests.mavlink.link import link_frames, unknown_frame
 from tests.mavlink.peers import udp_peer
 from tests.simulated import flying
 from tests.waiting import wait_for
@@ -86,6 +88,77 @@ def test_a_vehicle_without_an_imu_is_told_of() -> None:
 
         wait_for(told)
         assert [told() for _ in range(5)] == [1] * 5
+
+
+def test_loss_is_counted_for_the_vehicle_and_not_for_whom_it_forwards() -> None:
+    """Of a camera or of a second vehicle an autopilot passes on the heartbeats alone."""
+    with Link("udpin:127.0.0.1:0", listen_only=True) as link, udp_peer(link.port) as peer:
+        session, own = Session(link), Packer(1, 1)
+        camera, other = Packer(1, 100), Packer(2, 1)
+        packets = [own.pack("HEARTBEAT", {"type": 2, "autopilot": 3, "mavlink_version": 3}) for _ in range(20)]
+        for packer, kind in ((camera, 30), (other, 2)):
+            all_of_it = [
+                packer.pack("HEARTBEAT", {"type": kind, "autopilot": 8 if kind == 30 else 3}) for _ in range(60)
+            ]
+            packets += all_of_it[::10]
+        del packets[5]
+        for packet in packets:
+            peer.send(packet)
+        hear(session, len(packets))
+        report = session.report()
+    assert report.lost == 1
+    assert report.lost_by == {"1:1": pytest.approx(0.05)}
+
+
+def test_a_vehicle_that_signs_is_said_to_want_a_key() -> None:
+    with Link("udpin:127.0.0.1:0") as link, udp_peer(link.port) as peer:
+        session, packer = Session(link, patience_s=0.2), Packer(1, 1, signing_key=bytes(range(32)))
+
+        def told() -> int:
+            peer.send(packer.pack("HEARTBEAT", {"type": 2, "autopilot": 3, "mavlink_version": 3}))
+            session.step(0.02)
+            return sum("signs its messages, and obeys only requests that are signed" in s for s in session.said)
+
+        wait_for(told)
+        assert not any("raise the stream rate" in sentence for sentence in session.said)
+
+
+def test_frames_of_unknown_ids_are_recorded_and_are_no_loss(tmp_path: Path) -> None:
+    """PX4 1.16 sends 8, 380, 411 and 436."""
+    path = tmp_path / "a.tlog"
+    frames = [*link_frames(100)]
+    for index in range(1, 100, 3):
+        frames[index] = unknown_frame(60_411, bytes([index]), index)
+    frames[0] = heartbeat(1, kind=2)
+    with Link("udpin:127.0.0.1:0", listen_only=True) as link, udp_peer(link.port) as peer, Recorder(path) as recorder:
+        session = Session(link, recorder=recorder)
+        for frame in frames:
+            peer.send(frame)
+        hear(session, 100)
+        assert session.report().lost == 0
+    stream, at = path.read_bytes(), 0
+    for frame in frames:
+        assert stream[at + 8 : at + 8 + len(frame)] == frame
+        at += 8 + len(frame)
+    assert read_tlog(path).unknown_frames == {60_411: 33}
+
+
+def test_what_was_found_outlives_a_session_that_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
+    with Link("udpin:127.0.0.1:0") as link, flying(link.port, streams={"RAW_IMU": 4.0}) as vehicle:
+        killed = Session(link, remember=True)
+        wait_for(lambda: killed.step(0.02) is not None and vehicle.interval_us("RAW_IMU") == 10_000)
+        (file,) = tmp_path.rglob("*.json")
+        assert "127.0.0.1" in file.name
+        nxt = Session(link, remember=True)
+        wait_for(lambda: nxt.step(0.02) is not None and nxt.rates is not None and nxt.rates.settled)
+        assert any("an earlier companion on this link" in sentence for sentence in nxt.said)
+        begin = time.monotonic()
+        nxt.leave()
+        assert time.monotonic() - begin < 2.0
+        wait_for(lambda: vehicle.interval_us("RAW_IMU") == 250_000)
+        assert not file.exists()
 
 
 def test_every_vehicle_can_be_asked_and_each_is_left_as_it_was() -> None:

@@ -30,8 +30,8 @@ def read(markup: str) -> _Tags:
 
 def test_nothing_that_comes_from_outside_becomes_markup() -> None:
     state = LinkState(
-        link=EVIL, problem=EVIL, streams=(StreamState(EVIL, 100.0, 99.0, EVIL),), frames=10, lost=1, rejected=3,
-        latency_ms=2.0, clock=EVIL, recording=EVIL, recorded_bytes=5, recording_problem="",
+        link=EVIL, problem=EVIL, streams=(StreamState(EVIL, 100.0, 99.0, EVIL),), frames=10, lost={EVIL: 0.1},
+        rejected=3, latency_ms=2.0, clock=EVIL, recording=EVIL, recorded_bytes=5, recording_problem="",
     )  # fmt: skip
     for markup in (
         livewords.banner(state, EVIL, None),
@@ -60,8 +60,8 @@ def test_the_banner_says_how_it_stands() -> None:
 
 
 def test_losses_latency_and_what_is_dropped() -> None:
-    state = LinkState("udpin:1", frames=90, lost=10, rejected=4, latency_ms=7.25, clock="Booted at 10:00:00")
+    state = LinkState("udpin:1", frames=90, lost={"1:1": 0.1}, rejected=4, latency_ms=7.25, clock="Booted at 10:00:00")
     text = read(livewords.health(state)).text
-    assert "90 frames, 10.00% lost" in text
+    assert "90 frames, 10.00% of 1:1 lost" in text
     assert "Latency 7.2 ms" in text
     assert "4 frames dropped: not signed, or not with our key" in text

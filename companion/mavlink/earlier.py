@@ -1,0 +1,88 @@
+"""What a vehicle sent before the companion's first request, kept in a file until it has been given back.
+
+A companion that is killed (kill -9, power) leaves its own rates behind, and the next one would take them for the
+vehicle's. So what was found is written down before the first request changes it, one file per vehicle and link in the
+user's state folder, and removed when the vehicle has confirmed that everything is as before.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import sys
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+_SAME = 0.1  # by which an interval may differ from the one asked for and still be it ...
+_SAME_US = 1000  # ... and so many µs: ArduPilot keeps whole ms
+
+
+@dataclass(frozen=True, slots=True)
+class Earlier:
+    """One message before the companion's first request for it."""
+
+    found_us: int | None  # interval as MESSAGE_INTERVAL says it; None: the vehicle did not say
+    found_hz: float  # what arrived
+    asked_us: int  # the interval that the companion asked for
+    by_stream: bool = False  # asked for with REQUEST_DATA_STREAM
+
+    def is_ours(self, interval_us: int) -> bool:
+        """Whether an interval is the one that an earlier companion asked for: then it is not the vehicle's own."""
+        return abs(interval_us - self.asked_us) <= max(_SAME * self.asked_us, _SAME_US)
+
+
+class EarlierFile:
+    """What one vehicle on one link sent before: read when it is made, written whenever something is added.
+
+    path: None keeps nothing.
+    """
+
+    def __init__(self, path: Path | None = None) -> None:
+        self.path = path
+        self.known: dict[str, Earlier] = _read(path) if path is not None else {}
+        self.problem = ""  # why nothing can be written, for the user
+
+    def note(self, name: str, earlier: Earlier) -> None:
+        """Write down one message before it is asked for."""
+        if self.known.get(name) == earlier:
+            return
+        self.known[name] = earlier
+        if self.path is None:
+            return
+        part = self.path.with_suffix(f".{os.getpid()}")
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            part.write_text(json.dumps({name: asdict(one) for name, one in self.known.items()}, indent=1))
+            part.replace(self.path)
+        except OSError as error:
+            self.problem = (
+                f"{self.path} cannot be written ({error.strerror}): if companion is killed, the vehicle keeps its rates"
+            )
+
+    def forget(self) -> None:
+        """Everything has been given back."""
+        self.known.clear()
+        if self.path is not None:
+            with contextlib.suppress(OSError):
+                self.path.unlink(missing_ok=True)
+
+
+def earlier_path(link: str, vehicle: str) -> Path:
+    """Where the file of a vehicle on a link lies."""
+    return state_folder() / "intervals" / (re.sub(r"[^A-Za-z0-9.]+", "_", f"{link} {vehicle}").strip("_") + ".json")
+
+
+def state_folder() -> Path:
+    """The user's folder for what a program remembers between runs (XDG_STATE_HOME; %LOCALAPPDATA% on Windows)."""
+    home = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_STATE_HOME", "")
+    return (Path(home) if home else Path.home() / ".local" / "state") / "companion"
+
+
+def _read(path: Path) -> dict[str, Earlier]:
+    """What the file says; nothing where there is none or it is damaged."""
+    try:
+        return {str(name): Earlier(**one) for name, one in json.loads(path.read_text()).items()}
+    except (OSError, ValueError, TypeError, AttributeError):
+        return {}
