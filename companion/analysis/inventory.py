@@ -25,7 +25,7 @@ class Item:
     kind: str
     source: str  # the message, record or topic
     samples: int
-    rate_hz: float | None  # 1 / median interval; None for fewer than two samples
+    rate_hz: float | None  # samples per second from the first to the last; None for fewer than two
     holes: int  # intervals longer than three median ones
     longest_gap_s: float | None
     about: str = ""  # what else is known of it, in words
@@ -78,9 +78,8 @@ def _item(kind: str, source: str, t: Array, about: str = "") -> Item:
     if not len(gaps):
         return Item(kind, source, len(t), None, 0, None, about)
     period = float(np.median(gaps))
-    return Item(
-        kind, source, len(t), 1.0 / period, int((gaps > _HOLE_PERIODS * period).sum()), float(gaps.max()), about
-    )
+    rate, holes = len(gaps) / float(t[-1] - t[0]), int((gaps > _HOLE_PERIODS * period).sum())
+    return Item(kind, source, len(t), rate, holes, float(gaps.max()), about)
 
 
 def _about_imu(imu: ImuTrack) -> str:

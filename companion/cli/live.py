@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import os
 import re
 import select
@@ -12,15 +13,20 @@ import stat
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
-from companion.mavlink import Choice, Link, Recorder, Session, load_key
+from companion.mavlink import Address, Choice, Link, NotThereError, Recorder, Session, load_key, parse_address
 from companion.model import SettingsError
 from companion.settings import Settings
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _HANGUP = getattr(signal, "SIGHUP", None)  # the terminal was closed; Windows has none
+_PX4_PORTS = {"QGroundControl": range(18570, 18580), "MAVSDK or ROS": range(14580, 14590)}
+"""Who PX4's simulator speaks to from which of its own ports, one for each instance (ROMFS px4-rc.mavlink)."""
+_GRACE_S = 5.0  # before a packet is sent that takes a link away
+_AGAIN_S, _LOOK_S = 2.0, 0.05  # between attempts to open a link, and between looks whether to end
 _TERMINAL_S, _LOG_S = 0.5, 10.0  # between status lines: rewritten on a terminal, added elsewhere
 
 
@@ -52,19 +58,83 @@ def add_manners(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> No
         help="sign what is sent, and drop what is not signed, with the key in this file: 64 hex digits or a passphrase",
     )
     parser.add_argument("--listen-only", action="store_true", help="send nothing at all, ever")
+    parser.add_argument(
+        "--wait",
+        type=float,
+        metavar="S",
+        help="wait so many seconds for the link and a vehicle on it (inf: for ever), then end with exit code 2; "
+        "without it a link that cannot be opened is an error at once, and a silent one is listened to until Ctrl-C",
+    )
 
 
-def open_link(address: str, arguments: argparse.Namespace, settings: Settings) -> Link:
-    """The link that was named."""
+@dataclass(frozen=True, slots=True)
+class Patience:
+    """How long nothing may be heard: `until` s of `time.monotonic()`, infinite without a limit."""
+
+    seconds: float
+    until: float
+
+    def over(self, frames: int) -> bool:
+        """Whether nothing was heard in the time asked. frames: that have been received."""
+        return not frames and time.monotonic() > self.until
+
+
+def patience_of(arguments: argparse.Namespace) -> Patience:
+    """What --wait says, from now on."""
+    seconds = math.inf if arguments.wait is None else arguments.wait
+    if not seconds > 0:
+        raise SettingsError(f"--wait is a positive number of seconds, or inf, got {seconds:g}.")
+    return Patience(seconds, time.monotonic() + seconds)
+
+
+def open_link(
+    address: str, arguments: argparse.Namespace, settings: Settings, patience: Patience, told: Callable[[], bool]
+) -> Link:
+    """The link that was named; with --wait as soon as it can be opened. told: whether the user has ended it.
+
+    Raises InputError when it cannot be opened in that time.
+    """
     if arguments.signing_key_file:
         _warn_of_readers(Path(arguments.signing_key_file))
-    return Link(
-        address,
-        dialect=settings.log.dialect,
-        listen_only=arguments.listen_only,
-        sysid=settings.live.sysid,
-        compid=settings.live.compid,
-        signing_key=load_key(arguments.signing_key_file) if arguments.signing_key_file else None,
+    key = load_key(arguments.signing_key_file) if arguments.signing_key_file else None
+    if not arguments.listen_only and (warning := takes_the_link(parse_address(address))):
+        say(warning)
+        wait_until = time.monotonic() + _GRACE_S
+        while not told() and time.monotonic() < wait_until:
+            time.sleep(_LOOK_S)
+        if told():
+            raise SettingsError(f"{address} has been left alone: nothing was sent.")
+    said = False
+    while True:
+        try:
+            return Link(
+                address,
+                dialect=settings.log.dialect,
+                listen_only=arguments.listen_only,
+                sysid=settings.live.sysid,
+                compid=settings.live.compid,
+                signing_key=key,
+            )
+        except NotThereError as error:
+            if arguments.wait is None or told() or patience.over(0):
+                raise
+            if not said:
+                said = True
+                say(f"Waiting: {error}")
+        until = time.monotonic() + _AGAIN_S
+        while not told() and time.monotonic() < until:
+            time.sleep(_LOOK_S)
+
+
+def takes_the_link(address: Address) -> str:
+    """Why to think twice before speaking to an address first; "" where there is no reason."""
+    program = next((name for name, ports in _PX4_PORTS.items() if address.port in ports), None)
+    if address.kind != "udpout" or program is None:
+        return ""
+    return (
+        f"{address} is a port of PX4 that has one partner, the last who spoke to it: {program} would lose the vehicle "
+        f"until PX4 starts again. Listen to what PX4 sends to companions instead (udpin:0.0.0.0:14540), or let the "
+        f"ground station forward it (see docs/live.md). Ctrl-C within {_GRACE_S:.0f} s leaves it alone."
     )
 
 
@@ -135,7 +205,7 @@ def _takes(stream: TextIO) -> bool:
 
 
 def conclude(link: Link, recorder: Recorder) -> int:
-    """Say what has been recorded. Returns the exit code: 2 where it ended before it was told to."""
+    """Say what has been recorded. Returns the exit code: 2 where that is nothing, or not all."""
     health = link.health
     if health.unsigned or health.wrongly_signed:
         say(
@@ -143,10 +213,15 @@ def conclude(link: Link, recorder: Recorder) -> int:
             "dropped: they are not in the recording"
         )
     if not link.health.frames:
-        say("nothing was received, so nothing is recorded: does the vehicle send to this address?")
-        return 0
+        return nothing_heard()
     tell(f"{recorder.path}: {recorder.size_bytes:,} bytes, {recorder.frames:,} frames")
     return 2 if recorder.problem else 0
+
+
+def nothing_heard() -> int:
+    """Say so. Returns the exit code."""
+    say("nothing was received, so nothing is recorded: does the vehicle send to this address?")
+    return 2
 
 
 class StatusLine:

@@ -25,10 +25,10 @@ def run(arguments: argparse.Namespace) -> int:
     settings = options.settings_of(arguments)
     if arguments.duration is not None and not arguments.duration > 0:
         raise SettingsError(f"--duration is a positive number of seconds, got {arguments.duration:g}.")
-    choice = live.choice_of(arguments, settings)
+    choice, patience = live.choice_of(arguments, settings), live.patience_of(arguments)
     with (
         live.until_told() as told,
-        live.open_link(arguments.link, arguments, settings) as link,
+        live.open_link(arguments.link, arguments, settings, patience, told) as link,
         Recorder(arguments.output) as recorder,
     ):
         session = Session(link, choice=choice, recorder=recorder, remember=True)
@@ -36,6 +36,8 @@ def run(arguments: argparse.Namespace) -> int:
         live.say(f"Recording {link.address} into {recorder.path}  (Ctrl-C ends it)")
         end = time.monotonic() + arguments.duration if arguments.duration is not None else None
         while not told() and not recorder.problem and (end is None or time.monotonic() < end):
+            if patience.over(link.health.frames):
+                break
             session.step()
             status.show()
         session.leave()

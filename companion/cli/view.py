@@ -15,7 +15,7 @@ from companion.model import SettingsError
 
 _HORIZON_S = 5.0  # the windows that the verdict is reached with
 
-_OF_LINKS = ("rate", "listen-only", "signing-key-file", "output", "no-record")
+_OF_LINKS = ("rate", "listen-only", "signing-key-file", "wait", "output", "no-record")
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

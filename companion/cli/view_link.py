@@ -31,12 +31,13 @@ def run(arguments: argparse.Namespace) -> int:
         raise SettingsError("--reanchor is positive on a link; the free run is shown beside it.")
     with contextlib.ExitStack() as opened:
         told = opened.enter_context(live.until_told())
-        link = opened.enter_context(live.open_link(arguments.log, arguments, settings))
+        patience = live.patience_of(arguments)
+        link = opened.enter_context(live.open_link(arguments.log, arguments, settings, patience, told))
         recorder = None if arguments.no_record else opened.enter_context(Recorder(arguments.output))
         session = Session(link, choice=live.choice_of(arguments, settings), recorder=recorder, remember=True)
         attachment = opened.enter_context(Attachment(session))
         try:
-            _show(attachment, arguments, settings, recorder, told)
+            _show(attachment, arguments, settings, recorder, lambda: bool(told()) or patience.over(link.health.frames))
         except CompanionError:
             raise
         except Exception as error:
@@ -44,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
                 raise
             unforeseen.tell(error, sys.argv[1:])
             live.say("The page has ended. The recording goes on; Ctrl-C ends it.")
-        while recorder is not None and not told() and attachment.alive:
+        while recorder is not None and not told() and attachment.alive and not patience.over(link.health.frames):
             for sentence in attachment.said():
                 live.say(sentence)
             time.sleep(0.1)
@@ -52,7 +53,9 @@ def run(arguments: argparse.Namespace) -> int:
         for sentence in attachment.said():
             live.say(sentence)
         attachment.check()
-    return live.conclude(link, recorder) if recorder is not None else 0
+    if recorder is not None:
+        return live.conclude(link, recorder)
+    return 0 if link.health.frames else live.nothing_heard()
 
 
 def _show(

@@ -12,7 +12,7 @@ from companion.mavlink.messages import Messages, join, split_messages
 from companion.mavlink.modes import mode_name, px4_nav_state_name
 from companion.mavlink.pack import Packer, Value
 from companion.mavlink.playback import Played, play
-from companion.mavlink.ports import Port
+from companion.mavlink.ports import NotThereError, Port
 from companion.mavlink.rates import Rates
 from companion.mavlink.recognise import looks_like_a_log
 from companion.mavlink.recorder import Recorder
@@ -42,6 +42,7 @@ __all__ = [
     "Log",
     "MessageLayout",
     "Messages",
+    "NotThereError",
     "Packer",
     "Played",
     "Port",

@@ -5,7 +5,13 @@ from __future__ import annotations
 import time
 from typing import Protocol
 
+from companion.model import InputError
+
 _BACK_OFF_S = (0.2, 5.0)  # between attempts to come back: the first, doubled each time up to the last
+
+
+class NotThereError(InputError):
+    """What a link goes to is not there: a host, a device, a program. It may come later."""
 
 
 class Port(Protocol):

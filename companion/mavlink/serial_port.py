@@ -8,7 +8,7 @@ import time
 from typing import Any
 
 from companion.mavlink.address import Address
-from companion.mavlink.ports import BackOff
+from companion.mavlink.ports import BackOff, NotThereError
 from companion.model import InputError
 
 _WAIT_S = 0.05  # that a read waits for its first byte
@@ -31,7 +31,7 @@ class SerialPort:
         try:
             self._serial: Any = self._open()
         except (OSError, ValueError) as error:  # SerialException is an OSError
-            raise InputError(_why_not(address, error)) from None
+            raise NotThereError(_why_not(address, error)) from None
 
     @property
     def problem(self) -> str:

@@ -16,7 +16,7 @@ import time
 from typing import Any
 
 from companion.mavlink.address import Address
-from companion.mavlink.ports import BackOff
+from companion.mavlink.ports import BackOff, NotThereError
 from companion.model import InputError
 
 _READ = 65_536  # bytes, taken once for all: `recv` takes so much anew for every datagram, and shreds the heap
@@ -111,7 +111,7 @@ class TcpPort:
             try:
                 self._socket = self._connect(_CONNECT_S)
             except OSError as error:
-                raise InputError(
+                raise NotThereError(
                     f"nothing answers at {address} ({_reason(error)}): start the vehicle or simulator first, and check "
                     "host and port."
                 ) from None
@@ -215,7 +215,7 @@ def _resolve(address: Address, kind: socket.SocketKind) -> tuple[socket.AddressF
     try:
         found = socket.getaddrinfo(address.host, address.port, type=kind)
     except OSError as error:
-        raise InputError(f"the host of {address} cannot be found ({_reason(error)}): check its name.") from None
+        raise NotThereError(f"the host of {address} cannot be found ({_reason(error)}): check its name.") from None
     # "localhost" is often ::1 first, and 127.0.0.1 is where vehicles and simulators are
     family, _, _, _, where = min(found, key=lambda one: one[0] != socket.AF_INET)
     return family, where
@@ -231,7 +231,7 @@ def _bind(end: socket.socket, where: Any, address: Address) -> None:
                 f"port {address.port} is taken: another program (a ground station?) listens at {address}. Stop it, or "
                 "let it forward to another port."
             ) from None
-        raise InputError(
+        raise NotThereError(
             f"{address} cannot be listened at ({_reason(error)}): use an address of this computer."
         ) from None
 

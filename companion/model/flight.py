@@ -43,7 +43,7 @@ class MessageStats:
     """How one message type of a flight arrived. Rate and gaps by device time where the message carries it."""
 
     count: int
-    rate_hz: float | None  # 1 / median period; None for fewer than two messages
+    rate_hz: float | None  # messages per second from the first to the last; None for fewer than two times
     longest_gap_s: float | None
     duplicates: int  # copies with the device time and content of another
 

@@ -43,7 +43,9 @@ def arrival(times: Array, duplicates: int) -> MessageStats:
     gaps = gaps[gaps > 0] if in_order else np.diff(np.unique(times[np.isfinite(times)]))
     if not len(gaps):
         return MessageStats(len(times), None, None, duplicates)
-    return MessageStats(len(times), float(1.0 / np.median(gaps)), float(gaps.max()), duplicates)
+    known = times[np.isfinite(times)]
+    span = float(known.max() - known.min())
+    return MessageStats(len(times), (len(known) - 1) / span, float(gaps.max()), duplicates)
 
 
 def _copies(messages: Messages, own: Array) -> int:

@@ -79,6 +79,25 @@ def test_a_lossy_radio_blames_the_data() -> None:
     assert not [f for f in found.verdict.findings if f.side != "data"]
 
 
+def test_a_hole_of_the_link_is_no_loss_of_the_position() -> None:
+    """Nothing is heard for 8 s: that says nothing about GPS or estimator. Without position alone, it does."""
+    flight = flown(CIRCLE)
+    position = flight.position
+    assert position is not None
+    imu = flight.imu()
+    middle = 0.5 * (imu.t[0] + imu.t[-1])
+    heard, known = (np.abs(t - middle) > 4.0 for t in (imu.t, position.t))
+    cut = ImuTrack(imu.t[heard], imu.gyro[heard], imu.accel[heard], "RAW_IMU", imu.gyro_step, imu.accel_step)
+    placed = replace(
+        position, t=position.t[known], position=position.position[known], velocity=position.velocity[known]
+    )
+    alone = assess(replace(flight, position=placed), GENERIC)
+    assert "no position for 8" in of_kind(alone, "position_lost").evidence
+    found = assess(replace(flight, imus={"RAW_IMU": cut}, position=placed), GENERIC)
+    assert "position_lost" not in [f.kind for f in found.verdict.findings]
+    assert of_kind(found, "samples_missing")
+
+
 def test_a_board_turned_by_any_angle() -> None:
     flight = flown()
     imu = flight.imu()

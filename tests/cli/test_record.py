@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import re
 import signal
+import socket
 import sys
 import threading
 from collections.abc import Iterator
@@ -17,8 +19,11 @@ from pymavlink import mavutil
 
 import companion as c
 from companion.cli import live, main
+from companion.mavlink import parse_address
 from companion.mavlink.requests import ALLOWED_MESSAGES
 from companion.simulate import PARAMETERS, Faults
+from tests.mavlink.link import link_frames
+from tests.mavlink.peers import listener
 from tests.processes import COMPANION, Process, ended, started
 from tests.simulated import flying, free_port
 from tests.waiting import LIMIT_S, wait_for
@@ -265,9 +270,77 @@ def test_two_vehicles_are_recorded_and_the_chosen_one_is_asked(
 
 def test_where_nothing_comes_nothing_is_left_behind(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.tlog"
-    assert main(["record", f"udpin:127.0.0.1:{free_port()}", "-o", str(path), "--duration", "0.3"]) == 0
+    assert main(["record", f"udpin:127.0.0.1:{free_port()}", "-o", str(path), "--duration", "0.3"]) == 2
     assert "nothing was received" in capsys.readouterr().err
     assert not path.exists()
+
+
+@pytest.mark.parametrize("command", ["record", "view"])
+def test_who_waits_in_vain_ends_with_an_exit_code(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = ["--port", str(free_port())] if command == "view" else []
+    assert main([command, f"udpin:127.0.0.1:{free_port()}", "--wait", "0.3", *page]) == 2
+    assert "nothing was received" in capsys.readouterr().err
+    assert main([command, f"tcp:127.0.0.1:{free_port()}", "--wait", "0.3", *page]) == 2
+    told = capsys.readouterr().err
+    assert told.count("nothing answers at") == 2, "once while it waits, and once at the end"
+    assert list(tmp_path.glob("*.tlog")) == []
+
+
+def test_a_vehicle_that_comes_later_is_waited_for(tmp_path: Path) -> None:
+    """Its TCP port and its device are not there yet: a service starts before the autopilot does."""
+    with listener() as server:
+        port = server.getsockname()[1]
+    path = tmp_path / "a.tlog"
+
+    def come() -> None:
+        wait_for(lambda: "Waiting: nothing answers" in said.getvalue())
+        with listener(port) as server, server.accept()[0] as peer:
+            peer.sendall(b"".join(link_frames(50)))
+            wait_for(lambda: size(path) > 1000)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    said = io.StringIO()
+    coming = threading.Thread(target=come)
+    coming.start()
+    with contextlib.redirect_stderr(said):
+        assert main(["record", f"tcp:127.0.0.1:{port}", "-o", str(path), "--wait", "inf"]) == 0
+    coming.join()
+    assert said.getvalue().count("Waiting") == 1
+
+
+def test_a_port_of_px4_with_one_partner_is_warned_of_before_anything_is_sent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """udpout to PX4's ground station port takes the vehicle from QGroundControl until PX4 starts again."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as px4:
+        px4.bind(("127.0.0.1", 0))
+        px4.setblocking(False)
+        port = px4.getsockname()[1]
+        monkeypatch.setattr(live, "_PX4_PORTS", {"QGroundControl": range(port, port + 1)})
+        monkeypatch.setattr(live, "_GRACE_S", LIMIT_S)
+
+        def end() -> None:
+            wait_for(lambda: "QGroundControl would lose the vehicle" in said.getvalue())
+            os.kill(os.getpid(), signal.SIGINT)
+
+        said = io.StringIO()
+        ending = threading.Thread(target=end)
+        ending.start()
+        with contextlib.redirect_stderr(said):
+            assert main(["record", f"udpout:127.0.0.1:{port}"]) == 2
+        ending.join()
+        with pytest.raises(BlockingIOError):
+            px4.recv(1)
+    assert "has been left alone: nothing was sent" in said.getvalue()
+    assert live.takes_the_link(parse_address("udpout:127.0.0.1:18570")) == ""  # not a port of this test's PX4
+    monkeypatch.undo()
+    assert "udpin:0.0.0.0:14540" in live.takes_the_link(parse_address("udpout:127.0.0.1:18570"))
+    assert "MAVSDK" in live.takes_the_link(parse_address("udpout:127.0.0.1:14580"))
+    for harmless in ("udpin:0.0.0.0:18570", "udpout:127.0.0.1:14551", "tcp:127.0.0.1:18570"):
+        assert live.takes_the_link(parse_address(harmless)) == ""
 
 
 def test_what_cannot_be_done_is_said_with_exit_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -281,7 +354,8 @@ def test_what_cannot_be_done_is_said_with_exit_code_2(tmp_path: Path, capsys: py
         "there is no device": ["/dev/ttyNOT0"],
         "between 1 and 1000 Hz": [f"udpin:127.0.0.1:{port}", "--rate", "0"],
         "--vehicle foo is none": [f"udpin:127.0.0.1:{port}", "--vehicle", "foo", "--duration", "0.1"],
-        "positive number of seconds": [f"udpin:127.0.0.1:{port}", "--duration", "-1"],
+        "--wait is a positive number": [f"udpin:127.0.0.1:{port}", "--wait", "nan"],
+        "--duration is a positive": [f"udpin:127.0.0.1:{port}", "--duration", "-1"],
         "cannot be written": [f"udpin:127.0.0.1:{port}", "-o", str(tmp_path / "no" / "a.tlog")],
         "speaks first": [f"udpout:127.0.0.1:{port}", "--listen-only"],
     }

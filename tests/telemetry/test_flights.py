@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import companion as c
 from companion.mavlink import Decoder, load_dialect
+from companion.telemetry.arrival import arrival
 from tests.recordings import BUNDLED, recording
 from tests.tlogs import EPOCH, Writer
 
@@ -328,11 +329,20 @@ def test_px4_integer_parameters_are_bytes(log: Writer) -> None:
     assert c.open_log(log.close())[0].parameters["SYS_AUTOSTART"] == 4001
 
 
+def test_a_rate_is_a_count_and_no_interval() -> None:
+    """PX4 sends at 8 and 12 ms in turn: 100 Hz, not 125. Texts come in bursts, seconds apart."""
+    uneven = np.cumsum(np.tile([0.008, 0.008, 0.014], 500))
+    assert arrival(uneven, 0).rate_hz == pytest.approx(100.0, rel=0.01)
+    bursts = np.concatenate([t + 4e-4 * np.arange(10) for t in (1.0, 31.0, 61.0)])
+    assert arrival(bursts, 0).rate_hz == pytest.approx(29 / 60, rel=0.01)
+    assert arrival(np.array([np.nan, 3.0]), 0).rate_hz is None
+
+
 def test_the_bundled_demo_flight() -> None:
     (flight,) = c.open_log(BUNDLED / "copter-demo-100hz.tlog")
     assert (str(flight.vehicle), flight.vehicle.type, flight.vehicle.firmware) == ("1:1", "QUADROTOR", "4.7.0-dev")
     assert len(flight.imu("RAW_IMU")) == flight.messages["RAW_IMU"].count == 10121
-    assert flight.messages["RAW_IMU"].rate_hz == pytest.approx(100, abs=0.1)
+    assert flight.messages["RAW_IMU"].rate_hz == pytest.approx(10_120 / 101.501, abs=0.01)
     assert flight.messages["RAW_IMU"].longest_gap_s == pytest.approx(0.0408, abs=1e-4)
     assert flight.messages["LOCAL_POSITION_NED"].count == 2026
     assert len(flight.texts) == 8

@@ -42,6 +42,8 @@ def _position_findings(comparison: Comparison, position: PositionTrack, settled:
     steps = comparison.position_steps
     lost = steps[:, 1] - steps[:, 0] > comparison.how.limits.hole(position.t)
     for start, end in steps[lost]:
+        if _unheard(comparison, start, end):
+            continue  # the link has a hole, which says nothing about the estimator
         i, j = np.searchsorted(position.t, [start, end])
         yield Finding(
             "position_lost",
@@ -71,6 +73,13 @@ def _position_findings(comparison: Comparison, position: PositionTrack, settled:
             f"{length(position.velocity[j]).max():.1f} m/s; the IMU felt nothing",
             "A GPS glitch or a reset of the estimator. Look at the GPS's satellites and at EKF messages of that time.",
         )
+
+
+def _unheard(comparison: Comparison, start: float, end: float) -> bool:
+    """Whether the IMU's messages are missing too for most of a time without position."""
+    t, holes = comparison.track.t, np.flatnonzero(comparison.holes)
+    missing = np.minimum(t[holes + 1], end) - np.maximum(t[holes], start)
+    return float(missing[missing > 0].sum()) > 0.5 * (end - start)
 
 
 def _heading_steps(comparison: Comparison) -> Iterator[tuple[float, float, float]]:
