@@ -19,6 +19,8 @@ from companion.model import InputError, SettingsError
 from companion.simulate import Faults, SimulatedVehicle, fly, low_pass, write_flight
 from companion.strapdown import ImuModel, quaternion
 
+pytestmark = pytest.mark.slow
+
 STREAMS = {"RAW_IMU": 100.0, "HIGHRES_IMU": 100.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0, "SIM_STATE": 10.0}
 
 

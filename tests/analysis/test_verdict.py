@@ -28,6 +28,8 @@ from tests.flights import (
 )
 from tests.recordings import BUNDLED, ROOT, recording, shared
 
+pytestmark = pytest.mark.slow
+
 LABELS = ROOT / "benchmarks" / "accuracy" / "labels.toml"
 LABELLED = (
     "ap_witness/clean_cruise.tlog.xz",

@@ -9,6 +9,8 @@ import pytest
 from companion.cli import main
 from tests.recordings import BUNDLED, recording
 
+pytestmark = pytest.mark.slow
+
 Captured = pytest.CaptureFixture[str]
 
 LOGS = [

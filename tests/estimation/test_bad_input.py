@@ -15,6 +15,8 @@ from companion.model import DataError, Flight
 from tests.estimation.sensed import errors, sensed, with_imu
 from tests.recordings import BUNDLED
 
+pytestmark = pytest.mark.slow
+
 
 def sound(found: BestEstimate) -> None:
     """Every number of the estimate is one, and σ is positive."""

@@ -20,6 +20,8 @@ from companion.model import STANDARD_GRAVITY, Flight, geodetic_from_ned
 from companion.strapdown import quaternion
 from tests.estimation.sensed import PLACE, sensed, with_imu
 
+pytestmark = pytest.mark.slow
+
 ONSET = 30.0
 
 

@@ -6,12 +6,15 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from companion.estimation import ATTITUDE, CONSTANTS, POSITION, VELOCITY, BestEstimate, smooth
 from companion.estimation.setup import first_guess, set_up
 from companion.model import STANDARD_GRAVITY, Array, Flight
 from companion.strapdown import Motion, quaternion
 from tests.estimation.sensed import BIASES, LATENCY, errors, nees, sensed
+
+pytestmark = pytest.mark.slow
 
 FLIGHTS = (("square", 0), ("square", 1), ("circle", 2))
 OUTAGE = (30.0, 45.0)

@@ -12,6 +12,8 @@ import companion as c
 from tests.fuzz import logs
 from tests.fuzz.cases import attempt, read_log, targets
 
+pytestmark = pytest.mark.slow
+
 CASES = {"tlog": 8, "bin": 8, "ulg": 8, "toml": 60, "live": 8, "websocket": 500}
 
 

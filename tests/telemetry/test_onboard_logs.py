@@ -16,6 +16,8 @@ from companion.model import Array, AttitudeTrack, DataError, InputError, Positio
 from companion.strapdown import quaternion
 from tests.recordings import BUNDLED, recording, shared
 
+pytestmark = pytest.mark.slow
+
 SMALL = "dataflash/sitl__copter-imu1-fail.BIN"
 
 PAIRS = [
