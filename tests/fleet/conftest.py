@@ -66,9 +66,12 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The address of a scheduler with two workers, as docs/fleet.md starts them."""
+    """The address of a scheduler with two workers, as docs/fleet.md starts them.
+
+    Idle it still takes a tenth of a core, so it ends with its module, and by itself where the tests were killed.
+    """
     folder = tmp_path_factory.mktemp("cluster")
     (folder / "deadly.py").write_text(_DEADLY)
     environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
@@ -77,6 +80,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     started: list[subprocess.Popen[bytes]] = []
     try:
         options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
+        options += ["--idle-timeout", "900 s"]
         started.append(subprocess.Popen([DASK, "scheduler", *options], **silent))  # type: ignore[call-overload]
 
         def begun() -> bool:
