@@ -45,6 +45,13 @@ class Recording:
     flights: tuple[Flight, ...]
     bystanders: tuple[Bystander, ...] = ()  # who speaks in it and is no vehicle
 
+    @property
+    def crowd(self) -> int:
+        """How many more speak in it, and were not looked at: only those with the most messages are."""
+        read = {(f.vehicle.sysid, f.vehicle.compid) for f in self.flights}
+        read |= {(other.sysid, other.compid) for other in self.bystanders}
+        return max(0, len(self.source.speakers) - len(read))
+
 
 def read_recording(
     path: str | Path,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
+from collections.abc import Sequence
 
 from rich.console import Console
 from rich.markup import escape
@@ -15,6 +16,7 @@ from companion.documents import encode, info_document
 from companion.model import Flight
 from companion.recording import Recording, Source
 
+_MOST_SHOWN = 16  # flights
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
 
 
@@ -43,13 +45,25 @@ def run(arguments: argparse.Namespace) -> int:
     console.print(_summary(recording.source), highlight=False)
     if not recording.flights:
         console.print("No vehicle speaks in this log.")
-    for flight in recording.flights:
+    flights = recording.flights if arguments.verbose else _with_the_most(recording.flights)
+    for flight in flights:
         _print_flight(console, flight)
         if arguments.verbose:
             _print_said(console, flight)
+    if left := len(recording.flights) - len(flights):
+        console.print(f"\n{left} more flights, with fewer messages: --verbose or --json", highlight=False)
+    if crowd := recording.crowd:
+        console.print(f"\n{crowd:,} more senders, with fewer messages than these, were not looked at", highlight=False)
     if arguments.verbose or not recording.flights:
         _print_bystanders(console, recording)
     return 0
+
+
+def _with_the_most(flights: Sequence[Flight]) -> Sequence[Flight]:
+    """Those with the most messages, in their order."""
+    counts = [sum(stats.count for stats in flight.messages.values()) for flight in flights]
+    most = sorted(range(len(flights)), key=lambda i: -counts[i])[:_MOST_SHOWN]
+    return [flights[i] for i in sorted(most)]
 
 
 def _print_said(console: Console, flight: Flight) -> None:

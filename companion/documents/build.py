@@ -39,7 +39,9 @@ def info_document(recording: Recording) -> schema.Info:
     flights = [_info_flight(flight) for flight in recording.flights]
     others = [schema.OtherObject(other.sysid, other.compid, other.reason) for other in recording.bystanders]
     unknown = {str(number): count for number, count in recording.source.unknown_frames.items()}
-    return schema.Info(log=log_object(recording.source), flights=flights, others=others, unknown_frames=unknown)
+    return schema.Info(
+        log=log_object(recording.source), flights=flights, others=others, crowd=recording.crowd, unknown_frames=unknown
+    )
 
 
 def analysis_document(source: Source, examined: Examination) -> schema.Analysis:

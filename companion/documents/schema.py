@@ -127,6 +127,7 @@ class Info(msgspec.Struct, frozen=True, kw_only=True):
     log: LogObject
     flights: list[InfoFlight]
     others: list[OtherObject]
+    crowd: int
     unknown_frames: Mapping[str, int]
 
 

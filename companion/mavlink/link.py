@@ -150,8 +150,10 @@ class Link:
     def restarted(self, sender: tuple[int, int], when: float) -> None:
         """A vehicle has rebooted, s of `time.monotonic()`: its sequence began anew, which is no loss."""
         counted = [lost for t, lost in self._counted.pop(sender, ()) if t <= when]
-        if counted:
-            self.health.lost[sender] = counted[-1]
+        if sender in self.health.lost:
+            before = self.health.lost[sender] = counted[-1] if counted else 0
+            if before:
+                self._counted[sender] = deque([(when, before)], maxlen=_REMEMBERED)
         self._sequence.pop(sender, None)
 
     def close(self) -> None:
@@ -196,11 +198,18 @@ class Link:
             self._sequence[ids] = (int(seq[-1]), ahead - int(place[-1]))
 
     def _remember_lost(self, ids: tuple[int, int]) -> None:
-        """A reboot is known some seconds after the sequence has begun anew: then the count goes back."""
-        past = self._counted.setdefault(ids, deque(maxlen=_REMEMBERED))
+        """A reboot is known some seconds after the sequence has begun anew: then the count goes back.
+
+        Of who has lost nothing there is nothing to remember: a sender may make up 65,025 names.
+        """
+        lost, past = self.health.lost[ids], self._counted.get(ids)
+        if past is None:
+            if not lost:
+                return
+            past = self._counted[ids] = deque(maxlen=_REMEMBERED)
         now = time.monotonic()
-        if not past or now - past[-1][0] >= _REMEMBER_S:
-            past.append((now, self.health.lost[ids]))
+        if not past or (now - past[-1][0] >= _REMEMBER_S and past[-1][1] != lost):
+            past.append((now, lost))
 
 
 def open_port(address: Address) -> Port:

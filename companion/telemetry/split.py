@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -45,12 +46,20 @@ class Boot:
     notes: tuple[str, ...]
 
 
+MOST_SENDERS = 256
+"""That are looked at, those with the most messages: 65,025 ids can be made up, and no swarm has so many."""
+
+
 def senders(messages: Mapping[str, Messages]) -> dict[tuple[int, int], Sender]:
-    """Messages (by name, each in the order of arrival) by (sysid, compid) of who sent them."""
+    """Messages (by name, each in the order of arrival) by (sysid, compid) of who sent them; see `MOST_SENDERS`."""
+    counts = Counter[tuple[int, int]]()
+    for one in messages.values():
+        counts.update(one.senders())
+    heard = {who for who, _ in counts.most_common(MOST_SENDERS)}
     found: dict[tuple[int, int], Sender] = {}
     for name, one in messages.items():
         who = one.senders()
-        for sysid, compid in who:
+        for sysid, compid in heard & who.keys():
             alone = len(who) == 1  # most logs have one sender of each type
             its = one if alone else one.select((one.sysid == sysid) & (one.compid == compid))
             found.setdefault((sysid, compid), {})[name] = its

@@ -16,6 +16,7 @@ from companion.mavlink import DEFAULT_DIALECT, Decoder, Frames, Messages, join, 
 from companion.model import Flight, Origin
 from companion.telemetry.clock import reboots, sender_clock
 from companion.telemetry.convert import ned_between
+from companion.telemetry.crowd import Crowd
 from companion.telemetry.flights import NEEDED, flights
 from companion.telemetry.split import senders
 
@@ -37,7 +38,8 @@ class Stream:
     """What has arrived so far.
 
     stamped: `push` is given a tlog, with a time stamp before each frame, not the plain bytes of a link.
-    window_s: forget what arrived longer ago; None keeps everything. dequantise: see `config/default.toml`.
+    window_s: forget what arrived longer ago, and of a crowd hear only those who say the most; None keeps everything.
+    dequantise: see `config/default.toml`.
     """
 
     def __init__(
@@ -52,6 +54,7 @@ class Stream:
         self.window_s = window_s
         self._dequantise = dequantise
         self._decoder = Decoder(self.dialect, stamped=stamped)
+        self._crowd = Crowd() if window_s is not None else None
         self._columns: dict[str, _Column] = {}
         self._begin = self._newest = np.nan  # s UNIX, of what is kept
         self._reboots: dict[tuple[int, int], list[int]] = {}  # vehicle → where in the stream it has rebooted
@@ -68,6 +71,8 @@ class Stream:
 
     def add(self, frames: Frames, received: float | None = None) -> None:
         """Take frames that were decoded elsewhere (`Session.on_frames`); received: s UNIX, where they have no stamp."""
+        if self._crowd is not None:
+            frames = self._crowd.admit(frames)
         for name, messages in split_messages(frames, self.dialect, NEEDED).items():
             piece = messages
             if received is not None:
