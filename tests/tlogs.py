@@ -12,6 +12,13 @@ EPOCH = 1_700_000_000.0
 """UNIX time of boot in these logs, s."""
 
 
+def resting(path: Path) -> Path:
+    """A log of 12 s at rest: enough for every command, and soon examined."""
+    log = Writer(path)
+    log.rest(12.0)
+    return log.close()
+
+
 class Writer:
     """Writes a tlog. Each call is one packet: its stamp is the time since the log's beginning."""
 

@@ -16,4 +16,4 @@ def wait_for(happened: Callable[[], object], what: str = "") -> None:
     while not happened():
         if time.monotonic() > end:
             raise AssertionError(f"not within {LIMIT_S:g} s: {what or inspect.getsource(happened).strip()}")
-        time.sleep(0.01)
+        time.sleep(0.03)

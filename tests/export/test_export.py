@@ -23,7 +23,7 @@ from companion.analysis import PoseError, Spread, ape, rpe
 from companion.cli import main
 from companion.strapdown import quaternion
 from tests.recordings import BUNDLED
-from tests.tlogs import Writer
+from tests.tlogs import Writer, resting
 from tests.waiting import LIMIT_S
 
 pytestmark = pytest.mark.slow
@@ -276,7 +276,7 @@ def test_an_existing_output_stays(kind: str, tmp_path: Path, capsys: Captured) -
         path.mkdir()
     mine = path / "imu.tum" if path.is_dir() else path
     mine.write_text("mine")
-    command = ["export", str(DEMO), "--format", kind, "-o", str(path)]
+    command = ["export", str(resting(tmp_path / "rest.tlog")), "--format", kind, "-o", str(path)]
     assert main(command) == 2
     assert "--force" in capsys.readouterr().err
     assert mine.read_text() == "mine"

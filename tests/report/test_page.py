@@ -14,7 +14,7 @@ from companion.cli import main
 from companion.settings import Settings, load_settings
 from tests.recordings import BUNDLED, recording
 from tests.report.pages import DEMO, Contents, report
-from tests.tlogs import Writer
+from tests.tlogs import Writer, resting
 
 pytestmark = pytest.mark.slow
 
@@ -138,14 +138,14 @@ def test_what_a_vehicle_says_is_text(tmp_path: Path) -> None:
 
 
 def test_an_existing_file_is_kept_unless_forced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "report.html"
+    log, path = resting(tmp_path / "rest.tlog"), tmp_path / "report.html"
     path.write_text("mine")
-    assert main(["report", DEMO, "-o", str(path)]) == 2
+    assert main(["report", str(log), "-o", str(path)]) == 2
     assert "--force" in capsys.readouterr().err
     assert path.read_text() == "mine"
-    report(DEMO, path, "--force", "--no-playback")
+    report(log, path, "--force", "--no-playback")
     assert "<!doctype html>" in path.read_text(encoding="utf-8")
-    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+    assert {p.name for p in tmp_path.iterdir()} == {"report.html", "rest.tlog"}
 
 
 def test_without_plotly_the_line_that_installs_it(
@@ -165,9 +165,9 @@ def test_without_plotly_the_line_that_installs_it(
 
 
 def test_the_settings_on_the_page_are_a_settings_file(tmp_path: Path) -> None:
-    own = tmp_path / "own.toml"
+    log, own = resting(tmp_path / "rest.tlog"), tmp_path / "own.toml"
     own.write_text("[drift]\nhorizons_s = [1, 4]\n[integration]\ngravity = 9.8\n")
-    page = report(DEMO, tmp_path / "report.html", "--config", str(own), "--method", "euler", "--no-playback")
+    page = report(log, tmp_path / "report.html", "--config", str(own), "--method", "euler", "--no-playback")
     (settings,) = re.findall(r"<pre>(.*?)</pre>", page, re.DOTALL)
     again = tmp_path / "again.toml"
     again.write_text(settings.replace("&quot;", '"'))
@@ -175,5 +175,5 @@ def test_the_settings_on_the_page_are_a_settings_file(tmp_path: Path) -> None:
     assert load_settings(again) != Settings()
     assert load_settings(again).drift == expected.drift
     assert load_settings(again).integration.method == "euler"
-    twice = report(DEMO, tmp_path / "twice.html", "--config", str(again), "--no-playback")
+    twice = report(log, tmp_path / "twice.html", "--config", str(again), "--no-playback")
     assert Contents(twice).scripts["companion"] == Contents(page).scripts["companion"]
