@@ -72,9 +72,8 @@ def test_a_key_that_others_can_read_is_warned_about(
     key.write_text("a passphrase")
     key.chmod(mode)
     link = f"udpin:127.0.0.1:{free_port()}"
-    assert (
-        main(["record", link, "-o", str(tmp_path / "a.tlog"), "--signing-key-file", str(key), "--duration", "0.1"]) == 0
-    )
+    options = ["-o", str(tmp_path / "a.tlog"), "--signing-key-file", str(key), "--duration", "0.1"]
+    assert main(["record", link, *options]) == 2, "nobody is heard"
     assert ("chmod 600" in capsys.readouterr().err) == warned
 
 
