@@ -7,6 +7,8 @@ import functools
 import hashlib
 import signal
 import socket
+import sys
+import warnings
 from collections.abc import Collection
 from pathlib import Path
 
@@ -37,7 +39,9 @@ def examine_log(path: str, plan: Plan, known: Collection[str] = ()) -> bytes:
     the file, its program is another version) is there too, with `settled` False.
     """
     try:
-        with limited(plan.memory_gb, plan.timeout_s):
+        with limited(plan.memory_gb, plan.timeout_s), warnings.catch_warnings():
+            if not sys.warnoptions:
+                warnings.simplefilter("ignore")  # as the command does
             record = _record(path, plan, known)
             with contextlib.suppress(ImportError):  # this worker writes nothing
                 arrow_tables(rows_of([(FoundLog(path, 0, ""), record)]))  # what cannot be written is this log's error

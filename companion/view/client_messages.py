@@ -99,6 +99,9 @@ _CHECKS: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
     "CommandTriggerMessage": _command,
 }
 
+KINDS = frozenset({*_CHECKS, "GetRenderResponseMessage"})
+"""All that is heard: what the controls of the pages make a browser say. A new kind of control may need another."""
+
 
 def _value(value: object) -> bool:
     if isinstance(value, list):

@@ -30,17 +30,26 @@ Pixels = npt.NDArray[np.uint8]
 def picture(client: viser.ClientHandle, *, dark: bool) -> bytes:
     """What the browser's canvas shows, as PNG. Blocks until the browser has drawn it: not for the view thread.
 
-    Raises RuntimeError when the browser has gone, TimeoutError when it does not answer.
+    Raises RuntimeError when the browser has gone or sends no picture, TimeoutError when it does not answer.
     """
     view = client.camera
-    pixels = client.get_render(view.image_height, view.image_width, transport_format="png", timeout=RENDER_TIMEOUT_S)
-    return png(over(np.asarray(pixels, dtype=np.uint8), 26 if dark else 255))
+    height, width = view.image_height, view.image_width
+    try:
+        drawn = client.get_render(height, width, transport_format="png", timeout=RENDER_TIMEOUT_S)
+    except (RuntimeError, TimeoutError):
+        raise
+    except Exception as error:
+        raise RuntimeError(f"the browser has sent no picture ({error})") from error
+    pixels = np.asarray(drawn)
+    if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 4:
+        raise RuntimeError(f"the browser has sent a picture of another kind ({pixels.dtype}, {pixels.shape})")
+    return png(over(pixels, 26 if dark else 255))
 
 
 def over(rgba: Pixels, grey: int) -> Pixels:
     """Pixels (H, W, 4) laid over an even background, (H, W, 3)."""
-    opacity = rgba[..., 3:].astype(np.float64) / 255
-    return np.asarray(rgba[..., :3] * opacity + grey * (1 - opacity)).round().astype(np.uint8)
+    opacity = rgba[..., 3:].astype(np.uint16)
+    return np.asarray((rgba[..., :3] * opacity + grey * (255 - opacity) + 127) // 255, np.uint8)
 
 
 def png(rgb: Pixels) -> bytes:

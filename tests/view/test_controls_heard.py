@@ -1,0 +1,183 @@
+"""What the pages make a browser say is what is heard: no control is there that nobody listens to."""
+
+from __future__ import annotations
+
+import functools
+import io
+import re
+import struct
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import viser
+from PIL import Image
+
+from companion.model import StatusText
+from companion.view import LiveViewer, Offer, ReplayChoice, Seen, Viewer
+from companion.view.client_messages import KINDS, accepted
+from tests.view.browser_messages import PlainPage, Told, pack, plain_page
+from tests.view.circles import examine, make_flight, reckon, recompute
+from tests.view.test_livestage import Script
+
+ANSWERS = {
+    "GetRenderRequestMessage": "GetRenderResponseMessage",
+    "GuiFormMessage": "GuiFormSubmitMessage GuiFormDirtyMessage",
+    "GuiUploadButtonMessage": "FileTransferStartUpload FileTransferPart",
+    "LocalStorageGetItemRequestMessage": "LocalStorageGetItemResponseMessage",
+    "RegisterCommandMessage": "CommandTriggerMessage",
+    "ScenePointerEnableMessage": "ScenePointerMessage",
+    "SetSceneNodeClickBindingsMessage": "SceneNodeClickMessage",
+    "SetSceneNodeDragBindingsMessage": "SceneNodeDragMessage",
+    "TransformControlsMessage": (
+        "TransformControlsUpdateMessage TransformControlsDragStartMessage TransformControlsDragEndMessage"
+    ),
+}
+"""What a server says → what a browser may say then. Each control answers with GuiUpdateMessage besides."""
+BESIDE = {"ViewerCameraMessage", "GuiUpdateMessage", "GuiButtonHoldMessage", "ShareUrlRequest", "ShareUrlDisconnect"}
+
+
+def png(kind: str = "RGBA") -> bytes:
+    """The smallest that a decoder takes."""
+    out = io.BytesIO()
+    Image.new(kind, (2, 2)).save(out, "PNG")
+    return out.getvalue()
+
+
+@pytest.fixture(scope="module")
+def replayed() -> Iterator[list[Told]]:
+    """All that a page of two flights is told, with a picture that was asked for."""
+    texts = tuple(StatusText(110.0 + i, 2, "a text of the vehicle, as long as it may be, " * 9) for i in range(3))
+    flights = [replace(make_flight(), texts=texts), make_flight(sysid=2)]
+    offer = Offer(correction_file="a-file-with-a-long-name.toml", report=lambda *_: "<p>")
+    with Viewer(flights, recompute, examine, offer=offer, port=0) as viewer, plain_page(viewer.url) as page:
+        page.listen(lambda: has(page, "This picture (PNG)") and has(page, "Camera"))
+        page.press("This picture (PNG)")
+        page.listen(lambda: "GetRenderRequestMessage" in kinds(page.told))
+        asked = next(one for one in page.told if one["type"] == "GetRenderRequestMessage")
+        page.send({"type": "GetRenderResponseMessage", "payload": png(), "render_uuid": asked["render_uuid"]})
+        page.listen(lambda: "FileTransferStartDownload" in kinds(page.told))
+        yield page.told
+
+
+@pytest.fixture(scope="module")
+def live() -> Iterator[list[Told]]:
+    """All that the page of a link is told."""
+    flight = make_flight()
+    seen = Seen(flight, "RAW_IMU", reckon(flight, ReplayChoice(imu="RAW_IMU")), None)
+    feed = Script(seen, vehicles=("1:1", "2:1"))
+    with LiveViewer(feed, window_s=60.0, port=0) as viewer, plain_page(viewer.url) as page:
+        page.listen(lambda: has(page, "Pause") and has(page, "Camera") and viewer.scene.imu.visible)
+        yield page.told
+
+
+def kinds(told: list[Told]) -> set[str]:
+    return {one["type"] for one in told}
+
+
+def has(page: PlainPage, label: str) -> bool:
+    return any(one.get("props", {}).get("label") == label for one in page.told)
+
+
+@pytest.mark.parametrize("which", ["replayed", "live"])
+def test_whatever_a_page_makes_a_browser_say_is_heard(which: str, request: pytest.FixtureRequest) -> None:
+    told: list[Told] = request.getfixturevalue(which)
+    assert len(told) > 50
+    for one in told:
+        for answer in ANSWERS.get(one["type"], "").split():
+            if one.get("bindings", True) and one.get("enable", True):
+                assert answer in KINDS, f"{one['type']} makes a browser say {answer}"
+        assert not one.get("props", {}).get("_hold_callback_freqs"), "GuiButtonHoldMessage is not heard"
+        assert not one.get("show_share_button"), "ShareUrlRequest is not heard"
+
+
+@pytest.mark.parametrize("which", ["replayed", "live"])
+def test_every_value_that_a_control_can_have_is_heard(which: str, request: pytest.FixtureRequest) -> None:
+    told: list[Told] = request.getfixturevalue(which)
+    controls = [one for one in told if one["type"].startswith("Gui") and "value" in one]
+    assert len(controls) > 5
+    for one in controls:
+        values = [one["value"], *(one.get("props", {}).get("options") or ())]
+        for value in values:
+            said = {"type": "GuiUpdateMessage", "uuid": one["uuid"], "updates": {"value": value}}
+            assert accepted(pack(said)), (one["props"].get("label"), value)
+    for one in told:
+        if one["type"] == "GuiUpdateMessage":
+            for option in one["updates"].get("options", ()):
+                said = {"type": "GuiUpdateMessage", "uuid": one["uuid"], "updates": {"value": option}}
+                assert accepted(pack(said)), option
+
+
+def test_every_kind_that_viser_hears_is_known_here() -> None:
+    """A new viser that lets browsers say more is looked at before it is let in."""
+    folder = Path(viser.__file__).parent
+    text = "".join((folder / name).read_text() for name in ("_viser.py", "_gui_api.py", "_scene_api.py"))
+    hears = set(re.findall(r"register\w*_handler\(\s*_messages\.(\w+)", text))
+    known = BESIDE | {answer for answers in ANSWERS.values() for answer in answers.split()}
+    assert hears == known
+    assert known >= KINDS
+
+
+def test_a_picture_is_bounded_by_what_it_says_it_is() -> None:
+    header = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII", 13, b"IHDR", 3840, 2160)
+    said = {"type": "GetRenderResponseMessage", "payload": header, "render_uuid": "a"}
+    assert accepted(pack(said))
+    assert accepted(pack(said | {"payload": png()}))
+
+
+ODD = [1e9, -1e9, 0, 2.5, True, None, "", "x" * 256, "nan", "nan×", "inf×", "-1×", "9999999: x", [], [1e9] * 16]
+
+
+def attack(page: PlainPage) -> None:
+    """Every value that passes, to every control; and a press of each button after it."""
+    inputs = [one for one in page.told if one["type"].startswith("Gui") and "value" in one]
+    for value in ODD:
+        for one in inputs:
+            page.send({"type": "GuiUpdateMessage", "uuid": one["uuid"], "updates": {"value": value}})
+
+
+def test_no_value_of_a_control_ends_a_replay(capfd: pytest.CaptureFixture[str]) -> None:
+    with Viewer([make_flight(), make_flight(sysid=2)], recompute, examine, port=0) as viewer:
+        with plain_page(viewer.url) as page:
+            page.listen(lambda: has(page, "This picture (PNG)") and has(page, "Camera"))
+            attack(page)
+            for payload in (png("RGB"), png()[:40], png()[:-15]):
+                before = len(renders(page))
+                page.press("This picture (PNG)")
+                page.listen(functools.partial(more, page, before))
+                for asked in renders(page):
+                    said = {"type": "GetRenderResponseMessage", "payload": payload, "render_uuid": asked["render_uuid"]}
+                    page.send(said)
+        assert lives(viewer)
+    assert "Traceback" not in "".join(capfd.readouterr())
+
+
+def test_no_value_of_a_control_ends_a_live_page(capfd: pytest.CaptureFixture[str]) -> None:
+    flight = make_flight()
+    feed = Script(Seen(flight, "RAW_IMU", reckon(flight, ReplayChoice(imu="RAW_IMU")), None), vehicles=("1:1", "2:1"))
+    with LiveViewer(feed, window_s=60.0, port=0) as viewer:
+        with plain_page(viewer.url) as page:
+            page.listen(lambda: has(page, "Pause") and has(page, "Camera") and viewer.scene.imu.visible)
+            attack(page)
+        assert lives(viewer)
+    assert "Traceback" not in "".join(capfd.readouterr())
+
+
+def renders(page: PlainPage) -> list[Told]:
+    return [one for one in page.told if one["type"] == "GetRenderRequestMessage"]
+
+
+def more(page: PlainPage, renders_before: int) -> bool:
+    return len(renders(page)) > renders_before
+
+
+def lives(viewer: Viewer | LiveViewer) -> bool:
+    """Whether another page is drawn, with nothing that is no number in it."""
+    with plain_page(viewer.url) as page:
+        page.listen(lambda: has(page, "Camera"))
+        for one in page.told:
+            pack(one)
+            for value in one.values():
+                assert value == value, one  # noqa: PLR0124  (which NaN is not)
+    return not viewer.stopped
