@@ -1,67 +1,169 @@
-"""The verdict on a recording while it grows: now and then `companion analyze`, in a process of its own."""
+"""The verdict on a link while it is listened to: the analysis of logs over the last seconds, in a process of its own.
+
+Another process, so that neither the picture nor the recording waits for it; one for the whole session, that is handed
+what arrives. Threads on both sides of the pipe keep whoever writes into it from waiting.
+"""
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
+import contextlib
+import multiprocessing
+import os
+import queue
+import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
+import warnings
+from collections import deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Self
 
-from companion.view import Judgement
+import msgspec
 
-_FIRST_S, _PAUSE_S = 25.0, 20.0  # before the first, and between two of them
-_SHARE = 20.0  # times as long as one took: at most a twentieth of a core
+from companion.analysis import Verdict
+from companion.examination import assess_imu
+from companion.live import Judge, Opinion
+from companion.mavlink import Frames
+from companion.model import Flight
+from companion.settings import Settings
+
+_PAUSE_S = 3.5  # between the begins of two analyses: no verdict is older than 5 s where one takes less than 1.5 s
+_SHARE = 4.0  # times as long as one took: at most a quarter of a core on a slow computer
+_MOST_WAITING = 10_000  # receipts: some minutes, while the process starts or the computer sleeps
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """What is judged, and how."""
+
+    settings: Settings
+    imu: str | None = None  # the message; None: the flight's default
+    vehicle: str | None = None  # SYSID or SYSID:COMPID; None: the one with the most IMU samples
 
 
 class RunningVerdict:
-    """Asks again and again until `close`. In another process, so that neither memory nor the picture suffers.
+    """Judges until `close`, again and again. Every method answers at once."""
 
-    options: for `companion analyze`. The file is that of the session, so that these are the numbers of its recording.
-    """
+    def __init__(self, assignment: Assignment) -> None:
+        self.opinion = Opinion("", "the first verdict comes when three windows of 5 s are complete", 0.0)
+        self._ahead = 0.0  # s, of the stamps of what arrives over `time.monotonic()`
+        self._waiting: queue.Queue[tuple[bytes, float] | Assignment | None] = queue.Queue(_MOST_WAITING)
+        context = multiprocessing.get_context("spawn")
+        self._ours, theirs = context.Pipe()
+        self._process = context.Process(target=_work, args=(theirs, assignment), name="companion-verdict", daemon=True)
+        self._process.start()
+        theirs.close()
+        self._threads = [
+            threading.Thread(target=target, name="companion-verdict", daemon=True)
+            for target in (self._hand_over, self._take)
+        ]
+        for thread in self._threads:
+            thread.start()
 
-    def __init__(self, path: str, options: Callable[[], Sequence[str]]) -> None:
-        self.judgement = Judgement("", f"The first verdict comes after {_FIRST_S:.0f} s.")
-        self._path, self._options = path, options
-        self._stopping = threading.Event()
-        self._process: subprocess.Popen[str] | None = None
-        self._lock = threading.Lock()
-        self._thread = threading.Thread(target=self._run, name="companion-verdict", daemon=True)
-        self._thread.start()
+    @property
+    def age_s(self) -> float:
+        """How old the data are that the opinion rests on, s."""
+        return max(time.monotonic() + self._ahead - self.opinion.newest, 0.0) if self.opinion.newest else 0.0
+
+    def hear(self, receipts: Iterable[tuple[Frames, float]]) -> None:
+        """Take what has arrived."""
+        for frames, received in receipts:
+            if len(frames):
+                self._ahead = received - time.monotonic()
+                first, last = int(frames.start[0]), int(frames.start[-1] + frames.size[-1])
+                self._put((frames.data[first:last].tobytes(), received))
+
+    def assign(self, assignment: Assignment) -> None:
+        """Judge something else from now on."""
+        self._put(assignment)
 
     def close(self) -> None:
         """End it, also in the middle of an analysis."""
-        with self._lock:
-            self._stopping.set()
-            if self._process is not None:
-                self._process.terminate()
-        self._thread.join()
+        self._process.terminate()
+        self._process.join()
+        with contextlib.suppress(queue.Full):
+            self._waiting.put_nowait(None)
+        for thread in self._threads:
+            thread.join(1.0)
+        self._ours.close()
 
-    def _run(self) -> None:
-        pause = _FIRST_S
-        while not self._stopping.wait(pause):
-            begin = time.monotonic()
-            found = self._analyze()
-            if found is not None:
-                self.judgement = found
-            pause = max(_PAUSE_S, _SHARE * (time.monotonic() - begin))
+    def __enter__(self) -> Self:
+        return self
 
-    def _analyze(self) -> Judgement | None:
-        words = [sys.executable, "-m", "companion", "analyze", self._path, "--json", *self._options()]
-        with self._lock:
-            if self._stopping.is_set():
-                return None
-            # in a session of its own: Ctrl-C is for us, and we end it
-            self._process = subprocess.Popen(
-                words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-            )
-        said, trouble = self._process.communicate()
-        if self._stopping.is_set():
-            return None
-        try:
-            verdict = json.loads(said)["flights"][0]["verdict"]
-        except (ValueError, KeyError, IndexError):
-            reason = (trouble.strip().splitlines() or ["it says nothing"])[-1]
-            return Judgement("", f"No verdict at {time.strftime('%H:%M:%S')}: {reason}")
-        return Judgement(str(verdict["status"]), f"{verdict['summary']} (recording up to {time.strftime('%H:%M:%S')})")
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _put(self, one: tuple[bytes, float] | Assignment) -> None:
+        with contextlib.suppress(queue.Full):  # its process has ended or hangs: the page goes on without it
+            self._waiting.put_nowait(one)
+
+    def _hand_over(self) -> None:
+        with contextlib.suppress(OSError):
+            while (one := self._waiting.get()) is not None:
+                self._ours.send(one)
+
+    def _take(self) -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                self.opinion = self._ours.recv()
+
+
+def _work(pipe: Connection, assignment: Assignment) -> None:
+    """The process: hears, judges, says; ends when the other end of the pipe has gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who started us
+    warnings.simplefilter("ignore")
+    with contextlib.suppress(OSError, AttributeError):
+        os.nice(5)  # the picture and the recording come first
+    inbox: deque[tuple[bytes, float] | Assignment | None] = deque()
+    threading.Thread(target=_listen, args=(pipe, inbox), daemon=True).start()
+    judge = _judge_of(assignment)
+    due, heard = 0.0, False
+    while True:
+        while inbox:
+            one = inbox.popleft()
+            if one is None:
+                return
+            if isinstance(one, Assignment):
+                judge.verdict_on, judge.vehicle = _verdict_on(one), one.vehicle
+                judge.forget()
+                due = 0.0
+            else:
+                judge.hear(*one)
+                heard = True
+        begin = time.monotonic()
+        if heard and begin >= due:
+            heard = False
+            try:
+                opinion = judge.judge()
+            except Exception as error:  # noqa: BLE001  (a defect of the analysis must not end the verdicts)
+                opinion = Opinion("", f"no verdict ({type(error).__name__}: {error})", 0.0)
+            with contextlib.suppress(OSError):
+                pipe.send(opinion)
+            due = max(begin + _PAUSE_S, begin + _SHARE * (time.monotonic() - begin))
+        time.sleep(0.05)
+
+
+def _listen(pipe: Connection, inbox: deque[tuple[bytes, float] | Assignment | None]) -> None:
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            inbox.append(pipe.recv())
+    inbox.append(None)
+
+
+def _judge_of(assignment: Assignment) -> Judge:
+    log = assignment.settings.log
+    return Judge(_verdict_on(assignment), dialect=log.dialect, dequantise=log.dequantise, vehicle=assignment.vehicle)
+
+
+def _verdict_on(assignment: Assignment) -> Callable[[Flight], Verdict]:
+    """The analysis of a log, at the one horizon that the verdict needs."""
+    drift = msgspec.structs.replace(assignment.settings.drift, horizons_s=(5.0,))
+    settings = msgspec.structs.replace(assignment.settings, drift=drift)
+
+    def judged(flight: Flight) -> Verdict:
+        name = assignment.imu if assignment.imu in flight.imus else None
+        return assess_imu(flight, settings, imu=name).verdict
+
+    return judged

@@ -10,9 +10,11 @@ import webbrowser
 from collections import deque
 from collections.abc import Callable, Sequence
 
+import msgspec
+
 from companion.analysis import DriftRow, Integration
 from companion.cli import live, options, unforeseen
-from companion.cli.running_verdict import RunningVerdict
+from companion.cli.running_verdict import Assignment, RunningVerdict
 from companion.examination import limits_of
 from companion.live import Attachment, Watch
 from companion.mavlink import Clock, Recorder, Session, State
@@ -132,15 +134,8 @@ class _Feed:
             reanchor_s=settings.view.reanchor_s,
             most_reanchor_s=max(settings.view.reanchor_s, LONGEST_REANCHOR_S),
         )
-        self._same = [
-            word
-            for name in ("config", "dialect")
-            if (value := getattr(arguments, name)) is not None
-            for word in (f"--{name}", str(value))
-        ]
-        self._shown: list[str] = []
-        path = attachment.report.recording
-        self._verdict = RunningVerdict(path, lambda: [*self._same, *self._chosen(), *self._shown]) if path else None
+        self._settings = settings
+        self._verdict = RunningVerdict(self._assignment(None if arguments.vehicle == "all" else arguments.vehicle))
 
     @property
     def choice(self) -> ReplayChoice:
@@ -149,12 +144,17 @@ class _Feed:
     def choose(self, choice: ReplayChoice) -> None:
         self._choice = choice
         self._watch.choose(choice.imu, choice.integration)
+        self._verdict.assign(self._assignment(self._vehicle))
 
-    def _chosen(self) -> list[str]:
-        choice = self._choice
-        imu = ["--imu", choice.imu] if choice.imu is not None else []
-        middle = ["--middle", choice.how.middle] if choice.how.method == "rk4" else []
-        return [*imu, "--method", choice.how.method, *middle]
+    def _assignment(self, vehicle: str | None) -> Assignment:
+        """The verdict rests on what the page reckons with."""
+        self._vehicle, how = vehicle, self._choice.how
+        chosen = msgspec.structs.replace(
+            self._settings.integration, method=how.method, middle=how.middle, segments=how.segments
+        )
+        return Assignment(
+            msgspec.structs.replace(self._settings, integration=chosen), imu=self._choice.imu, vehicle=vehicle
+        )
 
     @property
     def reanchor_s(self) -> float:
@@ -197,18 +197,22 @@ class _Feed:
 
     @property
     def judgement(self) -> Judgement:
-        return self._verdict.judgement if self._verdict else Judgement("", "No verdict without a recording.")
+        opinion = self._verdict.opinion
+        return Judgement(opinion.status, opinion.text, self._verdict.age_s, *opinion.so_far)
 
     def look(self) -> Seen | None:
         for sentence in self._attachment.said():
             self.said.append(f"{time.strftime('%H:%M:%S')} {sentence}")
             self._news.append(sentence)
-        self._watch.hear(self._attachment.fetch())
+        receipts = self._attachment.fetch()
+        self._watch.hear(receipts)
+        self._verdict.hear(receipts)
         found = self._watch.look()
         if found is None:
             return None
         present = found.present
-        self._shown = ["--vehicle", str(present.flight.vehicle), "--boot", str(present.flight.boot)]
+        if (shown := str(present.flight.vehicle)) != self._vehicle:
+            self._verdict.assign(self._assignment(shown))
         return Seen(present.flight, present.imu, present.replay, found.free)
 
     def pick(self, vehicle: str) -> None:
@@ -226,5 +230,4 @@ class _Feed:
 
     def close(self) -> None:
         """End the verdict's process."""
-        if self._verdict is not None:
-            self._verdict.close()
+        self._verdict.close()

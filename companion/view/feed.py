@@ -50,10 +50,13 @@ class LinkState:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """The verdict on the recording so far."""
+    """The verdict now, by the last seconds, and on the session so far. All text is untrusted."""
 
-    status: str  # of `Verdict`; "" while there is none
+    status: str  # of `Verdict`, "starting" while the estimator aligns, "lost" after a loss of control; "": none yet
     text: str
+    age_s: float = 0.0  # of the data that it rests on
+    status_so_far: str = ""  # of `Verdict`; "" while there is none
+    text_so_far: str = ""
 
 
 class Feed(Protocol):
@@ -90,7 +93,7 @@ class Feed(Protocol):
 
     @property
     def judgement(self) -> Judgement:
-        """The verdict so far."""
+        """The verdict now and so far."""
 
     def look(self) -> Seen | None:
         """The vehicle now."""

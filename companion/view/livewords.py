@@ -18,7 +18,11 @@ _STATUS = {
     "imu_suspect": ("IMU suspect", _BAD),
     "autopilot_suspect": ("Autopilot suspect", _BAD),
     "insufficient_data": ("Not enough data", palette.CURSOR),
+    "starting": ("Starting", palette.CURSOR),
+    "lost": ("Control lost", _BAD),
 }
+_OLD_S = 5.0  # from which age on a verdict says how old it is
+_STALE = "opacity:0.55"
 
 
 def banner(state: LinkState, why_not: str, held_s: float | None) -> str:
@@ -93,11 +97,11 @@ def health(state: LinkState) -> str:
 
 
 def drift(rows: Sequence[DriftRow], judgement: Judgement) -> str:
-    """The verdict so far and the drift table: medians."""
-    head = ""
-    if judgement.status:
-        word, colour = _STATUS.get(judgement.status, (judgement.status, palette.CURSOR))
-        head = _badge(word, colour)
+    """The verdicts now and so far, and the drift table: medians."""
+    old = judgement.age_s > _OLD_S
+    age = f" (as of {judgement.age_s:.0f} s ago)" if old else ""
+    head = _opinion("Now", judgement.status, judgement.text + age, _STALE if old else "")
+    head += _opinion("So far", judgement.status_so_far, judgement.text_so_far)
     table = _table(
         ("after", "windows", "attitude", "position"),
         (
@@ -106,7 +110,13 @@ def drift(rows: Sequence[DriftRow], judgement: Judgement) -> str:
             if row.windows or row.excluded
         ),
     )
-    return _block(f"{head}<div>{escape(judgement.text)}</div>") + table
+    return _block(head) + table
+
+
+def _opinion(when: str, status: str, text: str, style: str = "") -> str:
+    word, colour = _STATUS.get(status, (status, palette.CURSOR))
+    badge = _badge(f"{when}: {word}", colour) if status else ""
+    return f'<div style="{style}">{badge}<div>{escape(text)}</div></div>' if text else ""
 
 
 def sentences(said: Sequence[str]) -> str:

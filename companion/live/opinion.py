@@ -1,0 +1,137 @@
+"""The verdict while a flight happens: now, by its last seconds, and so far, by what the verdict was before."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from companion.analysis import Verdict, phases
+from companion.model import DataError, Flight
+from companion.telemetry import Stream
+
+HORIZON_S = 40.0
+"""Of data that the verdict now rests on: shorter, and a slow bias drowns in noise; longer, and it costs more than it
+tells. What lasted longer than that is in the record of alarms."""
+
+_MOST_ALARMS = 50
+_SUSPECT = ("imu_suspect", "autopilot_suspect")
+
+State = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data", "starting", "lost", ""]
+"""What is to be said: a verdict; the estimator is aligning; control was lost; nothing yet."""
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """A time in which somebody was suspect."""
+
+    status: State
+    text: str  # as it was said last, when most was known
+    first: float  # s UNIX, of the newest data when it was said first
+    last: float  # ... and last
+
+
+@dataclass(frozen=True, slots=True)
+class Opinion:
+    """What is to be said at one moment."""
+
+    status: State
+    text: str
+    newest: float  # s UNIX, when the newest data that it rests on arrived
+    vehicle: str = ""
+    alarms: tuple[Alarm, ...] = ()  # since the session began; the newest last
+    was_consistent: bool = False  # whether it ever was, since then
+
+    @property
+    def so_far(self) -> tuple[State, str]:
+        """The verdict on the session up to now, and why: the first alarm, and what was after it."""
+        if not self.alarms:
+            return ("consistent", "no alarm so far") if self.was_consistent else ("", "nothing is known yet")
+        said = [f"{_clock(a.first)} to {_clock(a.last)}: {a.text}" for a in self.alarms]
+        more = f" ({len(said) - 2} more)" if len(said) > 2 else ""
+        return self.alarms[0].status, "; ".join(dict.fromkeys([said[0], said[-1]])) + more
+
+
+class Judge:
+    """Give `hear` what arrives, then `judge` as often as can be afforded.
+
+    verdict_on: judges a flight as it would a log's; may raise DataError. vehicle: SYSID or SYSID:COMPID; None: the one
+    with the most IMU samples. Memory does not grow: only the last seconds and the alarms are kept.
+    """
+
+    def __init__(
+        self,
+        verdict_on: Callable[[Flight], Verdict],
+        *,
+        dialect: str,
+        dequantise: bool = False,
+        vehicle: str | None = None,
+    ) -> None:
+        self.verdict_on = verdict_on
+        self.vehicle = vehicle
+        self._stream = Stream(dialect=dialect, window_s=1.5 * HORIZON_S, dequantise=dequantise)
+        self._newest = 0.0
+        self._last = Opinion("", "nothing has been received", 0.0)
+
+    def hear(self, data: bytes, received: float) -> None:
+        """Take bytes that arrived at `received` s UNIX."""
+        self._stream.push(data, received)
+        self._newest = received
+
+    def forget(self) -> None:
+        """Begin the record anew: another IMU or another vehicle is judged from now on."""
+        self._last = Opinion("", "judging anew", self._newest)
+
+    def judge(self) -> Opinion:
+        """What is to be said now."""
+        flight = self._flight()
+        status, text = self._said(flight)
+        last = self._last
+        found = replace(last, status=status, text=text, newest=self._newest)
+        if flight is not None:
+            found = replace(found, vehicle=str(flight.vehicle))
+        if status in _SUSPECT:
+            found = replace(found, alarms=_noted(last, status, text, self._newest))
+        self._last = replace(found, was_consistent=last.was_consistent or status == "consistent")
+        return self._last
+
+    def _flight(self) -> Flight | None:
+        usable = [flight for flight in self._stream.recent(HORIZON_S) if flight.default_imu is not None]
+        newest = {flight.vehicle.sysid: flight for flight in usable}  # the last boot of each
+        chosen = [
+            f for f in newest.values() if self.vehicle is None or self.vehicle in (str(f.vehicle), str(f.vehicle.sysid))
+        ]
+        return max(chosen, key=lambda flight: len(flight.imu()), default=None)
+
+    def _said(self, flight: Flight | None) -> tuple[State, str]:
+        if flight is None:
+            return "", "no IMU messages have come"
+        part = phases(flight)[-1]
+        if part.kind == "aligning":
+            return "starting", f"the estimator is aligning ({part.reason}): nothing is judged yet"
+        if part.kind == "impact":
+            return "lost", f"{part.reason}: nothing is judged after it"
+        try:
+            verdict = self.verdict_on(flight)
+        except DataError as reason:
+            return "insufficient_data", str(reason)
+        where = "" if part.kind == "flight" else f" ({_WHERE[part.kind]})"
+        return verdict.status, verdict.summary + where
+
+
+_WHERE = {"standing": "on the ground", "landed": "after landing"}
+
+
+def _noted(last: Opinion, status: State, text: str, now: float) -> tuple[Alarm, ...]:
+    """The alarms with this one: the last goes on if it is of the same side and was said the last time."""
+    *earlier, newest = last.alarms or (None,)
+    if newest is not None and newest.status == status == last.status:
+        newest = replace(newest, text=text, last=now)
+        return (*(alarm for alarm in earlier if alarm), newest)
+    alarms = (*last.alarms, Alarm(status, text, now, now))
+    return (alarms[0], *alarms[1:][-_MOST_ALARMS + 1 :])  # the first says what the session's verdict is
+
+
+def _clock(t: float) -> str:
+    return time.strftime("%H:%M:%S", time.localtime(t))

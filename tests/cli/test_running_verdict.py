@@ -1,0 +1,69 @@
+"""The process that judges a link: it hears what arrives, says what it thinks, and nobody waits for it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from companion.cli.running_verdict import Assignment, RunningVerdict
+from companion.mavlink import Decoder, load_dialect
+from companion.settings import Settings
+from companion.simulate import Faults, SimulatedVehicle, fly
+from tests.waiting import wait_for
+
+pytestmark = pytest.mark.slow
+
+STREAMS = {
+    "RAW_IMU": 100.0, "SCALED_IMU2": 50.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0, "GPS_RAW_INT": 5.0,
+    "SCALED_PRESSURE": 10.0, "EKF_STATUS_REPORT": 2.0,
+}  # fmt: skip
+
+
+@pytest.fixture
+def verdict() -> Iterator[RunningVerdict]:
+    running = RunningVerdict(Assignment(Settings()))
+    yield running
+    running.close()
+
+
+def send(verdict: RunningVerdict, vehicle: SimulatedVehicle, until_s: float, decoder: Decoder) -> None:
+    """What the vehicle sends up to a time of its flight, as if it all arrived now and in good time."""
+    sent = time.time() - until_s
+    for t, packet in vehicle.advance(until_s):
+        verdict.hear([(decoder.push(packet), sent + t)])
+
+
+def test_a_fault_is_told_within_a_few_looks(verdict: RunningVerdict) -> None:
+    vehicle = SimulatedVehicle(fly(80.0, faults=Faults(imu_bias=(40.0, 0.05))), streams=STREAMS)
+    decoder = Decoder(load_dialect(), stamped=False)
+    send(verdict, vehicle, 36.0, decoder)
+    wait_for(lambda: verdict.opinion.status == "consistent", "a verdict on a healthy flight")
+    assert verdict.age_s < 60.0
+    send(verdict, vehicle, 60.0, decoder)
+    wait_for(lambda: verdict.opinion.status == "imu_suspect", "the gyro's bias")
+    status, text = verdict.opinion.so_far
+    assert status == "imu_suspect"
+    assert "gyro z" in text
+
+
+def test_who_is_killed_or_ends_leaves_no_process(verdict: RunningVerdict) -> None:
+    pid = verdict._process.pid
+    assert pid is not None
+    os.kill(pid, signal.SIGINT)  # Ctrl-C goes to every process of the terminal
+    begin = time.monotonic()
+    verdict.close()
+    assert time.monotonic() - begin < 2.0
+    assert not verdict._process.is_alive()
+    verdict.hear([])
+
+
+def test_a_verdict_whose_process_has_died_holds_nobody_up(verdict: RunningVerdict) -> None:
+    verdict._process.kill()
+    verdict._process.join()
+    vehicle = SimulatedVehicle(fly(20.0), streams=STREAMS)
+    send(verdict, vehicle, 15.0, Decoder(load_dialect(), stamped=False))
+    assert verdict.opinion.status == ""

@@ -1,0 +1,94 @@
+"""The verdict now and so far: what a page says of the last seconds, and what it remembers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from companion.analysis import Verdict
+from companion.live import HORIZON_S, Judge, Opinion
+from companion.mavlink import DEFAULT_DIALECT
+from companion.model import DataError, Flight
+from companion.simulate import SimulatedVehicle, fly
+
+pytestmark = pytest.mark.slow
+
+STREAMS = {"RAW_IMU": 50.0, "ATTITUDE": 20.0, "LOCAL_POSITION_NED": 10.0, "GPS_RAW_INT": 5.0, "EKF_STATUS_REPORT": 2.0}
+GOOD = Verdict("consistent", "all is well", ())
+BAD = Verdict("imu_suspect", "gyro z", ())
+EPOCH = 1_700_000_000.0
+
+
+class Said:
+    """Verdicts in turn, and the flights that they were asked about."""
+
+    def __init__(self, *verdicts: Verdict) -> None:
+        self.verdicts, self.flights = iter(verdicts), list[Flight]()
+
+    def __call__(self, flight: Flight) -> Verdict:
+        self.flights.append(flight)
+        return next(self.verdicts)
+
+
+def opinions(said: Said, *, every_s: float = 5.0, seconds: float = 60.0) -> Iterator[Opinion]:
+    """What is said of a simulated flight, every so many seconds."""
+    vehicle = SimulatedVehicle(fly(seconds), streams=STREAMS)
+    judge = Judge(said, dialect=DEFAULT_DIALECT)
+    for i in range(1, int(seconds / every_s) + 1):
+        for t, packet in vehicle.advance(i * every_s):
+            judge.hear(packet, EPOCH + t)
+        yield judge.judge()
+
+
+def test_it_clears_when_the_fault_is_gone_and_keeps_the_record() -> None:
+    said = Said(*[GOOD] * 3, *[BAD] * 2, *[GOOD] * 3, BAD, *[GOOD] * 3)
+    found = list(opinions(said))
+    assert [opinion.status for opinion in found[2:6]] == ["consistent", "imu_suspect", "imu_suspect", "consistent"]
+    assert found[2].so_far == ("consistent", "no alarm so far")
+    last = found[-1]
+    assert last.status == "consistent"
+    assert [(alarm.text, round(alarm.last - alarm.first)) for alarm in last.alarms] == [("gyro z", 5), ("gyro z", 0)]
+    status, text = last.so_far
+    assert status == "imu_suspect"
+    assert text.count("gyro z") == 2
+
+
+def test_the_data_behind_it_are_the_last_seconds_and_memory_does_not_grow() -> None:
+    said = Said(*[GOOD] * 40)
+    last = list(opinions(said, every_s=10.0, seconds=240.0))[-1]
+    assert last.newest == pytest.approx(EPOCH + 240.0, abs=0.5)
+    spans = [(flight.start, flight.start + flight.duration) for flight in said.flights]
+    assert max(end - begin for begin, end in spans) < HORIZON_S + 2.0
+    assert spans[-1][1] == pytest.approx(240.0, abs=0.5)
+    counts = [len(flight.imu()) for flight in said.flights]
+    assert max(counts) <= 50 * HORIZON_S + 60
+    witnesses = said.flights[-1]
+    assert witnesses.gps
+    assert "estimator" in witnesses.series
+
+
+def test_what_cannot_be_judged_is_said() -> None:
+    def no(_flight: Flight) -> Verdict:
+        raise DataError("too short")
+
+    judge = Judge(no, dialect=DEFAULT_DIALECT)
+    assert (judge.judge().status, judge.judge().text) == ("", "no IMU messages have come")
+    vehicle = SimulatedVehicle(fly(20.0, motion="rest"), streams=STREAMS)
+    for t, packet in vehicle.advance(15.0):
+        judge.hear(packet, EPOCH + t)
+    assert (judge.judge().status, judge.judge().text) == ("insufficient_data", "too short")
+    assert judge.judge().so_far == ("", "nothing is known yet")
+
+
+def test_a_vehicle_that_was_chosen_is_judged_alone() -> None:
+    said = Said(*[GOOD] * 4)
+    judge = Judge(said, dialect=DEFAULT_DIALECT, vehicle="2")
+    for sysid in (1, 2):
+        for t, packet in SimulatedVehicle(fly(10.0), streams=STREAMS, sysid=sysid).advance(8.0):
+            judge.hear(packet, EPOCH + t)
+    assert judge.judge().vehicle == "2:1"
+    judge.vehicle = "1:1"
+    assert judge.judge().vehicle == "1:1"
+    judge.vehicle = "3"
+    assert judge.judge().status == ""

@@ -1,0 +1,33 @@
+"""Real start-ups: while the estimator aligns nobody is accused, whatever it does."""
+
+from __future__ import annotations
+
+import lzma
+
+import pytest
+
+from companion.examination import assess_imu
+from companion.live import Judge
+from companion.mavlink import DEFAULT_DIALECT, Decoder, load_dialect
+from companion.settings import Settings
+from tests.recordings import recording
+
+pytestmark = pytest.mark.slow
+
+
+def test_an_estimator_that_aligns_on_the_pad_is_not_judged() -> None:
+    """ArduCopter's first 28 s: the heading slews from -19.8° to -3° without any gyro."""
+    data = lzma.decompress(recording("ap_faults/boot_pad_first28s.tlog.xz").read_bytes())
+    judge = Judge(lambda flight: assess_imu(flight, Settings()).verdict, dialect=DEFAULT_DIALECT)
+    decoder = Decoder(load_dialect(), stamped=True)
+    said = []
+    for begin in range(0, len(data), 40_000):
+        frames = decoder.push(data[begin : begin + 40_000])
+        for start, size, stamp in zip(frames.start, frames.size, frames.stamp, strict=True):
+            judge.hear(frames.data[start : start + size].tobytes(), float(stamp) * 1e-6)
+        said.append(judge.judge())
+    assert "starting" in [opinion.status for opinion in said]
+    assert {opinion.status for opinion in said} <= {"starting", "insufficient_data", "consistent", ""}
+    assert said[-1].status == "starting"
+    assert "the estimator is aligning" in said[-1].text
+    assert said[-1].alarms == ()
