@@ -14,6 +14,8 @@ from companion.estimation import CONSTANTS
 from tests.recordings import BUNDLED
 from tests.tlogs import Writer
 
+pytestmark = pytest.mark.slow
+
 DEMO = str(BUNDLED / "copter-demo-100hz.tlog")
 Captured = pytest.CaptureFixture[str]
 

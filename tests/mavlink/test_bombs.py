@@ -18,6 +18,8 @@ from companion.mavlink.dataflash import read_dataflash
 from companion.model import InputError
 from companion.recording import read_recording
 
+pytestmark = pytest.mark.slow
+
 FMT = b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", 128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
 ULOG = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000)
 ZEROS = bytes(50_000_000)

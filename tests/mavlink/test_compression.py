@@ -18,6 +18,8 @@ from companion.model import InputError
 from tests.mavlink.link import link_frames, stamped
 from tests.recordings import BUNDLED
 
+pytestmark = pytest.mark.slow
+
 
 def zipped(data: bytes, *names: str) -> bytes:
     buffer = io.BytesIO()

@@ -16,6 +16,8 @@ from companion.model import Array
 from companion.strapdown import preintegrate, quaternion
 from tests.recordings import SHARED, shared
 
+pytestmark = pytest.mark.slow
+
 CUT = Path(__file__).parent / "logs" / "px4_two_imus.ulg.xz"
 """Six seconds of px4_faults/q_two_imu: two IMUs, the second one selected."""
 

@@ -18,6 +18,7 @@ from companion.model import Flight
 from companion.view import Viewer
 from companion.view.client_messages import MOST_BYTES, MOST_PICTURE_BYTES, accepted
 from tests.view.circles import examine, recompute
+from tests.waiting import wait_for
 
 CAMERA: dict[str, Any] = {
     "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [5.0, 5.0, 5.0], "fov": 1.0, "near": 0.1,
@@ -117,10 +118,12 @@ def test_no_message_ends_the_page(flight: Flight, capfd: pytest.CaptureFixture[s
     with Viewer([flight], recompute, examine, port=0) as viewer:
         attack(viewer.url.replace("http", "ws", 1))
         before = viewer.pose_updates
-        until = time.monotonic() + 10
-        while viewer.pose_updates == before and time.monotonic() < until:
+
+        def goes_on() -> bool:
             viewer.player.playing = True
-            time.sleep(0.1)
+            return viewer.pose_updates > before
+
+        wait_for(goes_on, "the page plays on")
         assert not viewer.stopped
     out, err = capfd.readouterr()
     assert "Traceback" not in out + err

@@ -14,6 +14,7 @@ from tests.waiting import LIMIT_S
 
 def test_a_long_work_holds_up_neither_the_end_nor_the_process() -> None:
     program = """
+import time
 from companion.view.newest import Newest
 worker = Newest("test", lambda order: time.sleep(order))
 worker.request(600.0)
