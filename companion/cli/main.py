@@ -24,10 +24,26 @@ from companion.cli import (
     smooth,
     unforeseen,
     view,
+    watch,
 )
 from companion.model import CompanionError
 
-_COMMANDS = (info, analyze, report, calibrate, smooth, noise, compare, view, export, fleet, record, simulate, replay)
+_COMMANDS = (
+    info,
+    analyze,
+    report,
+    calibrate,
+    smooth,
+    noise,
+    compare,
+    view,
+    export,
+    fleet,
+    record,
+    watch,
+    simulate,
+    replay,
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

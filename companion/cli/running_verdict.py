@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import multiprocessing
-import os
 import queue
 import signal
 import threading
@@ -114,8 +113,6 @@ def _work(pipe: Connection, assignment: Assignment) -> None:
     """The process: hears, judges, says; ends when the other end of the pipe has gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who started us
     warnings.simplefilter("ignore")
-    with contextlib.suppress(OSError, AttributeError):
-        os.nice(5)  # the picture and the recording come first
     inbox: deque[tuple[bytes, float] | Assignment | None] = deque()
     threading.Thread(target=_listen, args=(pipe, inbox), daemon=True).start()
     judge = _judge_of(assignment)

@@ -16,7 +16,7 @@ from companion.mavlink.ports import NotThereError, Port
 from companion.mavlink.rates import Rates
 from companion.mavlink.recognise import looks_like_a_log
 from companion.mavlink.recorder import Recorder
-from companion.mavlink.requests import ForbiddenMessageError, Request, Target
+from companion.mavlink.requests import ForbiddenMessageError, Request, Target, announce
 from companion.mavlink.session import Arriving, Choice, Report, Session
 from companion.mavlink.signing import load_key
 from companion.mavlink.timesync import Clock
@@ -58,6 +58,7 @@ __all__ = [
     "TlogWriter",
     "Value",
     "Wish",
+    "announce",
     "dialect_names",
     "encode",
     "enum_names",

@@ -15,7 +15,7 @@ from companion.mavlink.frames import Damage, Decoder, Frames
 from companion.mavlink.headers import HEADER_1
 from companion.mavlink.pack import Packer
 from companion.mavlink.ports import Port
-from companion.mavlink.requests import Request
+from companion.mavlink.requests import ANNOUNCEMENT, ForbiddenMessageError, Request
 from companion.mavlink.serial_port import SerialPort
 from companion.mavlink.signing import Verifier, is_signed
 from companion.mavlink.sockets import TcpPort, UdpPort
@@ -70,6 +70,7 @@ class Link:
         self.address = parse_address(address)
         self.dialect = load_dialect(dialect)
         self.listen_only = listen_only
+        self.announces = False  # whether words for people at ground stations may be sent
         self.sysid = sysid
         self.health = LinkHealth()
         if listen_only and self.address.kind == "udpout":
@@ -142,6 +143,8 @@ class Link:
         """
         if self.listen_only:
             return
+        if request.name == ANNOUNCEMENT and not self.announces:
+            raise ForbiddenMessageError(f"companion sends {ANNOUNCEMENT} only where it was asked to announce")
         modern = self._modern or not self.health.frames
         for version in (2,) if modern else (1, 2) if request.name == "HEARTBEAT" else (1,):
             self._port.write(self._packer.pack(request.name, request.fields, version=version))

@@ -13,9 +13,12 @@ from companion.mavlink.pack import Value
 GET_MESSAGE_INTERVAL, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 510, 511, 512  # MAV_CMD
 
 ALLOWED_MESSAGES = frozenset({"HEARTBEAT", "COMMAND_LONG", "REQUEST_DATA_STREAM", "PARAM_REQUEST_READ", "TIMESYNC"})
+ANNOUNCEMENT = "STATUSTEXT"
+"""Words for people at ground stations: sent only over a link that was told to announce."""
 ALLOWED_COMMANDS = frozenset({GET_MESSAGE_INTERVAL, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE})
 """The only values of COMMAND_LONG.command."""
 
+_WARNING, _INFO = 4, 6  # MAV_SEVERITY
 _ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4  # MAV_TYPE, MAV_AUTOPILOT_INVALID, MAV_STATE
 
 
@@ -42,7 +45,7 @@ class Request:
     fields: Mapping[str, Value]
 
     def __post_init__(self) -> None:
-        if self.name not in ALLOWED_MESSAGES:
+        if self.name not in ALLOWED_MESSAGES | {ANNOUNCEMENT}:
             raise ForbiddenMessageError(f"companion never sends {self.name}; it may send {sorted(ALLOWED_MESSAGES)}")
         if self.name == "COMMAND_LONG" and self.fields.get("command") not in ALLOWED_COMMANDS:
             raise ForbiddenMessageError(
@@ -89,6 +92,12 @@ def read_parameter(target: Target, name: str) -> Request:
 def timesync(sent_ns: int) -> Request:
     """Ask for the vehicle's clock: answered by TIMESYNC with the same ts1."""
     return Request("TIMESYNC", {"tc1": 0, "ts1": sent_ns})
+
+
+def announce(text: str, *, alarm: bool) -> Request:
+    """Tell the people at ground stations something, in 50 characters at most; autopilots only pass it on."""
+    severity = _WARNING if alarm else _INFO
+    return Request(ANNOUNCEMENT, {"severity": severity, "text": f"companion: {text}".encode("ascii", "replace")[:50]})
 
 
 def _command(target: Target, command: int, *parameters: float) -> Request:

@@ -168,6 +168,23 @@ def test_no_other_command_can_be_sent(command: int) -> None:
         Request("COMMAND_LONG", {"target_system": 1})
 
 
+def test_words_for_people_are_sent_only_where_that_was_asked_for(udp: Link) -> None:
+    words = requests.announce("IMU SUSPECT " * 20, alarm=True)
+    with udp_peer(udp.port) as peer:
+        peer.send(next(link_frames(1)))
+        frames_until(udp, 1)
+        with pytest.raises(ForbiddenMessageError, match="only where it was asked to announce"):
+            udp.send(words)
+        assert peer.heard_late() == b""
+        udp.announces = True
+        udp.send(words)
+        (heard,) = decoded(peer.heard())
+    assert (heard.get_type(), heard.severity) == ("STATUSTEXT", mavlink.MAV_SEVERITY_WARNING)
+    assert (heard.get_srcSystem(), heard.get_srcComponent()) == (240, 191)
+    assert heard.text.startswith("companion: IMU SUSPECT")
+    assert len(heard.text) == 50
+
+
 def test_a_listener_sends_nothing() -> None:
     with Link("udpin:127.0.0.1:0", listen_only=True) as link, udp_peer(link.port) as peer:
         peer.send(next(link_frames(1)))

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from companion.mavlink import Choice, Decoder, Link, Session, load_dialect, split_messages
-from companion.mavlink.requests import ALLOWED_COMMANDS, ALLOWED_MESSAGES
+from companion.mavlink.requests import ALLOWED_COMMANDS, ALLOWED_MESSAGES, ANNOUNCEMENT
 from companion.simulate import Faults, SimulatedVehicle
 from tests.simulated import flying
 from tests.waiting import wait_for
@@ -68,4 +68,5 @@ def test_this_is_all_that_is_ever_sent() -> None:
     print("sent:", dict(names), "commands:", dict(commands))
     assert set(names) == {"HEARTBEAT", "COMMAND_LONG", "REQUEST_DATA_STREAM", "PARAM_REQUEST_READ", "TIMESYNC"}
     assert set(names) == ALLOWED_MESSAGES
+    assert ANNOUNCEMENT not in names, "nobody asked to announce"
     assert set(commands) == {510, 511, 512} == ALLOWED_COMMANDS

@@ -1,0 +1,27 @@
+# companion on a companion computer, a server or BlueOS: see docs/aboard.md.
+#   docker build -t companion .
+#   docker run --rm --network host -v "$PWD:/recordings" companion watch udpin:0.0.0.0:14550
+FROM python:3.12-slim AS build
+WORKDIR /src
+COPY pyproject.toml README.md LICENSE ./
+COPY companion companion
+COPY config config
+COPY tlogs tlogs
+RUN pip install --no-cache-dir --prefix=/installed ".[serial]"
+
+FROM python:3.12-slim
+COPY --from=build /installed /usr/local
+RUN useradd --create-home --uid 1000 --groups dialout companion && mkdir /recordings && chown companion /recordings
+USER companion
+WORKDIR /recordings
+VOLUME /recordings
+ENV XDG_STATE_HOME=/recordings/.state PYTHONUNBUFFERED=1
+STOPSIGNAL SIGTERM
+LABEL version="0.1.0" \
+      type="tool" \
+      tags='["data-collection", "imu", "ekf"]' \
+      links='{"documentation": "docs/aboard.md"}' \
+      requirements="core >= 1.1" \
+      permissions='{"NetworkMode": "host", "HostConfig": {"Binds": ["/usr/blueos/userdata/companion:/recordings"]}}'
+ENTRYPOINT ["companion"]
+CMD ["watch", "tcp:127.0.0.1:5777"]

@@ -1,0 +1,191 @@
+"""`companion watch LINK`: the verdict on a link without a page: JSON lines, a recording, an exit code. For services."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import shlex
+import subprocess
+import time
+from typing import Any
+
+from companion.cli import live, options
+from companion.cli.running_verdict import Assignment, RunningVerdict
+from companion.mavlink import Recorder, Session, announce
+from companion.model import SettingsError
+
+_LINE_S = 1.0  # between two lines where nothing changes
+_QUIET_S = 10.0  # between two announcements, at least
+_FORGOTTEN_S = 5.0  # from when on a change is no news any more: the announcement speaks of what holds then
+_WORDS = {
+    "consistent": "IMU and autopilot agree",
+    "imu_suspect": "IMU SUSPECT",
+    "autopilot_suspect": "AUTOPILOT SUSPECT",
+    "lost": "control lost",
+}
+"""What is announced; other states are nobody's business in flight."""
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Register the command."""
+    summary = "Judge a vehicle while it flies, without a page: one JSON line a second on stdout, and a recording."
+    example = "example: companion watch /dev/ttyACM0 --fail-on suspect | jq .status"
+    parser = commands.add_parser("watch", help=summary, description=summary, epilog=example)
+    live.add_link(parser)
+    parser.set_defaults(wait=float("inf"))
+    parser.add_argument("--imu", metavar="MESSAGE", help="IMU message to judge (default: the best that comes)")
+    parser.add_argument("--no-record", action="store_true", help="record nothing")
+    parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds")
+    parser.add_argument(
+        "--fail-on",
+        choices=("suspect", "insufficient"),
+        help="exit with code 1 when there was an alarm (suspect), or no consistent verdict without one (insufficient)",
+    )
+    parser.add_argument(
+        "--on-change",
+        metavar="CMD",
+        help="run this command when the verdict changes, with the JSON line on its stdin; never waited for",
+    )
+    parser.add_argument(
+        "--announce",
+        action="store_true",
+        help="send changes of the verdict to ground stations as STATUSTEXT, one in 10 s at most (off by default)",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Watch until Ctrl-C, SIGTERM or the duration; then give the vehicle its message intervals back."""
+    settings = options.settings_of(arguments)
+    if arguments.duration is not None and not arguments.duration > 0:
+        raise SettingsError(f"--duration is a positive number of seconds, got {arguments.duration:g}.")
+    if arguments.announce and arguments.listen_only:
+        raise SettingsError("--announce sends, and --listen-only sends nothing at all: leave one of them out.")
+    command = shlex.split(arguments.on_change) if arguments.on_change else []
+    choice, patience = live.choice_of(arguments, settings), live.patience_of(arguments)
+    vehicle = None if arguments.vehicle == "all" else arguments.vehicle
+    with (
+        live.until_told() as told,
+        live.open_link(arguments.link, arguments, settings, patience, told) as link,
+        _Recording(arguments) as recording,
+        RunningVerdict(Assignment(settings, imu=arguments.imu, vehicle=vehicle)) as verdict,
+    ):
+        link.announces = arguments.announce
+        session = Session(
+            link,
+            choice=choice,
+            recorder=recording.recorder,
+            on_frames=lambda frames, received: verdict.hear([(frames, received)]),
+            remember=True,
+        )
+        changes = _Changes(session, command, announces=arguments.announce)
+        end = time.monotonic() + arguments.duration if arguments.duration is not None else float("inf")
+        due, seen = 0.0, None
+        while not told() and time.monotonic() < end and not patience.over(link.health.frames):
+            session.step()
+            for sentence in session.said:
+                live.say(sentence)
+            session.said.clear()
+            opinion, now = verdict.opinion, time.monotonic()
+            if opinion is seen and now < due:
+                continue
+            seen, line = opinion, _line(session, verdict)
+            changed = changes.take(line)
+            if changed or now >= due:
+                due = now + _LINE_S
+                live.tell(json.dumps({**line, "changed": changed}, ensure_ascii=False, allow_nan=False))
+        session.leave()
+        for sentence in session.said:
+            live.say(sentence)
+    if not link.health.frames:
+        return live.nothing_heard()
+    if recording.recorder is not None and recording.recorder.problem:
+        return 2
+    status, _ = verdict.opinion.so_far
+    failed = {"suspect": status.endswith("suspect"), "insufficient": status != "consistent"}
+    return 1 if arguments.fail_on and failed[arguments.fail_on] else 0
+
+
+class _Recording:
+    """The recording, if one is wanted."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self.recorder = None if arguments.no_record else Recorder(arguments.output)
+
+    def __enter__(self) -> _Recording:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.recorder is not None:
+            self.recorder.close()
+
+
+class _Changes:
+    """Tells others when the verdict changes: a command, the ground stations."""
+
+    def __init__(self, session: Session, command: list[str], *, announces: bool) -> None:
+        self._session, self._command, self._announces = session, command, announces
+        self._status = ""
+        self._announced, self._announced_at = "", -_QUIET_S
+        self._running: list[subprocess.Popen[str]] = []
+
+    def take(self, line: dict[str, Any]) -> bool:
+        """Whether the status is another than before."""
+        self._running = [process for process in self._running if process.poll() is None]
+        changed = bool(line["status"] != self._status)
+        self._status = line["status"]
+        if changed and self._command:
+            self._start(json.dumps(line, ensure_ascii=False))
+        self._announce(line)
+        return changed
+
+    def _start(self, text: str) -> None:
+        try:
+            process = subprocess.Popen(self._command, stdin=subprocess.PIPE, text=True, start_new_session=True)
+        except OSError as error:
+            live.say(f"--on-change {self._command[0]} cannot be run: {error.strerror}")
+            return
+        self._running.append(process)
+        if process.stdin is not None:
+            with contextlib.suppress(OSError):  # it has ended without reading
+                process.stdin.write(text)  # less than a pipe holds, so nobody is waited for
+                process.stdin.close()
+
+    def _announce(self, line: dict[str, Any]) -> None:
+        status, now = line["status"], time.monotonic()
+        if not self._announces or status not in _WORDS or status == self._announced:
+            return
+        if status == "consistent" and not self._announced:
+            self._announced = status  # that all is well from the beginning is no news
+            return
+        if now - self._announced_at < _QUIET_S or line["age_s"] > _FORGOTTEN_S:
+            return
+        self._announced, self._announced_at = status, now
+        self._session.link.send(announce(_WORDS[status], alarm=status != "consistent"))
+
+
+def _line(session: Session, verdict: RunningVerdict) -> dict[str, Any]:
+    """What there is to say, in plain values."""
+    opinion, report = verdict.opinion, session.report()
+    status, text = opinion.so_far
+    return {
+        "time": round(time.time(), 3),
+        "vehicle": opinion.vehicle,
+        "status": opinion.status,
+        "text": opinion.text,
+        "age_s": round(verdict.age_s, 1),
+        "status_so_far": status,
+        "text_so_far": text,
+        "alarms": [
+            {"status": alarm.status, "text": alarm.text, "first": round(alarm.first, 1), "last": round(alarm.last, 1)}
+            for alarm in opinion.alarms
+        ],
+        "link": report.link,
+        "problem": report.problem,
+        "received_hz": {one.name: round(one.received_hz, 1) for one in report.arriving},
+        "lost": {who: round(share, 4) for who, share in report.lost_by.items()},
+        "recording": report.recording,
+        "recorded_bytes": report.recorded_bytes,
+        "recording_problem": report.recording_problem,
+    }

@@ -1,0 +1,110 @@
+"""`companion watch` as services run it: JSON lines, a recording, an exit code; what it tells others, and when."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import companion as c
+from companion.cli import main, watch
+from companion.mavlink.requests import ALLOWED_MESSAGES
+from tests.processes import COMPANION, ended, next_line, started
+from tests.simulated import flying, free_port
+from tests.waiting import wait_for
+
+pytestmark = pytest.mark.slow
+
+
+def lines(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_a_service_watches_records_and_leaves_the_vehicle_as_it_was(tmp_path: Path) -> None:
+    port = free_port()
+    command = f"{sys.executable} -c \"import sys; open('changes', 'a').write(sys.stdin.read() + chr(10))\""
+    words = ("-o", "a.tlog", "--on-change", command, "--fail-on", "insufficient")
+    with (
+        flying(port, since=30.0) as vehicle,
+        started(*COMPANION, "watch", f"udpin:127.0.0.1:{port}", *words, cwd=tmp_path) as process,
+    ):
+        found: list[dict[str, Any]] = []
+
+        def consistent() -> bool:
+            found.append(json.loads(next_line(process, process.stdout)))  # one a second
+            return bool(found[-1]["status"] == "consistent")
+
+        wait_for(consistent)
+        wait_for(lambda: (tmp_path / "changes").exists() and "consistent" in (tmp_path / "changes").read_text())
+        rest, told = ended(process, signal.SIGTERM)
+        assert process.returncode == 0
+        assert set(vehicle.heard) <= ALLOWED_MESSAGES
+        wait_for(lambda: vehicle.interval_us("RAW_IMU") == -1)
+    found += lines(rest)
+    assert sum(line["changed"] for line in found) >= 2
+    assert (found[-1]["vehicle"], found[-1]["status_so_far"], found[-1]["alarms"]) == ("1:1", "consistent", [])
+    assert found[-1]["received_hz"]["RAW_IMU"] > 10.0
+    assert "Traceback" not in told
+    (flight,) = c.open_log(tmp_path / "a.tlog")
+    assert len(flight.imu()) > 500
+    assert flight.gps
+    assert flight.barometers
+
+
+def test_it_waits_for_the_vehicle_and_fails_when_none_comes(capsys: pytest.CaptureFixture[str]) -> None:
+    silent = f"udpin:127.0.0.1:{free_port()}"
+    assert main(["watch", silent, "--no-record", "--duration", "0.5"]) == 2
+    assert main(["watch", silent, "--no-record", "--wait", "0.5"]) == 2
+    said, told = capsys.readouterr()
+    assert told.count("nothing was received") == 2
+    for line in lines(said):
+        assert (line["status"], line["vehicle"]) == ("", "")
+    assert main(["watch", silent, "--no-record", "--announce", "--listen-only"]) == 2
+    assert "--announce sends" in capsys.readouterr().err
+
+
+def line_of(status: str, age_s: float = 0.0) -> dict[str, Any]:
+    return {"status": status, "age_s": age_s}
+
+
+def test_ground_stations_are_told_of_changes_and_not_of_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr("companion.cli.watch.time.monotonic", lambda: clock[0])
+    sent: list[str] = []
+
+    class Recorded:
+        class link:  # noqa: N801
+            @staticmethod
+            def send(request: Any) -> None:
+                sent.append(request.fields["text"].decode())
+
+    changes = watch._Changes(Recorded, [], announces=True)  # type: ignore[arg-type]
+    for t, status in enumerate(
+        ["", "starting", "consistent", "imu_suspect", "consistent", "imu_suspect", "consistent", *["consistent"] * 20]
+    ):
+        clock[0] = 100.0 + t
+        changes.take(line_of(status))
+    assert sent == ["companion: IMU SUSPECT", "companion: IMU and autopilot agree"], "10 s apart, and what holds then"
+    clock[0] += 100.0
+    changes.take(line_of("autopilot_suspect", age_s=20.0))
+    assert len(sent) == 2, "old data are no news"
+    silent = watch._Changes(Recorded, [], announces=False)  # type: ignore[arg-type]
+    silent.take(line_of("imu_suspect"))
+    assert len(sent) == 2
+    assert all(len(text) <= 50 for text in sent)
+
+
+def test_a_command_that_fails_or_hangs_holds_nobody_up(capsys: pytest.CaptureFixture[str]) -> None:
+    changes = watch._Changes(None, ["/no/such/command"], announces=False)  # type: ignore[arg-type]
+    assert changes.take(line_of("consistent"))
+    assert "cannot be run" in capsys.readouterr().err
+    hangs = watch._Changes(None, [sys.executable, "-c", "import time; time.sleep(600)"], announces=False)  # type: ignore[arg-type]
+    assert hangs.take(line_of("consistent"))
+    assert not hangs.take(line_of("consistent"))
+    for process in hangs._running:
+        process.kill()
+        process.wait()
