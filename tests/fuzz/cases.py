@@ -115,6 +115,18 @@ def camera() -> bytes:
     return msgspec.msgpack.encode(said)
 
 
+def messages_changed(data: bytes, random: Random) -> bytes:
+    """A camera, or another message of the page, changed."""
+    value = [True, 3.5, "Free", [1.0, 2.0]][int(random.integers(4))]
+    others: list[dict[str, Any]] = [
+        {"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": value}},
+        {"type": "CommandTriggerMessage", "uuid": "a"},
+        {"type": "GetRenderResponseMessage", "payload": b"\x89PNG\r\n\x1a\n" + bytes(99), "render_uuid": "a"},
+    ]
+    which = int(random.integers(len(others) + 1))
+    return changed(msgspec.msgpack.encode(others[which]) if which < len(others) else data, random)
+
+
 Target = tuple[str, bytes, Callable[[bytes, Random], bytes], Callable[[Path], None]]
 
 
@@ -127,7 +139,7 @@ def targets(folder: Path) -> dict[str, Target]:
         "ulg": (".ulg", logs.ulog(), changed, read_log),
         "toml": (".toml", logs.TOML.encode(), changed, read_toml),
         "live": (".raw", tlog, frames_changed, hear),
-        "websocket": (".msg", camera(), changed, browse),
+        "websocket": (".msg", camera(), messages_changed, browse),
     }
 
 
