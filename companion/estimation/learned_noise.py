@@ -62,6 +62,10 @@ _HUBER, _NEIGHBOURS = 4.0, 7
 _LAGS = 15
 
 
+_SLOW = 0.3  # ratio of one step to the one before, from which on the series is summed
+_FURTHEST = 0.5 * np.log(10.0)
+
+
 def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
     """What may be learned of the densities: not less than the steps of the readings make."""
     steps = (setup.imu.gyro_step, setup.imu.accel_step)
@@ -72,9 +76,16 @@ def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
 
 
 def learn(
-    linear: Linear, noise: ProcessNoise, scale: Mapping[str, float], limits: Mapping[str, tuple[float, float]]
-) -> tuple[ProcessNoise, dict[str, float]]:
-    """One step of learning: densities of the process noise, and the scale of every witness' σ."""
+    linear: Linear,
+    noise: ProcessNoise,
+    scale: Mapping[str, float],
+    limits: Mapping[str, tuple[float, float]],
+    before: Mapping[str, float],
+) -> tuple[ProcessNoise, dict[str, float], dict[str, float]]:
+    """One step of learning: densities of the process noise, the scale of every witness' σ, and the change of each.
+
+    before: the changes of the step before; changes are of the logarithm.
+    """
     solution = linear.solution
     own, _ = solution.factor.inverse_blocks()
     e, d, to_body = _in_body(linear)
@@ -88,8 +99,8 @@ def learn(
         v = to_body @ linear.sums[cause][usual] @ to_body.swapaxes(-1, -2)
         above = np.einsum("ki,kij,kj->k", e, v, e)
         below = np.einsum("kij,kij->k", d, v) * (1.0 - count / len(e))
-        ratio = _typical(above, below)
-        densities[cause] = float(np.clip(noise.density(cause) * ratio**0.5, *limits[cause]))
+        step = _further(0.5 * np.log(_typical(above, below)), before.get(cause, 0.0))
+        densities[cause] = float(np.clip(noise.density(cause) * np.exp(step), *limits[cause]))
     learned = dict(scale)
     for one in linear.measurements:
         if one.name.startswith("rest"):
@@ -100,8 +111,18 @@ def learn(
         h = np.diagonal(measurement_covariance(one, solution, own), axis1=1, axis2=2)
         below = (1.0 - np.minimum(information * h, 1.0)).sum(axis=1)
         least = LEAST[one.name] / float(np.median(one.sigma / scale[one.name]))
-        learned[one.name] = float(np.clip(scale[one.name] * _typical(above, below) ** 0.5, min(least, 1.0), 100.0))
-    return replace(noise, **densities), learned
+        step = _further(0.5 * np.log(_typical(above, below)), before.get(one.name, 0.0))
+        learned[one.name] = float(np.clip(scale[one.name] * np.exp(step), min(least, 1.0), 100.0))
+    change = {cause: float(np.log(value / noise.density(cause))) for cause, value in densities.items()}
+    change |= {name: float(np.log(value / scale[name])) for name, value in learned.items()}
+    return replace(noise, **densities), learned, change
+
+
+def _further(step: float, before: float) -> float:
+    """A step as long as the geometric series goes that it and the step before begin (Aitken 1926)."""
+    ratio = step / before if before else 0.0
+    far = step / (1.0 - ratio) if _SLOW < ratio < 1.0 else step
+    return float(np.clip(far, -_FURTHEST, _FURTHEST))
 
 
 def _in_body(linear: Linear) -> tuple[Array, Array, Array]:

@@ -33,11 +33,11 @@ from companion.estimation.system import (
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight
 
 _PASSES = 14
-
-
 _LEARN_FROM = 1  # the pass after which densities are learned
-
-
+_WEIGHTS_FROM = 4  # the pass after which outliers weigh less, whether or not densities have settled
+_WEIGHTED = 3  # passes with such weights, at least
+_NEAR, _SETTLED = 0.15, 0.05  # changes of the logarithm of a density
+_STILL = 1e-3  # rad
 _MOST_EXPLAINED = 6
 
 
@@ -63,7 +63,8 @@ def smooth(
         guess or first_guess(setup, flight), START, {one.name: _scale_at_first(one.name) for one in setup.readings}
     )
     try:
-        return explain(setup, start)
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd readings: what is not finite is refused below
+            return explain(setup, start)
     except np.linalg.LinAlgError as error:
         raise DataError(
             f"{setup.imu.source}: no estimate of the trajectory can be made of these readings ({error}). "
@@ -103,6 +104,9 @@ def estimate(setup: Setup, start: Start, accepted: Sequence[Choice] = ()) -> tup
     """The iteration with what is accepted: where it settles, and the linear problem there."""
     states, noise, scale = start.states, start.noise, dict(start.scale)
     weights: dict[str, Array] = {}
+    limits = noise_limits(setup)
+    change: dict[str, float] = {}
+    weighted = 0
     path = carry_imu(setup, (states.gyro_bias.mean(axis=0), states.accel_bias.mean(axis=0)))
     for count in range(_PASSES):
         linear = linearise(setup, path, states, noise, scale, weights, accepted)
@@ -110,22 +114,22 @@ def estimate(setup: Setup, start: Start, accepted: Sequence[Choice] = ()) -> tup
         moved = float(np.abs(linear.solution.x[:, ATTITUDE]).max())
         if count == 0 or moved > 0.02:
             path = carry_imu(setup, (np.median(states.gyro_bias, axis=0), np.median(states.accel_bias, axis=0)))
-        if count >= _LEARN_FROM:
-            learned, new_scale = learn(linear, noise, scale, noise_limits(setup))
-            change = max(
-                *(abs(np.log(learned.density(c) / noise.density(c))) for c in CAUSES[:2]),
-                *(abs(np.log(new_scale[name] / scale[name])) for name in scale),
-            )
-            noise, scale = learned, new_scale
-            if count >= (1 if accepted else 4):
-                weights = outlier_weights(linear)
-            if count >= (3 if accepted else 6) and change < 0.05 and moved < 1e-3:
-                break
+        if count < _LEARN_FROM:
+            continue
+        noise, scale, change = learn(linear, noise, scale, limits, change)
+        largest = max(map(abs, change.values()))
+        if weighted or accepted or largest < _NEAR or count >= _WEIGHTS_FROM:
+            weights = outlier_weights(linear)
+            weighted += 1
+        if weighted >= _WEIGHTED and largest < _SETTLED and moved < _STILL:
+            break
     grown = coloured(linear)
     wide = replace(noise, gyro_noise=noise.gyro_noise * grown["gyro"], accel_noise=noise.accel_noise * grown["accel"])
     for _ in range(2):
         linear = linearise(setup, path, states, wide, scale, weights, accepted, grown)
         states = states.moved(linear.solution.x, linear.solution.c)
+        if float(np.abs(linear.solution.x[:, ATTITUDE]).max()) < _STILL:
+            break
     if not np.isfinite(states.q_ned_frd).all():
         raise DataError(f"{setup.imu.source}: the estimate of the trajectory does not settle; the readings do not fit")
     return Start(states, noise, scale), linear
