@@ -36,10 +36,12 @@ from companion.estimation.system import (
 from companion.model import Array
 
 _ONSETS = 24
+_ONSET_PRICE = 2.0 * float(np.log(_ONSETS))
 
 
 _CREEPS_S = np.array([8.0, 16.0, 32.0, 64.0])  # how long what creeps may creep
-_WORTH = 30.0  # twice the logarithm of the likelihood ratio
+WORTH = 30.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
+_PROMISING = 10.0  # and from which on it is weighed again
 
 
 _SHOCKS = {
@@ -74,29 +76,44 @@ class Choice:
 
 
 def choose(problem: Problem, solution: Solution) -> Choice | None:
-    """The best further explanation; None where none pays for itself."""
+    """The best further explanation; None where none promises to pay for itself."""
     begin, end = problem.t[0], problem.t[-1]
     margin = min(3.0, 0.1 * (end - begin))
     coarse = np.linspace(begin + margin, end - margin, _ONSETS)
-    found = [
-        one
-        for kind in KINDS
-        for shape in kind.shapes
-        if (one := _weighed(problem, solution, kind, shape, coarse)) is not None
-    ]
-    found.sort(key=lambda one: -float(one.gain.max()))
-    if not found or found[0].gain.max() < _WORTH:
+    found: list[Candidate] = []
+    for seldom in (False, True):  # what comes and goes has two times to be tried: only where no single one explains
+        found += [
+            one
+            for kind in KINDS
+            for shape in kind.shapes
+            if _comes_and_goes(kind, shape) == seldom
+            and (one := _weighed(problem, solution, kind, shape, coarse)) is not None
+        ]
+        found.sort(key=lambda one: -float(one.gain.max()))
+        if found and found[0].gain.max() >= WORTH:
+            break
+    if not found or found[0].gain.max() < _PROMISING:
         return None
     fine = sorted(
         (_refined(problem, solution, one, coarse) for one in found[:4]), key=lambda one: -float(one.gain.max())
     )
     first = fine[0]
-    price = 2.0 * float(np.log(len(coarse)))
-    gain = float(first.gain.max()) - price
-    if gain < _WORTH:
+    gain = float(first.gain.max()) - _ONSET_PRICE
+    if gain < _PROMISING:
         return None
-    others = tuple((o.kind.name, o.shape, float(o.gain.max()) - price) for o in [*fine[1:], *found[4:]])
+    others = tuple((o.kind.name, o.shape, float(o.gain.max()) - _ONSET_PRICE) for o in [*fine[1:], *found[4:]])
     return _chosen(first, gain, others)
+
+
+def gain_beside(choice: Choice, problem: Problem, solution: Solution, prior: Prior) -> float:
+    """What a choice gains in a solution whose last unknowns are its sizes, at the noise learned beside it."""
+    signature = choice.of(problem)
+    if signature is None:
+        return 0.0
+    last = slice(len(solution.c) - signature.unknowns, None)
+    size, known = solution.c[last], np.linalg.inv(solution.constants_covariance[last, last])
+    paid = float(np.linalg.slogdet(known)[1] + 2.0 * np.log(prior.constants_sigma[last]).sum())
+    return float(size @ known @ size) - paid - _ONSET_PRICE
 
 
 def _chosen(first: Candidate, gain: float, others: tuple[tuple[str, str, float], ...]) -> Choice:
@@ -116,32 +133,45 @@ def _chosen(first: Candidate, gain: float, others: tuple[tuple[str, str, float],
     )
 
 
+def _comes_and_goes(kind: Kind, shape: str) -> bool:
+    """Whether it is an error of the IMU, which does not show in a single reading, that ends again."""
+    return kind.side == "imu" and shape == "pulse"
+
+
 def _weighed(problem: Problem, solution: Solution, kind: Kind, shape: str, coarse: Array) -> Candidate | None:
     if kind.needs and problem.witness(kind.needs) is None:
         return None
     if (kind.name, shape) in _SHOCKS:
         return weigh_shocks(problem, solution, kind, shape, _SHOCKS[kind.name, shape])
-    sudden = jumps(problem, solution, kind) if kind.side != "imu" else np.zeros(0)
+    onset, end = _tried(problem, solution, kind, shape, coarse)
+    return weigh(problem, solution, kind, shape, onset, end) if len(onset) else None
+
+
+def _tried(problem: Problem, solution: Solution, kind: Kind, shape: str, coarse: Array) -> tuple[Array, Array | None]:
+    """Onsets (T,) s, and ends (T,) of what ends, that are tried first."""
+    sudden = np.sort(jumps(problem, solution, kind)) if kind.side != "imu" else coarse[::2]
     if shape == "pulse":
-        first, last = (x.ravel() for x in np.meshgrid(np.sort(sudden), np.sort(sudden), indexing="ij"))
-        pairs = last > first
-        if not pairs.any():
-            return None
-        return weigh(problem, solution, kind, shape, first[pairs], last[pairs])
+        first, last = (x.ravel() for x in np.meshgrid(sudden, sudden, indexing="ij"))
+        return first[last > first], last[last > first]
     if shape == "creep":
         first, lasted = (x.ravel() for x in np.meshgrid(coarse, _CREEPS_S, indexing="ij"))
         inside = first + lasted < problem.t[-1]
-        return weigh(problem, solution, kind, shape, first[inside], (first + lasted)[inside]) if inside.any() else None
-    onset = np.unique(np.concatenate([coarse, sudden])) if shape == "step" else coarse
-    return weigh(problem, solution, kind, shape, onset)
+        return first[inside], (first + lasted)[inside]
+    return (np.unique(np.concatenate([coarse, sudden])) if shape == "step" else coarse), None
 
 
 def _refined(problem: Problem, solution: Solution, one: Candidate, coarse: Array) -> Candidate:
     """The candidate at onsets around its best."""
-    if one.shape in ("pulse", "shock"):
-        return one
     t = problem.t
     near = float(one.onset[one.best])
+    if _comes_and_goes(one.kind, one.shape):
+        reach = 2.0 * float(coarse[1] - coarse[0])
+        for _ in range(3):
+            one = _moved(problem, solution, one, reach)
+            reach *= 0.3
+        return one
+    if one.shape in ("pulse", "shock"):
+        return one
     if one.shape == "creep":  # the beginning and the end by turns
         stop = float(one.end[one.best])
         shift = np.linspace(-1.0, 1.0, 15)
@@ -153,6 +183,17 @@ def _refined(problem: Problem, solution: Solution, one: Candidate, coarse: Array
     onset = np.unique(np.clip(np.concatenate([[near], near + np.linspace(-reach, reach, 21)]), t[0], t[-1]))
     again = weigh(problem, solution, one.kind, one.shape, onset)
     return one if again is None or again.gain.max() < one.gain.max() - 10.0 else again
+
+
+def _moved(problem: Problem, solution: Solution, one: Candidate, reach: float) -> Candidate:
+    """A pulse with beginning and end moved by up to `reach` s, whichever pair pays most."""
+    shift = reach * np.linspace(-1.0, 1.0, 7)
+    begin, final = (x.ravel() for x in np.meshgrid(one.onset[one.best] + shift, one.end[one.best] + shift))
+    right = (begin > problem.t[0]) & (final < problem.t[-1]) & (final > begin + 0.5)
+    if not right.any():
+        return one
+    again = weigh(problem, solution, one.kind, one.shape, begin[right], final[right])
+    return one if again is None or again.gain.max() < one.gain.max() else again
 
 
 def with_choice(problem: Problem, prior: Prior, choice: Choice) -> tuple[Problem, Prior]:
@@ -225,6 +266,6 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
         if shape != "step" or (kind.needs and problem.witness(kind.needs) is None):
             continue
         known = np.maximum(np.diagonal(d[middle, block, block], axis1=1, axis2=2).min(axis=1), 1e-300)
-        paid = np.log1p(known * kind.prior**2) + 2.0 * np.log(3.0) + 2.0 * np.log(_ONSETS)
-        found[name] = max(float(np.median(np.sqrt((_WORTH + paid) / known))), kind.least)
+        paid = np.log1p(known * kind.prior**2) + 2.0 * np.log(3.0) + _ONSET_PRICE
+        found[name] = max(float(np.median(np.sqrt((WORTH + paid) / known))), kind.least)
     return found

@@ -147,8 +147,8 @@ def _field(problem: Problem) -> Signature | None:
 
 
 KINDS: tuple[Kind, ...] = (
-    Kind("gyro_bias", "imu", "rad/s", ("step", "ramp"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate")),
-    Kind("accel_bias", "imu", "m/s²", ("step", "ramp"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position"),
+    Kind("gyro_bias", "imu", "rad/s", ("step", "ramp", "pulse"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate")),
+    Kind("accel_bias", "imu", "m/s²", ("step", "ramp", "pulse"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position"),
     Kind("gyro_scale", "imu", "", ("step",), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position"),
     Kind("accel_scale", "imu", "", ("step",), 0.3, 0.02, _scale(ACCEL_BIAS), "gps_position"),
     Kind("gyro_shock", "imu", "rad", ("shock",), 0.3, 0.035, _shock(ATTITUDE)),

@@ -39,13 +39,13 @@ NOMINAL: Mapping[str, float] = {
     "barometer": 0.5,  # m
     "rest_velocity": 0.02,  # m/s
     "rest_rate": 2e-4,  # rad/s
-    "calm": 5.0,  # m/s: a vehicle without GPS is taken to stay about where it is, by a velocity that is learned
+    "calm": 45.0,  # m/s: a vehicle without GPS is taken to stay about where it is, by a velocity that is learned
 }
 """Witness → 1σ before anything is learned, where the vehicle states none."""
 
 LEAST: Mapping[str, float] = {
     "gps_position": 0.1, "gps_height": 0.15, "gps_velocity": 0.04, "gps_climb": 0.06, "compass": 0.8, "barometer": 0.1,
-    "calm": 0.2,
+    "calm": 20.0,
 }  # fmt: skip
 """Witness → the least 1σ that may be learned: below it stand errors of the model, such as soft iron and timing."""
 

@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.estimation.competition import Choice, choose, detectable, explained
+from companion.estimation.competition import WORTH, Choice, choose, detectable, explained, gain_beside
 from companion.estimation.learned_noise import START, coloured, learn, noise_limits, outlier_weights
 from companion.estimation.linearisation import Linear, carry_imu, linearise
 from companion.estimation.measurements import UNITS
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
-    CAUSES,
     GYRO_BIAS,
     BestEstimate,
     ProcessNoise,
@@ -86,17 +85,24 @@ def _scale_at_first(name: str) -> float:
 
 
 def explain(setup: Setup, start: Start) -> BestEstimate:
-    """The estimate with everything explained that has to be: one after the other, each time what explains most."""
+    """The estimate with everything explained that has to be: one after the other, each time what explains most.
+
+    What is not explained was learned as noise, and hides in it. So an explanation that only promises something is
+    weighed again with the noise that is learned beside it.
+    """
     accepted: list[Choice] = []
-    while True:
-        settled, linear = estimate(setup, start, accepted)
-        if len(accepted) >= _MOST_EXPLAINED:
-            break
+    settled, linear = estimate(setup, start)
+    while len(accepted) < _MOST_EXPLAINED:
         choice = choose(linear.problem, linear.solution)
         if choice is None:
             break
+        again, tried = estimate(setup, settled, [*accepted, choice])
+        if choice.gain < WORTH:
+            choice = replace(choice, gain=gain_beside(choice, tried.problem, tried.solution, tried.prior))
+            if choice.gain < WORTH:
+                break
         accepted.append(choice)
-        start = settled
+        settled, linear = again, tried
     return _result(setup, settled, linear, accepted)
 
 
