@@ -193,17 +193,32 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
     return out
 
 
+_SENSORS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "compass": "compass"}
+
+
+def _why_unsure(departure: Departure, best: BestEstimate) -> str:
+    """Why a departure does not accuse the autopilot; empty where it does."""
+    if "gps_position" not in best.residuals:
+        return "without GPS it cannot be told which of them is wrong"
+    for kind in best.promising:
+        if sensor := _SENSORS.get(kind.split("_")[0]):
+            return f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong"
+    if departure.size < _CERTAIN * departure.sigma:
+        return "that close to what both may be off by, it cannot be told which of them is wrong"
+    return ""
+
+
 def _own(departure: Departure, best: BestEstimate) -> Finding:
     """A departure that nothing explains: the sensors agree with one another, and the estimate does not with them.
 
-    Without GPS, or where it is not far beyond what both may be off by, it is said and accuses nobody.
+    Without GPS, where a fault of a sensor explains it nearly as well, or where it is not far beyond what both may be
+    off by, it is said and accuses nobody.
     """
-    alone = "gps_position" not in best.residuals
-    unsure = alone or departure.size < _CERTAIN * departure.sigma
+    why = _why_unsure(departure, best)
+    unsure = bool(why)
     words = f"its estimate is off by {departure} against the best estimate of the sensors, which agree with each other"
     if unsure:
-        why = "without GPS" if alone else "that close to what both may be off by,"
-        words = f"autopilot and IMU differ by {departure}; {why} it cannot be told which of them is wrong"
+        words = f"autopilot and IMU differ by {departure}; {why}"
     return Finding(
         f"{departure.quantity}_off",
         "data" if unsure else "autopilot",

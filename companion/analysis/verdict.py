@@ -24,7 +24,7 @@ from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
 from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
-from companion.analysis.figures import ImuFigures, ReferenceFigures
+from companion.analysis.figures import ImuFigures, ReferenceFigures, SensorFigures
 from companion.analysis.finding import Cause, Finding, by_severity
 from companion.analysis.findings import findings, reading_faults
 from companion.analysis.integration import DEFAULT, Integration
@@ -248,12 +248,18 @@ def _independent(best: BestEstimate) -> bool:
 
 
 def in_flight(figures: ImuFigures, best: BestEstimate) -> ImuFigures:
-    """The part's figures with the noise that it has in this flight, over seconds."""
-    gyro, accel = best.noise.gyro_noise * best.lasting[0], best.noise.accel_noise * best.lasting[1]
+    """The part's figures with the noise that it has in this flight, over seconds, and what is not known of its bias."""
+
+    def widened(part: SensorFigures, noise: float, bias_sigma: Array) -> SensorFigures:
+        unknown = float(np.sqrt((np.median(bias_sigma, axis=0) ** 2).mean()))
+        return replace(
+            part, noise_density=max(part.noise_density, noise), residual_bias=max(part.residual_bias, unknown)
+        )
+
     return replace(
         figures,
-        gyro=replace(figures.gyro, noise_density=max(figures.gyro.noise_density, gyro)),
-        accel=replace(figures.accel, noise_density=max(figures.accel.noise_density, accel)),
+        gyro=widened(figures.gyro, best.noise.gyro_noise * best.lasting[0], best.gyro_bias_sigma),
+        accel=widened(figures.accel, best.noise.accel_noise * best.lasting[1], best.accel_bias_sigma),
     )
 
 

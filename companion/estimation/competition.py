@@ -105,6 +105,12 @@ def choose(problem: Problem, solution: Solution) -> Choice | None:
     return _chosen(first, gain, others)
 
 
+def promising(choice: Choice) -> tuple[str, ...]:
+    """The kinds of a choice that was not accepted and of its rivals that promise as much; a moment's shock is none."""
+    others = (kind for kind, _, gain in choice.others if gain >= _PROMISING)
+    return tuple(dict.fromkeys(kind for kind in (choice.kind.name, *others) if not kind.endswith("_shock")))
+
+
 def gain_beside(choice: Choice, problem: Problem, solution: Solution, prior: Prior) -> float:
     """What a choice gains in a solution whose last unknowns are its sizes, at the noise learned beside it."""
     signature = choice.of(problem)

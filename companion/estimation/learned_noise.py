@@ -30,7 +30,7 @@ from companion.estimation.system import (
     measurement_covariance,
     measurement_residual,
 )
-from companion.model import Array
+from companion.model import Array, ImuTrack
 from companion.strapdown import quaternion
 
 START = ProcessNoise(gyro_noise=3e-3, accel_noise=5e-2, gyro_walk=1e-4, accel_walk=2e-3)
@@ -62,17 +62,33 @@ _HUBER, _NEIGHBOURS = 4.0, 7
 _LAGS = 15
 
 
+_WHITER = 3.0  # times what shows between samples, of a filter that makes it less
+
+
 _SLOW = 0.3  # ratio of one step to the one before, from which on the series is summed
 _FURTHEST = 0.5 * np.log(10.0)
 
 
 def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
-    """What may be learned of the densities: not less than the steps of the readings make."""
+    """What may be learned of the densities: not less than the steps of the readings make.
+
+    Without GPS the motion of the vehicle and the accelerometer's noise look alike; what is white shows between samples.
+    """
     steps = (setup.imu.gyro_step, setup.imu.accel_step)
-    return {
+    limits = {
         cause: (max(least, 0.5 * step * np.sqrt(_TRUNCATED_S)), most)
         for cause, least, most, step in zip(CAUSES[:2], LEAST_NOISE, MOST_NOISE, steps, strict=True)
     }
+    if any(one.name == "calm" for one in setup.readings):
+        least, most = limits["accel_noise"]
+        limits["accel_noise"] = (least, float(np.clip(_WHITER * _between_samples(setup.imu), least, most)))
+    return limits
+
+
+def _between_samples(imu: ImuTrack) -> float:
+    """Density of the accelerometer's noise by second differences, m/s²/√Hz, of the noisiest axis."""
+    rough = np.diff(imu.accel, n=2, axis=0).std(axis=0) / np.sqrt(6.0)  # of white noise: 1 + 4 + 1
+    return float(rough.max() * np.sqrt(1.0 / imu.rate_hz))
 
 
 def learn(

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.estimation.competition import WORTH, Choice, choose, detectable, explained, gain_beside
+from companion.estimation.competition import WORTH, Choice, choose, detectable, explained, gain_beside, promising
 from companion.estimation.learned_noise import START, coloured, learn, noise_limits, outlier_weights
 from companion.estimation.linearisation import Linear, carry_imu, linearise
 from companion.estimation.measurements import UNITS
@@ -91,6 +91,7 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
     weighed again with the noise that is learned beside it.
     """
     accepted: list[Choice] = []
+    nearly: tuple[str, ...] = ()
     settled, linear = estimate(setup, start)
     while len(accepted) < _MOST_EXPLAINED:
         choice = choose(linear.problem, linear.solution)
@@ -100,10 +101,11 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
         if choice.gain < WORTH:
             choice = replace(choice, gain=gain_beside(choice, tried.problem, tried.solution, tried.prior))
             if choice.gain < WORTH:
+                nearly = promising(choice)
                 break
         accepted.append(choice)
         settled, linear = again, tried
-    return _result(setup, settled, linear, accepted)
+    return replace(_result(setup, settled, linear, accepted), promising=nearly)
 
 
 def estimate(setup: Setup, start: Start, accepted: Sequence[Choice] = ()) -> tuple[Start, Linear]:

@@ -97,6 +97,21 @@ def test_the_other_side_is_not_accused(fault: str) -> None:
     assert sum(one.gain for one in others) < 0.2 * sum(one.gain for one in found_in(fault).explained)
 
 
+@pytest.mark.parametrize("gps", [True, False], ids=["with GPS", "with the compass alone"])
+def test_a_bias_that_comes_and_goes_has_its_times_and_its_size(gps: bool) -> None:  # noqa: FBT001
+    """A third of the flight: what is not explained is learned as noise, and hides in it."""
+    flight, _ = sensed(90.0, "circle", rate=50.0)
+    imu = flight.imu()
+    wrong = ((imu.t >= ONSET) & (imu.t < 60.0))[:, None] * np.array([0.0, 0.0, 0.03])
+    flight = with_imu(flight, replace(imu, gyro=imu.gyro + wrong))
+    explained = smooth(flight if gps else replace(flight, gps=())).explained
+    assert {one.kind for one in explained} == {"gyro_bias"}
+    grid = np.array([20.0, 45.0, 75.0])
+    level = sum((grid >= one.onset)[:, None] * (grid < one.end)[:, None] * one.size for one in explained)
+    assert np.allclose(level, [[0, 0, 0], [0, 0, 0.03], [0, 0, 0]], atol=0.004)
+    assert min(abs(one.onset - ONSET) for one in explained) < 2.0
+
+
 @pytest.fixture(scope="module")
 def linear() -> Linear:
     """The linear problem of a short flight, as it stands before anything is explained."""

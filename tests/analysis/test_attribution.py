@@ -1,0 +1,102 @@
+"""Which of the two is wrong: what the best estimate explained, and where the autopilot leaves it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.analysis.attribution import departures, episodes, findings_of, follows
+from companion.analysis.episode import Departure, Episode
+from companion.analysis.reference import Limits
+from companion.estimation import BestEstimate, Explained, smooth
+from companion.model import Flight
+from companion.strapdown import quaternion
+from tests.estimation.sensed import sensed
+
+ONSET = 30.0
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return sensed(60.0, rate=50.0)[0]
+
+
+@pytest.fixture(scope="module")
+def best(flight: Flight) -> BestEstimate:
+    return smooth(flight)
+
+
+def turned(flight: Flight, degrees: float) -> Flight:
+    """The autopilot's heading off from the onset on."""
+    attitude = flight.require_attitude()
+    turn = quaternion.exp(np.radians(degrees) * (attitude.t >= ONSET)[:, None] * np.array([0.0, 0.0, 1.0]))
+    return replace(flight, attitude=replace(attitude, q_ned_frd=quaternion.multiply(turn, attitude.q_ned_frd)))
+
+
+def step(onset: float, end: float, size: float) -> Explained:
+    return Explained("gyro_bias", "step", onset, 0.1, end, np.array([0.0, 0.0, size]), np.full(3, 1e-4), 100.0)
+
+
+def test_an_estimate_that_agrees_does_not_depart(flight: Flight, best: BestEstimate) -> None:
+    assert departures(flight, best, Limits()) == ()
+    assert findings_of((), (), best) == []
+
+
+def test_a_departure_that_nothing_explains_is_the_autopilots(flight: Flight, best: BestEstimate) -> None:
+    found = departures(turned(flight, 40.0), best, Limits())
+    (heading,) = (d for d in found if d.quantity == "heading")
+    assert heading.start == pytest.approx(ONSET, abs=1.0)
+    assert np.degrees(heading.size) == pytest.approx(40.0, abs=2.0)
+    (finding,) = (f for f in findings_of((), found, best) if f.kind == "heading_off")
+    assert (finding.side, finding.severity) == ("autopilot", "error")
+
+
+@pytest.mark.parametrize(
+    ("doubt", "said"),
+    [
+        ({"promising": ("accel_bias",)}, "a fault of the accelerometer"),
+        ({"promising": ("compass_field",)}, "a fault of the compass"),
+        ({"residuals": {}}, "without GPS"),
+    ],
+    ids=["the accelerometer nearly explains it", "the compass does", "no GPS"],
+)
+def test_where_the_best_estimate_is_in_doubt_nobody_is_accused(
+    flight: Flight, best: BestEstimate, doubt: dict[str, object], said: str
+) -> None:
+    found = departures(turned(flight, 40.0), best, Limits())
+    (finding,) = (f for f in findings_of((), found, replace(best, **doubt)) if f.kind == "heading_off")  # type: ignore[arg-type]
+    assert (finding.side, finding.severity) == ("data", "warning")
+    assert said in finding.evidence
+
+
+def test_what_follows_a_fault_of_the_imu_is_its_consequence(flight: Flight, best: BestEstimate) -> None:
+    faulty = replace(best, explained=(step(ONSET - 1.0, np.inf, 0.05),))
+    found = departures(turned(flight, 40.0), faulty, Limits())
+    (finding,) = findings_of(episodes(faulty), found, faulty)
+    assert (finding.kind, finding.side, finding.severity) == ("gyro_bias", "imu", "error")
+    assert finding.cause is not None
+    assert any("heading" in one for one in finding.cause.consequences)
+
+
+def test_steps_that_cancel_are_one_episode(best: BestEstimate) -> None:
+    (one,) = episodes(replace(best, explained=(step(20.0, np.inf, 0.02), step(40.0, np.inf, -0.02))))
+    assert one.start == 20.0
+    assert one.end == pytest.approx(40.0, abs=0.2)
+    assert one.size == pytest.approx([0.0, 0.0, 0.02])
+    (same,) = episodes(replace(best, explained=(step(20.0, 40.0, 0.02),)))
+    assert same.start == 20.0
+    assert same.end == pytest.approx(40.0, abs=0.2)
+
+
+def test_nothing_follows_what_came_later_or_cannot_mislead() -> None:
+    early = Departure("heading", 10.0, 20.0, 0.5, 0.05)
+
+    def episode(kind: str, witness: str, start: float) -> Episode:
+        return Episode(kind, witness, start, 0.1, np.inf, np.ones(3), 0.1, 100.0, ())
+
+    assert follows(early, episode("gyro_bias", "imu", 9.0))
+    assert not follows(early, episode("gyro_bias", "imu", 30.0))
+    assert not follows(early, episode("barometer", "barometer", 9.0))
+    assert not follows(early, episode("gps_height", "gps", 9.0))
