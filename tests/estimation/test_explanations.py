@@ -98,7 +98,7 @@ def test_the_other_side_is_not_accused(fault: str) -> None:
 
 
 @pytest.mark.parametrize("gps", [True, False], ids=["with GPS", "with the compass alone"])
-def test_a_bias_that_comes_and_goes_has_its_times_and_its_size(gps: bool) -> None:  # noqa: FBT001
+def test_a_bias_that_comes_and_goes_has_its_times_and_its_size(gps: bool) -> None:
     """A third of the flight: what is not explained is learned as noise, and hides in it."""
     flight, _ = sensed(90.0, "circle", rate=50.0)
     imu = flight.imu()
