@@ -30,6 +30,7 @@ _CAUSES = {
     "gyro_shock": ("noise", "gyro"),
     "accel_shock": ("noise", "accel"),
     "gps_position": ("position", "gps"),
+    "gps_motion": ("position", "gps"),
     "gps_height": ("position", "gps"),
     "gps_velocity": ("velocity", "gps"),
     "compass_field": ("heading", "compass"),

@@ -17,7 +17,17 @@ from companion.analysis.episode import PHRASES, Departure, Episode, cause_of, ri
 from companion.analysis.finding import Finding, Severity, Side, runs
 from companion.analysis.phases import phases
 from companion.analysis.reference import BoolArray, Limits, reference_at
-from companion.estimation import ATTITUDE, KINDS, POSITION, VELOCITY, BestEstimate, Explained, kind_of
+from companion.estimation import (
+    ATTITUDE,
+    KINDS,
+    POSITION,
+    SLOPED,
+    VELOCITY,
+    BestEstimate,
+    Explained,
+    contradicted,
+    kind_of,
+)
 from companion.model import Array, Flight
 from companion.strapdown import quaternion
 
@@ -27,7 +37,6 @@ _LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0,
 _SETTLED_S = 10.0  # on a bench, after which an estimator has aligned
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
 _SIGMAS, _CERTAIN = 3.0, 5.0  # of both together: a departure is doubted, and is the autopilot's alone
-_SLOPES = ("ramp", "creep")  # shapes whose size is per second
 _TOLERANCE: Mapping[str, tuple[float, float]] = {
     "tilt": (np.radians(0.7), np.radians(2.0)),
     "heading": (np.radians(3.0), np.radians(8.0)),
@@ -64,14 +73,14 @@ def _episodes_of(parts: list[Explained], witness: str, least: float, last: float
             continue
         since = np.clip(grid, part.onset, part.end) - part.onset
         on = (grid >= part.onset) & (grid < part.end)
-        level += (since if part.shape in _SLOPES else on.astype(np.float64))[:, None] * part.size
+        level += (since if part.shape in SLOPED else on.astype(np.float64))[:, None] * part.size
     for first, final in runs(np.asarray(length(level) >= 0.5 * least)):
         peak = first + int(np.argmax(length(level[first : final + 1])))
         if float(length(level[peak])) < least:
             continue
         before = [p for p in parts if p.onset <= grid[first] + 1e-9]
-        cause = before[-1] if before[-1].shape not in _SLOPES else next(p for p in before if p.shape in _SLOPES)
-        lasted = min(grid[peak], cause.end) - cause.onset if cause.shape in _SLOPES else 1.0
+        cause = before[-1] if before[-1].shape not in SLOPED else next(p for p in before if p.shape in SLOPED)
+        lasted = min(grid[peak], cause.end) - cause.onset if cause.shape in SLOPED else 1.0
         yield Episode(
             cause.kind,
             witness,
@@ -200,6 +209,8 @@ def _why_unsure(departure: Departure, best: BestEstimate) -> str:
     """Why a departure does not accuse the autopilot; empty where it does."""
     if "gps_position" not in best.residuals:
         return "without GPS it cannot be told which of them is wrong"
+    if contradicted(best):
+        return "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which is wrong"
     for kind in best.promising:
         if sensor := _SENSORS.get(kind.split("_")[0]):
             return f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong"

@@ -145,6 +145,8 @@ PHRASES: Mapping[str, tuple[Callable[[Episode, BestEstimate], str], str]] = {
                      "interference; a receiver of a second band helps."),
     "gps_height": (_place("the GPS height", "m"), "Usual under trees and beside walls; fly on the barometer."),
     "gps_velocity": (_place("the GPS velocity", "m/s"), "Look at the antenna's view of the sky and at interference."),
+    "gps_motion": (_place("the GPS reports a motion that no other sensor feels: it", "m/s"), "Position and velocity go "
+                   "off together: look at the receiver, and at interference or spoofing."),
     "compass_field": (_turned, "Look for iron and currents near the compass and under the take-off place; calibrate it "
                       "again, or use GPS for yaw."),
     "compass_iron": (_place("the compass", "µT"), "Look for currents and iron near the compass: motors, cables."),

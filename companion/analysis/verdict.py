@@ -27,11 +27,12 @@ from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.figures import ImuFigures, ReferenceFigures, SensorFigures
 from companion.analysis.finding import Cause, Finding, by_severity
 from companion.analysis.findings import findings, reading_faults
+from companion.analysis.findings.axes import misread_finding
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.phases import phases
 from companion.analysis.rest import Rest, rests
 from companion.analysis.sensitivity import Sensitivity, sensitivity
-from companion.estimation import BestEstimate, smooth
+from companion.estimation import BestEstimate, other_reading, smooth
 from companion.model import Array, DataError, Flight, ImuTrack, Phase
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
@@ -122,7 +123,8 @@ def assess(
     if lost is not None:
         faults = [f for f in faults if f.start_s < lost.start]
     own = replace(flight, imus={**flight.imus, track.source: track})
-    best = _best(own, track.source, how.gravity, faults, lost)
+    best, misread = _best(own, track.source, how.gravity, faults, lost, enough=len(judged.start) >= _FEWEST_WINDOWS)
+    faults += misread
     found, clean = findings(flight, comparison, sampling, compare_with, figures, noise, autopilot, faults, best)
     if lost is not None:
         found = by_severity((_control_lost(lost), *(f for f in found if f.start_s < lost.start)))
@@ -212,18 +214,23 @@ _UNTRUSTED = ("frozen", "stuck_axis", "gyro_clipping", "accel_clipping")
 
 
 def _best(
-    flight: Flight, imu: str, gravity: float, faults: Sequence[Finding], lost: Phase | None
-) -> BestEstimate | None:
+    flight: Flight, imu: str, gravity: float, faults: Sequence[Finding], lost: Phase | None, *, enough: bool
+) -> tuple[BestEstimate | None, list[Finding]]:
     """The best estimate, with the IMU's readings left out where they are none; None where there can be none.
 
+    And whether another way to read the axes fits far better, of a flight in control that is long enough.
     lost: from when on nothing is judged.
     """
     untrusted = [(f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED]
     span = None if lost is None else (-np.inf, lost.start)
     try:
-        return smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted)
+        best = smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted)
     except DataError:
-        return None
+        return None, []
+    if lost is not None or not enough or not _independent(best) or any(f.kind == "axes_wrong" for f in faults):
+        return best, []
+    other = other_reading(flight, best, gravity=gravity, span=span, untrusted=untrusted)
+    return best, [] if other is None else [misread_finding(flight.imu(imu), other)]
 
 
 def _while_judged(chosen: Windows, t: Array, parts: Sequence[Phase]) -> Windows:

@@ -1,6 +1,7 @@
 """The best estimate of a flight from its sensors alone, and how noisy they are. Pure: imports model and strapdown."""
 
 from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures
+from companion.estimation.axes import Reading, contradicted, other_reading
 from companion.estimation.explanations import KINDS, Kind, kind_of
 from companion.estimation.model import (
     ATTITUDE,
@@ -23,6 +24,7 @@ from companion.estimation.noise_density import (
     sampling_of,
     white_noise,
 )
+from companion.estimation.shapes import SLOPED
 from companion.estimation.smoother import smooth
 from companion.estimation.spectrum import (
     Peak,
@@ -40,6 +42,7 @@ __all__ = [
     "CONSTANTS",
     "KINDS",
     "POSITION",
+    "SLOPED",
     "VELOCITY",
     "AllanDeviation",
     "BestEstimate",
@@ -49,6 +52,7 @@ __all__ = [
     "NoiseFigures",
     "Peak",
     "ProcessNoise",
+    "Reading",
     "Residuals",
     "Sampling",
     "Spectrum",
@@ -57,12 +61,14 @@ __all__ = [
     "WhiteNoise",
     "allan_deviation",
     "confirmed_sampling",
+    "contradicted",
     "corrected",
     "folded_gain",
     "folded_onto",
     "imu_spectrum",
     "kind_of",
     "noise_figures",
+    "other_reading",
     "peaks",
     "quantisation_bound",
     "sampling_of",

@@ -13,9 +13,9 @@ from companion.estimation.explanations import (
     Kind,
     Problem,
     Signature,
-    at_work,
     jumps,
     kind_of,
+    pushes,
     weigh,
     weigh_shocks,
 )
@@ -28,6 +28,7 @@ from companion.estimation.model import (
     VELOCITY,
     Explained,
 )
+from companion.estimation.shapes import SLOPED, at_work
 from companion.estimation.system import (
     Prior,
     Solution,
@@ -141,7 +142,7 @@ def _chosen(first: Candidate, gain: float, others: tuple[tuple[str, str, float],
 
 def _comes_and_goes(kind: Kind, shape: str) -> bool:
     """Whether it is an error of the IMU, which does not show in a single reading, that ends again."""
-    return kind.side == "imu" and shape == "pulse"
+    return shape == "pulse" and kind.side == "imu"
 
 
 def _weighed(problem: Problem, solution: Solution, kind: Kind, shape: str, coarse: Array) -> Candidate | None:
@@ -155,7 +156,10 @@ def _weighed(problem: Problem, solution: Solution, kind: Kind, shape: str, coars
 
 def _tried(problem: Problem, solution: Solution, kind: Kind, shape: str, coarse: Array) -> tuple[Array, Array | None]:
     """Onsets (T,) s, and ends (T,) of what ends, that are tried first."""
-    sudden = np.sort(jumps(problem, solution, kind)) if kind.side != "imu" else coarse[::2]
+    if _comes_and_goes(kind, shape):
+        sudden = coarse[::2]
+    else:
+        sudden = np.sort(pushes(problem, solution) if kind.summed else jumps(problem, solution, kind))
     if shape == "pulse":
         first, last = (x.ravel() for x in np.meshgrid(sudden, sudden, indexing="ij"))
         return first[last > first], last[last > first]
@@ -163,15 +167,15 @@ def _tried(problem: Problem, solution: Solution, kind: Kind, shape: str, coarse:
         first, lasted = (x.ravel() for x in np.meshgrid(coarse, _CREEPS_S, indexing="ij"))
         inside = first + lasted < problem.t[-1]
         return first[inside], (first + lasted)[inside]
-    return (np.unique(np.concatenate([coarse, sudden])) if shape == "step" else coarse), None
+    return (np.unique(np.concatenate([coarse, sudden])) if shape == "step" and kind.side != "imu" else coarse), None
 
 
 def _refined(problem: Problem, solution: Solution, one: Candidate, coarse: Array) -> Candidate:
     """The candidate at onsets around its best."""
     t = problem.t
     near = float(one.onset[one.best])
-    if _comes_and_goes(one.kind, one.shape):
-        reach = 2.0 * float(coarse[1] - coarse[0])
+    if _comes_and_goes(one.kind, one.shape) or (one.kind.summed and one.shape == "pulse"):
+        reach = 0.5 if one.kind.summed else 2.0 * float(coarse[1] - coarse[0])
         for _ in range(3):
             one = _moved(problem, solution, one, reach)
             reach *= 0.3
@@ -216,9 +220,10 @@ def with_choice(problem: Problem, prior: Prior, choice: Choice) -> tuple[Problem
     for i, one in enumerate(measurements):
         own = np.zeros((*one.residual.shape, m))
         if one.name in signature.measurements:
-            own = signature.measurements[one.name] * at_work(choice.shape, onset, end, one.t, one.t)[0][:, None, None]
+            shape = choice.kind.shape_at(one.name, choice.shape)
+            own = signature.measurements[one.name] * at_work(shape, onset, end, one.t, one.t)[0][:, None, None]
         measurements[i] = replace(one, constants=np.concatenate((one.constants, own), axis=2))
-    sloped = choice.shape in ("ramp", "creep")
+    sloped = choice.shape in SLOPED
     lasted = max(min(float(problem.t[-1]), choice.end) - choice.onset, 1.0) if sloped else 1.0
     return (
         replace(problem, motion=motion, measurements=tuple(measurements)),

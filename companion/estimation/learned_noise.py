@@ -30,7 +30,7 @@ from companion.estimation.system import (
     measurement_covariance,
     measurement_residual,
 )
-from companion.model import Array, ImuTrack
+from companion.model import Array
 from companion.strapdown import quaternion
 
 START = ProcessNoise(gyro_noise=3e-3, accel_noise=5e-2, gyro_walk=1e-4, accel_walk=2e-3)
@@ -81,14 +81,26 @@ def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
     }
     if any(one.name == "calm" for one in setup.readings):
         least, most = limits["accel_noise"]
-        limits["accel_noise"] = (least, float(np.clip(_WHITER * _between_samples(setup.imu), least, most)))
+        limits["accel_noise"] = (
+            least,
+            float(np.clip(_WHITER * _between_samples(setup.imu.accel, setup.imu.rate_hz), least, most)),
+        )
     return limits
 
 
-def _between_samples(imu: ImuTrack) -> float:
-    """Density of the accelerometer's noise by second differences, m/s²/√Hz, of the noisiest axis."""
-    rough = np.diff(imu.accel, n=2, axis=0).std(axis=0) / np.sqrt(6.0)  # of white noise: 1 + 4 + 1
-    return float(rough.max() * np.sqrt(1.0 / imu.rate_hz))
+def scatter(setup: Setup) -> tuple[float, float]:
+    """Densities by which gyro and accelerometer scatter between samples, rad/s/√Hz and m/s²/√Hz.
+
+    By second differences, of the noisiest axis; not less than what may be learned at least.
+    """
+    limits, imu = noise_limits(setup), setup.imu
+    gyro, accel = (_between_samples(values, imu.rate_hz) for values in (imu.gyro, imu.accel))
+    return max(gyro, limits["gyro_noise"][0]), max(accel, limits["accel_noise"][0])
+
+
+def _between_samples(values: Array, rate_hz: float) -> float:
+    rough = np.diff(values, n=2, axis=0).std(axis=0) / np.sqrt(6.0)  # of white noise: 1 + 4 + 1
+    return float(rough.max() / np.sqrt(rate_hz))
 
 
 def learn(

@@ -133,6 +133,7 @@ class BestEstimate:
     constants_sigma: Array  # (39,)
     noise: ProcessNoise  # learned
     lasting: tuple[float, float]  # by how much more it weighs, gyro and accelerometer, because it is not white
+    scatter: tuple[float, float]  # densities by which the readings scatter between samples, gyro and accelerometer
     measurement_scale: Mapping[str, float]  # witness → learned σ over the nominal one
     residuals: Mapping[str, Residuals]
     gravity: float

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.estimation.competition import WORTH, Choice, choose, detectable, explained, gain_beside, promising
-from companion.estimation.learned_noise import START, coloured, learn, noise_limits, outlier_weights
+from companion.estimation.learned_noise import START, coloured, learn, noise_limits, outlier_weights, scatter
 from companion.estimation.linearisation import Linear, carry_imu, linearise
 from companion.estimation.measurements import UNITS
 from companion.estimation.model import (
@@ -58,9 +58,7 @@ def smooth(
     Raises DataError where the IMU cannot carry an estimate.
     """
     setup = set_up(flight, imu, gravity, span, untrusted)
-    start = Start(
-        guess or first_guess(setup, flight), START, {one.name: _scale_at_first(one.name) for one in setup.readings}
-    )
+    start = start_of(setup, guess or first_guess(setup, flight))
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # absurd readings: what is not finite is refused below
             return explain(setup, start)
@@ -80,8 +78,9 @@ class Start:
     scale: Mapping[str, float]
 
 
-def _scale_at_first(name: str) -> float:
-    return 1.0 if name.startswith("rest") else 3.0
+def start_of(setup: Setup, guess: States) -> Start:
+    """Where nothing is learned yet: every σ wide."""
+    return Start(guess, START, {r.name: 1.0 if r.name.startswith("rest") else 3.0 for r in setup.readings})
 
 
 def explain(setup: Setup, start: Start) -> BestEstimate:
@@ -168,6 +167,7 @@ def _result(setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Cho
             linear.noise.gyro_noise / settled.noise.gyro_noise,
             linear.noise.accel_noise / settled.noise.accel_noise,
         ),
+        scatter=scatter(setup),
         measurement_scale=dict(settled.scale),
         residuals=residuals,
         gravity=setup.gravity,

@@ -10,6 +10,7 @@ import numpy as np
 from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison, IntArray
 from companion.analysis.finding import Finding
+from companion.estimation import Reading
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack
 from companion.strapdown import quaternion
 
@@ -81,6 +82,12 @@ def axes_findings(comparison: Comparison) -> Iterator[Finding]:
             f"the board is turned by {np.degrees(length(angle)):.0f}° about ({x:.1f}, {y:.1f}, {z:.1f}): so the "
             f"readings fit {own / (forces + turns):.0f} times better",
         )
+
+
+def misread_finding(track: ImuTrack, reading: Reading) -> Finding:
+    """An IMU whose axes are mirrored or exchanged, by the witnesses that the autopilot has no part in."""
+    how = f"{reading.words}: read so, it fits GPS, compass and gravity with {reading.fits:.0f} times less noise"
+    return _wrong(track, how)
 
 
 def _wrong(track: ImuTrack, how: str) -> Finding:
