@@ -42,6 +42,7 @@ _JUDGED_S = 5.0  # the horizon that consistency and calibration are judged at
 _FEWEST_WINDOWS = 3
 _CONSISTENT_SHARE = 0.7  # of windows inside the 95 % bound: the windows of a flight share one draw of its biases
 _Z_999 = 3.0902
+_SHOWN = 3.0  # σ
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,18 +256,23 @@ def _independent(best: BestEstimate) -> bool:
 
 
 def in_flight(figures: ImuFigures, best: BestEstimate) -> ImuFigures:
-    """The part's figures with the noise that it has in this flight, over seconds, and what is not known of its bias."""
+    """The part's figures with the noise that it has in this flight, over seconds, and what is not known of its bias.
 
-    def widened(part: SensorFigures, noise: float, bias_sigma: Array) -> SensorFigures:
-        unknown = float(np.sqrt((np.median(bias_sigma, axis=0) ** 2).mean()))
+    A bias that stands out of its σ is one that the flight shows: what is left beside it has to be as small as usual.
+    """
+
+    def widened(part: SensorFigures, noise: float, bias: Array, sigma: Array) -> SensorFigures:
+        shown = (np.abs(np.median(bias, axis=0)) > _SHOWN * np.median(sigma, axis=0)).any()
+        unknown = 0.0 if shown else float(np.sqrt((np.median(sigma, axis=0) ** 2).mean()))
         return replace(
             part, noise_density=max(part.noise_density, noise), residual_bias=max(part.residual_bias, unknown)
         )
 
+    noise, lasting, states = best.noise, best.lasting, best.states
     return replace(
         figures,
-        gyro=widened(figures.gyro, best.noise.gyro_noise * best.lasting[0], best.gyro_bias_sigma),
-        accel=widened(figures.accel, best.noise.accel_noise * best.lasting[1], best.accel_bias_sigma),
+        gyro=widened(figures.gyro, noise.gyro_noise * lasting[0], states.gyro_bias, best.gyro_bias_sigma),
+        accel=widened(figures.accel, noise.accel_noise * lasting[1], states.accel_bias, best.accel_bias_sigma),
     )
 
 

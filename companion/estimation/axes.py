@@ -61,7 +61,8 @@ def other_reading(
 ) -> Reading | None:
     """The way to read the IMU that fits far better than as it is; None where there is none.
 
-    flight, gravity, span, untrusted: as the best estimate was made of. Nothing is tried where nothing contradicts.
+    flight, gravity, span, untrusted: as the best estimate was made of, which has explained what it can by errors that
+    come and go; the other way has to do without. Nothing is tried where nothing contradicts.
     """
     if not contradicted(best):
         return None
@@ -79,10 +80,9 @@ def other_reading(
         return _size(settled.noise)
 
     with np.errstate(over="ignore", invalid="ignore"):
-        as_it_is = needed((np.eye(3), np.eye(3)))
         noise = {words: needed(turn) for words, turn in WAYS.items()}
     words = min(noise, key=lambda name: noise[name])
-    fits = as_it_is / noise[words]
+    fits = _size(best.noise) / noise[words]
     return Reading(words, fits) if fits > _CLEARLY else None
 
 
