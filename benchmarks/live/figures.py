@@ -61,6 +61,12 @@ def page(folder: str) -> None:
     sys.exit(code)
 
 
+def beside(process: psutil.Process) -> float:
+    """CPU time of its processes so far, s: the one that judges."""
+    times = [child.cpu_times() for child in process.children(recursive=True)]
+    return float(sum(one.user + one.system for one in times))
+
+
 def run(minutes: float, folder: str) -> None:
     """Measure and print."""
     begun = multiprocessing.get_context("spawn").Value("d", 0.0)
@@ -75,11 +81,12 @@ def run(minutes: float, folder: str) -> None:
         tab.goto(f"http://127.0.0.1:{PAGE}")
         tab.get_by_text("LIVE", exact=True).wait_for(timeout=60_000)
         process = psutil.Process(served.pid)
-        resident, cpu, begin = [], [process.cpu_times()], time.monotonic()
+        resident, cpu, verdicts, begin = [], [process.cpu_times()], [beside(process)], time.monotonic()
         while time.monotonic() - begin < 60 * minutes:
             tab.wait_for_timeout(1000 * EVERY_S)
             resident.append(process.memory_info().rss / 1e6)
             cpu.append(process.cpu_times())
+            verdicts.append(beside(process))
         elapsed = time.monotonic() - begin
         browser.close()
         served.send_signal(signal.SIGINT)
@@ -89,12 +96,11 @@ def run(minutes: float, folder: str) -> None:
     imu = flight.imu("RAW_IMU")
     sent = round((imu.t[-1] - imu.t[0]) * STREAMS["RAW_IMU"]) + 1
     own = cpu[-1].user + cpu[-1].system - cpu[0].user - cpu[0].system
-    verdicts = cpu[-1].children_user + cpu[-1].children_system
     minute = int(60 / EVERY_S) - 1
     t, at = np.load(f"{folder}/shown.npy").T
     late = 1e3 * (at - begun.value - t)[len(t) // 20 :]
     print(f"{elapsed:.0f} s: {sent - len(imu)} of {sent} RAW_IMU samples lost, {flight.duration:.0f} s recorded")
-    print(f"companion {own / elapsed:.1%} of a core, verdicts beside it {verdicts / elapsed:.1%}")
+    print(f"companion {own / elapsed:.1%} of a core, verdicts beside it {(verdicts[-1] - verdicts[0]) / elapsed:.1%}")
     print(
         f"resident {resident[minute]:.1f} MB after a minute, {resident[-1]:.1f} MB at the end, {max(resident):.1f} most"
     )
