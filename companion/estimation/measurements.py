@@ -39,7 +39,7 @@ NOMINAL: Mapping[str, float] = {
     "barometer": 0.5,  # m
     "rest_velocity": 0.02,  # m/s
     "rest_rate": 2e-4,  # rad/s
-    "calm": 45.0,  # m/s: a vehicle without GPS is taken to stay about where it is, by a velocity that is learned
+    "calm": 45.0,  # m/s: of a velocity that wanders by 5 m/s within 20 s, as white noise every half second says it
 }
 """Witness → 1σ before anything is learned, where the vehicle states none."""
 
