@@ -91,6 +91,21 @@ def test_a_killed_recording_holds_all_but_the_last_second(tmp_path: Path) -> Non
     assert len(flight.imu("RAW_IMU")) >= sent - 100
 
 
+def test_what_a_killed_recording_left_behind_is_given_back_by_the_next(tmp_path: Path) -> None:
+    port = free_port()
+    with flying(port, streams={"RAW_IMU": 4.0}) as vehicle:
+        with recording(port, "-o", "a.tlog", folder=tmp_path) as process:
+            wait_for(lambda: vehicle.interval_us("RAW_IMU") == 10_000)
+            process.kill()
+            process.wait(LIMIT_S)
+        assert vehicle.interval_us("RAW_IMU") == 10_000
+        with recording(port, "-o", "b.tlog", folder=tmp_path) as process:
+            wait_for(lambda: size(tmp_path / "b.tlog") > 20_000)
+            _, told = ended(process, signal.SIGTERM)
+        assert "an earlier companion on this link ended without giving vehicle 1:1 its message intervals back" in told
+        wait_for(lambda: vehicle.interval_us("RAW_IMU") == 250_000)
+
+
 def test_listening_only_sends_nothing_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     port = free_port()
     with flying(port, streams={"RAW_IMU": 50.0, "ATTITUDE": 50.0}) as vehicle:
