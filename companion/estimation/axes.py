@@ -11,12 +11,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from companion.estimation.explanations import kind_of
 from companion.estimation.model import BestEstimate, ProcessNoise
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.smoother import estimate, start_of
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight
+from companion.strapdown import quaternion
 
-_BEYOND = 1.5  # times what the readings scatter by: more is learned of no sensor whose axes are right
+_FOLLOWED = 0.7  # of what an axis reads: right axes are followed by 0.8 and more, mirrored and exchanged ones by less
+_HEARD = 2.0  # times its noise, as learned or as its samples scatter by, whichever is less
+_FEW = 30  # intervals, from which on something can be said of them
+_BEYOND = 8.0  # times what the readings scatter by: more is learned of no sensor whose axes are right
 _CLEARLY = 2.0  # times less noise, in every interval and on every axis: chance has no part in it
 
 
@@ -51,6 +56,37 @@ def contradicted(best: BestEstimate) -> bool:
     return any(one > _BEYOND * scatter for one, scatter in zip(learned, best.scatter, strict=True))
 
 
+def followed(best: BestEstimate) -> tuple[Array, Array]:
+    """(3,), (3,) the part of what an axis of gyro and accelerometer reads that the estimate's motion has: about 1.
+
+    By regression over the intervals between keyframes, biases taken off, where nothing else of the IMU was explained: a
+    mirrored axis has -1 where the other witnesses tell the motion. 1 for an axis that reads hardly more than its noise.
+    """
+    states, seconds = best.states, np.diff(best.t)[:, None]
+    q = states.q_ned_frd
+    turn = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-1]), q[1:]))
+    middle = quaternion.multiply(q[:-1], quaternion.exp(0.5 * turn))
+    turn = turn / seconds
+    force = np.diff(states.velocity, axis=0) / seconds - [0.0, 0.0, best.gravity]
+    force = quaternion.rotate(quaternion.conjugate(middle), force)
+    plain = np.ones(len(turn), np.bool_)
+    for one in best.explained:
+        if kind_of(one.kind).side == "imu":
+            plain &= (best.t[1:] < one.onset) | (best.t[:-1] > one.end)
+    if plain.sum() < _FEW:
+        plain[:] = True
+    parts = []
+    sensors = ((turn, best.imu.gyro, states.gyro_bias), (force, best.imu.accel, states.accel_bias))
+    noises = zip((best.noise.gyro_noise, best.noise.accel_noise), best.scatter, strict=True)
+    for (moved, readings, bias), noise in zip(sensors, map(min, noises), strict=True):
+        total = np.concatenate([np.zeros((1, 3)), np.cumsum(readings, axis=0)])[best.index]
+        read = (np.diff(total, axis=0) / np.diff(best.index)[:, None] - bias[:-1])[plain]
+        square = (read**2).sum(axis=0)
+        heard = square > _HEARD**2 * noise**2 * (1.0 / seconds[plain]).sum()
+        parts.append(np.where(heard, (moved[plain] * read).sum(axis=0) / np.maximum(square, 1e-300), 1.0))
+    return parts[0], parts[1]
+
+
 def other_reading(
     flight: Flight,
     best: BestEstimate,
@@ -62,9 +98,10 @@ def other_reading(
     """The way to read the IMU that fits far better than as it is; None where there is none.
 
     flight, gravity, span, untrusted: as the best estimate was made of, which has explained what it can by errors that
-    come and go; the other way has to do without. Nothing is tried where nothing contradicts.
+    come and go; the other way has to do without. Nothing is tried where every axis is
+    followed.
     """
-    if not contradicted(best):
+    if min(part.min() for part in followed(best)) > _FOLLOWED:
         return None
 
     def needed(turn: tuple[Array, Array]) -> float:
