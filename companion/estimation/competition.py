@@ -32,19 +32,14 @@ from companion.estimation.shapes import SLOPED, at_work
 from companion.estimation.system import (
     Prior,
     Solution,
-    disturbances,
 )
 from companion.model import Array
 
 _ONSETS = 24
 _ONSET_PRICE = 2.0 * float(np.log(_ONSETS))
-
-
 _CREEPS_S = np.array([8.0, 16.0, 32.0, 64.0])  # how long what creeps may creep
 WORTH = 30.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
 _PROMISING = 10.0  # and from which on it is weighed again
-
-
 _SHOCKS = {
     ("gyro_bias", "step"): GYRO_BIAS, ("accel_bias", "step"): ACCEL_BIAS,
     ("gyro_shock", "shock"): ATTITUDE, ("accel_shock", "shock"): VELOCITY,
@@ -271,7 +266,7 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
     found = {}
     count = len(problem.t) - 1
     middle = slice(count // 4, max(count // 4 + 1, 3 * count // 4))
-    _, d = disturbances(problem.motion, solution)
+    _, d = solution.disturbances
     for (name, shape), block in _SHOCKS.items():
         kind = kind_of(name)
         if shape != "step" or (kind.needs and problem.witness(kind.needs) is None):

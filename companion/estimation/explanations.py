@@ -20,7 +20,6 @@ from companion.estimation.system import (
     Measurement,
     Motion,
     Solution,
-    disturbances,
     measurement_residual,
     motion_residual,
 )
@@ -215,7 +214,7 @@ def jumps(problem: Problem, solution: Solution, kind: Kind) -> Array:
 
 def pushes(problem: Problem, solution: Solution) -> Array:
     """(J,) s: keyframes before which the velocity changes most beyond what the IMU felt, the most unlikely first."""
-    e, d = disturbances(problem.motion, solution)
+    e, d = solution.disturbances
     e, d = e[:, VELOCITY], d[:, VELOCITY, VELOCITY]
     unlikely = np.einsum("ki,ki->k", e, np.linalg.solve(d + 1e-12 * np.eye(3), e[..., None])[..., 0])
     peak = (unlikely >= np.roll(unlikely, 1)) & (unlikely >= np.roll(unlikely, -1))
@@ -279,7 +278,7 @@ def _squares(a: Array, b: Array) -> Array:
 def weigh_shocks(problem: Problem, solution: Solution, kind: Kind, shape: str, block: slice) -> Candidate:
     """Shocks to a block of the states at every keyframe at once, of which the disturbances tell: a shock to a bias is a
     step of it."""
-    e, d = disturbances(problem.motion, solution)
+    e, d = solution.disturbances
     if shape == "shock":
         middle = 0.5 * (problem.t[:-1] + problem.t[1:])
         return _candidate(kind, shape, problem, (middle, np.full(len(e), np.inf)), -e[:, block], d[:, block, block])

@@ -26,7 +26,6 @@ from companion.estimation.model import (
 )
 from companion.estimation.setup import Setup
 from companion.estimation.system import (
-    disturbances,
     measurement_covariance,
     measurement_residual,
 )
@@ -34,37 +33,21 @@ from companion.model import Array
 from companion.strapdown import quaternion
 
 START = ProcessNoise(gyro_noise=3e-3, accel_noise=5e-2, gyro_walk=1e-4, accel_walk=2e-3)
-
-
 """Where learning begins: wide, some thirty times a data sheet, as vibration and aliasing make it. The walks are not
 learned: they are what warming parts show in flight (1.5 mrad/s and 0.03 m/s² in four minutes), and a walk that were
 free would swallow every fault."""
 
 
 LEAST_NOISE, MOST_NOISE = (5e-5, 1e-3), (0.5, 5.0)
-
-
 """rad/s/√Hz, m/s²/√Hz: what may be learned of gyro and accelerometer."""
 
 
 _TRUNCATED_S = 0.2  # for so long the error of a reading that is cut to whole steps may stay the same
-
-
 _STRETCHES = 12  # of the flight
-
-
 _TYPICAL = 65.0  # percentile of the stretches: a third of a log may stand still, a third may hold a fault
-
-
 _HUBER, _NEIGHBOURS = 4.0, 7
-
-
 _LAGS = 15
-
-
 _WHITER = 3.0  # times what shows between samples, of a filter that makes it less
-
-
 _SLOW = 0.3  # ratio of one step to the one before, from which on the series is summed
 _FURTHEST = 0.5 * np.log(10.0)
 
@@ -115,7 +98,6 @@ def learn(
     before: the changes of the step before; changes are of the logarithm.
     """
     solution = linear.solution
-    own, _ = solution.factor.inverse_blocks()
     e, d, to_body = _in_body(linear)
     usual = np.diagonal(linear.covariance, axis1=1, axis2=2)[:, 0] < 0.1  # not across holes
     e, d, to_body = e[usual], d[usual], to_body[usual]
@@ -136,7 +118,7 @@ def learn(
         information = one.information
         left = measurement_residual(one, solution)
         above = (left**2 * information).sum(axis=1)
-        h = np.diagonal(measurement_covariance(one, solution, own), axis1=1, axis2=2)
+        h = np.diagonal(measurement_covariance(one, solution), axis1=1, axis2=2)
         below = (1.0 - np.minimum(information * h, 1.0)).sum(axis=1)
         least = LEAST[one.name] / float(np.median(one.sigma / scale[one.name]))
         step = _further(0.5 * np.log(_typical(above, below)), before.get(one.name, 0.0))
@@ -158,7 +140,7 @@ def _in_body(linear: Linear) -> tuple[Array, Array, Array]:
 
     In the body a bias stands still.
     """
-    e, d = disturbances(linear.motion, linear.solution)
+    e, d = linear.solution.disturbances
     matrix = quaternion.to_matrix(linear.states.q_ned_frd[:-1]).swapaxes(-1, -2)
     turn = np.tile(np.eye(STATES), (len(e), 1, 1))
     for block in (ATTITUDE, VELOCITY, POSITION):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -61,19 +62,36 @@ class Prior:
     constants_sigma: Array  # (C,)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Solution:
     """The least-squares solution, and what is needed to ask it further questions."""
 
+    motion: Motion
     factor: Factor
     x: Array  # (K, 15)
     c: Array  # (C,)
     border: Array  # (K, 15, C) Y = A⁻¹ B
     constants_covariance: Array  # (C, C)
 
+    @cached_property
+    def inverse_blocks(self) -> tuple[Array, Array]:
+        """(K, 15, 15) and (K-1, 15, 15) blocks of A⁻¹ on the diagonal and right of it: the constants known."""
+        return self.factor.inverse_blocks()
+
+    @cached_property
+    def disturbances(self) -> tuple[Array, Array]:
+        """e (K-1, 15) and D (K-1, 15, 15): the smoothed disturbance of every interval, and its variance.
+
+        e = W r̂, D = W - W cov(r̂) W. A shock u to the states at the end of an interval would raise twice the logarithm
+        of the likelihood by e' D⁻¹ e, and its size is D⁻¹ e, of the components that it moves (de Jong, Penzer 1998).
+        """
+        w = self.motion.weight
+        e = (w @ motion_residual(self.motion, self)[..., None])[..., 0]
+        return e, w - w @ motion_residual_covariance(self.motion, self) @ w
+
     def covariances(self) -> tuple[Array, Array]:
         """Covariance (K, 15, 15) of every keyframe, and (K-1, 15, 15) of it with the next, the constants unknown."""
-        own, beside = self.factor.inverse_blocks()
+        own, beside = self.inverse_blocks
         y, s = self.border, self.constants_covariance
         ys = y @ s
         return own + ys @ y.swapaxes(-1, -2), beside + ys[:-1] @ y[1:].swapaxes(-1, -2)
@@ -121,19 +139,7 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
     schur = inner - _crossed(border, y)
     covariance = np.asarray(np.linalg.inv(0.5 * (schur + schur.T)), np.float64)
     c = covariance @ (b_c - _crossed(border, x0[..., None])[:, 0])
-    return Solution(factor, x0 - y @ c, c, y, covariance)
-
-
-def disturbances(motion: Motion, solution: Solution) -> tuple[Array, Array]:
-    """e (K-1, 15) and D (K-1, 15, 15): the smoothed disturbance of every interval, and its variance.
-
-    e = W r̂, D = W - W cov(r̂) W. A shock u to the states at the end of an interval would raise twice the logarithm of
-    the likelihood by e' D⁻¹ e, and its size is D⁻¹ e, of the components that it moves (de Jong and Penzer 1998).
-    """
-    own, beside = solution.factor.inverse_blocks()
-    w = motion.weight
-    e = (w @ motion_residual(motion, solution)[..., None])[..., 0]
-    return e, w - w @ motion_residual_covariance(motion, solution, own, beside) @ w
+    return Solution(motion, factor, x0 - y @ c, c, y, covariance)
 
 
 def _crossed(a: Array, b: Array) -> Array:
@@ -158,8 +164,9 @@ def measurement_residual(one: Measurement, solution: Solution) -> Array:
     )
 
 
-def motion_residual_covariance(motion: Motion, solution: Solution, own: Array, beside: Array) -> Array:
-    """(K-1, 15, 15) posterior covariance of r + Φ x_k + G c - x_{k+1}; own, beside: of `factor.inverse_blocks`."""
+def motion_residual_covariance(motion: Motion, solution: Solution) -> Array:
+    """(K-1, 15, 15) posterior covariance of r + Φ x_k + G c - x_{k+1}."""
+    own, beside = solution.inverse_blocks
     phi = motion.transition
     crossed = phi @ beside
     chain = phi @ own[:-1] @ phi.swapaxes(-1, -2) - crossed - crossed.swapaxes(-1, -2) + own[1:]
@@ -168,8 +175,9 @@ def motion_residual_covariance(motion: Motion, solution: Solution, own: Array, b
     return np.asarray(chain + constants @ solution.constants_covariance @ constants.swapaxes(-1, -2))
 
 
-def measurement_covariance(one: Measurement, solution: Solution, own: Array) -> Array:
+def measurement_covariance(one: Measurement, solution: Solution) -> Array:
     """(M, d, d) covariance of the posterior of H x + H_c c."""
+    own, _ = solution.inverse_blocks
     h = one.states
     constants = one.constants - h @ solution.border[one.keyframe]
     chain = h @ own[one.keyframe] @ h.swapaxes(-1, -2)
