@@ -99,9 +99,7 @@ def open_link(
     key = load_key(arguments.signing_key_file) if arguments.signing_key_file else None
     if not arguments.listen_only and (warning := takes_the_link(parse_address(address))):
         say(warning)
-        wait_until = time.monotonic() + _GRACE_S
-        while not told() and time.monotonic() < wait_until:
-            time.sleep(_LOOK_S)
+        _pause(_GRACE_S, told)
         if told():
             raise SettingsError(f"{address} has been left alone: nothing was sent.")
     said = False
@@ -121,9 +119,14 @@ def open_link(
             if not said:
                 said = True
                 say(f"Waiting: {error}")
-        until = time.monotonic() + _AGAIN_S
-        while not told() and time.monotonic() < until:
-            time.sleep(_LOOK_S)
+        _pause(_AGAIN_S, told)
+
+
+def _pause(seconds: float, told: Callable[[], bool]) -> None:
+    """Wait, or until the user has ended it."""
+    until = time.monotonic() + seconds
+    while not told() and time.monotonic() < until:
+        time.sleep(_LOOK_S)
 
 
 def takes_the_link(address: Address) -> str:
