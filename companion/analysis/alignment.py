@@ -14,9 +14,8 @@ from companion.analysis.budget import lasting_step_error, turn_jacobian
 from companion.analysis.compare import attitude_error, length
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
-from companion.analysis.reference import nearest
 from companion.analysis.rest import Rest, rests, why_none
-from companion.model import Array, DataError, Flight, ImuTrack
+from companion.model import Array, DataError, Flight, ImuTrack, nearest
 from companion.strapdown import Propagation, preintegrate, propagate, quaternion
 
 LATER_S = (1.0, 10.0, 60.0)

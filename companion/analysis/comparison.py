@@ -16,11 +16,10 @@ from companion.analysis.reference import (
     BoolArray,
     Reference,
     attitude_jumps,
-    nearest,
     position_jumps,
     reference_at,
 )
-from companion.model import Array, Flight, ImuTrack
+from companion.model import Array, Flight, ImuTrack, nearest
 from companion.strapdown import Preintegration, preintegrate
 
 IntArray = npt.NDArray[np.intp]

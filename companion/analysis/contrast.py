@@ -14,9 +14,8 @@ from companion.analysis.correction import NAMES
 from companion.analysis.drift import DriftRow
 from companion.analysis.finding import Finding
 from companion.analysis.ranks import shift
-from companion.analysis.reference import nearest
 from companion.analysis.verdict import Assessment, Expected
-from companion.model import Array
+from companion.model import Array, nearest
 
 QUANTITIES = ("attitude", "velocity", "position")
 _SMALLEST = 1e-12  # rad, m/s, m: an error of zero has no logarithm

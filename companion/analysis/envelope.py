@@ -8,10 +8,9 @@ import numpy as np
 
 from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget
 from companion.analysis.comparison import Windows
-from companion.analysis.reference import nearest
 from companion.analysis.replay import Replay
 from companion.analysis.verdict import Assessment
-from companion.model import Array
+from companion.model import Array, nearest
 
 _POINTS = 2400
 _SAMPLES = 2_500_000  # in all windows together: a third of a second to a second of work

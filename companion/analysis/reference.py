@@ -100,12 +100,6 @@ def position_jumps(track: PositionTrack, limits: Limits) -> Array:
     return _intervals(track.t, step > allowed)
 
 
-def nearest(samples: Array, t: Array) -> npt.NDArray[np.intp]:
-    """Index of the sample nearest to each t. Needs two samples or more."""
-    index = np.clip(np.searchsorted(samples, t), 1, len(samples) - 1)
-    return index - (t - samples[index - 1] < samples[index] - t)
-
-
 def _intervals(t: Array, flags: BoolArray) -> Array:
     return np.column_stack([t[:-1][flags], t[1:][flags]])
 

@@ -10,8 +10,8 @@ from companion.analysis.alignment import Alignment
 from companion.analysis.compare import attitude_error
 from companion.analysis.comparison import IntArray
 from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.reference import BoolArray, Reference, nearest, reference_at
-from companion.model import Array, DataError, Flight, ImuTrack
+from companion.analysis.reference import BoolArray, Reference, reference_at
+from companion.model import Array, DataError, Flight, ImuTrack, nearest
 from companion.strapdown import preintegrate, quaternion
 
 

@@ -150,14 +150,10 @@ def _possible(flight: Flight, blocks: _Blocks) -> BoolArray:
 
 def armed(flight: Flight, begin: Array, end: Array) -> tuple[BoolArray, BoolArray]:
     """Whether the vehicle was armed in some of each block, and whether that is known."""
-    told = [(e.t, e.kind == "armed") for e in flight.events if e.kind in {"armed", "disarmed"}]
-    heard = "HEARTBEAT" in flight.messages
-    if not told:
-        return np.zeros(len(begin), np.bool_), np.full(len(begin), heard)
-    t, state = np.array([when for when, _ in told]), np.array([is_armed for _, is_armed in told])
-    before = np.concatenate([[not state[0]], state])  # the first event is a change
-    at_start, at_end = (before[np.searchsorted(t, when, side="right")] for when in (begin, end))
-    return np.asarray(at_start | at_end), np.ones(len(begin), np.bool_)
+    found = flight.armed(begin, end)
+    if found is None:
+        return np.zeros(len(begin), np.bool_), np.full(len(begin), "HEARTBEAT" in flight.messages)
+    return found, np.ones(len(begin), np.bool_)
 
 
 def _stretches(still: BoolArray, blocks: _Blocks, track: ImuTrack) -> Iterator[tuple[int, int]]:

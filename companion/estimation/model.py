@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import STANDARD_GRAVITY, Array, ImuTrack, Origin
+from companion.model import Array, ImuTrack, Origin, nearest
 from companion.strapdown import preintegrate, quaternion
 
 ATTITUDE, VELOCITY, POSITION, GYRO_BIAS, ACCEL_BIAS = (slice(i, i + 3) for i in range(0, 15, 3))
@@ -179,7 +179,7 @@ class BestEstimate:
         """
         track = corrected(self.imu, self)
         path = preintegrate(track)
-        sample = _nearest(track.t, t)
+        sample = nearest(track.t, t)
         k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 1)
         start = self.index.astype(np.intp)[k]
         s = self.states
@@ -201,27 +201,3 @@ def corrected(imu: ImuTrack, estimate: BestEstimate) -> ImuTrack:
         gyro=(imu.gyro - gyro) @ (eye + s.constant("gyro_matrix").reshape(3, 3)).T,
         accel=(imu.accel - accel) @ (eye + s.constant("accel_matrix").reshape(3, 3)).T,
     )
-
-
-def _nearest(samples: Array, t: Array) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    index = np.clip(np.searchsorted(samples, t), 1, len(samples) - 1)
-    return np.asarray(index - (t - samples[index - 1] < samples[index] - t), dtype=np.intp)
-
-
-__all__ = [
-    "ACCEL_BIAS",
-    "ATTITUDE",
-    "CAUSES",
-    "CONSTANTS",
-    "CONSTANT_STATES",
-    "GYRO_BIAS",
-    "POSITION",
-    "STANDARD_GRAVITY",
-    "STATES",
-    "VELOCITY",
-    "BestEstimate",
-    "ProcessNoise",
-    "Residuals",
-    "States",
-    "corrected",
-]

@@ -19,7 +19,7 @@ def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, np
     A hover can be quieter than a bench, and an IMU cannot tell them apart: so the vehicle has to say that its motors
     are off, and the GPS must not see it move.
     """
-    armed = _armed(flight, t)
+    armed = flight.armed(t, t + 1.0)
     index = np.searchsorted(track.t, t)
     half = max(2, round(0.25 * track.rate_hz))
     low, high = np.maximum(index - half, 0), np.minimum(index + half, len(track))
@@ -31,7 +31,7 @@ def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, np
         variance = (second[high] - second[low]) / count - average**2
         mean.append(average)
         spread.append(np.sqrt(np.maximum(variance, 0.0)).max(axis=1))
-    still = ~armed
+    still = np.zeros(len(t), np.bool_) if armed is None else ~armed  # where nothing is said of them, motors may run
     for own, step, most in ((spread[0], track.gyro_step, _MOST[0]), (spread[1], track.accel_step, _MOST[1])):
         still &= own < min(most, max(_LOUDER * float(np.percentile(own, 10.0)), 0.6 * step, 0.2 * most))
     still &= np.abs(np.linalg.norm(mean[1], axis=1) - STANDARD_GRAVITY) < _FORCE
@@ -46,15 +46,3 @@ def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, np
     calm[1:] &= still[:-1]
     calm[:-1] &= still[1:]
     return mean[0], spread[0] * np.sqrt(2.0 / count[:, 0]), np.asarray(calm)
-
-
-def _armed(flight: Flight, t: Array) -> npt.NDArray[np.bool_]:
-    """Whether the motors may run at each time: where nothing is said of it, they may."""
-    told = [(e.t, e.kind == "armed") for e in flight.events if e.kind in {"armed", "disarmed"}]
-    if not told:
-        return np.ones(len(t), np.bool_)
-    when = np.array([a for a, _ in told])
-    state = np.array([not told[0][1], *(b for _, b in told)])
-    return np.asarray(
-        state[np.searchsorted(when, t, side="right")] | state[np.searchsorted(when, t + 1.0, side="right")]
-    )

@@ -14,7 +14,7 @@ from companion.estimation.measurements import MICROTESLA, NOMINAL, Readings, gps
 from companion.estimation.model import CONSTANT_STATES, CONSTANTS, States
 from companion.estimation.rest import at_rest
 from companion.estimation.system import Index
-from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin
+from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin, nearest
 from companion.strapdown import quaternion
 
 BoolArray = npt.NDArray[np.bool_]
@@ -38,15 +38,10 @@ class Setup:
     broken: BoolArray  # (K-1,) whether the IMU has a hole between two keyframes
     readings: tuple[Readings, ...]
     origin: Origin | None
-    earth: EarthField | None
     gravity: float
     constants: Array  # (39,) prior means
     constants_sigma: Array  # (39,)
     notes: tuple[str, ...]
-
-    def has(self, prefix: str) -> bool:
-        """Whether a witness of that name has readings."""
-        return any(one.name.startswith(prefix) for one in self.readings)
 
 
 def set_up(
@@ -107,7 +102,7 @@ def set_up(
         )
     if broken.any():
         notes.append(f"{int(broken.sum())} holes in {track.source}: the estimate begins anew after each")
-    return Setup(track, index, t, broken, tuple(readings), origin, earth, gravity, mean, sigma, tuple(notes))
+    return Setup(track, index, t, broken, tuple(readings), origin, gravity, mean, sigma, tuple(notes))
 
 
 def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
@@ -140,9 +135,7 @@ def _keyframes(track: ImuTrack, epochs: Array | None, spacing: float) -> Index:
         fill = [_between(track.t, a, b, (b - a) / (np.floor((b - a) / longest) + 1.0))
                 for a, b in pairwise(ends.tolist()) if b - a > longest]  # fmt: skip
         wanted = np.sort(np.concatenate([ends, *fill]))
-    near = np.clip(np.searchsorted(track.t, wanted), 1, len(track) - 1)
-    near = near - (wanted - track.t[near - 1] < track.t[near] - wanted)
-    index = np.unique(np.concatenate([[0], near, [len(track) - 1]]))
+    index = np.unique(np.concatenate([[0], nearest(track.t, wanted), [len(track) - 1]]))
     close = np.diff(track.t[index], prepend=-np.inf) < 0.4 * spacing
     close[-1] = False
     return np.asarray(index[~close], dtype=np.intp)

@@ -24,7 +24,7 @@ from companion.model.geodesy import (
     geodetic_from_ned,
     ned_from_geodetic,
 )
-from companion.model.series import Event, Series
+from companion.model.series import Event, Series, nearest
 from companion.model.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, NavState, PositionTrack, Trajectory
 
 __all__ = [
@@ -64,5 +64,6 @@ __all__ = [
     "Vehicle",
     "from_euler",
     "geodetic_from_ned",
+    "nearest",
     "ned_from_geodetic",
 ]

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+import numpy.typing as npt
+
 from companion.model.aiding import (
     ActuatorTrack,
     BarometerTrack,
@@ -19,7 +22,7 @@ from companion.model.aiding import (
 )
 from companion.model.errors import DataError
 from companion.model.series import Event, Series
-from companion.model.tracks import AttitudeTrack, ImuTrack, PositionTrack
+from companion.model.tracks import Array, AttitudeTrack, ImuTrack, PositionTrack
 
 _COVERED = 0.5  # of the time, by what the samples are means over; between them lies what nobody measured
 
@@ -164,6 +167,16 @@ class Flight:
                 "Record longer, or choose another IMU with --imu."
             )
         return self.imus[name]
+
+    def armed(self, begin: Array, end: Array) -> npt.NDArray[np.bool_] | None:
+        """(N,) whether the vehicle was armed in some of each span, s, boot clock; None where nothing is said of it."""
+        told = [(e.t, e.kind == "armed") for e in self.events if e.kind in {"armed", "disarmed"}]
+        if not told:
+            return None
+        t, state = np.array([when for when, _ in told]), np.array([is_armed for _, is_armed in told])
+        before = np.concatenate([[not state[0]], state])  # the first event is a change
+        at_start, at_end = (before[np.searchsorted(t, when, side="right")] for when in (begin, end))
+        return np.asarray(at_start | at_end)
 
     def require_attitude(self) -> AttitudeTrack:
         """The attitude track. Raises DataError when the flight has none."""

@@ -51,3 +51,9 @@ class Event:
     t: float  # s, boot clock
     kind: str  # "armed", "disarmed", "mode", "error" or "event"
     text: str  # the name of the mode, or what happened
+
+
+def nearest(samples: Array, t: Array) -> npt.NDArray[np.intp]:
+    """Index of the sample nearest to each t. Needs two samples or more."""
+    index = np.clip(np.searchsorted(samples, t), 1, len(samples) - 1)
+    return index - (t - samples[index - 1] < samples[index] - t)

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from companion.analysis import Limits, reference_at
 from companion.analysis.compare import attitude_error, length
-from companion.analysis.reference import attitude_jumps, nearest, position_jumps
-from companion.model import AttitudeTrack, PositionTrack
+from companion.analysis.reference import attitude_jumps, position_jumps
+from companion.model import AttitudeTrack, PositionTrack, nearest
 from companion.strapdown import motions, quaternion
 from tests.flights import flight_of, seconds
 
