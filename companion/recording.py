@@ -15,6 +15,7 @@ from companion.mavlink import (
     load_dialect,
     log_format,
     read_dataflash,
+    read_dataflash_text,
     read_tlog,
 )
 from companion.model import Flight, SettingsError
@@ -26,7 +27,7 @@ class Source:
     """What was read, and what of it could not be."""
 
     path: Path
-    format: str  # "tlog", "raw" (MAVLink without stamps), "dataflash" or "ulog"
+    format: str  # "tlog", "raw" (MAVLink without stamps), "dataflash", "dataflash text" or "ulog"
     size_bytes: int  # of the file
     frames: int  # MAVLink frames with a right checksum, or messages of an on-board log
     content_bytes: int = 0  # of what is in it, which is more where it is compressed
@@ -63,7 +64,7 @@ def read_recording(
     progress: Callable[[int], None] | None = None,
     max_size_gb: float = MOST_BYTES * 1e-9,
 ) -> Recording:
-    """The flights of a .tlog, an ArduPilot .bin or a PX4 .ulg: one per vehicle and boot, in SI units, FRD and NED.
+    """The flights of a .tlog, an ArduPilot .bin or .log, or a PX4 .ulg: one per vehicle and boot, in SI, FRD and NED.
 
     The format is told by the file's first bytes, compressed (.gz, .zst) or not. A damaged log is read as far as
     possible; `Recording.source` has the counts. dequantise: see `config/default.toml`. every_message: read
@@ -78,15 +79,15 @@ def read_recording(
     spoken = load_dialect(dialect)
     most_bytes = round(max_size_gb * 1e9)
     kind = log_format(path)
-    if core is not None and kind != "dataflash":
+    if core is not None and not kind.startswith("dataflash"):
         raise SettingsError(
             f"{path} is no on-board log of ArduPilot (.bin), and only those have the estimates of every EKF core. "
             "Leave --core out, or name the .bin of this flight."
         )
     if kind == "ulog":
         return _read_ulog(path, spoken, progress, most_bytes)
-    if kind == "dataflash":
-        return _read_dataflash(path, spoken, core, progress, most_bytes)
+    if kind.startswith("dataflash"):
+        return _read_dataflash(path, kind, spoken, core, progress, most_bytes)
     log = read_tlog(
         path, dialect=dialect, names=None if every_message else NEEDED, progress=progress, most_bytes=most_bytes
     )
@@ -106,12 +107,13 @@ def _read_ulog(path: Path, dialect: Dialect, progress: Callable[[int], None] | N
 
 
 def _read_dataflash(
-    path: Path, dialect: Dialect, core: int | None, progress: Callable[[int], None] | None, most_bytes: int
+    path: Path, kind: str, dialect: Dialect, core: int | None, progress: Callable[[int], None] | None, most_bytes: int
 ) -> Recording:
-    log = read_dataflash(path, names=RECORDS, progress=progress, most_bytes=most_bytes)
+    read = read_dataflash if kind == "dataflash" else read_dataflash_text
+    log = read(path, names=RECORDS, progress=progress, most_bytes=most_bytes)
     source = Source(
         path=path,
-        format="dataflash",
+        format=kind,
         size_bytes=log.size_bytes,
         frames=log.frames,
         content_bytes=log.content_bytes,

@@ -47,7 +47,7 @@ def add_command(
 ) -> argparse.ArgumentParser:
     """A command that takes a log, with the options that every such command has. takes_link: or a link."""
     parser = commands.add_parser(name, help=summary, description=summary, epilog=f"example: {example}")
-    log = "a log: .tlog, ArduPilot .bin, PX4 .ulg; or demo for the bundled flight"
+    log = "a log: .tlog, ArduPilot .bin or .log, PX4 .ulg; or demo for the bundled flight"
     link = ", or a link: udpin:HOST:PORT, tcp:HOST:PORT, /dev/ttyACM0[:BAUD]" if takes_link else ""
     parser.add_argument("log", metavar="LOG|LINK" if takes_link else "LOG", help=log + link)
     add_settings(parser)

@@ -13,7 +13,14 @@ from companion.mavlink import DEFAULT_DIALECT, looks_like_a_log
 from companion.model import CompanionError, InputError
 
 _LOGS = (".tlog", ".ulg")
-_PERHAPS = (".bin", ".gz", ".zst")  # firmware and archives have these names too: their content tells
+_PERHAPS = (
+    ".bin",
+    ".log",
+    ".gz",
+    ".xz",
+    ".bz2",
+    ".zst",
+)  # firmware and archives have these names too: their content tells
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +45,8 @@ def find_logs(paths: Sequence[str], *, dialect: str = DEFAULT_DIALECT) -> Search
     """The logs that the paths stand for, each file once.
 
     A file that is named is taken as it is. A folder is searched through and through, symbolic links followed: .tlog and
-    .ulg are taken, .bin, .gz and .zst when their content is a log's. A path with * ? or [ is a pattern, ** any depth.
-    Raises InputError for a path that is none of these, and when no log is found.
+    .ulg are taken, .bin, .log and compressed files when their content is a log's. A path with * ? or [ is a
+    pattern, ** any depth. Raises InputError for a path that is none of these, and when no log is found.
     """
     walk = _Walk(dialect)
     for path in paths:
@@ -52,7 +59,7 @@ def find_logs(paths: Sequence[str], *, dialect: str = DEFAULT_DIALECT) -> Search
         searched = ", ".join(paths)
         passed = f" Passed over: {_some([*walk.closed, *walk.no_logs])}." if walk.closed or walk.no_logs else ""
         raise InputError(
-            f"no logs in {searched}: folders are searched for .tlog, .ulg, .bin, .gz and .zst files that hold one."
+            f"no logs in {searched}: folders are searched for .tlog, .ulg, .bin, .log and compressed logs."
             f"{passed} Name the folder or the files."
         )
     logs = tuple(sorted(walk.found.values(), key=lambda log: log.path))

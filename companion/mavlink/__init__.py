@@ -2,6 +2,7 @@
 
 from companion.mavlink.address import Address, is_link, parse_address
 from companion.mavlink.dataflash import DataflashLog, Records, read_dataflash
+from companion.mavlink.dataflash_text import read_dataflash_text
 from companion.mavlink.declarations import RecordLayout
 from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, MessageLayout, dialect_names, enum_names, load_dialect
 from companion.mavlink.encode import encode, make_messages
@@ -76,6 +77,7 @@ __all__ = [
     "play",
     "px4_nav_state_name",
     "read_dataflash",
+    "read_dataflash_text",
     "read_tlog",
     "split_messages",
     "write_tlog",

@@ -7,7 +7,7 @@ Source: ArduPilot `libraries/AP_Logger/LogStructure.h`, `README.md`, and pymavli
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -25,6 +25,11 @@ _KINDS: dict[str, Any] = {
     "f": "<f4", "d": "<f8", "g": "<f2", "n": "S4", "N": "S16", "Z": "S64", "M": "u1",
     "c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4", "L": "<i4",
 }  # fmt: skip
+_IN_TEXT: dict[str, Any] = {
+    letter: "<f8" if letter in "fdgcCeEL" else kind for letter, kind in _KINDS.items() if letter != "a"
+}
+"""The same where the values are written out: hundredths are decimal numbers then."""
+
 _INSTANCES = ("I", "C", "IMU")  # a sensor, a core of the EKF: what ArduPilot calls those columns
 _CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3, "T": 1e-3}
 """Columns with the time since boot → s."""
@@ -132,7 +137,7 @@ def record_layouts(
     data: Bytes, formats: Mapping[int, Declaration], starts: Index, types: Bytes
 ) -> tuple[dict[int, RecordLayout], dict[int, str]]:
     """Layouts of the declared types, with units; and the names of those that cannot be decoded."""
-    plain = {number: _layout(declared, {}, {}, "", "") for number, declared in formats.items()}
+    plain = {number: record_layout(declared, NO_UNITS) for number, declared in formats.items()}
     by_name = {declared.name: number for number, declared in formats.items()}
 
     def rows(name: str, columns: Mapping[str, str]) -> npt.NDArray[np.void]:
@@ -142,37 +147,67 @@ def record_layouts(
             return np.empty(0, np.void)
         return gather_rows(data, starts[types == layout.type], layout.dtype)
 
-    labels = {chr(int(row["Id"]) % 256): _text(row["Label"]) for row in rows("UNIT", {"Id": "iu", "Label": "S"})}
-    # Written as doubles, but they were single precision before: 7 digits are what they mean (DFReader).
-    factors = {
-        chr(int(row["Id"]) % 256): float(f"{row['Mult']:.7g}") for row in rows("MULT", {"Id": "iu", "Mult": "f"})
-    }
-    described = {
-        int(row["FmtType"]): (_text(row["UnitIds"]), _text(row["MultIds"]))
-        for row in rows("FMTU", {"FmtType": "iu", "UnitIds": "S", "MultIds": "S"})
-    }
+    units = Units.told(
+        [(int(row["Id"]), _text(row["Label"])) for row in rows("UNIT", {"Id": "iu", "Label": "S"})],
+        [(int(row["Id"]), float(row["Mult"])) for row in rows("MULT", {"Id": "iu", "Mult": "f"})],
+        [
+            (int(row["FmtType"]), _text(row["UnitIds"]), _text(row["MultIds"]))
+            for row in rows("FMTU", {"FmtType": "iu", "UnitIds": "S", "MultIds": "S"})
+        ],
+    )
     layouts = {}
     for number, declared in formats.items():
-        layout = _layout(declared, labels, factors, *described.get(number, ("", "")))
+        layout = record_layout(declared, units)
         if layout is not None:
             layouts[number] = layout
     present = set(np.unique(types).tolist())
     return layouts, {n: f.name for n, f in formats.items() if n in present and n not in layouts}
 
 
-def _layout(
-    declared: Declaration, labels: Mapping[str, str], factors: Mapping[str, float], unit_ids: str, mult_ids: str
-) -> RecordLayout | None:
-    """A declaration as a layout; None if it contradicts itself or has a format that we do not know."""
+@dataclass(frozen=True, slots=True)
+class Units:
+    """What a log says of units."""
+
+    labels: Mapping[str, str]  # letter → "rad/s"
+    factors: Mapping[str, float]  # letter → what makes a value one in its unit
+    letters: Mapping[int, tuple[str, str]]  # type → the letters of its columns' units, and of their factors
+
+    @classmethod
+    def told(
+        cls,
+        labels: Iterable[tuple[int, str]],
+        factors: Iterable[tuple[int, float]],
+        letters: Iterable[tuple[int, str, str]],
+    ) -> Units:
+        """From the rows of UNIT, MULT and FMTU."""
+        return cls(
+            {chr(number % 256): label for number, label in labels},
+            # Written as doubles, but they were single precision before: 7 digits are what they mean (DFReader).
+            {chr(number % 256): float(f"{factor:.7g}") for number, factor in factors},
+            {number: (units, multipliers) for number, units, multipliers in letters},
+        )
+
+
+NO_UNITS = Units({}, {}, {})
+
+
+def record_layout(declared: Declaration, said: Units, *, text: bool = False) -> RecordLayout | None:
+    """A declaration as a layout; None if it contradicts itself or has a format that we do not know.
+
+    text: of values that are written out.
+    """
+    kinds = _IN_TEXT if text else _KINDS
     unique = len(set(declared.columns)) == len(declared.columns) == len(declared.format)
-    if not unique or any(letter not in _KINDS for letter in declared.format):
+    if not unique or any(letter not in kinds for letter in declared.format):
         return None
     dtype = np.dtype([
-        (field, *kind) if isinstance(kind := _KINDS[letter], tuple) else (field, kind)
+        (field, *kind) if isinstance(kind := kinds[letter], tuple) else (field, kind)
         for field, letter in zip(declared.columns, declared.format, strict=True)
     ])  # fmt: skip
-    if dtype.itemsize != declared.length - HEADER_BYTES:
+    if not text and dtype.itemsize != declared.length - HEADER_BYTES:
         return None
+    labels, factors = said.labels, said.factors
+    unit_ids, mult_ids = said.letters.get(declared.type, ("", ""))
     divisors = {f: _DIVISORS[c] for f, c in zip(declared.columns, declared.format, strict=True) if c in _DIVISORS}
     units = {f: labels[i] for f, i in zip(declared.columns, unit_ids, strict=False) if labels.get(i)}
     multipliers = {
@@ -195,7 +230,7 @@ def _layout(
         name=declared.name,
         length=declared.length,
         dtype=dtype,
-        divisors=MappingProxyType(divisors),
+        divisors=MappingProxyType({} if text else divisors),
         units=MappingProxyType(units),
         multipliers=MappingProxyType(multipliers),
         instance_field=instance,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,9 +16,12 @@ HEAD_BYTES = 1 << 18
 MOST_BYTES = 800_000_000
 """Of content that a compressed log may have, unless more is allowed: a few kilobytes can stand for all memory."""
 
-Format = Literal["mavlink", "dataflash", "ulog"]
+Format = Literal["mavlink", "dataflash", "dataflash text", "ulog"]
 
 _MAGIC: tuple[tuple[bytes, Format], ...] = ((b"\xa3\x95", "dataflash"), (b"ULog\x01\x12\x35", "ulog"))
+
+_TEXT = re.compile(rb"(?:^|\n)\s*FMT, ?\d+, ?\d+, ?\w+, ?\w+")
+_TEXT_BYTES = 4096  # in which a log in text declares its first record; older ones begin with a banner
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -118,4 +122,6 @@ def read_head(path: Path) -> bytes:
 def log_format(path: str | Path) -> Format:
     """What a file is by its first bytes; "mavlink" where nothing else is recognised. Raises as `read_head`."""
     head = read_head(Path(path))
+    if b"\0" not in head[:_TEXT_BYTES] and _TEXT.search(head[:_TEXT_BYTES]):
+        return "dataflash text"
     return next((name for magic, name in _MAGIC if head.startswith(magic)), "mavlink")

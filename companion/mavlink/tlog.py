@@ -29,7 +29,11 @@ _SAMPLE = 61  # every so many bytes of a chunk are looked at
 _FULL = 0.125  # of the bytes are magic; in a log of the shortest frames it is a twentieth
 _PIECE_BYTES = 1 << 18
 
-_OTHER_FORMATS = {"dataflash": "an ArduPilot DataFlash log (.bin)", "ulog": "a PX4 ULog (.ulg)"}
+_OTHER_FORMATS = {
+    "dataflash": "an ArduPilot DataFlash log (.bin)",
+    "dataflash text": "an ArduPilot DataFlash log in text (.log)",
+    "ulog": "a PX4 ULog (.ulg)",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

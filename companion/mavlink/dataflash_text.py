@@ -1,0 +1,195 @@
+"""Read ArduPilot's on-board logs written out as text (.log), as MAVProxy and Mission Planner do, into the same columns.
+
+A line is the name of a record and its values, parted by commas. The FMT lines declare the columns as in a .bin; the
+values are those that the formats stand for: what is in hundredths in a .bin is a decimal number here.
+Source: ArduPilot `libraries/AP_Logger/AP_Logger_Backend.cpp`, and pymavlink's `DFReader_text`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.mavlink.dataflash import DataflashLog, Records
+from companion.mavlink.declarations import Declaration, RecordLayout, Units, record_layout
+from companion.mavlink.logfile import MOST_BYTES, Contents
+from companion.model import InputError
+
+Lines = dict[str, tuple[list[bytes], list[int]]]
+"""Name → its lines, without the name, and where each begins in the file."""
+
+_FMT_FIELDS = 5
+
+
+def read_dataflash_text(
+    path: str | Path,
+    *,
+    names: Collection[str] | None = None,
+    progress: Callable[[int], None] | None = None,
+    most_bytes: int = MOST_BYTES,
+) -> DataflashLog:
+    """Read an on-board log that was written out as text: see `read_dataflash`, whose columns it gives.
+
+    Lines whose values are not those that were declared are left out and counted as skipped.
+    Raises InputError if the file cannot be opened or declares nothing.
+    """
+    path = Path(path)
+    contents = Contents(path, most_bytes)
+    data = contents.read(progress)
+    lines = _lines(data)
+    declared = _declarations(lines.get("FMT", ([], []))[0])
+    if not declared:
+        raise InputError(f"{path} begins like a DataFlash log in text, but declares no record: copy it again.")
+    units = _units(lines, declared)
+    found: dict[str, Records] = {}
+    undecoded: dict[str, int] = {}
+    count = skipped = 0
+    for name, (rows, offsets) in lines.items():
+        if name == "FMT":
+            continue
+        one = declared.get(name)
+        if one is None:
+            skipped += sum(map(len, rows))
+            continue
+        layout = record_layout(one, units, text=True)
+        if layout is None:
+            undecoded[name] = len(rows)
+            continue
+        records, left_out = _records(layout, rows, np.array(offsets, np.int64), wanted=names is None or name in names)
+        count, skipped = count + len(records), skipped + left_out
+        if len(records):
+            found[name] = records
+    return DataflashLog(
+        path=path,
+        size_bytes=contents.size_bytes,
+        content_bytes=len(data),
+        trouble=contents.trouble,
+        frames=count,
+        skipped_bytes=skipped,
+        undecoded=MappingProxyType(undecoded),
+        messages=MappingProxyType(found),
+    )
+
+
+def _lines(data: bytes) -> Lines:
+    found: Lines = {}
+    at = 0
+    for line in data.split(b"\n"):
+        head, comma, values = line.partition(b",")
+        if comma:
+            name = head.strip().decode("ascii", "replace")
+            rows, offsets = found.setdefault(name, ([], []))
+            rows.append(values)
+            offsets.append(at)
+        at += len(line) + 1
+    return found
+
+
+def _declarations(rows: Sequence[bytes]) -> dict[str, Declaration]:
+    """By name; of several the first, as in a .bin."""
+    found: dict[str, Declaration] = {}
+    for row in rows:
+        parts = [part.strip().decode("ascii", "replace") for part in row.split(b",", _FMT_FIELDS - 1)]
+        if len(parts) < _FMT_FIELDS - 1 or not (parts[0].isdigit() and parts[1].isdigit() and parts[2].isalnum()):
+            continue
+        columns = tuple(part.strip() for part in parts[4].split(",")) if len(parts) == _FMT_FIELDS else ()
+        if parts[2] != "FMT":  # whose own columns some logs leave out
+            found.setdefault(parts[2], Declaration(int(parts[0]), int(parts[1]), parts[2], parts[3], columns))
+    return found
+
+
+def _units(lines: Lines, declared: Mapping[str, Declaration]) -> Units:
+    """By the lines of UNIT, MULT and FMTU."""
+
+    def rows(name: str, *columns: str) -> list[Any]:
+        one = declared.get(name)
+        if one is None or not set(columns) <= set(one.columns):
+            return []
+        parts = (_split(row, len(one.columns)) for row in lines.get(name, ([], []))[0])
+        places = [one.columns.index(column) for column in columns]
+        found = ([row[place].decode("ascii", "replace") for place in places] for row in parts if len(row) > max(places))
+        return [(int(first), *rest) for first, *rest in found if first.isdigit()]
+
+    factors = ((number, text) for number, text in rows("MULT", "Id", "Mult"))
+    return Units.told(
+        rows("UNIT", "Id", "Label"),
+        ((number, float(text)) for number, text in factors if _is_number(text)),
+        rows("FMTU", "FmtType", "UnitIds", "MultIds"),
+    )
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _split(row: bytes, count: int) -> list[bytes]:
+    """The values of a line; what the last one has commas in stays together."""
+    return [part.strip() for part in row.split(b",", count - 1)]
+
+
+def _records(
+    layout: RecordLayout, lines: list[bytes], offsets: npt.NDArray[np.int64], *, wanted: bool
+) -> tuple[Records, int]:
+    """The lines of one type as rows, and the bytes of those left out. Without `wanted`: their times alone."""
+    count = len(layout.fields)
+    parts = [_split(line, count) for line in lines]
+    whole = [len(row) == count for row in parts]
+    fields = layout.fields if wanted else tuple(name for name in (layout.clock,) if name)
+    places = [layout.fields.index(name) for name in fields]
+    texts = [[row[place] for row, good in zip(parts, whole, strict=True) if good] for place in places]
+    del parts
+    good = np.array(whole, np.bool_)
+    offsets, size = offsets[good], np.array([len(line) for line in lines], np.int64)[good]
+    kinds: list[tuple[str, Any]] = []
+    columns: list[npt.NDArray[Any]] = []
+    sound = np.ones(len(offsets), np.bool_)
+    for name, text in zip(fields, texts, strict=True):
+        values, fits = _column(text, layout.dtype[name])
+        kinds.append((name, values.dtype))
+        columns.append(values)
+        sound &= fits
+    rows = np.empty(len(offsets), np.dtype(kinds))
+    for (name, _), values in zip(kinds, columns, strict=True):
+        rows[name] = values
+    if wanted and kinds:  # a mode may be a name: its column is text then
+        layout = replace(layout, dtype=np.dtype(kinds))
+    return Records(layout, offsets[sound], rows[sound]), sum(map(len, lines)) - int(size[sound].sum())
+
+
+def _column(texts: list[bytes], kind: np.dtype[Any]) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
+    """The values (N,) of a column, and which of them are what was declared."""
+    whole = np.ones(len(texts), np.bool_)
+    if kind.kind == "S":
+        return np.array(texts, kind) if texts else np.empty(0, kind), whole
+    try:
+        values = np.array(texts).astype(np.float64) if texts else np.empty(0)
+    except ValueError:
+        values, whole = _one_by_one(texts)
+        if kind == np.uint8 and not whole.any():
+            return np.array(texts, "S16"), ~whole
+    if kind.kind == "f":
+        return values, whole
+    limits = np.iinfo(kind)
+    whole = whole & (values >= limits.min) & (values <= limits.max)
+    return np.where(whole, values, 0.0).astype(kind), whole
+
+
+def _one_by_one(texts: list[bytes]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    values, good = np.zeros(len(texts)), np.zeros(len(texts), np.bool_)
+    for i, text in enumerate(texts):
+        try:
+            values[i] = float(text)
+        except ValueError:
+            continue
+        good[i] = True
+    return values, good
