@@ -19,6 +19,7 @@ GROUND = {"model"}
 MAY_IMPORT = {
     "model": set[str](),
     "toml_file": GROUND,
+    "destination": GROUND,
     "settings": GROUND | {"toml_file"},
     "correction": GROUND | {"toml_file", "analysis"},
     "sensors": GROUND | {"toml_file", "settings", "analysis"},
@@ -36,9 +37,11 @@ MAY_IMPORT = {
     "view": GROUND | {"strapdown", "estimation", "analysis"},
     "report": GROUND
     | {"settings", "recording", "strapdown", "estimation", "analysis", "examination", "documents", "view", "report"},
-    "fleet": GROUND | {"settings", "sensors", "mavlink", "recording", "examination", "documents", "report"},
+    "fleet": GROUND
+    | {"destination", "settings", "sensors", "mavlink", "recording", "examination", "documents", "report"},
     "cli": GROUND
     | {
+        "destination",
         "settings",
         "sensors",
         "correction",

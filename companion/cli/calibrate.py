@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from companion.cli import destination, options, sensor_lines, tables
+from companion import destination
+from companion.cli import options, sensor_lines, tables
 from companion.correction import correction_text
 from companion.examination import assess_imu
 from companion.model import DataError

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from companion import destination
 from companion.analysis import Replay, ape
-from companion.cli import destination, options
+from companion.cli import options
 from companion.documents import analysis_document
 from companion.examination import examine
 from companion.export import (

@@ -11,8 +11,9 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
+from companion import destination
 from companion.analysis import AxisNoise, FlightNoise, ImuNoise, RestNoise
-from companion.cli import destination, options, tables
+from companion.cli import options, tables
 from companion.documents import encode, noise_document
 from companion.estimation import Coefficient, folded_gain, folded_onto
 from companion.examination import noise_of

@@ -7,7 +7,8 @@ import shlex
 import sys
 from pathlib import Path
 
-from companion.cli import destination, options
+from companion import destination
+from companion.cli import options
 from companion.examination import examine, unexaminable
 
 

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from companion import destination
 from companion.analysis import ImuFigures, SensorFigures
-from companion.cli import destination, live, options
+from companion.cli import live, options
 from companion.mavlink import open_port, parse_address
 from companion.model import SettingsError
 from companion.sensors import ardupilot_id, load_imu_figures

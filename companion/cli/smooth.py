@@ -11,8 +11,9 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
+from companion import destination
 from companion.analysis import AutopilotError, autopilot_error
-from companion.cli import destination, options, tables
+from companion.cli import options, tables
 from companion.documents import encode, estimate_document
 from companion.estimation import CONSTANTS, BestEstimate, Explained, kind_of, smooth
 from companion.examination import integration_of

@@ -11,6 +11,7 @@ from typing import Self
 
 import msgspec
 
+from companion.destination import check, replacing
 from companion.fleet.records import LogRecord
 from companion.fleet.search import FoundLog
 from companion.model import InputError
@@ -41,6 +42,7 @@ class Journal:
         self._superseded = 0
         with _failing("write", folder):
             folder.mkdir(parents=True, exist_ok=True)
+            check(self._path, force=True)
             for line in _lines(self._path):
                 self._remember(line)
             self._file = self._path.open("ab")
@@ -83,7 +85,7 @@ class Journal:
         self._file.close()
         if self._superseded <= len(self._lines):
             return
-        with _failing("write", self._path), replaced(self._path) as path:
+        with _failing("write", self._path), replacing(self._path) as path:
             path.write_bytes(b"".join(msgspec.json.encode(line) + b"\n" for line in self._lines.values()))
 
     def _remember(self, line: _Line) -> None:
@@ -103,17 +105,6 @@ class Journal:
 def printable(path: str) -> str:
     """A path as text: a name need not be UTF-8, JSON and Parquet have to be."""
     return os.fsencode(path).decode("utf-8", "backslashreplace")
-
-
-@contextlib.contextmanager
-def replaced(path: Path) -> Iterator[Path]:
-    """A neighbour of `path` to write to, which takes its place in one step when it is complete."""
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        yield draft
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def _lines(path: Path) -> Iterator[_Line]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from companion.destination import replacing
 from companion.examination import Examination
-from companion.fleet.journal import replaced
 from companion.model import InputError
 from companion.recording import Recording
 from companion.settings import Settings
@@ -30,6 +30,6 @@ def write_report(folder: Path, recording: Recording, examined: Examination, sett
     name = f"{_FOLDER}/{stem}-{digest[:10]}{which}.html"
     (folder / _FOLDER).mkdir(exist_ok=True)
     page = report_html(examined, recording.source, settings, command=f"companion report {recording.source.path.name}")
-    with replaced(folder / name) as draft:
+    with replacing(folder / name) as draft:
         draft.write_text(page, encoding="utf-8", errors="replace")
     return name

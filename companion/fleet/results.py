@@ -9,7 +9,8 @@ from pathlib import Path
 
 import msgspec
 
-from companion.fleet.journal import printable, replaced
+from companion.destination import replacing
+from companion.fleet.journal import printable
 from companion.fleet.page import fleet_html
 from companion.fleet.records import LogRecord
 from companion.fleet.rows import Rows, rows_of
@@ -37,16 +38,16 @@ def write_results(folder: Path, logs: Sequence[tuple[FoundLog, LogRecord]], abou
     rows = rows_of(logs)
     page = _page(rows, about)
     try:
-        with replaced(paths[-1]) as draft:
+        with replacing(paths[-1]) as draft:
             draft.write_text(page, encoding="utf-8")
         for name, path in zip(
             reversed([*COLUMNS]), reversed(paths[:-1]), strict=True
         ):  # "flights", with the state, last
             table = arrow_table(name, getattr(rows, name))
-            with replaced(path) as draft:
+            with replacing(path) as draft:
                 pq.write_table(table.replace_schema_metadata({**about, "state": state}), draft)
-    except OSError as error:
-        raise InputError(f"cannot write into {folder}: {error.strerror or error}. What was examined is kept.") from None
+    except InputError as error:
+        raise InputError(f"{error} What was examined is kept.") from None
     return paths
 
 

@@ -38,8 +38,9 @@ def check_folder(path: Path, *, force: bool) -> None:
 def replacing(path: Path) -> Iterator[Path]:
     """A name to write to that becomes `path` when all is well, and nothing when it is not.
 
-    Raises InputError when the place cannot be written.
+    Raises InputError when the place cannot be written, or is a link, a pipe or a device.
     """
+    check(path, force=True)
     part: Path | None = None
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)  # no planted link

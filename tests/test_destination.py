@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from companion.cli import destination, main
+from companion import destination
+from companion.cli import main
 from companion.model import InputError
 from tests.recordings import BUNDLED
 from tests.simulated import free_port
