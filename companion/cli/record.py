@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
             if patience.over(link.health.frames):
                 break
             session.step()
-            status.show()
+            session.beside(status.show)
         session.leave()
-        status.end()
+        session.beside(status.end)
     return live.conclude(link, recorder)

@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise SettingsError(f"--duration is a positive number of seconds, got {arguments.duration:g}.")
     if arguments.announce and arguments.listen_only:
         raise SettingsError("--announce sends, and --listen-only sends nothing at all: leave one of them out.")
-    command = shlex.split(arguments.on_change) if arguments.on_change else []
+    command = _command(arguments.on_change or "")
     choice, patience = live.choice_of(arguments, settings), live.patience_of(arguments)
     vehicle = None if arguments.vehicle == "all" else arguments.vehicle
     with (
@@ -79,22 +79,11 @@ def run(arguments: argparse.Namespace) -> int:
             on_frames=lambda frames, received: verdict.hear([(frames, received)]),
             remember=True,
         )
-        changes = _Changes(session, command, announces=arguments.announce)
+        lines = _Lines(session, verdict, _Changes(session, command, announces=arguments.announce))
         end = time.monotonic() + arguments.duration if arguments.duration is not None else float("inf")
-        due, seen = 0.0, None
         while not told() and time.monotonic() < end and not patience.over(link.health.frames):
             session.step()
-            for sentence in session.said:
-                live.say(sentence)
-            session.said.clear()
-            opinion, now = verdict.opinion, time.monotonic()
-            if opinion is seen and now < due:
-                continue
-            seen, line = opinion, _line(session, verdict)
-            changed = changes.take(line)
-            if changed or now >= due:
-                due = now + _LINE_S
-                live.tell(json.dumps({**line, "changed": changed}, ensure_ascii=False, allow_nan=False))
+            session.beside(lines.show)
         session.leave()
         for sentence in session.said:
             live.say(sentence)
@@ -119,6 +108,36 @@ class _Recording:
     def __exit__(self, *_: object) -> None:
         if self.recorder is not None:
             self.recorder.close()
+
+
+def _command(text: str) -> list[str]:
+    """The words of a command line. Raises SettingsError for one that is none."""
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise SettingsError(f"--on-change {text} is no command: {error}.") from None
+
+
+class _Lines:
+    """What is said on stdout: a line when the verdict changes, and one a second."""
+
+    def __init__(self, session: Session, verdict: RunningVerdict, changes: _Changes) -> None:
+        self._session, self._verdict, self._changes = session, verdict, changes
+        self._due, self._seen = 0.0, verdict.opinion
+
+    def show(self) -> None:
+        """Say what is new."""
+        for sentence in self._session.said:
+            live.say(sentence)
+        self._session.said.clear()
+        opinion, now = self._verdict.opinion, time.monotonic()
+        if opinion is self._seen and now < self._due:
+            return
+        self._seen, line = opinion, _line(self._session, self._verdict)
+        changed = self._changes.take(line)
+        if changed or now >= self._due:
+            self._due = now + _LINE_S
+            live.tell(json.dumps({**line, "changed": changed}, ensure_ascii=False, allow_nan=False))
 
 
 class _Changes:

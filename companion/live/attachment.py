@@ -82,9 +82,9 @@ class Attachment:
                 now = time.monotonic()
                 if now >= due or session.said:
                     due = now + _REPORT_S
-                    self._tell()
+                    session.beside(self._tell)
             session.leave()
-            self._tell()
+            session.beside(self._tell)
         except BaseException as error:  # noqa: BLE001 - handed to `check`, which raises it in the main thread
             self._failure = error
 

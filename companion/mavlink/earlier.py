@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import re
 import sys
@@ -16,6 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 _SAME = 0.1  # by which an interval may differ from the one asked for and still be it ...
+_LONGEST_US = 2**31  # of MESSAGE_INTERVAL
 _SAME_US = 1000  # ... and so many µs: ArduPilot keeps whole ms
 
 
@@ -27,6 +29,13 @@ class Earlier:
     found_hz: float  # what arrived
     asked_us: int  # the interval that the companion asked for
     by_stream: bool = False  # asked for with REQUEST_DATA_STREAM
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every value is one that a vehicle says: a file may hold anything."""
+        intervals = [one for one in (self.found_us, self.asked_us) if one is not None]
+        whole = all(isinstance(one, int) and abs(one) < _LONGEST_US for one in intervals) and self.asked_us is not None
+        return whole and isinstance(self.found_hz, int | float) and math.isfinite(self.found_hz)
 
     def is_ours(self, interval_us: int) -> bool:
         """Whether an interval is the one that an earlier companion asked for: then it is not the vehicle's own."""
@@ -57,6 +66,8 @@ class EarlierFile:
             part.write_text(json.dumps({name: asdict(one) for name, one in self.known.items()}, indent=1))
             part.replace(self.path)
         except OSError as error:
+            with contextlib.suppress(OSError):  # what a full disk has taken of it
+                part.unlink(missing_ok=True)
             self.problem = (
                 f"{self.path} cannot be written ({error.strerror}): if companion is killed, the vehicle keeps its rates"
             )
@@ -83,6 +94,7 @@ def state_folder() -> Path:
 def _read(path: Path) -> dict[str, Earlier]:
     """What the file says; nothing where there is none or it is damaged."""
     try:
-        return {str(name): Earlier(**one) for name, one in json.loads(path.read_text()).items()}
-    except (OSError, ValueError, TypeError, AttributeError):
+        found = {str(name): Earlier(**one) for name, one in json.loads(path.read_text()).items()}
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
         return {}
+    return {name: one for name, one in found.items() if one.is_whole}

@@ -26,6 +26,7 @@ DEFAULT_SYSID, DEFAULT_COMPID = 240, 191
 
 _GATHER_S = 0.01  # after the first byte: one decoding for what arrives together (SITL sends in bursts)
 _NOISE_BYTES = 200
+_OPEN = ("udpin", "udpout", "tcpin")  # anybody can send to these: noise of a stranger is not the vehicle's silence
 _REMEMBER_S, _REMEMBERED = 1.0, 60  # how often what is lost is noted, and how many notes are kept
 
 
@@ -101,14 +102,14 @@ class Link:
         if health.last_frame is None and health.unsigned:
             return f"{health.unsigned} frames are not signed: the vehicle does not sign, or has no key"
         if health.last_frame is None:
-            return "bytes but no MAVLink" if health.first_byte is not None else "nothing received yet"
+            return f"bytes but no MAVLink: {self._advice}" if health.first_byte is not None else "nothing received yet"
         quiet = now - health.last_frame
         return f"silent for {quiet:.0f} s" if quiet > 2.0 else ""
 
     def receive(self, timeout_s: float = 0.1) -> Frames:
         """The frames of the next moment: waits for the first byte, `timeout_s` at most, and takes what comes with it.
 
-        Raises InputError when bytes come and not one frame: a wrong baud rate, or no MAVLink.
+        Raises InputError when bytes come and not one frame from a device or a server: a wrong baud rate, no MAVLink.
         """
         data = b""
         if self._port.wait(timeout_s):
@@ -175,14 +176,18 @@ class Link:
             return
         if health.unsigned or health.wrongly_signed:
             return  # it is MAVLink: `problem` says what is wrong with it
-        if time.monotonic() - health.first_byte < self._patience_s:
+        if time.monotonic() - health.first_byte < self._patience_s or self.address.kind in _OPEN:
             return
+        raise InputError(f"{self.address}: {health.bytes} bytes and not one MAVLink frame in them; {self._advice}.")
+
+    @property
+    def _advice(self) -> str:
+        """What to do where bytes come and not one frame."""
         advice = "check that MAVLink is spoken there"
         if self.address.kind == "serial":
-            advice = f"{self.address.baud} baud is probably wrong (57600, 115200, 921600 are usual), or {advice}"
-        elif self.health.damage.unknown_frames or self.health.damage.bad_crc_frames:
-            advice = "try another --dialect"
-        raise InputError(f"{self.address}: {health.bytes} bytes and not one MAVLink frame in them; {advice}.")
+            return f"{self.address.baud} baud is probably wrong (57600, 115200, 921600 are usual), or {advice}"
+        damage = self.health.damage
+        return "try another --dialect" if damage.unknown_frames or damage.bad_crc_frames else advice
 
     def _count_lost(self, frames: Frames) -> None:
         """Holes in the sequence of each sender. One that comes late fills its hole; a copy fills none."""

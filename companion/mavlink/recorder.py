@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import time
-from itertools import count
 from pathlib import Path
 from typing import Self
 
@@ -24,16 +24,14 @@ class Recorder:
     """
 
     def __init__(self, path: str | Path | None = None) -> None:
-        self.path = Path(path) if path is not None else _unused(time.strftime("%Y-%m-%d %H-%M-%S"))
-        if path is not None and (self.path.is_symlink() or self.path.exists()):
-            kind = "exists already" if self.path.is_file() or self.path.is_symlink() else "is no new file"
-            raise InputError(
-                f"{self.path} {kind}, and a recording is never written over anything: choose another name."
-            )
+        self._writer: TlogWriter | None
+        if path is None:
+            self.path, self._writer = _begun(time.strftime("%Y-%m-%d %H-%M-%S"))
+        else:
+            self.path, self._writer = Path(path), _at(Path(path))
         self.size_bytes = self.frames = 0  # that are in the file, whole
         self.problem = ""  # why nothing is written any more
         self._looked = time.monotonic()
-        self._writer: TlogWriter | None = TlogWriter(self.path)
 
     def write(self, frames: Frames) -> None:
         """Add the frames that have just been received. After a failure nothing is written; see `problem`."""
@@ -84,15 +82,22 @@ class Recorder:
         self.close()
 
 
-def _unused(stem: str) -> Path:
+def _at(path: Path) -> TlogWriter:
+    """A new file that was named."""
+    if os.path.lexists(path):
+        kind = "exists already" if path.is_file() or path.is_symlink() else "is no new file"
+        raise InputError(f"{path} {kind}, and a recording is never written over anything: choose another name.")
+    return TlogWriter(path)
+
+
+def _begun(stem: str) -> tuple[Path, TlogWriter]:
     """A new file in this folder: two that begin in one second record beside each other."""
-    for number in count(1):
+    number = 1
+    while True:
         path = Path(f"{stem} {number}.tlog" if number > 1 else f"{stem}.tlog")
         try:
-            path.touch(exist_ok=False)
-        except FileExistsError:
-            continue
-        except OSError:  # the writer says what is wrong with this place
-            pass
-        break
-    return path
+            return path, TlogWriter(path)
+        except InputError:
+            if not os.path.lexists(path):  # it is not the name that is in the way
+                raise
+        number += 1

@@ -120,20 +120,27 @@ class Session:
             if self.recorder.problem and not self._told_disk:
                 self._told_disk = True
                 self.said.append(self.recorder.problem)
-        try:
-            if self.on_frames is not None and len(frames):
-                self.on_frames(frames, self._epoch + now)
-            if len(frames):
-                self._notice(split_messages(frames, self.link.dialect, _HEARD), now)
-            self._speak(now)
-        except CompanionError:
-            raise
-        except Exception as error:  # noqa: BLE001  (whatever a frame breaks, the next is recorded)
-            self._excuse(error)
+        self.beside(lambda: self._deal_with(frames, now))
         return frames
 
+    def beside(self, work: Callable[[], None]) -> None:
+        """Do something beside the recording: whatever breaks in it, the next frame is recorded."""
+        try:
+            work()
+        except CompanionError:
+            raise
+        except Exception as error:  # noqa: BLE001
+            self._excuse(error)
+
+    def _deal_with(self, frames: Frames, now: float) -> None:
+        if self.on_frames is not None and len(frames):
+            self.on_frames(frames, self._epoch + now)
+        if len(frames):
+            self._notice(split_messages(frames, self.link.dialect, _HEARD), now)
+        self._speak(now)
+
     def _excuse(self, error: Exception) -> None:
-        """Say once of each kind what could not be done beside the recording."""
+        """Say once of each kind what could not be done."""
         kind = type(error).__name__
         if kind not in self._excused:
             self._excused.add(kind)

@@ -154,9 +154,9 @@ class TlogWriter:
     """Records the frames of a live link as they come, byte for byte (signatures and unknown extensions too)."""
 
     def __init__(self, path: str | Path) -> None:
-        """Raises InputError if the file cannot be written."""
+        """path: a new file. Raises InputError if there is one, or it cannot be written."""
         try:
-            self._file = Path(path).open("wb", buffering=0)  # noqa: SIM115  (closed by `close`)
+            self._file = Path(path).open("xb", buffering=0)  # noqa: SIM115  (closed by `close`)
         except OSError as error:
             raise InputError(f"{path} cannot be written ({error.strerror}): choose another place.") from None
 

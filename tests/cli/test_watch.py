@@ -108,3 +108,22 @@ def test_a_command_that_fails_or_hangs_holds_nobody_up(capsys: pytest.CaptureFix
     for process in hangs._running:
         process.kill()
         process.wait()
+
+
+def test_a_command_line_that_is_none_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["watch", f"udpin:127.0.0.1:{free_port()}", "--no-record", "--on-change", "notify 'x"]) == 2
+    assert "is no command: No closing quotation" in capsys.readouterr().err
+
+
+def test_what_cannot_be_said_does_not_end_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_: object) -> None:
+        raise ValueError("out of range")
+
+    monkeypatch.setattr(watch, "_line", broken)
+    port, path = free_port(), tmp_path / "a.tlog"
+    with flying(port):
+        assert main(["watch", f"udpin:127.0.0.1:{port}", "-o", str(path), "--duration", "3"]) == 0
+    assert "(ValueError: out of range); the recording goes on" in capsys.readouterr().err
+    assert path.stat().st_size > 1000

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from companion.live import Attachment, Watch
 from companion.mavlink import Link, Recorder, Session
 from companion.model import InputError
 from companion.simulate import Faults
-from tests.mavlink.peers import udp_peer
+from tests.mavlink.peers import serial_cable
 from tests.simulated import flying
 from tests.waiting import wait_for
 
@@ -126,10 +127,10 @@ def test_two_vehicles_do_not_take_turns_and_can_be_switched() -> None:
             wait_for(lambda: look() and other in seen)
 
 
-def test_what_ends_the_links_thread_is_raised_where_it_is_asked_for() -> None:
-    with Link("udpin:127.0.0.1:0", patience_s=0.1) as link, udp_peer(link.port) as peer:
+def test_what_ends_the_links_thread_is_raised_where_it_is_asked_for(tmp_path: Path) -> None:
+    with serial_cable(tmp_path / "ttyUSB0") as cable, Link(f"{tmp_path}/ttyUSB0:9600", patience_s=0.1) as link:
         attachment = Attachment(Session(link))
-        peer.send(bytes(500))
+        os.write(cable, bytes(500))
         wait_for(lambda: attachment.report is not None and not attachment.alive)
         with pytest.raises(InputError, match="500 bytes and not one MAVLink frame"):
             attachment.check()

@@ -378,3 +378,13 @@ def test_a_silent_link_says_for_how_long(udp: Link) -> None:
         assert udp.health.last_frame is not None
         udp.health.last_frame -= 7.0
         assert udp.problem == "silent for 7 s"
+
+
+def test_noise_of_a_stranger_does_not_end_a_link_that_is_open_to_all() -> None:
+    with Link("udpin:127.0.0.1:0", patience_s=0.0) as link, udp_peer(link.port) as peer:
+        peer.send(bytes(500))
+        wait_for(lambda: not len(link.receive(0.01)) and link.health.bytes >= 500)
+        assert "bytes but no MAVLink" in link.problem
+        peer.send(b"".join(link_frames(5)))
+        frames_until(link, 5)
+        assert not link.problem

@@ -65,6 +65,25 @@ class Conversation:
         return "\n".join(self.rates.said)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[" * 5000,
+        "[]",
+        '{"RAW_IMU": 7}',
+        '{"RAW_IMU": {"found_us": "x", "found_hz": 4.0, "asked_us": 10000}}',
+        '{"RAW_IMU": {"found_us": null, "found_hz": NaN, "asked_us": 10000}}',
+        '{"RAW_IMU": {"found_us": null, "found_hz": 4.0, "asked_us": null}}',
+        '{"RAW_IMU": {"found_us": ' + "9" * 300 + ', "found_hz": 4.0, "asked_us": 10000}}',
+    ],
+)
+def test_what_a_damaged_file_says_of_before_is_not_believed(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "link.json"
+    path.write_text(text)
+    assert EarlierFile(path).known == {}
+
+
 def test_a_vehicle_that_sends_nothing_is_asked_and_then_left_as_it_was() -> None:
     talk = Conversation(streams={"ATTITUDE": 4.0})
     talk.run(25.0)

@@ -218,3 +218,13 @@ def test_intervals_are_given_back_when_the_first_requests_are_lost() -> None:
             session.leave()
             assert link.health.sent["COMMAND_LONG"] - sent <= 4 * 6, "then it leaves all the same"
             wait_for(lambda: {vehicle.interval_us(name) for name in ("RAW_IMU", "HIGHRES_IMU", "ATTITUDE")} == {-1})
+
+
+def test_what_breaks_beside_the_recording_is_said_once_and_ends_nothing() -> None:
+    with Link("udpin:127.0.0.1:0", listen_only=True) as link:
+        session = Session(link)
+        for _ in range(3):
+            session.beside([].pop)
+        assert session.said == [
+            "what was heard could not be dealt with (IndexError: pop from empty list); the recording goes on"
+        ]
