@@ -21,6 +21,7 @@ _LZMA_BYTES = 1 << 28  # for the dictionary of an xz file; the largest that xz m
 _ERRORS = (EOFError, OSError, ValueError, zlib.error, lzma.LZMAError, zipfile.BadZipFile)
 _ARCHIVES = {b"7z\xbc\xaf\x27\x1c": "a 7-Zip archive", b"Rar!\x1a\x07": "a RAR archive"}
 _ZIP = b"PK\x03\x04"
+_ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # of the others, zipfile unpacks what it reads without bound
 MAGIC_BYTES = 6
 
 Trouble = str
@@ -132,6 +133,8 @@ def _unzipped(path: Path, file: BinaryIO) -> Pieces:
         if len(members) != 1:
             names = ", ".join(m.filename for m in members[:5]) + (", ..." if len(members) > 5 else "")
             raise InputError(f"{path} is a ZIP archive of {len(members)} files ({names}): unpack it, and name one log.")
+        if members[0].compress_type not in _ZIP_METHODS:
+            raise NotImplementedError("it is not packed with Deflate")
         stream = archive.open(members[0])
     except (*_ERRORS, NotImplementedError, RuntimeError) as error:  # RuntimeError: it is encrypted
         raise InputError(f"{path} is a ZIP archive that cannot be unpacked here ({error}): unpack it first.") from None
@@ -142,5 +145,5 @@ def _pieces(stream: Any) -> Pieces:
     try:
         while piece := stream.read1(1 << 16):
             yield piece
-    except _ERRORS as error:
+    except (*_ERRORS, MemoryError) as error:
         yield f"its ZIP data is damaged ({error}): what lies before that is read"

@@ -67,3 +67,4 @@ def test_a_sample_s_own_time_stays_near_that_of_its_record(tmp_path: Path, bit: 
     (flight,) = c.open_log(path)
     t = flight.imu().t
     assert t[-1] - t[0] == pytest.approx(logs.SECONDS, abs=0.1)
+    assert [note for note in flight.notes if "vehicle_imu: 1 of 200 taken at the time of their publication" in note]

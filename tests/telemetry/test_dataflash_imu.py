@@ -70,6 +70,8 @@ def test_a_sample_time_far_from_that_of_its_record_is_left_out(tmp_path: Path) -
     t = flight.imus["GYR[0]"].t
     assert len(t) == pytest.approx(1000, abs=12)
     assert t[-1] - t[0] == pytest.approx(1.0, abs=0.02)
+    notes = [note for note in flight.notes if "the time of the sample is 1 s and more off" in note]
+    assert [note.partition(" left out")[0] for note in notes] == ["GYR[0]: 1 of 1000", "ACC[0]: 1 of 1000"]
 
 
 def test_what_is_known_of_a_sensor(tmp_path: Path) -> None:

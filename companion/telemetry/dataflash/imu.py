@@ -10,6 +10,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.mavlink import Records
 from companion.model import Array, ImuTrack, Vehicle
@@ -56,6 +57,12 @@ def imu_tracks(
             notes.append(f"GYR[{number}] left out: the accelerometer of this IMU was not logged at its full rate")
         else:
             key = f"GYR[{number}]"
+            for name, sensed in ((key, one), (f"ACC[{number}]", accels[number])):
+                if far := int((~_near(sensed)).sum()):
+                    notes.append(
+                        f"{name}: {far} of {len(sensed)} left out: the time of the sample is {LONGEST_WAIT_S:g} s and "
+                        "more off that of its record"
+                    )
             track = _track(key, number, *_paired(one, accels[number]), vehicle, parameters, notes)
             found[key] = replace(track, low_pass_hz=None)
     if "ISBH" in records:
@@ -113,8 +120,8 @@ def _in_time(one: Records, kind: str) -> tuple[Array, Array]:
     A FIFO's samples carry the time at which it was read, 1-16 of them nearly the same one: there the times are the
     running mean of those around, as the sensor samples evenly.
     """
-    t, values = one["SampleUS"].astype(np.float64) * 1e-6, _vector(one, kind)
-    good = np.isfinite(values).all(axis=1) & (np.abs(t - one.t) < LONGEST_WAIT_S)
+    t, values = _sample_times(one), _vector(one, kind)
+    good = np.isfinite(values).all(axis=1) & _near(one)
     keep = convert.increasing(t, np.asarray(good))
     t, values = t[keep], values[keep]
     if len(t) > _SPAN and np.mean(np.diff(t) < 0.25 * _mean_step(t)) > 0.1:
@@ -122,6 +129,16 @@ def _in_time(one: Records, kind: str) -> tuple[Array, Array]:
         edges = [0, *(np.flatnonzero(step > _longest_step(step)) + 1).tolist(), len(t)]
         t = np.concatenate([_even(_even(t[begin:end])) for begin, end in pairwise(edges)])
     return t, values
+
+
+def _sample_times(one: Records) -> Array:
+    """When each was measured, (N,) s."""
+    return np.asarray(one["SampleUS"].astype(np.float64) * 1e-6)
+
+
+def _near(one: Records) -> npt.NDArray[np.bool_]:
+    """Which samples (N,) were measured about when their record was written."""
+    return np.asarray(np.abs(_sample_times(one) - one.t) < LONGEST_WAIT_S)
 
 
 def _even(t: Array) -> Array:

@@ -27,7 +27,7 @@ Topic = Mapping[str, Any]
 Topics = Mapping[str, Topic]
 """Topic by the name that PX4's tools give it: vehicle_imu, vehicle_imu_1, ..."""
 
-_DATED = "timestamp"
+_DATED, _SAMPLED = "timestamp", "timestamp_sample"
 _XYZ = ("[0]", "[1]", "[2]")
 _Q = ("q[0]", "q[1]", "q[2]", "q[3]")
 _NEEDED: Mapping[str, tuple[str, ...]] = {
@@ -128,7 +128,7 @@ def topics_of(log: Any) -> tuple[dict[str, Topic], list[str]]:
     for name, mask in apart.items():
         topics[name] = {field: values[~mask] for field, values in topics[name].items()}
     topics = {name: topic for name, topic in topics.items() if len(topic[_DATED])}
-    return topics, [*notes, *left_out(times, apart)]
+    return topics, [*notes, *left_out(times, apart), *_published(topics)]
 
 
 def unfinished(contents: bytes, *, appended: bool) -> int:
@@ -162,10 +162,26 @@ def seconds(topic: Topic, field: str = _DATED) -> Array:
 def sampled(topic: Topic) -> Array:
     """When it was measured; where that is not told (before PX4 1.11 often, or zero), when it was published."""
     t = seconds(topic)
-    if "timestamp_sample" not in topic:
+    if _SAMPLED not in topic:
         return t
-    measured = seconds(topic, "timestamp_sample")
+    measured = seconds(topic, _SAMPLED)
     return np.where(np.abs(measured - t) < LONGEST_WAIT_S, measured, t)
+
+
+def _published(topics: Topics) -> Iterator[str]:
+    """A note for each topic of which some samples are taken at the time of their publication: see `sampled`.
+
+    Where most times are so far off, as in estimator_event_flags, the field means another thing.
+    """
+    for name, topic in topics.items():
+        if _SAMPLED in topic:
+            measured = seconds(topic, _SAMPLED)
+            off = (measured > 0) & (np.abs(measured - seconds(topic)) >= LONGEST_WAIT_S)
+            if 0 < off.sum() <= len(off) / 2:
+                yield (
+                    f"{name}: {int(off.sum())} of {len(off)} taken at the time of their publication: that of the "
+                    f"sample is {LONGEST_WAIT_S:g} s and more off it"
+                )
 
 
 def columns(topic: Topic, *fields: str) -> Array:
