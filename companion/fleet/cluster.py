@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import logging
 import signal
 import threading
+import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Any
@@ -19,6 +21,9 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 _CONNECT_S = 10.0  # for a scheduler to answer, and for it to have a worker
+_SPARE_S = 60.0  # for a worker that has died to come again, and for what a scheduler does between two answers
+_LOOK_S = 0.02  # between two looks for a log that is done
+_KEPT = "What was done is kept: the same command goes on from there when it is back."
 _ON_THE_WAY = 1000  # logs that are handed to the scheduler at a time: all would be slow for tens of thousands
 
 
@@ -32,22 +37,39 @@ def local_cluster(workers: int | None, most: int) -> Iterator[Client]:
     from dask.system import CPU_COUNT  # noqa: PLC0415  (comes with distributed)
 
     with contextlib.ExitStack() as stack:
-        with _interrupts_wait():
-            cluster = stack.enter_context(
-                distributed.LocalCluster(
-                    n_workers=min(workers or CPU_COUNT, most),
-                    threads_per_worker=1,
-                    processes=True,
-                    host="127.0.0.1",
-                    dashboard_address=None,
-                    # without a dashboard it still answers for its health
-                    scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-                    silence_logs=logging.CRITICAL,
-                    preload="companion.fleet.task",
-                )
+        with _interrupts_wait(), _failing("the worker processes cannot be started ({}). Try fewer: --workers 1"):
+            cluster = distributed.LocalCluster(
+                n_workers=min(workers or CPU_COUNT, most),
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                dashboard_address=None,
+                # without a dashboard it still answers for its health
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+                silence_logs=logging.CRITICAL,
+                preload="companion.fleet.task",
             )
-            client: Client = stack.enter_context(distributed.Client(cluster, set_as_default=False))
+            stack.callback(_close, cluster)
+            client: Client = distributed.Client(cluster, set_as_default=False)
+            stack.callback(_close, client)
         yield client
+
+
+@contextlib.contextmanager
+def _failing(sentence: str) -> Iterator[None]:
+    """What Dask raises where its event loop or its peers do not come to answer, as InputError: it is of many types."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (Exception, asyncio.CancelledError) as error:
+        raise InputError(sentence.format(str(error) or type(error).__name__)) from error
+
+
+def _close(one: Any) -> None:
+    """Close a client or a cluster. What is done is done, whether that works or not."""
+    with contextlib.suppress(Exception, asyncio.CancelledError):
+        one.close()
 
 
 @contextlib.contextmanager
@@ -79,14 +101,30 @@ def remote_cluster(address: str) -> Iterator[Client]:
         raise InputError(
             f"no Dask scheduler at {address} ({error}). Start one with: dask scheduler --host 127.0.0.1 --port 8786"
         ) from None
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=_CONNECT_S)
-        except TimeoutError:
-            raise InputError(
-                f"the scheduler at {address} has no workers. Start some: dask worker {address} --nthreads 1"
-            ) from None
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_quiet())
+        stack.callback(_close, client)
+        with _failing(f"the scheduler at {address} does not answer ({{}}). {_KEPT}"):
+            try:
+                client.wait_for_workers(1, timeout=_CONNECT_S)
+            except TimeoutError:
+                raise InputError(
+                    f"the scheduler at {address} has no workers. Start some: dask worker {address} --nthreads 1"
+                ) from None
         yield client
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """What Dask logs of a scheduler that goes away, with tracebacks, is said in one sentence here."""
+    handlers = [(one, one.level) for one in logging.getLogger("distributed").handlers]
+    for handler, _ in handlers:
+        handler.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for handler, level in handlers:
+            handler.setLevel(level)
 
 
 def examine_all(
@@ -95,17 +133,19 @@ def examine_all(
     """Each log with its record, in the order in which they are done.
 
     A log whose worker dies is given to another one. The scheduler blames every log that a dead worker had waiting, so
-    one that it has given up is tried once more, alone: only then it is the log's own doing.
-    Raises InputError when the scheduler goes away.
+    one that it has given up is tried once more, alone: only then it is the log's own doing. Where no log is done in
+    twice the time that one is given, those that are left are rows too: a worker hangs, or all have gone.
+    Raises InputError when the scheduler goes away, or does not answer.
     """
     suspects: list[FoundLog] = []
-    for log, record in _completed(client, logs, plan, known, at_once=_ON_THE_WAY):
-        if record is None:
-            suspects.append(log)
-        else:
-            yield log, record
-    for log, record in _completed(client, suspects, plan, known, at_once=1):
-        yield log, record or LogRecord(error=_DEADLY)
+    with _failing(f"the scheduler does not answer ({{}}). {_KEPT}"):
+        for log, record in _completed(client, logs, plan, known, at_once=_ON_THE_WAY):
+            if record is None:
+                suspects.append(log)
+            else:
+                yield log, record
+        for log, record in _completed(client, suspects, plan, known, at_once=1):
+            yield log, record or LogRecord(error=_DEADLY)
 
 
 _DEADLY = (
@@ -133,20 +173,49 @@ def _completed(
         return future
 
     first = list(map(submit, islice(waiting, at_once)))
-    done = distributed.as_completed(first, loop=client.loop, with_results=True, raise_errors=False)
-    for future, result in done:
+    done = distributed.as_completed(first, loop=client.loop)  # with_results: a result that does not come is waited for
+    for future in _patiently(client, done, 2 * plan.timeout_s + _SPARE_S):
+        if future is None:
+            for log in (*owner.values(), *waiting):
+                yield log, LogRecord(error=_SILENT.format(seconds=2 * plan.timeout_s + _SPARE_S), settled=False)
+            return
         log = owner.pop(str(future.key))
         if future.status == "finished":
-            yield log, decode(result)
+            yield log, decode(future.result(timeout=_SPARE_S))
         elif future.status == "error":
             error = future.exception()
             dead = isinstance(error, distributed.KilledWorker)
             yield log, None if dead else LogRecord(error=f"the worker failed: {error!r}", settled=False)
         else:
-            raise InputError(
-                "the scheduler has gone. What was done is kept: the same command goes on from there when it is back."
-            )
+            raise InputError(f"the scheduler has gone. {_KEPT}")
         done.update(map(submit, islice(waiting, 1)))
+
+
+_SILENT = (
+    "no worker has finished any log for {seconds:g} s: they hang, or have gone. It is tried again by the same command"
+)
+
+
+def _patiently(client: Client, done: Any, most_s: float) -> Iterator[Any]:
+    """The futures of an `as_completed`; None at the end where none comes in `most_s`.
+
+    Raises InputError where the scheduler has had no worker for a minute.
+    """
+    since = staffed = time.monotonic()
+    while done.count():
+        now = time.monotonic()
+        if done.has_ready():
+            yield next(done)
+            since = staffed = time.monotonic()
+        elif now - since > most_s:
+            yield None
+            return
+        elif now - staffed > _SPARE_S:
+            if not client.scheduler_info()["workers"]:
+                raise InputError(f"all workers have gone. {_KEPT}")
+            staffed = now
+        else:
+            time.sleep(_LOOK_S)
 
 
 def _distributed() -> Any:

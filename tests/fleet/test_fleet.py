@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import os
@@ -10,7 +11,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -19,7 +22,7 @@ import pytest
 
 from companion.cli import main
 from companion.fleet import FleetRun, FoundLog, cluster, run_fleet
-from companion.fleet.limits import limited
+from companion.fleet.limits import TIMEOUT_S, limited
 from companion.fleet.records import LogRecord, Plan
 from companion.fleet.results import write_results
 from companion.fleet.rows import rows_of
@@ -164,6 +167,36 @@ def test_a_log_that_a_worker_does_not_see_is_a_row_and_tried_again(scheduler: st
         assert "/on/another/host.tlog cannot be read" in row["error"]
         assert "under the same path" in row["error"]
         assert found.examined == 1
+
+
+def test_logs_that_no_worker_finishes_are_rows_and_tried_again(
+    scheduler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copies(tmp_path / "logs", 3)
+    command = ["fleet", str(tmp_path / "logs"), "-o", str(tmp_path / "out"), "--scheduler", scheduler]
+    with monkeypatch.context() as patient:
+        patient.setattr(cluster, "_SPARE_S", -2 * TIMEOUT_S)  # nobody is waited for
+        assert main(command) == 0
+    assert all("no worker has finished any log" in row["error"] for row in table(tmp_path / "out"))
+    assert main(command) == 0
+    assert [row["error"] for row in table(tmp_path / "out")] == [None] * 3
+
+
+@pytest.mark.parametrize("error", [RuntimeError("the loop is closed"), TimeoutError(), asyncio.CancelledError()])
+def test_a_scheduler_that_does_not_answer_is_one_sentence_and_loses_nothing(
+    error: BaseException, scheduler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+) -> None:
+    waited = cluster._patiently
+
+    def one(*how: Any) -> Iterator[Any]:
+        yield next(waited(*how))
+        raise error
+
+    monkeypatch.setattr(cluster, "_patiently", one)
+    copies(tmp_path / "logs", 3)
+    said = refused([str(tmp_path / "logs"), "-o", str(tmp_path / "out"), "--scheduler", scheduler], capsys)
+    assert f"the scheduler does not answer ({error!s}" in said
+    assert [row["error"] for row in table(tmp_path / "out")] == [None]
 
 
 def test_a_worker_with_another_version_is_told(
