@@ -18,6 +18,7 @@ _MOST_PIXELS = 1 << 25  # 8K and a little: a small PNG may claim to be of any si
 _MOST = 1e9  # m, pixels, s: nothing in a picture is larger
 _LONGEST = 256  # characters of a name or a choice
 _SEVERAL = 16  # numbers in one control
+_LEAST = 1e-9  # of what is positive, and of the length of a direction: nothing is divided by less
 
 
 def accepted(raw: object) -> bool:
@@ -70,11 +71,11 @@ def _camera(said: Mapping[str, Any]) -> bool:
     return (
         said.keys() == {*vectors, *numbers}
         and all(_vector(said[name], size) for name, size in vectors.items())
-        and all(_number(said[name]) and said[name] > 0 for name in numbers)
+        and all(_number(said[name]) and said[name] > _LEAST for name in numbers)
         and all(isinstance(said[name], int) for name in ("image_height", "image_width"))
         and said["fov"] < math.pi
-        and any(said["wxyz"])
-        and any(said["up_direction"])
+        and math.hypot(*said["wxyz"]) > _LEAST
+        and math.hypot(*said["up_direction"]) > _LEAST
     )
 
 

@@ -28,7 +28,9 @@ NAN, INF = float("nan"), float("inf")
 HOSTILE: list[dict[str, Any]] = [
     CAMERA | {"image_height": 0}, CAMERA | {"image_width": -1}, CAMERA | {"image_height": 1e300},
     CAMERA | {"look_at": [0.0, 0.0, NAN]}, CAMERA | {"position": [INF, 0.0, 0.0]}, CAMERA | {"position": [1.0]},
-    CAMERA | {"wxyz": [0.0, 0.0, 0.0, 0.0]}, CAMERA | {"fov": 0.0}, CAMERA | {"fov": "1"}, CAMERA | {"near": None},
+    CAMERA | {"wxyz": [0.0, 0.0, 0.0, 0.0]}, CAMERA | {"wxyz": [1e-200, 0.0, 0.0, 0.0]}, CAMERA | {"near": 5e-324},
+    CAMERA | {"up_direction": [0.0, 0.0, 1e-300]}, CAMERA | {"fov": 0.0}, CAMERA | {"fov": "1"},
+    CAMERA | {"near": None},
     {"type": "ViewerCameraMessage"}, {"type": "GuiUpdateMessage", "uuid": "x", "updates": {"value": NAN}},
     {"type": "GuiUpdateMessage", "uuid": "x", "updates": {"content": "<script>"}},
     {"type": "GuiUpdateMessage", "uuid": 7, "updates": {"value": 1}},
