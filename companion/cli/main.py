@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import errno
 import io
 import os
 import sys
@@ -45,6 +47,9 @@ _COMMANDS = (
     replay,
 )
 
+_OF_OUTPUT = {errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EBADF, errno.EINVAL, getattr(errno, "EDQUOT", errno.ENOSPC)}
+"""How writing to stdout fails. What opens a file says which; a network's errors have other numbers, or none."""
+
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command. Returns the exit code: 0, 2 (the user can mend it), 70 (a fault of ours), 130 (Ctrl-C)."""
@@ -61,15 +66,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:  # the reader of our output has gone (| head): nothing is left to say
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _write_no_more()
         return 141
-    except OSError as error:  # of the output: what reads files says which file it is
-        print(f"companion: the output cannot be written: {error.strerror}", file=sys.stderr)
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 2
     except Exception as error:  # noqa: BLE001  (the border of the program)
+        if isinstance(error, OSError) and error.filename is None and error.errno in _OF_OUTPUT:
+            print(f"companion: the output cannot be written: {error.strerror}", file=sys.stderr)
+            _write_no_more()
+            return 2
         return unforeseen.tell(error, sys.argv[1:] if argv is None else argv)
     return code
+
+
+def _write_no_more() -> None:
+    """What is left in the buffer of stdout must not fail again at the end."""
+    with contextlib.suppress(OSError, ValueError, AttributeError), open(os.devnull, "wb") as nothing:  # noqa: PTH123
+        os.dup2(nothing.fileno(), sys.stdout.fileno())
 
 
 def parser() -> argparse.ArgumentParser:

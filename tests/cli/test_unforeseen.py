@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import subprocess
@@ -19,7 +20,9 @@ from tests.recordings import BUNDLED
 DEMO = str(BUNDLED / "copter-demo-100hz.tlog")
 
 
-@pytest.mark.parametrize("error", [IndexError("index 20"), MemoryError(), RecursionError("deep"), ZeroDivisionError()])
+@pytest.mark.parametrize(
+    "error", [IndexError("20"), MemoryError(), RecursionError("deep"), ZeroDivisionError(), TimeoutError()]
+)
 def test_what_nobody_foresaw_is_one_sentence_a_report_and_an_exit_code(
     error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -42,6 +45,18 @@ def test_what_nobody_foresaw_is_one_sentence_a_report_and_an_exit_code(
     assert "Traceback (most recent call last)" in text
     assert type(error).__name__ in text
     assert repr(DEMO) in text
+
+
+def test_an_output_that_takes_nothing_is_no_fault_of_ours(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("companion.cli.info.run", full)
+    monkeypatch.setattr("sys.stdout", None)
+    assert main(["info", DEMO]) == 2
+    assert capsys.readouterr().err == "companion: the output cannot be written: No space left on device\n"
 
 
 def test_a_report_that_cannot_be_written_is_no_second_error(
