@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 _LETTERS = {
+    "a": "64s",
     "b": "b", "B": "B", "c": "h", "C": "H", "d": "d", "e": "i", "E": "I", "f": "f", "h": "h", "H": "H", "i": "i",
     "I": "I", "L": "i", "M": "B", "n": "4s", "N": "16s", "Q": "Q", "Z": "64s",
 }  # fmt: skip

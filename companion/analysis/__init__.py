@@ -16,7 +16,7 @@ from companion.analysis.findings import rate_warning
 from companion.analysis.free_run import FreeRun, FreeState
 from companion.analysis.gravity import gravity_for
 from companion.analysis.integration import Integration
-from companion.analysis.inventory import Item, inventory, used_imus
+from companion.analysis.inventory import Item, inventory, used_aiding, used_imus
 from companion.analysis.noise import AxisNoise, FlightNoise, ImuNoise, RestNoise, imu_noise
 from companion.analysis.noise_model import ModelFigure, SensorModel, noise_model
 from companion.analysis.phases import phases
@@ -109,6 +109,7 @@ __all__ = [
     "rpe",
     "siblings",
     "trailing",
+    "used_aiding",
     "used_imus",
     "windows",
 ]

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.model import Array, Flight, GpsTrack, ImuTrack
+from companion.model import Array, Flight, GpsTrack, ImuTrack, SensorInUse
 
 _HOLE_PERIODS = 3.0  # a longer interval than so many median ones is a hole
 _SERIES = {
     "vibration": "vibration", "airspeed": "airspeed", "range": "range finder", "flow": "optical flow",
     "attitude": "other attitude", "estimator": "test ratios", "innovation": "innovations", "variance": "variances",
-    "accuracy": "accuracies",
+    "accuracy": "accuracies", "test_ratio": "test ratios", "aiding": "aiding", "gyro_batch": "batches",
+    "accel_batch": "batches",
 }  # fmt: skip
 """Kind of a series → its name here. GPS, compasses and barometers have tracks; thermometers belong to the IMUs."""
 
@@ -43,6 +44,18 @@ def used_imus(flight: Flight) -> str:
         return ""
     later = "".join(f", IMU {i} from {t:.1f} s" for t, i in zip(used.t[1:], used.instance[1:], strict=True))
     return f"IMU {used.instance[0]}{later} ({used.source})"
+
+
+def used_aiding(flight: Flight) -> str:
+    """Which receiver, compass, barometer and airspeed sensor the estimator used when; "" where it is not told."""
+    return "; ".join(
+        f"{kind} " + ", ".join(f"{i}{f' from {t:.1f} s' if n else ''}" for n, (t, i) in enumerate(_changes(used)))
+        for kind, used in flight.aiding_in_use.items()
+    )
+
+
+def _changes(used: SensorInUse) -> list[tuple[float, int]]:
+    return list(zip(used.t.tolist(), used.instance.tolist(), strict=True))
 
 
 def _items(flight: Flight) -> Iterator[Item]:

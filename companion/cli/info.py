@@ -1,4 +1,4 @@
-"""`companion info LOG`: who speaks in a log, and what it has."""
+"""`companion info LOG`: which vehicles are in a log, and what it has."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import inventory, phases, used_imus
-from companion.cli import options, tables
+from companion.analysis import inventory, phases, used_aiding, used_imus
+from companion.cli import options, sensor_table, tables
 from companion.documents import encode, info_document
-from companion.model import Flight
+from companion.model import Flight, SettingsError
 from companion.recording import Recording, Source
 
 _MOST_SHOWN = 16  # flights
@@ -23,7 +23,11 @@ _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Register the command."""
     parser = options.add_command(
-        commands, "info", "What is in a log: vehicles, boots, messages, rates, gaps.", "companion info flight.tlog"
+        commands,
+        "info",
+        "What is in a log: vehicles, boots, sensors, messages, rates, gaps.",
+        "companion info flight.tlog",
+        takes_several=True,
     )
     parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
     parser.add_argument(
@@ -31,12 +35,22 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         action="store_true",
         help="also: arming, modes, errors and texts of the vehicle; who else speaks, and why it is no vehicle",
     )
+    parser.add_argument(
+        "--table",
+        action="store_true",
+        help="one line per flight instead (Markdown), with the rate of each sensor; takes several logs and folders",
+    )
     options.add_core(parser)
     parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print what is in the log."""
+    if arguments.table:
+        return sensor_table.print_table(arguments)
+    if len(arguments.logs) > 1:
+        raise SettingsError(f"{len(arguments.logs)} logs are named: --table shows several, else name one.")
+    arguments.log = arguments.logs[0]
     recording = options.read(arguments, options.settings_of(arguments), every_message=True)
     if arguments.json:
         print(encode(info_document(recording)))
@@ -114,6 +128,8 @@ def _print_flight(console: Console, flight: Flight) -> None:
     console.print(f"  would compare with: {reference_line(flight)}", highlight=False)
     if used := used_imus(flight):
         console.print(f"  estimator used: {escape(used)}", highlight=False)
+    if used := used_aiding(flight):
+        console.print(f"  aided by: {escape(used)}", highlight=False)
     parts = ", ".join(f"{part.kind} {part.start:.1f}-{part.end:.1f} s" for part in phases(flight))
     console.print(f"  phases: {parts}", highlight=False)
     if announced := _announced(flight):

@@ -44,12 +44,19 @@ def add_command(
     example: str,
     *,
     takes_link: bool = False,
+    takes_several: bool = False,
 ) -> argparse.ArgumentParser:
-    """A command that takes a log, with the options that every such command has. takes_link: or a link."""
+    """A command that takes a log, with the options that every such command has.
+
+    takes_link: or a link. takes_several: `arguments.logs` are the logs, folders and patterns.
+    """
     parser = commands.add_parser(name, help=summary, description=summary, epilog=f"example: {example}")
     log = "a log: .tlog, ArduPilot .bin or .log, PX4 .ulg; or demo for the bundled flight"
     link = ", or a link: udpin:HOST:PORT, tcp:HOST:PORT, /dev/ttyACM0[:BAUD]" if takes_link else ""
-    parser.add_argument("log", metavar="LOG|LINK" if takes_link else "LOG", help=log + link)
+    if takes_several:
+        parser.add_argument("logs", metavar="LOG", nargs="+", help=log)
+    else:
+        parser.add_argument("log", metavar="LOG|LINK" if takes_link else "LOG", help=log + link)
     add_settings(parser)
     return parser
 
@@ -148,11 +155,15 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
 
 
 def log_path(arguments: argparse.Namespace) -> Path:
-    """The log that was named; demo is the bundled one."""
-    path = Path(arguments.log)
-    if arguments.log == "demo" and not path.exists():
+    """The log that was named."""
+    return named_path(arguments.log)
+
+
+def named_path(name: str) -> Path:
+    """A log by its name; demo is the bundled one."""
+    if name == "demo" and not Path(name).exists():
         return data_folder("tlogs") / "copter-demo-100hz.tlog"
-    return path
+    return Path(name)
 
 
 def read(arguments: argparse.Namespace, settings: Settings, *, every_message: bool = False) -> Recording:

@@ -25,7 +25,7 @@ from companion.analysis import (
 from companion.documents import schema
 from companion.documents.verdict import verdict_object
 from companion.examination import Examination, Unexamined
-from companion.model import Flight, ImuTrack
+from companion.model import Flight, ImuTrack, SensorInUse
 from companion.recording import Recording, Source
 
 
@@ -135,7 +135,8 @@ def _info_flight(flight: Flight) -> schema.InfoFlight:
         notes=tuple(flight.notes),
         phases=[schema.PhaseObject(part.kind, part.start, part.end, part.reason) for part in phases(flight)],
         sensors=[schema.SensorObject(**asdict(item)) for item in inventory(flight)],
-        imu_in_use=_imu_in_use(flight),
+        imu_in_use=None if flight.imu_in_use is None else _in_use(flight.imu_in_use),
+        aiding_in_use={kind: _in_use(used) for kind, used in flight.aiding_in_use.items()},
         resets=[schema.ResetObject(reset.t, reset.kind, reset.text, reset.core) for reset in flight.resets],
         parameter_changes=[schema.ParameterObject(one.t, one.name, one.value) for one in flight.parameter_changes],
         messages={
@@ -147,11 +148,8 @@ def _info_flight(flight: Flight) -> schema.InfoFlight:
     )
 
 
-def _imu_in_use(flight: Flight) -> list[schema.ImuInUseObject] | None:
-    used = flight.imu_in_use
-    if used is None:
-        return None
-    return [schema.ImuInUseObject(t, i) for t, i in zip(used.t.tolist(), used.instance.tolist(), strict=True)]
+def _in_use(used: SensorInUse) -> list[schema.SensorInUseObject]:
+    return [schema.SensorInUseObject(t, i) for t, i in zip(used.t.tolist(), used.instance.tolist(), strict=True)]
 
 
 def vehicle_object(flight: Flight) -> schema.VehicleObject:

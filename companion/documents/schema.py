@@ -70,8 +70,8 @@ class PhaseObject(msgspec.Struct, frozen=True):
     reason: str
 
 
-class ImuInUseObject(msgspec.Struct, frozen=True):
-    """From when on the estimator used an IMU."""
+class SensorInUseObject(msgspec.Struct, frozen=True):
+    """From when on the estimator used an IMU, a receiver, a compass, ..."""
 
     t_s: float
     instance: int
@@ -106,7 +106,8 @@ class InfoFlight(msgspec.Struct, frozen=True):
     notes: tuple[str, ...]
     phases: list[PhaseObject]
     sensors: list[SensorObject]
-    imu_in_use: list[ImuInUseObject] | None
+    imu_in_use: list[SensorInUseObject] | None
+    aiding_in_use: Mapping[str, list[SensorInUseObject]]
     resets: list[ResetObject]
     parameter_changes: list[ParameterObject]
     messages: Mapping[str, StatsObject]

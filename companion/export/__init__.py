@@ -4,7 +4,8 @@ from companion.export.files import write_csv, write_json, write_parquet
 from companion.export.kalibr import kalibr_text
 from companion.export.mcap import write_mcap
 from companion.export.table import Column, Table
-from companion.export.tracks import reckoning_of, table_name, tables
+from companion.export.times import table_name
+from companion.export.tracks import reckoning_of, tables
 from companion.export.tum import write_estimate_tum, write_tum
 
 __all__ = [

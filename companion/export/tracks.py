@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,17 +10,12 @@ import numpy as np
 from companion.analysis import NAMES, PARTS, Assessment, Calibration, DriftRow, Replay, phases, replay
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
 from companion.export.geodesy import places
+from companion.export.sensors import imu_table, sensor_tables, series_table
 from companion.export.table import Column, Table, quaternions, vectors
-from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, Series
+from companion.export.times import BOOT_CLOCK, times
+from companion.model import Array, AttitudeTrack, Flight, PositionTrack
 
-BOOT_CLOCK = "seconds of the vehicle's boot clock"
 _STATISTICS = ("median", "p95", "max")
-_UNITS = {
-    "s": "s", "m": "m", "mps": "m/s", "mps2": "m/s²", "rad": "rad", "rad2": "rad²", "radps": "rad/s", "pa": "Pa",
-    "degc": "°C", "tesla": "T",
-}  # fmt: skip
-"""The end of a column's name → its unit."""
-
 _PLACE = ("latitude_deg", "longitude_deg", "height_m")
 _PART_UNITS = {"gyro_bias": "rad/s", "accel_bias": "m/s²", "time_offset": "s", "lever_arm": "m", "gyro_scale": "",
                "accel_scale": ""}  # fmt: skip
@@ -48,13 +42,13 @@ def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | N
     >>> found["raw_imu"].arrow().schema.field("gyro_x_radps").metadata
     {b'unit': b'rad/s', b'frame': b'FRD'}
     """
-    found = [_imu(flight, track) for track in flight.imus.values()]
+    found = [imu_table(flight, track) for track in flight.imus.values()]
     if flight.attitude is not None:
         found.append(_attitude(flight, flight.attitude))
     if flight.position is not None:
         found.append(_position(flight, flight.position))
-    found += [_series(flight, key, series) for key, series in flight.series.items()]
-    found += list(_witnesses(flight))
+    found += [series_table(flight, key, series) for key, series in flight.series.items()]
+    found += list(sensor_tables(flight))
     found += [_texts(flight), _events(flight), _phases(flight), _resets(flight), _parameters(flight)]
     if shown is not None:
         found.append(_reckoning(flight, shown))
@@ -72,36 +66,9 @@ def reckoning_of(flight: Flight, assessed: Assessment, reanchor_s: float | None)
     return replay(judged, imu=track.source, how=assessed.comparison.how, reanchor_s=reanchor_s)
 
 
-def table_name(message: str) -> str:
-    """The name of an IMU's table: raw_imu, imu_0 for IMU[0]."""
-    return re.sub(r"[^a-z0-9]+", "_", message.lower()).strip("_")
-
-
-def _times(flight: Flight, t: Array, *, prefix: str = "") -> tuple[Column, Column]:
-    unix = np.full(len(t), np.nan) if flight.epoch is None else flight.epoch.unix_s + t
-    source = f"since 1970, UTC, by {flight.epoch.source}" if flight.epoch else "since 1970, UTC: not known"
-    return Column(f"{prefix}t_s", t, "s", BOOT_CLOCK), Column(f"{prefix}unix_s", unix, "s", source)
-
-
-def _imu(flight: Flight, track: ImuTrack) -> Table:
-    return Table(
-        table_name(track.source),
-        (
-            *_times(flight, track.t),
-            *vectors("gyro", track.gyro, "rad/s", "radps", "FRD"),
-            *vectors("accel", track.accel, "m/s²", "mps2", "FRD"),
-        ),
-        {
-            "source": track.source,
-            "instance": str(track.instance),
-            "accel": "specific force: (0, 0, -g) at rest and level",
-        },
-    )
-
-
 def _attitude(flight: Flight, track: AttitudeTrack) -> Table:
     columns = (
-        *_times(flight, track.t),
+        *times(flight, track.t),
         *quaternions("q", track.q_ned_frd),
         *vectors("rate", track.rates, "rad/s", "radps", "FRD"),
     )
@@ -110,56 +77,18 @@ def _attitude(flight: Flight, track: AttitudeTrack) -> Table:
 
 def _position(flight: Flight, track: PositionTrack) -> Table:
     columns = (
-        *_times(flight, track.t),
+        *times(flight, track.t),
         *vectors("position", track.position, "m", "m", "NED"),
         *vectors("velocity", track.velocity, "m/s", "mps", "NED"),
     )
     return Table("position", columns, {"source": track.source})
 
 
-def _series(flight: Flight, key: str, series: Series) -> Table:
-    body = ("vibration", "magnetometer")
-    columns = (
-        Column(name, series[name], _UNITS.get(name.rsplit("_", 1)[-1], ""), "FRD" if key.startswith(body) else "")
-        for name in series.columns
-    )
-    return Table(table_name(key), (*_times(flight, series.t), *columns), {"source": series.source})
-
-
-def _witnesses(flight: Flight) -> Iterator[Table]:
-    """Biases, desired attitude, motors, and a simulator's truth: those that the flight has."""
-    for i, bias in enumerate(flight.biases):
-        columns = (
-            *vectors("gyro", bias.gyro, "rad/s", "radps", "FRD"),
-            *vectors("accel", bias.accel, "m/s²", "mps2", "FRD"),
-            *vectors("gyro_sigma", bias.gyro_sigma, "rad/s", "radps", "FRD"),
-            *vectors("accel_sigma", bias.accel_sigma, "m/s²", "mps2", "FRD"),
-        )
-        of = "" if bias.imu_instance is None else str(bias.imu_instance)
-        yield Table(f"bias_{i}", (*_times(flight, bias.t), *columns), {"source": bias.source, "instance": of})
-    if (control := flight.control) is not None:
-        columns = quaternions("q", control.q_ned_frd)
-        yield Table("control", (*_times(flight, control.t), *columns), {"source": control.source})
-    if (motors := flight.actuators) is not None:
-        columns = tuple(Column(f"output_{i}", share) for i, share in enumerate(motors.output.T, 1))
-        yield Table("actuators", (*_times(flight, motors.t), *columns), {"source": motors.source})
-    if (used := flight.imu_in_use) is not None:
-        columns = (Column("instance", used.instance),)
-        yield Table("imu_in_use", (*_times(flight, used.t), *columns), {"source": used.source})
-    if (truth := flight.truth) is not None:
-        columns = (
-            *quaternions("q", truth.q_ned_frd),
-            *vectors("position", truth.position, "m", "m", "NED"),
-            *vectors("velocity", truth.velocity, "m/s", "mps", "NED"),
-        )
-        yield Table("truth", (*_times(flight, truth.t), *columns), {"source": truth.source})
-
-
 def _phases(flight: Flight) -> Table:
     found = phases(flight)
     columns = (
-        *_times(flight, np.array([part.start for part in found], np.float64), prefix="start_"),
-        *_times(flight, np.array([part.end for part in found], np.float64), prefix="end_"),
+        *times(flight, np.array([part.start for part in found], np.float64), prefix="start_"),
+        *times(flight, np.array([part.end for part in found], np.float64), prefix="end_"),
         Column("kind", np.array([part.kind for part in found], np.str_)),
         Column("reason", np.array([part.reason for part in found], np.str_)),
     )
@@ -168,7 +97,7 @@ def _phases(flight: Flight) -> Table:
 
 def _resets(flight: Flight) -> Table:
     columns = (
-        *_times(flight, np.array([reset.t for reset in flight.resets], np.float64)),
+        *times(flight, np.array([reset.t for reset in flight.resets], np.float64)),
         Column("kind", np.array([reset.kind for reset in flight.resets], np.str_)),
         Column("core", np.array([_or_nan(reset.core) for reset in flight.resets], np.float64)),
         Column("text", np.array([reset.text for reset in flight.resets], np.str_)),
@@ -178,7 +107,7 @@ def _resets(flight: Flight) -> Table:
 
 def _parameters(flight: Flight) -> Table:
     columns = (
-        *_times(flight, np.array([change.t for change in flight.parameter_changes], np.float64)),
+        *times(flight, np.array([change.t for change in flight.parameter_changes], np.float64)),
         Column("name", np.array([change.name for change in flight.parameter_changes], np.str_)),
         Column("value", np.array([change.value for change in flight.parameter_changes], np.float64)),
     )
@@ -187,7 +116,7 @@ def _parameters(flight: Flight) -> Table:
 
 def _texts(flight: Flight) -> Table:
     columns = (
-        *_times(flight, np.array([text.t for text in flight.texts], np.float64)),
+        *times(flight, np.array([text.t for text in flight.texts], np.float64)),
         Column("severity", np.array([text.severity for text in flight.texts], np.int64), "", "MAV_SEVERITY"),
         Column("text", np.array([text.text for text in flight.texts], np.str_)),
     )
@@ -196,7 +125,7 @@ def _texts(flight: Flight) -> Table:
 
 def _events(flight: Flight) -> Table:
     columns = (
-        *_times(flight, np.array([event.t for event in flight.events], np.float64)),
+        *times(flight, np.array([event.t for event in flight.events], np.float64)),
         Column("kind", np.array([event.kind for event in flight.events], np.str_)),
         Column("text", np.array([event.text for event in flight.events], np.str_)),
     )
@@ -206,7 +135,7 @@ def _events(flight: Flight) -> Table:
 def _reckoning(flight: Flight, shown: Replay) -> Table:
     anchor = shown.anchors[np.searchsorted(shown.anchors, shown.t, side="right") - 1]
     columns = (
-        *_times(flight, shown.t),
+        *times(flight, shown.t),
         Column("anchor_t_s", anchor, "s", BOOT_CLOCK),
         *quaternions("q_imu", shown.q_imu),
         *vectors("velocity_imu", shown.velocity_imu, "m/s", "mps", "NED"),
@@ -233,7 +162,7 @@ def _best(flight: Flight, best: BestEstimate) -> Table:
     }
     where = () if best.origin is None else places(position, best.origin).T
     columns = (
-        *_times(flight, t),
+        *times(flight, t),
         *quaternions("q", q),
         *(Column(f"position_{n}", v, u) for n, v, u in zip(_PLACE, where, ("°", "°", "m"), strict=False)),
         *vectors("velocity", velocity, "m/s", "mps", "NED"),
@@ -274,8 +203,8 @@ def _windows(flight: Flight, rows: Sequence[DriftRow]) -> Table:
 
     columns = (
         Column("horizon_s", np.repeat([row.horizon_s for row in rows], [row.windows for row in rows]), "s"),
-        *_times(flight, joined("anchor_s"), prefix="anchor_"),
-        *_times(flight, joined("end_s"), prefix="end_"),
+        *times(flight, joined("anchor_s"), prefix="anchor_"),
+        *times(flight, joined("end_s"), prefix="end_"),
         *vectors("attitude_error", joined("attitude"), "rad", "rad", "NED"),
         *(vectors("velocity_error", joined("velocity"), "m/s", "mps", "NED") if has_position else ()),
         *(vectors("position_error", joined("position"), "m", "m", "NED") if has_position else ()),
@@ -290,8 +219,8 @@ def _findings(flight: Flight, assessed: Assessment) -> Table:
         return Column(name, np.array([getattr(finding, name) for finding in found], np.str_))
 
     columns = (
-        *_times(flight, np.array([finding.start_s for finding in found], np.float64), prefix="start_"),
-        *_times(flight, np.array([finding.end_s for finding in found], np.float64), prefix="end_"),
+        *times(flight, np.array([finding.start_s for finding in found], np.float64), prefix="start_"),
+        *times(flight, np.array([finding.end_s for finding in found], np.float64), prefix="end_"),
         *(text(name) for name in ("kind", "side", "severity", "evidence", "advice")),
     )
     return Table("findings", columns, {"status": assessed.verdict.status, "summary": assessed.verdict.summary})

@@ -8,11 +8,11 @@ from companion.model.aiding import (
     ControlTrack,
     EstimatorReset,
     GpsTrack,
-    ImuInUse,
     ParameterChange,
     Phase,
     PhaseKind,
     ResetKind,
+    SensorInUse,
     TruthTrack,
 )
 from companion.model.errors import CompanionError, DataError, InputError, SettingsError
@@ -45,7 +45,6 @@ __all__ = [
     "Event",
     "Flight",
     "GpsTrack",
-    "ImuInUse",
     "ImuTrack",
     "InputError",
     "MessageStats",
@@ -56,6 +55,7 @@ __all__ = [
     "PhaseKind",
     "PositionTrack",
     "ResetKind",
+    "SensorInUse",
     "Series",
     "SettingsError",
     "StatusText",

@@ -117,6 +117,7 @@ class TruthTrack:
     velocity: Array  # (N, 3) NED, m/s; NaN where it is not told
     position: Array  # (N, 3) NED, m, about the flight's origin; NaN where it is not told
     source: str = ""
+    faults: tuple[float, ...] = ()  # s: when the simulator switched a fault on, where it tells
 
     def __post_init__(self) -> None:
         _check(
@@ -184,8 +185,8 @@ class ParameterChange:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImuInUse:
-    """Which IMU the estimator that flew used from each time on."""
+class SensorInUse:
+    """Which IMU, receiver, compass, ... the estimator that flew used from each time on."""
 
     t: Array  # (N,) s
     instance: npt.NDArray[np.int64]  # (N,)

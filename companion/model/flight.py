@@ -16,8 +16,8 @@ from companion.model.aiding import (
     ControlTrack,
     EstimatorReset,
     GpsTrack,
-    ImuInUse,
     ParameterChange,
+    SensorInUse,
     TruthTrack,
 )
 from companion.model.errors import DataError
@@ -106,7 +106,8 @@ class Flight:
     control: ControlTrack | None = None  # the desired attitude
     actuators: ActuatorTrack | None = None
     truth: TruthTrack | None = None  # of a simulator: never an input of the analysis
-    imu_in_use: ImuInUse | None = None  # None where the log does not tell
+    imu_in_use: SensorInUse | None = None  # None where the log does not tell
+    aiding_in_use: Mapping[str, SensorInUse] = field(default_factory=dict)  # "GPS", "compass", "barometer", "airspeed"
     resets: tuple[EstimatorReset, ...] = ()  # announced, in order of time
     parameter_changes: tuple[ParameterChange, ...] = ()  # in flight, in order of time
 

@@ -31,7 +31,7 @@ _Track = TypeVar("_Track", GpsTrack, CompassTrack, BarometerTrack)
 Found = tuple[tuple[_Track, ...], tuple[str, ...]]
 """Tracks in order of instance, and what had to be left out, in words."""
 
-_CONSTANT = 20  # readings that are all the same are those of no sensor: even at rest they differ by a step
+CONSTANT = 20  # readings that are all the same are those of no sensor: even at rest they differ by a step
 _EARTH_M = 6.4e6
 
 
@@ -131,7 +131,7 @@ def _barometer_track(one: Series, notes: list[str]) -> BarometerTrack | None:
 
 
 def _is_constant(one: Series, values: Array, notes: list[str]) -> bool:
-    constant = len(one) >= _CONSTANT and bool((values == values[:1]).all())
+    constant = len(one) >= CONSTANT and bool((values == values[:1]).all())
     if constant:
         notes.append(f"{one.source} left out: all of its {len(one)} readings are the same")
     return constant
@@ -150,7 +150,7 @@ def _gps_track(gps: Series, notes: list[str]) -> GpsTrack | None:
     if np.isnan(velocity[:, :2]).all():  # speed over ground and course: nothing about up and down
         velocity[:, 0] = gps["speed_mps"] * np.cos(gps["course_rad"])
         velocity[:, 1] = gps["speed_mps"] * np.sin(gps["course_rad"])
-    return GpsTrack(
+    track = GpsTrack(
         t=gps.t,
         latitude=gps["lat_rad"],
         longitude=gps["lon_rad"],
@@ -164,6 +164,20 @@ def _gps_track(gps: Series, notes: list[str]) -> GpsTrack | None:
         source=gps.source,
         instance=gps.instance,
     )
+    return None if is_frozen(track, notes) else track
+
+
+def is_frozen(track: GpsTrack, notes: list[str]) -> bool:
+    """Whether a receiver says the same throughout: even at rest a fix differs from the one before in some digit."""
+    fixed = np.isfinite(track.latitude)
+    told = np.column_stack([
+        track.latitude, track.longitude, track.height, track.velocity, track.horizontal_sigma, track.vertical_sigma,
+        track.speed_sigma,
+    ])[fixed]  # fmt: skip
+    frozen = len(told) >= CONSTANT and bool(((told == told[:1]) | np.isnan(told)).all())
+    if frozen:
+        notes.append(f"{track.source} left out: all of its {len(told)} fixes are the same")
+    return frozen
 
 
 def _of_kind(series: Mapping[str, Series], kind: str) -> Iterator[Series]:

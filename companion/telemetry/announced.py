@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.mavlink import Messages
-from companion.model import Array, EstimatorReset, ImuInUse, ParameterChange, ResetKind, StatusText
+from companion.model import Array, EstimatorReset, ParameterChange, ResetKind, SensorInUse, StatusText
 from companion.telemetry.words import words
 
 _RESETS: tuple[tuple[re.Pattern[str], ResetKind], ...] = (
@@ -92,7 +92,7 @@ def parameter_changes(names: Sequence[bytes], t: Array, values: Array) -> tuple[
     return tuple(found)
 
 
-def imu_in_use(resets: Sequence[EstimatorReset], parameters: Mapping[str, float], begin: float) -> ImuInUse | None:
+def imu_in_use(resets: Sequence[EstimatorReset], parameters: Mapping[str, float], begin: float) -> SensorInUse | None:
     """Which IMU ArduPilot's EKF used, from its lane switches and from what its parameters say of the lanes.
 
     The n-th lane reads the n-th IMU of EK3_IMU_MASK (AP_NavEKF3.cpp, InitialiseFilter). None where nothing tells.
@@ -109,7 +109,7 @@ def imu_in_use(resets: Sequence[EstimatorReset], parameters: Mapping[str, float]
     if not known:
         return None
     source = "lane switches" if switches else f"{ekf}_PRIMARY"
-    return ImuInUse(np.array([at for at, _ in known]), np.array([imu for _, imu in known], np.int64), source)
+    return SensorInUse(np.array([at for at, _ in known]), np.array([imu for _, imu in known], np.int64), source)
 
 
 def _imu_of_lane(lane: int, mask: float | None) -> int | None:

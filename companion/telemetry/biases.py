@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, AttitudeTrack, BiasTrack, ImuInUse, ImuTrack
+from companion.model import Array, AttitudeTrack, BiasTrack, ImuTrack, SensorInUse
 from companion.telemetry.convert import Turns, turned_vectors
 
 _TOGETHER_S = 0.02  # samples of two messages that belong together: sent in one go, or within a period
@@ -79,7 +79,7 @@ def px4_biases(
 def ardupilot_biases(
     imus: Mapping[str, ImuTrack],
     attitude: AttitudeTrack | None,
-    used: ImuInUse | None,
+    used: SensorInUse | None,
     turns: Turns,
     *,
     dequantised: bool = False,
@@ -135,7 +135,7 @@ def _half_steps(track: ImuTrack, added: bool) -> Array:
     return np.asarray(0.5 * steps * np.sign(np.hstack([track.gyro, track.accel])))
 
 
-def _instances_at(used: ImuInUse, t: Array) -> npt.NDArray[np.int64]:
+def _instances_at(used: SensorInUse, t: Array) -> npt.NDArray[np.int64]:
     return used.instance[np.maximum(np.searchsorted(used.t, t, side="right") - 1, 0)]
 
 

@@ -15,11 +15,11 @@ from companion.model import (
     BiasTrack,
     Event,
     Flight,
-    ImuInUse,
     ImuTrack,
     Origin,
     ParameterChange,
     PositionTrack,
+    SensorInUse,
     StatusText,
     Vehicle,
 )
@@ -142,7 +142,7 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
         notes += told
         biases = LazyTuple(partial(px4_biases, imus, selected, dequantised=dequantise))
         if instance is not None:
-            used = ImuInUse(np.array([flight.start]), np.array([instance]), "HIGHRES_IMU")
+            used = SensorInUse(np.array([flight.start]), np.array([instance]), "HIGHRES_IMU")
             imus["HIGHRES_IMU"] = of_instance(imus["HIGHRES_IMU"], instance, flight.parameters)
     return replace(
         flight,
@@ -183,7 +183,7 @@ def _begin(boot: Boot, known: Mapping[str, float], said: tuple[str, ...], dialec
         origin=_origin(boot),
         epoch=system_epoch(boot.messages.get("SYSTEM_TIME"), boot.clock),
         home=convert.home(boot.messages["HOME_POSITION"]) if "HOME_POSITION" in boot.messages else None,
-        series=message_sensors(boot.messages, seconds, px4=boot.vehicle.autopilot == "PX4"),
+        series=message_sensors(boot.messages, seconds, notes, px4=boot.vehicle.autopilot == "PX4"),
         events=_events(boot, seconds, dialect),
         parameters=parameters,
         texts=texts,

@@ -139,17 +139,20 @@ SENSOR_MESSAGES = frozenset(source.message for source in _SOURCES)
 
 
 def message_sensors(
-    messages: Mapping[str, Messages], seconds: Mapping[str, Array], *, px4: bool
+    messages: Mapping[str, Messages], seconds: Mapping[str, Array], notes: list[str], *, px4: bool
 ) -> Mapping[str, Series]:
-    """The series in a boot's messages, at their boot times `seconds`. px4: the autopilot is one."""
+    """The series in a boot's messages, at their boot times `seconds`. px4: the autopilot is one.
+
+    What is left out is added to the notes.
+    """
     return series_of(
-        _of_messages(messages[source.message], seconds[source.message], source, px4)
+        _of_messages(messages[source.message], seconds[source.message], source, px4, notes)
         for source in _SOURCES
         if source.message in messages
     )
 
 
-def _of_messages(messages: Messages, t: Array, source: Source, px4: bool) -> Found | None:
+def _of_messages(messages: Messages, t: Array, source: Source, px4: bool, notes: list[str]) -> Found | None:
     fields = _VIBRATION_PX4 if px4 and source.kind == "vibration" else source.fields
 
     def column(field: str) -> Raw | None:
@@ -158,4 +161,5 @@ def _of_messages(messages: Messages, t: Array, source: Source, px4: bool) -> Fou
             return None
         return messages[name][:, int(place[:-1])] if place else messages[name]
 
-    return find(source.kind, messages.name, t, fields, column, messages.layout.units, instance=source.instance)
+    units = messages.layout.units
+    return find(source.kind, messages.name, t, fields, column, units, instance=source.instance, notes=notes)

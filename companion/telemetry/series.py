@@ -44,18 +44,21 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     ),
     "attitude": ("roll_rad", "pitch_rad", "yaw_rad"),
     "airspeed": ("airspeed_mps", "pressure_pa", "temperature_degc"),
+    "gyro_batch": ("x_radps", "y_radps", "z_radps"),
+    "accel_batch": ("x_mps2", "y_mps2", "z_mps2"),
     "range": ("range_m", "status", "orientation"),
     "flow": ("x_radps", "y_radps", "body_x_radps", "body_y_radps", "quality"),
 }  # fmt: skip
 """The columns of each kind, whatever the format. PX4's own vibration metrics have their own names."""
 
 _ABSENT_IF_ZERO = ("magnetometer", "temperature", "gps", "airspeed", "range", "flow", "attitude")
+_NOTED = ("magnetometer", "gps", "range", "flow")  # the others say by it that there is no such sensor
 _ABSENT = {"satellites": 255.0, "speed_mps": 655.35, "hdop": 655.35, "course_rad": math.radians(655.35)}
 """What GPS_RAW_INT sends for "not known"."""
 
 _SIGMAS = ("horizontal_sigma_m", "vertical_sigma_m", "speed_sigma_mps")
 _FIX_2D, _FIX_3D = 2, 3  # GPS_FIX_TYPE
-_POLE = math.radians(89.9)  # nobody flies there: a latitude of 90° is a receiver that has no fix
+POLE = math.radians(89.9)  # nobody flies there: a latitude of 90° is a receiver that has no fix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,8 +82,12 @@ def find(
     units: Mapping[str, str] | None = None,
     *,
     instance: int = 0,
+    notes: list[str] | None = None,
 ) -> Found | None:
-    """What a source has of a kind; None when that is nothing. `column` gives a field of the source, None for none."""
+    """What a source has of a kind; None when that is nothing. `column` gives a field of the source, None for none.
+
+    A sensor that is zero throughout is none, and is noted.
+    """
     raw: dict[str, Raw] = {}
     factors: dict[str, float] = {}
     for name, (field, unit) in fields.items():
@@ -90,6 +97,8 @@ def find(
             stated = (units or {}).get(field, "")
             factors[name] = SI[stated if stated in SI and stated else unit]
     silent = kind in _ABSENT_IF_ZERO and not any(v.any() for v in raw.values())
+    if silent and raw and len(t) and notes is not None and kind in _NOTED:
+        notes.append(f"{source} left out as {kind}: it is zero throughout")
     return None if not raw or not len(t) or silent else Found(kind, source, t, raw, factors, instance)
 
 
@@ -129,7 +138,7 @@ def _without_unknown(gps: Mapping[str, Array]) -> None:
     for name in _SIGMAS:
         gps[name][~(gps[name] > 0.0)] = np.nan  # 0 is "not known": the extension fields of an older sender
     nowhere = (gps["fix_type"] < _FIX_2D) | ((gps["lat_rad"] == 0.0) & (gps["lon_rad"] == 0.0))
-    nowhere |= ~(np.abs(gps["lat_rad"]) < _POLE)
+    nowhere |= ~(np.abs(gps["lat_rad"]) < POLE)
     for name in ("lat_rad", "lon_rad", "height_m", "course_rad", "speed_mps", "vn_mps", "ve_mps", "vd_mps", *_SIGMAS):
         gps[name][nowhere] = np.nan
     gps["height_m"][gps["fix_type"] < _FIX_3D] = np.nan

@@ -93,6 +93,24 @@ def test_info_json_is_as_documented(capsys: Captured) -> None:
     assert [reset["kind"] for reset in flight["resets"]] == ["heading", "heading"]
 
 
+def test_the_table_has_a_line_for_each_flight(tmp_path: Path, capsys: Captured) -> None:
+    (tmp_path / "broken.tlog").write_bytes(b"")
+    assert main(["info", "demo", str(tmp_path), "--table"]) == 2
+    head, _, *lines = (
+        [cell.strip() for cell in line.split("|")[1:-1]] for line in capsys.readouterr().out.splitlines()
+    )
+    rows = {line[0]: dict(zip(head, line, strict=True)) for line in lines}
+    demo = rows["copter-demo-100hz.tlog"]
+    assert (demo["IMU"], demo["GPS"], demo["attitude"]) == ("99.7 24.9", "2", "49.9")
+    assert demo["vehicle"] == "ARDUPILOTMEGA 1:1, boot 1"
+    assert rows["broken.tlog"]["vehicle"].startswith("not read:")
+
+
+def test_several_logs_are_shown_as_a_table_alone(capsys: Captured) -> None:
+    assert main(["info", DEMO, DEMO]) == 2
+    assert "--table" in capsys.readouterr().err
+
+
 def test_info_says_what_would_be_used(capsys: Captured) -> None:
     assert main(["info", DEMO]) == 0
     out = capsys.readouterr().out

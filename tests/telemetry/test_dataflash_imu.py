@@ -95,6 +95,24 @@ def test_half_an_imu_is_none_and_batches_are_counted(tmp_path: Path) -> None:
     assert any("1024 samples at 1000 Hz (3 of accelerometer 0, 2 of gyro 0)" in note for note in flight.notes)
 
 
+def test_batches_are_series_of_every_sample(tmp_path: Path) -> None:
+    """40 samples at 1 kHz in two records, of which the second is filled up; x / mul is in rad/s (`mavfft_isb.py`)."""
+    types = TYPES | {"ISBD": ("QHHaaa", "TimeUS,N,seqno,x,y,z")}
+    ramp, zero = np.arange(64, dtype="<i2"), bytes(64)
+    batch: Rows = iter([
+        ("ISBH", (1_500_000, 7, 1, 1, 938, 40, 1_400_000, 1000.0)),
+        ("ISBD", (1_500_100, 7, 0, ramp[:32].tobytes(), zero, zero)),
+        ("ISBD", (1_500_200, 7, 1, ramp[32:].tobytes(), zero, zero)),
+        ("ISBD", (1_500_300, 8, 0, zero, zero, zero)),
+    ])  # fmt: skip
+    (flight,) = c.open_log(write_dataflash(tmp_path / "batch.bin", types, [*rows(1.0), *batch]))
+    series = flight.series["gyro_batch"]
+    np.testing.assert_allclose(series.t, 1.4 + 1e-3 * np.arange(40))
+    np.testing.assert_allclose(series["x_radps"], np.arange(40) / 938)
+    assert (series.source, series.instance) == ("ISBD[gyro 1]", 1)
+    assert "ISBD: 1 of 3 left out: the head of their batch is not in the log" in flight.notes
+
+
 def test_impossible_readings_are_left_out_and_counted(tmp_path: Path) -> None:
     bad = (
         ("IMU", (1_500_001, 0, 1.2e19, 0.0, 0.0, 0.0, 0.0, -9.8)),
@@ -132,7 +150,7 @@ def of_2014() -> Rows:
         if k % 10 == 0:
             yield (
                 "GPS",
-                (3, 302_400_000 + 20 * k, 1800, 9, 120, -350_000_000, 1_490_000_000, 0, 58_400, 300, 9000, 0.5, t),
+                (3, 302_400_000 + 20 * k, 1800, 9, 120, -350_000_000 + k, 1_490_000_000, 0, 58_400, 300, 9000, 0.5, t),
             )
         if k == 100:
             yield "PARM", ("SYSID_THISMAV", 8.0)

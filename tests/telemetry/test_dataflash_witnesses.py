@@ -133,6 +133,16 @@ def test_biases_and_the_selected_imu_are_what_pymavlink_reads(name: str) -> None
 
 
 @pytest.mark.parametrize("name", [TAKEOFF, *SIMULATED])
+def test_the_sensors_in_use_are_what_pymavlink_reads(name: str) -> None:
+    flight, theirs = flight_of(name), read_with_pymavlink(name)
+    own = [core for core in theirs if core.startswith("XKFS") and core.endswith(f"[{flight.biases[0].core}]")]
+    assert bool(own) == bool(flight.aiding_in_use)
+    for kind, column in {"GPS": "GI", "compass": "MI", "barometer": "BI", "airspeed": "AI"}.items():
+        for t, number in columns(theirs[own[0]], "TimeUS", column):
+            assert flight.aiding_in_use[kind].at(t * 1e-6) == number
+
+
+@pytest.mark.parametrize("name", [TAKEOFF, *SIMULATED])
 def test_the_truth_of_a_simulator_is_in_the_frames_of_the_estimate(name: str) -> None:
     """The EKF in a calm simulator errs by less than 3° and 0.3 m: frames and origin are the same."""
     flight = flight_of(name)

@@ -48,7 +48,7 @@ def gps(**other: npt.NDArray[Any]) -> dict[str, npt.NDArray[Any]]:
         "lon": full(85_455_938, np.int32),
         "alt": full(488_123, np.int32),
         "eph": full(0.7),
-        "epv": full(1.1),
+        "epv": 1.1 + 0.01 * np.arange(N, dtype=F32),
         "s_variance_m_s": full(0.2),
         "vel_n_m_s": full(1.0),
         "vel_e_m_s": full(-2.0),
@@ -129,10 +129,22 @@ def test_a_single_fix_far_from_its_neighbours_is_dropped_and_counted(read: Any) 
     assert "vehicle_gps_position: 1 fixes left out that those before and after contradict" in flight.notes
 
 
-def test_at_the_pole_a_fix_is_a_fix(read: Any) -> None:
-    (track,) = read({"vehicle_gps_position": gps(lat=full(900_000_000, np.int32))}).gps
-    np.testing.assert_allclose(track.latitude, np.pi / 2)
-    assert not read({"vehicle_gps_position": gps(lat=full(1_900_000_000, np.int32))}).gps
+def test_a_position_that_its_neighbours_contradict_is_dropped_and_counted(read: Any) -> None:
+    valid = dict.fromkeys(("xy_valid", "z_valid", "v_xy_valid", "v_z_valid"), full(1, np.bool_))
+    place = {name: np.arange(N, dtype=F32) for name in ("x", "y", "z")}
+    place["x"][20] += F32(508.0)
+    rest = {name: full(1.0) for name in ("vx", "vy", "vz", "ref_lat", "ref_lon", "ref_alt")}
+    flight = read({"vehicle_local_position": {"timestamp": T} | place | rest | valid})
+    assert len(flight.position) == N - 1
+    assert "vehicle_local_position: 1 samples left out that those before and after contradict" in flight.notes
+
+
+def test_when_rflymad_switched_a_fault_on_is_part_of_the_truth(read: Any) -> None:
+    fault = full(0, np.uint32)
+    fault[30:] = 123_450
+    truth = {"timestamp": T, "q": np.tile(np.array([1, 0, 0, 0], F32), (N, 1))}
+    flight = read({"vehicle_attitude_groundtruth": truth, "rfly_ctrl_lxl": {"timestamp": T, "id": fault}})
+    assert flight.truth.faults == (pytest.approx(3.1),)
 
 
 def test_the_driver_of_the_selected_sensor_is_no_second_one(read: Any) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.mavlink import Records
-from companion.model import Array, BiasTrack, DataError, ImuInUse
+from companion.model import Array, BiasTrack, DataError, SensorInUse
 from companion.telemetry import convert
 
 _EKFS = {"XK": (3, "EK3_IMU_MASK"), "NK": (2, "EK2_IMU_MASK"), "EK": (1, "")}
@@ -95,7 +95,7 @@ def imu_of_core(core: int, prefix: str, parameters: Mapping[str, float]) -> int 
     return bits[core] if core < len(bits) else None
 
 
-def imu_in_use(records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew) -> ImuInUse | None:
+def imu_in_use(records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew) -> SensorInUse | None:
     """The IMU of the primary core (XKF4.PI), from each change on."""
     name = f"{mine.prefix}F4"
     if name not in records or not records[name].layout.has_numbers("PI"):
@@ -108,7 +108,28 @@ def imu_in_use(records: Mapping[str, Records], parameters: Mapping[str, float], 
     if not len(instance):
         return None
     change = np.concatenate([[True], np.diff(instance) != 0])
-    return ImuInUse(t[keep][change], instance[change], f"{name}.PI")
+    return SensorInUse(t[keep][change], instance[change], f"{name}.PI")
+
+
+_SELECTION = {"GPS": "GI", "compass": "MI", "barometer": "BI", "airspeed": "AI"}
+"""Kind of sensor → the column of XKFS with the number of the one that a core uses."""
+
+
+def aiding_in_use(records: Mapping[str, Records], mine: Flew) -> dict[str, SensorInUse]:
+    """Which receiver, compass, barometer and airspeed sensor the core that flew used, from each change on (XKFS)."""
+    one = of_cores(records, f"{mine.prefix}FS").get(mine.core)
+    found: dict[str, SensorInUse] = {}
+    if one is None:
+        return found
+    for kind, column in _SELECTION.items():
+        if not one.layout.has_numbers(column):
+            continue
+        keep = convert.increasing(one.t, np.isfinite(one.t))
+        t, number = one.t[keep], one[column].astype(np.int64)[keep]
+        change = np.flatnonzero(np.diff(number, prepend=-1))
+        if len(t):
+            found[kind] = SensorInUse(t[change], number[change], f"{one.name}.{column}")
+    return found
 
 
 def bias_tracks(records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew) -> tuple[BiasTrack, ...]:

@@ -19,7 +19,7 @@ from companion.model import Array, Flight, StatusText, Vehicle
 from companion.telemetry import convert
 from companion.telemetry.aiding import Aiding
 from companion.telemetry.arrival import arrival
-from companion.telemetry.dataflash import aiding, changes, cores, imu, pose, sensors
+from companion.telemetry.dataflash import aiding, batches, changes, cores, imu, pose, sensors
 from companion.telemetry.dataflash.rows import with_times
 from companion.telemetry.events import dataflash_events
 from companion.telemetry.parameters import identity, known
@@ -43,12 +43,13 @@ _NUMBERS: Mapping[str, tuple[str, ...]] = {
     **cores.NUMBERS,
     **pose.NUMBERS,
     **aiding.NUMBERS,
+    **batches.NUMBERS,
     "GPS": ("Lat", "Lng", "Alt"),
     "PARM": ("Value",),
 }
 _WORDS = {"PARM": "Name", "MSG": "Message"}
 
-RECORDS = sensors.NEEDED | _NUMBERS.keys() | _WORDS.keys() | {"EV", "ERR", "MODE", "ARM", "RCOU", "VER"}
+RECORDS = sensors.NEEDED | _NUMBERS.keys() | _WORDS.keys() | {"EV", "ERR", "MODE", "ARM", "RCOU", "VER", "XKFS"}
 """Records whose fields a flight is made of."""
 
 
@@ -117,6 +118,7 @@ def _without_tracks(
         actuators=aiding.actuators(records, parameters),
         truth=aiding.truth(records),
         imu_in_use=cores.imu_in_use(records, parameters, flew),
+        aiding_in_use=cores.aiding_in_use(records, flew),
         resets=changes.resets(records, texts, parameters, flew),
         parameter_changes=changes.parameter_changes(records),
     )

@@ -27,7 +27,6 @@ _RAW = {"Gyr": ("GYR", "GYR1", "GYR2", "GYR3"), "Acc": ("ACC", "ACC1", "ACC2", "
 NUMBERS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(_IMU, _VECTORS),
     **{name: ("SampleUS", *(f"{kind}{axis}" for axis in "XYZ")) for kind, names in _RAW.items() for name in names},
-    "ISBH": ("type", "instance", "smp_cnt", "smp_rate"),
 }
 """Columns that these records must have."""
 
@@ -166,6 +165,6 @@ def _batches(headers: Records) -> str:
     counts = ", ".join(f"{kinds.count(kind)} of {kind}" for kind in sorted(set(kinds)))
     rate = float(np.median(headers["smp_rate"]))
     return (
-        f"ISBH: batches of {int(np.median(headers['smp_cnt']))} samples at {rate:.0f} Hz ({counts}) left out: they "
-        "show vibration, but are too short and apart to be integrated"
+        f"ISBH: batches of {int(np.median(headers['smp_cnt']))} samples at {rate:.0f} Hz ({counts}): they show "
+        "vibration (series `gyro_batch`, `accel_batch`), but are too short and apart to be integrated"
     )

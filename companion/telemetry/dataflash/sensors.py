@@ -9,6 +9,7 @@ import numpy as np
 
 from companion.mavlink import Records
 from companion.model import Array, Series
+from companion.telemetry.dataflash.batches import batches
 from companion.telemetry.dataflash.cores import of_cores
 from companion.telemetry.dataflash.rows import sample_time, sound, sources
 from companion.telemetry.series import Fields, Found, Raw, find, series_of
@@ -112,7 +113,7 @@ SOURCES: tuple[RecordSource, ...] = (
 OF_CORES = frozenset({"estimator", "innovation"})
 
 NEEDED = frozenset(name for source in SOURCES for name in source.names) | {
-    "GPA", "GPA2", "XKF8", "XKF9", "NKF8", "NKF9",
+    "GPA", "GPA2", "ISBH", "ISBD", "XKF8", "XKF9", "NKF8", "NKF9",
 }  # fmt: skip
 """Records that become series."""
 
@@ -126,21 +127,21 @@ def record_sensors(records: Mapping[str, Records], prefix: str, core: int) -> tu
             found += _of_ekf(records, source, prefix, core)
         else:
             found += _of_sensors(records, source, notes)
-    return series_of(found), notes
+    return series_of([*found, *batches(records, notes)]), notes
 
 
 def _of_ekf(records: Mapping[str, Records], source: RecordSource, prefix: str, core: int) -> Iterator[Found | None]:
     for name in (name for name in source.names if name.startswith(prefix)):
         cores = of_cores(records, name)
         for number in sorted(cores, key=lambda number: (number != core, number)):
-            yield _found(cores[number], f"{name}[{number}]", source, number)
+            yield _found(cores[number], f"{name}[{number}]", source, number, [])
 
 
 def _of_sensors(records: Mapping[str, Records], source: RecordSource, notes: list[str]) -> Iterator[Found | None]:
     for number, name, one in sources(records, source.names):
         if source.kind == "gps":
             if number < _BLENDED:
-                yield _gps(records, one, name, source, number)
+                yield _gps(records, one, name, source, number, notes)
             continue
         whole = one
         if source.sampled and not (good := sound(one)).all():
@@ -148,15 +149,16 @@ def _of_sensors(records: Mapping[str, Records], source: RecordSource, notes: lis
             notes.append(
                 f"{name}: {len(one) - len(whole)} of {len(one)} left out, as the driver called itself unhealthy"
             )
-        yield _found(whole, name, source, number)
+        yield _found(whole, name, source, number, notes)
 
 
-def _found(one: Records, name: str, source: RecordSource, number: int) -> Found | None:
+def _found(one: Records, name: str, source: RecordSource, number: int, notes: list[str]) -> Found | None:
     fields = source.fields
     if "Clip" in one.layout.fields:  # counts for this IMU alone; older logs have Clip0, Clip1 and Clip2
         fields = {**fields, f"clips_{number}": ("Clip", "")}
     t = sample_time(one, source.sampled) if source.sampled else one.t
-    return find(source.kind, name, t, fields, lambda field: _column(one, field), one.layout.units, instance=number)
+    units = one.layout.units
+    return find(source.kind, name, t, fields, lambda field: _column(one, field), units, instance=number, notes=notes)
 
 
 def _column(one: Records, field: str) -> Raw | None:
@@ -168,12 +170,14 @@ def _column(one: Records, field: str) -> Raw | None:
     return values.astype(np.float64) if values.dtype.kind == "f" else values
 
 
-def _gps(records: Mapping[str, Records], one: Records, name: str, source: RecordSource, number: int) -> Found | None:
+def _gps(
+    records: Mapping[str, Records], one: Records, name: str, source: RecordSource, number: int, notes: list[str]
+) -> Found | None:
     """A receiver with what GPA says of the same fix. The time is that of its sample, which GPA has as well."""
     t = one.t
     accuracy = next((own for instance, _, own in sources(records, ("GPA", "GPA2")) if instance == number), None)
     if accuracy is None or not len(accuracy):
-        return find("gps", name, t, source.fields, lambda field: _column(one, field), one.layout.units, instance=number)
+        return _found(one, name, source, number, notes)
     row = np.minimum(np.searchsorted(accuracy.t, t), len(accuracy) - 1)
     paired = accuracy.t[row] == t  # they are written together, at the same microsecond
 
@@ -188,5 +192,6 @@ def _gps(records: Mapping[str, Records], one: Records, name: str, source: Record
 
     sampled: Array = np.where(paired, sample_time(accuracy, "SMS")[row], t)
     return find(
-        "gps", name, sampled, source.fields, column, {**one.layout.units, **accuracy.layout.units}, instance=number
-    )
+        "gps", name, sampled, source.fields, column, {**one.layout.units, **accuracy.layout.units}, instance=number,
+        notes=notes,
+    )  # fmt: skip

@@ -22,8 +22,9 @@ from companion.model import (
     geodetic_from_ned,
     ned_from_geodetic,
 )
+from companion.telemetry.aiding import CONSTANT, is_frozen
 from companion.telemetry.convert import continuous, increasing, lone
-from companion.telemetry.series import pressure_altitude
+from companion.telemetry.series import POLE, pressure_altitude
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.topics import (
     Topic,
@@ -43,7 +44,6 @@ from companion.telemetry.units import SI
 _FIX_2D, _FIX_3D = 2, 3  # GPS_FIX_TYPE
 _EXTRAPOLATED = 8  # of PX4: the receiver goes on from its last fix
 _HECTOPASCAL = 2000.0  # below it a pressure is in hPa: no air weighs more or, in Pa, less
-_CONSTANT = 20  # readings
 _TRUTH_HOLE = 0.2  # s: across a longer one the truth is not interpolated
 
 
@@ -52,10 +52,10 @@ def gps_tracks(topics: Topics, notes: list[str]) -> tuple[GpsTrack, ...]:
     found = []
     for instance, name, topic in _sensors(topics, "vehicle_gps_position", "sensor_gps", "device_id", "device_id"):
         track = _gps(topic, name, instance, notes)
-        if len(track):
-            found.append(track)
-        else:
+        if not len(track):
             notes.append(f"{name} left out: it never has a fix")
+        elif not is_frozen(track, notes):
+            found.append(track)
     return tuple(found)
 
 
@@ -69,7 +69,7 @@ def _gps(topic: Topic, name: str, instance: int, notes: list[str]) -> GpsTrack:
         place = columns(topic, "lat", "lon", "alt") * (SI["degE7"], SI["degE7"], SI["mm"])
     fix = column(topic, "fix_type")
     fix[fix == _EXTRAPOLATED] = 1.0
-    nowhere = ~(np.abs(place[:, 0]) <= np.pi / 2) | ((place[:, 0] == 0.0) & (place[:, 1] == 0.0))
+    nowhere = ~(np.abs(place[:, 0]) < POLE) | ((place[:, 0] == 0.0) & (place[:, 1] == 0.0))
     place[nowhere | ~(fix >= _FIX_2D)] = np.nan
     place[~(fix >= _FIX_3D), 2] = np.nan
     velocity = columns(topic, "vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
@@ -157,7 +157,7 @@ def _is_silent(track: CompassTrack | BarometerTrack, values: Array, notes: list[
     if not len(track):
         notes.append(f"{track.source} left out: it has no readings, or zeros only")
         return True
-    same = len(track) >= _CONSTANT and bool((values == values[0]).all())
+    same = len(track) >= CONSTANT and bool((values == values[0]).all())
     if same:
         notes.append(f"{track.source} left out: all of its {len(track)} readings are the same")
     return same
@@ -179,7 +179,18 @@ def truth(topics: Topics, origin: Origin | None) -> TruthTrack | None:
     place = topics.get("vehicle_local_position_groundtruth")
     if place is not None and len(t):
         velocity, position = _moved(t, place, origin)
-    return TruthTrack(t, continuous(q), velocity, position, "vehicle_attitude_groundtruth") if len(t) else None
+    if not len(t):
+        return None
+    return TruthTrack(t, continuous(q), velocity, position, "vehicle_attitude_groundtruth", _faults(topics))
+
+
+def _faults(topics: Topics) -> tuple[float, ...]:
+    """When RflyMAD's simulator switched a fault on: `id` of rfly_ctrl_lxl is 0 without one (arXiv 2311.11340)."""
+    topic = topics.get("rfly_ctrl_lxl")
+    if topic is None or "id" not in topic:
+        return ()
+    on = np.flatnonzero(np.diff((column(topic, "id") != 0.0).astype(np.int8), prepend=0) > 0)
+    return tuple(seconds(topic)[on].tolist())
 
 
 def _moved(t: Array, topic: Topic, origin: Origin | None) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from companion.model import Array, BiasTrack, ImuInUse
+from companion.model import Array, BiasTrack, SensorInUse
 from companion.telemetry.convert import increasing
 from companion.telemetry.ulog.topics import (
     Topic,
@@ -43,7 +43,7 @@ def imu_instances(topics: Topics) -> dict[int, int]:
     return found
 
 
-def imu_in_use(topics: Topics, by_device: Mapping[int, int]) -> ImuInUse | None:
+def imu_in_use(topics: Topics, by_device: Mapping[int, int]) -> SensorInUse | None:
     """The gyro that sensor_selection names, or where it is not there estimator_selector_status; None without both."""
     for name in ("sensor_selection", "estimator_selector_status"):
         if name not in topics:
@@ -54,7 +54,7 @@ def imu_in_use(topics: Topics, by_device: Mapping[int, int]) -> ImuInUse | None:
         changed = np.flatnonzero(np.diff(devices, prepend=0))
         if len(changed):
             used = np.array([by_device[device] for device in devices[changed].tolist()], np.int64)
-            return ImuInUse(t[changed], used, name)
+            return SensorInUse(t[changed], used, name)
     return None
 
 

@@ -48,6 +48,7 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
     imus = imu_tracks(topics, used, parameters, notes)
     gps, compasses = gps_tracks(topics, notes), compass_tracks(topics, notes)
     barometers = barometer_tracks(topics, notes)
+    position = position_track(topics, notes)
     return Flight(
         vehicle=Vehicle(
             identity(parameters, "MAV_SYS_ID"),
@@ -61,7 +62,7 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
         duration=end - begin,
         imus=imus,
         attitude=attitude_track(topics),
-        position=position_track(topics),
+        position=position,
         origin=zero,
         epoch=epoch(topics),
         home=home(topics),

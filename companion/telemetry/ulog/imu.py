@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, ImuInUse, ImuTrack
+from companion.model import Array, ImuTrack, SensorInUse
 from companion.telemetry.convert import increasing
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.drivers import driver_tracks
@@ -33,7 +33,7 @@ from companion.telemetry.ulog.topics import (
 
 
 def imu_tracks(
-    topics: Topics, used: ImuInUse | None, parameters: Mapping[str, float], notes: list[str]
+    topics: Topics, used: SensorInUse | None, parameters: Mapping[str, float], notes: list[str]
 ) -> dict[str, ImuTrack]:
     """Every instance of vehicle_imu, sensor_combined and what the drivers logged at higher rates, by topic."""
     found = [*_integrated(topics)]
@@ -107,7 +107,7 @@ def _track(source: str, t: Array, gyro: Array, accel: Array, interval: Array, go
     return ImuTrack(t[keep], gyro[keep], accel[keep], source=source, interval=interval[keep])
 
 
-def _shares(used: ImuInUse, t: Array) -> Array:
+def _shares(used: SensorInUse, t: Array) -> Array:
     """Which share of times t (N,) each instance was used for."""
     at = used.instance[np.maximum(np.searchsorted(used.t, t, side="right") - 1, 0)]
     return np.asarray(np.bincount(at) / max(len(t), 1))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from companion.model import Array, AttitudeTrack, Epoch, Origin, PositionTrack
-from companion.telemetry.convert import continuous, increasing
+from companion.telemetry.convert import continuous, increasing, lone
 from companion.telemetry.epoch import epoch_of
 from companion.telemetry.ulog.topics import Topics, columns, sampled, seconds, xyz
 
@@ -46,8 +46,8 @@ def _turning(t: Array, q: Array) -> Array:
     return np.column_stack([np.interp(t, 0.5 * (t[1:] + t[:-1]), axis) for axis in rate.T])
 
 
-def position_track(topics: Topics) -> PositionTrack | None:
-    """vehicle_local_position where it calls itself valid."""
+def position_track(topics: Topics, notes: list[str]) -> PositionTrack | None:
+    """vehicle_local_position where it calls itself valid. What is left out is added to the notes."""
     if "vehicle_local_position" not in topics:
         return None
     topic = topics["vehicle_local_position"]
@@ -57,7 +57,11 @@ def position_track(topics: Topics) -> PositionTrack | None:
     for flag in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid"):
         valid &= np.asarray(topic[flag], np.bool_)
     keep = increasing(t, valid)
-    track = PositionTrack(t[keep], position[keep], velocity[keep], "vehicle_local_position")
+    t, position, velocity = t[keep], position[keep], velocity[keep]
+    astray = lone(position) | lone(velocity)
+    if astray.any():
+        notes.append(f"vehicle_local_position: {astray.sum()} samples left out that those before and after contradict")
+    track = PositionTrack(t[~astray], position[~astray], velocity[~astray], "vehicle_local_position")
     return track if len(track) > 1 else None
 
 

@@ -95,7 +95,7 @@ _FLOW: Mapping[str, Alternatives] = {
     "gyro_z_rad": (("delta_angle[2]", "rad"), ("gyro_z_rate_integral", "rad")),
     "interval_us": (("integration_timespan_us", ""), ("integration_timespan", "")),
     "quality": (("quality", ""),),
-    "distance_m": (("distance_m", "m"), ("ground_distance_m", "m")),
+    "range_m": (("distance_m", "m"), ("ground_distance_m", "m")),
 }
 
 
@@ -158,7 +158,7 @@ TOPIC_SERIES: tuple[TopicSeries, ...] = (
         "distance_sensor",
         "range",
         _one(
-            distance_m="current_distance m",
+            range_m="current_distance m",
             least_m="min_distance m",
             most_m="max_distance m",
             variance_m2="variance",

@@ -1,0 +1,210 @@
+"""A witness that is none: left out with a note, never an exception and never silently used; in every format of log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import companion as c
+from companion.model import Flight
+from tests.dataflash_writer import write_dataflash
+from tests.tlogs import Writer
+from tests.ulogs import ulog
+
+N, HZ = 100, 5.0
+T = 20.0 + np.arange(N) / HZ  # s, boot clock
+UNIX = 1_795_290_136.0  # s
+Values = dict[str, npt.NDArray[Any]]
+
+HEALTHY: Values = {
+    "t": T,
+    "fix": np.full(N, 3.0),
+    "lat": 47.3977418 + 1e-7 * np.arange(N),  # degrees
+    "lon": 8.5455938 + 1e-7 * np.arange(N),
+    "alt": 488.0 + 0.01 * np.arange(N),
+    "mag": 0.2 + 0.001 * np.arange(N),  # gauss, every axis
+    "pressure": 95_000.0 + np.arange(N),  # Pa
+}
+
+
+def tlog(folder: Path, values: Values) -> Flight:
+    log = Writer(folder / "log.tlog")
+    log.heartbeat(0.0)
+    for i, t in enumerate(T):
+        at = t - 20.0
+        for k in range(4):
+            log.raw_imu(at + 0.05 * k, t + 0.05 * k)
+            log.attitude(at + 0.05 * k, t + 0.05 * k)
+        now = {name: column[i] for name, column in values.items()}
+        if "fix" in now:
+            log.send(
+                at, "gps_raw_int", time_usec=round(now["t"] * 1e6), fix_type=int(now["fix"]),
+                lat=round(now["lat"] * 1e7), lon=round(now["lon"] * 1e7), alt=round(now["alt"] * 1e3), eph=100, epv=100,
+                vel=100, cog=0, satellites_visible=10,
+            )  # fmt: skip
+        if "mag" in now:
+            field = round(now["mag"] * 1e3)
+            log.send(
+                at, "scaled_imu2", time_boot_ms=round(t * 1e3), xacc=0, yacc=0, zacc=-1000, xgyro=0, ygyro=0, zgyro=1,
+                xmag=field, ymag=field, zmag=field,
+            )  # fmt: skip
+        if "pressure" in now:
+            pressure = now["pressure"] / 100
+            log.send(
+                at, "scaled_pressure", time_boot_ms=round(t * 1e3), press_abs=pressure, press_diff=0.0, temperature=2150
+            )
+    return c.open_log(log.close())[0]
+
+
+TYPES = {
+    "IMU": ("QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
+    "ATT": ("Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw"),
+    "GPS": ("QBBBLLefff", "TimeUS,I,Status,NSats,Lat,Lng,Alt,Spd,GCrs,VZ"),
+    "MAG": ("QBhhh", "TimeUS,I,MagX,MagY,MagZ"),
+    "BARO": ("QBfff", "TimeUS,I,Alt,Press,Temp"),
+}
+
+
+def dataflash(folder: Path, values: Values) -> Flight:
+    def rows() -> Iterator[tuple[str, tuple[object, ...]]]:
+        for i, t in enumerate(T):
+            us = round(t * 1e6)
+            for k in range(4):
+                yield "IMU", (us + 50_000 * k, 0, 0.0, 0.0, 1e-3 * (k % 2), 0.0, 0.0, -9.8)
+                yield "ATT", (us + 50_000 * k, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            now = {name: column[i] for name, column in values.items()}
+            if "fix" in now:
+                place = round(now["lat"] * 1e7), round(now["lon"] * 1e7), round(now["alt"] * 100)
+                yield "GPS", (round(now["t"] * 1e6), 0, int(now["fix"]), 10, *place, 1.0, 0.0, 0.0)
+            if "mag" in now:
+                yield "MAG", (us, 0, *3 * (round(now["mag"] * 1e3),))
+            if "pressure" in now:
+                yield "BARO", (us, 0, 0.0, now["pressure"], 21.5)
+
+    return c.open_log(write_dataflash(folder / "log.bin", TYPES, rows()))[0]
+
+
+def px4(folder: Path, values: Values) -> Flight:
+    stamp = np.round(T * 1e6).astype(np.uint64)
+    fine = np.round(np.arange(20.0, 20.0 + N / HZ, 0.05) * 1e6).astype(np.uint64)
+    still = np.tile(np.array([0.0, 0.0, -9.8], np.float32), (len(fine), 1))
+    topics: dict[str, dict[str, npt.NDArray[Any]]] = {
+        "sensor_combined": {
+            "timestamp": fine,
+            "gyro_rad": still * np.float32(1e-3),
+            "gyro_integral_dt": np.full(len(fine), 5000, np.uint32),
+            "accelerometer_m_s2": still,
+        }
+    }
+    if "fix" in values:
+        topics["vehicle_gps_position"] = {
+            "timestamp": np.round(values["t"] * 1e6).astype(np.uint64),
+            "latitude_deg": values["lat"],
+            "longitude_deg": values["lon"],
+            "altitude_msl_m": values["alt"],
+            "fix_type": values["fix"].astype(np.uint8),
+            "vel_n_m_s": np.ones(N, np.float32),
+            "vel_e_m_s": np.zeros(N, np.float32),
+            "vel_d_m_s": np.zeros(N, np.float32),
+        }
+    if "mag" in values:
+        field = np.tile(values["mag"].astype(np.float32)[:, None], (1, 3))
+        topics["vehicle_magnetometer"] = {"timestamp": stamp, "magnetometer_ga": field}
+    if "pressure" in values:
+        topics["sensor_baro"] = {"timestamp": stamp, "pressure": values["pressure"].astype(np.float32)}
+    path = folder / "log.ulg"
+    path.write_bytes(ulog(topics))
+    return c.open_log(path)[0]
+
+
+FORMATS = pytest.mark.parametrize("made", [tlog, dataflash, px4], ids=["tlog", "bin", "ulg"])
+Make = Callable[[Path, Values], Flight]
+
+
+def without_optional(made: Make) -> None:
+    if made is px4:
+        pytest.importorskip("pyulog")
+
+
+@FORMATS
+def test_healthy_sensors_are_read(tmp_path: Path, made: Make) -> None:
+    without_optional(made)
+    flight = made(tmp_path, HEALTHY)
+    (gps,), (compass,), (barometer,) = flight.gps, flight.compasses, flight.barometers
+    np.testing.assert_allclose(gps.t, T, atol=1e-6)
+    np.testing.assert_allclose(np.degrees(gps.latitude), HEALTHY["lat"], atol=1e-7)
+    np.testing.assert_allclose(compass.field, np.tile(HEALTHY["mag"][:, None] * 1e-4, (1, 3)), atol=1e-7)
+    np.testing.assert_allclose(barometer.pressure, HEALTHY["pressure"], rtol=1e-6)
+    assert not [note for note in flight.notes if "left out" in note and "RAW_IMU" not in note]
+
+
+@FORMATS
+def test_absent_sensors_are_none(tmp_path: Path, made: Make) -> None:
+    without_optional(made)
+    flight = made(tmp_path, {})
+    assert flight.imus
+    assert not any((len(flight.gps), len(flight.compasses), len(flight.barometers)))
+
+
+WRONG = {
+    "all zero": dict.fromkeys(("fix", "lat", "lon", "alt", "mag", "pressure"), 0.0),
+    "zero place with a fix": {"lat": 0.0, "lon": 0.0},
+    "constant": {"lat": 47.0, "lon": 8.0, "alt": 400.0, "mag": 0.25, "pressure": 95_000.0},
+    "no fix": {"fix": 1.0},
+    "at the pole": {"lat": 90.0, "lon": 0.0},
+    "beyond the pole": {"lat": 190.0},
+}
+NOTED = {"lat": "gps", "fix": "gps", "mag": "compasses", "pressure": "barometers"}
+
+
+@FORMATS
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_no_sensor_is_left_out_with_a_note(tmp_path: Path, made: Make, name: str) -> None:
+    without_optional(made)
+    flight = made(tmp_path, HEALTHY | {key: np.full(N, value) for key, value in WRONG[name].items()})
+    wrong = {NOTED[key] for key in WRONG[name] if key in NOTED}
+    for kind in ("gps", "compasses", "barometers"):
+        assert bool(len(getattr(flight, kind))) == (kind not in wrong), kind
+    told = [note for note in flight.notes if "left out" in note and "RAW_IMU" not in note]
+    assert len(told) == len(wrong)
+
+
+@FORMATS
+def test_nothing_is_known_before_the_first_fix(tmp_path: Path, made: Make) -> None:
+    """The receiver's last place from before it was switched off, at 20 km from here."""
+    without_optional(made)
+    early = np.arange(N) < 30
+    before = {"fix": np.where(early, 1.0, 3.0), "lat": np.where(early, 47.2, HEALTHY["lat"])}
+    (gps,) = made(tmp_path, HEALTHY | before).gps
+    known = gps.t >= T[30] - 1e-6
+    assert np.isnan(gps.latitude[~known]).all()
+    assert np.isnan(gps.velocity[~known]).all()
+    assert np.isfinite(gps.latitude[known]).all()
+    assert known.sum() == N - 30
+
+
+@FORMATS
+def test_unix_time_is_no_time_since_boot(tmp_path: Path, made: Make) -> None:
+    """Left out, or where a message's neighbours tell the time, put there; the flight is as long as it was."""
+    without_optional(made)
+    flight = made(tmp_path, HEALTHY | {"t": UNIX + T})
+    assert flight.duration == pytest.approx(20.0, abs=0.3)
+    for gps in flight.gps:
+        np.testing.assert_allclose(gps.t, T, atol=0.1)
+    if not len(flight.gps):
+        assert any(note.startswith(("GPS", "vehicle_gps_position")) and "left out" in note for note in flight.notes)
+
+
+@FORMATS
+def test_a_single_fix_that_its_neighbours_contradict_is_dropped_and_counted(tmp_path: Path, made: Make) -> None:
+    without_optional(made)
+    lat = HEALTHY["lat"].copy()
+    lat[50] += 508.0 / 111_000
+    flight = made(tmp_path, HEALTHY | {"lat": lat})
+    assert len(flight.gps[0]) == N - 1
+    assert any("1 fixes left out that those before and after contradict" in note for note in flight.notes)
