@@ -4,21 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from companion.estimation.explanations import (
-    KINDS,
-    Candidate,
-    Kind,
-    Problem,
-    Signature,
-    jumps,
-    kind_of,
-    pushes,
-    weigh,
-    weigh_shocks,
-)
+from companion.estimation.explanations import KINDS, Kind, Problem, Signature, kind_of
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -28,17 +19,15 @@ from companion.estimation.model import (
     VELOCITY,
     Explained,
 )
-from companion.estimation.shapes import SLOPED, at_work
-from companion.estimation.system import (
-    Prior,
-    Solution,
-)
-from companion.model import Array
+from companion.estimation.scan import Scan, scan
+from companion.estimation.shapes import ENDING, SLOPED, at_work
+from companion.estimation.system import Prior, Solution
+from companion.estimation.weighing import Candidate, joined, jumps, pushes, weigh, weigh_shocks
 
 _ONSETS = 24
 _ONSET_PRICE = 2.0 * float(np.log(_ONSETS))
-_CREEPS_S = np.array([8.0, 16.0, 32.0, 64.0])  # how long what creeps may creep
 WORTH = 30.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
+_LEAST_S = {"pulse": 0.5, "creep": 2.0}  # what lasts for less is a shock, or a step
 _PROMISING = 10.0  # and from which on it is weighed again
 _SHOCKS = {
     ("gyro_bias", "step"): GYRO_BIAS, ("accel_bias", "step"): ACCEL_BIAS,
@@ -73,9 +62,7 @@ class Choice:
 
 def choose(problem: Problem, solution: Solution) -> Choice | None:
     """The best further explanation; None where none promises to pay for itself."""
-    begin, end = problem.t[0], problem.t[-1]
-    margin = min(3.0, 0.1 * (end - begin))
-    coarse = np.linspace(begin + margin, end - margin, _ONSETS)
+    grid = scan(problem, solution, _ONSETS + 1)
     found: list[Candidate] = []
     for seldom in (False, True):  # what comes and goes has two times to be tried: only where no single one explains
         found += [
@@ -83,22 +70,26 @@ def choose(problem: Problem, solution: Solution) -> Choice | None:
             for kind in KINDS
             for shape in kind.shapes
             if _comes_and_goes(kind, shape) == seldom
-            and (one := _weighed(problem, solution, kind, shape, coarse)) is not None
+            and (one := _weighed(problem, solution, grid, kind, shape)) is not None
         ]
-        found.sort(key=lambda one: -float(one.gain.max()))
-        if found and found[0].gain.max() >= WORTH:
+        found.sort(key=_net, reverse=True)
+        if found and _net(found[0]) >= WORTH:
             break
-    if not found or found[0].gain.max() < _PROMISING:
+    if not found or _net(found[0]) < _PROMISING - _ONSET_PRICE:
         return None
-    fine = sorted(
-        (_refined(problem, solution, one, coarse) for one in found[:4]), key=lambda one: -float(one.gain.max())
-    )
-    first = fine[0]
-    gain = float(first.gain.max()) - _ONSET_PRICE
-    if gain < _PROMISING:
+    fine = sorted((_refined(problem, solution, one, grid) for one in found[:4]), key=_net, reverse=True)
+    if _net(fine[0]) < _PROMISING:
         return None
-    others = tuple((o.kind.name, o.shape, float(o.gain.max()) - _ONSET_PRICE) for o in [*fine[1:], *found[4:]])
-    return _chosen(first, gain, others)
+    return _chosen(fine[0], tuple((o.kind.name, o.shape, _net(o)) for o in [*fine[1:], *found[4:]]))
+
+
+def _net(one: Candidate) -> float:
+    """Twice the logarithm of the likelihood ratio at the best times, what choosing those costs paid."""
+    return float(one.gain.max()) - _price(one.shape)
+
+
+def _price(shape: str) -> float:
+    return _ONSET_PRICE * (2 if shape in ENDING else 1)
 
 
 def promising(choice: Choice) -> tuple[str, ...]:
@@ -115,10 +106,10 @@ def gain_beside(choice: Choice, problem: Problem, solution: Solution, prior: Pri
     last = slice(len(solution.c) - signature.unknowns, None)
     size, known = solution.c[last], np.linalg.inv(solution.constants_covariance[last, last])
     paid = float(np.linalg.slogdet(known)[1] + 2.0 * np.log(prior.constants_sigma[last]).sum())
-    return float(size @ known @ size) - paid - _ONSET_PRICE
+    return float(size @ known @ size) - paid - _price(choice.shape)
 
 
-def _chosen(first: Candidate, gain: float, others: tuple[tuple[str, str, float], ...]) -> Choice:
+def _chosen(first: Candidate, others: tuple[tuple[str, str, float], ...]) -> Choice:
     likely = np.exp(0.5 * (first.gain - first.gain.max()))
     likely /= likely.sum()
     spread = float(np.sqrt(likely @ (first.onset - float(likely @ first.onset)) ** 2))
@@ -130,7 +121,7 @@ def _chosen(first: Candidate, gain: float, others: tuple[tuple[str, str, float],
         end=float(first.end[i]),
         onset_sigma=max(spread, 0.05),
         axis=int(first.axis[i]),
-        gain=gain,
+        gain=_net(first),
         others=others,
     )
 
@@ -140,51 +131,43 @@ def _comes_and_goes(kind: Kind, shape: str) -> bool:
     return shape == "pulse" and kind.side == "imu"
 
 
-def _weighed(problem: Problem, solution: Solution, kind: Kind, shape: str, coarse: Array) -> Candidate | None:
+def _weighed(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape: str) -> Candidate | None:
+    """A kind and shape at the onsets of the grid, and where its witnesses step."""
     if kind.needs and problem.witness(kind.needs) is None:
         return None
     if (kind.name, shape) in _SHOCKS:
         return weigh_shocks(problem, solution, kind, shape, _SHOCKS[kind.name, shape])
-    onset, end = _tried(problem, solution, kind, shape, coarse)
-    return weigh(problem, solution, kind, shape, onset, end) if len(onset) else None
-
-
-def _tried(problem: Problem, solution: Solution, kind: Kind, shape: str, coarse: Array) -> tuple[Array, Array | None]:
-    """Onsets (T,) s, and ends (T,) of what ends, that are tried first."""
-    if _comes_and_goes(kind, shape):
-        sudden = coarse[::2]
-    else:
-        sudden = np.sort(pushes(problem, solution) if kind.summed else jumps(problem, solution, kind))
+    margin = min(3.0, 0.1 * (problem.t[-1] - problem.t[0]))
+    inside = np.flatnonzero((grid.cuts >= problem.t[0] + margin) & (grid.cuts <= problem.t[-1] - margin))
+    if shape == "creep" or _comes_and_goes(kind, shape):
+        return grid.weighed(kind, shape, *_pairs(inside))
+    if shape == "ramp" or kind.side == "imu":
+        return grid.weighed(kind, shape, inside)
+    sudden = np.sort(pushes(problem, solution) if kind.summed else jumps(problem, solution, kind))
     if shape == "pulse":
-        first, last = (x.ravel() for x in np.meshgrid(sudden, sudden, indexing="ij"))
-        return first[last > first], last[last > first]
-    if shape == "creep":
-        first, lasted = (x.ravel() for x in np.meshgrid(coarse, _CREEPS_S, indexing="ij"))
-        inside = first + lasted < problem.t[-1]
-        return first[inside], (first + lasted)[inside]
-    return (np.unique(np.concatenate([coarse, sudden])) if shape == "step" and kind.side != "imu" else coarse), None
+        begin, end = _pairs(sudden)
+        return weigh(problem, solution, kind, shape, begin, end) if len(begin) else None
+    found = [grid.weighed(kind, shape, inside), weigh(problem, solution, kind, shape, sudden) if len(sudden) else None]
+    return joined([one for one in found if one is not None])
 
 
-def _refined(problem: Problem, solution: Solution, one: Candidate, coarse: Array) -> Candidate:
+def _pairs(values: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Every two of ascending values."""
+    first, last = np.triu_indices(len(values), 1)
+    return values[first], values[last]
+
+
+def _refined(problem: Problem, solution: Solution, one: Candidate, grid: Scan) -> Candidate:
     """The candidate at onsets around its best."""
-    t = problem.t
-    near = float(one.onset[one.best])
-    if _comes_and_goes(one.kind, one.shape) or (one.kind.summed and one.shape == "pulse"):
-        reach = 0.5 if one.kind.summed else 2.0 * float(coarse[1] - coarse[0])
-        for _ in range(3):
-            one = _moved(problem, solution, one, reach)
-            reach *= 0.3
+    t, near, step = problem.t, float(one.onset[one.best]), float(np.diff(grid.cuts).max())
+    from_pushes = bool(one.kind.summed) and one.shape == "pulse"
+    if one.shape == "creep" or from_pushes or _comes_and_goes(one.kind, one.shape):
+        for part in (1.0, 0.3, 0.09):
+            one = _moved(problem, solution, one, part * (0.5 if from_pushes else step))
         return one
     if one.shape in ("pulse", "shock"):
         return one
-    if one.shape == "creep":  # the beginning and the end by turns
-        stop = float(one.end[one.best])
-        shift = np.linspace(-1.0, 1.0, 15)
-        begin, final = (x.ravel() for x in np.meshgrid(near + 3.0 * shift, stop + 0.6 * (stop - near) * shift))
-        again = weigh(problem, solution, one.kind, one.shape, begin, np.maximum(final, begin + 1.0))
-        return one if again is None else again
-    at = int(np.argmin(np.abs(coarse - near)))
-    reach = 1.0 if abs(coarse[at] - near) > 1e-9 else float(coarse[1] - coarse[0])
+    reach = step if near in grid.cuts else 1.0
     onset = np.unique(np.clip(np.concatenate([[near], near + np.linspace(-reach, reach, 21)]), t[0], t[-1]))
     again = weigh(problem, solution, one.kind, one.shape, onset)
     return one if again is None or again.gain.max() < one.gain.max() - 10.0 else again
@@ -194,7 +177,7 @@ def _moved(problem: Problem, solution: Solution, one: Candidate, reach: float) -
     """A pulse with beginning and end moved by up to `reach` s, whichever pair pays most."""
     shift = reach * np.linspace(-1.0, 1.0, 7)
     begin, final = (x.ravel() for x in np.meshgrid(one.onset[one.best] + shift, one.end[one.best] + shift))
-    right = (begin > problem.t[0]) & (final < problem.t[-1]) & (final > begin + 0.5)
+    right = (begin > problem.t[0]) & (final < problem.t[-1]) & (final > begin + _LEAST_S[one.shape])
     if not right.any():
         return one
     again = weigh(problem, solution, one.kind, one.shape, begin[right], final[right])

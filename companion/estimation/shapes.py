@@ -11,6 +11,9 @@ from companion.model import Array
 SLOPED = ("ramp", "creep")
 """Shapes whose size is per second."""
 
+ENDING = ("pulse", "creep")
+"""Shapes that have an end as well as an onset."""
+
 INTEGRAL: Mapping[str, str] = {"step": "ramp", "pulse": "creep"}
 """Shape → that of its integral."""
 

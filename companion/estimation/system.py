@@ -67,6 +67,8 @@ class Solution:
     """The least-squares solution, and what is needed to ask it further questions."""
 
     motion: Motion
+    diagonal: Array  # (K, 15, 15) blocks of A
+    upper: Array  # (K-1, 15, 15) and right of them
     factor: Factor
     x: Array  # (K, 15)
     c: Array  # (C,)
@@ -139,7 +141,7 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
     schur = inner - _crossed(border, y)
     covariance = np.asarray(np.linalg.inv(0.5 * (schur + schur.T)), np.float64)
     c = covariance @ (b_c - _crossed(border, x0[..., None])[:, 0])
-    return Solution(motion, factor, x0 - y @ c, c, y, covariance)
+    return Solution(motion, diagonal, upper, factor, x0 - y @ c, c, y, covariance)
 
 
 def _crossed(a: Array, b: Array) -> Array:

@@ -11,11 +11,13 @@ import pytest
 
 from companion.estimation import KINDS, BestEstimate, Explained, kind_of, smooth
 from companion.estimation.competition import Choice, with_choice
-from companion.estimation.explanations import Problem, weigh
+from companion.estimation.explanations import Problem
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import Linear, carry_imu, linearise
+from companion.estimation.scan import scan
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Prior, Solution, motion_residual, solve
+from companion.estimation.weighing import weigh
 from companion.model import STANDARD_GRAVITY, Flight, geodetic_from_ned
 from companion.strapdown import quaternion
 from tests.estimation.sensed import PLACE, sensed, with_imu
@@ -181,3 +183,24 @@ def test_the_gain_is_that_of_estimating_anew_with_the_unknowns(linear: Linear, n
         assert weighed.gain[0] == pytest.approx(better - paid, rel=1e-3, abs=1e-3 * max(1.0, abs(better)))
     else:
         assert weighed.gain[0] == 0.0
+
+
+GRID_LAWS = [(kind.name, shape) for kind in KINDS for shape in kind.shapes if shape != "shock"]
+
+
+@pytest.mark.parametrize(("name", "shape"), GRID_LAWS)
+def test_the_scan_says_what_weighing_each_onset_says(linear: Linear, name: str, shape: str) -> None:
+    """A law: columns of stretches, summed, are explanations from cut to cut; readings count from their keyframe on."""
+    kind = kind_of(name)
+    at_keyframes = tuple(replace(one, t=linear.problem.t[one.keyframe]) for one in linear.problem.measurements)
+    problem, solution = replace(linear.problem, measurements=at_keyframes), linear.solution
+    grid = scan(problem, solution, 9)
+    onset, end = np.array([1, 2, 5]), np.array([4, 7, 6])
+    ends = shape in ("pulse", "creep")
+    found = grid.weighed(kind, shape, onset, end if ends else None)
+    alone = weigh(problem, solution, kind, shape, grid.cuts[onset], grid.cuts[end] if ends else None)
+    assert found is not None
+    assert alone is not None
+    np.testing.assert_allclose(found.size, alone.size, rtol=1e-5, atol=1e-6 * np.abs(alone.size).max())
+    np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-5, atol=1e-7 * alone.covariance.max())
+    np.testing.assert_allclose(found.gain, alone.gain, rtol=1e-5, atol=1e-5)

@@ -1,0 +1,194 @@
+"""Every explanation at once on a grid of onsets.
+
+The flight is cut at some keyframes. Between two cuts every keyframe is eliminated, together with the columns of what
+explanations would change in this stretch alone, evenly or growing (with the time since the cut). That leaves a small
+system for the keyframes at the cuts, and the gradient b and information V of every column. A step, ramp, pulse or creep
+between any two cuts is a sum of such columns, so its b and V are sums too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.estimation.explanations import KINDS, Kind, Problem
+from companion.estimation.model import STATES
+from companion.estimation.shapes import SLOPED
+from companion.estimation.system import Index, Solution
+from companion.estimation.weighing import Candidate, Factors, candidate, changed
+from companion.model import Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scan:
+    """What every kind's columns say: S stretches, G columns for each of its m unknowns."""
+
+    problem: Problem
+    cuts: Array  # (S,) s, where stretches begin
+    said: Mapping[str, tuple[Array, Array]]  # kind → b (S, G, m) and V (S, G, m, S, G, m)
+
+    def weighed(self, kind: Kind, shape: str, onset: Index, end: Index | None = None) -> Candidate | None:
+        """The likelihood of a kind and shape between cuts, by their numbers (T,).
+
+        None where the flight has nothing that it would change.
+        """
+        if kind.name not in self.said or not len(onset):
+            return None
+        end = np.full(len(onset), len(self.cuts)) if end is None else end
+        b, v = self.said[kind.name]
+        groups = [self._shares(kind.shape_at(group, shape), onset, end) for group in ("", *kind.summed[:1])]
+        share = np.concatenate([one[:, :, : kind.moments] for one in groups], axis=2).reshape(len(onset), -1)
+        m = b.shape[2]
+        crossed = (share @ v.reshape(share.shape[1], -1)).reshape(len(onset), m, -1, m)
+        return candidate(
+            kind,
+            shape,
+            self.problem,
+            (self.cuts[onset], np.append(self.cuts, np.inf)[end]),
+            share @ b.reshape(-1, m),
+            np.einsum("tmqn,tq->tmn", crossed, share),
+        )
+
+    def _shares(self, shape: str, onset: Index, end: Index) -> Array:
+        """(T, S, 2) how much of the even and of the growing column of every stretch a shape has."""
+        stretch, cuts = np.arange(len(self.cuts)), self.cuts
+        begun, ended = stretch >= onset[:, None], stretch >= end[:, None]
+        at_work = (begun & ~ended).astype(np.float64)
+        if shape not in SLOPED:
+            return np.stack((at_work, np.zeros_like(at_work)), axis=2)
+        reached = np.minimum(cuts, np.append(cuts, np.inf)[end][:, None]) - cuts[onset][:, None]
+        return np.stack((begun * reached, at_work), axis=2)
+
+
+def scan(problem: Problem, solution: Solution, stretches: int) -> Scan:
+    """Everything of KINDS that the flight has something to say of, between cuts into at most so many stretches."""
+    length = -(-len(problem.t) // stretches)
+    cuts = problem.t[::length]
+    signatures = {kind: whole for kind in KINDS if (whole := kind.of(problem)) is not None}
+    columns = {kind: (1 + bool(kind.summed)) * kind.moments for kind in signatures}
+    stack = _Stack.empty(len(cuts), length, sum(columns[k] * s.unknowns for k, s in signatures.items()), solution)
+    places, at = {}, 0
+    for kind, whole in signatures.items():
+        m = whole.unknowns
+        for factors in changed(problem, solution, whole):
+            stack.add(factors, cuts, at + kind.moments * m * (factors.witness in kind.summed), kind.moments)
+        places[kind] = slice(at, at + columns[kind] * m)
+        at = places[kind].stop
+    inside, at_cuts, inverse = _eliminated(solution, stack)
+    beside = stack.beside_constants(solution)
+    known = solution.constants_covariance
+    said = {}
+    for kind, place in places.items():
+        r, own = at_cuts[:, :, place], beside[:, :, place]
+        v = -(r.swapaxes(-1, -2)[:, None] @ (inverse @ r[None]))  # (S, S, p, p)
+        v -= own.swapaxes(-1, -2)[:, None] @ (known @ own)[None]
+        each = np.arange(len(cuts))
+        v[each, each] += stack.v[:, place, place] - inside[:, place, place]
+        shape = (len(cuts), columns[kind], -1)
+        m = signatures[kind].unknowns
+        both = v.transpose(0, 2, 1, 3).reshape(*shape[:2], m, *shape[:2], m)
+        said[kind.name] = stack.b[:, place].reshape(*shape[:2], m), both
+    return Scan(problem, cuts, said)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stack:
+    """The columns of all kinds side by side, p of them, each repeated in every stretch of L keyframes."""
+
+    own: Array  # (S L, 15, p) at the keyframes of the stretch
+    last: Array  # (S, 15, p) at the keyframe with which the next one begins
+    border: Array  # (S, C, p) beside the constants
+    b: Array  # (S, p)
+    v: Array  # (S, p, p) of the factors themselves
+
+    @classmethod
+    def empty(cls, stretches: int, length: int, width: int, solution: Solution) -> _Stack:
+        """Columns that change nothing."""
+        return cls(
+            np.zeros((stretches * length, STATES, width)),
+            np.zeros((stretches, STATES, width)),
+            np.zeros((stretches, solution.border.shape[2], width)),
+            np.zeros((stretches, width)),
+            np.zeros((stretches, width, width)),
+        )
+
+    def add(self, factors: Factors, cuts: Array, at: int, moments: int) -> None:
+        """Columns that change some factors, from place `at` on: evenly, and growing where there are two moments."""
+        m, length = factors.rows.shape[2], len(self.own) // len(cuts)
+        stretch = factors.keyframe // length
+        among = (stretch == np.arange(len(cuts))[:, None]).astype(np.float64)
+        since = 0.5 * (factors.start + factors.stop) - cuts[stretch]
+        final = (factors.keyframe + 1) % length == 0
+        for one in range(moments):
+            here, share = slice(at + one * m, at + (one + 1) * m), since**one
+            self.own[factors.keyframe, :, here] += factors.rows * share[:, None, None]
+            if factors.next_rows is not None:
+                beyond = factors.next_rows * share[:, None, None]
+                self.own[factors.keyframe[~final] + 1, :, here] += beyond[~final]
+                self.last[stretch[final], :, here] += beyond[final]
+            self.border[:, :, here] += np.tensordot(among * share, factors.border, axes=1)
+            self.b[:, here] += (among * share) @ factors.b
+            for other in range(moments):
+                there = slice(at + other * m, at + (other + 1) * m)
+                self.v[:, here, there] += np.tensordot(among * share * since**other, factors.v, axes=1)
+
+    def beside_constants(self, solution: Solution) -> Array:
+        """(S, C, p) what the columns say of the constants, the states being free."""
+        y, count = solution.border, len(self.last)
+        length = len(self.own) // count
+        padded = np.zeros((count * length + 1, *y.shape[1:]))
+        padded[: len(y)] = y
+        within = padded[:-1].reshape(count, length * STATES, -1).swapaxes(-1, -2)
+        out = self.border - within @ self.own.reshape(count, length * STATES, -1)
+        return np.asarray(out - padded[length::length].swapaxes(-1, -2) @ self.last)
+
+
+def _eliminated(solution: Solution, stack: _Stack) -> tuple[Array, Array, Array]:
+    """What eliminating the keyframes inside every stretch takes from the columns' information (S, p, p).
+
+    And what it leaves of the columns (S, 30, p), at the first keyframe of the stretch and at that of the next, and the
+    inverse (S, S, 30, 30) of the system of those keyframes.
+    """
+    count, (_, width) = len(stack.last), stack.last.shape[1:]
+    length = len(stack.own) // count
+    s, d, u = _padded(solution, count * length)
+    r, last = (
+        (stack.own / s[:-1, :, None]).reshape(count, length, STATES, width),
+        stack.last / s[length::length, :, None],
+    )
+    d_in, u_in = (x[: count * length].reshape(count, length, STATES, STATES) for x in (d, u))
+    first, after, columns = slice(0, STATES), slice(STATES, 2 * STATES), slice(2 * STATES, None)
+    total = np.zeros((count, 2 * STATES + width, 2 * STATES + width))
+    # what is still to be eliminated: its coupling to the first keyframe, itself, and the columns
+    to_first, own, column = u_in[:, 0].swapaxes(-1, -2), np.zeros_like(d_in[:, 0]), np.zeros_like(last)
+    for k in range(1, length):
+        beside = np.concatenate((to_first, u_in[:, k], r[:, k] + column), axis=2)
+        taken = beside.swapaxes(-1, -2) @ np.linalg.solve(d_in[:, k] + own, beside)
+        total += taken
+        to_first, own, column = -taken[:, after, first], -taken[:, after, after], -taken[:, after, columns]
+    reduced = np.zeros((count + 1, STATES, count + 1, STATES))
+    i = np.arange(count)
+    reduced[i, :, i] = d_in[:, 0] - total[:, first, first]
+    reduced[count, :, count] = np.eye(STATES)
+    reduced[i + 1, :, i + 1] += own
+    reduced[i + 1, :, i], reduced[i, :, i + 1] = to_first, to_first.swapaxes(-1, -2)
+    size = (count + 1) * STATES
+    inverse = np.linalg.inv(reduced.reshape(size, size)).reshape(reduced.shape).transpose(0, 2, 1, 3)
+    near = np.concatenate((inverse[:-1], inverse[1:]), axis=2)
+    left = np.concatenate((r[:, 0] - total[:, first, columns], last + column), axis=1)
+    return total[:, columns, columns], left, np.concatenate((near[:, :-1], near[:, 1:]), axis=3)
+
+
+def _padded(solution: Solution, count: int) -> tuple[Array, Array, Array]:
+    """Scale (N + 1, 15), diagonal (N + 1, 15, 15) and upper blocks (N, 15, 15) of the system, divided by the scale.
+
+    After its last keyframe stand some that nothing is said of.
+    """
+    known, n = len(solution.diagonal), STATES
+    s, d, u = np.ones((count + 1, n)), np.tile(np.eye(n), (count + 1, 1, 1)), np.zeros((count, n, n))
+    s[:known] = solution.factor.scale
+    d[:known] = solution.diagonal / (s[:known, :, None] * s[:known, None])
+    u[: known - 1] = solution.upper / (s[: known - 1, :, None] * s[1:known, None])
+    return s, d, u

@@ -1,0 +1,204 @@
+"""Which explanation pays most for what the witnesses do not agree on.
+
+At the solution without an explanation, with b = -Sᵀ W r and V = Sᵀ W S less what the states can make up for, twice the
+logarithm of the likelihood ratio is bᵀ V⁻¹ b, and u = V⁻¹ b ± V⁻¹: no explanation needs a smoother of its own. All
+explanations compete at once, each pays for its unknowns and for the choice of its onset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.estimation.explanations import Kind, Problem, Signature
+from companion.estimation.model import VELOCITY
+from companion.estimation.shapes import SLOPED, at_work
+from companion.estimation.system import Index, Solution, measurement_residual, motion_residual
+from companion.model import Array
+
+_UNUSUAL, _JUMPS = 8.0, 8  # a step of this many median steps, and how many are tried
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """One explanation, at every onset that was tried."""
+
+    kind: Kind
+    shape: str
+    onset: Array  # (T,) s
+    end: Array  # (T,) s, of a pulse; infinite for what stays
+    gain: Array  # (T,) twice the log-likelihood ratio
+    size: Array  # (T, m)
+    covariance: Array  # (T, m, m)
+    axis: npt.NDArray[np.intp]  # (T,) the one component that changes; -1 for all
+
+    @property
+    def best(self) -> int:
+        """The onset with the greatest gain."""
+        return int(np.argmax(self.gain))
+
+
+def joined(parts: Sequence[Candidate]) -> Candidate | None:
+    """One kind and shape at the onsets of all parts; None for none."""
+    if not parts:
+        return None
+    arrays = ("onset", "end", "gain", "size", "covariance", "axis")
+    return Candidate(parts[0].kind, parts[0].shape, *(np.concatenate([getattr(p, a) for p in parts]) for a in arrays))
+
+
+def jumps(problem: Problem, solution: Solution, kind: Kind) -> Array:
+    """(J,) s: times at which the readings of a witness step against what the estimate says, the largest first."""
+    signature = kind.signature(problem)
+    one = problem.witness(next(iter(signature.measurements), "")) if signature is not None else None
+    if one is None or len(one.t) < 10:
+        return np.zeros(0)
+    step = np.linalg.norm(np.diff(measurement_residual(one, solution) / one.sigma, axis=0), axis=1)
+    unusual = np.flatnonzero(step > _UNUSUAL * np.median(step) + 1e-9)
+    order = unusual[np.argsort(-step[unusual])][:_JUMPS]
+    return np.asarray(0.5 * (one.t[order] + one.t[order + 1]))
+
+
+def pushes(problem: Problem, solution: Solution) -> Array:
+    """(J,) s: keyframes before which the velocity changes most beyond what the IMU felt, the most unlikely first."""
+    e, d = solution.disturbances
+    e, d = e[:, VELOCITY], d[:, VELOCITY, VELOCITY]
+    unlikely = np.einsum("ki,ki->k", e, np.linalg.solve(d + 1e-12 * np.eye(3), e[..., None])[..., 0])
+    peak = (unlikely >= np.roll(unlikely, 1)) & (unlikely >= np.roll(unlikely, -1))
+    at = np.flatnonzero(peak)
+    return np.asarray(problem.t[at[np.argsort(-unlikely[at])][:_JUMPS]] + 1e-3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Factors:
+    """N factors that an explanation of m unknowns changes, and how, fully at work."""
+
+    witness: str  # empty for the motion
+    keyframe: Index  # (N,) that each of them sees, of the motion the first of two
+    start: Array  # (N,) s
+    stop: Array  # (N,) s, the same for a reading
+    rows: Array  # (N, 15, m) what couples the unknowns to the states
+    next_rows: Array | None  # (N, 15, m) and to those of the keyframe after
+    border: Array  # (N, C, m) and to the constants
+    b: Array  # (N, m)
+    v: Array  # (N, m, m)
+
+
+def changed(problem: Problem, solution: Solution, signature: Signature) -> Iterator[Factors]:
+    """The factors that a signature changes."""
+    motion, s = problem.motion, signature.motion
+    if s is not None:
+        ws = motion.weight @ s
+        yield Factors(
+            witness="",
+            keyframe=np.arange(len(s)),
+            start=problem.t[:-1],
+            stop=problem.t[1:],
+            rows=motion.transition.swapaxes(-1, -2) @ ws,
+            next_rows=-ws,
+            border=motion.constants.swapaxes(-1, -2) @ ws,
+            b=-np.einsum("kim,ki->km", ws, motion_residual(motion, solution)),
+            v=s.swapaxes(-1, -2) @ ws,
+        )
+    for name, s in signature.measurements.items():
+        one = problem.witness(name)
+        assert one is not None
+        ws = one.information[..., None] * s
+        yield Factors(
+            witness=name,
+            keyframe=one.keyframe,
+            start=one.t,
+            stop=one.t,
+            rows=one.states.swapaxes(-1, -2) @ ws,
+            next_rows=None,
+            border=one.constants.swapaxes(-1, -2) @ ws,
+            b=np.einsum("fdm,fd->fm", ws, measurement_residual(one, solution)),
+            v=s.swapaxes(-1, -2) @ ws,
+        )
+
+
+def weigh(
+    problem: Problem, solution: Solution, kind: Kind, shape: str, onset: Array, end: Array | None = None
+) -> Candidate | None:
+    """The likelihood of a kind and shape from onsets (T,) to ends (T,) s.
+
+    None where the flight has nothing that it would change.
+    """
+    end = np.full(len(onset), np.inf) if end is None else end
+    signature = kind.of(problem)
+    if signature is None:
+        return None
+    count, states = solution.x.shape
+    tries, m = len(onset), signature.unknowns
+    column = np.zeros((count, states, tries, m))
+    border = np.zeros((solution.border.shape[2], tries, m))
+    b, v = np.zeros((tries, m)), np.zeros((tries, m, m))
+    for one in changed(problem, solution, signature):
+        share = at_work(kind.shape_at(one.witness, shape), onset, end, one.start, one.stop)
+        b += share @ one.b
+        v += np.tensordot(share**2, one.v, axes=1)
+        border += np.tensordot(share, one.border, axes=1).swapaxes(0, 1)
+        column[one.keyframe] += one.rows[:, :, None, :] * share.T[:, None, :, None]
+        if one.next_rows is not None:
+            column[one.keyframe + 1] += one.next_rows[:, :, None, :] * share.T[:, None, :, None]
+    flat = column.reshape(count, states, tries * m)
+    solved = solution.factor.solve(flat)
+    y = solution.border.reshape(count * states, -1)
+    rest = border - (y.T @ flat.reshape(count * states, -1)).reshape(border.shape)
+    v -= _squares(column.reshape(-1, tries, m), solved.reshape(-1, tries, m))
+    v -= _squares(rest, np.tensordot(solution.constants_covariance, rest, axes=1))
+    return candidate(kind, shape, problem, (onset, end), b, v)
+
+
+def _squares(a: Array, b: Array) -> Array:
+    """(T, m, m) Σ over the first axis of aᵀ b: a, b (N, T, m)."""
+    return np.asarray(a.transpose(1, 2, 0) @ b.transpose(1, 0, 2))
+
+
+def weigh_shocks(problem: Problem, solution: Solution, kind: Kind, shape: str, block: slice) -> Candidate:
+    """Shocks to a block of the states at every keyframe at once, of which the disturbances tell: a shock to a bias is a
+    step of it."""
+    e, d = solution.disturbances
+    if shape == "shock":
+        middle = 0.5 * (problem.t[:-1] + problem.t[1:])
+        return candidate(kind, shape, problem, (middle, np.full(len(e), np.inf)), -e[:, block], d[:, block, block])
+    return candidate(kind, shape, problem, (problem.t[1:], np.full(len(e), np.inf)), -e[:, block], d[:, block, block])
+
+
+def candidate(kind: Kind, shape: str, problem: Problem, span: tuple[Array, Array], b: Array, v: Array) -> Candidate:
+    """Sizes and gains, of all components together or of one alone, whichever pays more for its unknowns."""
+    onset, end = span
+    lasted = np.ones(len(onset))
+    if shape in SLOPED:
+        lasted = np.maximum(np.minimum(problem.t[-1], end) - onset, 1.0)
+    prior = (lasted / kind.prior) ** 2
+    m = b.shape[1]
+    v = 0.5 * (v + v.swapaxes(-1, -2))
+    values, vectors = np.linalg.eigh(v + prior[:, None, None] * np.eye(m))
+    values = np.maximum(values, prior[:, None])  # rounding
+    covariance = (vectors / values[:, None, :]) @ vectors.swapaxes(-1, -2)
+    size = (covariance @ b[..., None])[..., 0]
+    paid = np.log(values / prior[:, None]).sum(axis=1)  # Occam's factor: a size that could have been anything
+    gain = (b * size).sum(axis=1) - paid
+    own = np.maximum(np.diagonal(v, axis1=1, axis2=2), 0.0) + prior[:, None]
+    alone = b**2 / own - np.log(own / prior[:, None]) - 2.0 * np.log(m)
+    axis = alone.argmax(axis=1)
+    rows = np.arange(len(b))
+    better = (alone[rows, axis] > gain) & (m > 1)
+    one_size, one_covariance = np.zeros_like(size), np.zeros_like(covariance)
+    one_size[rows, axis] = b[rows, axis] / own[rows, axis]
+    one_covariance[rows, axis, axis] = 1.0 / own[rows, axis]
+    gain, size = np.where(better, alone[rows, axis], gain), np.where(better[:, None], one_size, size)
+    matters = np.linalg.norm(size, axis=1) * lasted >= kind.least_of(shape)
+    return Candidate(
+        kind,
+        shape,
+        onset,
+        end,
+        np.where(matters, gain, 0.0),
+        size,
+        np.where(better[:, None, None], one_covariance, covariance),
+        np.where(better, axis, -1),
+    )
