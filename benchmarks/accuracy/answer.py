@@ -33,6 +33,7 @@ _CAUSES = {
     "gps_motion": ("position", "gps"),
     "gps_height": ("position", "gps"),
     "gps_velocity": ("velocity", "gps"),
+    "gps_latency": ("latency", "gps"),
     "compass_field": ("heading", "compass"),
     "compass_iron": ("heading", "compass"),
     "barometer": ("position", "baro"),

@@ -27,6 +27,7 @@ from companion.estimation.weighing import Candidate, joined, jumps, pushes, weig
 _ONSETS = 24
 _ONSET_PRICE = 2.0 * float(np.log(_ONSETS))
 WORTH = 30.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
+_END_PRICE = 2.0 * float(np.log(4))  # whether it lasts for 8, 16, 32 or 64 s
 _LEAST_S = {"pulse": 0.5, "creep": 2.0}  # what lasts for less is a shock, or a step
 _PROMISING = 10.0  # and from which on it is weighed again
 _SHOCKS = {
@@ -89,7 +90,7 @@ def _net(one: Candidate) -> float:
 
 
 def _price(shape: str) -> float:
-    return _ONSET_PRICE * (2 if shape in ENDING else 1)
+    return _ONSET_PRICE + (_END_PRICE if shape in ENDING else 0.0)
 
 
 def promising(choice: Choice) -> tuple[str, ...]:
@@ -107,6 +108,23 @@ def gain_beside(choice: Choice, problem: Problem, solution: Solution, prior: Pri
     size, known = solution.c[last], np.linalg.inv(solution.constants_covariance[last, last])
     paid = float(np.linalg.slogdet(known)[1] + 2.0 * np.log(prior.constants_sigma[last]).sum())
     return float(size @ known @ size) - paid - _price(choice.shape)
+
+
+def unrest(choice: Choice, problem: Problem, solution: Solution) -> float:
+    """How many times more the IMU scatters while a fault of it is at work than in the whole flight; at least 1.
+
+    Of a solution that has the fault in it. Noise was learned where the flight is typical: where it is rougher, as by
+    vibration or a touch of the ground, chance does as much as so much less evidence.
+    """
+    if choice.kind.side != "imu":
+        return 1.0
+    block = ATTITUDE if choice.kind.name.startswith("gyro") else VELOCITY
+    e, d = solution.disturbances
+    e, d = e[:, block], d[:, block, block]
+    d = d + 1e-12 * np.trace(d, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    unlikely = np.einsum("ki,ki->k", e, np.linalg.solve(d, e[..., None])[..., 0])
+    within = (problem.t[1:] > choice.onset) & (problem.t[:-1] < choice.end)
+    return max(1.0, float(unlikely[within].mean() / max(unlikely.mean(), 1e-300))) if within.any() else 1.0
 
 
 def _chosen(first: Candidate, others: tuple[tuple[str, str, float], ...]) -> Choice:

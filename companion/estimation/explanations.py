@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.estimation.model import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, STATES, VELOCITY
+from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, STATES, VELOCITY
 from companion.estimation.shapes import INTEGRAL, SLOPED
 from companion.estimation.system import Measurement, Motion
 from companion.model import Array
@@ -148,6 +148,13 @@ def _motion(problem: Problem) -> Signature | None:
     return Signature(None, {one.name: np.tile(np.eye(2), (len(one.t), 1, 1)) for one in ones if one is not None})
 
 
+def _late(problem: Problem) -> Signature | None:
+    """A GPS whose fixes are late by u more: what a constant latency would change."""
+    place = CONSTANTS["gps_latency"][0]
+    ones = [problem.witness(name) for name in ("gps_position", "gps_height", "gps_velocity", "gps_climb")]
+    return Signature(None, {one.name: one.constants[:, :, place] for one in ones if one is not None})
+
+
 def _field(problem: Problem) -> Signature | None:
     """A field whose horizontal part is another in NED: the compass, or the iron around it, has turned."""
     one = problem.witness("compass")
@@ -170,6 +177,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("gps_height", "gps", "m", ("step", "ramp", "pulse"), 50.0, 5.0, _shift("gps_height"), least_slow=15.0),
     Kind("gps_motion", "gps", "m/s", ("step", "pulse"), 3.0, 0.5, _motion, "gps_position", summed=("gps_position",)),
     Kind("gps_velocity", "gps", "m/s", ("step", "ramp", "pulse"), 5.0, 0.5, _shift("gps_velocity")),
+    Kind("gps_latency", "gps", "s", ("step", "pulse"), 0.5, 0.15, _late, "gps_position"),
     Kind("compass_field", "compass", "µT", ("step", "ramp", "pulse", "creep"), 30.0, 3.0, _field),
     Kind("compass_iron", "compass", "µT", ("step",), 30.0, 4.0, _shift("compass")),
     Kind("barometer", "barometer", "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift("barometer")),

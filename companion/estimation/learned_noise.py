@@ -20,14 +20,13 @@ from companion.estimation.model import (
     ATTITUDE,
     CAUSES,
     POSITION,
-    STATES,
     VELOCITY,
     ProcessNoise,
 )
 from companion.estimation.setup import Setup
 from companion.estimation.system import (
-    measurement_covariance,
     measurement_residual,
+    measurement_variance,
 )
 from companion.model import Array
 from companion.strapdown import quaternion
@@ -98,15 +97,18 @@ def learn(
     before: the changes of the step before; changes are of the logarithm.
     """
     solution = linear.solution
-    e, d, to_body = _in_body(linear)
-    usual = np.diagonal(linear.covariance, axis1=1, axis2=2)[:, 0] < 0.1  # not across holes
-    e, d, to_body = e[usual], d[usual], to_body[usual]
-    count = max(1, min(_STRETCHES, len(e) // 8))
+    usual = np.flatnonzero(np.diagonal(linear.covariance, axis1=1, axis2=2)[:, 0] < 0.1)  # not across holes
+    count = max(1, min(_STRETCHES, len(usual) // 8))
     # what is off in the same way all through a stretch is a bias, and no noise
+    e = _in_body(linear)[usual]
     e = np.concatenate([part - part.mean(axis=0) for part in np.array_split(e, count)])
+    e = _in_turn(linear.states.q_ned_frd[usual], e)
+    turn = linear.turn[usual]
+    e = (turn.swapaxes(-1, -2) @ e[..., None])[..., 0]
+    d = turn.swapaxes(-1, -2) @ solution.disturbances[1][usual] @ turn
     densities: dict[str, float] = {}
     for cause in limits:
-        v = to_body @ linear.sums[cause][usual] @ to_body.swapaxes(-1, -2)
+        v = linear.sums[cause][usual]
         above = np.einsum("ki,kij,kj->k", e, v, e)
         below = np.einsum("kij,kij->k", d, v) * (1.0 - count / len(e))
         step = _further(0.5 * np.log(_typical(above, below)), before.get(cause, 0.0))
@@ -118,8 +120,7 @@ def learn(
         information = one.information
         left = measurement_residual(one, solution)
         above = (left**2 * information).sum(axis=1)
-        h = np.diagonal(measurement_covariance(one, solution), axis1=1, axis2=2)
-        below = (1.0 - np.minimum(information * h, 1.0)).sum(axis=1)
+        below = (1.0 - np.minimum(information * measurement_variance(one, solution), 1.0)).sum(axis=1)
         least = LEAST[one.name] / float(np.median(one.sigma / scale[one.name]))
         step = _further(0.5 * np.log(_typical(above, below)), before.get(one.name, 0.0))
         learned[one.name] = float(np.clip(scale[one.name] * np.exp(step), min(least, 1.0), 100.0))
@@ -135,18 +136,18 @@ def _further(step: float, before: float) -> float:
     return float(np.clip(far, -_FURTHEST, _FURTHEST))
 
 
-def _in_body(linear: Linear) -> tuple[Array, Array, Array]:
-    """Disturbances e (K-1, 15) and their variance D (K-1, 15, 15) in FRD, and the turn from the sums' frame to it.
+def _in_body(linear: Linear) -> Array:
+    """Disturbances (K-1, 15) in FRD: in the body a bias stands still."""
+    e, _ = linear.solution.disturbances
+    return _in_turn(quaternion.conjugate(linear.states.q_ned_frd[:-1]), e)
 
-    In the body a bias stands still.
-    """
-    e, d = linear.solution.disturbances
-    matrix = quaternion.to_matrix(linear.states.q_ned_frd[:-1]).swapaxes(-1, -2)
-    turn = np.tile(np.eye(STATES), (len(e), 1, 1))
+
+def _in_turn(q: Array, e: Array) -> Array:
+    """Disturbances (N, 15) with those of attitude, velocity and position turned by q (N, 4)."""
+    out = e.copy()
     for block in (ATTITUDE, VELOCITY, POSITION):
-        turn[:, block, block] = matrix
-    back = turn.swapaxes(-1, -2)
-    return (turn @ e[..., None])[..., 0], turn @ d @ back, turn @ linear.turn
+        out[:, block] = quaternion.rotate(q, e[:, block])
+    return out
 
 
 def _typical(above: Array, below: Array) -> float:
@@ -172,7 +173,7 @@ def coloured(linear: Linear) -> dict[str, float]:
         for one in linear.measurements
         if not one.name.startswith("rest")
     }
-    e, _, _ = _in_body(linear)
+    e = _in_body(linear)
     sigma = np.sqrt(np.diagonal(linear.covariance, axis1=1, axis2=2))
     return grown | {"gyro": _lasting((e * sigma)[:, ATTITUDE]), "accel": _lasting((e * sigma)[:, VELOCITY])}
 

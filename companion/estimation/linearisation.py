@@ -41,6 +41,9 @@ BIAS_SIGMA = (0.02, 0.08)  # rad/s, m/s², 1σ at the first keyframe: what real 
 _HOLE = (2.0, 30.0, 100.0)  # rad, m/s, m per s: what may happen while the IMU is not heard
 
 
+_ANEW_S = 60.0  # unheard for so long, an IMU may have been calibrated anew or have cooled: its bias is as at first
+
+
 _FLOOR = np.repeat([1e-6, 2e-5, 2e-5, 1e-9, 1e-8], 3) ** 2  # of the process noise, for its inverse
 
 
@@ -105,9 +108,9 @@ def linearise(
         covariance += noise.density(cause) ** 2 * path.sums[cause]
     if setup.broken.any():
         lasted = np.diff(setup.t)[setup.broken][:, None]
-        wide = np.concatenate(
-            [np.repeat(w * (1 + lasted), 3, axis=1) for w in _HOLE] + [np.zeros((len(lasted), 6))], axis=1
-        )
+        unheard = np.minimum(lasted / _ANEW_S, 1.0)
+        sizes = [w * (1 + lasted) for w in _HOLE] + [w * unheard for w in BIAS_SIGMA]
+        wide = np.concatenate([np.repeat(size, 3, axis=1) for size in sizes], axis=1)
         covariance[setup.broken] += wide[:, :, None] ** 2 * np.eye(STATES)
     back = turn.swapaxes(-1, -2)
     motion = Motion(

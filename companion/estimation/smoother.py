@@ -12,9 +12,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.estimation.competition import WORTH, Choice, choose, detectable, explained, gain_beside, promising
+from companion.estimation.competition import (
+    WORTH,
+    Choice,
+    choose,
+    detectable,
+    explained,
+    gain_beside,
+    promising,
+    unrest,
+)
 from companion.estimation.learned_noise import START, coloured, learn, noise_limits, outlier_weights, scatter
-from companion.estimation.linearisation import Linear, carry_imu, linearise
+from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
 from companion.estimation.measurements import UNITS
 from companion.estimation.model import (
     ACCEL_BIAS,
@@ -37,6 +46,7 @@ _WEIGHTS_FROM = 4  # the pass after which outliers weigh less, whether or not de
 _WEIGHTED = 3  # passes with such weights, at least
 _NEAR, _SETTLED = 0.15, 0.05  # changes of the logarithm of a density
 _STILL = 1e-3  # rad
+_FAR = (4e-3, 0.1)  # rad/s, m/s²: a bias further off than this changes the path by more than its first order
 _MOST_EXPLAINED = 6
 
 
@@ -76,6 +86,7 @@ class Start:
     states: States
     noise: ProcessNoise
     scale: Mapping[str, float]
+    path: CarriedImu | None = None  # the IMU as it was carried last
 
 
 def start_of(setup: Setup, guess: States) -> Start:
@@ -97,11 +108,13 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
         if choice is None:
             break
         again, tried = estimate(setup, settled, [*accepted, choice])
+        gain = choice.gain
+        if gain < WORTH:
+            gain = gain_beside(choice, tried.problem, tried.solution, tried.prior)
+        choice = replace(choice, gain=gain / unrest(choice, tried.problem, tried.solution))
         if choice.gain < WORTH:
-            choice = replace(choice, gain=gain_beside(choice, tried.problem, tried.solution, tried.prior))
-            if choice.gain < WORTH:
-                nearly = promising(choice)
-                break
+            nearly = promising(choice)
+            break
         accepted.append(choice)
         settled, linear = again, tried
     return replace(_result(setup, settled, linear, accepted), promising=nearly)
@@ -114,13 +127,12 @@ def estimate(setup: Setup, start: Start, accepted: Sequence[Choice] = ()) -> tup
     limits = noise_limits(setup)
     change: dict[str, float] = {}
     weighted = 0
-    path = carry_imu(setup, (states.gyro_bias.mean(axis=0), states.accel_bias.mean(axis=0)))
+    path = _carried(setup, states, start.path)
     for count in range(_PASSES):
         linear = linearise(setup, path, states, noise, scale, weights, accepted)
         states = states.moved(linear.solution.x, linear.solution.c)
+        path = _carried(setup, states, path)
         moved = float(np.abs(linear.solution.x[:, ATTITUDE]).max())
-        if count == 0 or moved > 0.02:
-            path = carry_imu(setup, (np.median(states.gyro_bias, axis=0), np.median(states.accel_bias, axis=0)))
         if count < _LEARN_FROM:
             continue
         noise, scale, change = learn(linear, noise, scale, limits, change)
@@ -139,7 +151,15 @@ def estimate(setup: Setup, start: Start, accepted: Sequence[Choice] = ()) -> tup
             break
     if not np.isfinite(states.q_ned_frd).all():
         raise DataError(f"{setup.imu.source}: the estimate of the trajectory does not settle; the readings do not fit")
-    return Start(states, noise, scale), linear
+    return Start(states, noise, scale, path), linear
+
+
+def _carried(setup: Setup, states: States, before: CarriedImu | None) -> CarriedImu:
+    """The IMU carried with the biases of the states; as it was before where they differ by little."""
+    bias = np.median(states.gyro_bias, axis=0), np.median(states.accel_bias, axis=0)
+    if before is not None and all(np.abs(b - c).max() < far for b, c, far in zip(bias, before.bias, _FAR, strict=True)):
+        return before
+    return carry_imu(setup, bias)
 
 
 def _result(setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Choice]) -> BestEstimate:

@@ -104,44 +104,50 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
 
     Raises numpy.linalg.LinAlgError where something is not determined by any factor.
     """
-    diagonal = np.zeros((count, STATES, STATES))
-    border = np.zeros((count, STATES, len(prior.constants_sigma)))
-    b = np.zeros((count, STATES))
-    inner = np.diag(prior.constants_sigma**-2.0)
-    b_c = prior.constants_residual * prior.constants_sigma**-2.0
-    diagonal[0] += np.diag(prior.sigma**-2.0)
-    b[0] += prior.residual * prior.sigma**-2.0
+    constants = len(prior.constants_sigma)
+    # the blocks of A on the diagonal, the border B and the right-hand side, side by side
+    rows = np.zeros((count, STATES, STATES + constants + 1))
+    inner = np.zeros((constants, constants + 1))
+    inner[:, :-1] = np.diag(prior.constants_sigma**-2.0)
+    inner[:, -1] = prior.constants_residual * prior.constants_sigma**-2.0
+    rows[0, :, :STATES] += np.diag(prior.sigma**-2.0)
+    rows[0, :, -1] += prior.residual * prior.sigma**-2.0
 
-    phi, g, w = motion.transition, motion.constants, motion.weight
-    phi_w, w_g = phi.swapaxes(-1, -2) @ w, w @ g
-    w_r = (w @ motion.residual[..., None])[..., 0]
-    diagonal[:-1] += phi_w @ phi
-    diagonal[1:] += w
-    upper = -phi_w
-    border[:-1] += phi_w @ g
-    border[1:] -= w_g
-    b[:-1] -= np.einsum("kij,ki->kj", phi, w_r)
-    b[1:] += w_r
-    inner += _crossed(g, w_g)
-    b_c -= _crossed(g, w_r[..., None])[:, 0]
+    seen = np.concatenate((motion.transition, motion.constants, -motion.residual[..., None]), axis=2)
+    weighted = motion.weight @ seen
+    rows[:-1] += motion.transition.swapaxes(-1, -2) @ weighted
+    rows[1:, :, :STATES] += motion.weight
+    rows[1:, :, STATES:] -= weighted[..., STATES:]
+    inner += _crossed(motion.constants, weighted[..., STATES:])
+    upper = -weighted[..., :STATES].swapaxes(-1, -2)
 
-    for one in measurements:
-        information = one.information
-        weighted = one.states * information[..., None]  # W H
-        diagonal[one.keyframe] += weighted.swapaxes(-1, -2) @ one.states  # a witness has one reading at a keyframe
-        border[one.keyframe] += weighted.swapaxes(-1, -2) @ one.constants
-        b[one.keyframe] += np.einsum("mdi,md->mi", weighted, one.residual)
-        weighted = one.constants * information[..., None]
-        inner += _crossed(weighted, one.constants)
-        b_c += _crossed(weighted, one.residual[..., None])[:, 0]
+    seen = _whitened(count, measurements, constants)
+    rows += seen[..., :STATES].swapaxes(-1, -2) @ seen
+    inner += _crossed(seen[..., STATES:-1], seen[..., STATES:])
 
+    diagonal, border = rows[..., :STATES], rows[..., STATES:-1]
     factor = factorise(diagonal, upper)
-    solved = factor.solve(np.concatenate((border, b[..., None]), axis=2))
+    solved = factor.solve(rows[..., STATES:])
     y, x0 = solved[..., :-1], solved[..., -1]
-    schur = inner - _crossed(border, y)
+    inner -= _crossed(border, solved)
+    schur, b_c = inner[:, :-1], inner[:, -1]
     covariance = np.asarray(np.linalg.inv(0.5 * (schur + schur.T)), np.float64)
-    c = covariance @ (b_c - _crossed(border, x0[..., None])[:, 0])
+    c = covariance @ b_c
     return Solution(motion, diagonal, upper, factor, x0 - y @ c, c, y, covariance)
+
+
+def _whitened(count: int, measurements: Sequence[Measurement], constants: int) -> Array:
+    """(K, D, 15 + C + 1) H, H_c and r of all witnesses, divided by σ; zero where one has no reading."""
+    out = np.zeros((count, sum(one.residual.shape[1] for one in measurements), STATES + constants + 1))
+    at = 0
+    for one in measurements:  # a witness has one reading at a keyframe
+        root = np.sqrt(one.information)
+        place = slice(at, at + root.shape[1])
+        out[one.keyframe, place, :STATES] = one.states * root[..., None]
+        out[one.keyframe, place, STATES:-1] = one.constants * root[..., None]
+        out[one.keyframe, place, -1] = one.residual * root
+        at = place.stop
+    return out
 
 
 def _crossed(a: Array, b: Array) -> Array:
@@ -177,10 +183,10 @@ def motion_residual_covariance(motion: Motion, solution: Solution) -> Array:
     return np.asarray(chain + constants @ solution.constants_covariance @ constants.swapaxes(-1, -2))
 
 
-def measurement_covariance(one: Measurement, solution: Solution) -> Array:
-    """(M, d, d) covariance of the posterior of H x + H_c c."""
+def measurement_variance(one: Measurement, solution: Solution) -> Array:
+    """(M, d) variance of the posterior of every component of H x + H_c c."""
     own, _ = solution.inverse_blocks
     h = one.states
     constants = one.constants - h @ solution.border[one.keyframe]
-    chain = h @ own[one.keyframe] @ h.swapaxes(-1, -2)
-    return np.asarray(chain + constants @ solution.constants_covariance @ constants.swapaxes(-1, -2))
+    chain = ((h @ own[one.keyframe]) * h).sum(axis=2)
+    return np.asarray(chain + ((constants @ solution.constants_covariance) * constants).sum(axis=2))

@@ -13,7 +13,7 @@ from companion.estimation.system import (
     Motion,
     Prior,
     Solution,
-    measurement_covariance,
+    measurement_variance,
     motion_residual,
     motion_residual_covariance,
     solve,
@@ -127,7 +127,7 @@ def test_the_covariances_are_those_of_the_dense_inverse(
     row = np.zeros((3, len(inverse)))
     row[:, one.keyframe[1] * STATES : (one.keyframe[1] + 1) * STATES] = one.states[1]
     row[:, constants] = one.constants[1]
-    np.testing.assert_allclose(measurement_covariance(one, solution)[1], row @ inverse @ row.T, atol=1e-8)
+    np.testing.assert_allclose(measurement_variance(one, solution)[1], np.diagonal(row @ inverse @ row.T), atol=1e-8)
 
 
 def test_what_is_left_of_the_motion_is_what_the_solution_leaves(
