@@ -34,7 +34,6 @@ class Factor:
     levels: Sequence[_Level]
     last: Array  # (1, n, n) inverse of what remains
     scale: Array  # (K, n) the unknowns' scale: A was divided by it on both sides
-    log_determinant: float  # of A
 
     def solve(self, rhs: Array) -> Array:
         """x (K, n, m) with A x = rhs (K, n, m)."""
@@ -84,32 +83,28 @@ def factorise(diagonal: Array, upper: Array) -> Factor:
     d = diagonal / (scale[:, :, None] * scale[:, None, :])
     u = upper / (scale[:-1, :, None] * scale[1:, None, :])
     levels: list[_Level] = []
-    log_determinant = 2.0 * float(np.log(scale).sum())
     while len(d) > 1:
         odd, even = d[1::2], d[0::2].copy()
         before, after = u[0::2], np.zeros_like(odd)  # couplings [k - 1, k] and [k, k + 1] of every odd k
         after[: len(u) // 2] = u[1::2]
-        inverse, log_odd = _invert(odd)
-        log_determinant += log_odd
+        inverse = _invert(odd)
         left, right = inverse @ before.swapaxes(-1, -2), inverse @ after
         even[: len(odd)] -= before @ left
         even[1:] -= (after.swapaxes(-1, -2) @ right)[: len(even) - 1]
         u = -(before @ right)[: len(even) - 1]
         d = even
         levels.append(_Level(inverse, left, right))
-    last, log_last = _invert(d)
-    return Factor(levels, last, scale, log_determinant + log_last)
+    return Factor(levels, _invert(d), scale)
 
 
-def _invert(blocks: Array) -> tuple[Array, float]:
-    """Inverses of positive definite blocks (M, n, n), and the sum of the logarithms of their determinants."""
+def _invert(blocks: Array) -> Array:
+    """Inverses of positive definite blocks (M, n, n)."""
     try:
-        lower = np.linalg.cholesky(blocks)
+        np.linalg.cholesky(blocks)
     except np.linalg.LinAlgError:  # by rounding: the diagonal is about 1, and what is not observed is next to nothing
-        lower = np.linalg.cholesky(blocks + _ROUNDING * np.eye(blocks.shape[-1]))
-    root = np.linalg.inv(lower)
-    inverse = root.swapaxes(-1, -2) @ root
-    return inverse, 2.0 * float(np.log(np.diagonal(lower, axis1=1, axis2=2)).sum())
+        blocks = blocks + _ROUNDING * np.eye(blocks.shape[-1])
+        np.linalg.cholesky(blocks)
+    return np.asarray(np.linalg.inv(blocks), np.float64)
 
 
 def _interleave(even: Array, odd: Array) -> Array:

@@ -28,7 +28,7 @@ _ONSETS = 24
 _ONSET_PRICE = 2.0 * float(np.log(_ONSETS))
 WORTH = 30.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
 _END_PRICE = 2.0 * float(np.log(4))  # whether it lasts for 8, 16, 32 or 64 s
-_LEAST_S = {"pulse": 0.5, "creep": 2.0}  # what lasts for less is a shock, or a step
+_LEAST_S = {"imu": 5.0, "gps": 0.5, "compass": 2.0, "barometer": 2.0}  # what lasts for less is a shock, or a step
 _PROMISING = 10.0  # and from which on it is weighed again
 _SHOCKS = {
     ("gyro_bias", "step"): GYRO_BIAS, ("accel_bias", "step"): ACCEL_BIAS,
@@ -195,7 +195,7 @@ def _moved(problem: Problem, solution: Solution, one: Candidate, reach: float) -
     """A pulse with beginning and end moved by up to `reach` s, whichever pair pays most."""
     shift = reach * np.linspace(-1.0, 1.0, 7)
     begin, final = (x.ravel() for x in np.meshgrid(one.onset[one.best] + shift, one.end[one.best] + shift))
-    right = (begin > problem.t[0]) & (final < problem.t[-1]) & (final > begin + _LEAST_S[one.shape])
+    right = (begin > problem.t[0]) & (final < problem.t[-1]) & (final > begin + _LEAST_S[one.kind.side])
     if not right.any():
         return one
     again = weigh(problem, solution, one.kind, one.shape, begin[right], final[right])

@@ -48,7 +48,7 @@ _HUBER, _NEIGHBOURS = 4.0, 7
 _LAGS = 15
 _WHITER = 3.0  # times what shows between samples, of a filter that makes it less
 _SLOW = 0.3  # ratio of one step to the one before, from which on the series is summed
-_FURTHEST = 0.5 * np.log(10.0)
+_FURTHEST = np.log(10.0)
 
 
 def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
@@ -159,7 +159,7 @@ def _typical(above: Array, below: Array) -> float:
     if not len(below):
         return 1.0
     ratio = above / np.maximum(below, above / 100.0)  # at most 100: a quotient of what is absurd overflows
-    return float(np.clip(np.percentile(ratio, _TYPICAL), 0.1, 10.0))
+    return float(np.clip(np.percentile(ratio, _TYPICAL), 0.01, 100.0))
 
 
 def coloured(linear: Linear) -> dict[str, float]:

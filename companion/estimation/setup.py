@@ -20,7 +20,7 @@ from companion.strapdown import quaternion
 BoolArray = npt.NDArray[np.bool_]
 
 _SPACING_S = (0.2, 1.0)  # between keyframes, at least and at most
-_KEYFRAMES = 1500  # a longer flight has them further apart
+_KEYFRAMES = 1000  # a longer flight has them further apart
 _WITHOUT_GPS_S = 0.5
 _HOLE_S, _HOLE_PERIODS = 0.1, 3.0
 _FEWEST_FIXES = 5
