@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from companion.analysis.compare import attitude_error, length
-from companion.analysis.episode import PHRASES, Departure, Episode, cause_of, rivals, said
+from companion.analysis.episode import PHRASES, Departure, Episode, cause_of, rival_of_another, rivals, said
 from companion.analysis.finding import Finding, Severity, Side, runs
 from companion.analysis.phases import phases
 from companion.analysis.reference import BoolArray, Limits, reference_at
@@ -183,6 +183,7 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
         elif harmed and episode.witness == "imu":
             severity = "warning"
         side: Side = "imu" if episode.witness == "imu" else "autopilot" if harmed else "data"
+        why = _why_undecided(episode) if severity == "error" else ""
         headline = words = said(episode, best)
         misled: tuple[str, ...] = ()
         if harmed and severity != "info":
@@ -192,14 +193,28 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
             words += "; the autopilot was misled by it: " + ", ".join(misled)
         if rival := rivals(episode):
             words += f" ({rival})"
+        if why:
+            side, severity, headline = "data", "warning", ""
+            words += f"; {why}"
         end = episode.end if np.isfinite(episode.end) else end_of_all
-        cause = cause_of(episode, best, side, misled)
+        cause = None if why else cause_of(episode, best, side, misled)
         advice = PHRASES[episode.kind][1]
-        out.append(Finding(episode.kind, side, severity, episode.start, end, words, advice, headline, cause))
+        out.append(Finding(episode.kind, side, severity, episode.start, end, words, advice, headline, cause, bool(why)))
     for i, d in enumerate(departed):
         if i not in caused:
             out.append(_own(d, best))
     return out
+
+
+def _why_undecided(episode: Episode) -> str:
+    """Why an episode that looks like a fault accuses nobody; empty where it does."""
+    if episode.kind.endswith("_shock"):
+        return "a shock, strong vibration or lost samples do this too: no sensor is accused of a moment"
+    if episode.magnitude < _SIGMAS * episode.sigma:
+        return "its size is hardly more than its σ"
+    if (rival := rival_of_another(episode)) is not None:
+        return f"{rival.replace('_', ' ')} explains it nearly as well: it cannot be told which of them is wrong"
+    return ""
 
 
 _SENSORS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "compass": "compass"}
@@ -242,4 +257,5 @@ def _own(departure: Departure, best: BestEstimate) -> Finding:
         headline="" if unsure else f"it is off by {departure} from what all sensors together say, "
         f"from {departure.start:.1f} to {departure.end:.1f} s",
         cause=None if unsure else departure.cause,
+        undecided=unsure,
     )  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from companion.analysis.finding import Cause, Side
 from companion.estimation import BestEstimate, kind_of
 from companion.model import Array
 
-_FAR = 7.0  # log-likelihood: one to a thousand
+_CLOSE, _FAR = 3.0, 7.0  # log-likelihood: one to twenty, one to a thousand
 _UNITS = {"tilt": "°", "heading": "°", "velocity": " m/s", "position": " m"}
 
 
@@ -161,6 +161,13 @@ def said(episode: Episode, best: BestEstimate) -> str:
     """The episode in words, with its time."""
     until = "to the end" if not np.isfinite(episode.end) else f"to {episode.end:.1f} s"
     return f"{PHRASES[episode.kind][0](episode, best)}, from {episode.start:.1f} ± {episode.start_sigma:.1f} s {until}"
+
+
+def rival_of_another(episode: Episode) -> str | None:
+    """The kind of explanation that blames another and is nearly as likely; None where there is none."""
+    side = kind_of(episode.kind).side
+    rival = _rival(replace(episode, others=tuple(o for o in episode.others if kind_of(o[0]).side != side)))
+    return rival[0] if rival is not None and rival[1] < _CLOSE else None
 
 
 def _rival(episode: Episode) -> tuple[str, float] | None:

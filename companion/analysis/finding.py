@@ -50,6 +50,7 @@ class Finding:
     advice: str
     headline: str = ""  # the evidence in one clause; "" where that is one
     cause: Cause | None = None
+    undecided: bool = False  # either may be wrong: it accuses nobody, and nobody is cleared
 
 
 def by_severity(found: Iterable[Finding]) -> tuple[Finding, ...]:

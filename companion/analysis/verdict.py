@@ -334,7 +334,7 @@ def _doubt(judged: Windows, expected: Expected, found: tuple[Finding, ...], best
             f"windows of {_JUDGED_S:g} s inside the 95 % bound), and "
             + ("no single cause explains it" if best is not None else "no third witness tells which is wrong")
         )
-    return next((f.evidence for f in found if f.side == "data" and f.kind.endswith("_off")), None)
+    return next((f.evidence for f in found if f.undecided), None)
 
 
 def _headline(finding: Finding) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.estimation.explanations import kind_of
 from companion.estimation.model import BestEstimate, ProcessNoise
@@ -21,6 +22,7 @@ from companion.strapdown import quaternion
 _FOLLOWED = 0.7  # of what an axis reads: right axes are followed by 0.8 and more, mirrored and exchanged ones by less
 _HEARD = 2.0  # times its noise, as learned or as its samples scatter by, whichever is less
 _FEW = 30  # intervals, from which on something can be said of them
+_LONGEST_S = 100.0  # that is read otherwise: a wrong axis is wrong all the time
 _BEYOND = 8.0  # times what the readings scatter by: more is learned of no sensor whose axes are right
 _CLEARLY = 2.0  # times less noise, in every interval and on every axis: chance has no part in it
 
@@ -62,29 +64,39 @@ def followed(best: BestEstimate) -> tuple[Array, Array]:
     By regression over the intervals between keyframes, biases taken off, where nothing else of the IMU was explained: a
     mirrored axis has -1 where the other witnesses tell the motion. 1 for an axis that reads hardly more than its noise.
     """
-    states, seconds = best.states, np.diff(best.t)[:, None]
-    q = states.q_ned_frd
-    turn = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-1]), q[1:]))
-    middle = quaternion.multiply(q[:-1], quaternion.exp(0.5 * turn))
-    turn = turn / seconds
-    force = np.diff(states.velocity, axis=0) / seconds - [0.0, 0.0, best.gravity]
-    force = quaternion.rotate(quaternion.conjugate(middle), force)
-    plain = np.ones(len(turn), np.bool_)
+    seconds = np.diff(best.t)[:, None]
+    plain = np.ones(len(seconds), np.bool_)
     for one in best.explained:
         if kind_of(one.kind).side == "imu":
             plain &= (best.t[1:] < one.onset) | (best.t[:-1] > one.end)
     if plain.sum() < _FEW:
         plain[:] = True
     parts = []
-    sensors = ((turn, best.imu.gyro, states.gyro_bias), (force, best.imu.accel, states.accel_bias))
     noises = zip((best.noise.gyro_noise, best.noise.accel_noise), best.scatter, strict=True)
-    for (moved, readings, bias), noise in zip(sensors, map(min, noises), strict=True):
-        total = np.concatenate([np.zeros((1, 3)), np.cumsum(readings, axis=0)])[best.index]
-        read = (np.diff(total, axis=0) / np.diff(best.index)[:, None] - bias[:-1])[plain]
-        square = (read**2).sum(axis=0)
+    for (moved, read), noise in zip(_moved(best), map(min, noises), strict=True):
+        square = (read[plain] ** 2).sum(axis=0)
         heard = square > _HEARD**2 * noise**2 * (1.0 / seconds[plain]).sum()
-        parts.append(np.where(heard, (moved[plain] * read).sum(axis=0) / np.maximum(square, 1e-300), 1.0))
+        parts.append(np.where(heard, (moved * read)[plain].sum(axis=0) / np.maximum(square, 1e-300), 1.0))
     return parts[0], parts[1]
+
+
+def _moved(best: BestEstimate) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Mean rate and specific force (K-1, 3) FRD in every interval: of the estimate's motion, and as read less bias."""
+    states, seconds = best.states, np.diff(best.t)[:, None]
+    q = states.q_ned_frd
+    turn = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-1]), q[1:]))
+    middle = quaternion.multiply(q[:-1], quaternion.exp(0.5 * turn))
+    force = np.diff(states.velocity, axis=0) / seconds - [0.0, 0.0, best.gravity]
+    force = quaternion.rotate(quaternion.conjugate(middle), force)
+
+    def read(readings: Array, bias: Array) -> Array:
+        total = np.concatenate([np.zeros((1, 3)), np.cumsum(readings, axis=0)])[best.index]
+        return np.asarray(np.diff(total, axis=0) / np.diff(best.index)[:, None] - bias[:-1])
+
+    return (
+        (turn / seconds, read(best.imu.gyro, states.gyro_bias)),
+        (force, read(best.imu.accel, states.accel_bias)),
+    )
 
 
 def other_reading(
@@ -98,29 +110,48 @@ def other_reading(
     """The way to read the IMU that fits far better than as it is; None where there is none.
 
     flight, gravity, span, untrusted: as the best estimate was made of, which has explained what it can by errors that
-    come and go; the other way has to do without. Nothing is tried where every axis is
-    followed.
+    come and go; the other way has to do without. Nothing is tried where every axis is followed, and no way that leaves
+    the axes alone that are not; of a long flight the part is taken in which they are followed least.
     """
-    if min(part.min() for part in followed(best)) > _FOLLOWED:
+    gyro, accel = (part < _FOLLOWED for part in followed(best))
+    if not (gyro.any() or accel.any()):
         return None
+    ways = {words: turn for words, turn in WAYS.items() if _touches(turn[0], gyro) or _touches(turn[1], accel)}
+    part = _least_followed(best) if best.t[-1] - best.t[0] > _LONGEST_S else span
+    track = flight.imu(best.imu.source)
 
     def needed(turn: tuple[Array, Array]) -> float:
-        track = flight.imu(best.imu.source)
         turned = replace(track, gyro=track.gyro @ turn[0].T, accel=track.accel @ turn[1].T)
-        setup = set_up(
-            replace(flight, imus={**flight.imus, track.source: turned}), track.source, gravity, span, untrusted
-        )
         try:
+            setup = set_up(
+                replace(flight, imus={**flight.imus, track.source: turned}), track.source, gravity, part, untrusted
+            )
             settled, _ = estimate(setup, start_of(setup, first_guess(setup, flight)))
         except (DataError, np.linalg.LinAlgError):
             return np.inf
         return _size(settled.noise)
 
     with np.errstate(over="ignore", invalid="ignore"):
-        noise = {words: needed(turn) for words, turn in WAYS.items()}
+        as_it_is = _size(best.noise) if part == span else needed((np.eye(3), np.eye(3)))
+        noise = {words: needed(turn) for words, turn in ways.items()}
     words = min(noise, key=lambda name: noise[name])
-    fits = _size(best.noise) / noise[words]
-    return Reading(words, fits) if fits > _CLEARLY else None
+    fits = as_it_is / noise[words]
+    return Reading(words, fits) if np.isfinite(as_it_is) and fits > _CLEARLY else None
+
+
+def _touches(turn: Array, axes: npt.NDArray[np.bool_]) -> bool:
+    """Whether a turn changes any of the axes (3,)."""
+    return bool((axes & (np.diag(turn) < 1.0)).any())
+
+
+def _least_followed(best: BestEstimate) -> tuple[float, float]:
+    """The boot times (s) between which the estimate's motion differs most from what the IMU reads."""
+    moved = _moved(best)
+    off = sum(((m - r) ** 2).sum(axis=1) / ((m - r) ** 2).mean() for m, r in moved)
+    total = np.concatenate([[0.0], np.cumsum(off * np.diff(best.t))])
+    end = np.searchsorted(best.t, best.t + _LONGEST_S, side="right") - 1
+    first = int(np.argmax(total[end] - total))
+    return float(best.t[first]), float(best.t[end[first]])
 
 
 def _size(noise: ProcessNoise) -> float:

@@ -98,13 +98,13 @@ def factorise(diagonal: Array, upper: Array) -> Factor:
 
 
 def _invert(blocks: Array) -> Array:
-    """Inverses of positive definite blocks (M, n, n)."""
+    """Inverses of positive definite blocks (M, n, n), by their roots: symmetric and positive definite too."""
     try:
-        np.linalg.cholesky(blocks)
+        lower = np.linalg.cholesky(blocks)
     except np.linalg.LinAlgError:  # by rounding: the diagonal is about 1, and what is not observed is next to nothing
-        blocks = blocks + _ROUNDING * np.eye(blocks.shape[-1])
-        np.linalg.cholesky(blocks)
-    return np.asarray(np.linalg.inv(blocks), np.float64)
+        lower = np.linalg.cholesky(blocks + _ROUNDING * np.eye(blocks.shape[-1]))
+    root = np.linalg.inv(lower)
+    return np.asarray(root.swapaxes(-1, -2) @ root, np.float64)
 
 
 def _interleave(even: Array, odd: Array) -> Array:

@@ -120,9 +120,8 @@ def unrest(choice: Choice, problem: Problem, solution: Solution) -> float:
         return 1.0
     block = ATTITUDE if choice.kind.name.startswith("gyro") else VELOCITY
     e, d = solution.disturbances
-    e, d = e[:, block], d[:, block, block]
-    d = d + 1e-12 * np.trace(d, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    unlikely = np.einsum("ki,ki->k", e, np.linalg.solve(d, e[..., None])[..., 0])
+    own = np.diagonal(d, axis1=1, axis2=2)[:, block]
+    unlikely = (e[:, block] ** 2 / np.where(own > 0.0, own, np.inf)).sum(axis=1)
     within = (problem.t[1:] > choice.onset) & (problem.t[:-1] < choice.end)
     return max(1.0, float(unlikely[within].mean() / max(unlikely.mean(), 1e-300))) if within.any() else 1.0
 

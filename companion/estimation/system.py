@@ -21,6 +21,8 @@ from companion.model import Array
 
 Index = npt.NDArray[np.intp]
 
+_ROUNDING = 1e-8
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
@@ -89,7 +91,10 @@ class Solution:
         """
         w = self.motion.weight
         e = (w @ motion_residual(self.motion, self)[..., None])[..., 0]
-        return e, w - w @ motion_residual_covariance(self.motion, self) @ w
+        d = w - w @ motion_residual_covariance(self.motion, self) @ w
+        own, left = np.diagonal(w, axis1=1, axis2=2), np.diagonal(d, axis1=1, axis2=2)
+        known = (left > _ROUNDING * own).astype(np.float64)  # else nothing but rounding is left of the difference
+        return e * known, d * known[:, :, None] * known[:, None, :]
 
     def covariances(self) -> tuple[Array, Array]:
         """Covariance (K, 15, 15) of every keyframe, and (K-1, 15, 15) of it with the next, the constants unknown."""
