@@ -81,6 +81,7 @@ def _episodes_of(parts: list[Explained], witness: str, least: float, last: float
         before = [p for p in parts if p.onset <= grid[first] + 1e-9]
         cause = before[-1] if before[-1].shape not in SLOPED else next(p for p in before if p.shape in SLOPED)
         lasted = min(grid[peak], cause.end) - cause.onset if cause.shape in SLOPED else 1.0
+        along = level[peak] / length(level[peak])
         yield Episode(
             cause.kind,
             witness,
@@ -88,7 +89,7 @@ def _episodes_of(parts: list[Explained], witness: str, least: float, last: float
             cause.onset_sigma,
             float(grid[final]) if final < len(grid) - 1 else np.inf,
             level[peak],
-            float(np.linalg.norm(cause.sigma)) * max(float(lasted), 1.0),
+            float(np.linalg.norm(along * cause.sigma)) * max(float(lasted), 1.0),
             cause.gain,
             cause.others,
         )

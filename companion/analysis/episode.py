@@ -188,5 +188,5 @@ def rivals(episode: Episode) -> str:
     if rival is None:
         return ""
     kind, worse = rival
-    less = "far less likely" if worse > _FAR else f"{np.exp(worse):.0f} times less likely"
+    less = "far less likely" if worse > _FAR else f"{max(np.exp(worse), 1.0):.0f} times less likely"
     return f"next best: {kind.replace('_', ' ')}, {less}"

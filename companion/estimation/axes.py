@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.estimation.explanations import kind_of
-from companion.estimation.model import BestEstimate, ProcessNoise
+from companion.estimation.model import BestEstimate, ProcessNoise, corrected
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.smoother import estimate, start_of
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight
-from companion.strapdown import quaternion
+from companion.strapdown import preintegrate, quaternion
 
 _FOLLOWED = 0.7  # of what an axis reads: right axes are followed by 0.8 and more, mirrored and exchanged ones by less
 _HEARD = 2.0  # times its noise, as learned or as its samples scatter by, whichever is less
@@ -81,21 +81,21 @@ def followed(best: BestEstimate) -> tuple[Array, Array]:
 
 
 def _moved(best: BestEstimate) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Mean rate and specific force (K-1, 3) FRD in every interval: of the estimate's motion, and as read less bias."""
-    states, seconds = best.states, np.diff(best.t)[:, None]
-    q = states.q_ned_frd
-    turn = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-1]), q[1:]))
-    middle = quaternion.multiply(q[:-1], quaternion.exp(0.5 * turn))
-    force = np.diff(states.velocity, axis=0) / seconds - [0.0, 0.0, best.gravity]
-    force = quaternion.rotate(quaternion.conjugate(middle), force)
+    """Mean rate and specific force (K-1, 3) of every interval: of the estimate's motion, and as read.
 
-    def read(readings: Array, bias: Array) -> Array:
-        total = np.concatenate([np.zeros((1, 3)), np.cumsum(readings, axis=0)])[best.index]
-        return np.asarray(np.diff(total, axis=0) / np.diff(best.index)[:, None] - bias[:-1])
+    FRD at the start of the interval; the readings without bias, scale error and misalignment as they are estimated.
+    """
+    seconds, q, start = np.diff(best.t)[:, None], best.q_ned_frd, best.index[:-1]
+    path = preintegrate(corrected(best.imu, best))
 
+    def turned(q: Array) -> Array:
+        return quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-1]), q[1:])) / seconds
+
+    force = np.diff(best.velocity, axis=0) / seconds - [0.0, 0.0, best.gravity]
+    read = quaternion.rotate(quaternion.conjugate(path.q[start]), np.diff(path.v[best.index], axis=0) / seconds)
     return (
-        (turn / seconds, read(best.imu.gyro, states.gyro_bias)),
-        (force, read(best.imu.accel, states.accel_bias)),
+        (turned(q), turned(path.q[best.index])),
+        (quaternion.rotate(quaternion.conjugate(q[:-1]), force), read),
     )
 
 

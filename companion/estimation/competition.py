@@ -49,6 +49,11 @@ class Choice:
     gain: float
     others: tuple[tuple[str, str, float], ...]
 
+    def in_noise(self, times: float) -> Choice:
+        """The same where the variance of the noise is so many times what it was chosen at."""
+        others = tuple((kind, shape, gain / times) for kind, shape, gain in self.others)
+        return replace(self, gain=self.gain / times, others=others)
+
     def of(self, problem: Problem) -> Signature | None:
         """The signature of what changes."""
         whole = self.kind.signature(problem)

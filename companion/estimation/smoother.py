@@ -97,8 +97,8 @@ def start_of(setup: Setup, guess: States) -> Start:
 def explain(setup: Setup, start: Start) -> BestEstimate:
     """The estimate with everything explained that has to be: one after the other, each time what explains most.
 
-    What is not explained was learned as noise, and hides in it. So an explanation that only promises something is
-    weighed again with the noise that is learned beside it.
+    What is not explained was learned as noise, and hides in it. So an explanation that promises something is weighed
+    again with the noise that is learned beside it.
     """
     accepted: list[Choice] = []
     nearly: tuple[str, ...] = ()
@@ -108,10 +108,9 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
         if choice is None:
             break
         again, tried = estimate(setup, settled, [*accepted, choice])
-        gain = choice.gain
-        if gain < WORTH:
-            gain = gain_beside(choice, tried.problem, tried.solution, tried.prior)
-        choice = replace(choice, gain=gain / unrest(choice, tried.problem, tried.solution))
+        beside = gain_beside(choice, tried.problem, tried.solution, tried.prior)
+        gain = max(choice.gain, beside) / unrest(choice, tried.problem, tried.solution)
+        choice = choice.in_noise(choice.gain / gain)
         if choice.gain < WORTH:
             nearly = promising(choice)
             break
