@@ -18,7 +18,7 @@ OLD = "gyro_bias = [0.01, 0, 0]\naccel_bias = [0, 0.1, 0]\nmounting = [0.01, -0.
 
 def test_a_file_holds_what_the_flight_tells(tmp_path: Path) -> None:
     flight = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
-    found = calibrate(flight.imu(), lambda track: compare(flight, track=track), GENERIC, ReferenceFigures())
+    found = calibrate(compare(flight), GENERIC, ReferenceFigures())
     assert found
     every = replace(found, correction=replace(found.correction, lever_arm=np.array([0.1, -0.2, 0.3])))
     path = tmp_path / "imu.toml"

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -107,7 +106,7 @@ def main() -> None:
     errors, seen = [], []
     for seed in range(parser.parse_args().flights):
         built, figures, wrong = flight(np.random.default_rng(seed))
-        found = calibrate(built.imu(), partial(_compared, built), figures, AUTOPILOT)
+        found = calibrate(_compared(built, built.imu()), figures, AUTOPILOT)
         assert found
         errors.append((found.values - wrong.values) / found.sigma)
         seen.append(found.observable)

@@ -10,7 +10,6 @@ known than it is: the autopilot's own tilt and heading error, and gravity. No av
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,7 +20,7 @@ from companion.analysis.comparison import Comparison, Half, Windows, windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS, Correction
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.reference import BoolArray
-from companion.model import STANDARD_GRAVITY, Array, ImuTrack
+from companion.model import STANDARD_GRAVITY, Array
 from companion.strapdown import quaternion
 
 _COUNT = len(NAMES)
@@ -61,13 +60,8 @@ class Calibration:
         return any(self.observable[PARTS[part]])
 
 
-Compare = Callable[[ImuTrack], Comparison]
-"""Holds a track in place of the flight's own against the autopilot."""
-
-
 def calibrate(
-    track: ImuTrack,
-    compare_with: Compare,
+    own: Comparison,
     imu: ImuFigures,
     autopilot: ReferenceFigures,
     *,
@@ -75,12 +69,13 @@ def calibrate(
     half: Half | None = None,
     iterations: int = 8,
 ) -> Calibration | None:
-    """Fit the errors of `track` to windows of `horizon` seconds, or to half of them. None without windows."""
+    """Fit the errors of the IMU of a comparison to windows of `horizon` seconds, or to half of them. None without windows."""
     prior = _prior(imu, autopilot)
+    track = own.track
     values = np.zeros(_COUNT)
     weight = np.ones(0)
     for _ in range(iterations):
-        comparison = compare_with(Correction.of(values).apply(track))
+        comparison = own.of(Correction.of(values).apply(track))
         chosen = windows(comparison, horizon)
         chosen = chosen.every_other(half) if half else chosen
         if not len(chosen.start):

@@ -19,7 +19,7 @@ from companion.analysis.reference import (
     position_jumps,
     reference_at,
 )
-from companion.model import Array, Flight, ImuTrack, nearest
+from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, nearest
 from companion.strapdown import Preintegration, preintegrate
 
 IntArray = npt.NDArray[np.intp]
@@ -31,6 +31,8 @@ class Comparison:
     """The reckoning of one IMU and the autopilot's state at its samples."""
 
     track: ImuTrack
+    attitude: AttitudeTrack  # the autopilot's own
+    position: PositionTrack | None
     path: Preintegration  # one pass over the track; carries any window
     reference: Reference  # at the samples of the track
     how: Integration
@@ -43,6 +45,14 @@ class Comparison:
         """The same pass with rk4's other middle sample: the difference is the error of the sampling."""
         other = "linear" if self.how.middle == "cubic" else "cubic"
         return preintegrate(self.track, method="rk4", middle=other, segments=self.how.segments)
+
+    def of(self, track: ImuTrack) -> Comparison:
+        """The same for other readings; the autopilot is looked at anew where their times are others."""
+        if not np.array_equal(track.t, self.track.t):
+            return _compared(track, self.attitude, self.position, self.how)
+        how = self.how
+        path = preintegrate(track, method=how.method, middle=how.middle, segments=how.segments)
+        return replace(self, track=track, path=path)
 
     @property
     def has_position(self) -> bool:
@@ -99,17 +109,21 @@ def compare(
     track: taken in place of the flight's own, e.g. the same IMU corrected. Raises DataError when the flight has no
     usable IMU or no attitude, ValueError for an unknown method.
     """
-    track = track or flight.imu(imu)
-    attitude = flight.require_attitude()
+    return _compared(track or flight.imu(imu), flight.require_attitude(), flight.position, how)
+
+
+def _compared(track: ImuTrack, attitude: AttitudeTrack, position: PositionTrack | None, how: Integration) -> Comparison:
     limits = how.limits
     return Comparison(
         track=track,
+        attitude=attitude,
+        position=position,
         path=preintegrate(track, method=how.method, middle=how.middle, segments=how.segments),
-        reference=reference_at(attitude, flight.position, track.t, limits),
+        reference=reference_at(attitude, position, track.t, limits),
         how=how,
         holes=np.diff(track.t) > limits.hole(track.t),
         attitude_steps=attitude_jumps(attitude, limits),
-        position_steps=position_jumps(flight.position, limits) if flight.position else np.zeros((0, 2)),
+        position_steps=position_jumps(position, limits) if position else np.zeros((0, 2)),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -21,7 +22,7 @@ from companion.analysis.budget import (
     window_noise,
 )
 from companion.analysis.calibrate import Calibration, calibrate
-from companion.analysis.comparison import Comparison, Windows, compare, windows
+from companion.analysis.comparison import Comparison, Half, Windows, compare, windows
 from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.figures import ImuFigures, ReferenceFigures, SensorFigures
@@ -67,25 +68,65 @@ class Verdict:
     cause: Cause | None = None  # the first cause in time, that the summary is about; None where nobody is suspect
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Assessment:
     """One IMU of a flight: drift, what it should be, calibration, verdict."""
 
     comparison: Comparison  # of the IMU as it was judged, corrected if that was asked for
+    sets: tuple[Windows, ...]  # one for each row of the drift
     drift: Drift
-    expected: tuple[Expected | None, ...]  # one for each row of the drift; None without windows
     figures: ImuFigures
     autopilot: ReferenceFigures
     measured_noise: tuple[float, float] | None  # rad/s/√Hz, m/s²/√Hz in flight
     rests: tuple[Rest, ...]  # where the vehicle stood still
     autopilot_bias: AutopilotBias | None  # the gyro bias that the autopilot believes in
-    calibration: Calibration | None
-    corrected: Drift | None  # with the calibration, on the windows that it was not fitted to
-    uncorrected: Drift | None  # the same windows without it
     verdict: Verdict
     best: BestEstimate | None  # the third opinion; None where the flight allows none
     sensitivity: Sensitivity  # what the flight could have shown
-    made_worse: bool  # whether the calibration spoils windows that it was not fitted to: the errors are not constant
+
+    @cached_property
+    def expected(self) -> tuple[Expected | None, ...]:
+        """One for each row of the drift; None without windows."""
+        return tuple(_expected(self.comparison, chosen, self.figures, self.autopilot) for chosen in self.sets)
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """What the windows of the flight say of the IMU's errors."""
+        return self._calibrated[0]
+
+    @property
+    def corrected(self) -> Drift | None:
+        """The drift with the calibration, on the windows that it was not fitted to."""
+        return self._calibrated[2]
+
+    @property
+    def uncorrected(self) -> Drift | None:
+        """The same windows without it."""
+        return self._calibrated[1]
+
+    @property
+    def made_worse(self) -> bool:
+        """Whether the calibration spoils windows that it was not fitted to: the errors are not constant."""
+        return _made_worse(self.uncorrected, self.corrected, self.autopilot)
+
+    @cached_property
+    def _calibrated(self) -> tuple[Calibration | None, Drift | None, Drift | None]:
+        """The calibration, and the drift of windows that it was not fitted to without and with it."""
+        own = self.comparison
+        judged = windows(own, _JUDGED_S)
+        if len(judged.start) < _FEWEST_WINDOWS:
+            return None, None, None
+
+        def fitted(half: Half | None = None) -> Calibration | None:
+            return calibrate(own, self.figures, self.autopilot, horizon=_JUDGED_S, half=half)
+
+        try:
+            whole, part = fitted(), fitted("even")
+        except np.linalg.LinAlgError:  # the flight does not determine what is asked of it
+            return None, None, None
+        if part is None or min(part.windows, len(judged.every_other("odd").start)) < _FEWEST_WINDOWS:
+            return whole, None, None
+        return whole, _held_out(own), _held_out(own.of(part.correction.apply(own.track)))
 
 
 def assess(
@@ -101,22 +142,11 @@ def assess(
     """Everything about one IMU of a flight. Raises as `drift` does."""
     autopilot = autopilot or ReferenceFigures()
     track = correction.apply(flight.imu(imu))
-
-    def compare_with(changed: ImuTrack) -> Comparison:
-        return compare(flight, track=changed, how=how)
-
-    comparison = compare_with(track)
+    comparison = compare(flight, track=track, how=how)
     judged = windows(comparison, _JUDGED_S)
     noise = _noise(comparison, judged)
-    sets = [windows(comparison, horizon) for horizon in horizons]
+    sets = tuple(windows(comparison, horizon) for horizon in horizons)
     allowed = _expected(comparison, judged, figures, autopilot)
-    calibration = before = after = None
-    if len(judged.start) >= _FEWEST_WINDOWS:
-        calibration = calibrate(track, compare_with, figures, autopilot, horizon=_JUDGED_S)
-        half = calibrate(track, compare_with, figures, autopilot, horizon=_JUDGED_S, half="even")
-        if half is not None and min(half.windows, len(judged.every_other("odd").start)) >= _FEWEST_WINDOWS:
-            before = _held_out(comparison)
-            after = _held_out(compare_with(half.correction.apply(track)))
     sampling = allowed.shares["attitude"]["sampling"] if allowed else 0.0
     faults = reading_faults(flight, comparison, figures, autopilot)
     parts = phases(flight)
@@ -126,31 +156,26 @@ def assess(
     own = replace(flight, imus={**flight.imus, track.source: track})
     best, misread = _best(own, track.source, how.gravity, faults, lost, enough=len(judged.start) >= _FEWEST_WINDOWS)
     faults += misread
-    found, clean = findings(flight, comparison, sampling, compare_with, figures, noise, autopilot, faults, best)
+    found, clean = findings(flight, comparison, sampling, figures, noise, autopilot, faults, best)
     if lost is not None:
         found = by_severity((_control_lost(lost), *(f for f in found if f.start_s < lost.start)))
     third = best if best is not None and _independent(best) else None
     usual = figures if third is None else in_flight(figures, third)
     if third is not None:
-        clean = compare_with(_unbiased(clean.track, third))
+        clean = comparison.of(_unbiased(clean.track, third))
     judged = _while_judged(windows(clean, _JUDGED_S), clean.track.t, parts)
-    allowed = _expected(clean, judged, usual, autopilot)
     return Assessment(
         comparison=comparison,
+        sets=sets,
         drift=drift_over(comparison, sets),
-        expected=tuple(_expected(comparison, chosen, figures, autopilot) for chosen in sets),
         figures=figures,
         autopilot=autopilot,
         measured_noise=noise,
         rests=rests(flight, track, figures),
         autopilot_bias=autopilot_bias(flight, track),
-        calibration=calibration,
-        corrected=after,
-        uncorrected=before,
-        verdict=_verdict(judged, allowed, found, third),
+        verdict=_verdict(judged, _expected(clean, judged, usual, autopilot), found, third),
         best=best,
         sensitivity=sensitivity(best),
-        made_worse=_made_worse(before, after, autopilot),
     )
 
 

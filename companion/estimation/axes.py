@@ -22,6 +22,7 @@ from companion.strapdown import preintegrate, quaternion
 _FOLLOWED = 0.7  # of what an axis reads: right axes are followed by 0.8 and more, mirrored and exchanged ones by less
 _HEARD = 2.0  # times its noise, as learned or as its samples scatter by, whichever is less
 _FEW = 30  # intervals, from which on something can be said of them
+_WORTHWHILE = 1.3  # times less noise if these axes were not off at all: what they spoil on the others comes on top
 _LONGEST_S = 100.0  # that is read otherwise: a wrong axis is wrong all the time
 _BEYOND = 8.0  # times what the readings scatter by: more is learned of no sensor whose axes are right
 _CLEARLY = 2.0  # times less noise, in every interval and on every axis: chance has no part in it
@@ -114,7 +115,7 @@ def other_reading(
     the axes alone that are not; of a long flight the part is taken in which they are followed least.
     """
     gyro, accel = (part < _FOLLOWED for part in followed(best))
-    if not (gyro.any() or accel.any()):
+    if not (gyro.any() or accel.any()) or not (contradicted(best) or _spared(best, gyro, accel) > _WORTHWHILE):
         return None
     ways = {words: turn for words, turn in WAYS.items() if _touches(turn[0], gyro) or _touches(turn[1], accel)}
     part = _least_followed(best) if best.t[-1] - best.t[0] > _LONGEST_S else span
@@ -137,6 +138,15 @@ def other_reading(
     words = min(noise, key=lambda name: noise[name])
     fits = as_it_is / noise[words]
     return Reading(words, fits) if np.isfinite(as_it_is) and fits > _CLEARLY else None
+
+
+def _spared(best: BestEstimate, gyro: npt.NDArray[np.bool_], accel: npt.NDArray[np.bool_]) -> float:
+    """How many times less noise both sensors would need at best, if the axes named (3,) were not off at all."""
+    ratio = 1.0
+    for (moved, read), axes in zip(_moved(best), (gyro, accel), strict=True):
+        off = ((moved - read) ** 2).sum(axis=0)
+        ratio *= float(off.sum() / max(off[~axes].sum(), 1e-9 * off.sum(), 1e-300))
+    return float(ratio**0.25)
 
 
 def _touches(turn: Array, axes: npt.NDArray[np.bool_]) -> bool:

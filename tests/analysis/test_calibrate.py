@@ -25,7 +25,7 @@ def lively() -> Motion:
 
 def fit(motion: Motion, track: ImuTrack, figures: ReferenceFigures = CLOSE, **options: Any) -> Calibration:
     flight = flight_of(motion)
-    found = calibrate(track, lambda t: compare(flight, track=t), GENERIC, figures, **options)
+    found = calibrate(compare(flight, track=track), GENERIC, figures, **options)
     assert found
     return found
 
@@ -163,4 +163,4 @@ def test_the_correction_holds_on_windows_that_were_not_fitted() -> None:
 def test_no_window_no_calibration() -> None:
     motion = motions.rest(seconds(3, 100))
     flight = flight_of(motion)
-    assert calibrate(motion.imu, lambda t: compare(flight, track=t), GENERIC, CLOSE) is None
+    assert calibrate(compare(flight, track=motion.imu), GENERIC, CLOSE) is None

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from companion.analysis.attribution import departures, episodes, findings_of
-from companion.analysis.calibrate import Compare
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding, by_severity, setting
@@ -41,7 +40,6 @@ def findings(
     flight: Flight,
     comparison: Comparison,
     sampling_share: float,
-    compare_with: Compare,
     figures: ImuFigures,
     noise: tuple[float, float] | None,
     autopilot: ReferenceFigures,
@@ -65,7 +63,7 @@ def findings(
     clean = comparison
     if fitted is not None and fitted.moved:
         found += _installed(flight, comparison, fitted)
-        clean = level(comparison, fitted, compare_with)
+        clean = level(comparison, fitted)
     if best is not None:
         limits = comparison.how.limits
         found += findings_of(episodes(best), departures(flight, best, limits), best)

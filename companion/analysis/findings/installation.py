@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.analysis.budget import ATTITUDE, VELOCITY, turn_jacobian
-from companion.analysis.calibrate import Compare, lever_jacobian
+from companion.analysis.calibrate import lever_jacobian
 from companion.analysis.comparison import Comparison
 from companion.analysis.correction import Correction
 from companion.analysis.figures import ImuFigures, ReferenceFigures
@@ -70,10 +70,10 @@ def installation(
     return Installation(mounting, fit.sigma[part], lag, lag_sigma, lever, lever_sigma)
 
 
-def level(comparison: Comparison, found: Installation, compare_with: Compare) -> Comparison:
+def level(comparison: Comparison, found: Installation) -> Comparison:
     """The comparison with the installation taken out: the IMU turned, in time and at the body's origin."""
     correction = Correction(mounting=found.mounting, time_offset=found.lag, lever_arm=found.lever)
-    return compare_with(correction.apply(comparison.track))
+    return comparison.of(correction.apply(comparison.track))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
