@@ -1,6 +1,7 @@
 """Holds the IMU's reckoning against the autopilot's estimate. Pure: imports tracks and strapdown."""
 
 from companion.analysis.alignment import Alignment, Later, align
+from companion.analysis.assessment import Assessment, assess
 from companion.analysis.autopilot_bias import AutopilotBias, autopilot_bias
 from companion.analysis.autopilot_error import AutopilotError, autopilot_error
 from companion.analysis.calibrate import Calibration, calibrate
@@ -10,6 +11,7 @@ from companion.analysis.contrast import Change, Contrast, FigureChange, contrast
 from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correction
 from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, drift, drift_of
 from companion.analysis.envelope import Expectation, expected_since_anchor
+from companion.analysis.expected import Expected
 from companion.analysis.figures import GENERIC, ImuFigures, ReferenceFigures, SensorFigures
 from companion.analysis.finding import Cause, Finding, by_severity
 from companion.analysis.findings import rate_warning
@@ -28,7 +30,7 @@ from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift
 from companion.analysis.sensitivity import Sensitivity
 from companion.analysis.siblings import Sibling, odd_one_out, siblings
-from companion.analysis.verdict import Assessment, Expected, Verdict, assess
+from companion.analysis.verdict import Verdict
 
 __all__ = [
     "GENERIC",

@@ -69,7 +69,7 @@ def calibrate(
     half: Half | None = None,
     iterations: int = 8,
 ) -> Calibration | None:
-    """Fit the errors of the IMU of a comparison to windows of `horizon` seconds, or to half of them. None without windows."""
+    """Fit the errors of the IMU to windows of `horizon` seconds, or to half of them. None without windows."""
     prior = _prior(imu, autopilot)
     track = own.track
     values = np.zeros(_COUNT)

@@ -8,13 +8,14 @@ from typing import Literal
 
 import numpy as np
 
+from companion.analysis.assessment import Assessment
 from companion.analysis.compare import length
 from companion.analysis.comparison import IntArray
 from companion.analysis.correction import NAMES
 from companion.analysis.drift import DriftRow
+from companion.analysis.expected import Expected
 from companion.analysis.finding import Finding
 from companion.analysis.ranks import shift
-from companion.analysis.verdict import Assessment, Expected
 from companion.model import Array, nearest
 
 QUANTITIES = ("attitude", "velocity", "position")

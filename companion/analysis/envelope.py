@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.analysis.assessment import Assessment
 from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget
 from companion.analysis.comparison import Windows
 from companion.analysis.replay import Replay
-from companion.analysis.verdict import Assessment
 from companion.model import Array, nearest
 
 _POINTS = 2400

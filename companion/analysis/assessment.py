@@ -1,0 +1,255 @@
+"""One IMU of a flight: everything that the analysis says about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from companion.analysis.autopilot_bias import AutopilotBias, autopilot_bias
+from companion.analysis.budget import (
+    window_noise,
+)
+from companion.analysis.calibrate import Calibration, calibrate
+from companion.analysis.comparison import Comparison, Half, Windows, compare, windows
+from companion.analysis.correction import NO_CORRECTION, Correction
+from companion.analysis.drift import HORIZONS_S, Drift, drift_over
+from companion.analysis.expected import Expected, expected_over
+from companion.analysis.figures import ImuFigures, ReferenceFigures, SensorFigures
+from companion.analysis.finding import Finding, by_severity
+from companion.analysis.findings import findings, reading_faults
+from companion.analysis.findings.axes import misread_finding
+from companion.analysis.integration import DEFAULT, Integration
+from companion.analysis.phases import phases
+from companion.analysis.rest import Rest, rests
+from companion.analysis.sensitivity import Sensitivity, sensitivity
+from companion.analysis.verdict import FEWEST_WINDOWS, JUDGED_S, Verdict, decide
+from companion.estimation import BestEstimate, other_reading, smooth
+from companion.model import Array, DataError, Flight, ImuTrack, Phase
+
+_SHOWN = 3.0  # σ
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """One IMU of a flight: drift, what it should be, calibration, verdict."""
+
+    comparison: Comparison  # of the IMU as it was judged, corrected if that was asked for
+    sets: tuple[Windows, ...]  # one for each row of the drift
+    drift: Drift
+    figures: ImuFigures
+    autopilot: ReferenceFigures
+    measured_noise: tuple[float, float] | None  # rad/s/√Hz, m/s²/√Hz in flight
+    rests: tuple[Rest, ...]  # where the vehicle stood still
+    autopilot_bias: AutopilotBias | None  # the gyro bias that the autopilot believes in
+    verdict: Verdict
+    best: BestEstimate | None  # the third opinion; None where the flight allows none
+    sensitivity: Sensitivity  # what the flight could have shown
+
+    @cached_property
+    def expected(self) -> tuple[Expected | None, ...]:
+        """One for each row of the drift; None without windows."""
+        return tuple(expected_over(self.comparison, chosen, self.figures, self.autopilot) for chosen in self.sets)
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """What the windows of the flight say of the IMU's errors."""
+        return self._calibrated[0]
+
+    @property
+    def corrected(self) -> Drift | None:
+        """The drift with the calibration, on the windows that it was not fitted to."""
+        return self._calibrated[2]
+
+    @property
+    def uncorrected(self) -> Drift | None:
+        """The same windows without it."""
+        return self._calibrated[1]
+
+    @property
+    def made_worse(self) -> bool:
+        """Whether the calibration spoils windows that it was not fitted to: the errors are not constant."""
+        return _made_worse(self.uncorrected, self.corrected, self.autopilot)
+
+    @cached_property
+    def _calibrated(self) -> tuple[Calibration | None, Drift | None, Drift | None]:
+        """The calibration, and the drift of windows that it was not fitted to without and with it."""
+        own = self.comparison
+        judged = windows(own, JUDGED_S)
+        if len(judged.start) < FEWEST_WINDOWS:
+            return None, None, None
+
+        def fitted(half: Half | None = None) -> Calibration | None:
+            return calibrate(own, self.figures, self.autopilot, horizon=JUDGED_S, half=half)
+
+        try:
+            whole, part = fitted(), fitted("even")
+        except np.linalg.LinAlgError:  # the flight does not determine what is asked of it
+            return None, None, None
+        if part is None or min(part.windows, len(judged.every_other("odd").start)) < FEWEST_WINDOWS:
+            return whole, None, None
+        return whole, _held_out(own), _held_out(own.of(part.correction.apply(own.track)))
+
+
+def assess(
+    flight: Flight,
+    figures: ImuFigures,
+    *,
+    autopilot: ReferenceFigures | None = None,
+    horizons: Sequence[float] = HORIZONS_S,
+    imu: str | None = None,
+    how: Integration = DEFAULT,
+    correction: Correction = NO_CORRECTION,
+) -> Assessment:
+    """Everything about one IMU of a flight. Raises as `drift` does."""
+    autopilot = autopilot or ReferenceFigures()
+    track = correction.apply(flight.imu(imu))
+    comparison = compare(flight, track=track, how=how)
+    judged = windows(comparison, JUDGED_S)
+    noise = _noise(comparison, judged)
+    sets = tuple(windows(comparison, horizon) for horizon in horizons)
+    allowed = expected_over(comparison, judged, figures, autopilot)
+    sampling = allowed.shares["attitude"]["sampling"] if allowed else 0.0
+    faults = reading_faults(flight, comparison, figures, autopilot)
+    parts = phases(flight)
+    lost = next((part for part in parts if part.kind == "impact"), None)
+    if lost is not None:
+        faults = [f for f in faults if f.start_s < lost.start]
+    own = replace(flight, imus={**flight.imus, track.source: track})
+    best, misread = _best(own, track.source, how.gravity, faults, lost, enough=len(judged.start) >= FEWEST_WINDOWS)
+    faults += misread
+    found, clean = findings(flight, comparison, sampling, figures, noise, autopilot, faults, best)
+    if lost is not None:
+        found = by_severity((_control_lost(lost), *(f for f in found if f.start_s < lost.start)))
+    third = best if best is not None and _independent(best) else None
+    usual = figures if third is None else in_flight(figures, third)
+    if third is not None:
+        clean = comparison.of(_unbiased(clean.track, third))
+    judged = _while_judged(windows(clean, JUDGED_S), clean.track.t, parts)
+    return Assessment(
+        comparison=comparison,
+        sets=sets,
+        drift=drift_over(comparison, sets),
+        figures=figures,
+        autopilot=autopilot,
+        measured_noise=noise,
+        rests=rests(flight, track, figures),
+        autopilot_bias=autopilot_bias(flight, track),
+        verdict=decide(judged, expected_over(clean, judged, usual, autopilot), found, third),
+        best=best,
+        sensitivity=sensitivity(best),
+    )
+
+
+def _made_worse(before: Drift | None, after: Drift | None, autopilot: ReferenceFigures) -> bool:
+    """Twice as far off, and further than what the autopilot itself may be off at the two ends of a window."""
+    if before is None or after is None:
+        return False
+    ends = np.sqrt(2.0 * 3.0)  # both, three axes
+    pairs = (
+        (before.rows[0].attitude_deg, after.rows[0].attitude_deg, np.degrees(autopilot.attitude_noise) * ends),
+        (before.rows[0].position_m, after.rows[0].position_m, autopilot.position * ends),
+    )
+    return any(b is not None and a is not None and a.median > max(2 * b.median, least) for b, a, least in pairs)
+
+
+def _noise(comparison: Comparison, judged: Windows) -> tuple[float, float] | None:
+    """White-noise densities of gyro and accelerometer as they are in flight, median over windows."""
+    if not len(judged.start):
+        return None
+    gyro, accel = np.median(window_noise(comparison.track, judged), axis=0)
+    return float(gyro), float(accel)
+
+
+def _held_out(comparison: Comparison) -> Drift:
+    """The drift over every other window, those that a fit to the rest has not seen."""
+    return drift_over(comparison, [replace(windows(comparison, JUDGED_S).every_other("odd"), excluded={})])
+
+
+def _control_lost(lost: Phase) -> Finding:
+    return Finding(
+        "control_lost",
+        "data",
+        "warning",
+        lost.start,
+        lost.end,
+        f"control was lost at {lost.start:.1f} s ({lost.reason}); nothing after it is judged",
+        "Look at motors, propellers and the desired attitude before it: a vehicle that tumbles misleads every sensor.",
+    )
+
+
+_UNTRUSTED = ("frozen", "stuck_axis", "gyro_clipping", "accel_clipping")
+
+
+def _best(
+    flight: Flight, imu: str, gravity: float, faults: Sequence[Finding], lost: Phase | None, *, enough: bool
+) -> tuple[BestEstimate | None, list[Finding]]:
+    """The best estimate, with the IMU's readings left out where they are none; None where there can be none.
+
+    And whether another way to read the axes fits far better, of a flight in control that is long enough.
+    lost: from when on nothing is judged.
+    """
+    untrusted = [(f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED]
+    span = None if lost is None else (-np.inf, lost.start)
+    try:
+        best = smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted)
+    except DataError:
+        return None, []
+    if lost is not None or not enough or not _independent(best) or any(f.kind == "axes_wrong" for f in faults):
+        return best, []
+    other = other_reading(flight, best, gravity=gravity, span=span, untrusted=untrusted)
+    return best, [] if other is None else [misread_finding(flight.imu(imu), other)]
+
+
+def _while_judged(chosen: Windows, t: Array, parts: Sequence[Phase]) -> Windows:
+    """The windows in which the estimator has aligned and the vehicle is in control."""
+    out = np.zeros(len(chosen.start), np.bool_)
+    for part in parts:
+        if part.kind in ("aligning", "impact"):
+            out |= (t[chosen.start] < part.end) & (t[chosen.end] > part.start)
+    if not out.any():
+        return chosen
+    reasons = {**chosen.excluded, "while the estimator aligned or control was lost": int(out.sum())}
+    kept = ~out
+    return replace(chosen, start=chosen.start[kept], end=chosen.end[kept], number=chosen.number[kept], excluded=reasons)
+
+
+def _independent(best: BestEstimate) -> bool:
+    """Whether anything but the IMU told the estimate of its turns.
+
+    Without it a bias that steps is learned as noise, and nothing would contradict.
+    """
+    return not {"gps_position", "compass"}.isdisjoint(best.residuals)
+
+
+def in_flight(figures: ImuFigures, best: BestEstimate) -> ImuFigures:
+    """The part's figures with the noise that it has in this flight, over seconds, and what is not known of its bias.
+
+    A bias that stands out of its σ is one that the flight shows: what is left beside it has to be as small as usual.
+    """
+
+    def widened(part: SensorFigures, noise: float, bias: Array, sigma: Array) -> SensorFigures:
+        shown = (np.abs(np.median(bias, axis=0)) > _SHOWN * np.median(sigma, axis=0)).any()
+        unknown = 0.0 if shown else float(np.sqrt((np.median(sigma, axis=0) ** 2).mean()))
+        return replace(
+            part, noise_density=max(part.noise_density, noise), residual_bias=max(part.residual_bias, unknown)
+        )
+
+    noise, lasting, states = best.noise, best.lasting, best.states
+    return replace(
+        figures,
+        gyro=widened(figures.gyro, noise.gyro_noise * lasting[0], states.gyro_bias, best.gyro_bias_sigma),
+        accel=widened(figures.accel, noise.accel_noise * lasting[1], states.accel_bias, best.accel_bias_sigma),
+    )
+
+
+def _unbiased(track: ImuTrack, best: BestEstimate) -> ImuTrack:
+    """The track without the usual bias of the best estimate: one that the autopilot knows and removes is no fault."""
+    states = best.states
+    return replace(
+        track,
+        gyro=track.gyro - np.median(states.gyro_bias, axis=0),
+        accel=track.accel - np.median(states.accel_bias, axis=0),
+    )
