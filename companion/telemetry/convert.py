@@ -29,9 +29,8 @@ from companion.telemetry.parameters import out_of_range
 from companion.telemetry.units import SI
 from companion.telemetry.words import words
 
-IMU_MESSAGES = ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU")
-
-_INSTANCE = {"SCALED_IMU2": 1, "SCALED_IMU3": 2}
+IMU_MESSAGES = {"RAW_IMU": 0, "SCALED_IMU": 0, "SCALED_IMU2": 1, "SCALED_IMU3": 2, "HIGHRES_IMU": 0}
+"""Messages of an IMU and its magnetometer → which IMU; HIGHRES_IMU says it itself where it is another."""
 
 _BLOCK = 8192  # samples
 _ASTRAY, _ASTRAY_TIMES = 10.0, 10.0  # m or m/s
@@ -53,7 +52,7 @@ def imu_track(messages: Messages, t: Array, *, dequantise: bool = False) -> tupl
     good = np.isfinite(t)
     if not gyro_step:  # whole numbers are finite
         good &= (np.abs(gyro) < _MOST).all(axis=1) & (np.abs(accel) < _MOST).all(axis=1)
-    instance = _INSTANCE.get(name, 0)
+    instance = IMU_MESSAGES[name]
     if name == "HIGHRES_IMU":
         ids, counts = np.unique(messages["id"], return_counts=True)
         instance = int(ids[np.argmax(counts)])

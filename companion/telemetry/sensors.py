@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from companion.mavlink import Messages
 from companion.model import Array, Series
+from companion.telemetry.convert import IMU_MESSAGES
 from companion.telemetry.series import Fields, Found, Raw, find, series_of
 
 _COMPASS: Fields = {f"{axis}_tesla": (f"{axis}mag", "mgauss") for axis in "xyz"}
@@ -108,7 +109,6 @@ class Source:
     instance: int = 0  # which sensor of its kind: of IMU and compass the message has one each
 
 
-_IMUS = {"RAW_IMU": 0, "SCALED_IMU": 0, "SCALED_IMU2": 1, "SCALED_IMU3": 2, "HIGHRES_IMU": 0}
 _SOURCES = (
     Source("VIBRATION", "vibration", _VIBRATION),
     Source("SCALED_PRESSURE", "barometer", _BAROMETER),
@@ -116,8 +116,8 @@ _SOURCES = (
     Source("SCALED_PRESSURE3", "barometer", _BAROMETER, instance=2),
     Source("GPS_RAW_INT", "gps", _GPS),
     Source("GPS2_RAW", "gps", _GPS, instance=1),
-    *(Source(name, "magnetometer", _COMPASS, instance) for name, instance in _IMUS.items()),
-    *(Source(name, "temperature", _THERMOMETER, instance) for name, instance in _IMUS.items()),
+    *(Source(name, "magnetometer", _COMPASS, instance) for name, instance in IMU_MESSAGES.items()),
+    *(Source(name, "temperature", _THERMOMETER, instance) for name, instance in IMU_MESSAGES.items()),
     Source("EKF_STATUS_REPORT", "estimator", _EKF_STATUS_REPORT),
     Source("ESTIMATOR_STATUS", "estimator", _ESTIMATOR_STATUS),
     Source("ESTIMATOR_STATUS", "accuracy", _ESTIMATOR_ACCURACY),

@@ -13,13 +13,13 @@ import numpy as np
 from companion.mavlink import Dialect, Messages
 from companion.model import Vehicle
 from companion.telemetry.clock import UNIX_S, Clock, device_time, reboots, sender_clock, stale_start, steps_back
+from companion.telemetry.convert import IMU_MESSAGES
 from companion.telemetry.timestamps import ON_LINK, left_out, off_course
 
 Sender = dict[str, Messages]
 
 _STATE_MESSAGES = {
-    "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU", "ATTITUDE", "ATTITUDE_QUATERNION",
-    "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT",
+    *IMU_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT",
 }  # fmt: skip
 _VEHICLE_MESSAGES = _STATE_MESSAGES | {"SYS_STATUS", "VFR_HUD", "PARAM_VALUE", "EXTENDED_SYS_STATE"}
 

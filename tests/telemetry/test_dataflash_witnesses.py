@@ -16,7 +16,7 @@ from pymavlink.DFReader import DFReader_binary
 
 import companion as c
 from companion.model import Flight
-from tests.recordings import shared
+from tests.recordings import recording, shared
 
 pytestmark = pytest.mark.slow
 
@@ -27,6 +27,7 @@ REAL = (
     "real/lacondro__drone_logbook__log_0_2026-6-12-11-09-06.bin",
 )
 TAKEOFF = "copter-takeoff.bin.xz"  # the first 700 kB of the first of the simulated ones: it comes with the tests
+CUTS = ("cut/dataflash/sitl__copter-demo.BIN", "cut/dataflash/sitl__copter-imu1-fail.BIN")  # these come with them too
 FAULTS = ("ap_witness/gyro1_z_15mrad.BIN.xz", "ap_faults/gyrbias_z.bin.xz")
 SIMULATED = ("dataflash/sitl__copter-hover-nodrift.BIN", "dataflash/sitl__copter-imu1-fail.BIN")
 
@@ -35,6 +36,8 @@ Values = npt.NDArray[np.float64]
 
 @cache
 def unpacked(name: str) -> Path:
+    if name.startswith("cut/"):
+        return recording(name.removeprefix("cut/"))
     path = Path(__file__).parent.parent / "data" / name if name == TAKEOFF else shared(name)
     if path.suffix != ".xz":
         return path
@@ -64,7 +67,7 @@ def flight_of(name: str) -> Flight:
     return flight
 
 
-@pytest.mark.parametrize("name", [TAKEOFF, *REAL, *SIMULATED, *FAULTS])
+@pytest.mark.parametrize("name", [TAKEOFF, *CUTS, *REAL, *SIMULATED, *FAULTS])
 def test_receivers_are_what_pymavlink_reads(name: str) -> None:
     flight, theirs = flight_of(name), read_with_pymavlink(name)
     assert flight.gps
@@ -94,7 +97,7 @@ def test_receivers_are_what_pymavlink_reads(name: str) -> None:
         np.testing.assert_allclose(track.t, columns(accuracies, "SMS")[:, 0] * 1e-3)
 
 
-@pytest.mark.parametrize("name", [TAKEOFF, *REAL, *SIMULATED, *FAULTS])
+@pytest.mark.parametrize("name", [TAKEOFF, *CUTS, *REAL, *SIMULATED, *FAULTS])
 def test_compasses_and_barometers_are_what_pymavlink_reads(name: str) -> None:
     flight, theirs = flight_of(name), read_with_pymavlink(name)
     assert flight.compasses
@@ -113,7 +116,7 @@ def test_compasses_and_barometers_are_what_pymavlink_reads(name: str) -> None:
         np.testing.assert_array_equal(barometer.temperature, temperature[near])
 
 
-@pytest.mark.parametrize("name", [TAKEOFF, *REAL, *SIMULATED, *FAULTS])
+@pytest.mark.parametrize("name", [TAKEOFF, *CUTS, *REAL, *SIMULATED, *FAULTS])
 def test_biases_and_the_selected_imu_are_what_pymavlink_reads(name: str) -> None:
     flight, theirs = flight_of(name), read_with_pymavlink(name)
     assert flight.biases
@@ -132,7 +135,7 @@ def test_biases_and_the_selected_imu_are_what_pymavlink_reads(name: str) -> None
     assert [flight.imu_in_use.at(t * 1e-6) for t, _ in primary] == primary[:, 1].tolist()
 
 
-@pytest.mark.parametrize("name", [TAKEOFF, *SIMULATED])
+@pytest.mark.parametrize("name", [TAKEOFF, *CUTS, *SIMULATED])
 def test_the_sensors_in_use_are_what_pymavlink_reads(name: str) -> None:
     flight, theirs = flight_of(name), read_with_pymavlink(name)
     own = [core for core in theirs if core.startswith("XKFS") and core.endswith(f"[{flight.biases[0].core}]")]

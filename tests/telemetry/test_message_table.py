@@ -1,4 +1,4 @@
-"""The table of what each MAVLink message says: a row that is incomplete, or not documented, fails here."""
+"""The tables of what each message and record says: a row that is incomplete, or not documented, fails here."""
 
 from __future__ import annotations
 
@@ -7,6 +7,10 @@ import re
 import pytest
 
 from companion.mavlink import load_dialect
+from companion.telemetry.convert import IMU_MESSAGES
+from companion.telemetry.dataflash import RECORDS
+from companion.telemetry.dataflash.sensors import SOURCES, RecordSource
+from companion.telemetry.flights import NEEDED
 from companion.telemetry.sensors import _SOURCES, Source  # the table itself
 from companion.telemetry.series import COLUMNS
 from companion.telemetry.units import SI
@@ -50,3 +54,33 @@ def test_the_columns_are_those_of_the_kind(row: Source) -> None:
 def test_no_two_rows_say_the_same() -> None:
     told = [(row.message, row.kind) for row in _SOURCES]
     assert len(told) == len(set(told))
+
+
+RECORD_ROWS = pytest.mark.parametrize("row", SOURCES, ids=lambda row: f"{row.names[0]}-{row.kind}")
+
+
+@RECORD_ROWS
+def test_a_record_s_columns_are_those_of_its_kind_in_known_units(row: RecordSource) -> None:
+    assert row.fields.keys() <= set(COLUMNS[row.kind])
+    for column, (_, unit) in row.fields.items():
+        assert unit in SI, (column, unit)
+        measured = re.search(r"_(rad|radps|m|mps|mps2|pa|degc|tesla)$", column)
+        assert not measured or unit, f"{column} has no unit where the log states none"
+
+
+@RECORD_ROWS
+def test_a_record_is_read_and_documented(row: RecordSource) -> None:
+    assert set(row.names) <= RECORDS
+    assert row.names[0] in DOCUMENTED, f"docs/messages.md says nothing of {row.names[0]}"
+    assert f"`{row.kind}" in DOCUMENTED, f"docs/messages.md says nothing of {row.kind!r}"
+
+
+@pytest.mark.parametrize("name", IMU_MESSAGES)
+def test_an_imu_message_is_read_whole_and_documented(name: str) -> None:
+    layout = DIALECT.by_name[name]
+    axes = {f"{axis}{what}" for axis in "xyz" for what in ("acc", "gyro", "mag")}
+    assert axes <= set(layout.fields)
+    assert {"time_usec", "time_boot_ms"} & set(layout.fields)
+    assert name in NEEDED
+    assert any(row.message == name and row.kind == "magnetometer" for row in _SOURCES)
+    assert name.rstrip("23") in DOCUMENTED

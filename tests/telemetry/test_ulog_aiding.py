@@ -14,14 +14,19 @@ import pytest
 import companion as c
 from companion.model import Array
 from companion.strapdown import preintegrate, quaternion
-from tests.recordings import SHARED, shared
+from tests.recordings import SHARED, recording
 
 pytestmark = pytest.mark.slow
 
 CUT = Path(__file__).parent / "logs" / "px4_two_imus.ulg.xz"
 """Six seconds of px4_faults/q_two_imu: two IMUs, the second one selected."""
 
-LOGS = [CUT, *sorted(p for p in SHARED.rglob("*") if p.name.endswith((".ulg", ".ulg.xz")))]
+STEP = CUT.with_name("px4_accel_step.ulg.xz")
+"""Three seconds of px4_faults/q_accel_step, with the step, and the topics that are compared here."""
+
+DEFAULT = Path(__file__).parent.parent / "data" / "px4__px4_gcs_default.ulg.xz"
+
+LOGS = [CUT, STEP, DEFAULT, *sorted(p for p in SHARED.rglob("*") if p.name.endswith((".ulg", ".ulg.xz")))]
 
 Topics = dict[str, dict[str, Any]]
 
@@ -174,7 +179,7 @@ def test_resets_are_counted_as_the_log_counts_them(log: tuple[c.Flight, Topics])
 def test_increments_of_vehicle_imu_and_sensor_combined_turn_alike(name: str) -> None:
     """Logged at the full rate both are the same integrals: after minutes the attitudes are within rounding."""
     pytest.importorskip("pyulog")
-    (flight,) = c.open_log(shared(name))
+    (flight,) = c.open_log(recording(name))
     own, combined = (preintegrate(flight.imus[of]) for of in ("vehicle_imu", "sensor_combined"))
     np.testing.assert_array_equal(own.t, combined.t)
     apart = quaternion.log(quaternion.multiply(quaternion.conjugate(own.q), combined.q))
