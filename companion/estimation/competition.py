@@ -91,11 +91,11 @@ def choose(problem: Problem, solution: Solution) -> Choice | None:
 
 def _net(one: Candidate) -> float:
     """Twice the logarithm of the likelihood ratio at the best times, what choosing those costs paid."""
-    return float(one.gain.max()) - _price(one.shape)
+    return float(one.gain.max()) - _price(one.kind, one.shape)
 
 
-def _price(shape: str) -> float:
-    return _ONSET_PRICE + (_END_PRICE if shape in ENDING else 0.0)
+def _price(kind: Kind, shape: str) -> float:
+    return _ONSET_PRICE + (_END_PRICE if shape in ENDING else 0.0) + kind.rarity
 
 
 def promising(choice: Choice) -> tuple[str, ...]:
@@ -112,7 +112,7 @@ def gain_beside(choice: Choice, problem: Problem, solution: Solution, prior: Pri
     last = slice(len(solution.c) - signature.unknowns, None)
     size, known = solution.c[last], np.linalg.inv(solution.constants_covariance[last, last])
     paid = float(np.linalg.slogdet(known)[1] + 2.0 * np.log(prior.constants_sigma[last]).sum())
-    return float(size @ known @ size) - paid - _price(choice.shape)
+    return float(size @ known @ size) - paid - _price(choice.kind, choice.shape)
 
 
 def unrest(choice: Choice, problem: Problem, solution: Solution) -> float:

@@ -17,6 +17,7 @@ from companion.estimation.system import Measurement, Motion
 from companion.model import Array
 from companion.strapdown import quaternion
 
+_SHOCK = 10.0  # what an IMU misses in a moment it otherwise shows: a hole, readings at their end, vibration
 _LIVELY = {GYRO_BIAS.start: 0.2, ACCEL_BIAS.start: 1.5}  # rad/s, m/s², root mean square
 
 
@@ -63,6 +64,7 @@ class Kind:
     signature: Callable[[Problem], Signature | None]
     needs: str = ""  # the witness without which nothing can be said of it
     least_slow: float = 0.0  # the same of a ramp or creep, where that is more
+    rarity: float = 0.0  # twice the logarithm of how much more seldom it is than the others
     summed: tuple[str, ...] = ()  # witnesses that read the integral of what the others read
 
     def least_of(self, shape: str) -> float:
@@ -169,8 +171,8 @@ KINDS: tuple[Kind, ...] = (
     Kind("accel_bias", "imu", "m/s²", ("step", "ramp", "pulse"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position"),
     Kind("gyro_scale", "imu", "", ("step",), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position"),
     Kind("accel_scale", "imu", "", ("step",), 0.3, 0.02, _scale(ACCEL_BIAS), "gps_position"),
-    Kind("gyro_shock", "imu", "rad", ("shock",), 0.3, 0.035, _shock(ATTITUDE)),
-    Kind("accel_shock", "imu", "m/s", ("shock",), 5.0, 0.5, _shock(VELOCITY), "gps_position"),
+    Kind("gyro_shock", "imu", "rad", ("shock",), 0.3, 0.035, _shock(ATTITUDE), rarity=_SHOCK),
+    Kind("accel_shock", "imu", "m/s", ("shock",), 5.0, 0.5, _shock(VELOCITY), "gps_position", rarity=_SHOCK),
     # two fixes of a receiver of 2.5 m CEP, minutes apart, differ by less than 11 m in 99.9 % of cases; 3 σ in height
     Kind("gps_position", "gps", "m", ("step", "ramp", "pulse", "creep"), 50.0, 6.0, _shift("gps_position"),
          least_slow=11.0),
