@@ -208,15 +208,15 @@ def _creep(since: Array) -> Array:
 _MRAD, _PERCENT, _DEG = 1e-3, 1e-2, float(np.radians(1))
 
 FAULTS: tuple[Fault, ...] = (
-    Fault("gyro bias, step (z)", "imu", ("gyro_bias",), "mrad/s", (1, 3, 10, 30, 100), _MRAD, _gyro(_step(2))),
+    Fault("gyro bias, step (z)", "imu", ("gyro_bias",), "mrad/s", (3, 10, 30), _MRAD, _gyro(_step(2))),
     Fault("gyro bias, step (x)", "imu", ("gyro_bias",), "mrad/s", (3, 10, 30), _MRAD, _gyro(_step(0))),
     Fault("gyro bias, ramp of 40 s (x)", "imu", ("gyro_bias",), "mrad/s", (3, 10, 30), _MRAD, _gyro(_ramp(0))),
-    Fault("gyro scale", "imu", ("gyro_scale",), "%", (1, 3, 10, 30), _PERCENT, _gyro(_scaled)),
+    Fault("gyro scale", "imu", ("gyro_scale",), "%", (3, 10, 30), _PERCENT, _gyro(_scaled)),
     Fault("gyro axis stuck (x)", "imu", ("stuck",), "s", (2, 20), 1.0, _gyro(_stuck(0))),
     Fault("gyro sign (x)", "imu", ("axes",), "", (1,), 1.0, _gyro(_flipped(0)), throughout=True),
     Fault("gyro saturated", "imu", ("saturation",), "% of the largest", (25, 75), _PERCENT, _gyro(_clipped)),
-    Fault("accel. bias, step (x)", "imu", ("accel_bias",), "m/s²", (0.1, 0.3, 1, 3), 1.0, _accel(_step(0))),
-    Fault("accel. bias, step (z)", "imu", ("accel_bias",), "m/s²", (0.1, 0.3, 1), 1.0, _accel(_step(2))),
+    Fault("accel. bias, step (x)", "imu", ("accel_bias",), "m/s²", (0.15, 0.5, 1.5), 1.0, _accel(_step(0))),
+    Fault("accel. bias, step (z)", "imu", ("accel_bias",), "m/s²", (0.15, 0.5, 1.5), 1.0, _accel(_step(2))),
     Fault("accel. bias, ramp of 40 s (x)", "imu", ("accel_bias",), "m/s²", (0.3, 1, 3), 1.0, _accel(_ramp(0))),
     Fault("accel. scale", "imu", ("accel_scale", "accel_bias"), "%", (1, 4, 10), _PERCENT, _accel(_scaled)),
     Fault("accel. axis stuck (x)", "imu", ("stuck",), "s", (2, 20), 1.0, _accel(_stuck(0))),
@@ -224,7 +224,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("accel. saturated", "imu", ("saturation",), "% of the largest", (25, 60), _PERCENT, _accel(_clipped)),
     Fault("axes x and y swapped", "imu", ("axes",), "", (1,), 1.0, _swapped, throughout=True),
     Fault(
-        "heading steps", "autopilot", ("heading", "attitude"), "°", (3, 10, 30), _DEG,
+        "heading steps", "autopilot", ("heading", "attitude"), "°", (5, 15, 45), _DEG,
         _turned(lambda t, s: _about(2, _jump(t), s)), sensed=False,
     ),
     Fault(
@@ -235,14 +235,14 @@ FAULTS: tuple[Fault, ...] = (
         "attitude leans over within 10 s", "autopilot", ("tilt", "attitude"), "°", (1, 3, 10), _DEG,
         _turned(lambda t, s: _about(0, np.clip(t / _TURN_S, 0, 1), s)), sensed=False,
     ),
-    Fault("position jumps", "autopilot", ("position",), "m", (1, 3, 10, 30), 1.0, _moved(_jump), sensed=False),
+    Fault("position jumps", "autopilot", ("position",), "m", (3, 10, 30), 1.0, _moved(_jump), sensed=False),
     Fault(
-        "position creeps for 30 s", "autopilot", ("position",), "m/s", (0.1, 0.3, 1, 3), 1.0, _moved(_creep),
+        "position creeps for 30 s", "autopilot", ("position",), "m/s", (0.3, 1, 3), 1.0, _moved(_creep),
         sensed=False,
     ),
     Fault("estimate is late", "autopilot", ("latency", "attitude"), "ms", (50, 150, 400), 1e-3, _late, sensed=False),
     Fault("GPS jumps", "autopilot", ("position",), "m", (2, 10, 50), 1.0, _gps(_jump)),
-    Fault("GPS creeps for 30 s", "autopilot", ("position",), "m/s", (0.1, 0.3, 1, 3), 1.0, _gps(_creep)),
+    Fault("GPS creeps for 30 s", "autopilot", ("position",), "m/s", (0.3, 1, 3), 1.0, _gps(_creep)),
     Fault(
         "GPS creeps, its velocity too", "autopilot", ("position", "velocity"), "m/s", (0.3, 1, 3), 1.0,
         _gps(_creep, velocity=True),
