@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.analysis.attribution import departures, episodes, findings_of
+from companion.analysis.between_imus import parting_findings
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding, by_severity, setting
@@ -68,6 +69,7 @@ def findings(
         limits = comparison.how.limits
         found += findings_of(episodes(best), departures(flight, best, limits), best)
         found += known_biases(flight, best)
+        found += parting_findings(flight, comparison.track, best)
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
         found = [_sudden(f, jumps) for f in found]
         jumps = [_confirmed(f, found) for f in jumps]

@@ -1,0 +1,164 @@
+"""IMU against IMU: what changed between two of them in flight, and which of the two it was.
+
+Two IMUs of one vehicle feel the same motion but for the distance between them. The difference of their readings over
+seconds is the difference of their errors: one that changes at once belongs to one of them, whatever the vehicle does
+and however slowly one of them was logged. Which one, says the best estimate that was made with one of the two: where it
+had to explain nothing and would have shown a change of this size, it is the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.analysis.finding import Cause, Finding
+from companion.analysis.phases import phases
+from companion.estimation import BestEstimate, kind_of
+from companion.model import Array, Flight, ImuTrack
+
+_BLOCK_S = 2.0  # over which differences are averaged
+_FEWEST_READINGS, _FEWEST_BLOCKS = 3, 12
+_LEAST: Mapping[str, float] = {"gyro": 8e-3, "accel": 0.4}
+"""rad/s, m/s²: two healthy IMUs part by less in a flight, also where vibration shifts one of them."""
+
+_UNHEARD_S = 10.0
+_UNHEARD_S = 10.0  # after which one of them may have been calibrated anew
+_CERTAIN = 8.0  # σ of the difference
+_ABRUPT = 4.0  # times less is left of the difference's changes when one step is taken out
+
+
+@dataclass(frozen=True, slots=True)
+class Parting:
+    """A change of the difference between two IMUs."""
+
+    sensor: str  # "gyro", "accel"
+    axis: str  # that it is greatest on
+    onset: float  # s, boot clock
+    onset_sigma: float
+    size: Array  # (3,) rad/s or m/s² of the second less the first, after less before
+    sigma: float  # of its length
+
+
+def partings(first: ImuTrack, second: ImuTrack, spans: Sequence[tuple[float, float]]) -> Iterator[Parting]:
+    """Steps of the difference, second less first, within spans of boot time (s): at most one of each sensor."""
+    for sensor in ("gyro", "accel"):
+        found = _parting(sensor, *_blocks(first, second, sensor, spans))
+        if found is not None:
+            yield found
+
+
+def _blocks(
+    first: ImuTrack, second: ImuTrack, sensor: str, spans: Sequence[tuple[float, float]]
+) -> tuple[Array, Array]:
+    """Times (B,) s and median differences (B, 3), second less first, of blocks with enough readings of both."""
+    slow, fast, sign = (first, second, -1.0) if first.rate_hz < second.rate_hz else (second, first, 1.0)
+    inside = np.zeros(len(slow), np.bool_)
+    for start, end in spans:
+        inside |= (slow.t >= start) & (slow.t <= end)
+    inside &= (slow.t >= fast.t[0]) & (slow.t <= fast.t[-1])
+    i = np.clip(np.searchsorted(fast.t, slow.t), 1, len(fast) - 1)
+    inside &= fast.t[i] - fast.t[i - 1] < 3.0 / fast.rate_hz
+    t, readings = slow.t[inside], getattr(slow, sensor)[inside]
+    other = np.column_stack([np.interp(t, fast.t, column) for column in getattr(fast, sensor).T])
+    off = sign * (readings - other)
+    width = max(_BLOCK_S, _FEWEST_READINGS / slow.rate_hz)
+    block = np.floor(t / width).astype(np.int64)
+    names, begin, count = np.unique(block, return_index=True, return_counts=True)
+    whole = count >= _FEWEST_READINGS
+    parts = [np.median(off[b : b + n], axis=0) for b, n in zip(begin[whole], count[whole], strict=True)]
+    return np.asarray((names[whole] + 0.5) * width, np.float64), np.asarray(parts, np.float64).reshape(-1, 3)
+
+
+def _parting(sensor: str, t: Array, off: Array) -> Parting | None:
+    """The one step that explains the differences (B, 3) at times (B,), if it is large, certain and abrupt."""
+    if len(t) < _FEWEST_BLOCKS:
+        return None
+    at = np.arange(_FEWEST_READINGS, len(t) - _FEWEST_READINGS + 1)
+    medians = [(np.median(off[:k], axis=0), np.median(off[k:], axis=0)) for k in at]
+    left = [np.abs(off[:k] - a).sum() + np.abs(off[k:] - b).sum() for k, (a, b) in zip(at, medians, strict=True)]
+    best = int(np.argmin(left))
+    k, (before, after) = int(at[best]), medians[best]
+    if t[k] - t[k - 1] > _UNHEARD_S:
+        return None
+    size = after - before
+    # what the differences scatter by beside the step, slow changes included
+    rest = np.concatenate((off[:k] - before, off[k:] - after))
+    scatter = 1.4826 * np.median(np.abs(rest), axis=0)
+    sigma = float(np.sqrt((scatter**2).sum() * (1.0 / k + 1.0 / (len(t) - k))))
+    length = float(np.linalg.norm(size))
+    if length < max(_LEAST[sensor], _CERTAIN * sigma) or length < _ABRUPT * float(np.linalg.norm(scatter)):
+        return None
+    return Parting(
+        sensor,
+        "xyz"[int(np.argmax(np.abs(size)))],
+        float(0.5 * (t[k - 1] + t[k])),
+        float((t[k] - t[k - 1]) / np.sqrt(12.0)),
+        size,
+        sigma,
+    )
+
+
+def parting_findings(flight: Flight, used: ImuTrack, best: BestEstimate) -> list[Finding]:
+    """What another IMU of the flight did that the best estimate's own did not."""
+    spans = [(p.start, p.end) for p in phases(flight) if p.kind == "flight"]
+    found: list[Finding] = []
+    for track in _others(flight, used):
+        found += [
+            _finding(flight, used, track, one)
+            for one in partings(used, track, spans)
+            if best.detectable.get(f"{one.sensor}_bias", np.inf) < float(np.linalg.norm(one.size))
+            and not any(kind_of(e.kind).side == "imu" for e in best.explained)
+        ]
+    return found
+
+
+def _others(flight: Flight, used: ImuTrack) -> list[ImuTrack]:
+    """One track of every other IMU, the fastest that it has."""
+    tracks: dict[int, ImuTrack] = {}
+    for track in flight.imus.values():
+        if track.instance != used.instance and len(track) > 1:
+            known = tracks.get(track.instance)
+            if known is None or track.rate_hz > known.rate_hz:
+                tracks[track.instance] = track
+    return list(tracks.values())
+
+
+_UNITS = {"gyro": ("rad/s", "mrad/s", 1e3, 1), "accel": ("m/s²", "m/s²", 1.0, 2)}
+_NAMES = {"gyro": "gyro", "accel": "accelerometer"}
+
+
+def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting) -> Finding:
+    si, unit, scale, decimals = _UNITS[one.sensor]
+    numbers = ", ".join(f"{value * scale:.{decimals}f}" for value in one.size)
+    in_use = flight.imu_in_use
+    flown = set() if in_use is None else {int(instance) for instance in in_use.instance}
+    words = (
+        f"{track.source} (IMU {track.instance}): {_NAMES[one.sensor]} reads ({numbers}) ± "
+        f"{one.sigma * scale:.{decimals}f} {unit} more than {used.source} (IMU {used.instance}) "
+        f"from {one.onset:.1f} ± {one.onset_sigma:.1f} s to the end, which agrees with all other sensors"
+    )
+    if flown == {used.instance}:
+        words += f"; the autopilot flew on IMU {used.instance}: its estimate is right"
+    return Finding(
+        f"{one.sensor}_bias",
+        "imu",
+        "error",
+        one.onset,
+        float(track.t[-1]),
+        words,
+        f"Calibrate IMU {track.instance}; if it steps again, disable it: the autopilot may switch to it.",
+        words,
+        Cause(
+            f"{one.sensor}_bias",
+            "imu",
+            one.onset,
+            onset_sigma_s=one.onset_sigma,
+            sensor=one.sensor,
+            axis=one.axis if abs(one.size["xyz".index(one.axis)]) > 0.9 * float(np.linalg.norm(one.size)) else "",
+            size=float(np.linalg.norm(one.size)),
+            sigma=one.sigma,
+            unit=si,
+        ),
+    )
