@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.model import Array, Flight, GpsTrack, ImuTrack, SensorInUse
+from companion.model import STANDARD_GRAVITY, Array, Flight, GpsTrack, ImuTrack, SensorInUse
 
 _HOLE_PERIODS = 3.0  # a longer interval than so many median ones is a hole
 _SERIES = {
@@ -103,6 +103,10 @@ def _about_imu(imu: ImuTrack) -> str:
         known.append(f"low-pass {imu.low_pass_hz:g} Hz")
     if imu.interval is not None and len(imu.interval):
         known.append(f"mean over {1e3 * float(np.median(imu.interval)):.3g} ms")
+    if imu.gyro_range is not None:
+        known.append(f"to {np.degrees(imu.gyro_range):.0f} °/s")
+    if imu.accel_range is not None:
+        known.append(f"to {imu.accel_range / STANDARD_GRAVITY:.0f} g")
     if imu.bias_removed:
         known.append("the estimator's bias removed")
     return ", ".join(known)

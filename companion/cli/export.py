@@ -12,7 +12,7 @@ from companion.documents import analysis_document
 from companion.examination import examine
 from companion.export import (
     reckoning_of,
-    table_name,
+    series_name,
     tables,
     write_csv,
     write_json,
@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
             case "parquet":
                 files = write_parquet(place, found)
             case "mcap":
-                series = [found[table_name(key)] for key in flight.series]
+                series = [found[series_name(key)] for key in flight.series]
                 files = write_mcap(place, flight, shown, examined.assessment, series)
             case _:
                 files = write_json(place, analysis_document(recording.source, examined), found)

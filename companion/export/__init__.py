@@ -4,7 +4,7 @@ from companion.export.files import write_csv, write_json, write_parquet
 from companion.export.kalibr import kalibr_text
 from companion.export.mcap import write_mcap
 from companion.export.table import Column, Table
-from companion.export.times import table_name
+from companion.export.times import series_name
 from companion.export.tracks import reckoning_of, tables
 from companion.export.tum import write_estimate_tum, write_tum
 
@@ -13,7 +13,7 @@ __all__ = [
     "Table",
     "kalibr_text",
     "reckoning_of",
-    "table_name",
+    "series_name",
     "tables",
     "write_csv",
     "write_estimate_tum",

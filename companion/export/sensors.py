@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from companion.export.table import Column, Table, quaternions, vectors
-from companion.export.times import table_name, times
+from companion.export.times import series_name, table_name, times
 from companion.model import Flight, ImuTrack, Series
 
 _AIDING = ("gps", "magnetometer", "barometer")  # kinds of series
@@ -19,19 +19,28 @@ _UNITS = {
 
 
 def imu_table(flight: Flight, track: ImuTrack) -> Table:
-    return Table(
-        table_name(track.source),
-        (
-            *times(flight, track.t),
-            *vectors("gyro", track.gyro, "rad/s", "radps", "FRD"),
-            *vectors("accel", track.accel, "m/s²", "mps2", "FRD"),
-        ),
-        {
-            "source": track.source,
-            "instance": str(track.instance),
-            "accel": "specific force: (0, 0, -g) at rest and level",
-        },
+    known = {
+        "device_id": track.device_id,
+        "low_pass_hz": track.low_pass_hz,
+        "gyro_range_radps": track.gyro_range,
+        "accel_range_mps2": track.accel_range,
+    }
+    about = {
+        "source": track.source,
+        "instance": str(track.instance),
+        "accel": "specific force: (0, 0, -g) at rest and level",
+        "bias_removed": "the estimator's" if track.bias_removed else "no",
+        "sample": "an instant's" if track.interval is None else "the mean over interval_s, whose middle is t_s",
+        **{name: f"{value:.6g}" if isinstance(value, float) else str(value) for name, value in known.items() if value},
+    }
+    columns = (
+        *times(flight, track.t),
+        *vectors("gyro", track.gyro, "rad/s", "radps", "FRD"),
+        *vectors("accel", track.accel, "m/s²", "mps2", "FRD"),
     )
+    if track.interval is not None:
+        columns = (*columns, Column("interval_s", track.interval, "s"))
+    return Table(table_name(track.source), columns, about)
 
 
 def series_table(flight: Flight, key: str, series: Series) -> Table:
@@ -40,7 +49,7 @@ def series_table(flight: Flight, key: str, series: Series) -> Table:
         Column(name, series[name], _UNITS.get(name.rsplit("_", 1)[-1], ""), "FRD" if key.startswith(body) else "")
         for name in series.columns
     )
-    return Table(table_name(key), (*times(flight, series.t), *columns), {"source": series.source})
+    return Table(series_name(key), (*times(flight, series.t), *columns), {"source": series.source})
 
 
 def sensor_tables(flight: Flight) -> Iterator[Table]:

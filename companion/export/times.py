@@ -17,6 +17,11 @@ def table_name(message: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", message.lower()).strip("_")
 
 
+def series_name(key: str) -> str:
+    """The name of a series' table: gps, gps_gps2_raw; of another estimator's attitude other_attitude."""
+    return table_name(f"other_{key}" if key.partition(":")[0] == "attitude" else key)
+
+
 def times(flight: Flight, t: Array, *, prefix: str = "") -> tuple[Column, Column]:
     unix = np.full(len(t), np.nan) if flight.epoch is None else flight.epoch.unix_s + t
     source = f"since 1970, UTC, by {flight.epoch.source}" if flight.epoch else "since 1970, UTC: not known"
