@@ -27,15 +27,14 @@ def test_what_is_shown_live_is_what_the_replay_shows(tmp_path: Path) -> None:
     (flight,) = c.open_log(tmp_path / "a.tlog")
     stream = Stream(stamped=True, window_s=60.0)
     live = LiveReplay(stream, reanchor_s=5.0)
-    first = None
+    whole = None
     compared = 0
     for at in range(0, len(data), 5000):
         stream.push(data[at : at + 5000])
         now = live.look()
         if now is None or now.replay.anchors[0] == now.replay.t[-1]:
             continue
-        first = first if first is not None else float(now.replay.anchors[0])
-        whole = c.replay(flight, reanchor_s=5.0, start_s=first)
+        whole = whole or c.replay(flight, reanchor_s=5.0, start_s=float(now.replay.anchors[0]))
         i = int(np.searchsorted(whole.t, now.replay.t[-1]))
         assert whole.t[i] == now.replay.t[-1]
         # the last sample is one-sided until the next has come, hence not to the last digit

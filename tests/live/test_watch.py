@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,10 @@ import pytest
 import companion as c
 from companion.analysis import Integration
 from companion.live import Attachment, Watch
-from companion.mavlink import Link, Recorder, Session
+from companion.live.watch import Sighting
+from companion.mavlink import Decoder, Link, Recorder, Session, load_dialect
 from companion.model import InputError
-from companion.simulate import Faults
+from companion.simulate import Faults, SimulatedVehicle, fly
 from tests.mavlink.peers import serial_cable
 from tests.simulated import flying
 from tests.waiting import wait_for
@@ -60,36 +62,43 @@ def test_the_drift_of_a_session_is_that_of_its_recording(tmp_path: Path) -> None
         assert now.position_m.median == pytest.approx(then.position_m.median)
 
 
+@contextlib.contextmanager
+def hearing(*vehicles: SimulatedVehicle) -> Iterator[tuple[Watch, Callable[[float], Sighting | None]]]:
+    """A watch that hears them from 20 s on, without a link or a clock, and what it sees after so many s."""
+    watching, decoder = watch(), Decoder(load_dialect(), stamped=False)
+
+    def seen_at(until: float) -> Sighting | None:
+        sent = sorted(packet for vehicle in vehicles for packet in vehicle.advance(until))
+        watching.hear((decoder.push(data), t) for t, data in sent)
+        seen = watching.look()
+        watching.judge()
+        return seen
+
+    for vehicle in vehicles:
+        vehicle.advance(20.0)
+    yield watching, seen_at
+
+
 def test_another_imu_and_another_integrator_begin_anew() -> None:
-    watching = watch()
-    with Link("udpin:127.0.0.1:0") as link, Attachment(Session(link)) as attachment, flying(link.port, since=20.0):
-
-        def looked(imu: str, windows: int) -> bool:
-            watching.hear(attachment.fetch())
-            seen = watching.look()
-            watching.judge()
-            counted = watching.drift[0].windows if watching.drift else 0
-            return seen is not None and seen.present.imu == imu and seen.free is not None and counted >= windows
-
-        wait_for(lambda: looked("HIGHRES_IMU", 2))
-        free = watching.look()
-        assert free is not None
-        begun = free.free
-        assert begun is not None
-
-        def anchored_again() -> bool:
-            looked("HIGHRES_IMU", 2)
-            seen = watching.look()
-            return seen is not None and bool(seen.present.replay.anchors[-1] > begun.anchor_s)
-
-        wait_for(anchored_again)
+    streams = {"HIGHRES_IMU": 50.0, "RAW_IMU": 50.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0}
+    with hearing(SimulatedVehicle(fly(40.0), streams=streams)) as (watching, seen_at):
+        before = seen_at(24.0)
+        assert before is not None
+        assert before.free is not None
+        assert before.present.imu == "HIGHRES_IMU"
+        later = seen_at(32.0)
+        assert later is not None
+        assert later.present.replay.anchors[-1] > before.free.anchor_s, "anchored again"
+        assert watching.drift[0].windows >= 2
         watching.choose("RAW_IMU", lambda _: Integration(method="euler"))
-        assert watching.drift == ()
-        wait_for(lambda: looked("RAW_IMU", 1))
-        again = watching.look()
+        forgotten = watching.drift
+        assert forgotten == ()
+        again = seen_at(32.5)
         assert again is not None
         assert again.free is not None
-        assert again.free.anchor_s > begun.anchor_s
+        assert again.present.imu == "RAW_IMU"
+        assert again.free.anchor_s > before.free.anchor_s
+        assert watching.drift[0].windows >= 1
         euler = again.present.replay
         watching.choose("RAW_IMU", lambda _: Integration(method="rk4"))
         rk4 = watching.look()
@@ -100,31 +109,19 @@ def test_another_imu_and_another_integrator_begin_anew() -> None:
 
 
 def test_two_vehicles_do_not_take_turns_and_can_be_switched() -> None:
-    watching = watch()
-    with Link("udpin:127.0.0.1:0") as link, Attachment(Session(link)) as attachment:
-        streams = {"RAW_IMU": 50.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0}
-        with (
-            flying(link.port, sysid=1, since=8.0, streams=streams),
-            flying(link.port, sysid=2, since=8.0, streams=streams),
-        ):
-            seen: set[str] = set()
+    streams = {"RAW_IMU": 50.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0}
+    flown = fly(40.0)
+    with hearing(*(SimulatedVehicle(flown, sysid=i, streams=streams) for i in (1, 2))) as (watching, seen_at):
 
-            def look() -> bool:
-                watching.hear(attachment.fetch())
-                found = watching.look()
-                if found is not None:
-                    seen.add(str(found.present.flight.vehicle))
-                return len(watching.vehicles) == 2
+        def shown(begin: float) -> set[str]:
+            seen = [seen_at(begin + 0.2 * i) for i in range(10)]
+            return {str(each.present.flight.vehicle) for each in seen if each is not None}
 
-            wait_for(lambda: look() and seen)
-            until = time.monotonic() + 1.0
-            while time.monotonic() < until:
-                look()
-            (first,) = seen
-            other = next(vehicle for vehicle in watching.vehicles if vehicle != first)
-            watching.pick(other)
-            seen.clear()
-            wait_for(lambda: look() and other in seen)
+        (first,) = shown(22.0)
+        assert len(watching.vehicles) == 2
+        other = next(vehicle for vehicle in watching.vehicles if vehicle != first)
+        watching.pick(other)
+        assert shown(24.0) == {other}
 
 
 def test_what_ends_the_links_thread_is_raised_where_it_is_asked_for(tmp_path: Path) -> None:
