@@ -44,14 +44,20 @@ def environment(home: Path | None = None) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def desk(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
-    """A folder for each page: what one of its commands writes, the next can read, and nothing else sees it."""
+    """A folder for each page: what one of its commands writes, the next can read, and nothing else sees it.
+
+    Where many logs are examined, one is enough to see that the command works.
+    """
     folders: dict[str, Path] = {}
 
     def of(page: str) -> Path:
         if page not in folders:
             folders[page] = tmp_path_factory.mktemp(page)
-            for name in ("tlogs", "config", "docs"):
-                (folders[page] / name).symlink_to(ROOT / name)
+            few = ["tlogs/copter-mission-default-rates.tlog"]
+            for name in (*(few if page == "fleet.md" else ["tlogs"]), "config", "docs"):
+                link = folders[page] / name
+                link.parent.mkdir(exist_ok=True)
+                link.symlink_to(ROOT / name)
         return folders[page]
 
     return of
