@@ -10,7 +10,7 @@ from hypothesis import settings
 from playwright.sync_api import Browser, sync_playwright
 
 from companion import examination
-from companion.analysis import assess
+from companion.analysis import assess, budget, envelope
 from tests.remembered import remembering
 from tests.view.browsing import CHROMIUM, FLAGS
 
@@ -26,8 +26,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """One process more than cores: those of the browser and of live links wait most of the time."""
-    return (os.cpu_count() or 1) + 1
+    """Two processes more than cores: those of the browser and of live links wait most of the time."""
+    return (os.cpu_count() or 1) + 2
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -61,6 +61,7 @@ def _remembered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     folder.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(examination, "assess", remembering(assess, folder))
+        patch.setattr(envelope, "budget", remembering(budget.budget, folder))
         yield
 
 

@@ -28,7 +28,7 @@ def remembering(pure: Callable[..., Any], folder: Path) -> Callable[..., Any]:
 
     @functools.wraps(pure)
     def ask(*args: Any, **named: Any) -> Any:
-        question = _written((args, sorted(named.items())))
+        question = _written((pure.__qualname__, args, sorted(named.items())))
         known = folder / hashlib.sha256(question).hexdigest()
         if known.exists():
             return pickle.loads(known.read_bytes())
