@@ -81,6 +81,7 @@ def parameter_changes(names: Sequence[bytes], t: Array, values: Array) -> tuple[
     and logs it; a value that it only repeats is no change.
     """
     known: dict[bytes, float] = {}
+    decoded: dict[bytes, str] = {}  # one that is tuned in flight changes over and over
     found = []
     for name, at, value in zip(names, t.tolist(), values.tolist(), strict=True):
         if not math.isfinite(at) or not math.isfinite(value):
@@ -88,7 +89,9 @@ def parameter_changes(names: Sequence[bytes], t: Array, values: Array) -> tuple[
         before = known.get(name, value)
         known[name] = value
         if before != value and not name.startswith(b"STAT_"):
-            found.append(ParameterChange(at, words(name), value))
+            if name not in decoded:
+                decoded[name] = words(name)
+            found.append(ParameterChange(at, decoded[name], value))
     return tuple(found)
 
 

@@ -53,8 +53,8 @@ def off_course(streams: Mapping[str, Array], course: Course) -> dict[str, BoolAr
     other samples of all streams cover than any silence is long. In between, no sample of a stream whose times only rise
     is ever left out, however long its holes are.
     """
-    middle = _middle([t for t in streams.values() if len(t)])
-    apart = {name: _apart(t, np.abs(t - middle) < course.away_s, course.disorder_s) for name, t in streams.items()}
+    middle = _middle([t for t in streams.values() if len(t)]) if np.isfinite(course.away_s) else np.nan
+    apart = {name: _apart(t, _elsewhere(t, middle, course.away_s), course.disorder_s) for name, t in streams.items()}
     covered = [_core(t[~apart[name]]) for name, t in streams.items() if (~apart[name]).sum() >= _SURE]
     for name, t in streams.items():
         if covered:
@@ -90,9 +90,16 @@ def _core(t: Array) -> tuple[float, float]:
     return float(inner.min()), float(inner.max())
 
 
-def _apart(t: Array, near: BoolArray, disorder_s: float) -> BoolArray:
-    """Which of the times (N,) are not `near`, or stand apart from the median of five around them."""
-    apart = np.asarray(~near | ~np.isfinite(t))
+def _elsewhere(t: Array, middle: float, away_s: float) -> BoolArray:
+    """Which of the times (N,) are none, or further than `away_s` from the middle."""
+    return np.asarray(~(np.abs(t - middle) < away_s) if np.isfinite(away_s) else ~np.isfinite(t))
+
+
+def _apart(t: Array, elsewhere: BoolArray, disorder_s: float) -> BoolArray:
+    """Which of the times (N,) are `elsewhere`, or stand apart from the median of five around them."""
+    apart = elsewhere.copy()
+    if not apart.any() and not (t[1:] < t[:-1]).any():  # as of most streams
+        return apart
     for _ in range(_PASSES):
         kept = np.flatnonzero(~apart)
         rest = t[kept]
