@@ -24,7 +24,10 @@ from companion.model import InputError
 Lines = dict[str, tuple[list[bytes], list[int]]]
 """Name → its lines, without the name, and where each begins in the file."""
 
+_FMT = "FMT"
 _FMT_FIELDS = 5
+_MOST_TYPES, _MOST_COLUMNS = 256, 64  # a .bin has at most 256 and 16; what a file says of itself needs a bound
+_LONGEST_NUMBER = 48  # characters: all that is printed of a double has 24
 
 
 def read_dataflash_text(
@@ -42,22 +45,16 @@ def read_dataflash_text(
     path = Path(path)
     contents = Contents(path, most_bytes)
     data = contents.read(progress)
-    lines = _lines(data)
-    declared = _declarations(lines.get("FMT", ([], []))[0])
+    declared = _declarations(_lines(data, {_FMT})[0].get(_FMT, ([], []))[0])
+    lines, skipped = _lines(data, declared.keys())
     if not declared:
         raise InputError(f"{path} begins like a DataFlash log in text, but declares no record: copy it again.")
     units = _units(lines, declared)
     found: dict[str, Records] = {}
     undecoded: dict[str, int] = {}
-    count = skipped = 0
+    count = 0
     for name, (rows, offsets) in lines.items():
-        if name == "FMT":
-            continue
-        one = declared.get(name)
-        if one is None:
-            skipped += sum(map(len, rows))
-            continue
-        layout = record_layout(one, units, text=True)
+        layout = record_layout(declared[name], units, text=True)
         if layout is None:
             undecoded[name] = len(rows)
             continue
@@ -77,29 +74,36 @@ def read_dataflash_text(
     )
 
 
-def _lines(data: bytes) -> Lines:
+def _lines(data: bytes, names: Collection[str]) -> tuple[Lines, int]:
+    """The lines of these names, and the bytes of those of others but FMT."""
     found: Lines = {}
-    at = 0
-    for line in data.split(b"\n"):
-        head, comma, values = line.partition(b",")
-        if comma:
-            name = head.strip().decode("ascii", "replace")
+    others = at = 0
+    while at < len(data):  # line by line: a file of nothing but their ends would be a list of a hundred times its size
+        end = data.find(b"\n", at)
+        end = len(data) if end < 0 else end
+        head, comma, values = data[at:end].partition(b",")
+        name = head.strip().decode("ascii", "replace") if comma else ""
+        if name in names:
             rows, offsets = found.setdefault(name, ([], []))
             rows.append(values)
             offsets.append(at)
-        at += len(line) + 1
-    return found
+        elif name != _FMT:
+            others += len(values)
+        at = end + 1
+    return found, others
 
 
 def _declarations(rows: Sequence[bytes]) -> dict[str, Declaration]:
-    """By name; of several the first, as in a .bin."""
+    """By name; of several the first, as in a .bin. No more of them, and of columns, than a log can have."""
     found: dict[str, Declaration] = {}
     for row in rows:
         parts = [part.strip().decode("ascii", "replace") for part in row.split(b",", _FMT_FIELDS - 1)]
-        if len(parts) < _FMT_FIELDS - 1 or not (parts[0].isdigit() and parts[1].isdigit() and parts[2].isalnum()):
+        if len(parts) < _FMT_FIELDS - 1 or not (_is_byte(parts[0]) and _is_byte(parts[1]) and parts[2].isalnum()):
+            continue
+        if len(parts[3]) > _MOST_COLUMNS or len(found) == _MOST_TYPES:
             continue
         columns = tuple(part.strip() for part in parts[4].split(",")) if len(parts) == _FMT_FIELDS else ()
-        if parts[2] != "FMT":  # whose own columns some logs leave out
+        if parts[2] != _FMT:  # whose own columns some logs leave out
             found.setdefault(parts[2], Declaration(int(parts[0]), int(parts[1]), parts[2], parts[3], columns))
     return found
 
@@ -114,7 +118,7 @@ def _units(lines: Lines, declared: Mapping[str, Declaration]) -> Units:
         parts = (_split(row, len(one.columns)) for row in lines.get(name, ([], []))[0])
         places = [one.columns.index(column) for column in columns]
         found = ([row[place].decode("ascii", "replace") for place in places] for row in parts if len(row) > max(places))
-        return [(int(first), *rest) for first, *rest in found if first.isdigit()]
+        return [(int(first), *rest) for first, *rest in found if _is_byte(first)]
 
     factors = ((number, text) for number, text in rows("MULT", "Id", "Mult"))
     return Units.told(
@@ -122,6 +126,10 @@ def _units(lines: Lines, declared: Mapping[str, Declaration]) -> Units:
         ((number, float(text)) for number, text in factors if _is_number(text)),
         rows("FMTU", "FmtType", "UnitIds", "MultIds"),
     )
+
+
+def _is_byte(text: str) -> bool:
+    return text.isdecimal() and len(text) <= 3
 
 
 def _is_number(text: str) -> bool:
@@ -172,6 +180,8 @@ def _column(texts: list[bytes], kind: np.dtype[Any]) -> tuple[npt.NDArray[Any], 
     if kind.kind == "S":
         return np.array(texts, kind) if texts else np.empty(0, kind), whole
     try:
+        if max(map(len, texts), default=0) > _LONGEST_NUMBER:  # an array of texts has the longest one's width
+            raise ValueError("one is no number")
         values = np.array(texts).astype(np.float64) if texts else np.empty(0)
     except ValueError:
         values, whole = _one_by_one(texts)

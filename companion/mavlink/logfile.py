@@ -115,7 +115,8 @@ def read_head(path: Path) -> bytes:
     if head:
         return head
     if contents.size_bytes:
-        raise InputError(f"{path} is compressed, but nothing can be decompressed from it: copy it again.")
+        why = f" ({contents.trouble.partition(':')[0]})" if contents.trouble else ""
+        raise InputError(f"{path} is compressed, but nothing can be decompressed from it{why}: copy it again.")
     raise InputError(f"{path} is empty (0 bytes): nothing was recorded, or the copy failed. Copy it again.")
 
 

@@ -35,6 +35,21 @@ _NUMBERS = [
     b"\xff" * 4, b"\0" * 16, b"\xa3\x95\x80", b"\xfd\x09", b"ULog",
 ]  # fmt: skip
 
+_WORDS = [
+    b"nan",
+    b"-inf",
+    b"1e999",
+    b"9" * 5000,
+    b"x" * 100_000,
+    b"",
+    b"\n",
+    b"-1",
+    b"\xff\x1b[31m",
+    b"FMT",
+    b"1e19",
+    b"0x10",
+]
+
 
 def changed(data: bytes, random: Random) -> bytes:
     """The data with one to eight changes: bits, numbers, pieces left out, doubled, moved or cut off."""
@@ -57,6 +72,16 @@ def changed(data: bytes, random: Random) -> bytes:
             case _:
                 del found[at + int(random.integers(len(found))) :]
     return bytes(found)
+
+
+def text_changed(data: bytes, random: Random) -> bytes:
+    """A text in which some words are others, long or of another kind; or changed as any data."""
+    if random.integers(2):
+        return changed(data, random)
+    parts = data.split(b",")
+    for _ in range(int(random.integers(1, 9))):
+        parts[int(random.integers(len(parts)))] = _WORDS[int(random.integers(len(_WORDS)))]
+    return b",".join(parts)
 
 
 def frames_changed(data: bytes, random: Random) -> bytes:
@@ -137,6 +162,7 @@ def targets(folder: Path) -> dict[str, Target]:
     return {
         "tlog": (".tlog", tlog, frames_changed, read_log),
         "bin": (".bin", logs.dataflash(), changed, read_log),
+        "log": (".log", logs.dataflash_text(), text_changed, read_log),
         "ulg": (".ulg", logs.ulog(), changed, read_log),
         "toml": (".toml", logs.TOML.encode(), changed, read_toml),
         "live": (".raw", tlog, frames_changed, hear),

@@ -66,6 +66,23 @@ def dataflash() -> bytes:
     return b"".join(out)
 
 
+def dataflash_text() -> bytes:
+    """The same, written out as text."""
+    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns"]
+    for name, (number, letters, columns) in _RECORDS.items():
+        lines.append(f"FMT, {number}, {3 + sum(_SIZES.get(c, 1) for c in letters)}, {name}, {letters}, {columns}")
+    lines += ["PARM, 20000000, INS_GYRO_FILTER, 20", "MSG, 20000000, ArduCopter V4.6.0 (12345678)"]
+    for t, roll, rate in _sway():
+        us = round(t * 1e6)
+        lines.append(f"IMU, {us}, 0, {rate}, 0, 0, 0, {9.8 * math.sin(roll)}, {-9.8 * math.cos(roll)}")
+        lines.append(f"ATT, {us}, {math.degrees(roll)}, 0, 0")
+        lines.append(f"XKQ, {us}, 0, {math.cos(roll / 2)}, {math.sin(roll / 2)}, 0, 0")
+        lines.append(f"XKF1, {us}, 0, 0, 0, 0, 1, 2, -3, 0, 0, 0")
+        lines.append(f"XKF4, {us}, 0, {0b11111}, 0")
+        lines.append(f"GPS, {us}, 0, 3, 1000, 2300, 10, 0.8, 47.4, 8.5, 400")
+    return "\n".join([*lines, ""]).encode()
+
+
 def _fmt(number: int, length: int, name: str, letters: str, columns: str) -> bytes:
     body = struct.pack("<BB4s16s64s", number, length, name.encode(), letters.encode(), columns.encode())
     return _HEAD + bytes([128]) + body

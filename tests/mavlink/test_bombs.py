@@ -15,6 +15,7 @@ import pytest
 import companion as c
 from companion.mavlink.compression import compression, decompressed
 from companion.mavlink.dataflash import read_dataflash
+from companion.mavlink.dataflash_text import read_dataflash_text
 from companion.model import InputError
 from companion.recording import read_recording
 
@@ -66,6 +67,35 @@ def test_a_log_of_nothing_but_heads_takes_little_memory(tmp_path: Path) -> None:
     assert tracemalloc.get_traced_memory()[1] < 80_000_000
     tracemalloc.stop()
     assert log.frames <= 2
+
+
+NAMES = b",".join(b"c%d" % i for i in range(20_000))
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        b"\n" * 2_000_000,
+        b",\n" * 500_000,
+        b"".join(b"N%d,\n" % i for i in range(200_000)),
+        b"".join(b"FMT, 130, 9, N%d, B, X\n" % i for i in range(50_000)),
+        b"FMT, 130, 9, BIG, " + b"B" * 20_000 + b", " + NAMES + b"\nBIG, 1\n",
+        b"FMT, " + b"9" * 5000 + b", 9, BIG, B, X\n",
+        b"FMT, 130, 9, ONE, Q, TimeUS\n" + b"ONE, 1\n" * 20_000 + b"ONE, " + b"1" * 100_000 + b"\n",
+        b"FMT, 131, 9, UNIT, QbZ, TimeUS,Id,Label\nUNIT, 1, " + b"9" * 5000 + b", m\n",
+    ],
+    ids=["ends of lines", "commas", "names", "types", "columns", "a long type", "a long number", "a long unit"],
+)
+def test_a_text_log_of_absurd_sizes_takes_little_memory(tmp_path: Path, lines: bytes) -> None:
+    path = tmp_path / "log.log"
+    path.write_bytes(
+        b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\nFMT, 1, 9, X, Q, TimeUS\nX, 7\n" + lines
+    )
+    tracemalloc.start()
+    log = read_dataflash_text(path)
+    assert tracemalloc.get_traced_memory()[1] < 80_000_000
+    tracemalloc.stop()
+    assert len(log.messages["X"]) == 1
 
 
 @pytest.mark.parametrize(
