@@ -29,7 +29,7 @@ from companion.model import Flight
 from companion.settings import Settings
 
 _PAUSE_S = 3.5  # between the begins of two analyses: no verdict is older than 5 s where one takes less than 1.5 s
-_SHARE = 4.0  # times as long as one took: at most a quarter of a core on a slow computer
+_SHARE = 4.0  # times as long as the processor was busy with one: at most a quarter of a core on a slow computer
 _MOST_WAITING = 10_000  # receipts: some minutes, while the process starts or the computer sleeps
 
 
@@ -129,7 +129,7 @@ def _work(pipe: Connection, assignment: Assignment) -> None:
             else:
                 judge.hear(*one)
                 heard = True
-        begin = time.monotonic()
+        begin, busy = time.monotonic(), time.process_time()
         if heard and begin >= due:
             heard = False
             try:
@@ -138,7 +138,7 @@ def _work(pipe: Connection, assignment: Assignment) -> None:
                 opinion = Opinion("", f"no verdict ({type(error).__name__}: {error})", 0.0)
             with contextlib.suppress(OSError):
                 pipe.send(opinion)
-            due = max(begin + _PAUSE_S, begin + _SHARE * (time.monotonic() - begin))
+            due = begin + max(_PAUSE_S, _SHARE * (time.process_time() - busy))
         time.sleep(0.05)
 
 

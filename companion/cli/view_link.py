@@ -121,7 +121,7 @@ class _Feed:
     def __init__(
         self, attachment: Attachment, choice: ReplayChoice, arguments: argparse.Namespace, settings: Settings
     ) -> None:
-        self.said: deque[str] = deque(maxlen=_MOST_SAID)
+        self._said: deque[str] = deque(maxlen=_MOST_SAID)
         self._news: deque[str] = deque()
         self._attachment, self._choice = attachment, choice
         self._watch = Watch(
@@ -136,6 +136,11 @@ class _Feed:
         )
         self._settings = settings
         self._verdict = RunningVerdict(self._assignment(None if arguments.vehicle == "all" else arguments.vehicle))
+
+    @property
+    def said(self) -> Sequence[str]:
+        """The newest sentences. A copy, made at once: the page draws while `look` adds to them."""
+        return tuple(self._said)
 
     @property
     def choice(self) -> ReplayChoice:
@@ -202,7 +207,7 @@ class _Feed:
 
     def look(self) -> Seen | None:
         for sentence in self._attachment.said():
-            self.said.append(f"{time.strftime('%H:%M:%S')} {sentence}")
+            self._said.append(f"{time.strftime('%H:%M:%S')} {sentence}")
             self._news.append(sentence)
         receipts = self._attachment.fetch()
         self._watch.hear(receipts)
