@@ -48,10 +48,21 @@ class Assessment:
     best: BestEstimate | None  # the third opinion; None where the flight allows none
     sensitivity: Sensitivity  # what the flight could have shown
 
-    @cached_property
+    @property
     def expected(self) -> tuple[Expected | None, ...]:
         """One for each row of the drift; None without windows."""
-        return tuple(expected_over(self.comparison, chosen, self.figures, self.autopilot) for chosen in self.sets)
+        return tuple(self.expected_of(row) for row in range(len(self.sets)))
+
+    def expected_of(self, row: int) -> Expected | None:
+        """The same of one row of the drift."""
+        if row not in self._expected:
+            self._expected[row] = expected_over(self.comparison, self.sets[row], self.figures, self.autopilot)
+        return self._expected[row]
+
+    @cached_property
+    def _expected(self) -> dict[int, Expected | None]:
+        """What was reckoned so far."""
+        return {}
 
     @property
     def calibration(self) -> Calibration | None:

@@ -56,8 +56,8 @@ def _rows(found: Assessment) -> Iterator[tuple[str, str]]:
 
 def _drift(found: Assessment) -> str:
     """Measured against expected at one horizon, in words."""
-    for row, expected in zip(found.drift.rows, found.expected, strict=True):
-        if row.horizon_s == _SHOWN_S and expected is not None:
+    for i, row in enumerate(found.drift.rows):
+        if row.horizon_s == _SHOWN_S and (expected := found.expected_of(i)) is not None:
             pairs = (
                 (row.attitude_deg, expected.attitude_deg, "°"),
                 (row.velocity_mps, expected.velocity_mps, " m/s"),

@@ -124,13 +124,13 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
     rows[1:, :, :STATES] += motion.weight
     rows[1:, :, STATES:] -= weighted[..., STATES:]
     inner += _crossed(motion.constants, weighted[..., STATES:])
-    upper = -weighted[..., :STATES].swapaxes(-1, -2)
+    upper = np.negative(weighted[..., :STATES].swapaxes(-1, -2), order="C")
 
     seen = _whitened(count, measurements, constants)
     rows += seen[..., :STATES].swapaxes(-1, -2) @ seen
     inner += _crossed(seen[..., STATES:-1], seen[..., STATES:])
 
-    diagonal, border = rows[..., :STATES], rows[..., STATES:-1]
+    diagonal, border = rows[..., :STATES].copy(), rows[..., STATES:-1]  # a view would keep all of the rows
     factor = factorise(diagonal, upper)
     solved = factor.solve(rows[..., STATES:])
     y, x0 = solved[..., :-1], solved[..., -1]
