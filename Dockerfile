@@ -7,7 +7,7 @@ COPY pyproject.toml README.md LICENSE ./
 COPY companion companion
 COPY config config
 COPY tlogs tlogs
-RUN pip install --no-cache-dir --prefix=/installed ".[serial]"
+RUN pip install --no-cache-dir --prefix=/installed .
 
 FROM python:3.12-slim
 COPY --from=build /installed /usr/local

@@ -14,6 +14,7 @@ body to world.
 """
 
 from importlib import import_module
+from importlib.metadata import version
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 def __getattr__(name: str) -> Any:
     """The names of `companion.api`, loaded when the first is used: the command line has to hear Ctrl-C at once."""
+    if name == "__version__":
+        return version("mavlink-companion")
     if name.startswith("__") and name != "__all__":
         raise AttributeError(f"module 'companion' has no attribute {name!r}")
     if find_spec(f"{__name__}.{name}"):  # `from companion import frames` asks here first, and must not load the whole

@@ -67,7 +67,7 @@ for pair in held.rows:
 
 # %% [markdown]
 # ## Out into other tools
-# The same tables as arrays, as Arrow, as files. With pyarrow (`pip install 'companion[export]'`).
+# The same tables as arrays, as Arrow, as files. With pyarrow (`pip install 'mavlink-companion[export]'`).
 
 # %%
 shown = c.replay(flight, reanchor_s=10)

@@ -22,7 +22,7 @@ _SIDES: dict[str, Side] = {
 }
 
 # kind of cause → cause and sensor, in the words of the labels
-_CAUSES = {
+CAUSES = {
     "gyro_bias": ("gyro_bias", "gyro"),
     "accel_bias": ("accel_bias", "accel"),
     "gyro_scale": ("gyro_scale", "gyro"),
@@ -80,7 +80,7 @@ def read_verdict(verdict: Verdict) -> Answer:
     first = verdict.cause
     if first is None:
         return Answer(side, summary=verdict.summary)
-    cause, sensor = _CAUSES.get(first.kind, (first.kind, ""))
+    cause, sensor = CAUSES.get(first.kind, (first.kind, ""))
     return Answer(
         side,
         cause,

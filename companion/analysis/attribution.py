@@ -45,14 +45,6 @@ _TOLERANCE: Mapping[str, tuple[float, float]] = {
 }
 """Quantity → 1σ of an estimator in order, and the least that is called a departure: rad, m/s, m."""
 
-_SERIOUS: Mapping[str, float] = {
-    "gyro_bias": 5e-3, "accel_bias": 0.3, "gyro_scale": 0.03, "accel_scale": 0.03, "gyro_shock": np.inf,
-    "accel_shock": np.inf,
-}  # fmt: skip
-"""IMU kind → the size from which on it is a fault, in the kind's unit: three times what real parts change in flight.
-
-A moment in which the IMU did not feel all of a motion is a shock, strong vibration or lost samples, and no fault."""
-
 
 def episodes(best: BestEstimate) -> tuple[Episode, ...]:
     """What was explained, kind by kind, as times with a beginning, an end and a size; in order of time."""
@@ -154,7 +146,7 @@ def _lag(error: Array, best: BestEstimate, judged: BoolArray) -> Array:
 
 def is_serious(episode: Episode) -> bool:
     """Whether an IMU's episode is a fault; a witness' is one where it misled the autopilot, which this does not say."""
-    return episode.witness != "imu" or episode.magnitude >= _SERIOUS[episode.kind]
+    return episode.witness != "imu" or episode.magnitude >= kind_of(episode.kind).serious
 
 
 def follows(departure: Departure, episode: Episode) -> bool:

@@ -27,7 +27,7 @@ def tell(error: BaseException, arguments: Sequence[str]) -> int:
 def _write(error: BaseException, arguments: Sequence[str]) -> Path | None:
     """The report, in a new file of the folder for temporary ones that only its owner can read."""
     told = "".join(traceback.format_exception(error))
-    about = f"companion {version('companion')}, Python {platform.python_version()}, {platform.platform()}"
+    about = f"companion {version('mavlink-companion')}, Python {platform.python_version()}, {platform.platform()}"
     text = f"{about}\ncommand: {' '.join(map(repr, arguments))}\n\n{told}"
     try:
         with tempfile.NamedTemporaryFile(

@@ -64,6 +64,7 @@ class Kind:
     signature: Callable[[Problem], Signature | None]
     needs: str = ""  # the witness without which nothing can be said of it
     least_slow: float = 0.0  # the same of a ramp or creep, where that is more
+    serious: float = 0.0  # the size from which on it is a fault: three times what real parts change in flight
     rarity: float = 0.0  # twice the logarithm of how much more seldom it is than the others
     summed: tuple[str, ...] = ()  # witnesses that read the integral of what the others read
 
@@ -167,12 +168,15 @@ def _field(problem: Problem) -> Signature | None:
 
 
 KINDS: tuple[Kind, ...] = (
-    Kind("gyro_bias", "imu", "rad/s", ("step", "ramp", "pulse"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate")),
-    Kind("accel_bias", "imu", "m/s²", ("step", "ramp", "pulse"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position"),
-    Kind("gyro_scale", "imu", "", ("step",), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position"),
-    Kind("accel_scale", "imu", "", ("step",), 0.3, 0.02, _scale(ACCEL_BIAS), "gps_position"),
-    Kind("gyro_shock", "imu", "rad", ("shock",), 0.3, 0.035, _shock(ATTITUDE), rarity=_SHOCK),
-    Kind("accel_shock", "imu", "m/s", ("shock",), 5.0, 0.5, _shock(VELOCITY), "gps_position", rarity=_SHOCK),
+    Kind("gyro_bias", "imu", "rad/s", ("step", "ramp", "pulse"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate"),
+         serious=5e-3),
+    Kind("accel_bias", "imu", "m/s²", ("step", "ramp", "pulse"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position",
+         serious=0.3),
+    Kind("gyro_scale", "imu", "", ("step",), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position", serious=0.03),
+    Kind("accel_scale", "imu", "", ("step",), 0.3, 0.02, _scale(ACCEL_BIAS), "gps_position", serious=0.03),
+    Kind("gyro_shock", "imu", "rad", ("shock",), 0.3, 0.035, _shock(ATTITUDE), serious=np.inf, rarity=_SHOCK),
+    Kind("accel_shock", "imu", "m/s", ("shock",), 5.0, 0.5, _shock(VELOCITY), "gps_position", serious=np.inf,
+         rarity=_SHOCK),
     # two fixes of a receiver of 2.5 m CEP, minutes apart, differ by less than 11 m in 99.9 % of cases; 3 σ in height
     Kind("gps_position", "gps", "m", ("step", "ramp", "pulse", "creep"), 50.0, 6.0, _shift("gps_position"),
          least_slow=11.0),

@@ -47,7 +47,7 @@ def write_mcap(
     try:
         from mcap.writer import CompressionType, Writer  # noqa: PLC0415  (an extra: needed for this format alone)
     except ImportError:
-        raise InputError("MCAP needs the mcap library. Install it: pip install 'companion[export]'") from None
+        raise InputError("MCAP needs the mcap library. Install it: pip install 'mavlink-companion[export]'") from None
     topics = [*_topics(flight, shown, assessed), *(_series(table) for table in series)]
     encoder = msgspec.json.Encoder()
     with path.open("wb") as file:

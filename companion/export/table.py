@@ -61,7 +61,9 @@ class Table:
         try:
             import pyarrow as pa  # noqa: PLC0415  (an extra: needed for this alone)
         except ImportError:
-            raise InputError("Arrow and Parquet need pyarrow. Install it: pip install 'companion[export]'") from None
+            raise InputError(
+                "Arrow and Parquet need pyarrow. Install it: pip install 'mavlink-companion[export]'"
+            ) from None
         # from_pandas: NaN is null
         arrays = [pa.array(_safe(column.values), from_pandas=True) for column in self.columns]
         fields = [

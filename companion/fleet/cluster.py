@@ -222,5 +222,7 @@ def _distributed() -> Any:
     try:
         import distributed  # noqa: PLC0415  (an extra, and slow to import: only who has something to examine needs it)
     except ModuleNotFoundError:
-        raise InputError("many logs are examined with Dask. Install it: pip install 'companion[fleet]'") from None
+        raise InputError(
+            "many logs are examined with Dask. Install it: pip install 'mavlink-companion[fleet]'"
+        ) from None
     return distributed

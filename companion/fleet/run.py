@@ -103,7 +103,7 @@ def run_fleet(run: FleetRun, logs: Sequence[FoundLog], progress: Progress | None
 def _require(library: str, purpose: str) -> None:
     """Raises InputError with the line that installs it, before any work is done."""
     if find_spec(library) is None:
-        raise InputError(f"{purpose} with {library}. Install it: pip install 'companion[fleet]'")
+        raise InputError(f"{purpose} with {library}. Install it: pip install 'mavlink-companion[fleet]'")
 
 
 def _again(run: FleetRun, record: LogRecord) -> bool:

@@ -115,7 +115,7 @@ def _zstandard(path: Path) -> tuple[Callable[[], Any], type[Exception]]:
         return module.ZstdDecompressor().decompressobj, module.ZstdError
     raise InputError(
         f"{path} is compressed with Zstandard, which Python reads by itself from 3.14 on. "
-        "Install the library for it: pip install 'companion[zstd]', or decompress the file first (zstd -d)."
+        "Install the library for it: pip install 'mavlink-companion[zstd]', or decompress the file first (zstd -d)."
     )
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 from companion.mavlink.address import Address
 from companion.mavlink.ports import BackOff, NotThereError
-from companion.model import InputError
 
 _WAIT_S = 0.05  # that a read waits for its first byte
 
@@ -18,12 +17,8 @@ class SerialPort:
     """A serial device, which may be unplugged and plugged in again."""
 
     def __init__(self, address: Address) -> None:
-        try:
-            import serial  # noqa: PLC0415  (an extra: only who has a cable needs it)
-        except ModuleNotFoundError:
-            raise InputError(
-                f"{address.device} is a serial device, which needs pyserial: pip install 'companion[serial]'."
-            ) from None
+        import serial  # noqa: PLC0415  (only who has a cable needs it)
+
         self._library: Any = serial
         self._address = address
         self._retry = BackOff()

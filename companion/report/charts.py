@@ -36,7 +36,7 @@ class Charts:
             from plotly import graph_objects, offline  # noqa: PLC0415  (an extra: needed for reports alone)
         except ImportError:
             raise InputError(
-                "a report needs plotly for its charts. Install it: pip install 'companion[report]'"
+                "a report needs plotly for its charts. Install it: pip install 'mavlink-companion[report]'"
             ) from None
         self._figure, self._library = graph_objects.Figure, offline.get_plotlyjs
         self._drawn: list[str] = []

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.accuracy.answer import CAUSES
 from companion.analysis.attribution import departures, episodes, findings_of, follows
-from companion.analysis.episode import Departure, Episode
+from companion.analysis.episode import PHRASES, Departure, Episode
 from companion.analysis.reference import Limits
-from companion.estimation import BestEstimate, Explained, smooth
+from companion.estimation import KINDS, BestEstimate, Explained, smooth
 from companion.model import Flight
 from companion.strapdown import quaternion
 from tests.estimation.sensed import sensed
@@ -100,3 +101,10 @@ def test_nothing_follows_what_came_later_or_cannot_mislead() -> None:
     assert not follows(early, episode("gyro_bias", "imu", 30.0))
     assert not follows(early, episode("barometer", "barometer", 9.0))
     assert not follows(early, episode("gps_height", "gps", 9.0))
+
+
+def test_every_kind_of_explanation_has_its_words_and_its_size() -> None:
+    """A row of KINDS is all that a new kind needs beside its words; the benchmarks know it too."""
+    assert set(PHRASES) == {kind.name for kind in KINDS}
+    assert set(CAUSES) >= {kind.name for kind in KINDS}
+    assert all((kind.serious > 0) == (kind.side == "imu") for kind in KINDS)

@@ -63,15 +63,11 @@ _INSTANCES = 16  # the most that a flight controller publishes of one topic
 def read_ulog(path: Path, contents: bytes) -> Any:
     """pyulog's ULog of these contents.
 
-    Raises InputError when pyulog is not installed or cannot read the file.
+    Raises InputError when pyulog cannot read the file.
     """
-    try:
-        from pyulog import ULog  # noqa: PLC0415  (an extra: needed for these files alone)
-        from pyulog.core import ULogException  # noqa: PLC0415
-    except ImportError:
-        raise InputError(
-            f"{path} is a PX4 ULog, and reading it needs pyulog. Install it: pip install 'companion[ulog]'"
-        ) from None
+    from pyulog import ULog  # noqa: PLC0415  (needed for these files alone)
+    from pyulog.core import ULogException  # noqa: PLC0415
+
     check_formats(path, contents)
     try:
         with contextlib.redirect_stdout(sys.stderr):  # it prints what it thinks of a file
