@@ -176,7 +176,7 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
         elif harmed and episode.witness == "imu":
             severity = "warning"
         side: Side = "imu" if episode.witness == "imu" else "autopilot" if harmed else "data"
-        why = _why_undecided(episode) if severity == "error" else ""
+        why = _why_undecided(episode, best) if severity == "error" else ""
         headline = words = said(episode, best)
         misled: tuple[str, ...] = ()
         if harmed and severity != "info":
@@ -199,12 +199,19 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
     return out
 
 
-def _why_undecided(episode: Episode) -> str:
+_CONTRADICTED = (
+    "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which of them is wrong"
+)
+
+
+def _why_undecided(episode: Episode, best: BestEstimate) -> str:
     """Why an episode that looks like a fault accuses nobody; empty where it does."""
     if episode.kind.endswith("_shock"):
         return "a shock, strong vibration or lost samples do this too: no sensor is accused of a moment"
     if episode.magnitude < _SIGMAS * episode.sigma:
         return "its size is hardly more than its σ"
+    if contradicted(best):
+        return _CONTRADICTED
     if (rival := rival_of_another(episode)) is not None:
         return f"{rival.replace('_', ' ')} explains it nearly as well: it cannot be told which of them is wrong"
     return ""
@@ -218,7 +225,7 @@ def _why_unsure(departure: Departure, best: BestEstimate) -> str:
     if "gps_position" not in best.residuals:
         return "without GPS it cannot be told which of them is wrong"
     if contradicted(best):
-        return "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which is wrong"
+        return _CONTRADICTED
     for kind in best.promising:
         if sensor := _SENSORS.get(kind.split("_")[0]):
             return f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong"

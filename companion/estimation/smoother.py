@@ -98,7 +98,8 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
     """The estimate with everything explained that has to be: one after the other, each time what explains most.
 
     What is not explained was learned as noise, and hides in it. So an explanation that promises something is weighed
-    again with the noise that is learned beside it.
+    again with the noise that is learned beside it, from where the iteration began: an unexplained fault may have led it
+    to another heading.
     """
     accepted: list[Choice] = []
     nearly: tuple[str, ...] = ()
@@ -107,7 +108,7 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
         choice = choose(linear.problem, linear.solution)
         if choice is None:
             break
-        again, tried = estimate(setup, settled, [*accepted, choice])
+        again, tried = estimate(setup, replace(settled, states=start.states), [*accepted, choice])
         beside = gain_beside(choice, tried.problem, tried.solution, tried.prior)
         gain = max(choice.gain, beside) / unrest(choice, tried.problem, tried.solution)
         choice = choice.in_noise(choice.gain / gain)

@@ -27,7 +27,7 @@ def problem() -> Linear:
     return linearise(setup, path, states, START, {one.name: 1.0 for one in setup.readings}, {})
 
 
-def in_gtsam(linear: Linear) -> gtsam.GaussianFactorGraph:
+def in_gtsam(linear: Linear) -> Any:
     """The factors of a linear problem, each whitened."""
     graph, unit = gtsam.GaussianFactorGraph(), gtsam.noiseModel.Unit.Create
     motion, prior = linear.motion, linear.prior
