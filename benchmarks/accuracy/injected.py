@@ -200,7 +200,7 @@ def cases(paths: Sequence[Path], *, sizes: Literal["all", "middle"]) -> list[Cas
             for thin in [False] * (rate >= _FAST_HZ) + [True]:
                 chosen = [(-1, 0, 0.0)]
                 for i, fault in enumerate(FAULTS):
-                    some = range(len(fault.sizes)) if sizes == "all" else [len(fault.sizes) // 2]
+                    some = range(len(fault.sizes)) if sizes == "all" else [fault.middle]
                     chosen += [(i, k, _ONSETS[(len(found) + i + k) % len(_ONSETS)]) for k in some]
                 halves = chosen[::2], chosen[1::2]
                 found += [Case(str(path), number, vehicle_of(path), thin, tuple(half)) for half in halves]

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from companion.analysis.compare import attitude_error, length
-from companion.analysis.episode import PHRASES, Departure, Episode, cause_of, rival_of_another, rivals, said
+from companion.analysis.episode import CLOSE, FAR, PHRASES, Departure, Episode, cause_of, rival_of_another, rivals, said
 from companion.analysis.finding import Finding, Severity, Side, runs
 from companion.analysis.phases import phases
 from companion.analysis.reference import BoolArray, Limits, reference_at
@@ -210,9 +210,10 @@ def _why_undecided(episode: Episode, best: BestEstimate) -> str:
         return "a shock, strong vibration or lost samples do this too: no sensor is accused of a moment"
     if episode.magnitude < _SIGMAS * episode.sigma:
         return "its size is hardly more than its σ"
-    if contradicted(best):
+    noisy = contradicted(best)
+    if noisy and episode.witness != "imu":
         return _CONTRADICTED
-    if (rival := rival_of_another(episode)) is not None:
+    if (rival := rival_of_another(episode, FAR if noisy else CLOSE)) is not None:
         return f"{rival.replace('_', ' ')} explains it nearly as well: it cannot be told which of them is wrong"
     return ""
 

@@ -12,7 +12,7 @@ from companion.analysis.finding import Cause, Side
 from companion.estimation import BestEstimate, kind_of
 from companion.model import Array
 
-_CLOSE, _FAR = 3.0, 7.0  # log-likelihood: one to twenty, one to a thousand
+CLOSE, FAR = 3.0, 7.0  # log-likelihood: one to twenty, one to a thousand
 _UNITS = {"tilt": "°", "heading": "°", "velocity": " m/s", "position": " m"}
 
 
@@ -163,11 +163,11 @@ def said(episode: Episode, best: BestEstimate) -> str:
     return f"{PHRASES[episode.kind][0](episode, best)}, from {episode.start:.1f} ± {episode.start_sigma:.1f} s {until}"
 
 
-def rival_of_another(episode: Episode) -> str | None:
-    """The kind of explanation that blames another and is nearly as likely; None where there is none."""
+def rival_of_another(episode: Episode, within: float) -> str | None:
+    """The kind of explanation that blames another, its log-likelihood within so much; None where there is none."""
     side = kind_of(episode.kind).side
     rival = _rival(replace(episode, others=tuple(o for o in episode.others if kind_of(o[0]).side != side)))
-    return rival[0] if rival is not None and rival[1] < _CLOSE else None
+    return rival[0] if rival is not None and rival[1] < within else None
 
 
 def _rival(episode: Episode) -> tuple[str, float] | None:
@@ -188,5 +188,5 @@ def rivals(episode: Episode) -> str:
     if rival is None:
         return ""
     kind, worse = rival
-    less = "far less likely" if worse > _FAR else f"{max(np.exp(worse), 1.0):.0f} times less likely"
+    less = "far less likely" if worse > FAR else f"{max(np.exp(worse), 1.0):.0f} times less likely"
     return f"next best: {kind.replace('_', ' ')}, {less}"
