@@ -44,8 +44,11 @@ def new_page(browser: Browser, width: int = 1280, height: int = 800, **options: 
 
 
 def open_page(page: Page, url: str) -> Page:
-    """Go there and wait until the picture is."""
-    page.goto(url)
+    """Go there and wait until the picture is: of half the resolution, for without a graphics card its pixels cost most.
+
+    An address that says more than where is opened as it is.
+    """
+    page.goto(url if "?" in url else f"{url}/?fixedDpr=0.5")
     page.wait_for_selector("canvas")
     expect(page.get_by_text("Picture", exact=True)).to_be_visible()  # the panel
     # viser's remark that this machine has no graphics card: true, and in the way
