@@ -9,8 +9,8 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 
-import companion
 from companion.cli import (
     analyze,
     calibrate,
@@ -90,7 +90,7 @@ def parser() -> argparse.ArgumentParser:
         description="Does this IMU agree with this autopilot, and if not, which of them is wrong?",
         epilog="example: companion analyze flight.tlog",
     )
-    top.add_argument("--version", action="version", version=f"companion {companion.__version__}")
+    top.add_argument("--version", action="version", version=f"companion {version('mavlink-companion')}")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in _COMMANDS:
         command.add_parser(commands)

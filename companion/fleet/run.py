@@ -122,7 +122,7 @@ def _absolute(imu_model: str | None) -> str | None:
 def _about(run: FleetRun, version: str) -> dict[str, str]:
     """How the rows were made, for whoever reads them."""
     return {
-        "companion": metadata.version("companion"),
+        "companion": metadata.version("mavlink-companion"),
         "version": version,
         "settings": msgspec.json.encode(run.settings).decode(),
         "imu": run.imu or "the default of each autopilot",

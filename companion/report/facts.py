@@ -19,7 +19,7 @@ from companion.report.section import Section
 from companion.settings import Settings
 
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
-_LIBRARIES = ("companion", "numpy", "pymavlink", "plotly", "viser")
+_LIBRARIES = ("mavlink-companion", "numpy", "pymavlink", "plotly", "viser")
 MOST_TEXTS = 500
 
 
