@@ -9,7 +9,6 @@ import io
 import os
 import sys
 from collections.abc import Sequence
-from importlib.metadata import version
 
 from companion.cli import (
     analyze,
@@ -55,8 +54,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command. Returns the exit code: 0, 2 (the user can mend it), 70 (a fault of ours), 130 (Ctrl-C)."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a redirect on Windows is cp1252, which has no line of the tables
-    arguments = parser().parse_args(argv)
     try:
+        arguments = parser().parse_args(argv)
         code: int = arguments.run(arguments)
         if sys.stdout is not None:  # closed by the caller (>&-)
             sys.stdout.flush()
@@ -90,7 +89,7 @@ def parser() -> argparse.ArgumentParser:
         description="Does this IMU agree with this autopilot, and if not, which of them is wrong?",
         epilog="example: companion analyze flight.tlog",
     )
-    top.add_argument("--version", action="version", version=f"companion {version('mavlink-companion')}")
+    top.add_argument("--version", action="version", version=f"companion {unforeseen.own_version()}")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in _COMMANDS:
         command.add_parser(commands)

@@ -7,7 +7,7 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Sequence
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h
@@ -18,16 +18,27 @@ def tell(error: BaseException, arguments: Sequence[str]) -> int:
     what = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     if isinstance(error, MemoryError):
         what = f"there is not enough memory ({what})"
-    path = _write(error, arguments)
+    try:
+        path = _write(error, arguments)
+    except Exception:  # noqa: BLE001  (there is nobody behind this border)
+        path = None
     where = f"Send in {path} and, if you may, the log" if path else "The report of it cannot be written"
     _say(f"companion: this is a fault of companion, and not yours: {what}. {where}.")
     return EXIT_CODE
 
 
+def own_version() -> str:
+    """As it was installed; "unknown" where the package's own description is gone."""
+    try:
+        return version("mavlink-companion")
+    except PackageNotFoundError:
+        return "unknown"
+
+
 def _write(error: BaseException, arguments: Sequence[str]) -> Path | None:
     """The report, in a new file of the folder for temporary ones that only its owner can read."""
     told = "".join(traceback.format_exception(error))
-    about = f"companion {version('mavlink-companion')}, Python {platform.python_version()}, {platform.platform()}"
+    about = f"companion {own_version()}, Python {platform.python_version()}, {platform.platform()}"
     text = f"{about}\ncommand: {' '.join(map(repr, arguments))}\n\n{told}"
     try:
         with tempfile.NamedTemporaryFile(

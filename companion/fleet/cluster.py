@@ -20,6 +20,7 @@ from companion.model import InputError
 if TYPE_CHECKING:
     from distributed import Client, Future
 
+_log = logging.getLogger(__name__)
 _CONNECT_S = 10.0  # for a scheduler to answer, and for it to have a worker
 _SPARE_S = 60.0  # for a worker that has died to come again, and for what a scheduler does between two answers
 _LOOK_S = 0.02  # between two looks for a log that is done
@@ -52,6 +53,7 @@ def local_cluster(workers: int | None, most: int) -> Iterator[Client]:
             stack.callback(_close, cluster)
             client: Client = distributed.Client(cluster, set_as_default=False)
             stack.callback(_close, client)
+            _silence(client)
         yield client
 
 
@@ -104,6 +106,7 @@ def remote_cluster(address: str) -> Iterator[Client]:
     with contextlib.ExitStack() as stack:
         stack.enter_context(_quiet())
         stack.callback(_close, client)
+        _silence(client)
         with _failing(f"the scheduler at {address} does not answer ({{}}). {_KEPT}"):
             try:
                 client.wait_for_workers(1, timeout=_CONNECT_S)
@@ -112,6 +115,12 @@ def remote_cluster(address: str) -> Iterator[Client]:
                     f"the scheduler at {address} has no workers. Start some: dask worker {address} --nthreads 1"
                 ) from None
         yield client
+
+
+def _silence(client: Client) -> None:
+    """What nobody waits for any more in Dask's event loop fails without a traceback in the terminal."""
+    loop: Any = client.loop
+    loop.asyncio_loop.set_exception_handler(lambda _, context: _log.debug("in Dask: %s", context.get("message")))
 
 
 @contextlib.contextmanager

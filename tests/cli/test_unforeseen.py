@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,18 @@ def test_what_nobody_foresaw_is_one_sentence_a_report_and_an_exit_code(
     assert "Traceback (most recent call last)" in text
     assert type(error).__name__ in text
     assert repr(DEMO) in text
+
+
+def test_a_broken_installation_is_one_sentence_too(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def gone(name: str) -> str:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr("companion.cli.unforeseen.version", gone)
+    monkeypatch.setattr(sys.modules["companion.cli.main"], "parser", lambda: gone("x"))
+    assert main(["info", DEMO]) == 70
+    assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_an_output_that_takes_nothing_is_no_fault_of_ours(
