@@ -38,7 +38,7 @@ MAY_IMPORT = {
     "report": GROUND
     | {"settings", "recording", "strapdown", "estimation", "analysis", "examination", "documents", "view", "report"},
     "fleet": GROUND
-    | {"destination", "settings", "sensors", "mavlink", "recording", "examination", "documents", "report"},
+    | {"destination", "settings", "sensors", "mavlink", "recording", "examination", "documents", "export", "report"},
     "cli": GROUND
     | {
         "destination",

@@ -3,7 +3,7 @@
 from companion.export.files import write_csv, write_json, write_parquet
 from companion.export.kalibr import kalibr_text
 from companion.export.mcap import write_mcap
-from companion.export.table import Column, Table
+from companion.export.table import Column, Table, harmless
 from companion.export.times import series_name
 from companion.export.tracks import reckoning_of, tables
 from companion.export.tum import write_estimate_tum, write_tum
@@ -11,6 +11,7 @@ from companion.export.tum import write_estimate_tum, write_tum
 __all__ = [
     "Column",
     "Table",
+    "harmless",
     "kalibr_text",
     "reckoning_of",
     "series_name",

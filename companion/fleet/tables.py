@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from companion.export import harmless
 from companion.fleet.rows import Row, Rows
 
 if TYPE_CHECKING:
@@ -76,7 +77,9 @@ def arrow_table(name: str, rows: Sequence[Row]) -> pa.Table:
     fields, columns = [], []
     for column, kind in COLUMNS[name].items():
         values = [row.get(column) for row in rows]
-        if kind == "date":
+        if kind == "string":
+            values = [None if v is None else harmless(v) for v in values]
+        elif kind == "date":
             values = [None if v is None else round(v * 1e6) for v in values]
         elif kind == "ids":
             values = [None if v is None else list(v.items()) for v in values]

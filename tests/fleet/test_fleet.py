@@ -369,3 +369,9 @@ def test_a_log_that_takes_longer_than_it_is_given_is_an_error_of_its_own() -> No
 
     with pytest.raises(InputError, match=r"longer than the 0.2 s .* --timeout"), limited(4.0, 0.2):
         work()
+
+
+def test_text_of_a_log_is_no_formula_in_a_table() -> None:
+    rows = rows_of([(FoundLog("=HYPERLINK(1).tlog", 1, "1-1"), LogRecord(sha256="1", error="@SUM(A1)"))])
+    (row,) = arrow_tables(rows)["flights"].to_pylist()
+    assert (row["log"], row["error"]) == ("'=HYPERLINK(1).tlog", "'@SUM(A1)")
