@@ -21,11 +21,13 @@ from companion.model import (
     AttitudeTrack,
     Flight,
     ImuTrack,
+    Origin,
     PositionTrack,
     Vehicle,
 )
 from companion.sensors import imu_parts, load_imu_figures
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
+from tests.estimation.sensed import EPOCH, PLACE, barometer_of, compass_of, gps_of
 
 RATE_HZ, SECONDS = 100.0, 80.0
 Random = np.random.Generator
@@ -88,6 +90,11 @@ def flight(rng: Random, fault: Fault, rate_hz: float = RATE_HZ) -> tuple[Flight,
             true.velocity[part] + rng.normal(0, 0.02, (n, 3)),
             "LOCAL_POSITION_NED",
         ),
+        origin=Origin(*PLACE),
+        epoch=EPOCH,
+        gps=(gps_of(true, rng, PLACE),),
+        compasses=(compass_of(true, rng, PLACE),),
+        barometers=(barometer_of(true, rng),),
     )
     return built, figures
 

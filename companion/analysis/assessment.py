@@ -257,10 +257,15 @@ def in_flight(figures: ImuFigures, best: BestEstimate) -> ImuFigures:
 
 
 def _unbiased(track: ImuTrack, best: BestEstimate) -> ImuTrack:
-    """The track without the usual bias of the best estimate: one that the autopilot knows and removes is no fault."""
-    states = best.states
+    """The track without the usual bias of the best estimate, and without the scale and misalignment found beside it.
+
+    A bias that the autopilot knows and removes is no fault; one without the other is nobody's.
+    """
+    states, eye = best.states, np.eye(3)
     return replace(
         track,
-        gyro=track.gyro - np.median(states.gyro_bias, axis=0),
-        accel=track.accel - np.median(states.accel_bias, axis=0),
+        gyro=(track.gyro - np.median(states.gyro_bias, axis=0))
+        @ (eye - states.constant("gyro_matrix").reshape(3, 3)).T,
+        accel=(track.accel - np.median(states.accel_bias, axis=0))
+        @ (eye - states.constant("accel_matrix").reshape(3, 3)).T,
     )

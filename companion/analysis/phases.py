@@ -31,6 +31,7 @@ _CRASHED = re.compile(
 
 _YOUNG_S = 60.0  # since boot: until then an estimator may still be finding its heading
 _SETTLED = np.radians(2.0)  # heading, at rest
+_BIAS = 0.02  # rad/s, of a gyro at rest
 _STILL = 0.03  # rad/s: a vehicle that is not being turned
 _MOVING = 0.5  # m/s, or m above where it was armed
 _ENDING_S = 1.0
@@ -121,7 +122,7 @@ def _moving(flight: Flight, begin: float, end: float, *, by_position: bool) -> l
     if not len(t):
         return []
     inside = (t >= begin) & (t <= end)
-    t, turning = t[inside], np.square(rates[inside] - np.median(rates, axis=0)).sum(axis=1)
+    t, turning = t[inside], np.square(rates[inside] - _rest(rates)).sum(axis=1)
     if len(t) < 2:
         return []
     second = np.floor(t - t[0]).astype(np.int64)
@@ -136,6 +137,11 @@ def _rates(flight: Flight) -> tuple[Array, Array]:
     if name is not None:
         return flight.imus[name].t, flight.imus[name].gyro
     return (np.zeros(0), np.zeros((0, 3))) if flight.attitude is None else (flight.attitude.t, flight.attitude.rates)
+
+
+def _rest(rates: Array) -> Array:
+    """(3,) rad/s that a gyro reads at rest: what it reads mostly, but no more than a bias; the rest is an even turn."""
+    return np.asarray(np.clip(np.median(rates, axis=0), -_BIAS, _BIAS))
 
 
 def _aligned(flight: Flight, takeoff: float) -> tuple[float, str]:
@@ -168,7 +174,7 @@ def _settled(flight: Flight, until: float) -> float:
     early = t <= until
     if track is None or not early.any():
         return flight.start
-    turning = np.linalg.norm(rates[early] - np.median(rates[early], axis=0), axis=1) > _STILL
+    turning = np.linalg.norm(rates[early] - _rest(rates[early]), axis=1) > _STILL
     since = float(t[early][turning][-1]) if turning.any() else flight.start
     before = np.flatnonzero((track.t <= until) & (track.t > since))
     if len(before) < 2 or (_down(track.q_ned_frd[before])[:, 2] < np.cos(_OVER)).any():  # on its side it has no heading

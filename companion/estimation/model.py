@@ -23,7 +23,7 @@ CONSTANTS: Mapping[str, tuple[slice, float]] = {
     "lever_arm": (slice(7, 10), 0.2),  # m, FRD, from the IMU to the antenna
     "barometer_offset": (slice(10, 11), 1000.0),  # m
     "compass_latency": (slice(11, 12), 0.02),  # s
-    "gyro_matrix": (slice(12, 21), 0.004),  # 3 x 3 by rows, scale and misalignment: true rate = (I + E) reading
+    "gyro_matrix": (slice(12, 21), 0.004),  # 3 x 3 by rows, scale and misalignment: true rate = (I - E) reading
     "accel_matrix": (slice(21, 30), 0.004),  # the same for specific force
     "soft_iron": (slice(30, 39), 0.03),  # 3 x 3 by rows: what it adds to the field, as a part of it
 }
@@ -198,6 +198,6 @@ def corrected(imu: ImuTrack, estimate: BestEstimate) -> ImuTrack:
     eye = np.eye(3)
     return replace(
         imu,
-        gyro=(imu.gyro - gyro) @ (eye + s.constant("gyro_matrix").reshape(3, 3)).T,
-        accel=(imu.accel - accel) @ (eye + s.constant("accel_matrix").reshape(3, 3)).T,
+        gyro=(imu.gyro - gyro) @ (eye - s.constant("gyro_matrix").reshape(3, 3)).T,
+        accel=(imu.accel - accel) @ (eye - s.constant("accel_matrix").reshape(3, 3)).T,
     )

@@ -22,6 +22,7 @@ from companion.model import (
     Vehicle,
     from_euler,
 )
+from companion.strapdown import motions
 from tests.flights import VEHICLE
 from tests.recordings import shared
 
@@ -171,3 +172,18 @@ def test_recordings_whose_story_is_known(name: str) -> None:
     found = phases(c.open_log(shared(name))[0])
     assert [part.kind for part in found] == kinds
     assert found[-1].start == pytest.approx(last, abs=1.5)
+
+
+def test_an_even_turn_is_a_flight_and_no_heading_that_turns_at_rest() -> None:
+    """Nobody said that it was armed; the gyro reads the turn all the time, and no bias is as large."""
+    motion = motions.circle(T, radius=60.0, speed=8.0, bank=0.1)
+    flight = Flight(
+        vehicle=VEHICLE,
+        boot=1,
+        start=0.0,
+        duration=float(T[-1]),
+        imus={"RAW_IMU": replace(motion.imu, source="RAW_IMU")},
+        attitude=AttitudeTrack(T, motion.q_ned_frd, motion.gyro),
+        position=PositionTrack(T, motion.position, motion.velocity),
+    )
+    assert [kind for kind, _, _ in told(flight)] == ["flight"]

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from companion.estimation import ATTITUDE, CONSTANTS, POSITION, VELOCITY, BestEstimate, smooth
+from companion.estimation.model import corrected
 from companion.estimation.setup import first_guess, set_up
 from companion.model import STANDARD_GRAVITY, Array, Flight
 from companion.strapdown import Motion, quaternion
-from tests.estimation.sensed import BIASES, LATENCY, errors, nees, sensed
+from tests.estimation.sensed import BIASES, LATENCY, errors, nees, sensed, with_imu
 
 pytestmark = pytest.mark.slow
 
@@ -138,3 +139,19 @@ def test_at_any_time_it_is_carried_by_the_imu() -> None:
     assert np.percentile(np.linalg.norm(position - truth.position[i], axis=1), 95) < 0.7
     there = found.at(found.t)
     np.testing.assert_allclose(there[2], found.position, atol=1e-9)
+
+
+def test_a_gyro_that_reads_too_much_is_corrected_towards_the_truth() -> None:
+    flight, truth = sensed(120.0)
+    imu = flight.imu()
+    scaled = with_imu(flight, replace(imu, gyro=imu.gyro * [1.0, 1.0, 1.01]))
+    found = smooth(scaled)
+
+    def too_much(gyro: Array) -> float:
+        """By what part of the true rate about z, turns to both sides."""
+        turns = truth.gyro[:, 2] - truth.gyro[:, 2].mean()
+        return float(((gyro[:, 2] - truth.gyro[:, 2]) * turns).sum() / (turns**2).sum())
+
+    assert too_much(scaled.imu().gyro) == pytest.approx(0.01, abs=1e-3)
+    assert too_much(corrected(scaled.imu(), found).gyro) == pytest.approx(0.0, abs=4.0 * found.constants_sigma[20])
+    assert found.constants_sigma[20] < 0.0025
