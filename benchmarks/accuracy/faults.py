@@ -230,7 +230,8 @@ FAULTS: tuple[Fault, ...] = (
     ),
     Fault(
         "heading drifts for 30 s", "autopilot", ("heading", "attitude"), "°/s", (0.3, 1), _DEG,
-        _turned(lambda t, s: _about(2, _creep(t), s)), sensed=False, middle=0),
+        _turned(lambda t, s: _about(2, _creep(t), s)), sensed=False, middle=0,
+    ),
     Fault(
         "attitude leans over within 10 s", "autopilot", ("tilt", "attitude"), "°", (1, 3, 10), _DEG,
         _turned(lambda t, s: _about(0, np.clip(t / _TURN_S, 0, 1), s)), sensed=False,

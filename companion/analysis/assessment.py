@@ -9,9 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from companion.analysis.autopilot_bias import AutopilotBias, autopilot_bias
-from companion.analysis.budget import (
-    window_noise,
-)
+from companion.analysis.budget import window_noise
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Half, Windows, compare, windows
 from companion.analysis.correction import NO_CORRECTION, Correction
@@ -26,7 +24,7 @@ from companion.analysis.phases import phases
 from companion.analysis.rest import Rest, rests
 from companion.analysis.sensitivity import Sensitivity, sensitivity
 from companion.analysis.verdict import FEWEST_WINDOWS, JUDGED_S, Verdict, decide
-from companion.estimation import BestEstimate, other_reading, smooth
+from companion.estimation import BestEstimate, other_reading, smooth, without_errors
 from companion.model import Array, DataError, Flight, ImuTrack, Phase
 
 _SHOWN = 3.0  # σ
@@ -263,14 +261,9 @@ def _unbiased(track: ImuTrack, best: BestEstimate) -> ImuTrack:
     A bias that the autopilot knows and removes is no fault; one without the other is nobody's. What real parts hardly
     show is not taken off in silence.
     """
-    states, eye = best.states, np.eye(3)
+    states, (gyro, accel) = best.states, _USUAL
 
     def usual(bias: Array, most: float) -> Array:
         return np.asarray(np.clip(np.median(bias, axis=0), -most, most))
 
-    return replace(
-        track,
-        gyro=(track.gyro - usual(states.gyro_bias, _USUAL[0])) @ (eye - states.constant("gyro_matrix").reshape(3, 3)).T,
-        accel=(track.accel - usual(states.accel_bias, _USUAL[1]))
-        @ (eye - states.constant("accel_matrix").reshape(3, 3)).T,
-    )
+    return without_errors(track, states, usual(states.gyro_bias, gyro), usual(states.accel_bias, accel))

@@ -13,7 +13,18 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from companion.analysis.compare import attitude_error, length
-from companion.analysis.episode import CLOSE, FAR, PHRASES, Departure, Episode, cause_of, rival_of_another, rivals, said
+from companion.analysis.episode import (
+    CLOSE,
+    FAR,
+    PHRASES,
+    SENSORS,
+    Departure,
+    Episode,
+    cause_of,
+    rival_of_another,
+    rivals,
+    said,
+)
 from companion.analysis.finding import Finding, Severity, Side, runs
 from companion.analysis.phases import phases
 from companion.analysis.reference import BoolArray, Limits, reference_at
@@ -218,9 +229,6 @@ def _why_undecided(episode: Episode, best: BestEstimate) -> str:
     return ""
 
 
-_SENSORS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "compass": "compass"}
-
-
 def _why_unsure(departure: Departure, best: BestEstimate) -> str:
     """Why a departure does not accuse the autopilot; empty where it does."""
     if "gps_position" not in best.residuals:
@@ -228,7 +236,7 @@ def _why_unsure(departure: Departure, best: BestEstimate) -> str:
     if contradicted(best):
         return _CONTRADICTED
     for kind in best.promising:
-        if sensor := _SENSORS.get(kind.split("_")[0]):
+        if sensor := SENSORS.get(kind.split("_")[0]):
             return f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong"
     if departure.size < _CERTAIN * departure.sigma:
         return "that close to what both may be off by, it cannot be told which of them is wrong"

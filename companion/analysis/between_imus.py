@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.analysis.episode import SENSORS
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.phases import phases
 from companion.estimation import BestEstimate, kind_of
@@ -23,7 +24,6 @@ _FEWEST_READINGS, _FEWEST_BLOCKS = 3, 12
 _LEAST: Mapping[str, float] = {"gyro": 8e-3, "accel": 0.4}
 """rad/s, m/s²: two healthy IMUs part by less in a flight, also where vibration shifts one of them."""
 
-_UNHEARD_S = 10.0
 _UNHEARD_S = 10.0  # after which one of them may have been calibrated anew
 _CERTAIN = 8.0  # σ of the difference
 _ABRUPT = 4.0  # times less is left of the difference's changes when one step is taken out
@@ -125,24 +125,24 @@ def _others(flight: Flight, used: ImuTrack) -> list[ImuTrack]:
     return list(tracks.values())
 
 
-_UNITS = {"gyro": ("rad/s", "mrad/s", 1e3, 1), "accel": ("m/s²", "m/s²", 1.0, 2)}
-_NAMES = {"gyro": "gyro", "accel": "accelerometer"}
+_SHOWN = {"gyro": ("mrad/s", 1e3, 1), "accel": ("m/s²", 1.0, 2)}
+"""Sensor → unit, factor and decimals in words."""
 
 
 def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting) -> Finding:
-    si, unit, scale, decimals = _UNITS[one.sensor]
+    kind, (unit, scale, decimals) = kind_of(f"{one.sensor}_bias"), _SHOWN[one.sensor]
     numbers = ", ".join(f"{value * scale:.{decimals}f}" for value in one.size)
     in_use = flight.imu_in_use
     flown = set() if in_use is None else {int(instance) for instance in in_use.instance}
     words = (
-        f"{track.source} (IMU {track.instance}): {_NAMES[one.sensor]} reads ({numbers}) ± "
+        f"{track.source} (IMU {track.instance}): {SENSORS[one.sensor]} reads ({numbers}) ± "
         f"{one.sigma * scale:.{decimals}f} {unit} more than {used.source} (IMU {used.instance}) "
         f"from {one.onset:.1f} ± {one.onset_sigma:.1f} s to the end, which agrees with all other sensors"
     )
     if flown == {used.instance}:
         words += f"; the autopilot flew on IMU {used.instance}: its estimate is right"
     return Finding(
-        f"{one.sensor}_bias",
+        kind.name,
         "imu",
         "error",
         one.onset,
@@ -151,7 +151,7 @@ def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting) -> F
         f"Calibrate IMU {track.instance}; if it steps again, disable it: the autopilot may switch to it.",
         words,
         Cause(
-            f"{one.sensor}_bias",
+            kind.name,
             "imu",
             one.onset,
             onset_sigma_s=one.onset_sigma,
@@ -159,6 +159,6 @@ def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting) -> F
             axis=one.axis if abs(one.size["xyz".index(one.axis)]) > 0.9 * float(np.linalg.norm(one.size)) else "",
             size=float(np.linalg.norm(one.size)),
             sigma=one.sigma,
-            unit=si,
+            unit=kind.unit,
         ),
     )

@@ -13,6 +13,9 @@ from companion.estimation import BestEstimate, kind_of
 from companion.model import Array
 
 CLOSE, FAR = 3.0, 7.0  # log-likelihood: one to twenty, one to a thousand
+SENSORS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "compass": "compass"}
+"""Sensor, as kinds begin with it → its name in words."""
+
 _UNITS = {"tilt": "°", "heading": "°", "velocity": " m/s", "position": " m"}
 
 

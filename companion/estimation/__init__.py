@@ -14,6 +14,7 @@ from companion.estimation.model import (
     Residuals,
     States,
     corrected,
+    without_errors,
 )
 from companion.estimation.noise_density import (
     Sampling,
@@ -76,4 +77,5 @@ __all__ = [
     "stretches",
     "vibration",
     "white_noise",
+    "without_errors",
 ]

@@ -28,6 +28,10 @@ _BEYOND = 8.0  # times what the readings scatter by: more is learned of no senso
 _CLEARLY = 2.0  # times less noise, in every interval and on every axis: chance has no part in it
 
 
+Motion = tuple[tuple[Array, Array], tuple[Array, Array]]
+"""Of gyro and accelerometer: what the estimate's motion has and what was read, (K-1, 3) each."""
+
+
 @dataclass(frozen=True, slots=True)
 class Reading:
     """Another way to read the IMU, and how much better it fits."""
@@ -65,6 +69,10 @@ def followed(best: BestEstimate) -> tuple[Array, Array]:
     By regression over the intervals between keyframes, biases taken off, where nothing else of the IMU was explained: a
     mirrored axis has -1 where the other witnesses tell the motion. 1 for an axis that reads hardly more than its noise.
     """
+    return _followed(best, _moved(best))
+
+
+def _followed(best: BestEstimate, motion: Motion) -> tuple[Array, Array]:
     seconds = np.diff(best.t)[:, None]
     plain = np.ones(len(seconds), np.bool_)
     for one in best.explained:
@@ -74,14 +82,14 @@ def followed(best: BestEstimate) -> tuple[Array, Array]:
         plain[:] = True
     parts = []
     noises = zip((best.noise.gyro_noise, best.noise.accel_noise), best.scatter, strict=True)
-    for (moved, read), noise in zip(_moved(best), map(min, noises), strict=True):
+    for (moved, read), noise in zip(motion, map(min, noises), strict=True):
         square = (read[plain] ** 2).sum(axis=0)
         heard = square > _HEARD**2 * noise**2 * (1.0 / seconds[plain]).sum()
         parts.append(np.where(heard, (moved * read)[plain].sum(axis=0) / np.maximum(square, 1e-300), 1.0))
     return parts[0], parts[1]
 
 
-def _moved(best: BestEstimate) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+def _moved(best: BestEstimate) -> Motion:
     """Mean rate and specific force (K-1, 3) of every interval: of the estimate's motion, and as read.
 
     FRD at the start of the interval; the readings without bias, scale error and misalignment as they are estimated.
@@ -114,11 +122,12 @@ def other_reading(
     come and go; the other way has to do without. Nothing is tried where every axis is followed, and no way that leaves
     the axes alone that are not; of a long flight the part is taken in which they are followed least.
     """
-    gyro, accel = (part < _FOLLOWED for part in followed(best))
-    if not (gyro.any() or accel.any()) or not (contradicted(best) or _spared(best, gyro, accel) > _WORTHWHILE):
+    motion = _moved(best)
+    gyro, accel = (part < _FOLLOWED for part in _followed(best, motion))
+    if not (gyro.any() or accel.any()) or not (contradicted(best) or _spared(motion, gyro, accel) > _WORTHWHILE):
         return None
     ways = {words: turn for words, turn in WAYS.items() if _touches(turn[0], gyro) or _touches(turn[1], accel)}
-    part = _least_followed(best) if best.t[-1] - best.t[0] > _LONGEST_S else span
+    part = _least_followed(best.t, motion) if best.t[-1] - best.t[0] > _LONGEST_S else span
     track = flight.imu(best.imu.source)
 
     def needed(turn: tuple[Array, Array]) -> float:
@@ -140,10 +149,10 @@ def other_reading(
     return Reading(words, fits) if np.isfinite(as_it_is) and fits > _CLEARLY else None
 
 
-def _spared(best: BestEstimate, gyro: npt.NDArray[np.bool_], accel: npt.NDArray[np.bool_]) -> float:
+def _spared(motion: Motion, gyro: npt.NDArray[np.bool_], accel: npt.NDArray[np.bool_]) -> float:
     """How many times less noise both sensors would need at best, if the axes named (3,) were not off at all."""
     ratio = 1.0
-    for (moved, read), axes in zip(_moved(best), (gyro, accel), strict=True):
+    for (moved, read), axes in zip(motion, (gyro, accel), strict=True):
         off = ((moved - read) ** 2).sum(axis=0)
         ratio *= float(off.sum() / max(off[~axes].sum(), 1e-9 * off.sum(), 1e-300))
     return float(ratio**0.25)
@@ -154,14 +163,13 @@ def _touches(turn: Array, axes: npt.NDArray[np.bool_]) -> bool:
     return bool((axes & (np.diag(turn) < 1.0)).any())
 
 
-def _least_followed(best: BestEstimate) -> tuple[float, float]:
-    """The boot times (s) between which the estimate's motion differs most from what the IMU reads."""
-    moved = _moved(best)
-    off = sum(((m - r) ** 2).sum(axis=1) / ((m - r) ** 2).mean() for m, r in moved)
-    total = np.concatenate([[0.0], np.cumsum(off * np.diff(best.t))])
-    end = np.searchsorted(best.t, best.t + _LONGEST_S, side="right") - 1
+def _least_followed(t: Array, motion: Motion) -> tuple[float, float]:
+    """The boot times (s), of those of keyframes (K,), between which motion and readings differ most."""
+    off = sum(((m - r) ** 2).sum(axis=1) / ((m - r) ** 2).mean() for m, r in motion)
+    total = np.concatenate([[0.0], np.cumsum(off * np.diff(t))])
+    end = np.searchsorted(t, t + _LONGEST_S, side="right") - 1
     first = int(np.argmax(total[end] - total))
-    return float(best.t[first]), float(best.t[end[first]])
+    return float(t[first]), float(t[end[first]])
 
 
 def _size(noise: ProcessNoise) -> float:

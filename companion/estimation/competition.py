@@ -26,9 +26,9 @@ from companion.estimation.weighing import Candidate, joined, jumps, pushes, weig
 
 _ONSETS = 24
 _ONSET_PRICE = 2.0 * float(np.log(_ONSETS))
-WORTH = 30.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
 _END_PRICE = 2.0 * float(np.log(4))  # whether it lasts for 8, 16, 32 or 64 s
 _LEAST_S = {"imu": 5.0, "gps": 0.5, "compass": 2.0, "barometer": 2.0}  # what lasts for less is a shock, or a step
+WORTH = 30.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
 _PROMISING = 10.0  # and from which on it is weighed again
 _SHOCKS = {
     ("gyro_bias", "step"): GYRO_BIAS, ("accel_bias", "step"): ACCEL_BIAS,
@@ -155,7 +155,7 @@ def _comes_and_goes(kind: Kind, shape: str) -> bool:
 
 def _weighed(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape: str) -> Candidate | None:
     """A kind and shape at the onsets of the grid, and where its witnesses step."""
-    if kind.needs and problem.witness(kind.needs) is None:
+    if not kind.has_witness(problem):
         return None
     if (kind.name, shape) in _SHOCKS:
         return weigh_shocks(problem, solution, kind, shape, _SHOCKS[kind.name, shape])
@@ -274,7 +274,7 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
     _, d = solution.disturbances
     for (name, shape), block in _SHOCKS.items():
         kind = kind_of(name)
-        if shape != "step" or (kind.needs and problem.witness(kind.needs) is None):
+        if shape != "step" or not kind.has_witness(problem):
             continue
         known = np.maximum(np.diagonal(d[middle, block, block], axis1=1, axis2=2).min(axis=1), 1e-300)
         paid = np.log1p(known * kind.prior**2) + 2.0 * np.log(3.0) + _ONSET_PRICE

@@ -74,9 +74,11 @@ class Kind:
 
     def of(self, problem: Problem) -> Signature | None:
         """Its signature in a problem; None where the flight has nothing that it would change, or no witness of it."""
-        if self.needs and problem.witness(self.needs) is None:
-            return None
-        return self.signature(problem)
+        return self.signature(problem) if self.has_witness(problem) else None
+
+    def has_witness(self, problem: Problem) -> bool:
+        """Whether the flight has what it takes to say anything of it."""
+        return not self.needs or problem.witness(self.needs) is not None
 
     @property
     def moments(self) -> int:

@@ -151,7 +151,7 @@ def _in_turn(q: Array, e: Array) -> Array:
 
 
 def _typical(above: Array, below: Array) -> float:
-    """The ratio of the sums in a typical stretch, between 1/10 and 10; 1 where nothing says it."""
+    """The ratio of the sums in a typical stretch, between 1/100 and 100; 1 where nothing says it."""
     count = min(_STRETCHES, len(above) // 8)
     parts = count if count >= 3 else 1
     sums = np.array([[part.sum() for part in np.array_split(one, parts)] for one in (above, below)])

@@ -195,9 +195,14 @@ def corrected(imu: ImuTrack, estimate: BestEstimate) -> ImuTrack:
     gyro, accel = (
         np.column_stack([np.interp(imu.t, estimate.t, b) for b in bias.T]) for bias in (s.gyro_bias, s.accel_bias)
     )
+    return without_errors(imu, s, gyro, accel)
+
+
+def without_errors(imu: ImuTrack, states: States, gyro_bias: Array, accel_bias: Array) -> ImuTrack:
+    """An IMU track of N samples without biases, (3,) or (N, 3), and without the scale and misalignment of states."""
     eye = np.eye(3)
     return replace(
         imu,
-        gyro=(imu.gyro - gyro) @ (eye - s.constant("gyro_matrix").reshape(3, 3)).T,
-        accel=(imu.accel - accel) @ (eye - s.constant("accel_matrix").reshape(3, 3)).T,
+        gyro=(imu.gyro - gyro_bias) @ (eye - states.constant("gyro_matrix").reshape(3, 3)).T,
+        accel=(imu.accel - accel_bias) @ (eye - states.constant("accel_matrix").reshape(3, 3)).T,
     )

@@ -161,10 +161,8 @@ def weigh_shocks(problem: Problem, solution: Solution, kind: Kind, shape: str, b
     """Shocks to a block of the states at every keyframe at once, of which the disturbances tell: a shock to a bias is a
     step of it."""
     e, d = solution.disturbances
-    if shape == "shock":
-        middle = 0.5 * (problem.t[:-1] + problem.t[1:])
-        return candidate(kind, shape, problem, (middle, np.full(len(e), np.inf)), -e[:, block], d[:, block, block])
-    return candidate(kind, shape, problem, (problem.t[1:], np.full(len(e), np.inf)), -e[:, block], d[:, block, block])
+    onset = 0.5 * (problem.t[:-1] + problem.t[1:]) if shape == "shock" else problem.t[1:]
+    return candidate(kind, shape, problem, (onset, np.full(len(e), np.inf)), -e[:, block], d[:, block, block])
 
 
 def candidate(kind: Kind, shape: str, problem: Problem, span: tuple[Array, Array], b: Array, v: Array) -> Candidate:
