@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.model import STANDARD_GRAVITY, Array, Flight, GpsTrack, ImuTrack, SensorInUse
+from companion.model import STANDARD_GRAVITY, Array, Flight, GpsTrack, ImuTrack
 
 _HOLE_PERIODS = 3.0  # a longer interval than so many median ones is a hole
 _SERIES = {
@@ -42,20 +42,16 @@ def used_imus(flight: Flight) -> str:
     used = flight.imu_in_use
     if used is None or not len(used.t):
         return ""
-    later = "".join(f", IMU {i} from {t:.1f} s" for t, i in zip(used.t[1:], used.instance[1:], strict=True))
+    later = "".join(f", IMU {i} from {t:.1f} s" for t, i in used.changes[1:])
     return f"IMU {used.instance[0]}{later} ({used.source})"
 
 
 def used_aiding(flight: Flight) -> str:
     """Which receiver, compass, barometer and airspeed sensor the estimator used when; "" where it is not told."""
     return "; ".join(
-        f"{kind} " + ", ".join(f"{i}{f' from {t:.1f} s' if n else ''}" for n, (t, i) in enumerate(_changes(used)))
+        f"{kind} " + ", ".join(f"{i}{f' from {t:.1f} s' if n else ''}" for n, (t, i) in enumerate(used.changes))
         for kind, used in flight.aiding_in_use.items()
     )
-
-
-def _changes(used: SensorInUse) -> list[tuple[float, int]]:
-    return list(zip(used.t.tolist(), used.instance.tolist(), strict=True))
 
 
 def _items(flight: Flight) -> Iterator[Item]:

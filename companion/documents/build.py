@@ -149,7 +149,7 @@ def _info_flight(flight: Flight) -> schema.InfoFlight:
 
 
 def _in_use(used: SensorInUse) -> list[schema.SensorInUseObject]:
-    return [schema.SensorInUseObject(t, i) for t, i in zip(used.t.tolist(), used.instance.tolist(), strict=True)]
+    return [schema.SensorInUseObject(t, i) for t, i in used.changes]
 
 
 def vehicle_object(flight: Flight) -> schema.VehicleObject:

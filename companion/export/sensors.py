@@ -112,11 +112,7 @@ def sensor_tables(flight: Flight) -> Iterator[Table]:
 
 
 def _aiding_in_use(flight: Flight) -> Table:
-    used = [
-        (kind, one.source, t, i)
-        for kind, one in flight.aiding_in_use.items()
-        for t, i in zip(one.t, one.instance, strict=True)
-    ]
+    used = [(kind, one.source, t, i) for kind, one in flight.aiding_in_use.items() for t, i in one.changes]
     columns = (
         *times(flight, np.array([t for _, _, t, _ in used], np.float64)),
         Column("kind", np.array([kind for kind, _, _, _ in used], np.str_)),

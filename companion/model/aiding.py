@@ -196,6 +196,11 @@ class SensorInUse:
         if self.instance.shape != self.t.shape:
             raise ValueError(f"{self.source}: {len(self.t)} times, but {self.instance.shape} instances")
 
+    @property
+    def changes(self) -> list[tuple[float, int]]:
+        """Each time (s) with the instance that is used from then on."""
+        return list(zip(self.t.tolist(), self.instance.tolist(), strict=True))
+
     def at(self, t: float) -> int:
         """The instance in use at a time (the first one before the log tells)."""
         return int(self.instance[max(int(np.searchsorted(self.t, t, side="right")) - 1, 0)])

@@ -24,14 +24,14 @@ from companion.model import (
     TruthTrack,
     ned_from_geodetic,
 )
-from companion.telemetry.convert import UNTURNED, Turns, continuous, increasing, lone, turned_vectors
+from companion.telemetry.convert import UNTURNED, Turns, continuous, increasing, turned_vectors, uncontradicted
 from companion.telemetry.lazy import LazyTuple
 
 _Track = TypeVar("_Track", GpsTrack, CompassTrack, BarometerTrack)
 Found = tuple[tuple[_Track, ...], tuple[str, ...]]
 """Tracks in order of instance, and what had to be left out, in words."""
 
-CONSTANT = 20  # readings that are all the same are those of no sensor: even at rest they differ by a step
+_CONSTANT = 20  # readings that are all the same are those of no sensor: even at rest they differ by a step
 _EARTH_M = 6.4e6
 
 
@@ -114,13 +114,13 @@ def truth_track(
 
 
 def _compass_track(one: Series, turns: Turns, notes: list[str]) -> CompassTrack | None:
-    if _is_constant(one, one.values, notes):
+    if is_constant(one.source, one.values, notes):
         return None
     return CompassTrack(one.t, turned_vectors(one.t, one.values, turns), source=one.source, instance=one.instance)
 
 
 def _barometer_track(one: Series, notes: list[str]) -> BarometerTrack | None:
-    if _is_constant(one, one["pressure_pa"], notes):
+    if is_constant(one.source, one["pressure_pa"], notes):
         return None
     good = ~(one["pressure_pa"] <= 0.0)
     pressure, altitude, temperature = (one[name][good] for name in ("pressure_pa", "altitude_m", "temperature_degc"))
@@ -130,10 +130,11 @@ def _barometer_track(one: Series, notes: list[str]) -> BarometerTrack | None:
     return track
 
 
-def _is_constant(one: Series, values: Array, notes: list[str]) -> bool:
-    constant = len(one) >= CONSTANT and bool((values == values[:1]).all())
+def is_constant(source: str, values: Array, notes: list[str]) -> bool:
+    """Whether all readings (N,) or (N, k) of a source are the same: even at rest those of a sensor differ."""
+    constant = len(values) >= _CONSTANT and bool((values == values[:1]).all())
     if constant:
-        notes.append(f"{one.source} left out: all of its {len(one)} readings are the same")
+        notes.append(f"{source} left out: all of its {len(values)} readings are the same")
     return constant
 
 
@@ -142,10 +143,9 @@ def _gps_track(gps: Series, notes: list[str]) -> GpsTrack | None:
         notes.append(f"{gps.source} left out: it never has a fix")
         return None
     place = np.column_stack([gps["lat_rad"], gps["lon_rad"] * np.cos(gps["lat_rad"])]) * _EARTH_M
-    astray = lone(place)
-    if astray.any():
-        notes.append(f"{gps.source}: {astray.sum()} fixes left out that those before and after contradict")
-        gps = Series(gps.t[~astray], gps.values[~astray], gps.columns, gps.source, gps.instance)
+    kept = uncontradicted(gps.source, notes, place, what="fixes")
+    if not kept.all():
+        gps = Series(gps.t[kept], gps.values[kept], gps.columns, gps.source, gps.instance)
     velocity = np.column_stack([gps[name] for name in ("vn_mps", "ve_mps", "vd_mps")])
     if np.isnan(velocity[:, :2]).all():  # speed over ground and course: nothing about up and down
         velocity[:, 0] = gps["speed_mps"] * np.cos(gps["course_rad"])
@@ -174,7 +174,7 @@ def is_frozen(track: GpsTrack, notes: list[str]) -> bool:
         track.latitude, track.longitude, track.height, track.velocity, track.horizontal_sigma, track.vertical_sigma,
         track.speed_sigma,
     ])[fixed]  # fmt: skip
-    frozen = len(told) >= CONSTANT and bool(((told == told[:1]) | np.isnan(told)).all())
+    frozen = len(told) >= _CONSTANT and bool(((told == told[:1]) | np.isnan(told)).all())
     if frozen:
         notes.append(f"{track.source} left out: all of its {len(told)} fixes are the same")
     return frozen

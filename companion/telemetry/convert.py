@@ -168,12 +168,9 @@ def position_track(messages: Messages, t: Array) -> tuple[PositionTrack, list[st
     good &= np.isfinite(position).all(axis=1) & np.isfinite(velocity).all(axis=1) & np.isfinite(t)
     keep = increasing(t, good)
     t, position, velocity = t[keep], position[keep], velocity[keep]
-    astray = lone(position) | lone(velocity)
-    notes = []
-    if astray.any():
-        notes.append(f"{messages.name}: {astray.sum()} samples left out that those before and after contradict")
-        t, position, velocity = t[~astray], position[~astray], velocity[~astray]
-    return PositionTrack(t, position, velocity, source=messages.name), notes
+    notes: list[str] = []
+    kept = uncontradicted(messages.name, notes, position, velocity)
+    return PositionTrack(t[kept], position[kept], velocity[kept], source=messages.name), notes
 
 
 def origin(messages: Messages, t: Array) -> Origin | None:
@@ -254,6 +251,14 @@ def lone(places: Array) -> npt.NDArray[np.bool_]:
         astray = np.linalg.norm(places[1:-1] - 0.5 * (places[2:] + places[:-2]), axis=1)
         off[1:-1] = astray > np.maximum(_ASTRAY, _ASTRAY_TIMES * apart)
     return off & ~np.roll(off, 1) & ~np.roll(off, -1)  # one alone: of several it is not known which are right
+
+
+def uncontradicted(name: str, notes: list[str], *places: Array, what: str = "samples") -> npt.NDArray[np.bool_]:
+    """Which rows of places, each (N, k) in m or m/s, are not `lone`. What is left out is added to the notes."""
+    astray = np.logical_or.reduce([lone(one) for one in places])
+    if astray.any():
+        notes.append(f"{name}: {astray.sum()} {what} left out that those before and after contradict")
+    return np.asarray(~astray)
 
 
 def continuous(q: Array) -> Array:

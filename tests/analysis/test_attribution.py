@@ -11,22 +11,11 @@ from benchmarks.accuracy.answer import CAUSES
 from companion.analysis.attribution import departures, episodes, findings_of, follows
 from companion.analysis.episode import PHRASES, Departure, Episode
 from companion.analysis.reference import Limits
-from companion.estimation import KINDS, BestEstimate, Explained, smooth
+from companion.estimation import KINDS, BestEstimate, Explained
 from companion.model import Flight
 from companion.strapdown import quaternion
-from tests.estimation.sensed import sensed
 
 ONSET = 30.0
-
-
-@pytest.fixture(scope="module")
-def flight() -> Flight:
-    return sensed(60.0, rate=50.0)[0]
-
-
-@pytest.fixture(scope="module")
-def best(flight: Flight) -> BestEstimate:
-    return smooth(flight)
 
 
 def turned(flight: Flight, degrees: float) -> Flight:

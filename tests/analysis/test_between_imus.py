@@ -8,22 +8,11 @@ import numpy as np
 import pytest
 
 from companion.analysis.between_imus import parting_findings, partings
-from companion.estimation import BestEstimate, Explained, smooth
+from companion.estimation import BestEstimate, Explained
 from companion.model import Array, Flight, ImuTrack
-from tests.estimation.sensed import sensed
 
 ONSET = 31.0
 WHOLE = ((0.0, 90.0),)
-
-
-@pytest.fixture(scope="module")
-def flight() -> Flight:
-    return sensed(60.0, rate=50.0)[0]
-
-
-@pytest.fixture(scope="module")
-def best(flight: Flight) -> BestEstimate:
-    return smooth(flight)
 
 
 def sibling(flight: Flight, every: int = 25, gyro: Array | float = 0.0, accel: Array | float = 0.0) -> ImuTrack:

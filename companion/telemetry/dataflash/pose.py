@@ -94,10 +94,9 @@ def position(
         good &= (solution["SS"][np.maximum(last, 0)].astype(np.int64) & _HAS_POSITION) != 0
     keep = convert.increasing(t, np.asarray(good))
     t, place, velocity = t[keep], place[keep], velocity[keep]
-    astray, notes = convert.lone(place) | convert.lone(velocity), []
-    if astray.any():
-        notes.append(f"{one.name}: {astray.sum()} samples left out that those before and after contradict")
-        t, place, velocity = t[~astray], place[~astray], velocity[~astray]
+    notes: list[str] = []
+    kept = convert.uncontradicted(one.name, notes, place, velocity)
+    t, place, velocity = t[kept], place[kept], velocity[kept]
     return (PositionTrack(t, place, velocity, f"{mine.prefix}F1") if len(t) > 1 else None), notes
 
 

@@ -22,8 +22,8 @@ from companion.model import (
     geodetic_from_ned,
     ned_from_geodetic,
 )
-from companion.telemetry.aiding import CONSTANT, is_frozen
-from companion.telemetry.convert import continuous, increasing, lone
+from companion.telemetry.aiding import is_constant, is_frozen
+from companion.telemetry.convert import continuous, increasing, uncontradicted
 from companion.telemetry.series import POLE, pressure_altitude
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.topics import (
@@ -81,10 +81,8 @@ def _gps(topic: Topic, name: str, instance: int, notes: list[str]) -> GpsTrack:
     sigma[~(sigma > 0.0)] = np.nan
     known = np.isfinite(fix) & (np.isfinite(velocity[:, :2]).all(axis=1) | np.isfinite(place[:, 0]) | (fix < _FIX_2D))
     keep = increasing(t, np.asarray(known & np.isfinite(place[:, 0]).any()))
-    astray = lone(np.column_stack([place[keep, 0], place[keep, 1] * np.cos(place[keep, 0])]) * SEMI_MAJOR_AXIS)
-    if astray.any():
-        notes.append(f"{name}: {astray.sum()} fixes left out that those before and after contradict")
-        keep = np.arange(len(t))[keep][~astray]
+    metres = np.column_stack([place[keep, 0], place[keep, 1] * np.cos(place[keep, 0])]) * SEMI_MAJOR_AXIS
+    keep = np.arange(len(t))[keep][uncontradicted(name, notes, metres, what="fixes")]
     return GpsTrack(
         t[keep],
         latitude=place[keep, 0],
@@ -157,10 +155,7 @@ def _is_silent(track: CompassTrack | BarometerTrack, values: Array, notes: list[
     if not len(track):
         notes.append(f"{track.source} left out: it has no readings, or zeros only")
         return True
-    same = len(track) >= CONSTANT and bool((values == values[0]).all())
-    if same:
-        notes.append(f"{track.source} left out: all of its {len(track)} readings are the same")
-    return same
+    return is_constant(track.source, values, notes)
 
 
 def truth(topics: Topics, origin: Origin | None) -> TruthTrack | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from companion.model import Array, AttitudeTrack, Epoch, Origin, PositionTrack
-from companion.telemetry.convert import continuous, increasing, lone
+from companion.telemetry.convert import continuous, increasing, uncontradicted
 from companion.telemetry.epoch import epoch_of
 from companion.telemetry.ulog.topics import Topics, columns, sampled, seconds, xyz
 
@@ -58,10 +58,8 @@ def position_track(topics: Topics, notes: list[str]) -> PositionTrack | None:
         valid &= np.asarray(topic[flag], np.bool_)
     keep = increasing(t, valid)
     t, position, velocity = t[keep], position[keep], velocity[keep]
-    astray = lone(position) | lone(velocity)
-    if astray.any():
-        notes.append(f"vehicle_local_position: {astray.sum()} samples left out that those before and after contradict")
-    track = PositionTrack(t[~astray], position[~astray], velocity[~astray], "vehicle_local_position")
+    kept = uncontradicted("vehicle_local_position", notes, position, velocity)
+    track = PositionTrack(t[kept], position[kept], velocity[kept], "vehicle_local_position")
     return track if len(track) > 1 else None
 
 
