@@ -32,7 +32,7 @@ MAY_IMPORT = {
     "simulate": GROUND | {"mavlink", "strapdown"},
     "examination": GROUND | {"settings", "sensors", "correction", "analysis"},
     "documents": GROUND | {"recording", "estimation", "analysis", "examination"},
-    "export": GROUND | {"estimation", "analysis"},
+    "export": GROUND | {"strapdown", "estimation", "analysis"},
     "live": GROUND | {"mavlink", "telemetry", "analysis"},
     "view": GROUND | {"strapdown", "estimation", "analysis"},
     "report": GROUND

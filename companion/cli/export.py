@@ -14,8 +14,10 @@ from companion.export import (
     reckoning_of,
     series_name,
     tables,
+    write_annotations,
     write_csv,
     write_json,
+    write_kml,
     write_mcap,
     write_parquet,
     write_tum,
@@ -44,11 +46,12 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument(
         "--format",
         required=True,
-        choices=("tum", "csv", "parquet", "mcap", "json"),
-        help="tum: the trajectories for evo; csv, parquet: a file for each track; mcap: Foxglove; json: everything",
+        choices=("tum", "csv", "parquet", "mcap", "json", "kml", "annotations"),
+        help="tum: the trajectories for evo; csv, parquet: a file for each track; mcap: Foxglove; json: everything; "
+        "kml: the paths for Google Earth; annotations: the findings for PX4's Flight Review (YAML)",
     )
     parser.add_argument(
-        "-o", "--output", required=True, metavar="PATH", help="a folder for tum, csv and parquet; a file for mcap, json"
+        "-o", "--output", required=True, metavar="PATH", help="a folder for tum, csv and parquet; else a file"
     )
     parser.add_argument("--force", action="store_true", help="replace what is there already")
     parser.set_defaults(run=run)
@@ -84,6 +87,10 @@ def run(arguments: argparse.Namespace) -> int:
             case "mcap":
                 series = [found[series_name(key)] for key in flight.series]
                 files = write_mcap(place, flight, shown, examined.assessment, series)
+            case "kml":
+                files = write_kml(place, flight, shown, examined.assessment.best)
+            case "annotations":
+                files = write_annotations(place, examined.assessment.verdict)
             case _:
                 files = write_json(place, analysis_document(recording.source, examined), found)
     names = ", ".join(file.name for file in files) if kind in _FOLDERS else ""

@@ -1,7 +1,12 @@
-"""Results for other tools: tables for notebooks, CSV, Parquet and JSON; trajectories for evo; MCAP for Foxglove."""
+"""Results for other tools: tables for notebooks, CSV, Parquet and JSON; trajectories for evo; MCAP for Foxglove.
 
+And KML for Google Earth, annotations for Flight Review.
+"""
+
+from companion.export.annotations import write_annotations
 from companion.export.files import write_csv, write_json, write_parquet
 from companion.export.kalibr import kalibr_text
+from companion.export.kml import write_kml
 from companion.export.mcap import write_mcap
 from companion.export.table import Column, Table, harmless
 from companion.export.times import series_name
@@ -16,9 +21,11 @@ __all__ = [
     "reckoning_of",
     "series_name",
     "tables",
+    "write_annotations",
     "write_csv",
     "write_estimate_tum",
     "write_json",
+    "write_kml",
     "write_mcap",
     "write_parquet",
     "write_tum",

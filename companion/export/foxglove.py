@@ -70,6 +70,28 @@ ERROR = _object(
     velocity=_VECTOR,
     position=_VECTOR,
 )
+_COLOUR = _object("foxglove.Color", r=_NUMBER, g=_NUMBER, b=_NUMBER, a=_NUMBER)
+_LINE = _object(
+    "foxglove.LinePrimitive",
+    type={"type": "integer", "minimum": 0, "maximum": 2},
+    pose=_POSE,
+    thickness=_NUMBER,
+    scale_invariant={"type": "boolean"},
+    points={"type": "array", "items": _VECTOR},
+    color=_COLOUR,
+    colors={"type": "array", "items": _COLOUR},
+    indices={"type": "array", "items": {"type": "integer"}},
+)
+_ENTITY = _object(
+    "foxglove.SceneEntity",
+    timestamp=_TIME,
+    frame_id=_TEXT,
+    id=_TEXT,
+    lifetime=_TIME,
+    frame_locked={"type": "boolean"},
+    lines={"type": "array", "items": _LINE},
+)
+SCENE = _object("foxglove.SceneUpdate", timestamp=_TIME, entities={"type": "array", "items": _ENTITY})
 
 _NO_COVARIANCE = {"position_covariance": [0.0] * 9, "position_covariance_type": 0}
 LEVELS = {"info": 2, "warning": 3, "error": 4}
@@ -101,6 +123,22 @@ def locations(frame_id: str, places: Array) -> Iterator[Message]:
         yield {
             "frame_id": frame_id, "latitude": latitude, "longitude": longitude, "altitude": altitude, **_NO_COVARIANCE,
         }  # fmt: skip
+
+
+def line(name: str, position: Array, colour: tuple[int, int, int]) -> Message:
+    """SceneUpdate without its time: a path (N, 3) NED m as one line, 2 pixels wide, that stays."""
+    at_once = {"sec": 0, "nsec": 0}
+    here = {"position": {"x": 0.0, "y": 0.0, "z": 0.0}, "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}
+    shade = dict(zip("rgb", (c / 255 for c in colour), strict=True)) | {"a": 1.0}
+    strip = {
+        "type": 0, "pose": here, "thickness": 2.0, "scale_invariant": True, "points": list(_vectors(position)),
+        "color": shade, "colors": [], "indices": [],
+    }  # fmt: skip
+    entity = {
+        "timestamp": at_once, "frame_id": "ned", "id": name, "lifetime": at_once, "frame_locked": False,
+        "lines": [strip],
+    }  # fmt: skip
+    return {"entities": [entity]}
 
 
 def readings(frame_id: str, gyro: Array, accel: Array) -> Iterator[Message]:

@@ -18,6 +18,7 @@ import numpy as np
 from companion.analysis import Assessment, Replay
 from companion.export import foxglove
 from companion.export.geodesy import geodetic, places
+from companion.export.paths import COLOURS, paths
 from companion.export.table import Table
 from companion.model import Array, Flight, InputError
 
@@ -95,6 +96,8 @@ def _topics(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Top
         if "gps_position" in best.residuals and best.origin is not None:
             fixes = foxglove.locations("best", places(position, best.origin))
             yield Topic("/best/location", foxglove.LOCATION, best.t, fixes)
+    for name, path in paths(shown, assessed.best).items():
+        yield Topic("/paths", foxglove.SCENE, t[:1], [foxglove.line(name, path, COLOURS[name])])
     velocity, position = shown.velocity_error, shown.position_error
     yield Topic("/error", foxglove.ERROR, t, foxglove.errors(shown.attitude_error, velocity, position))
     for name, track in flight.imus.items():

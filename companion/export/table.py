@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import InputError
+from companion.strapdown import quaternion
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -93,6 +94,15 @@ def quaternions(name: str, values: npt.ArrayLike) -> tuple[Column, ...]:
     """The four columns of attitudes (N, 4), wxyz, from FRD to NED."""
     columns = zip("wxyz", np.asarray(values, np.float64).T, strict=True)
     return tuple(Column(f"{name}_{part}", column, "", "FRD → NED") for part, column in columns)
+
+
+def euler_angles(name: str, values: npt.ArrayLike) -> tuple[Column, ...]:
+    """The three columns of roll, pitch and yaw, as ATTITUDE has them, of attitudes (N, 4), wxyz, FRD to NED.
+
+    For plots and spreadsheets: yaw jumps at ±π, and with the nose straight up or down roll and yaw mean nothing alone.
+    """
+    angles = zip(("roll", "pitch", "yaw"), quaternion.to_euler(np.asarray(values, np.float64)).T, strict=True)
+    return tuple(Column(f"{name}{angle}_rad", column, "rad", "z-y-x, FRD → NED") for angle, column in angles)
 
 
 def _stated(**about: str) -> dict[str, str]:

@@ -11,7 +11,7 @@ from companion.analysis import NAMES, PARTS, Assessment, Calibration, DriftRow, 
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
 from companion.export.geodesy import places
 from companion.export.sensors import imu_table, sensor_tables, series_table
-from companion.export.table import Column, Table, quaternions, vectors
+from companion.export.table import Column, Table, euler_angles, quaternions, vectors
 from companion.export.times import BOOT_CLOCK, times
 from companion.model import Array, AttitudeTrack, Flight, PositionTrack
 
@@ -28,9 +28,9 @@ def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | N
 
     Always: each IMU message (raw_imu, scaled_imu2, ...), `attitude`, `position`, each series (gps, vibration, ...),
     `bias_0`, `control`, `actuators`, `imu_in_use` and `truth` where it has them; `texts`, `events`, `phases`, `resets`,
-    `parameter_changes`. With a replay: `reckoning`, the IMU alone beside the autopilot. With an assessment: `drift`,
-    `windows`, `findings`, `calibration`, `best_estimate`. Every table with a time has it twice: `t_s` on the boot
-    clock, and `unix_s`, which is NaN where the log does not tell the date.
+    `parameters`, `parameter_changes`. With a replay: `reckoning`, the IMU alone beside the autopilot. With an
+    assessment: `drift`, `windows`, `findings`, `calibration`, `best_estimate`. Every table with a time has it twice:
+    `t_s` on the boot clock, and `unix_s`, which is NaN where the log does not tell the date.
 
     >>> import companion as c
     >>> flight = c.open_log("tlogs/copter-demo-100hz.tlog")[0]
@@ -49,7 +49,8 @@ def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | N
         found.append(_position(flight, flight.position))
     found += [series_table(flight, key, series) for key, series in flight.series.items()]
     found += list(sensor_tables(flight))
-    found += [_texts(flight), _events(flight), _phases(flight), _resets(flight), _parameters(flight)]
+    found += [_texts(flight), _events(flight), _phases(flight), _resets(flight)]
+    found += [_parameters(flight), _parameter_changes(flight)]
     if shown is not None:
         found.append(_reckoning(flight, shown))
     if assessed is not None:
@@ -70,6 +71,7 @@ def _attitude(flight: Flight, track: AttitudeTrack) -> Table:
     columns = (
         *times(flight, track.t),
         *quaternions("q", track.q_ned_frd),
+        *euler_angles("", track.q_ned_frd),
         *vectors("rate", track.rates, "rad/s", "radps", "FRD"),
     )
     return Table("attitude", columns, {"source": track.source, "q": "Hamilton, wxyz, turns FRD vectors into NED"})
@@ -106,6 +108,15 @@ def _resets(flight: Flight) -> Table:
 
 
 def _parameters(flight: Flight) -> Table:
+    names = sorted(flight.parameters)
+    columns = (
+        Column("name", np.array(names, np.str_)),
+        Column("value", np.array([flight.parameters[name] for name in names], np.float64)),
+    )
+    return Table("parameters", columns, {"source": "the vehicle's parameters, as far as the log has them"})
+
+
+def _parameter_changes(flight: Flight) -> Table:
     columns = (
         *times(flight, np.array([change.t for change in flight.parameter_changes], np.float64)),
         Column("name", np.array([change.name for change in flight.parameter_changes], np.str_)),
@@ -138,9 +149,11 @@ def _reckoning(flight: Flight, shown: Replay) -> Table:
         *times(flight, shown.t),
         Column("anchor_t_s", anchor, "s", BOOT_CLOCK),
         *quaternions("q_imu", shown.q_imu),
+        *euler_angles("imu_", shown.q_imu),
         *vectors("velocity_imu", shown.velocity_imu, "m/s", "mps", "NED"),
         *vectors("position_imu", shown.position_imu, "m", "m", "NED"),
         *quaternions("q_autopilot", shown.q_ref),
+        *euler_angles("autopilot_", shown.q_ref),
         *vectors("velocity_autopilot", shown.velocity_ref, "m/s", "mps", "NED"),
         *vectors("position_autopilot", shown.position_ref, "m", "m", "NED"),
         *vectors("attitude_error", shown.attitude_error, "rad", "rad", "NED"),
@@ -164,6 +177,7 @@ def _best(flight: Flight, best: BestEstimate) -> Table:
     columns = (
         *times(flight, t),
         *quaternions("q", q),
+        *euler_angles("", q),
         *(Column(f"position_{n}", v, u) for n, v, u in zip(_PLACE, where, ("°", "°", "m"), strict=False)),
         *vectors("velocity", velocity, "m/s", "mps", "NED"),
         *vectors("position", position, "m", "m", "NED"),

@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +29,7 @@ from tests.waiting import LIMIT_S
 pytestmark = pytest.mark.slow
 
 DEMO = BUNDLED / "copter-demo-100hz.tlog"
-FORMATS = ("tum", "csv", "parquet", "mcap", "json")
+FORMATS = ("tum", "csv", "parquet", "mcap", "json", "annotations")
 
 Captured = pytest.CaptureFixture[str]
 
@@ -121,6 +122,32 @@ def test_csv_reads_back_as_the_tracks(flight: c.Flight, exported: Callable[[str]
     assert float(rows[0]["unix_s"]) == pytest.approx(flight.epoch.unix_s + track.t[0], abs=1e-6)
 
 
+def test_angles_stand_beside_every_quaternion(flight: c.Flight, exported: Callable[[str], Path]) -> None:
+    with (exported("csv") / "reckoning.csv").open(newline="") as file:
+        row = list(csv.DictReader(file))[5000]
+    shown = c.replay(flight)
+    for name, q in (("imu", shown.q_imu[5000]), ("autopilot", shown.q_ref[5000])):
+        angles = [float(row[f"{name}_{angle}_rad"]) for angle in ("roll", "pitch", "yaw")]
+        assert abs(quaternion.from_euler(*angles) @ q) == pytest.approx(1.0), name
+    with (exported("csv") / "parameters.csv").open(newline="") as file:
+        values = {row["name"]: float(row["value"]) for row in csv.DictReader(file)}
+    assert values == flight.parameters
+
+
+def test_kml_is_the_path_on_earth(flight: c.Flight, exported: Callable[[str], Path]) -> None:
+    tree = ElementTree.parse(exported("kml"))
+    space = {"kml": "http://www.opengis.net/kml/2.2"}
+    lines = {
+        place.findtext("kml:name", namespaces=space): place.findtext("kml:LineString/kml:coordinates", "", space)
+        for place in tree.iterfind(".//kml:Placemark", space)
+    }
+    assert set(lines) == {"Autopilot (EKF)", "IMU alone", "Best estimate"}
+    gps = flight.series["gps"]
+    for text in lines.values():
+        first = [float(number) for number in text.split()[0].split(",")]
+        assert first[:2] == pytest.approx(np.degrees([gps["lon_rad"][0], gps["lat_rad"][0]]), abs=5e-5)  # 5 m
+
+
 def test_text_is_no_formula_and_a_date_that_is_not_known_is_empty(tmp_path: Path) -> None:
     """STATUSTEXT is untrusted: a spreadsheet would run =cmd|...; stamps of a log that jump tell no date."""
     log = Writer(tmp_path / "log.tlog")
@@ -198,8 +225,12 @@ def test_mcap_reads_back(flight: c.Flight, topics: Topics) -> None:
         "/imu/RAW_IMU": {"companion.Imu"},
         "/statustext": {"foxglove.Log"},
         "/findings": {"foxglove.Log"},
+        "/paths": {"foxglove.SceneUpdate"},
         "/gps": {"companion.gps"},
     }.items() <= kinds.items()
+    drawn = {entity["id"]: entity["lines"][0] for _, _, body in found["/paths"] for entity in body["entities"]}
+    assert set(drawn) == {"autopilot", "imu", "best"}
+    assert all(100 < len(line["points"]) <= 5000 for line in drawn.values())
     track = flight.imu("RAW_IMU")
     assert len(found["/imu/RAW_IMU"]) == len(track)
     assert flight.epoch is not None

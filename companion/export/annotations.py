@@ -1,0 +1,91 @@
+"""The findings as annotations of PX4's Flight Review: YAML, one interval a finding, on its boot clock.
+
+The format is version 1 of docs/annotations.md in PX4/flight_review (app/plot_app/annotations.py): sources with
+categories, each of which names a plot and has intervals. Flight Review has no field for the severity: it stands before
+the text, and the worst of a category is its colour. Texts above its limits are cut here, between words.
+"""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+
+from companion.analysis import Finding, Verdict, by_severity
+
+_MOST_TEXT, _MOST_NAME, _MOST_INTERVALS, _MOST_CATEGORIES = 200, 64, 1000, 50  # of Flight Review
+_SEVERITY_COLOURS = {"error": "#d55e00", "warning": "#e69f00", "info": "#0072b2"}
+_GRAPHS = (  # words of a kind of finding → the plot that shows it, by its title in Flight Review
+    (("gps", "position", "ekf_reset", "altitude", "baro"), "Local Position X"),
+    (("heading", "yaw", "compass", "magnet"), "Yaw Angle"),
+    (("attitude", "tilt"), "Roll Angle"),
+    (("gyro", "rate"), "Raw Angular Speed (Gyroscope)"),
+)
+_DEFAULT_GRAPH = "Raw Acceleration"
+
+
+def write_annotations(path: Path, verdict: Verdict) -> list[Path]:
+    """The findings, those of one kind in one category: of two with one name Flight Review would keep the last.
+
+    Without any: a file with an empty list.
+    """
+    path.write_text("\n".join(_lines(verdict)) + "\n", encoding="utf-8")
+    return [path]
+
+
+def _lines(verdict: Verdict) -> Iterator[str]:
+    """YAML, every text as a JSON string, which YAML reads as it is: nothing in it can be taken for markup."""
+    yield f"# {_text(verdict.summary)}"
+    yield "version: 1"
+    found = sorted(verdict.findings, key=lambda f: (f.kind, f.start_s))[:_MOST_INTERVALS]
+    if not found:
+        yield "sources: []"
+        return
+    yield "sources:"
+    yield '  - name: "companion"'
+    yield "    annotations:"
+    kinds = [list(group) for _, group in groupby(found, key=lambda f: f.kind)]
+    for group in kinds[:_MOST_CATEGORIES]:
+        kind, severity = group[0].kind, by_severity(group)[0].severity
+        yield f"      - category: {json.dumps(_cut(kind.replace('_', ' '), _MOST_NAME))}"
+        yield f"        graph: {json.dumps(graph_of(kind))}"
+        yield f"        color: {json.dumps(_SEVERITY_COLOURS[severity])}"
+        yield "        intervals:"
+        for finding in group:
+            yield from _interval(finding)
+
+
+def _interval(finding: Finding) -> Iterator[str]:
+    start, end = clock(finding.start_s), clock(max(finding.end_s, finding.start_s))
+    yield f'          - start: "{start}"'
+    if end != start:
+        yield f'            end: "{end}"'
+    yield f"            annotation: {json.dumps(_cut(f'{finding.severity}: {finding.evidence}', _MOST_TEXT))}"
+
+
+def clock(seconds: float) -> str:
+    """Seconds of the boot clock as Flight Review labels its axis: [h:]mm:ss, with milliseconds.
+
+    >>> clock(68.25), clock(3605.0), clock(-0.4)
+    ('1:08.250', '1:00:05.000', '0:00.000')
+    """
+    minutes, ms = divmod(max(round(seconds * 1000), 0), 60_000)
+    hours, minutes = divmod(minutes, 60)
+    rest = f"{ms / 1000:06.3f}"
+    return f"{hours}:{minutes:02d}:{rest}" if hours else f"{minutes}:{rest}"
+
+
+def graph_of(kind: str) -> str:
+    """The plot of Flight Review that shows a kind of finding, by its title."""
+    return next((graph for words, graph in _GRAPHS if any(word in kind for word in words)), _DEFAULT_GRAPH)
+
+
+def _cut(text: str, most: int) -> str:
+    return textwrap.shorten(_text(text), most, placeholder="…")
+
+
+def _text(text: str) -> str:
+    """One line, printable: it may hold what a vehicle said."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
