@@ -8,7 +8,7 @@ A departure that follows an episode is its consequence; one that follows nothing
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -47,7 +47,7 @@ _LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0,
 
 _SETTLED_S = 10.0  # on a bench, after which an estimator has aligned
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
-_SIGMAS, _CERTAIN = 3.0, 5.0  # of both together: a departure is doubted, and is the autopilot's alone
+_SIGMAS, _CERTAIN = 3.0, 4.0  # of both together: a departure is doubted, and is the autopilot's alone
 _TOLERANCE: Mapping[str, tuple[float, float]] = {
     "tilt": (np.radians(0.7), np.radians(2.0)),
     "heading": (np.radians(3.0), np.radians(8.0)),
@@ -98,34 +98,60 @@ def _episodes_of(parts: list[Explained], witness: str, least: float, last: float
         )
 
 
-def departures(flight: Flight, best: BestEstimate, limits: Limits) -> tuple[Departure, ...]:
-    """Where the autopilot's estimate leaves the best estimate, while it is judged."""
+def departures(
+    flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float] = (0.0, 0.0)
+) -> tuple[Departure, ...]:
+    """Where the autopilot's estimate leaves the best estimate, while it is judged.
+
+    An attitude departs by what it is off by, or by what it has changed by since the beginning: the second is known
+    better where the whole flight is turned, as by a compass that is not calibrated.
+    tilted: rad about x and y, FRD, from the IMU's axes into those of the attitude, where the IMU is known to sit askew.
+    """
     t = best.t
     reference = reference_at(flight.require_attitude(), flight.position, t, limits)
     judged = _judged(flight, t) & reference.attitude_known
     if judged.sum() < 5:
         return ()
-    error = attitude_error(reference.q_ned_frd, best.q_ned_frd)
+    askew = quaternion.exp(-np.array([*tilted, 0.0]))
+    error = attitude_error(reference.q_ned_frd, quaternion.multiply(best.q_ned_frd, askew))
     error = error - _lag(error, best, judged)
-    sigma = {name: np.sqrt((best.sigma(block)[:, rows] ** 2).max(axis=1)) for name, block, rows in (
-        ("tilt", ATTITUDE, slice(0, 2)), ("heading", ATTITUDE, slice(2, 3)), ("velocity", VELOCITY, slice(0, 2)),
-        ("position", POSITION, slice(0, 2)))}  # fmt: skip
-    off = {"tilt": length(error[:, :2]), "heading": np.abs(error[:, 2])}
+    early = np.flatnonzero(judged)[: max(5, int(0.1 * judged.sum()))]
+    first = int(early[np.argmin(length(error[early] - np.median(error[early], axis=0)))])
+    off = {
+        name: _further(name, [
+            (length(error[:, rows]), _greatest(best.sigma(ATTITUDE)[:, rows])),
+            (length((error - error[first])[:, rows]), _greatest(best.change_sigma(ATTITUDE, first)[:, rows])),
+        ])
+        for name, rows in (("tilt", slice(0, 2)), ("heading", slice(2, 3)))
+    }  # fmt: skip
     known = judged & reference.position_known
     if "gps_position" in best.residuals and known.sum() > 5:
-        off["velocity"] = length((reference.velocity - best.velocity)[:, :2])
         moved = (reference.position - best.position)[:, :2]
         early = np.flatnonzero(known)[: max(5, int(0.1 * known.sum()))]
-        off["position"] = length(moved - np.median(moved[early], axis=0))
+        speed, place = length((reference.velocity - best.velocity)[:, :2]), length(moved - np.median(moved[early], axis=0))
+        off["velocity"] = speed, _greatest(best.sigma(VELOCITY)[:, :2])
+        off["position"] = place, _greatest(best.sigma(POSITION)[:, :2])
     found: list[Departure] = []
-    for name, value in off.items():
-        both = np.hypot(sigma[name], _TOLERANCE[name][0])
-        where = (judged if name in ("tilt", "heading") else known) & (value > least_departure(name, sigma[name]))
+    for name, (value, sigma) in off.items():
+        both = np.hypot(sigma, _TOLERANCE[name][0])
+        where = (judged if name in ("tilt", "heading") else known) & (value > least_departure(name, sigma))
         for first, last in runs(np.asarray(where)):
             if t[last] - t[first] >= _LASTING_S[name]:
                 peak = first + int(np.argmax(value[first : last + 1]))
                 found.append(Departure(name, float(t[first]), float(t[last]), float(value[peak]), float(both[peak])))
     return tuple(sorted(found, key=lambda d: d.start))
+
+
+def _greatest(sigma: Array) -> Array:
+    """(K,) the greatest of several components (K, n)."""
+    return np.asarray(sigma.max(axis=1))
+
+
+def _further(quantity: str, ways: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Of several ways to measure a departure, (K,) each with its 1σ (K,), the one that stands out most, each time."""
+    sizes, sigmas = np.stack([size for size, _ in ways]), np.stack([sigma for _, sigma in ways])
+    most = np.argmax(sizes / least_departure(quantity, sigmas), axis=0)[None]
+    return np.take_along_axis(sizes, most, 0)[0], np.take_along_axis(sigmas, most, 0)[0]
 
 
 def least_departure(quantity: str, sigma: Array) -> Array:
@@ -146,12 +172,17 @@ def _judged(flight: Flight, t: Array) -> BoolArray:
 
 
 def _lag(error: Array, best: BestEstimate, judged: BoolArray) -> Array:
-    """(K, 3) what a constant lag between the IMU's clock and the attitude's makes of the error, NED: no fault."""
+    """(K, 3) what a constant lag between the IMU's clock and the attitude's makes of the error, NED: no fault.
+
+    Of how the error varies with the rate: what is off throughout is no lag, nor is what an even turn adds to it.
+    """
     rate = quaternion.rotate(best.q_ned_frd, best.imu.gyro[best.index])
-    turning = judged & (length(rate) > 0.1)
+    varies = rate - np.median(rate[judged], axis=0)
+    turning = judged & (length(varies) > 0.1)
     if turning.sum() < 10:
         return np.zeros_like(error)
-    lag = float(np.median((error * rate).sum(axis=1)[turning] / (rate**2).sum(axis=1)[turning]))
+    off = (error - np.median(error[judged], axis=0))[turning]
+    lag = float(np.median((off * varies[turning]).sum(axis=1) / (varies[turning] ** 2).sum(axis=1)))
     return np.asarray(rate * np.clip(lag, -0.1, 0.1))
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from companion.estimation.block_tridiagonal import Factor
 from companion.model import Array, ImuTrack, Origin, nearest
 from companion.strapdown import preintegrate, quaternion
 
@@ -18,7 +19,7 @@ STATES = 15
 
 CONSTANTS: Mapping[str, tuple[slice, float]] = {
     "earth_field": (slice(0, 3), 8.0),  # µT, NED; the world model's own σ is set where it is known
-    "hard_iron": (slice(3, 6), 10.0),  # µT, FRD: what the autopilot's own calibration leaves
+    "hard_iron": (slice(3, 6), 5.0),  # µT, FRD: what calibration leaves, root mean square of an axis of 7 real vehicles
     "gps_latency": (slice(6, 7), 0.06),  # s
     "lever_arm": (slice(7, 10), 0.2),  # m, FRD, from the IMU to the antenna
     "barometer_offset": (slice(10, 11), 1000.0),  # m
@@ -119,6 +120,25 @@ class Residuals:
         return float((self.weight < 0.5).mean()) if len(self.weight) else 0.0
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Correlation:
+    """How the errors of one keyframe go with those of another."""
+
+    factor: Factor  # of the K blocks of 15 states, the constants known
+    border: Array  # (K, 15, C) minus what the states change by with the constants
+    constants: Array  # (C, C) covariance
+
+    def change_sigma(self, own: Array, block: slice, since: int) -> Array:
+        """(K, n) 1σ of the change of a block of n errors since a keyframe; own (K, n, n) the covariance of each."""
+        one = np.zeros((*self.border.shape[:2], block.stop - block.start))
+        one[since, block] = np.eye(block.stop - block.start)
+        chain = self.factor.solve(one)[:, block]
+        y = self.border[:, block]
+        cross = chain + y @ self.constants @ y[since].T
+        variance = np.diagonal(own + own[since] - cross - cross.swapaxes(-1, -2), axis1=1, axis2=2)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class BestEstimate:
     """The third opinion: a trajectory from IMU, GPS, compass, barometer and rest, without the autopilot's estimate."""
@@ -128,6 +148,7 @@ class BestEstimate:
     t: Array  # (K,) s, boot clock
     states: States
     covariance: Array  # (K, 9, 9) of attitude (rad, NED), velocity, position errors
+    correlation: Correlation  # between keyframes
     gyro_bias_sigma: Array  # (K, 3) rad/s
     accel_bias_sigma: Array  # (K, 3) m/s²
     constants_sigma: Array  # (39,)
@@ -170,6 +191,13 @@ class BestEstimate:
     def sigma(self, block: slice) -> Array:
         """(K, 3) 1σ of a block of the error: ATTITUDE, VELOCITY or POSITION."""
         return np.asarray(np.sqrt(np.diagonal(self.covariance[:, block, block], axis1=1, axis2=2)))
+
+    def change_sigma(self, block: slice, since: int) -> Array:
+        """(K, 3) 1σ of how much the error of a block has changed since a keyframe.
+
+        What the whole flight is off by, as for a compass that is not calibrated, is not in it.
+        """
+        return self.correlation.change_sigma(self.covariance[:, block, block], block, since)
 
     def at(self, t: Array) -> tuple[Array, Array, Array]:
         """q_ned_frd (N, 4), velocity and position (N, 3) at times t (N,), carried by the IMU from the keyframe before.

@@ -61,13 +61,14 @@ def findings(
     raw = residuals(comparison)
     fitted = installation(comparison, raw, figures, autopilot, np.inf)
     found += stamp_findings(flight, comparison, lags(comparison))
-    clean = comparison
+    clean, tilted = comparison, (0.0, 0.0)
     if fitted is not None and fitted.moved:
         found += _installed(flight, comparison, fitted)
         clean = level(comparison, fitted)
+        tilted = float(fitted.mounting[0]), float(fitted.mounting[1])
     if best is not None:
         limits = comparison.how.limits
-        found += findings_of(episodes(best), departures(flight, best, limits), best)
+        found += findings_of(episodes(best), departures(flight, best, limits, tilted), best)
         found += known_biases(flight, best)
         found += parting_findings(flight, comparison.track, best)
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
