@@ -128,7 +128,10 @@ def departures(
     if "gps_position" in best.residuals and known.sum() > 5:
         moved = (reference.position - best.position)[:, :2]
         early = np.flatnonzero(known)[: max(5, int(0.1 * known.sum()))]
-        speed, place = length((reference.velocity - best.velocity)[:, :2]), length(moved - np.median(moved[early], axis=0))
+        speed, place = (
+            length((reference.velocity - best.velocity)[:, :2]),
+            length(moved - np.median(moved[early], axis=0)),
+        )
         off["velocity"] = speed, _greatest(best.sigma(VELOCITY)[:, :2])
         off["position"] = place, _greatest(best.sigma(POSITION)[:, :2])
     found: list[Departure] = []

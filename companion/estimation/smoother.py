@@ -180,9 +180,7 @@ def _result(setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Cho
         t=setup.t,
         states=states,
         covariance=covariance[:, :9, :9],
-        correlation=Correlation(
-            linear.solution.factor, linear.solution.border, linear.solution.constants_covariance
-        ),
+        correlation=Correlation(linear.solution.factor, linear.solution.border, linear.solution.constants_covariance),
         gyro_bias_sigma=sigma[:, GYRO_BIAS],
         accel_bias_sigma=sigma[:, ACCEL_BIAS],
         constants_sigma=np.sqrt(np.maximum(np.diagonal(linear.solution.constants_covariance), 0.0)),

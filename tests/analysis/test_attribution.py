@@ -43,6 +43,41 @@ def test_a_departure_that_nothing_explains_is_the_autopilots(flight: Flight, bes
     assert (finding.side, finding.severity) == ("autopilot", "error")
 
 
+def test_a_heading_that_changes_is_judged_by_the_change(flight: Flight, best: BestEstimate) -> None:
+    """Where the whole flight may be turned, as by a compass that nobody calibrated."""
+    known = best.covariance.copy()
+    known[:, 2, 2] += np.radians(20.0) ** 2
+    unknown = best.correlation.constants.copy()
+    turned_whole = np.zeros((*best.correlation.border.shape[:2], 1))
+    turned_whole[:, 2] = np.radians(20.0)
+    doubted = replace(
+        best,
+        covariance=known,
+        correlation=replace(
+            best.correlation,
+            border=np.concatenate((best.correlation.border, turned_whole), axis=2),
+            constants=np.block(
+                [[unknown, np.zeros((len(unknown), 1))], [np.zeros((1, len(unknown))), np.ones((1, 1))]]
+            ),
+        ),
+    )
+    (heading,) = departures(turned(flight, 20.0), doubted, Limits())
+    assert heading.start == pytest.approx(ONSET, abs=1.0)
+    assert np.degrees([heading.size, heading.sigma]) == pytest.approx([20.0, 3.1], abs=0.5)
+    whole = flight.require_attitude()
+    turn = quaternion.multiply(quaternion.exp(np.array([0.0, 0.0, np.radians(20.0)])), whole.q_ned_frd)
+    assert departures(replace(flight, attitude=replace(whole, q_ned_frd=turn)), doubted, Limits()) == ()
+
+
+def test_an_imu_that_is_known_to_sit_askew_is_no_departure(flight: Flight, best: BestEstimate) -> None:
+    tilted = (np.radians(4.0), np.radians(-2.0))
+    attitude = flight.require_attitude()
+    askew = quaternion.multiply(attitude.q_ned_frd, quaternion.exp(-np.array([*tilted, 0.0])))
+    other = replace(flight, attitude=replace(attitude, q_ned_frd=askew))
+    assert {d.quantity for d in departures(other, best, Limits())} == {"tilt"}
+    assert departures(other, best, Limits(), tilted) == ()
+
+
 @pytest.mark.parametrize(
     ("doubt", "said"),
     [

@@ -211,6 +211,17 @@ def test_clipping() -> None:
     assert of_kind(found, "accel_clipping").start_s == pytest.approx(30, abs=0.05)
 
 
+@pytest.mark.parametrize(("later", "clipped"), [(25.0, True), (60.0, False)], ids=["never exceeded", "exceeded later"])
+def test_a_level_that_the_axis_goes_beyond_is_no_end_of_its_range(later: float, clipped: bool) -> None:
+    flight = flown()
+    imu = flight.imu()
+    accel = imu.accel.copy()
+    accel[np.argmax(imu.t > 30.0) + np.arange(4), 0] = 30.0
+    accel[np.argmax(imu.t > 40.0), 0] = later
+    said = {f.kind for f in assess(with_imu(flight, accel=accel), GENERIC).verdict.findings}
+    assert ("accel_clipping" in said) is clipped
+
+
 def test_a_board_mounted_the_wrong_way() -> None:
     """Turned by 90° about down: what is right reads as forward."""
     turn = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])

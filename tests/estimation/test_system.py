@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from companion.estimation.model import STATES
+from companion.estimation.model import ATTITUDE, STATES, Correlation
 from companion.estimation.system import (
     Measurement,
     Motion,
@@ -115,6 +115,16 @@ def test_the_covariances_are_those_of_the_dense_inverse(
         if k + 1 < COUNT:
             np.testing.assert_allclose(beside[k], inverse[here, (k + 1) * STATES : (k + 2) * STATES], atol=1e-9)
     np.testing.assert_allclose(solution.constants_covariance, inverse[-CONSTANTS:, -CONSTANTS:], atol=1e-9)
+
+    since, rows = 2, ATTITUDE
+    known = Correlation(solution.factor, solution.border, solution.constants_covariance)
+    changed = known.change_sigma(own[:, rows, rows], rows, since)
+    for k in range(COUNT):
+        one_from_other = np.zeros((3, len(inverse)))
+        one_from_other[:, k * STATES : k * STATES + 3] += np.eye(3)
+        one_from_other[:, since * STATES : since * STATES + 3] -= np.eye(3)
+        expected = np.diagonal(one_from_other @ inverse @ one_from_other.T)
+        np.testing.assert_allclose(changed[k], np.sqrt(np.maximum(expected, 0.0)), atol=1e-6)
 
     of_motion = motion_residual_covariance(motion, solution)
     step, constants = 3, slice(COUNT * STATES, None)

@@ -74,7 +74,8 @@ def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuFi
 def _flat_tops(readings: Array, name: str, rate_hz: float) -> BoolArray:
     """(N,) samples at a level that an axis reaches in a step, keeps and leaves in a step: the end of a range.
 
-    Whatever the data sheet says of it.
+    Whatever the data sheet says of it. No reading goes on beyond the end of a range: a level that the axis exceeds at
+    another time is none.
     """
     flat = np.zeros(len(readings), np.bool_)
     fewest = max(_FLAT_SAMPLES, round(_FLAT_S * rate_hz))
@@ -86,6 +87,9 @@ def _flat_tops(readings: Array, name: str, rate_hz: float) -> BoolArray:
                 continue
             top = level[first : last + 2]
             steps = abs(column[first] - column[first - 1]), abs(column[last + 2] - column[last + 1])
+            most = float((np.sign(column[first]) * column).max())
+            if most > (1.0 + _EDGE) * top.max():
+                continue
             if np.ptp(top) <= _FLAT * top.max() and min(steps) > _EDGE * top.max() and top.max() > level[last + 2]:
                 flat[first : last + 2] = True
     return flat
