@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, sync_playwright
 from companion import examination
 from companion.analysis import assess, budget, envelope
 from tests.remembered import remembering
-from tests.view.browsing import CHROMIUM, FLAGS
+from tests.view.browsing import CHROMIUM, FLAGS, rank_with_the_tests
 
 # The same examples every time, and no deadline: neither chance nor a busy machine is a failure.
 # pytest --hypothesis-profile=explore looks for new ones.
@@ -79,6 +79,7 @@ def browser() -> Iterator[Browser]:
         if os.environ.get("CI") == "true":
             pytest.fail(reason)
         pytest.skip(reason)
+    rank_with_the_tests()
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
         yield chromium
