@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import msgspec
@@ -24,11 +25,9 @@ from companion.analysis import (
     Verdict,
     align,
     assess,
-    by_severity,
     compare,
     gravity_for,
     imu_noise,
-    odd_one_out,
     reported_by,
     siblings,
 )
@@ -38,16 +37,21 @@ from companion.sensors import figures_of, load_imu_figures
 from companion.settings import Settings
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Examination:
     """One IMU of a flight assessed, and every other IMU beside it."""
 
     flight: Flight
     assessment: Assessment
-    siblings: tuple[Sibling, ...]  # every IMU, uncorrected: a correction is of one IMU
+    beside: Callable[[], tuple[Sibling, ...]] = field(repr=False)
     gaps: Mapping[str, int]  # holes of each IMU message
     correction: str | None  # the file that was applied
     alignment: Alignment | None  # the IMU aligned by itself at rest, where that was asked for
+
+    @cached_property
+    def siblings(self) -> tuple[Sibling, ...]:
+        """Every IMU, uncorrected: a correction is of one IMU. Reckoned when it is asked for."""
+        return self.beside()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,15 +124,15 @@ def _examined(
         own = found.comparison.track.source == name and correction is None
         return found.comparison if own else compare(flight, imu=name, how=how)
 
-    others = siblings(
-        flight, compare_imu, lambda name: _figures(flight, name, imu_model), autopilot_of(settings, flight)
-    )
-    if (odd := odd_one_out(others)) is not None:
-        found = replace(found, verdict=replace(found.verdict, findings=by_severity((*found.verdict.findings, odd))))
+    def beside() -> tuple[Sibling, ...]:
+        return siblings(
+            flight, compare_imu, lambda name: _figures(flight, name, imu_model), autopilot_of(settings, flight)
+        )
+
     return Examination(
         flight,
         found,
-        others,
+        beside,
         _gaps(flight, how.limits),
         str(correction) if correction is not None else None,
         align(flight, found.comparison, found.figures, autopilot_of(settings, flight)) if anchor == "rest" else None,

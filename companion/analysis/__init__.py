@@ -29,7 +29,7 @@ from companion.analysis.reported import reported_by
 from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift
 from companion.analysis.sensitivity import Sensitivity
-from companion.analysis.siblings import Sibling, odd_one_out, siblings
+from companion.analysis.siblings import Sibling, siblings
 from companion.analysis.verdict import Verdict
 
 __all__ = [
@@ -100,7 +100,6 @@ __all__ = [
     "imu_noise",
     "inventory",
     "noise_model",
-    "odd_one_out",
     "phases",
     "rate_warning",
     "reference_at",

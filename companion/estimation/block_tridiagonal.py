@@ -46,7 +46,9 @@ class Factor:
             even[1:] -= (level.right.swapaxes(-1, -2) @ odd)[: len(even) - 1]
             b = even
         x = self.last @ b
-        for level, odd in zip(reversed(self.levels), reversed(kept), strict=True):
+        del b
+        for level in reversed(self.levels):
+            odd = kept.pop()
             own = level.inverse @ odd - level.left @ x[: len(odd)]
             own[: len(x) - 1] -= level.right[: len(x) - 1] @ x[1 : len(odd) + 1]
             x = _interleave(x, own)

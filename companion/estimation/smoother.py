@@ -166,7 +166,10 @@ def _carried(setup: Setup, states: States, before: CarriedImu | None) -> Carried
 def _result(setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Choice]) -> BestEstimate:
     states = settled.states
     covariance, _ = linear.solution.covariances()
-    sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
+    variance = np.diagonal(covariance, axis1=1, axis2=2)
+    if not (variance > 0).all():
+        raise np.linalg.LinAlgError("variances are lost in rounding")
+    sigma = np.sqrt(variance)
     residuals = {
         one.name: Residuals(one.t, measurement_residual(one, linear.solution), one.sigma, one.weight, UNITS[one.name])
         for one in linear.measurements

@@ -22,6 +22,7 @@ from companion.model import Array
 Index = npt.NDArray[np.intp]
 
 _ROUNDING = 1e-8
+_BLOCK = 256  # keyframes at a time: what is made on the way stays small
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,17 +119,20 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
     rows[0, :, :STATES] += np.diag(prior.sigma**-2.0)
     rows[0, :, -1] += prior.residual * prior.sigma**-2.0
 
-    seen = np.concatenate((motion.transition, motion.constants, -motion.residual[..., None]), axis=2)
-    weighted = motion.weight @ seen
-    rows[:-1] += motion.transition.swapaxes(-1, -2) @ weighted
-    rows[1:, :, :STATES] += motion.weight
-    rows[1:, :, STATES:] -= weighted[..., STATES:]
-    inner += _crossed(motion.constants, weighted[..., STATES:])
-    upper = np.negative(weighted[..., :STATES].swapaxes(-1, -2), order="C")
+    upper = np.empty((max(count - 1, 0), STATES, STATES))
+    for first in range(0, count, _BLOCK):
+        own, after = slice(first, min(first + _BLOCK, count - 1)), slice(first + 1, first + 1 + _BLOCK)
+        seen = np.concatenate((motion.transition[own], motion.constants[own], -motion.residual[own, :, None]), axis=2)
+        weighted = motion.weight[own] @ seen
+        rows[own] += motion.transition[own].swapaxes(-1, -2) @ weighted
+        rows[after, :, :STATES] += motion.weight[own]
+        rows[after, :, STATES:] -= weighted[..., STATES:]
+        inner += _crossed(motion.constants[own], weighted[..., STATES:])
+        upper[own] = -weighted[..., :STATES].swapaxes(-1, -2)
 
-    seen = _whitened(count, measurements, constants)
-    rows += seen[..., :STATES].swapaxes(-1, -2) @ seen
-    inner += _crossed(seen[..., STATES:-1], seen[..., STATES:])
+        seen = _whitened(first, min(first + _BLOCK, count), measurements, constants)
+        rows[first : first + _BLOCK] += seen[..., :STATES].swapaxes(-1, -2) @ seen
+        inner += _crossed(seen[..., STATES:-1], seen[..., STATES:])
 
     diagonal, border = rows[..., :STATES].copy(), rows[..., STATES:-1]  # a view would keep all of the rows
     factor = factorise(diagonal, upper)
@@ -141,16 +145,20 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
     return Solution(motion, diagonal, upper, factor, x0 - y @ c, c, y, covariance)
 
 
-def _whitened(count: int, measurements: Sequence[Measurement], constants: int) -> Array:
-    """(K, D, 15 + C + 1) H, H_c and r of all witnesses, divided by σ; zero where one has no reading."""
-    out = np.zeros((count, sum(one.residual.shape[1] for one in measurements), STATES + constants + 1))
+def _whitened(first: int, last: int, measurements: Sequence[Measurement], constants: int) -> Array:
+    """(last - first, D, 15 + C + 1) H, H_c and r of all witnesses at some keyframes, divided by σ; zero for no reading.
+
+    A witness has one reading at a keyframe, and its keyframes ascend.
+    """
+    out = np.zeros((last - first, sum(one.residual.shape[1] for one in measurements), STATES + constants + 1))
     at = 0
-    for one in measurements:  # a witness has one reading at a keyframe
-        root = np.sqrt(one.information)
-        place = slice(at, at + root.shape[1])
-        out[one.keyframe, place, :STATES] = one.states * root[..., None]
-        out[one.keyframe, place, STATES:-1] = one.constants * root[..., None]
-        out[one.keyframe, place, -1] = one.residual * root
+    for one in measurements:
+        part = slice(*np.searchsorted(one.keyframe, (first, last)).tolist())
+        root = np.sqrt(one.weight[part, None]) / one.sigma[part]
+        place, here = slice(at, at + root.shape[1]), one.keyframe[part] - first
+        out[here, place, :STATES] = one.states[part] * root[..., None]
+        out[here, place, STATES:-1] = one.constants[part] * root[..., None]
+        out[here, place, -1] = one.residual[part] * root
         at = place.stop
     return out
 
