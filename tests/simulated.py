@@ -37,6 +37,24 @@ def flying(port: int, *, since: float = 0.0, **changes: Any) -> Iterator[Simulat
         end.close()
 
 
+def bursts(vehicle: SimulatedVehicle, until_s: float, each_s: float = 0.1) -> Iterator[tuple[float, bytes]]:
+    """What the vehicle sends up to a time of its flight, a tenth of a second at a time: (when the last left, bytes).
+
+    A link hands over several packets at once too, and to decode each alone takes ten times as long.
+    """
+    waiting: list[bytes] = []
+    begin = at = 0.0
+    for t, packet in vehicle.advance(until_s):
+        if waiting and t > begin + each_s:
+            yield at, b"".join(waiting)
+            waiting.clear()
+        begin = begin if waiting else t
+        waiting.append(packet)
+        at = t
+    if waiting:
+        yield at, b"".join(waiting)
+
+
 @functools.lru_cache(maxsize=2)
 def _flown(faults: Faults) -> Flown:
     """Longer than any test takes, on a busy machine too."""

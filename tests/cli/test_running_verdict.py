@@ -13,6 +13,7 @@ from companion.cli.running_verdict import Assignment, RunningVerdict
 from companion.mavlink import Decoder, load_dialect
 from companion.settings import Settings
 from companion.simulate import Faults, SimulatedVehicle, fly
+from tests.simulated import bursts
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.slow
@@ -33,8 +34,8 @@ def verdict() -> Iterator[RunningVerdict]:
 def send(verdict: RunningVerdict, vehicle: SimulatedVehicle, until_s: float, decoder: Decoder) -> None:
     """What the vehicle sends up to a time of its flight, as if it all arrived now and in good time."""
     sent = time.time() - until_s
-    for t, packet in vehicle.advance(until_s):
-        verdict.hear([(decoder.push(packet), sent + t)])
+    for t, packets in bursts(vehicle, until_s):
+        verdict.hear([(decoder.push(packets), sent + t)])
 
 
 def test_a_fault_is_told_within_a_few_looks(verdict: RunningVerdict) -> None:

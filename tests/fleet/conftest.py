@@ -19,6 +19,12 @@ from tests.waiting import LIMIT_S, wait_for
 DASK = str(Path(sys.executable).with_name("dask"))
 
 # A worker that a log called deadly.tlog kills, as one does that needs more memory than there is.
+# Dask looks at itself a hundred times a second, which on a busy machine is most of what an idle cluster does.
+_QUIET = {
+    "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
+    "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "1s",
+    "DASK_DISTRIBUTED__ADMIN__SYSTEM_MONITOR__INTERVAL": "10s",
+}
 _DEADLY = """
 import os, signal
 import companion.fleet.task as task
@@ -74,7 +80,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """
     folder = tmp_path_factory.mktemp("cluster")
     (folder / "deadly.py").write_text(_DEADLY)
-    environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
+    environment = os.environ | _QUIET | {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
     silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment, "cwd": folder}
     file = folder / "scheduler.json"
     started: list[subprocess.Popen[bytes]] = []

@@ -11,6 +11,7 @@ from companion.live import HORIZON_S, Judge, Opinion
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import DataError, Flight
 from companion.simulate import SimulatedVehicle, fly
+from tests.simulated import bursts
 
 pytestmark = pytest.mark.slow
 
@@ -36,8 +37,8 @@ def opinions(said: Said, *, every_s: float = 5.0, seconds: float = 60.0) -> Iter
     vehicle = SimulatedVehicle(fly(seconds), streams=STREAMS)
     judge = Judge(said, dialect=DEFAULT_DIALECT)
     for i in range(1, int(seconds / every_s) + 1):
-        for t, packet in vehicle.advance(i * every_s):
-            judge.hear(packet, EPOCH + t)
+        for t, packets in bursts(vehicle, i * every_s):
+            judge.hear(packets, EPOCH + t)
         yield judge.judge()
 
 
@@ -75,8 +76,8 @@ def test_what_cannot_be_judged_is_said() -> None:
     judge = Judge(no, dialect=DEFAULT_DIALECT)
     assert (judge.judge().status, judge.judge().text) == ("", "no IMU messages have come")
     vehicle = SimulatedVehicle(fly(20.0, motion="rest"), streams=STREAMS)
-    for t, packet in vehicle.advance(15.0):
-        judge.hear(packet, EPOCH + t)
+    for t, packets in bursts(vehicle, 15.0):
+        judge.hear(packets, EPOCH + t)
     assert (judge.judge().status, judge.judge().text) == ("insufficient_data", "too short")
     assert judge.judge().so_far == ("", "nothing is known yet")
 
@@ -85,8 +86,8 @@ def test_a_vehicle_that_was_chosen_is_judged_alone() -> None:
     said = Said(*[GOOD] * 4)
     judge = Judge(said, dialect=DEFAULT_DIALECT, vehicle="2")
     for sysid in (1, 2):
-        for t, packet in SimulatedVehicle(fly(10.0), streams=STREAMS, sysid=sysid).advance(8.0):
-            judge.hear(packet, EPOCH + t)
+        for t, packets in bursts(SimulatedVehicle(fly(10.0), streams=STREAMS, sysid=sysid), 8.0):
+            judge.hear(packets, EPOCH + t)
     assert judge.judge().vehicle == "2:1"
     judge.vehicle = "1:1"
     assert judge.judge().vehicle == "1:1"

@@ -18,7 +18,7 @@ from companion.mavlink import Decoder, Link, Recorder, Session, load_dialect
 from companion.model import InputError
 from companion.simulate import Faults, SimulatedVehicle, fly
 from tests.mavlink.peers import serial_cable
-from tests.simulated import flying
+from tests.simulated import bursts, flying
 from tests.waiting import wait_for
 
 pytestmark = pytest.mark.slow
@@ -68,7 +68,7 @@ def hearing(*vehicles: SimulatedVehicle) -> Iterator[tuple[Watch, Callable[[floa
     watching, decoder = watch(), Decoder(load_dialect(), stamped=False)
 
     def seen_at(until: float) -> Sighting | None:
-        sent = sorted(packet for vehicle in vehicles for packet in vehicle.advance(until))
+        sent = sorted(packets for vehicle in vehicles for packets in bursts(vehicle, until))
         watching.hear((decoder.push(data), t) for t, data in sent)
         seen = watching.look()
         watching.judge()

@@ -52,7 +52,7 @@ def test_this_is_all_that_is_ever_sent() -> None:
         for sysid, manners in enumerate(VEHICLES.values(), 1):
             vehicles.append(flights.enter_context(flying(link.port, since=8.0, sysid=sysid, **manners)))
             flights.enter_context(written_down(vehicles[-1], names, commands))
-        session = Session(link, choice=Choice(vehicle="all"))
+        session = Session(link, choice=Choice("all", imu_hz=20.0, attitude_hz=10.0, position_hz=5.0))
 
         def agreed() -> bool:
             session.step(0.02)

@@ -24,7 +24,7 @@ from tests.recordings import BUNDLED, recording
 pytestmark = pytest.mark.slow
 
 STREAMS = {"RAW_IMU": 100.0, "HIGHRES_IMU": 100.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0}
-BAD = Faults(drop=0.2, duplicate=0.1, reorder=0.1, garbage=0.1, reboot=(7.0,), silence=((11.0, 12.0),))
+BAD = Faults(drop=0.2, duplicate=0.1, reorder=0.1, garbage=0.1, reboot=(4.0,), silence=((6.0, 7.0),))
 
 
 def assert_same(found: object, wanted: object, where: str = "flight") -> None:
@@ -73,7 +73,7 @@ def random_sizes(seed: int, largest: int) -> Iterator[int]:
 def bad_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A flight over a bad link, with a reboot in it."""
     path = tmp_path_factory.mktemp("stream") / "bad.tlog"
-    write_flight(SimulatedVehicle(fly(15.0), streams=STREAMS, faults=BAD, seed=5), path)
+    write_flight(SimulatedVehicle(fly(9.0), streams=STREAMS, faults=BAD, seed=5), path)
     return path
 
 
