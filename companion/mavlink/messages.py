@@ -29,6 +29,7 @@ class Messages:
     seq: Bytes  # (N,) uint8
     crc: npt.NDArray[np.uint16]  # (N,) as on the wire: equal crc, seq and sender means a byte-identical frame
     rows: npt.NDArray[np.void]  # (N,) of layout.dtype; empty if this type was not asked for
+    told: npt.NDArray[np.float64] | None = None  # (N,) s, the sender's own clock, where somebody has read it already
 
     @property
     def name(self) -> str:
@@ -71,6 +72,7 @@ class Messages:
             seq=self.seq[index],
             crc=self.crc[index],
             rows=as_bytes(self.rows)[index].view(self.layout.dtype) if len(self.rows) == len(self) else self.rows,
+            told=None if self.told is None else self.told[index],
         )
 
 

@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 
 def _check(source: str, t: Array, columns: dict[str, tuple[Array, tuple[int, ...]]]) -> None:
     """Times finite and strictly increasing, every column of its shape (NaN is allowed)."""
-    if t.ndim != 1 or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
+    if t.ndim != 1 or not np.isfinite(t).all() or not (t[1:] > t[:-1]).all():
         raise ValueError(f"{source}: times must be finite and increase strictly")
     for name, (values, shape) in columns.items():
         if values.shape != (len(t), *shape):

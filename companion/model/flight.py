@@ -109,7 +109,7 @@ class Flight:
     imu_in_use: SensorInUse | None = None  # None where the log does not tell
     aiding_in_use: Mapping[str, SensorInUse] = field(default_factory=dict)  # "GPS", "compass", "barometer", "airspeed"
     resets: tuple[EstimatorReset, ...] = ()  # announced, in order of time
-    parameter_changes: tuple[ParameterChange, ...] = ()  # in flight, in order of time
+    parameter_changes: Sequence[ParameterChange] = ()  # in flight, in order of time
 
     @property
     def default_imu(self) -> str | None:

@@ -31,7 +31,7 @@ class Series:
             raise ValueError(
                 f"{self.source}: {len(self.t)} times and {len(self.columns)} columns, but values {self.values.shape}"
             )
-        if not np.isfinite(self.t).all() or not (np.diff(self.t) > 0).all():
+        if not np.isfinite(self.t).all() or not (self.t[1:] > self.t[:-1]).all():
             raise ValueError(f"{self.source}: times must be finite and increase strictly")
 
     def __len__(self) -> int:

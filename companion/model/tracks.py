@@ -32,8 +32,8 @@ def _check(name: str, t: Array, **columns: tuple[Array, int]) -> None:
             raise ValueError(f"{name}.{column} holds non-finite values")
     if not np.isfinite(t).all():
         raise ValueError(f"{name}.t holds non-finite values")
-    if len(t) > 1 and not (np.diff(t) > 0).all():
-        first = int(np.argmin(np.diff(t) > 0))
+    if not (rising := t[1:] > t[:-1]).all():
+        first = int(np.argmin(rising))
         raise ValueError(f"{name}.t must increase strictly; sample {first + 1} does not follow sample {first}")
 
 

@@ -24,8 +24,9 @@ from companion.model import (
     TruthTrack,
     ned_from_geodetic,
 )
-from companion.telemetry.convert import UNTURNED, Turns, continuous, increasing, turned_vectors, uncontradicted
+from companion.telemetry.convert import UNTURNED, Turns, continuous, increasing, turned_vectors
 from companion.telemetry.lazy import LazyTuple
+from companion.telemetry.outliers import uncontradicted
 
 _Track = TypeVar("_Track", GpsTrack, CompassTrack, BarometerTrack)
 Found = tuple[tuple[_Track, ...], tuple[str, ...]]

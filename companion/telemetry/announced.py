@@ -45,6 +45,8 @@ def text_resets(texts: Iterable[StatusText]) -> tuple[EstimatorReset, ...]:
     """Resets and lane switches in words."""
     found: list[EstimatorReset] = []
     for said in texts:
+        if "EKF" not in said.text:
+            continue
         for pattern, kind in _RESETS:
             if match := pattern.match(said.text):
                 core = match.groupdict().get("core")

@@ -57,13 +57,14 @@ def device_time(messages: Messages) -> Array | None:
 
     None too when its fields were not read.
     """
-    if len(messages.rows) != len(messages):
+    if messages.told is None and len(messages.rows) != len(messages):
         return None
     fields = messages.layout.fields
     if "time_boot_ms" in fields:
-        return np.asarray(messages["time_boot_ms"] * 1e-3)
-    if "time_usec" in fields and messages["time_usec"].any():  # PX4 leaves it zero in HIL_STATE_QUATERNION and others
-        return np.asarray(messages["time_usec"] * 1e-6)
+        return np.asarray(messages["time_boot_ms"] * 1e-3) if messages.told is None else messages.told
+    if "time_usec" in fields:
+        t = np.asarray(messages["time_usec"] * 1e-6) if messages.told is None else messages.told
+        return t if t[:1].any() or t.any() else None  # PX4 leaves it zero in HIL_STATE_QUATERNION and others
     return None
 
 
@@ -74,6 +75,7 @@ _CLOCKS = (
 """Messages whose time_boot_ms is the time of their sample, on every autopilot."""
 
 _CLOCKS_ENOUGH = 2
+_SHIFT_S = 0.5  # a constant difference of less is that between sampling and sending
 _SHIFT_SAMPLES = 10_000  # tell a constant as well as a million do
 _CLOCK_PACKETS = 50_000  # of each: enough to place a packet that has no time of its own
 
@@ -178,7 +180,7 @@ def boot_seconds(messages: Messages, clock: Clock) -> tuple[Array, float]:
     if messages.layout.dtype["time_usec"].itemsize == 4:
         return own + _SHORT_WRAP_S * np.round((clock.at(messages.offset) - own) / _SHORT_WRAP_S), 0.0
     shift = _shift(own, messages.offset, clock)
-    return (own - shift, shift) if abs(shift) > 0.5 else (own, 0.0)
+    return (own - shift, shift) if abs(shift) > _SHIFT_S else (own, 0.0)
 
 
 def _shift(own: Array, offset: IntArray, clock: Clock) -> float:
@@ -195,6 +197,8 @@ def _shift(own: Array, offset: IntArray, clock: Clock) -> float:
         return float(own[0] - clock.t[0]) if own[0] > UNIX_S else 0.0
     own, after = own[inside], after[inside]
     low, high = own - clock.t[after], own - clock.t[after - 1]
+    if max(np.abs(low).max(), np.abs(high).max()) <= _SHIFT_S:  # as of most
+        return 0.0
     middle = 0.5 * (low + high)
     if np.subtract(*np.percentile(middle, [75, 25])) > 0.5:
         return 0.0

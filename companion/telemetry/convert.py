@@ -25,6 +25,7 @@ from companion.model import (
     from_euler,
     ned_from_geodetic,
 )
+from companion.telemetry.outliers import finite_rows, uncontradicted
 from companion.telemetry.parameters import out_of_range
 from companion.telemetry.units import SI
 from companion.telemetry.words import words
@@ -33,7 +34,6 @@ IMU_MESSAGES = {"RAW_IMU": 0, "SCALED_IMU": 0, "SCALED_IMU2": 1, "SCALED_IMU3": 
 """Messages of an IMU and its magnetometer → which IMU; HIGHRES_IMU says it itself where it is another."""
 
 _BLOCK = 8192  # samples
-_ASTRAY, _ASTRAY_TIMES = 10.0, 10.0  # m or m/s
 _MOST = 1e4  # rad/s, m/s²: no sensor reads so much; NaN is not less either
 
 
@@ -80,6 +80,8 @@ def imu_track(messages: Messages, t: Array, *, dequantise: bool = False) -> tupl
     return track, notes
 
 
+_TRIM = ("AHRS_TRIM_X", "AHRS_TRIM_Y")
+
 Turns = tuple[tuple[float, Array | None], ...]
 """From when on (s), and the rotation (3, 3) from then on; None for none. In order of time, the first from -inf."""
 
@@ -95,8 +97,8 @@ def turns(parameters: Mapping[str, float], changes: Iterable[ParameterChange]) -
     """
     known = dict(parameters)
     found = [(-np.inf, trim(known))]
-    for change in changes:
-        if change.name in ("AHRS_TRIM_X", "AHRS_TRIM_Y"):
+    for change in changes if not known.keys().isdisjoint(_TRIM) else ():  # they are not looked for in vain
+        if change.name in _TRIM:
             known[change.name] = change.value
             found.append((change.t, trim(known)))
     notes = [f"{one[1]}{f' from {t:.1f} s on' if t > -np.inf else ''}" for t, one in found if one is not None]
@@ -145,18 +147,21 @@ def attitude_track(messages: Messages, t: Array) -> AttitudeTrack:
     if "roll" in (messages.rows.dtype.names or ()):
         q = q_from_euler(*(np.asarray(messages[n], np.float64) for n in ("roll", "pitch", "yaw")))
     else:
-        q = np.column_stack([messages[f"q{i}"] for i in (1, 2, 3, 4)]).astype(np.float64)
+        q = _columns(messages, "q1", "q2", "q3", "q4")
     norm = np.sqrt(np.einsum("ij,ij->i", q, q))
-    rates = np.column_stack([messages[n] for n in ("rollspeed", "pitchspeed", "yawspeed")]).astype(np.float64)
+    rates = _columns(messages, "rollspeed", "pitchspeed", "yawspeed")
     good = np.isfinite(t) & (np.abs(norm - 1.0) < 0.1)  # which no NaN is
     keep = increasing(t, good)
-    return AttitudeTrack(t[keep], continuous(q[keep]), np.nan_to_num(rates[keep]), source=messages.layout.name)
+    q, norm, rates = q[keep], norm[keep], rates[keep]
+    if not np.isfinite(rates).all():
+        rates = np.nan_to_num(rates)
+    return AttitudeTrack(t[keep], continuous(q, norm), rates, source=messages.layout.name)
 
 
 def position_track(messages: Messages, t: Array) -> tuple[PositionTrack, list[str]]:
     """LOCAL_POSITION_NED as it is, or GLOBAL_POSITION_INT as NED about its first fix on the WGS-84 ellipsoid; notes."""
     if messages.layout.name == "LOCAL_POSITION_NED":
-        position = np.column_stack([messages[n] for n in "xyz"]).astype(np.float64)
+        position = _columns(messages, "x", "y", "z")
         good = np.ones(len(t), np.bool_)
     else:
         lat, lon = (np.radians(messages[n] * 1e-7) for n in ("lat", "lon"))
@@ -165,12 +170,14 @@ def position_track(messages: Messages, t: Array) -> tuple[PositionTrack, list[st
         height = messages["alt"] * 1e-3
         position = ned_from_geodetic(lat, lon, height, (float(lat[first]), float(lon[first]), float(height[first])))
     velocity, _ = _vector(messages, ("vx", "vy", "vz"), "m/s", dequantise=False)
-    good &= np.isfinite(position).all(axis=1) & np.isfinite(velocity).all(axis=1) & np.isfinite(t)
+    good &= finite_rows(position, velocity) & np.isfinite(t)
     keep = increasing(t, good)
     t, position, velocity = t[keep], position[keep], velocity[keep]
     notes: list[str] = []
     kept = uncontradicted(messages.name, notes, position, velocity)
-    return PositionTrack(t[kept], position[kept], velocity[kept], source=messages.name), notes
+    if not kept.all():
+        t, position, velocity = t[kept], position[kept], velocity[kept]
+    return PositionTrack(t, position, velocity, source=messages.name), notes
 
 
 def origin(messages: Messages, t: Array) -> Origin | None:
@@ -233,50 +240,38 @@ def increasing(t: Array, good: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64] |
 
     Indices, or where nothing is to be done a slice, so that nothing is copied.
     """
-    if good.all() and (np.diff(t) > 0).all():
+    if good.all() and (t[1:] > t[:-1]).all():
         return slice(None)
     index = np.flatnonzero(good)
     order = index[np.argsort(t[index], kind="stable")]
     return order[np.diff(t[order], prepend=-np.inf) > 0]
 
 
-def lone(places: Array) -> npt.NDArray[np.bool_]:
-    """Which of (N, k) places, m or m/s, those before and after contradict: damage, for nothing jumps there and back.
+def continuous(q: Array, norm: Array | None = None) -> Array:
+    """Quaternions (N, 4) of about unit length, made so, with the sign that follows on: q and -q are one attitude.
 
-    They agree with each other ten times better than with what lies between them.
+    norm: (N,) the lengths, where they are known.
     """
-    off = np.zeros(len(places), np.bool_)
-    if len(places) > 2:
-        apart = np.linalg.norm(places[2:] - places[:-2], axis=1)
-        astray = np.linalg.norm(places[1:-1] - 0.5 * (places[2:] + places[:-2]), axis=1)
-        off[1:-1] = astray > np.maximum(_ASTRAY, _ASTRAY_TIMES * apart)
-    return off & ~np.roll(off, 1) & ~np.roll(off, -1)  # one alone: of several it is not known which are right
-
-
-def uncontradicted(name: str, notes: list[str], *places: Array, what: str = "samples") -> npt.NDArray[np.bool_]:
-    """Which rows of places, each (N, k) in m or m/s, are not `lone`. What is left out is added to the notes."""
-    astray = np.logical_or.reduce([lone(one) for one in places])
-    if astray.any():
-        notes.append(f"{name}: {astray.sum()} {what} left out that those before and after contradict")
-    return np.asarray(~astray)
-
-
-def continuous(q: Array) -> Array:
-    """Quaternions (N, 4) of about unit length, made so, with the sign that follows on: q and -q are one attitude."""
-    q = q / np.sqrt(np.einsum("ij,ij->i", q, q))[:, None]
+    q = q / (np.sqrt(np.einsum("ij,ij->i", q, q)) if norm is None else norm)[:, None]
     turned_over = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0
     if turned_over.any():
         q[1:] *= np.where(np.cumsum(turned_over) % 2, -1.0, 1.0)[:, None]
     return np.asarray(q)
 
 
+def _columns(messages: Messages, *names: str) -> Array:
+    """Fields side by side, (N, k)."""
+    found = np.empty((len(messages), len(names)))
+    for i, name in enumerate(names):
+        found[:, i] = messages[name]
+    return found
+
+
 def _vector(messages: Messages, names: tuple[str, str, str], unit: str, dequantise: bool) -> tuple[Array, float]:
     """Three fields as SI (N, 3), and the quantisation step in SI (0 for floats). `unit` where the dialect has none."""
     factor = SI[messages.layout.units.get(names[0]) or unit]
     whole = np.issubdtype(messages[names[0]].dtype, np.integer)
-    values = np.empty((len(messages), 3))
-    for axis, name in enumerate(names):
-        values[:, axis] = messages[name]
+    values = _columns(messages, *names)
     if whole and dequantise:
         values += 0.5 * np.sign(values)
     values *= factor

@@ -211,14 +211,15 @@ def _seconds(messages: Messages, clock: Clock, notes: list[str]) -> Array:
 
 def _parameters(
     boot: Boot, seconds: Mapping[str, Array], known: Mapping[str, float]
-) -> tuple[dict[str, float], dict[str, float], tuple[ParameterChange, ...]]:
+) -> tuple[dict[str, float], dict[str, float], Sequence[ParameterChange]]:
     """The last value of each parameter, the first, and what changed in between."""
     if "PARAM_VALUE" not in boot.messages:
         return dict(known), dict(known), ()
     sent, t = boot.messages["PARAM_VALUE"], seconds["PARAM_VALUE"]
     values = convert.parameter_values(sent, bytewise=boot.vehicle.autopilot == "PX4")
     last, first = convert.parameters(sent, values), convert.parameters(sent, values, first=True)
-    return {**known, **last}, {**known, **first}, parameter_changes(sent["param_id"].tolist(), t, values)
+    changes = partial(parameter_changes, sent["param_id"].tolist(), t, values)
+    return {**known, **last}, {**known, **first}, LazyTuple(changes)
 
 
 def _span(boot: Boot) -> tuple[float, float]:

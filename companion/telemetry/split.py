@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -103,7 +103,9 @@ def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
     """
     astray = _drop_off_course(sender)
     clock = sender_clock(sender)
-    edges = [0, *reboots(clock), len(clock.t)]
+    starts = reboots(clock)
+    edges = [0, *starts, len(clock.t)]
+    places = {name: [0, *(_first_of(m, clock, i) for i in starts), len(m)] for name, m in sender.items()}
     for number, (first, last) in enumerate(pairwise(edges), 1):
         notes = astray if number == 1 else []
         if number > 1:
@@ -119,15 +121,7 @@ def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
                 f"{own.t[stale]:.1f} s while log time stands still"
             )
             own = own[stale:]
-        cut = {
-            name: m.select(
-                slice(
-                    _first_of(m, clock, first) if first > 0 else 0,
-                    _first_of(m, clock, last) if last < len(clock.t) else len(m),
-                )
-            )
-            for name, m in sender.items()
-        }
+        cut = {name: m.select(slice(*places[name][number - 1 : number + 1])) for name, m in sender.items()}
         if last == len(clock.t):
             sender.clear()
         if stale:
@@ -138,8 +132,9 @@ def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
 
 
 def _drop_off_course(sender: Sender) -> list[str]:
-    """Let go of the messages whose time stamps leave the flight's course; and a note of each type that has such."""
+    """Read the messages' own times, and let go of those that leave the flight's course; a note of each such type."""
     times = {name: own for name, m in sender.items() if (own := device_time(m)) is not None}
+    sender.update({name: replace(sender[name], told=t) for name, t in times.items()})
     apart = off_course(times, ON_LINK)
     sender.update({name: sender[name].select(~mask) for name, mask in apart.items()})
     return left_out(times, apart)

@@ -101,21 +101,19 @@ def _apart(t: Array, elsewhere: BoolArray, disorder_s: float) -> BoolArray:
     if not apart.any() and not (t[1:] < t[:-1]).any():  # as of most streams
         return apart
     for _ in range(_PASSES):
-        kept = np.flatnonzero(~apart)
-        rest = t[kept]
-        step = np.diff(rest)
-        falls = np.flatnonzero(step < 0)
+        kept = np.flatnonzero(~apart) if apart.any() else None
+        rest = t if kept is None else t[kept]
+        falls = np.flatnonzero(rest[1:] < rest[:-1])
         if not len(falls):
             break
-        close = np.zeros(len(rest) + 2 * _NEIGHBOURS, np.bool_)
-        for k in range(2 * _NEIGHBOURS):  # from one before the fall's first sample to one behind its second
-            close[falls + k + 1] = True
-        index = np.flatnonzero(close[_NEIGHBOURS:-_NEIGHBOURS])
-        padded = np.pad(rest, _NEIGHBOURS, mode="edge")
-        around = np.sort(np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOURS + 1)[index], axis=1)
-        most = max(disorder_s, _PERIODS * float(np.median(np.abs(step))))
-        off = np.abs(rest[index] - around[:, _NEIGHBOURS]) > most
-        if not off.any():
+        reach = np.arange(1 - _NEIGHBOURS, _NEIGHBOURS + 1)  # from one before a fall's first sample to one behind
+        index = np.unique(np.clip(falls[:, None] + reach, 0, len(rest) - 1))
+        around = np.clip(index[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1), 0, len(rest) - 1)
+        off = np.abs(rest[index] - np.sort(rest[around], axis=1)[:, _NEIGHBOURS])
+        if not (off > disorder_s).any():  # as of reboots alone: the median of all steps is not asked for
             break
-        apart[kept[index[off]]] = True
+        away = off > max(disorder_s, _PERIODS * float(np.median(np.abs(np.diff(rest)))))
+        if not away.any():
+            break
+        apart[index[away] if kept is None else kept[index[away]]] = True
     return apart

@@ -79,7 +79,7 @@ def test_mavproxy_sends_parameters_in_the_vehicle_s_name(tmp_path: Path) -> None
     camera = parameter(22, "INS_ACCEL_FILTER", 5, compid=100)
     flight = sent(tmp_path, own, *theirs, camera)
     assert flight.parameters == {"A": 1.0, "INS_GYRO_FILTER": 7.0}
-    assert flight.parameter_changes == ()
+    assert not flight.parameter_changes
     assert flight.imus["RAW_IMU"].low_pass_hz == 7.0
 
 

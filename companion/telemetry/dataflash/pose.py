@@ -14,6 +14,7 @@ from companion.model import Array, AttitudeTrack, BiasTrack, Epoch, ImuTrack, Or
 from companion.telemetry import convert
 from companion.telemetry.dataflash.cores import Flew, of_cores
 from companion.telemetry.epoch import epoch_of, gps_to_unix
+from companion.telemetry.outliers import uncontradicted
 
 _HAS_POSITION = 0b11000  # EKF solution status: horiz_pos_rel and horiz_pos_abs (nav_filter_status in AP_NavEKF)
 EKF_ORIGIN, _HOME = 0, 1  # ORGN.Type: LogOriginType
@@ -95,7 +96,7 @@ def position(
     keep = convert.increasing(t, np.asarray(good))
     t, place, velocity = t[keep], place[keep], velocity[keep]
     notes: list[str] = []
-    kept = convert.uncontradicted(one.name, notes, place, velocity)
+    kept = uncontradicted(one.name, notes, place, velocity)
     t, place, velocity = t[kept], place[kept], velocity[kept]
     return (PositionTrack(t, place, velocity, f"{mine.prefix}F1") if len(t) > 1 else None), notes
 

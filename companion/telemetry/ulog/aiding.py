@@ -23,7 +23,8 @@ from companion.model import (
     ned_from_geodetic,
 )
 from companion.telemetry.aiding import is_constant, is_frozen
-from companion.telemetry.convert import continuous, increasing, uncontradicted
+from companion.telemetry.convert import continuous, increasing
+from companion.telemetry.outliers import uncontradicted
 from companion.telemetry.series import POLE, pressure_altitude
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.topics import (
