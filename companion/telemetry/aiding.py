@@ -26,7 +26,8 @@ from companion.model import (
 )
 from companion.telemetry.convert import UNTURNED, Turns, continuous, increasing, turned_vectors
 from companion.telemetry.lazy import LazyTuple
-from companion.telemetry.outliers import uncontradicted
+from companion.telemetry.outliers import HEIGHT, BoolArray, lone, lone_fields, uncontradicted
+from companion.telemetry.series import pressure_altitude
 
 _Track = TypeVar("_Track", GpsTrack, CompassTrack, BarometerTrack)
 Found = tuple[tuple[_Track, ...], tuple[str, ...]]
@@ -117,18 +118,31 @@ def truth_track(
 def _compass_track(one: Series, turns: Turns, notes: list[str]) -> CompassTrack | None:
     if is_constant(one.source, one.values, notes):
         return None
-    return CompassTrack(one.t, turned_vectors(one.t, one.values, turns), source=one.source, instance=one.instance)
+    t, field = one.t, turned_vectors(one.t, one.values, turns)
+    good = field.any(axis=1)  # the Earth's field is nowhere zero
+    if not good.all():
+        notes.append(f"{one.source}: {(~good).sum()} samples left out as magnetometer: all of their axes are zero")
+        t, field = t[good], field[good]
+    kept = uncontradicted(f"{one.source} (magnetometer)", notes, lone_fields(t, field))
+    return CompassTrack(t[kept], field[kept], source=one.source, instance=one.instance)
 
 
 def _barometer_track(one: Series, notes: list[str]) -> BarometerTrack | None:
     if is_constant(one.source, one["pressure_pa"], notes):
         return None
-    good = ~(one["pressure_pa"] <= 0.0)
-    pressure, altitude, temperature = (one[name][good] for name in ("pressure_pa", "altitude_m", "temperature_degc"))
-    track = BarometerTrack(one.t[good], pressure, altitude, temperature, one.source, one.instance)
+    weighed = ~(one["pressure_pa"] <= 0.0)
+    t, pressure, altitude = one.t[weighed], one["pressure_pa"][weighed], one["altitude_m"][weighed]
+    good = uncontradicted(one.source, notes, *lone_air(pressure, altitude))
+    t, pressure, altitude, temperature = t[good], pressure[good], altitude[good], one["temperature_degc"][weighed][good]
+    track = BarometerTrack(t, pressure, altitude, temperature, one.source, one.instance)
     if not len(track):
         notes.append(f"{one.source} left out: its pressure is never above zero")
     return track
+
+
+def lone_air(pressure: Array, altitude: Array) -> tuple[BoolArray, BoolArray]:
+    """Which pressures (N,) Pa and altitudes (N,) m those before and after contradict."""
+    return lone(pressure_altitude(pressure)[:, None], HEIGHT), lone(altitude[:, None], HEIGHT)
 
 
 def is_constant(source: str, values: Array, notes: list[str]) -> bool:
@@ -144,7 +158,7 @@ def _gps_track(gps: Series, notes: list[str]) -> GpsTrack | None:
         notes.append(f"{gps.source} left out: it never has a fix")
         return None
     place = np.column_stack([gps["lat_rad"], gps["lon_rad"] * np.cos(gps["lat_rad"])]) * _EARTH_M
-    kept = uncontradicted(gps.source, notes, place, what="fixes")
+    kept = uncontradicted(gps.source, notes, lone(place), what="fixes")
     if not kept.all():
         gps = Series(gps.t[kept], gps.values[kept], gps.columns, gps.source, gps.instance)
     velocity = np.column_stack([gps[name] for name in ("vn_mps", "ve_mps", "vd_mps")])

@@ -25,7 +25,7 @@ from companion.model import (
     from_euler,
     ned_from_geodetic,
 )
-from companion.telemetry.outliers import finite_rows, uncontradicted
+from companion.telemetry.outliers import Ranges, finite_rows, lone, lone_turns, readable, uncontradicted
 from companion.telemetry.parameters import out_of_range
 from companion.telemetry.units import SI
 from companion.telemetry.words import words
@@ -34,10 +34,11 @@ IMU_MESSAGES = {"RAW_IMU": 0, "SCALED_IMU": 0, "SCALED_IMU2": 1, "SCALED_IMU3": 
 """Messages of an IMU and its magnetometer → which IMU; HIGHRES_IMU says it itself where it is another."""
 
 _BLOCK = 8192  # samples
-_MOST = 1e4  # rad/s, m/s²: no sensor reads so much; NaN is not less either
 
 
-def imu_track(messages: Messages, t: Array, *, dequantise: bool = False) -> tuple[ImuTrack | None, list[str]]:
+def imu_track(
+    messages: Messages, t: Array, *, dequantise: bool = False, ranges: Ranges = (None, None)
+) -> tuple[ImuTrack | None, list[str]]:
     """Samples of an IMU message at boot times t (N,) s, in its own body frame, and what had to be left out.
 
     Integer readings are cut towards zero by the autopilot, so a reading k stands for [k, k+1) steps: `dequantise` adds
@@ -49,9 +50,7 @@ def imu_track(messages: Messages, t: Array, *, dequantise: bool = False) -> tupl
     accel, accel_step = _vector(messages, ("xacc", "yacc", "zacc"), "mG", dequantise)
     if not gyro.any() and not accel.any():
         return None, [f"{name} is zero throughout: the vehicle has no such IMU"]
-    good = np.isfinite(t)
-    if not gyro_step:  # whole numbers are finite
-        good &= (np.abs(gyro) < _MOST).all(axis=1) & (np.abs(accel) < _MOST).all(axis=1)
+    good = np.isfinite(t) & readable(gyro, accel, ranges)
     instance = IMU_MESSAGES[name]
     if name == "HIGHRES_IMU":
         ids, counts = np.unique(messages["id"], return_counts=True)
@@ -142,8 +141,8 @@ def turned_vectors(t: Array, vectors: Array, turns: Turns) -> Array:
     return out
 
 
-def attitude_track(messages: Messages, t: Array) -> AttitudeTrack:
-    """ATTITUDE (Euler angles, rad) or ATTITUDE_QUATERNION as quaternions; rates are bias-corrected body rates."""
+def attitude_track(messages: Messages, t: Array) -> tuple[AttitudeTrack, list[str]]:
+    """ATTITUDE (Euler angles, rad) or ATTITUDE_QUATERNION as quaternions, with bias-corrected body rates; and notes."""
     if "roll" in (messages.rows.dtype.names or ()):
         q = q_from_euler(*(np.asarray(messages[n], np.float64) for n in ("roll", "pitch", "yaw")))
     else:
@@ -152,10 +151,14 @@ def attitude_track(messages: Messages, t: Array) -> AttitudeTrack:
     rates = _columns(messages, "rollspeed", "pitchspeed", "yawspeed")
     good = np.isfinite(t) & (np.abs(norm - 1.0) < 0.1)  # which no NaN is
     keep = increasing(t, good)
-    q, norm, rates = q[keep], norm[keep], rates[keep]
+    t, q, rates = t[keep], continuous(q[keep], norm[keep]), rates[keep]
     if not np.isfinite(rates).all():
         rates = np.nan_to_num(rates)
-    return AttitudeTrack(t[keep], continuous(q, norm), rates, source=messages.layout.name)
+    notes: list[str] = []
+    kept = uncontradicted(messages.name, notes, lone_turns(t, q, rates))
+    if notes:
+        t, q, rates = t[kept], continuous(q[kept]), rates[kept]
+    return AttitudeTrack(t, q, rates, source=messages.layout.name), notes
 
 
 def position_track(messages: Messages, t: Array) -> tuple[PositionTrack, list[str]]:
@@ -174,8 +177,8 @@ def position_track(messages: Messages, t: Array) -> tuple[PositionTrack, list[st
     keep = increasing(t, good)
     t, position, velocity = t[keep], position[keep], velocity[keep]
     notes: list[str] = []
-    kept = uncontradicted(messages.name, notes, position, velocity)
-    if not kept.all():
+    kept = uncontradicted(messages.name, notes, lone(position), lone(velocity))
+    if notes:
         t, position, velocity = t[kept], position[kept], velocity[kept]
     return PositionTrack(t, position, velocity, source=messages.name), notes
 

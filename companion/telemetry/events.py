@@ -1,4 +1,4 @@
-"""What happened in a flight: armed, disarmed, a new mode, an error, in the words of each format."""
+"""What happened in a flight: armed, disarmed, a new mode, an error, in the words of each format; and its texts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.mavlink import Dialect, Messages, Records, mode_name
-from companion.model import Array, Event, Vehicle
+from companion.model import Array, Event, StatusText, Vehicle
+from companion.telemetry.words import words
 
 _ARMED_FLAG = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 _UNDEFINED, _ON_GROUND = 0, 1  # MAV_LANDED_STATE
@@ -102,6 +103,22 @@ def dataflash_events(records: Mapping[str, Records], vehicle: Vehicle, dialect: 
         what = _ERR.get(subsystem, f"subsystem {subsystem}")
         found.append(Event(t, "error" if code else "event", f"{what}: error {code}" if code else f"{what}: resolved"))
     return in_order(found)
+
+
+def status_texts(messages: Messages, t: Array) -> tuple[StatusText, ...]:
+    """STATUSTEXT at boot times t (N,) s, the chunks of long ones (same id, chunk_seq 0, 1, ...) put together."""
+    said: list[StatusText] = []
+    columns = (messages[n].tolist() for n in ("severity", "text", "id", "chunk_seq"))
+    decoded: dict[bytes, str] = {}  # the same are said over and over
+    for at, severity, raw, chunk_id, chunk in zip(t.tolist(), *columns, strict=True):
+        text = decoded.get(raw)
+        if text is None:
+            text = decoded[raw] = words(raw)
+        if chunk_id and chunk and said:
+            said[-1] = StatusText(said[-1].t, said[-1].severity, said[-1].text + text)
+        else:
+            said.append(StatusText(at, severity, text))
+    return tuple(said)
 
 
 def in_order(events: Iterable[Event]) -> tuple[Event, ...]:

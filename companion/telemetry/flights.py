@@ -20,7 +20,6 @@ from companion.model import (
     ParameterChange,
     PositionTrack,
     SensorInUse,
-    StatusText,
     Vehicle,
 )
 from companion.telemetry import convert
@@ -31,13 +30,12 @@ from companion.telemetry.biases import ardupilot_biases, px4_biases, selected_im
 from companion.telemetry.clock import Clock, boot_seconds
 from companion.telemetry.control import CONTROL_MESSAGES, actuator_track, control_track
 from companion.telemetry.epoch import system_epoch
-from companion.telemetry.events import heartbeat_events, in_order, landed_events
-from companion.telemetry.imu_facts import of_instance, with_facts
+from companion.telemetry.events import heartbeat_events, in_order, landed_events, status_texts
+from companion.telemetry.imu_facts import known_ranges, of_instance, with_facts
 from companion.telemetry.lazy import LazyTuple
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
 from companion.telemetry.split import Boot, Bystander, Sender, boots, describe, senders
 from companion.telemetry.truth import TRUTH_MESSAGES, message_truth
-from companion.telemetry.words import words
 
 _TIMED = SENSOR_MESSAGES | {
     *convert.IMU_MESSAGES, *TRUTH_MESSAGES, *CONTROL_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED",
@@ -118,7 +116,12 @@ def _boots_of(
         for one in begun:
             if name not in one.boot.messages:
                 continue
-            track, told = convert.imu_track(one.boot.messages.pop(name), one.seconds.pop(name), dequantise=dequantise)
+            track, told = convert.imu_track(
+                one.boot.messages.pop(name),
+                one.seconds.pop(name),
+                dequantise=dequantise,
+                ranges=known_ranges(vehicle, one.flight.parameters, convert.IMU_MESSAGES[name]),
+            )
             one.notes.extend(told)
             if track is not None:
                 track = with_facts(track, vehicle, one.flight.parameters)
@@ -129,9 +132,9 @@ def _boots_of(
 def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
     boot, seconds, flight, imus = begun.boot, begun.seconds, begun.flight, begun.imus
     notes = [*begun.notes, *_doubts(flight, imus)]
-    attitude = _attitude(boot, seconds)
-    position, told = _position(boot, seconds)
-    notes += told
+    attitude, told = _attitude(boot, seconds)
+    position, odd = _position(boot, seconds)
+    notes += [*told, *odd]
     aiding = Aiding(flight.series, begun.turns)
     used = flight.imu_in_use
     biases: Sequence[BiasTrack] = ()
@@ -169,7 +172,7 @@ def _begin(boot: Boot, known: Mapping[str, float], said: tuple[str, ...], dialec
     if not len(boot.clock.t):
         notes.append("the vehicle sends no device time: the duration is that of the log's stamps, 0 where it has none")
     parameters, at_first, changes = _parameters(boot, seconds, known)
-    texts = _texts(boot, seconds)
+    texts = status_texts(boot.messages["STATUSTEXT"], seconds["STATUSTEXT"]) if "STATUSTEXT" in boot.messages else ()
     resets = text_resets(texts)
     if "ODOMETRY" in boot.messages:
         resets += odometry_resets(boot.messages["ODOMETRY"], seconds["ODOMETRY"])
@@ -245,12 +248,12 @@ def _is_ardupilot(vehicle: Vehicle) -> bool:
     return vehicle.autopilot == "ARDUPILOTMEGA"
 
 
-def _attitude(boot: Boot, seconds: dict[str, Array]) -> AttitudeTrack | None:
-    """The better sampled of ATTITUDE_QUATERNION and ATTITUDE."""
+def _attitude(boot: Boot, seconds: dict[str, Array]) -> tuple[AttitudeTrack | None, list[str]]:
+    """The better sampled of ATTITUDE_QUATERNION and ATTITUDE; and notes."""
     names = ("ATTITUDE_QUATERNION", "ATTITUDE")
     tracks = [convert.attitude_track(boot.messages.pop(n), seconds[n]) for n in names if n in boot.messages]
-    usable = [track for track in tracks if len(track) > 1]
-    return max(usable, key=len) if usable else None
+    usable = [found for found in tracks if len(found[0]) > 1]
+    return max(usable, key=lambda found: len(found[0])) if usable else (None, [])
 
 
 def _position(boot: Boot, seconds: dict[str, Array]) -> tuple[PositionTrack | None, list[str]]:
@@ -279,22 +282,3 @@ def _events(boot: Boot, seconds: dict[str, Array], dialect: Dialect) -> tuple[Ev
     if "EXTENDED_SYS_STATE" in boot.messages:
         found += landed_events(boot.messages["EXTENDED_SYS_STATE"], seconds["EXTENDED_SYS_STATE"])
     return in_order(found)
-
-
-def _texts(boot: Boot, seconds: dict[str, Array]) -> tuple[StatusText, ...]:
-    """STATUSTEXT, the chunks of long ones (same id, chunk_seq 0, 1, ...) put together."""
-    if "STATUSTEXT" not in boot.messages:
-        return ()
-    said: list[StatusText] = []
-    messages = boot.messages["STATUSTEXT"]
-    columns = (messages[n].tolist() for n in ("severity", "text", "id", "chunk_seq"))
-    decoded: dict[bytes, str] = {}  # the same are said over and over
-    for t, severity, raw, chunk_id, chunk in zip(seconds["STATUSTEXT"].tolist(), *columns, strict=True):
-        text = decoded.get(raw)
-        if text is None:
-            text = decoded[raw] = words(raw)
-        if chunk_id and chunk and said:
-            said[-1] = StatusText(said[-1].t, said[-1].severity, said[-1].text + text)
-        else:
-            said.append(StatusText(t, severity, text))
-    return tuple(said)

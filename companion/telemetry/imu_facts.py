@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.model import STANDARD_GRAVITY, ImuTrack, Vehicle
+from companion.telemetry.outliers import Ranges
 
 _USUAL_RANGES = (2000.0, 16.0)
 _RANGES: Mapping[int, tuple[float | None, float | None]] = {
@@ -45,15 +46,26 @@ def with_facts(track: ImuTrack, vehicle: Vehicle, parameters: Mapping[str, float
             track = replace(track, t=track.t - 0.5 / rate, interval=np.full(len(track), 1.0 / rate))
         return track
     if vehicle.autopilot == "ARDUPILOTMEGA":
-        gyro, accel = (_device(parameters, _id_name(kind, track.instance)) for kind in ("GYR", "ACC"))
+        gyro_range, accel_range = known_ranges(vehicle, parameters, track.instance)
         return replace(
             track,
-            device_id=gyro,
+            device_id=_device(parameters, _id_name("GYR", track.instance)),
             low_pass_hz=_low_pass(parameters),
-            gyro_range=None if (range_dps := _ranges(gyro)[0]) is None else float(np.radians(range_dps)),
-            accel_range=None if (range_g := _ranges(accel)[1]) is None else range_g * STANDARD_GRAVITY,
+            gyro_range=gyro_range,
+            accel_range=accel_range,
         )
     return track
+
+
+def known_ranges(vehicle: Vehicle, parameters: Mapping[str, float], instance: int) -> Ranges:
+    """Of the gyro and accelerometer of an IMU, by their device ids: on ArduPilot, where the parameters are known."""
+    if vehicle.autopilot != "ARDUPILOTMEGA":
+        return None, None
+    gyro, accel = (_ranges(_device(parameters, _id_name(kind, instance))) for kind in ("GYR", "ACC"))
+    return (
+        None if gyro[0] is None else float(np.radians(gyro[0])),
+        None if accel[1] is None else accel[1] * STANDARD_GRAVITY,
+    )
 
 
 def of_instance(track: ImuTrack, instance: int, parameters: Mapping[str, float]) -> ImuTrack:

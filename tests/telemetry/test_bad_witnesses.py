@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 import companion as c
-from companion.model import Flight
+from companion.model import Flight, from_euler
 from tests.dataflash_writer import write_dataflash
 from tests.tlogs import Writer
 from tests.ulogs import ulog
@@ -32,6 +32,10 @@ HEALTHY: Values = {
 }
 
 
+STILL: Values = {"gyro": np.full(4 * N, 2e-3), "force": np.full(4 * N, -9.8), "roll": np.zeros(4 * N)}
+"""About and along which axis the vehicle turns and is pushed: rad/s, m/s², rad, four times as often."""
+
+
 def tlog(folder: Path, values: Values) -> Flight:
     log = Writer(folder / "log.tlog")
     log.heartbeat(0.0)
@@ -39,7 +43,10 @@ def tlog(folder: Path, values: Values) -> Flight:
         at = t - 20.0
         for k in range(4):
             log.raw_imu(at + 0.05 * k, t + 0.05 * k)
-            log.attitude(at + 0.05 * k, t + 0.05 * k)
+            if "roll" in values:
+                moved(log, values, 4 * i + k)
+            else:
+                log.attitude(at + 0.05 * k, t + 0.05 * k)
         now = {name: column[i] for name, column in values.items()}
         if "fix" in now:
             log.send(
@@ -61,6 +68,20 @@ def tlog(folder: Path, values: Values) -> Flight:
     return c.open_log(log.close())[0]
 
 
+def moved(log: Writer, values: Values, i: int) -> None:
+    """One sample of an IMU that sends floats, and of an attitude with rates."""
+    at, us = 0.05 * i, round((20.0 + 0.05 * i) * 1e6)
+    gyro, force, roll = (float(values[name][i]) for name in ("gyro", "force", "roll"))
+    log.send(
+        at, "highres_imu", time_usec=us, xacc=0, yacc=0, zacc=force, xgyro=gyro, ygyro=0, zgyro=0, xmag=0, ymag=0,
+        zmag=0, abs_pressure=0, diff_pressure=0, pressure_alt=0, temperature=0, fields_updated=0,
+    )  # fmt: skip
+    log.send(
+        at, "attitude", time_boot_ms=us // 1000, roll=roll, pitch=0, yaw=0, rollspeed=gyro if abs(gyro) < 9 else 0,
+        pitchspeed=0, yawspeed=0,
+    )  # fmt: skip
+
+
 TYPES = {
     "IMU": ("QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
     "ATT": ("Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw"),
@@ -75,8 +96,9 @@ def dataflash(folder: Path, values: Values) -> Flight:
         for i, t in enumerate(T):
             us = round(t * 1e6)
             for k in range(4):
-                yield "IMU", (us + 50_000 * k, 0, 0.0, 0.0, 1e-3 * (k % 2), 0.0, 0.0, -9.8)
-                yield "ATT", (us + 50_000 * k, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+                gyro, force, roll = (float((STILL | values)[name][4 * i + k]) for name in STILL)
+                yield "IMU", (us + 50_000 * k, 0, gyro, 0.0, 1e-3 * (k % 2), 0.0, 0.0, force)
+                yield "ATT", (us + 50_000 * k, 0.0, np.degrees(roll), 0.0, 0.0, 0.0, 0.0)
             now = {name: column[i] for name, column in values.items()}
             if "fix" in now:
                 place = round(now["lat"] * 1e7), round(now["lon"] * 1e7), round(now["alt"] * 100)
@@ -92,14 +114,18 @@ def dataflash(folder: Path, values: Values) -> Flight:
 def px4(folder: Path, values: Values) -> Flight:
     stamp = np.round(T * 1e6).astype(np.uint64)
     fine = np.round(np.arange(20.0, 20.0 + N / HZ, 0.05) * 1e6).astype(np.uint64)
-    still = np.tile(np.array([0.0, 0.0, -9.8], np.float32), (len(fine), 1))
+    gyro, force, roll = ((STILL | values)[name] for name in STILL)
+    rates = np.column_stack([gyro, np.full(len(fine), 1e-3), np.zeros(len(fine))]).astype(np.float32)
+    still = np.column_stack([np.zeros((len(fine), 2)), force]).astype(np.float32)
     topics: dict[str, dict[str, npt.NDArray[Any]]] = {
         "sensor_combined": {
             "timestamp": fine,
-            "gyro_rad": still * np.float32(1e-3),
+            "gyro_rad": rates,
             "gyro_integral_dt": np.full(len(fine), 5000, np.uint32),
             "accelerometer_m_s2": still,
-        }
+        },
+        "vehicle_attitude": {"timestamp": fine, "q": from_euler(roll, 0.0, 0.0).astype(np.float32)},
+        "vehicle_angular_velocity": {"timestamp": fine, "xyz": np.where(np.abs(rates) < 9, rates, 0)},
     }
     if "fix" in values:
         topics["vehicle_gps_position"] = {
@@ -208,3 +234,71 @@ def test_a_single_fix_that_its_neighbours_contradict_is_dropped_and_counted(tmp_
     flight = made(tmp_path, HEALTHY | {"lat": lat})
     assert len(flight.gps[0]) == N - 1
     assert any("1 fixes left out that those before and after contradict" in note for note in flight.notes)
+
+
+@FORMATS
+@pytest.mark.parametrize(("name", "wrong"), [("mag", 30.0), ("pressure", 40_000.0), ("pressure", 110_000.0)])
+def test_a_single_reading_that_its_neighbours_contradict_is_dropped_and_counted(
+    tmp_path: Path, made: Make, name: str, wrong: float
+) -> None:
+    without_optional(made)
+    values = HEALTHY[name].copy()
+    values[50] = wrong
+    flight = made(tmp_path, HEALTHY | {name: values})
+    track = flight.compasses[0] if name == "mag" else flight.barometers[0]
+    assert len(track) == N - 1
+    assert T[50] not in np.round(track.t, 3)
+    assert any("1 samples left out that those before and after contradict" in note for note in flight.notes)
+
+
+@FORMATS
+def test_an_attitude_that_turns_away_and_back_between_two_samples_is_dropped_and_counted(
+    tmp_path: Path, made: Make
+) -> None:
+    """By 150 degrees in 50 ms, where the vehicle turns by 2 mrad/s."""
+    without_optional(made)
+    roll = STILL["roll"].copy()
+    roll[200] = np.radians(150.0)
+    flight = made(tmp_path, HEALTHY | STILL | {"roll": roll})
+    assert flight.attitude is not None
+    assert len(flight.attitude) == 4 * N - 1
+    np.testing.assert_allclose(np.abs(flight.attitude.q_ned_frd[:, 0]), 1.0, atol=1e-6)
+    assert any("1 samples left out that those before and after contradict" in note for note in flight.notes)
+
+
+@FORMATS
+@pytest.mark.parametrize("sensor", ["gyro", "force"])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -3e38, 1e4])
+def test_what_no_imu_can_read_is_dropped_and_counted(tmp_path: Path, made: Make, sensor: str, wrong: float) -> None:
+    without_optional(made)
+    values = STILL[sensor].copy()
+    values[200] = wrong
+    flight = made(tmp_path, HEALTHY | STILL | {sensor: values})
+    track = flight.imu()
+    assert len(track) == 4 * N - 1
+    assert np.abs(track.gyro).max() < 9.0
+    assert any("1 samples left out that are no readings" in note for note in flight.notes)
+
+
+@FORMATS
+def test_shocks_spikes_flips_and_steps_are_no_damage(tmp_path: Path, made: Make) -> None:
+    """The verdict has to see them: an IMU at the end of its range for one sample, a flip, a wave of pressure, a magnet,
+    a reset of the heading."""
+    without_optional(made)
+    shocked = {name: values.copy() for name, values in (HEALTHY | STILL).items()}
+    shocked["force"][100] = -150.0
+    shocked["gyro"][120] = 34.0
+    flip = np.arange(140, 161)
+    shocked["roll"][flip] = 2 * np.pi * (flip - 140) / 20  # in a second, at 6.3 rad/s
+    shocked["gyro"][flip] = 2 * np.pi
+    shocked["roll"][300:] += np.radians(40.0)
+    shocked["pressure"][30] += 250.0
+    shocked["pressure"][60:] += 2000.0
+    shocked["mag"][40] += 0.2
+    shocked["mag"][70:] *= -1.0
+    flight = made(tmp_path, shocked)
+    assert flight.attitude is not None
+    assert len(flight.imu()) == len(flight.attitude) == 4 * N
+    assert len(flight.barometers[0]) == len(flight.compasses[0]) == N
+    assert np.abs(flight.imu().accel).max() == pytest.approx(150.0, rel=1e-3)
+    assert not [note for note in flight.notes if "contradict" in note or "no readings" in note]

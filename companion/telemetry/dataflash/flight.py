@@ -145,10 +145,11 @@ def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, 
     own = next((bias for bias in biases if bias.core == core), None)
     position, astray = pose.position(records, flew, core, flight.parameters)
     sensed = Aiding(series, turns)
+    attitude = None if found is None else pose.with_rates(found, imus, own, astray)
     return replace(
         flight,
         imus=imus,
-        attitude=None if found is None else pose.with_rates(found, imus, own),
+        attitude=attitude,
         position=position,
         series=series,
         notes=sensed.noted([*notes, *unhealthy, *odd, *told, *astray]),

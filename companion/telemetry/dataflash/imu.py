@@ -16,7 +16,8 @@ from companion.mavlink import Records
 from companion.model import Array, ImuTrack, Vehicle
 from companion.telemetry import convert
 from companion.telemetry.dataflash.rows import sources
-from companion.telemetry.imu_facts import with_facts
+from companion.telemetry.imu_facts import known_ranges, with_facts
+from companion.telemetry.outliers import readable
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 
 _VECTORS = tuple(f"{kind}{axis}" for kind in ("Gyr", "Acc") for axis in "XYZ")
@@ -30,7 +31,6 @@ NUMBERS: Mapping[str, tuple[str, ...]] = {
 }
 """Columns that these records must have."""
 
-_MOST_GYRO, _MOST_ACCEL = 100.0, 1000.0  # rad/s, m/s²: 4000 deg/s and 40 g is the most that any of the parts reads
 _SPAN = 64  # samples over which the times of a FIFO are smoothed: it is read every 1-2 ms, 1-16 samples at once
 _HOLE = 8.0  # of the mean interval: samples are missing
 
@@ -79,7 +79,7 @@ def _track(
     parameters: Mapping[str, float],
     notes: list[str],
 ) -> ImuTrack:
-    good = np.isfinite(t) & (np.abs(gyro) < _MOST_GYRO).all(axis=1) & (np.abs(accel) < _MOST_ACCEL).all(axis=1)
+    good = np.isfinite(t) & readable(gyro, accel, known_ranges(vehicle, parameters, number))
     keep = convert.increasing(t, np.asarray(good))
     if dropped := int((~good).sum()):
         notes.append(f"{key}: {dropped} samples left out that are no readings of an IMU")

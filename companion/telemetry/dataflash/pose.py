@@ -14,7 +14,7 @@ from companion.model import Array, AttitudeTrack, BiasTrack, Epoch, ImuTrack, Or
 from companion.telemetry import convert
 from companion.telemetry.dataflash.cores import Flew, of_cores
 from companion.telemetry.epoch import epoch_of, gps_to_unix
-from companion.telemetry.outliers import uncontradicted
+from companion.telemetry.outliers import lone, lone_turns, uncontradicted
 
 _HAS_POSITION = 0b11000  # EKF solution status: horiz_pos_rel and horiz_pos_abs (nav_filter_status in AP_NavEKF)
 EKF_ORIGIN, _HOME = 0, 1  # ORGN.Type: LogOriginType
@@ -55,8 +55,12 @@ def _continuous(t: Array, q: Array, source: str) -> tuple[Array, Array, str] | N
     return (t[keep], convert.continuous(q[keep]), source) if len(t[keep]) > 1 else None
 
 
-def with_rates(found: tuple[Array, Array, str], imus: Mapping[str, ImuTrack], bias: BiasTrack | None) -> AttitudeTrack:
+def with_rates(
+    found: tuple[Array, Array, str], imus: Mapping[str, ImuTrack], bias: BiasTrack | None, notes: list[str]
+) -> AttitudeTrack:
     """The attitude with body rates: those of the core's own IMU less the bias that it believes.
+
+    A single sample that turns away and back, which these rates contradict, is left out and noted.
 
     The log has none without bias, so they are the mean of the IMU around each time. bias: None where it is not told.
     """
@@ -64,8 +68,13 @@ def with_rates(found: tuple[Array, Array, str], imus: Mapping[str, ImuTrack], bi
     instance = bias.imu_instance if bias is not None else None
     tracks = [track for track in imus.values() if len(track) > 1]
     track = next((one for one in tracks if one.instance == instance), tracks[0] if tracks else None)
-    if track is None:
-        return AttitudeTrack(t, q, np.zeros((len(t), 3)), source)
+    rates = np.zeros((len(t), 3)) if track is None else _mean_rates(t, track, bias)
+    kept = uncontradicted(source, notes, lone_turns(t, q, rates))
+    return AttitudeTrack(t[kept], convert.continuous(q[kept]), rates[kept], source)
+
+
+def _mean_rates(t: Array, track: ImuTrack, bias: BiasTrack | None) -> Array:
+    """(N, 3) rad/s around each of the times t (N,)."""
     steps = np.diff(track.t)[:, None] * 0.5 * (track.gyro[1:] + track.gyro[:-1])
     turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
     edges = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
@@ -73,7 +82,7 @@ def with_rates(found: tuple[Array, Array, str], imus: Mapping[str, ImuTrack], bi
     rates = np.diff(at, axis=0) / np.diff(edges)[:, None]
     if bias is not None and bias.imu_instance == track.instance:  # and not that of a mixture of IMUs
         rates -= np.column_stack([np.interp(t, bias.t, column) for column in bias.gyro.T])
-    return AttitudeTrack(t, q, rates, source)
+    return np.asarray(rates)
 
 
 def position(
@@ -96,7 +105,7 @@ def position(
     keep = convert.increasing(t, np.asarray(good))
     t, place, velocity = t[keep], place[keep], velocity[keep]
     notes: list[str] = []
-    kept = uncontradicted(one.name, notes, place, velocity)
+    kept = uncontradicted(one.name, notes, lone(place), lone(velocity))
     t, place, velocity = t[kept], place[kept], velocity[kept]
     return (PositionTrack(t, place, velocity, f"{mine.prefix}F1") if len(t) > 1 else None), notes
 

@@ -22,9 +22,9 @@ from companion.model import (
     geodetic_from_ned,
     ned_from_geodetic,
 )
-from companion.telemetry.aiding import is_constant, is_frozen
+from companion.telemetry.aiding import is_constant, is_frozen, lone_air
 from companion.telemetry.convert import continuous, increasing
-from companion.telemetry.outliers import uncontradicted
+from companion.telemetry.outliers import lone, lone_fields, uncontradicted
 from companion.telemetry.series import POLE, pressure_altitude
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.topics import (
@@ -83,7 +83,7 @@ def _gps(topic: Topic, name: str, instance: int, notes: list[str]) -> GpsTrack:
     known = np.isfinite(fix) & (np.isfinite(velocity[:, :2]).all(axis=1) | np.isfinite(place[:, 0]) | (fix < _FIX_2D))
     keep = increasing(t, np.asarray(known & np.isfinite(place[:, 0]).any()))
     metres = np.column_stack([place[keep, 0], place[keep, 1] * np.cos(place[keep, 0])]) * SEMI_MAJOR_AXIS
-    keep = np.arange(len(t))[keep][uncontradicted(name, notes, metres, what="fixes")]
+    keep = np.arange(len(t))[keep][uncontradicted(name, notes, lone(metres), what="fixes")]
     return GpsTrack(
         t[keep],
         latitude=place[keep, 0],
@@ -106,18 +106,20 @@ def compass_tracks(topics: Topics, notes: list[str]) -> tuple[CompassTrack, ...]
     for instance, name, topic in _sensors(topics, "vehicle_magnetometer", "sensor_mag", "device_id", "device_id"):
         selected = "magnetometer_ga[0]" in topic
         field = xyz(topic, "magnetometer_ga") if selected else columns(topic, "x", "y", "z")
-        found.append(_compass(sampled(topic), field, name, instance, calibrated=selected))
+        found.append(_compass(sampled(topic), field, name, instance, notes, calibrated=selected))
     combined = topics.get("sensor_combined", {})
     if not found and "magnetometer_ga[0]" in combined and "magnetometer_timestamp_relative" in combined:
         t = _relative(combined, "magnetometer_timestamp_relative")
-        found.append(_compass(t, xyz(combined, "magnetometer_ga"), "sensor_combined", 0, calibrated=True))
+        found.append(_compass(t, xyz(combined, "magnetometer_ga"), "sensor_combined", 0, notes, calibrated=True))
     return tuple(track for track in found if not _is_silent(track, track.field, notes))
 
 
-def _compass(t: Array, gauss: Array, name: str, instance: int, *, calibrated: bool) -> CompassTrack:
+def _compass(t: Array, gauss: Array, name: str, instance: int, notes: list[str], *, calibrated: bool) -> CompassTrack:
     """Rows of zeros are no readings: the Earth's field is nowhere zero."""
     keep = increasing(t, np.isfinite(t) & np.isfinite(gauss).all(axis=1) & gauss.any(axis=1))
-    return CompassTrack(t[keep], gauss[keep] * SI["gauss"], source=name, instance=instance, calibrated=calibrated)
+    t, field = t[keep], gauss[keep] * SI["gauss"]
+    kept = uncontradicted(f"{name} (magnetometer)", notes, lone_fields(t, field))
+    return CompassTrack(t[kept], field[kept], source=name, instance=instance, calibrated=calibrated)
 
 
 def barometer_tracks(topics: Topics, notes: list[str]) -> tuple[BarometerTrack, ...]:
@@ -131,16 +133,18 @@ def barometer_tracks(topics: Topics, notes: list[str]) -> tuple[BarometerTrack, 
             pressure, altitude, warm = (column(topic, of) for of in ("pressure", "altitude", "temperature"))
             if np.isfinite(pressure).any() and np.nanmedian(pressure) < _HECTOPASCAL:  # before PX4 1.14
                 pressure *= SI["hPa"]
-        found.append(_barometer(sampled(topic), pressure, altitude, warm, name, instance))
+        found.append(_barometer(sampled(topic), pressure, altitude, warm, name, instance, notes))
     combined = topics.get("sensor_combined", {})
     if not found and "baro_alt_meter" in combined and "baro_timestamp_relative" in combined:
         altitude, warm = column(combined, "baro_alt_meter"), column(combined, "baro_temp_celcius")
         t = _relative(combined, "baro_timestamp_relative")
-        found.append(_barometer(t, np.full(len(t), np.nan), altitude, warm, "sensor_combined", 0))
+        found.append(_barometer(t, np.full(len(t), np.nan), altitude, warm, "sensor_combined", 0, notes))
     return tuple(track for track in found if not _is_silent(track, track.altitude, notes))
 
 
-def _barometer(t: Array, pressure: Array, altitude: Array, warm: Array, name: str, instance: int) -> BarometerTrack:
+def _barometer(
+    t: Array, pressure: Array, altitude: Array, warm: Array, name: str, instance: int, notes: list[str]
+) -> BarometerTrack:
     """Rows without a pressure or, where no row has one, without an altitude are no readings."""
     pressure = np.where(pressure > 0.0, pressure, np.nan)
     if np.isnan(altitude).all():
@@ -148,7 +152,9 @@ def _barometer(t: Array, pressure: Array, altitude: Array, warm: Array, name: st
     weighed = np.isfinite(pressure).any()
     good = np.isfinite(pressure if weighed else altitude) & np.isfinite(t)
     keep = increasing(t, good & bool(weighed or altitude.any()))
-    return BarometerTrack(t[keep], pressure[keep], altitude[keep], warm[keep], source=name, instance=instance)
+    t, pressure, altitude, warm = t[keep], pressure[keep], altitude[keep], warm[keep]
+    kept = uncontradicted(f"{name} (barometer)", notes, *lone_air(pressure, altitude))
+    return BarometerTrack(t[kept], pressure[kept], altitude[kept], warm[kept], source=name, instance=instance)
 
 
 def _is_silent(track: CompassTrack | BarometerTrack, values: Array, notes: list[str]) -> bool:

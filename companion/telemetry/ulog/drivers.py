@@ -16,6 +16,7 @@ import numpy as np
 
 from companion.model import Array, ImuTrack
 from companion.telemetry.convert import increasing
+from companion.telemetry.outliers import readable
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.parts import accel_range, gyro_range
 from companion.telemetry.ulog.topics import Topic, Topics, column, columns, device_ids, finite, instances, sampled
@@ -45,7 +46,9 @@ class _Readings:
     most: float | None  # where it saturates, as the topic tells
 
 
-def driver_tracks(topics: Topics, others: Iterable[ImuTrack], parameters: Mapping[str, float]) -> list[ImuTrack]:
+def driver_tracks(
+    topics: Topics, others: Iterable[ImuTrack], parameters: Mapping[str, float], notes: list[str]
+) -> list[ImuTrack]:
     """A track of each IMU that has more samples than any of the others has of it, at the gyro's times."""
     known = list(others)
     found: list[ImuTrack] = []
@@ -56,7 +59,7 @@ def driver_tracks(topics: Topics, others: Iterable[ImuTrack], parameters: Mappin
             instance = next((one.instance for one in known if one.device_id == gyro.device_id), number)
             more = max((len(one) for one in [*known, *found] if one.instance == instance), default=0)
             partner = _partner(topics, gyro, accels, instance)
-            if partner is not None and len(gyro.t) > more and (track := _joined(gyro, partner)) is not None:
+            if partner is not None and len(gyro.t) > more and (track := _joined(gyro, partner, notes)) is not None:
                 found.append(replace(track, instance=instance))
     return found
 
@@ -70,13 +73,17 @@ def _partner(topics: Topics, gyro: _Readings, accels: list[_Readings], instance:
     return next((one for one in accels if one.device_id in wanted and len(one.t) > 1), None)
 
 
-def _joined(gyro: _Readings, accel: _Readings) -> ImuTrack | None:
+def _joined(gyro: _Readings, accel: _Readings, notes: list[str]) -> ImuTrack | None:
     """Both at the gyro's times: the accelerometer's on the line between its own."""
-    within = (gyro.t >= accel.t[0]) & (gyro.t <= accel.t[-1])
+    ranges = gyro.most or gyro_range(gyro.device_id), accel.most or accel_range(accel.device_id)
+    force = np.column_stack([np.interp(gyro.t, accel.t, axis) for axis in accel.values.T])
+    sensed = readable(gyro.values, force, ranges)
+    if odd := int((~sensed).sum()):
+        notes.append(f"{gyro.name}: {odd} samples left out that are no readings of an IMU")
+    within = (gyro.t >= accel.t[0]) & (gyro.t <= accel.t[-1]) & sensed
     if within.sum() < 2:
         return None
-    t = gyro.t[within]
-    force = np.column_stack([np.interp(t, accel.t, axis) for axis in accel.values.T])
+    t, force = gyro.t[within], force[within]
     return ImuTrack(
         t,
         gyro.values[within],
@@ -84,8 +91,8 @@ def _joined(gyro: _Readings, accel: _Readings) -> ImuTrack | None:
         source=gyro.name,
         device_id=gyro.device_id or None,
         interval=None if gyro.interval is None else gyro.interval[within],
-        gyro_range=gyro.most or gyro_range(gyro.device_id),
-        accel_range=accel.most or accel_range(accel.device_id),
+        gyro_range=ranges[0],
+        accel_range=ranges[1],
     )
 
 

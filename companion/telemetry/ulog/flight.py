@@ -48,7 +48,7 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
     imus = imu_tracks(topics, used, parameters, notes)
     gps, compasses = gps_tracks(topics, notes), compass_tracks(topics, notes)
     barometers = barometer_tracks(topics, notes)
-    position = position_track(topics, notes)
+    attitude, position = attitude_track(topics, notes), position_track(topics, notes)
     return Flight(
         vehicle=Vehicle(
             identity(parameters, "MAV_SYS_ID"),
@@ -61,7 +61,7 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
         start=begin,
         duration=end - begin,
         imus=imus,
-        attitude=attitude_track(topics),
+        attitude=attitude,
         position=position,
         origin=zero,
         epoch=epoch(topics),

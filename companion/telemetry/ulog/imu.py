@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from companion.model import Array, ImuTrack, SensorInUse
 from companion.telemetry.convert import increasing
+from companion.telemetry.outliers import Ranges, readable
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.drivers import driver_tracks
 from companion.telemetry.ulog.parts import accel_range, gyro_range
@@ -36,9 +37,9 @@ def imu_tracks(
     topics: Topics, used: SensorInUse | None, parameters: Mapping[str, float], notes: list[str]
 ) -> dict[str, ImuTrack]:
     """Every instance of vehicle_imu, sensor_combined and what the drivers logged at higher rates, by topic."""
-    found = [*_integrated(topics)]
+    found = [*_integrated(topics, notes)]
     if "sensor_combined" in topics:
-        combined = _combined(topics["sensor_combined"])
+        combined = _combined(topics["sensor_combined"], notes)
         shares = np.zeros(0) if used is None else _shares(used, combined.t)
         instance = int(np.argmax(shares)) if len(shares) else 0
         same = next((track for track in found if track.instance == instance), None)
@@ -52,14 +53,14 @@ def imu_tracks(
                 f"{100 * shares[instance]:.0f} % of it"
             )
         found.append(replace(combined, instance=instance))
-    found += driver_tracks(topics, found, parameters)
+    found += driver_tracks(topics, found, parameters, notes)
     if not any(len(track) > 1 for track in found):
-        found += _filtered(topics, parameters)
+        found += _filtered(topics, parameters, notes)
     notes += [f"{track.source} left out: it has no readings, or zeros only" for track in found if not len(track)]
     return {track.source: track for track in found if len(track)}
 
 
-def _integrated(topics: Topics) -> Iterator[ImuTrack]:
+def _integrated(topics: Topics, notes: list[str]) -> Iterator[ImuTrack]:
     """vehicle_imu: increments over dt, of which the means are kept."""
     for instance, name, topic in instances(topics, "vehicle_imu"):
         gyro_dt, accel_dt = (column(topic, f"{of}_dt") * 1e-6 for of in ("delta_angle", "delta_velocity"))
@@ -68,25 +69,26 @@ def _integrated(topics: Topics) -> Iterator[ImuTrack]:
         accel = xyz(topic, "delta_velocity") / np.where(whole, accel_dt, 1.0)[:, None]
         t = sampled(topic) - gyro_dt / 2
         device, other = (_most(device_ids(topic, f"{of}_device_id")) for of in ("gyro", "accel"))
+        ranges = gyro_range(device), accel_range(other)
         yield replace(
-            _track(name, t, gyro, accel, gyro_dt, whole),
+            _track(name, t, gyro, accel, gyro_dt, whole, notes, ranges),
             instance=instance,
             device_id=device or None,
-            gyro_range=gyro_range(device),
-            accel_range=accel_range(other),
+            gyro_range=ranges[0],
+            accel_range=ranges[1],
         )
 
 
-def _combined(topic: Topic) -> ImuTrack:
+def _combined(topic: Topic, notes: list[str]) -> ImuTrack:
     """sensor_combined is stamped at the end of the gyro's interval; before PX4 1.7 some releases tell it in s."""
     own = column(topic, "gyro_integral_dt")
     own *= 1.0 if np.nanmax(own, initial=0.0) < 1.0 else 1e-6
     t = seconds(topic) - own / 2
     good = (own >= 0.0) & (own < LONGEST_WAIT_S)
-    return _track("sensor_combined", t, xyz(topic, "gyro_rad"), xyz(topic, "accelerometer_m_s2"), own, good)
+    return _track("sensor_combined", t, xyz(topic, "gyro_rad"), xyz(topic, "accelerometer_m_s2"), own, good, notes)
 
 
-def _filtered(topics: Topics, parameters: Mapping[str, float]) -> Iterator[ImuTrack]:
+def _filtered(topics: Topics, parameters: Mapping[str, float], notes: list[str]) -> Iterator[ImuTrack]:
     """Where nothing else is logged: what the controllers use, low-passed and without the EKF's biases."""
     if not {"vehicle_angular_velocity", "vehicle_acceleration"} <= topics.keys():
         return
@@ -97,13 +99,27 @@ def _filtered(topics: Topics, parameters: Mapping[str, float]) -> Iterator[ImuTr
     within = (t >= own[0]) & (t <= own[-1]) if len(own) else np.zeros(len(t), np.bool_)
     if within.any():
         gyro = np.column_stack([np.interp(t, own, axis) for axis in rate.T])
-        track = _track("vehicle_angular_velocity", t, gyro, xyz(pushed, "xyz"), np.zeros(len(t)), within)
+        track = _track("vehicle_angular_velocity", t, gyro, xyz(pushed, "xyz"), np.zeros(len(t)), within, notes)
         cutoff = parameters.get("IMU_GYRO_CUTOFF", 0.0)
         yield replace(track, interval=None, bias_removed=True, low_pass_hz=cutoff if cutoff > 0.0 else None)
 
 
-def _track(source: str, t: Array, gyro: Array, accel: Array, interval: Array, good: npt.NDArray[np.bool_]) -> ImuTrack:
-    keep = increasing(t, good & finite(gyro, accel) & np.isfinite(t) & (gyro.any(axis=1) | accel.any(axis=1)))
+def _track(
+    source: str,
+    t: Array,
+    gyro: Array,
+    accel: Array,
+    interval: Array,
+    whole: npt.NDArray[np.bool_],
+    notes: list[str],
+    ranges: Ranges = (None, None),
+) -> ImuTrack:
+    """whole: rows that say for which interval they are. Rows of zeros are no readings."""
+    good = whole & np.isfinite(t) & (gyro.any(axis=1) | accel.any(axis=1))
+    sensed = readable(gyro, accel, ranges)
+    if 0 < (odd := int((good & ~sensed).sum())) < good.sum():
+        notes.append(f"{source}: {odd} samples left out that are no readings of an IMU")
+    keep = increasing(t, good & sensed)
     return ImuTrack(t[keep], gyro[keep], accel[keep], source=source, interval=interval[keep])
 
 

@@ -7,14 +7,14 @@ import numpy as np
 from companion.model import Array, AttitudeTrack, Epoch, Origin, PositionTrack
 from companion.telemetry.convert import continuous, increasing
 from companion.telemetry.epoch import epoch_of
-from companion.telemetry.outliers import uncontradicted
+from companion.telemetry.outliers import lone, lone_turns, uncontradicted
 from companion.telemetry.ulog.topics import Topics, columns, sampled, seconds, xyz
 
 
-def attitude_track(topics: Topics) -> AttitudeTrack | None:
+def attitude_track(topics: Topics, notes: list[str]) -> AttitudeTrack | None:
     """vehicle_attitude, with the bias-corrected rates of vehicle_angular_velocity (before PX4 1.11 its own).
 
-    Where neither is logged the attitude itself tells how it turns.
+    Where neither is logged the attitude itself tells how it turns. What is left out is added to the notes.
     """
     if "vehicle_attitude" not in topics:
         return None
@@ -22,18 +22,18 @@ def attitude_track(topics: Topics) -> AttitudeTrack | None:
     t = sampled(topic)
     q = columns(topic, *(f"q[{i}]" for i in range(4)))
     keep = increasing(t, np.isfinite(q).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.1))
-    t = t[keep]
-    if len(t) < 2:
-        return None
-    body = topics.get("vehicle_angular_velocity")
+    t, q = t[keep], continuous(q[keep])
+    body, rates = topics.get("vehicle_angular_velocity"), None
     if body is not None:
         turned = xyz(body, "xyz")
-        rates = np.column_stack([np.interp(t, sampled(body), c) for c in turned.T])
+        rates = np.nan_to_num(np.column_stack([np.interp(t, sampled(body), c) for c in turned.T]))
     elif "rollspeed" in topic:
-        rates = columns(topic, "rollspeed", "pitchspeed", "yawspeed")[keep]
-    else:
-        rates = _turning(t, q[keep])
-    return AttitudeTrack(t, continuous(q[keep]), np.nan_to_num(rates), "vehicle_attitude")
+        rates = np.nan_to_num(columns(topic, "rollspeed", "pitchspeed", "yawspeed")[keep])
+    kept = uncontradicted("vehicle_attitude", notes, lone_turns(t, q, rates))
+    t, q = t[kept], continuous(q[kept])
+    if len(t) < 2:
+        return None
+    return AttitudeTrack(t, q, _turning(t, q) if rates is None else rates[kept], "vehicle_attitude")
 
 
 def _turning(t: Array, q: Array) -> Array:
@@ -59,7 +59,7 @@ def position_track(topics: Topics, notes: list[str]) -> PositionTrack | None:
         valid &= np.asarray(topic[flag], np.bool_)
     keep = increasing(t, valid)
     t, position, velocity = t[keep], position[keep], velocity[keep]
-    kept = uncontradicted("vehicle_local_position", notes, position, velocity)
+    kept = uncontradicted("vehicle_local_position", notes, lone(position), lone(velocity))
     track = PositionTrack(t[kept], position[kept], velocity[kept], "vehicle_local_position")
     return track if len(track) > 1 else None
 
