@@ -7,16 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.model import STANDARD_GRAVITY, Array, Flight, GpsTrack, ImuTrack
+from companion.model import STANDARD_GRAVITY, Array, Flight, FlowTrack, GpsTrack, ImuTrack, RangeTrack
 
 _HOLE_PERIODS = 3.0  # a longer interval than so many median ones is a hole
 _SERIES = {
-    "vibration": "vibration", "airspeed": "airspeed", "range": "range finder", "flow": "optical flow",
-    "attitude": "other attitude", "estimator": "test ratios", "innovation": "innovations", "variance": "variances",
-    "accuracy": "accuracies", "test_ratio": "test ratios", "aiding": "aiding", "gyro_batch": "batches",
-    "accel_batch": "batches",
+    "vibration": "vibration", "attitude": "other attitude", "estimator": "test ratios", "innovation": "innovations",
+    "variance": "variances", "accuracy": "accuracies", "test_ratio": "test ratios", "aiding": "aiding",
+    "gyro_batch": "batches", "accel_batch": "batches",
 }  # fmt: skip
-"""Kind of a series → its name here. GPS, compasses and barometers have tracks; thermometers belong to the IMUs."""
+"""Kind of a series → its name here. Other sensors have tracks; thermometers belong to the IMUs."""
+
+_ORIENTATIONS = {0: "forward", 2: "right", 4: "back", 6: "left", 24: "up", 25: "down"}
+"""MAV_SENSOR_ORIENTATION of those that are usual."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +56,7 @@ def used_aiding(flight: Flight) -> str:
     )
 
 
-def _items(flight: Flight) -> Iterator[Item]:
+def _sensors(flight: Flight) -> Iterator[Item]:
     for imu in flight.imus.values():
         yield _item("IMU", imu.source, imu.t, _about_imu(imu))
     for gps in flight.gps:
@@ -63,6 +65,17 @@ def _items(flight: Flight) -> Iterator[Item]:
         yield _item("compass", compass.source, compass.t, "" if compass.calibrated else "not calibrated")
     for barometer in flight.barometers:
         yield _item("barometer", barometer.source, barometer.t)
+    for airspeed in flight.airspeeds:
+        told = np.isfinite(airspeed.airspeed).any()
+        yield _item("airspeed", airspeed.source, airspeed.t, "" if told else "differential pressure alone")
+    for finder in flight.ranges:
+        yield _item("range finder", finder.source, finder.t, _about_range(finder))
+    for flow in flight.flows:
+        yield _item("optical flow", flow.source, flow.t, _about_flow(flow))
+
+
+def _items(flight: Flight) -> Iterator[Item]:
+    yield from _sensors(flight)
     if flight.attitude is not None:
         yield _item("attitude", flight.attitude.source, flight.attitude.t)
     if flight.position is not None:
@@ -106,6 +119,23 @@ def _about_imu(imu: ImuTrack) -> str:
     if imu.bias_removed:
         known.append("the estimator's bias removed")
     return ", ".join(known)
+
+
+def _about_range(finder: RangeTrack) -> str:
+    unread = int(np.isnan(finder.distance).sum())
+    known = (
+        [_ORIENTATIONS.get(finder.orientation, f"orientation {finder.orientation}")]
+        if finder.orientation is not None
+        else []
+    )
+    if finder.least is not None and finder.most is not None:
+        known.append(f"{finder.least:g} to {finder.most:g} m")
+    return ", ".join([*known, *([f"{unread} without a reading"] if unread else [])])
+
+
+def _about_flow(flow: FlowTrack) -> str:
+    known = [f"mean over {1e3 * float(np.nanmedian(flow.interval)):.3g} ms"] if np.isfinite(flow.interval).any() else []
+    return ", ".join([*known, *(["with a range finder"] if np.isfinite(flow.distance).any() else [])])
 
 
 def _about_gps(gps: GpsTrack) -> str:

@@ -30,7 +30,7 @@ _IN_TEXT: dict[str, Any] = {
 }
 """The same where the values are written out: hundredths are decimal numbers then."""
 
-_INSTANCES = ("I", "C", "IMU")  # a sensor, a core of the EKF: what ArduPilot calls those columns
+_INSTANCES = ("Instance", "I", "C", "IMU")  # a sensor, a core of the EKF: what ArduPilot calls those columns
 _CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3, "T": 1e-3}
 """Columns with the time since boot → s."""
 

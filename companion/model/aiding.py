@@ -88,6 +88,68 @@ class BarometerTrack:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class AirspeedTrack:
+    """One airspeed sensor."""
+
+    t: Array  # (N,) s
+    airspeed: Array  # (N,) m/s, indicated, along the body's x axis; NaN where only the pressure is told
+    true_airspeed: Array  # (N,) m/s, corrected for the density of the air
+    pressure: Array  # (N,) Pa, total minus static
+    temperature: Array  # (N,) °C
+    source: str = ""
+    instance: int = 0
+
+    def __post_init__(self) -> None:
+        scalars = ("airspeed", "true_airspeed", "pressure", "temperature")
+        _check(self.source, self.t, {n: (getattr(self, n), ()) for n in scalars})
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RangeTrack:
+    """One range finder."""
+
+    t: Array  # (N,) s
+    distance: Array  # (N,) m along its own axis; NaN where it calls the reading none or outside its range
+    sigma: Array  # (N,) m, the sensor's own 1σ
+    quality: Array  # (N,) 0 to 1, the sensor's own
+    orientation: int | None = None  # MAV_SENSOR_ORIENTATION: 0 is forward, 25 down; None where it is not told
+    least: float | None = None  # m, the range of the sensor
+    most: float | None = None  # m
+    source: str = ""
+    instance: int = 0
+
+    def __post_init__(self) -> None:
+        _check(self.source, self.t, {n: (getattr(self, n), ()) for n in ("distance", "sigma", "quality")})
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlowTrack:
+    """One optical flow sensor, looking down: a right-handed rotation about an axis makes a positive flow about it."""
+
+    t: Array  # (N,) s, the end of the interval
+    flow: Array  # (N, 2) about body x and y, FRD, rad/s: rotation and motion together
+    gyro: Array  # (N, 3) FRD, rad/s: how the vehicle turned meanwhile, by the sensor's own or the autopilot's gyro
+    interval: Array  # (N,) s, over which both are means; NaN where it is not told
+    quality: Array  # (N,) 0 (bad) to 255
+    distance: Array  # (N,) m to the ground, where the sensor measures that too
+    source: str = ""
+    instance: int = 0
+
+    def __post_init__(self) -> None:
+        scalars = {n: (getattr(self, n), ()) for n in ("interval", "quality", "distance")}
+        _check(self.source, self.t, scalars | {"flow": (self.flow, (2,)), "gyro": (self.gyro, (3,))})
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class BiasTrack:
     """What an estimator believes one IMU to read too much: truth = reading - bias, in the IMU's own FRD frame."""
 

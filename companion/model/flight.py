@@ -10,13 +10,16 @@ import numpy.typing as npt
 
 from companion.model.aiding import (
     ActuatorTrack,
+    AirspeedTrack,
     BarometerTrack,
     BiasTrack,
     CompassTrack,
     ControlTrack,
     EstimatorReset,
+    FlowTrack,
     GpsTrack,
     ParameterChange,
+    RangeTrack,
     SensorInUse,
     TruthTrack,
 )
@@ -102,6 +105,9 @@ class Flight:
     gps: Sequence[GpsTrack] = ()  # each receiver
     compasses: Sequence[CompassTrack] = ()
     barometers: Sequence[BarometerTrack] = ()
+    airspeeds: Sequence[AirspeedTrack] = ()
+    ranges: Sequence[RangeTrack] = ()
+    flows: Sequence[FlowTrack] = ()
     biases: Sequence[BiasTrack] = ()  # what the estimators believe, each core; that of the one that flew first
     control: ControlTrack | None = None  # the desired attitude
     actuators: ActuatorTrack | None = None

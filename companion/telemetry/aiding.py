@@ -1,4 +1,4 @@
-"""Series of any format → typed tracks of GPS, compass and barometer; poses of a simulator → its truth.
+"""Series of any format → typed tracks of the sensors that aid an IMU; poses of a simulator → its truth.
 
 What the fields of a format mean, their units and what stands for "not known" is settled in the series
 (`companion.telemetry.sensors`): a row there with these columns is all that a format needs to have the track.
@@ -14,22 +14,26 @@ from typing import TypeVar
 import numpy as np
 
 from companion.model import (
+    AirspeedTrack,
     Array,
     BarometerTrack,
     CompassTrack,
+    FlowTrack,
     GpsTrack,
     Origin,
     PositionTrack,
+    RangeTrack,
     Series,
     TruthTrack,
     ned_from_geodetic,
 )
+from companion.telemetry.air_and_ground import airspeed_track, flow_track, is_constant, range_track
 from companion.telemetry.convert import UNTURNED, Turns, continuous, increasing, turned_vectors
 from companion.telemetry.lazy import LazyTuple
 from companion.telemetry.outliers import HEIGHT, BoolArray, lone, lone_fields, uncontradicted
 from companion.telemetry.series import pressure_altitude
 
-_Track = TypeVar("_Track", GpsTrack, CompassTrack, BarometerTrack)
+_Track = TypeVar("_Track", GpsTrack, CompassTrack, BarometerTrack, AirspeedTrack, RangeTrack, FlowTrack)
 Found = tuple[tuple[_Track, ...], tuple[str, ...]]
 """Tracks in order of instance, and what had to be left out, in words."""
 
@@ -59,10 +63,26 @@ class Aiding:
         """Every barometer."""
         return LazyTuple(lambda: self._barometers[0])
 
+    @property
+    def airspeeds(self) -> Sequence[AirspeedTrack]:
+        """Every airspeed sensor; one that tells pressure alone where no other message tells the speed."""
+        return LazyTuple(lambda: self._airspeeds[0])
+
+    @property
+    def ranges(self) -> Sequence[RangeTrack]:
+        """Every range finder."""
+        return LazyTuple(lambda: self._ranges[0])
+
+    @property
+    def flows(self) -> Sequence[FlowTrack]:
+        """Every optical flow sensor."""
+        return LazyTuple(lambda: self._flows[0])
+
     def noted(self, notes: Iterable[str]) -> Sequence[str]:
         """The notes, and what had to be left out."""
         before = tuple(notes)
-        return LazyTuple(lambda: (*before, *self._gps[1], *self._compasses[1], *self._barometers[1]))
+        kinds = ("_gps", "_compasses", "_barometers", "_airspeeds", "_ranges", "_flows")
+        return LazyTuple(lambda: (*before, *(note for kind in kinds for note in getattr(self, kind)[1])))
 
     @cached_property
     def _gps(self) -> Found[GpsTrack]:
@@ -79,6 +99,23 @@ class Aiding:
     def _barometers(self) -> Found[BarometerTrack]:
         notes: list[str] = []
         return _each(_barometer_track(one, notes) for one in _of_kind(self.series, "barometer")), tuple(notes)
+
+    @cached_property
+    def _airspeeds(self) -> Found[AirspeedTrack]:
+        notes: list[str] = []
+        found = [airspeed_track(one, notes) for one in _of_kind(self.series, "airspeed")]
+        told = [one for one in found if one is not None and np.isfinite(one.airspeed).any()]
+        return _each(told or found), tuple(notes)
+
+    @cached_property
+    def _ranges(self) -> Found[RangeTrack]:
+        notes: list[str] = []
+        return _each(range_track(one, notes) for one in _of_kind(self.series, "range")), tuple(notes)
+
+    @cached_property
+    def _flows(self) -> Found[FlowTrack]:
+        notes: list[str] = []
+        return _each(flow_track(one, notes) for one in _of_kind(self.series, "flow")), tuple(notes)
 
 
 def truth_track(
@@ -143,14 +180,6 @@ def _barometer_track(one: Series, notes: list[str]) -> BarometerTrack | None:
 def lone_air(pressure: Array, altitude: Array) -> tuple[BoolArray, BoolArray]:
     """Which pressures (N,) Pa and altitudes (N,) m those before and after contradict."""
     return lone(pressure_altitude(pressure)[:, None], HEIGHT), lone(altitude[:, None], HEIGHT)
-
-
-def is_constant(source: str, values: Array, notes: list[str]) -> bool:
-    """Whether all readings (N,) or (N, k) of a source are the same: even at rest those of a sensor differ."""
-    constant = len(values) >= _CONSTANT and bool((values == values[:1]).all())
-    if constant:
-        notes.append(f"{source} left out: all of its {len(values)} readings are the same")
-    return constant
 
 
 def _gps_track(gps: Series, notes: list[str]) -> GpsTrack | None:

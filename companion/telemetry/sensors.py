@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+
+import numpy as np
 
 from companion.mavlink import Messages
 from companion.model import Array, Series
@@ -62,12 +64,18 @@ _AIRSPEED: Fields = {
     "temperature_degc": ("temperature", "cdegC"),
 }
 _PITOT: Fields = {"pressure_pa": ("press_diff", "hPa"), "temperature_degc": ("temperature_press_diff", "cdegC")}
-_RANGE: Fields = {"range_m": ("current_distance", "cm"), "orientation": ("orientation", "")}
+_RANGE: Fields = {
+    "range_m": ("current_distance", "cm"),
+    "least_m": ("min_distance", "cm"),
+    "most_m": ("max_distance", "cm"),
+    "orientation": ("orientation", ""),
+}
 _RANGEFINDER: Fields = {"range_m": ("distance", "m")}
 _FLOW: Fields = {
     "x_radps": ("flow_rate_x", "rad/s"),
     "y_radps": ("flow_rate_y", "rad/s"),
     "quality": ("quality", ""),
+    "range_m": ("ground_distance", "m"),
 }
 _FLOW_RAD: Fields = {
     "x_rad": ("integrated_x", "rad"),
@@ -107,6 +115,7 @@ class Source:
     kind: str
     fields: Fields
     instance: int = 0  # which sensor of its kind: of IMU and compass the message has one each
+    of: tuple[str, ...] = ()  # the fields by which the message tells several sensors apart
 
 
 _SOURCES = (
@@ -123,12 +132,12 @@ _SOURCES = (
     Source("ESTIMATOR_STATUS", "accuracy", _ESTIMATOR_ACCURACY),
     Source("AHRS2", "attitude", _AHRS, instance=1),
     Source("AHRS3", "attitude", _AHRS, instance=2),
-    Source("AIRSPEED", "airspeed", _AIRSPEED),
+    Source("AIRSPEED", "airspeed", _AIRSPEED, of=("id",)),
     Source("SCALED_PRESSURE", "airspeed", _PITOT),
-    Source("DISTANCE_SENSOR", "range", _RANGE),
+    Source("DISTANCE_SENSOR", "range", _RANGE, of=("id", "orientation")),
     Source("RANGEFINDER", "range", _RANGEFINDER),
-    Source("OPTICAL_FLOW", "flow", _FLOW),
-    Source("OPTICAL_FLOW_RAD", "flow", _FLOW_RAD),
+    Source("OPTICAL_FLOW", "flow", _FLOW, of=("sensor_id",)),
+    Source("OPTICAL_FLOW_RAD", "flow", _FLOW_RAD, of=("sensor_id",)),
     Source("LOCAL_POSITION_NED_COV", "variance", _POSITION_COV),
     Source("ATTITUDE_QUATERNION_COV", "variance", _ATTITUDE_COV),
     Source("ODOMETRY", "variance", _ODOMETRY),
@@ -146,13 +155,28 @@ def message_sensors(
     What is left out is added to the notes.
     """
     return series_of(
-        _of_messages(messages[source.message], seconds[source.message], source, px4, notes)
+        _of_messages(one, t, source, number, px4, notes)
         for source in _SOURCES
         if source.message in messages
+        for number, one, t in _each(messages[source.message], seconds[source.message], source)
     )
 
 
-def _of_messages(messages: Messages, t: Array, source: Source, px4: bool, notes: list[str]) -> Found | None:
+def _each(messages: Messages, t: Array, source: Source) -> Iterator[tuple[int | None, Messages, Array]]:
+    """The messages of each sensor with their times, and its number; None where the message is of one."""
+    if not source.of or not len(messages):
+        yield None, messages, t
+        return
+    ids = np.column_stack([messages[name] for name in source.of])
+    sensors = np.unique(ids, axis=0)
+    for number, own in enumerate(sensors):
+        mine = (ids == own).all(axis=1)
+        yield number if len(sensors) > 1 else None, messages.select(mine), t if mine.all() else t[mine]
+
+
+def _of_messages(
+    messages: Messages, t: Array, source: Source, number: int | None, px4: bool, notes: list[str]
+) -> Found | None:
     fields = _VIBRATION_PX4 if px4 and source.kind == "vibration" else source.fields
 
     def column(field: str) -> Raw | None:
@@ -162,4 +186,6 @@ def _of_messages(messages: Messages, t: Array, source: Source, px4: bool, notes:
         return messages[name][:, int(place[:-1])] if place else messages[name]
 
     units = messages.layout.units
-    return find(source.kind, messages.name, t, fields, column, units, instance=source.instance, notes=notes)
+    name = messages.name if number is None else f"{messages.name}[{number}]"
+    told = None if fields is _PITOT else notes  # by zeros the message says that there is no such sensor
+    return find(source.kind, name, t, fields, column, units, instance=source.instance + (number or 0), notes=told)

@@ -43,16 +43,16 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
         "airspeed_mps",
     ),
     "attitude": ("roll_rad", "pitch_rad", "yaw_rad"),
-    "airspeed": ("airspeed_mps", "pressure_pa", "temperature_degc"),
+    "airspeed": ("airspeed_mps", "true_airspeed_mps", "pressure_pa", "temperature_degc"),
     "gyro_batch": ("x_radps", "y_radps", "z_radps"),
     "accel_batch": ("x_mps2", "y_mps2", "z_mps2"),
-    "range": ("range_m", "status", "orientation"),
-    "flow": ("x_radps", "y_radps", "body_x_radps", "body_y_radps", "quality"),
+    "range": ("range_m", "least_m", "most_m", "variance_m2", "status", "orientation", "quality"),
+    "flow": ("x_radps", "y_radps", "body_x_radps", "body_y_radps", "quality", "range_m"),
 }  # fmt: skip
 """The columns of each kind, whatever the format. PX4's own vibration metrics have their own names."""
 
 _ABSENT_IF_ZERO = ("magnetometer", "temperature", "gps", "airspeed", "range", "flow", "attitude")
-_NOTED = ("magnetometer", "gps", "range", "flow")  # the others say by it that there is no such sensor
+_NOTED = ("magnetometer", "gps", "airspeed", "range", "flow")  # the others say by it that there is no such sensor
 _ABSENT = {"satellites": 255.0, "speed_mps": 655.35, "hdop": 655.35, "course_rad": math.radians(655.35)}
 """What GPS_RAW_INT sends for "not known"."""
 

@@ -80,7 +80,12 @@ SOURCES: tuple[RecordSource, ...] = (
         "airspeed",
         {"airspeed_mps": ("Airspeed", "m/s"), "pressure_pa": ("DiffPress", "Pa"), "temperature_degc": ("Temp", "degC")},
     ),
-    RecordSource(("RFND",), "range", {"range_m": ("Dist", "m"), "status": ("Stat", ""), "orientation": ("Orient", "")}),
+    RecordSource(
+        ("RFND",),
+        "range",
+        {"range_m": ("Dist", "m"), "status": ("Stat", ""), "orientation": ("Orient", ""), "quality": ("Quality", "")},
+    ),
+    RecordSource(("RFND",), "range", {"range_m": ("Dist1", "m"), "orientation": ("Orient1", "")}),  # before 2020
     RecordSource(
         ("OF",),
         "flow",

@@ -22,7 +22,8 @@ from companion.model import (
     geodetic_from_ned,
     ned_from_geodetic,
 )
-from companion.telemetry.aiding import is_constant, is_frozen, lone_air
+from companion.telemetry.aiding import is_frozen, lone_air
+from companion.telemetry.air_and_ground import is_constant
 from companion.telemetry.convert import continuous, increasing
 from companion.telemetry.outliers import lone, lone_fields, uncontradicted
 from companion.telemetry.series import POLE, pressure_altitude

@@ -13,6 +13,7 @@ import numpy as np
 
 from companion.mavlink import px4_nav_state_name
 from companion.model import Event, Flight, ParameterChange, StatusText, Vehicle
+from companion.telemetry.aiding import Aiding
 from companion.telemetry.arrival import arrival
 from companion.telemetry.events import changes, in_order
 from companion.telemetry.parameters import identity, known
@@ -22,7 +23,7 @@ from companion.telemetry.ulog.estimator import bias_tracks, imu_in_use, imu_inst
 from companion.telemetry.ulog.imu import imu_tracks
 from companion.telemetry.ulog.pose import attitude_track, epoch, home, origin, position_track
 from companion.telemetry.ulog.resets import estimator_resets
-from companion.telemetry.ulog.series import topic_series
+from companion.telemetry.ulog.series import OF_SERIES, topic_series
 from companion.telemetry.ulog.topics import Topics, read_ulog, seconds, topics_of, unfinished
 from companion.telemetry.words import words
 
@@ -49,6 +50,8 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
     gps, compasses = gps_tracks(topics, notes), compass_tracks(topics, notes)
     barometers = barometer_tracks(topics, notes)
     attitude, position = attitude_track(topics, notes), position_track(topics, notes)
+    series = topic_series(topics, version, notes)
+    sensed = Aiding({key: series[key] for key in series if key.partition(":")[0] in OF_SERIES})
     return Flight(
         vehicle=Vehicle(
             identity(parameters, "MAV_SYS_ID"),
@@ -66,18 +69,21 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
         origin=zero,
         epoch=epoch(topics),
         home=home(topics),
-        series=topic_series(topics, version),
+        series=series,
         events=_events(topics),
         parameters=parameters,
         texts=tuple(
             StatusText(m.timestamp * 1e-6, m.log_level - ord("0"), words(str(m.message))) for m in log.logged_messages
         ),
         messages={name: arrival(seconds(topic), 0) for name, topic in sorted(topics.items())},
-        notes=tuple(notes),
+        notes=sensed.noted(notes),
         on_board=True,
         gps=gps,
         compasses=compasses,
         barometers=barometers,
+        airspeeds=sensed.airspeeds,
+        ranges=sensed.ranges,
+        flows=sensed.flows,
         biases=bias_tracks(topics, version, by_device),
         truth=truth(topics, zero),
         control=control_track(topics),

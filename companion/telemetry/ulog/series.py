@@ -155,6 +155,11 @@ TOPIC_SERIES: tuple[TopicSeries, ...] = (
         ),
     ),
     TopicSeries(
+        "differential_pressure",
+        "airspeed",
+        _one(pressure_pa="differential_pressure_pa Pa", temperature_degc="temperature degC"),
+    ),
+    TopicSeries(
         "distance_sensor",
         "range",
         _one(
@@ -190,10 +195,14 @@ TOPIC_SERIES: tuple[TopicSeries, ...] = (
 )
 
 
-def topic_series(topics: Topics, version: Version) -> Mapping[str, Series]:
-    """The series of a PX4 log of this version."""
+OF_SERIES = ("airspeed", "range", "flow")
+"""Kinds whose tracks are made of the series; those of GPS, compasses and barometers are made of the topics."""
+
+
+def topic_series(topics: Topics, version: Version, notes: list[str]) -> Mapping[str, Series]:
+    """The series of a PX4 log of this version; what is left out is added to the notes."""
     return series_of(
-        _found(row, name, topic, instance)
+        _found(row, name, topic, instance, notes)
         for row in (*TOPIC_SERIES, *_covariances(version))
         for instance, name, topic in instances(topics, row.topic)
     )
@@ -210,14 +219,15 @@ def _covariances(version: Version) -> Iterator[TopicSeries]:
         yield TopicSeries(topic, "variance", columns)
 
 
-def _found(row: TopicSeries, name: str, topic: Topic, instance: int) -> Found | None:
+def _found(row: TopicSeries, name: str, topic: Topic, instance: int, notes: list[str]) -> Found | None:
     fields = {
         column: next(((field, unit) for field, unit in ways if field in topic), ways[0])
         for column, ways in row.columns.items()
     }
     # The thermometer is that of vehicle_imu, which is the name of the track.
     source = name.replace("_status", "") if row.kind == "temperature" else name
-    return find(row.kind, source, sampled(topic), fields, partial(_column, topic), instance=instance)
+    told = notes if row.kind in OF_SERIES else None
+    return find(row.kind, source, sampled(topic), fields, partial(_column, topic), instance=instance, notes=told)
 
 
 def _column(topic: Topic, field: str) -> Raw | None:
