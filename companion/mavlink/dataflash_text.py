@@ -1,8 +1,9 @@
 """Read ArduPilot's on-board logs written out as text (.log), as MAVProxy and Mission Planner do, into the same columns.
 
 A line is the name of a record and its values, parted by commas. The FMT lines declare the columns as in a .bin; the
-values are those that the formats stand for: what is in hundredths in a .bin is a decimal number here.
-Source: ArduPilot `libraries/AP_Logger/AP_Logger_Backend.cpp`, and pymavlink's `DFReader_text`.
+values are those that the formats stand for: what is in hundredths in a .bin is a decimal number here, and the 32
+numbers of an array stand in brackets, parted by spaces. Source: ArduPilot `libraries/AP_Logger/AP_Logger_Backend.cpp`,
+pymavlink's `DFReader_text`, and for the arrays Mission Planner's `ExtLibs/Utilities/BinaryLog.cs`.
 """
 
 from __future__ import annotations
@@ -158,16 +159,16 @@ def _records(
     del parts
     good = np.array(whole, np.bool_)
     offsets, size = offsets[good], np.array([len(line) for line in lines], np.int64)[good]
-    kinds: list[tuple[str, Any]] = []
+    kinds: list[tuple[str, Any, tuple[int, ...]]] = []
     columns: list[npt.NDArray[Any]] = []
     sound = np.ones(len(offsets), np.bool_)
     for name, text in zip(fields, texts, strict=True):
         values, fits = _column(text, layout.dtype[name])
-        kinds.append((name, values.dtype))
+        kinds.append((name, values.dtype, values.shape[1:]))
         columns.append(values)
         sound &= fits
     rows = np.empty(len(offsets), np.dtype(kinds))
-    for (name, _), values in zip(kinds, columns, strict=True):
+    for (name, *_), values in zip(kinds, columns, strict=True):
         rows[name] = values
     if wanted and kinds:  # a mode may be a name: its column is text then
         layout = replace(layout, dtype=np.dtype(kinds))
@@ -175,7 +176,9 @@ def _records(
 
 
 def _column(texts: list[bytes], kind: np.dtype[Any]) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
-    """The values (N,) of a column, and which of them are what was declared."""
+    """The values (N,) of a column, or (N, K) of arrays, and which of them are what was declared."""
+    if kind.subdtype is not None:
+        return _arrays(texts, *kind.subdtype)
     whole = np.ones(len(texts), np.bool_)
     if kind.kind == "S":
         return np.array(texts, kind) if texts else np.empty(0, kind), whole
@@ -192,6 +195,20 @@ def _column(texts: list[bytes], kind: np.dtype[Any]) -> tuple[npt.NDArray[Any], 
     limits = np.iinfo(kind)
     whole = whole & (values >= limits.min) & (values <= limits.max)
     return np.where(whole, values, 0.0).astype(kind), whole
+
+
+def _arrays(
+    texts: list[bytes], kind: np.dtype[Any], shape: tuple[int, ...]
+) -> tuple[npt.NDArray[Any], npt.NDArray[np.bool_]]:
+    """Whole numbers in brackets."""
+    values, good = np.zeros((len(texts), *shape), kind), np.zeros(len(texts), np.bool_)
+    for i, text in enumerate(texts):
+        parts = text.strip(b"[] ").split()
+        if len(parts) == shape[0] and max(map(len, parts)) <= _LONGEST_NUMBER:
+            row, whole = _column(parts, kind)
+            if whole.all():
+                values[i], good[i] = row, True
+    return values, good
 
 
 def _one_by_one(texts: list[bytes]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:

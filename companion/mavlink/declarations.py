@@ -25,9 +25,7 @@ _KINDS: dict[str, Any] = {
     "f": "<f4", "d": "<f8", "g": "<f2", "n": "S4", "N": "S16", "Z": "S64", "M": "u1",
     "c": "<i2", "C": "<u2", "e": "<i4", "E": "<u4", "L": "<i4",
 }  # fmt: skip
-_IN_TEXT: dict[str, Any] = {
-    letter: "<f8" if letter in "fdgcCeEL" else kind for letter, kind in _KINDS.items() if letter != "a"
-}
+_IN_TEXT: dict[str, Any] = {letter: "<f8" if letter in "fdgcCeEL" else kind for letter, kind in _KINDS.items()}
 """The same where the values are written out: hundredths are decimal numbers then."""
 
 _INSTANCES = ("Instance", "I", "C", "IMU")  # a sensor, a core of the EKF: what ArduPilot calls those columns

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,10 +13,11 @@ from companion.telemetry.convert import continuous, increasing
 CONTROL_MESSAGES = ("ATTITUDE_TARGET", "NAV_CONTROLLER_OUTPUT", "SERVO_OUTPUT_RAW")
 
 _NO_ATTITUDE = 128  # ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE
-_MAIN = 0  # SERVO_OUTPUT_RAW.port
+_PORTS = (0, 1)  # SERVO_OUTPUT_RAW.port: outputs 1 to 16, and 17 to 32
 _SERVOS = 16
 _PULSES_US = (1000.0, 2000.0)  # where SERVOn_MIN and SERVOn_MAX are not in the log
 _NO_PULSE = (0, 65535)
+_TOGETHER_S, _STALE_S = 0.01, 1.0  # banks of outputs that are told one after the other; and how long each holds
 _MOTORS = frozenset({*range(33, 41), *range(82, 86), *range(160, 164)})  # SRV_Channel::Function, k_motor1 ...
 
 
@@ -44,14 +45,39 @@ def control_track(
 def actuator_track(
     messages: Mapping[str, Messages], seconds: Mapping[str, Array], parameters: Mapping[str, float]
 ) -> ActuatorTrack | None:
-    """SERVO_OUTPUT_RAW of the main outputs; None where none of them is in use."""
+    """SERVO_OUTPUT_RAW; None where none of the outputs is in use."""
     if "SERVO_OUTPUT_RAW" not in messages:
         return None
     outputs, t = messages["SERVO_OUTPUT_RAW"], seconds["SERVO_OUTPUT_RAW"]
     pulses = np.column_stack([outputs[f"servo{i}_raw"] for i in range(1, _SERVOS + 1)]).astype(np.float64)
+    banks = []
+    for port in _PORTS:
+        keep = increasing(t, np.isfinite(t) & (outputs["port"] == port))
+        banks.append((t[keep], pulses[keep]))
+    return actuators_of(outputs.name, *side_by_side(banks), parameters)
+
+
+def side_by_side(banks: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Times (N,) s and pulses (N, K) of the first bank of outputs, with those of the others as they were then.
+
+    banks: times, increasing, and pulses of outputs that go on counting; those without a sample are left out where none
+    follows. A pulse is NaN where its bank said nothing for a second.
+    """
+    t, columns = banks[0][0], [banks[0][1]]
+    for when, pulses in banks[1:]:
+        row = np.searchsorted(when, t + _TOGETHER_S, side="right") - 1
+        shown = pulses[np.maximum(row, 0)] if len(when) else np.full((len(t), pulses.shape[1]), np.nan)
+        known = (row >= 0) & (t - when[row] < _STALE_S) if len(when) else np.zeros(len(t), np.bool_)
+        columns.append(np.where(known[:, None], shown, np.nan))
+    told = max((i for i, (when, _) in enumerate(banks) if len(when)), default=0)
+    return t, np.hstack(columns[: told + 1])
+
+
+def actuators_of(source: str, t: Array, pulses: Array, parameters: Mapping[str, float]) -> ActuatorTrack | None:
+    """ArduPilot's outputs 1 to K at times t (N,) s; None where none of them is in use."""
     share = share_of_range(pulses, parameters)
-    keep = increasing(t, np.isfinite(t) & (outputs["port"] == _MAIN) & np.isfinite(share).any(axis=1))
-    track = ActuatorTrack(t[keep], share[keep], outputs.name)
+    keep = increasing(t, np.isfinite(t) & np.isfinite(share).any(axis=1))
+    track = ActuatorTrack(t[keep], share[keep], source)
     return track if len(track) else None
 
 
@@ -59,7 +85,12 @@ def share_of_range(pulses: Array, parameters: Mapping[str, float]) -> Array:
     """ArduPilot's outputs 1 to K, µs (N, K), as a share of the range of each, 0 to 1; NaN for those not in use."""
     limits = np.array([_limits(i, parameters) for i in range(1, pulses.shape[1] + 1)]).reshape(-1, 2)
     share = np.clip((pulses - limits[:, 0]) / (limits[:, 1] - limits[:, 0]), 0.0, 1.0)
-    unused = [parameters.get(f"SERVO{i}_FUNCTION") == 0 for i in range(1, pulses.shape[1] + 1)]
+    # Beyond the sixteenth there are parameters only where SERVO_32_ENABLE is set; ArduPilot logs 1000 µs without.
+    absent = 0.0 if f"SERVO{_SERVOS}_FUNCTION" in parameters else None
+    functions = (
+        parameters.get(f"SERVO{i}_FUNCTION", None if i <= _SERVOS else absent) for i in range(1, pulses.shape[1] + 1)
+    )
+    unused = [function == 0 for function in functions]
     return np.where(np.isin(pulses, _NO_PULSE) | np.array(unused, np.bool_), np.nan, share)
 
 

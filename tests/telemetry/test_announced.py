@@ -95,12 +95,13 @@ def test_motors_as_shares_of_their_range(tmp_path: Path) -> None:
     pulses = {f"servo{i}_raw": 0 for i in range(5, 9)} | {f"servo{i}_raw": 1000 + 250 * (i - 1) for i in range(1, 5)}
     main = {"time_usec": 25_000_000, "port": 0} | pulses
     ranges = parameter(21, "SERVO2_MIN", 1200), parameter(21, "SERVO2_MAX", 1300)
-    motors = sent(
-        tmp_path, *ranges, (25.0, "servo_output_raw", main), (25.0, "servo_output_raw", main | {"port": 1})
-    ).actuators
+    more = main | {"port": 1, "servo2_raw": 1300, "time_usec": 25_000_100}
+    motors = sent(tmp_path, *ranges, (25.0, "servo_output_raw", main), (25.0, "servo_output_raw", more)).actuators
     assert motors
     assert len(motors) == 1
     assert motors.output[0, :5].tolist() == pytest.approx([0.0, 0.5, 0.5, 0.75, np.nan], nan_ok=True)
+    assert motors.output[0, 16:19].tolist() == pytest.approx([0.0, 0.3, 0.5])
+    assert np.isnan(motors.output[0, 8:16]).all()
 
 
 def test_the_stamps_of_motors_wrap_every_72_minutes(tmp_path: Path) -> None:

@@ -113,6 +113,55 @@ def test_batches_are_series_of_every_sample(tmp_path: Path) -> None:
     assert "ISBD: 1 of 3 left out: the head of their batch is not in the log" in flight.notes
 
 
+def test_batches_in_text_are_those_of_the_binary(tmp_path: Path) -> None:
+    """As Mission Planner writes them out: the 32 samples in brackets, parted by spaces."""
+    fmt = {"ISBH": (20, "QHBBHHQf"), "ISBD": (21, "QHHaaa")}
+    names = {"ISBH": "TimeUS,N,type,instance,mul,smp_cnt,SampleUS,smp_rate", "ISBD": "TimeUS,N,seqno,x,y,z"}
+    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns"]
+    lines += [f"FMT, {number}, 99, {name}, {letters}, {names[name]}" for name, (number, letters) in fmt.items()]
+    lines += ["ISBH, 1500000, 7, 1, 1, 938, 40, 1400000, 1000.0"]
+
+    def samples(*values: int) -> str:
+        return "[" + " ".join(map(str, values)) + "]"
+
+    zero = samples(*32 * [0])
+    lines += [f"ISBD, 1500100, 7, 0, {samples(*range(-5, 27))}, {zero}, {zero}"]
+    lines += [f"ISBD, 1500200, 7, 1, {samples(*range(27, 59))}, {zero}, {zero}"]
+    lines += [f"ISBD, 1500300, 7, 1, {samples(1, 2)}, {zero}, {zero}", f"ISBD, 1500400, 7, 1, [x], {zero}, {zero}"]
+    lines += [f"ISBD, 1500500, 7, 1, {samples(99999, *31 * [0])}, {zero}, {zero}"]
+    text = tmp_path / "batch.log"
+    text.write_text("\r\n".join(lines), encoding="ascii")
+    (flight,) = c.open_log(text)
+    series = flight.series["gyro_batch"]
+    np.testing.assert_allclose(series.t, 1.4 + 1e-3 * np.arange(40))
+    np.testing.assert_allclose(series["x_radps"], np.arange(-5, 35) / 938)
+
+
+def test_outputs_go_on_counting_in_records_of_their_own(tmp_path: Path) -> None:
+    """RCOU has 1 to 14, RCO2 15 to 18, RCO3 19 to 32; RCO2 is written 20 µs after RCOU, and then no more."""
+    types = TYPES | {
+        "RCOU": ("Q" + 14 * "H", "TimeUS," + ",".join(f"C{i}" for i in range(1, 15))),
+        "RCO2": ("QHHHH", "TimeUS,C15,C16,C17,C18"),
+        "RCO3": ("Q" + 14 * "H", "TimeUS," + ",".join(f"C{i}" for i in range(19, 33))),
+    }
+    outputs: list[tuple[str, tuple[object, ...]]] = []
+    for i in range(40):
+        us = 1_000_000 + 100_000 * i
+        outputs.append(("RCOU", (us, 1000 + 10 * i, *13 * (1500,))))
+        if i < 20:
+            outputs.append(("RCO2", (us + 20, *4 * (1100 + 10 * i,))))
+            outputs.append(("RCO3", (us + 40, *13 * (1200,), 2000)))
+    (flight,) = c.open_log(write_dataflash(tmp_path / "out.bin", types, [*rows(1.0), *outputs]))
+    motors = flight.actuators
+    assert motors
+    assert motors.output.shape == (40, 32)
+    np.testing.assert_allclose(motors.output[:, 0], 0.01 * np.arange(40))
+    np.testing.assert_allclose(motors.output[:20, 14:18], np.repeat(0.1 + 0.01 * np.arange(20)[:, None], 4, axis=1))
+    np.testing.assert_allclose(motors.output[:20, 31], 1.0)
+    assert np.isfinite(motors.output[20:29, 14]).all(), "held for a second"
+    assert np.isnan(motors.output[31:, 14:]).all()
+
+
 def test_impossible_readings_are_left_out_and_counted(tmp_path: Path) -> None:
     bad = (
         ("IMU", (1_500_001, 0, 1.2e19, 0.0, 0.0, 0.0, 0.0, -9.8)),

@@ -1,6 +1,7 @@
 """What a simulator knows, what the controller wanted, and what it asked of the motors.
 
-Sources: ArduPilot `SITL/SITL.cpp` (SIM, SIM2), `AP_AHRS/LogStructure.h` (ATT), `AP_Logger/LogStructure.h` (RCOU).
+Sources: ArduPilot `SITL/SITL.cpp` (SIM, SIM2), `AP_AHRS/LogStructure.h` (ATT), `AP_Logger/LogStructure.h` (RCOU, RCO2,
+RCO3).
 """
 
 from __future__ import annotations
@@ -13,8 +14,11 @@ from companion.mavlink import Records
 from companion.model import ActuatorTrack, Array, ControlTrack, TruthTrack
 from companion.telemetry import convert
 from companion.telemetry.aiding import truth_track
-from companion.telemetry.control import share_of_range
+from companion.telemetry.control import actuators_of, side_by_side
 from companion.telemetry.dataflash.pose import ekf_origin
+
+OUTPUTS = {"RCOU": 14, "RCO2": 4, "RCO3": 14}
+"""Records of the outputs → how many they have; each goes on where the one before ends."""
 
 NUMBERS: Mapping[str, tuple[str, ...]] = {
     "SIM": ("Lat", "Lng", "Alt", "Roll", "Pitch", "Yaw"),
@@ -73,12 +77,24 @@ def _product(a: Array, b: Array) -> Array:
 
 
 def actuators(records: Mapping[str, Records], parameters: Mapping[str, float]) -> ActuatorTrack | None:
-    """RCOU: the first 8 or 14 outputs. None where none of them is in use."""
-    one = records.get("RCOU")
+    """RCOU: the first 8 or 14 outputs; RCO2 and RCO3: 15 to 18, and 19 to 32. None where none of them is in use."""
+    banks: list[tuple[Array, Array]] = []
+    for name, count in OUTPUTS.items():
+        one = records.get(name)
+        if one is None and not banks:
+            return None
+        pulses = _pulses(one, count)
+        keep = slice(0) if one is None else convert.increasing(one.t, np.isfinite(one.t))
+        banks.append((np.zeros(0) if one is None else one.t[keep], pulses[keep]))
+    return actuators_of("RCOU", *side_by_side(banks), parameters)
+
+
+def _pulses(one: Records | None, count: int) -> Array:
+    """µs (N, count), NaN for outputs that the records lack."""
     if one is None:
-        return None
-    names = [name for name in one.layout.fields if name != one.layout.clock and one.layout.has_numbers(name)]
-    output = share_of_range(np.column_stack([one[name].astype(np.float64) for name in names]), parameters)
-    keep = convert.increasing(one.t, np.asarray(np.isfinite(one.t) & np.isfinite(output).any(axis=1)))
-    track = ActuatorTrack(one.t[keep], output[keep], "RCOU")
-    return track if len(track) else None
+        return np.zeros((0, count))
+    names = [name for name in one.layout.fields if name != one.layout.clock and one.layout.has_numbers(name)][:count]
+    found = np.full((len(one), count), np.nan)
+    for i, name in enumerate(names):
+        found[:, i] = one[name]
+    return found

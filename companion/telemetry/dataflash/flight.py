@@ -49,7 +49,9 @@ _NUMBERS: Mapping[str, tuple[str, ...]] = {
 }
 _WORDS = {"PARM": "Name", "MSG": "Message"}
 
-RECORDS = sensors.NEEDED | _NUMBERS.keys() | _WORDS.keys() | {"EV", "ERR", "MODE", "ARM", "RCOU", "VER", "XKFS"}
+_OTHERS = {"EV", "ERR", "MODE", "ARM", "VER", "XKFS"}
+
+RECORDS = sensors.NEEDED | _NUMBERS.keys() | _WORDS.keys() | aiding.OUTPUTS.keys() | _OTHERS
 """Records whose fields a flight is made of."""
 
 

@@ -70,7 +70,9 @@ def with_rates(
     track = next((one for one in tracks if one.instance == instance), tracks[0] if tracks else None)
     rates = np.zeros((len(t), 3)) if track is None else _mean_rates(t, track, bias)
     kept = uncontradicted(source, notes, lone_turns(t, q, rates))
-    return AttitudeTrack(t[kept], convert.continuous(q[kept]), rates[kept], source)
+    if not kept.all():
+        t, q, rates = t[kept], convert.continuous(q[kept]), rates[kept]
+    return AttitudeTrack(t, q, rates, source)
 
 
 def _mean_rates(t: Array, track: ImuTrack, bias: BiasTrack | None) -> Array:

@@ -30,10 +30,11 @@ def attitude_track(topics: Topics, notes: list[str]) -> AttitudeTrack | None:
     elif "rollspeed" in topic:
         rates = np.nan_to_num(columns(topic, "rollspeed", "pitchspeed", "yawspeed")[keep])
     kept = uncontradicted("vehicle_attitude", notes, lone_turns(t, q, rates))
-    t, q = t[kept], continuous(q[kept])
+    if not kept.all():
+        t, q, rates = t[kept], continuous(q[kept]), None if rates is None else rates[kept]
     if len(t) < 2:
         return None
-    return AttitudeTrack(t, q, _turning(t, q) if rates is None else rates[kept], "vehicle_attitude")
+    return AttitudeTrack(t, q, _turning(t, q) if rates is None else rates, "vehicle_attitude")
 
 
 def _turning(t: Array, q: Array) -> Array:
