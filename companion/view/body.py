@@ -71,6 +71,16 @@ class Body:
             self._name.text = text
 
     @property
+    def name_visible(self) -> bool:
+        """Whether its name is written: not where the other drone's stands for both."""
+        return self._name.visible
+
+    @name_visible.setter
+    def name_visible(self, visible: bool) -> None:
+        if self._name.visible != visible:
+            self._name.visible = visible
+
+    @property
     def visible(self) -> bool:
         """Whether it is on screen."""
         return self._place.visible

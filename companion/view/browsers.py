@@ -13,8 +13,8 @@ import viser
 
 from companion.model import Array
 from companion.view import events
-from companion.view.controls import listen
-from companion.view.framing import CAMERA_MODES, CameraMode, Framing, Pose, camera, world
+from companion.view.controls import listen, write
+from companion.view.framing import CAMERA_MODES, CameraMode, Framing, Pose, camera, step_back, world
 from companion.view.moment import Moment
 from companion.view.scene import WORLD
 
@@ -25,6 +25,7 @@ _NARROW = 0.6  # width by height of a phone held upright; between two panels a l
 class _Browser:
     client: viser.ClientHandle
     world: viser.FrameHandle
+    chooser: viser.GuiDropdownHandle[CameraMode]
     pose: Pose
     mode: CameraMode = "Free"
 
@@ -55,7 +56,9 @@ class Browsers:
             choose = client.gui.add_dropdown("Camera", CAMERA_MODES, initial_value=self._mode, order=-1.0)
         listen(choose, self._post, lambda: events.SetCamera(number, choose.value))
         frame = client.scene.add_frame(WORLD, show_axes=False)
-        self._open[number] = _Browser(client, frame, Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), self._mode)
+        self._open[number] = _Browser(
+            client, frame, choose, Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), self._mode
+        )
         if _narrow(client):
             _stand(client, self._mode, framing)
 
@@ -75,6 +78,7 @@ class Browsers:
         browser = self._open.get(number)
         if browser is not None and mode in CAMERA_MODES:
             browser.mode = mode
+            write(browser.chooser, mode)
             _stand(browser.client, mode, framing)
 
     def reframe(self, framing: Framing) -> None:
@@ -91,6 +95,9 @@ class Browsers:
             if not np.array_equal(pose.wxyz, browser.pose.wxyz):
                 browser.world.wxyz = pose.wxyz
             browser.pose = pose
+            eye = step_back(browser.mode, browser.client.camera.position, moment)
+            if eye is not None:
+                browser.client.camera.position = eye
 
     def last_moved(self, framing: Framing) -> tuple[Array, Pose]:
         """Where the camera that moved last is, and how its world stands: sizes and names are one for all browsers."""

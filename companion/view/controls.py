@@ -9,6 +9,7 @@ from typing import Any, Literal
 import viser
 
 from companion.view import events
+from companion.view.framing import CameraMode
 
 Key = Literal[
     "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "pageup", "pagedown", "home", "end", "A", "B", "I", "O"
@@ -43,6 +44,17 @@ def button_row(
         event = buttons.get(row.value)
         if event is not None:
             post(event)
+
+
+def camera_row(gui: viser.GuiApi, label: str, cameras: Mapping[str, CameraMode], post: events.Post) -> None:
+    """A row of buttons that move the camera of the browser in which they are pressed, and no other."""
+    row = gui.add_button_group(label, tuple(cameras), hint="In this browser alone. More cameras: Picture")
+
+    @row.on_click
+    async def _(click: viser.GuiEvent[Any]) -> None:
+        mode = cameras.get(row.value)
+        if mode is not None and click.client_id is not None:
+            post(events.SetCamera(click.client_id, mode))
 
 
 def write(handle: Any, value: object) -> None:

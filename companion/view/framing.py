@@ -14,7 +14,7 @@ import numpy as np
 from companion.model import Array
 from companion.view.moment import Moment
 
-CameraMode = Literal["Free", "Follow", "Chase", "From above"]
+CameraMode = Literal["Free", "Follow", "Chase", "From above", "Map"]
 CAMERA_MODES: tuple[CameraMode, ...] = get_args(CameraMode)
 
 FIELD_OF_VIEW = np.radians(45.0)  # vertical
@@ -22,8 +22,10 @@ FIELD_OF_VIEW = np.radians(45.0)  # vertical
 ASPECT = 0.8  # width by height of what the panels leave of a window; a wider one shows more
 MARGIN = 0.9  # share of the picture that a flight may fill
 COVERED = 0.24  # share of the picture's height that the timeline covers, at the bottom
+ASTRAY = 4.0  # times the size of a path is a point of the other that is not framed with it
 ENOUGH = 5000  # points of a path to frame it by
 NARROW_COVERED, NARROW_AWAY = 0.6, 1.9  # the same of a phone held upright, and how much farther away that is
+ROOM = 1.6  # times how far apart both drones are, the width that a camera that follows them shows at least
 OVERVIEW = (25.0, 28.0)  # degrees, azimuth and elevation of the first view
 
 
@@ -75,7 +77,7 @@ def frame(positions: Array, others: Array | None = None) -> Framing:
     if others is not None:
         others = others[:: max(len(others) // ENOUGH, 1)]
         far = np.linalg.norm(others - positions.mean(axis=0), axis=1)
-        near = far < 1.5 * np.linalg.norm(positions - positions.mean(axis=0), axis=1).max()
+        near = far < ASTRAY * np.linalg.norm(positions - positions.mean(axis=0), axis=1).max()
         positions = np.concatenate([positions, others[near]])
     low, high = positions.min(axis=0), positions.max(axis=0)
     radius = max(float(np.linalg.norm(high - low)) / 2, 4.0)
@@ -103,8 +105,9 @@ def camera(mode: CameraMode, framing: Framing, *, narrow: bool = False) -> Camer
     distance = framing.distance * (NARROW_AWAY if narrow else 1.0)
     covered = NARROW_COVERED if narrow else COVERED
     near, far = max(distance / 2000, 0.01), 60 * distance + 2000.0
-    if mode == "Free":
-        towards = _direction(*OVERVIEW)
+    if mode in ("Free", "Map"):
+        # The map: not quite straight down, for there the camera would not know which way is up, and north must be.
+        towards = _direction(*OVERVIEW) if mode == "Free" else _direction(azimuth=0.0, elevation=89.0)
         # Everything moves up by what is covered below: the camera looks at what is that much lower.
         lower = covered * float(np.tan(FIELD_OF_VIEW / 2)) * distance * _upright(towards)
         look_at, away = framing.centre - lower, distance * towards
@@ -116,7 +119,6 @@ def camera(mode: CameraMode, framing: Framing, *, narrow: bool = False) -> Camer
         elif mode == "Chase":
             away = 0.6 * close * _direction(azimuth=0.0, elevation=18.0)
         else:
-            # Not quite straight down: there the camera would not know which way is up, and north must be.
             away = 0.8 * distance * _direction(azimuth=0.0, elevation=89.0)
         if narrow:
             look_at = -covered * float(np.tan(FIELD_OF_VIEW / 2)) * screen_up(-away)
@@ -125,17 +127,31 @@ def camera(mode: CameraMode, framing: Framing, *, narrow: bool = False) -> Camer
 
 
 def world(mode: CameraMode, moment: Moment) -> Pose:
-    """How the world has to stand at `moment` for the camera of `mode` to keep its view of the autopilot's drone.
+    """How the world has to stand at `moment` for the camera of `mode` to keep its view.
 
-    The autopilot's and not the IMU's, because the latter jumps at every anchor.
+    Of the autopilot's drone, and not the IMU's, because the latter jumps at every anchor; "Follow": of the place
+    between both.
     """
-    if mode == "Free":
+    if mode in ("Free", "Map"):
         return Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
     turn = np.array([1.0, 0.0, 0.0, 0.0])
     if mode == "Chase":
         half = -heading(moment.q_ref) / 2
         turn = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
-    return Pose(turn, -Pose(turn, np.zeros(3)).apply(moment.position_ref))
+    held = (moment.position_ref + moment.position_imu) / 2 if mode == "Follow" else moment.position_ref
+    return Pose(turn, -Pose(turn, np.zeros(3)).apply(held))
+
+
+def step_back(mode: CameraMode, eye: Array, moment: Moment) -> Array | None:
+    """Where a camera at `eye` (3,) m that follows both drones has to go to see both; None: it may stay.
+
+    Only ever away from them, along its line of sight: nearer is the user's to choose.
+    """
+    if mode != "Follow":
+        return None
+    distance = float(np.linalg.norm(eye))
+    least = ROOM * moment.position_m / (2 * float(np.tan(FIELD_OF_VIEW / 2)) * min(ASPECT, 1.0))
+    return None if distance >= least or distance == 0 else np.asarray(eye * (1.25 * least / distance))
 
 
 def heading(q: Array) -> float:

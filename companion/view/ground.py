@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import viser
 
@@ -46,6 +48,11 @@ class Ground:
         for cross, place in zip(self._crosses, (start, home), strict=True):
             cross.put(None if place is None else np.array([place[0], place[1], framing.ground]), arm)
 
+    def give_way(self, drones: Sequence[Array], span: float) -> None:
+        """Take the names of crosses away that a drone (NED, m), drawn `span` m wide, would cover."""
+        for cross in self._crosses:
+            cross.give_way(drones, span)
+
     def sink(self, level: float) -> None:
         """Lower it to a down coordinate, m: a vehicle has flown below it."""
         self.level = level
@@ -71,10 +78,19 @@ class _Cross:
             name, nothing, GREY, thickness=3.0, thickness_units="screen", visible=False
         )
         self._label = scene.add_label(f"{name}_name", label, anchor="top-center", visible=False)
+        self._place: Array | None = None
 
     def put(self, place: Array | None, arm: float) -> None:
+        self._place = place
         self._lines.visible = self._label.visible = place is not None
         if place is not None:
             ends = arm * np.array([[[-1, 0, 0], [1, 0, 0]], [[0, -1, 0], [0, 1, 0]]])
             self._lines.points = (place + ends).astype(np.float32)
             self._label.position = place
+
+    def give_way(self, drones: Sequence[Array], span: float) -> None:
+        if self._place is None:
+            return
+        free = all(float(np.linalg.norm(drone - self._place)) > 1.2 * span for drone in drones)
+        if self._label.visible != free:
+            self._label.visible = free

@@ -148,7 +148,7 @@ class LiveStage:
         self._wakes.clear()
         ground = np.array([*film.replay.position_ref[-1, :2], max(0.0, float(film.replay.position_ref[-1, 2]))])
         self.outlook.place(frame(np.vstack([seen.replay.position_ref, ground])))
-        self.outlook.scene.load(film, self.outlook.framing, self.outlook.drone)
+        self.outlook.scene.load(film, self.outlook.framing, self.outlook.drone, whole=False)
         self.outlook.scene.imu.visible = self.outlook.scene.autopilot.visible = True
         self.outlook.reframe()
 

@@ -101,10 +101,7 @@ def strip(marks: Sequence[Mark], low: float, high: float, part: tuple[float, flo
         room = (len(text) + 2) * _CHARACTER
         start = max(min(at, 100.0 - room), 0.0)
         if start > free_from and not small:
-            words.append(
-                f'<span style="position:absolute;left:{start:.2f}%;white-space:nowrap;color:{colour}">'
-                f"{escape(text)}</span>"
-            )
+            words.append(f'<span style="position:absolute;left:{start:.2f}%;white-space:nowrap">{escape(text)}</span>')
             free_from = start + room
     return (
         f'<div style="position:relative;height:10px;background:rgba(130,130,130,0.12)">{"".join(ticks)}</div>'

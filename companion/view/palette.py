@@ -18,6 +18,23 @@ AXES: tuple[Rgb, Rgb, Rgb] = ((170, 51, 119), (133, 133, 0), (68, 68, 170))
 CURSOR: Rgb = (130, 130, 130)  # the current instant, and what is expected
 
 CONTROLS: Rgb = (84, 96, 112)  # buttons: no source's colour
+GOOD: Rgb = (26, 115, 60)
+DOUBTFUL: Rgb = (133, 84, 0)
+BAD: Rgb = (176, 32, 24)
+"""Behind white words: a verdict that is good, undecided, bad. Its sign (✓ ? ✗) says the same without colours."""
+SEVERITIES: dict[str, Rgb] = {"error": BAD, "warning": (190, 120, 0), "info": (84, 96, 112)}
+"""Of findings."""
+
+
+def contrast(one: Rgb, other: Rgb) -> float:
+    """Contrast ratio of two colours, 1 to 21 (WCAG 2.1, 1.4.3): 4.5 is the least for text."""
+    light, dark = sorted((_luminance(one), _luminance(other)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+def _luminance(colour: Rgb) -> float:
+    r, g, b = ((c / 255 / 12.92) if c <= 10 else ((c / 255 + 0.055) / 1.055) ** 2.4 for c in colour)
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b
 
 
 def of_imus(names: Iterable[str]) -> dict[str, Rgb]:

@@ -1,4 +1,4 @@
-"""What can be chosen and read beside the picture. Every choice becomes an event for the view thread."""
+"""What is read beside the picture: the verdict, the numbers of the instant, who is who."""
 
 from __future__ import annotations
 
@@ -9,62 +9,38 @@ import numpy as np
 import viser
 
 from companion.model import Flight
-from companion.view import events, palette, tables
-from companion.view.choice import Offer, ReplayChoice
+from companion.view import banner, events, palette, tables
 from companion.view.controls import listen, write
 from companion.view.moment import Footage, Moment
 from companion.view.palette import Rgb
-from companion.view.picture import PictureControls
-from companion.view.reckoning import ReckoningControls
 from companion.view.tables import swatch
-
-TRAILS = {
-    "Path so far": events.SetTrail(None),
-    "Last 10 s": events.SetTrail(10.0),
-    "Last 30 s": events.SetTrail(30.0),
-    "Whole path": events.SetTrail(None, ahead=True),
-}
 
 
 class Panel:
-    """The controls. Built once; `load` fits them to a flight, `show` writes the instant into them."""
+    """What is read first: who is who, the verdict, the numbers. Built once; `load` fits it to a flight."""
 
-    def __init__(self, gui: viser.GuiApi, flights: Sequence[Flight], offer: Offer, post: events.Post) -> None:
-        self._post = post
+    def __init__(self, gui: viser.GuiApi, flights: Sequence[Flight], post: events.Post) -> None:
         self._flight = flights[0]
         self._names = {id(f): f"{i + 1}: {_title(f)}" for i, f in enumerate(flights)}
+        self._banner = gui.add_html("")
         self._pick = gui.add_dropdown("Flight", tuple(self._names.values()), visible=len(flights) > 1)
-        self._legend = gui.add_html("")
-        self._verdict = gui.add_html("")
         self._numbers = gui.add_html("")
         self._status = gui.add_html("")
-        self.playing = gui.add_folder("Playing")  # filled by the timeline
-        self._reckoning = ReckoningControls(gui, flights[0], offer, post)
-        self._picture = PictureControls(gui, TRAILS, post, expects=True)
-        with gui.add_folder("Save", expand_by_default=False):
-            self._save_picture = gui.add_button("This picture (PNG)", icon=viser.Icon.CAMERA)
-            self._save_page = gui.add_button("The 3D replay (HTML)", icon=viser.Icon.FILE_EXPORT)
-            self._save_report = gui.add_button(
-                "The report (HTML)",
-                icon=viser.Icon.FILE_EXPORT,
-                visible=offer.report is not None,
-                hint="Verdict, charts and tables of what is shown, to mail or print",
-            )
-        self._listen()
+        self._legend = gui.add_html("")
+        listen(self._pick, post, lambda: events.PickFlight(int(self._pick.value.split(":")[0]) - 1))
 
-    @property
-    def picture(self) -> viser.GuiFolderHandle:
-        """The folder in which each browser finds its own camera."""
-        return self._picture.folder
-
-    def load(self, flight: Flight, choice: ReplayChoice, film: Footage, colours: Mapping[str, Rgb]) -> None:
-        """Fit the controls to what is shown now. Values set here come back as no events."""
+    def load(self, flight: Flight, film: Footage, colours: Mapping[str, Rgb]) -> None:
+        """Fit it to what is shown now. Values set here come back as no events."""
         self._flight = flight
         self.choose_flight(flight)
         self._legend.content = _legend(flight, film, colours)
-        insight = film.insight
-        self._verdict.content = tables.status(insight.assessment) if insight else ""
-        self._reckoning.load(flight, choice, film.start)
+        if film.insight is not None:
+            verdict = film.insight.assessment.verdict
+            self._banner.content = banner.banner(verdict.status, verdict.summary)
+
+    def wait(self, text: str) -> None:
+        """There is no verdict, or not yet: why, in words. `text` may hold anything."""
+        self._banner.content = banner.waiting(text)
 
     def choose_flight(self, flight: Flight) -> None:
         """Say which flight is shown: another may have been asked for in vain."""
@@ -80,24 +56,6 @@ class Panel:
         html = f'<div style="padding:0 1em 0.5em;font-size:0.8em;color:{colour}">{escape(text)}</div>' if text else ""
         if self._status.content != html:
             self._status.content = html
-
-    def _listen(self) -> None:
-        post = self._post
-        listen(self._pick, post, lambda: events.PickFlight(int(self._pick.value.split(":")[0]) - 1))
-
-        kinds: tuple[tuple[viser.GuiButtonHandle, events.Kept], ...] = (
-            (self._save_picture, "picture"),
-            (self._save_page, "page"),
-            (self._save_report, "report"),
-        )
-        for button, what in kinds:
-            self._save(button, what)
-
-    def _save(self, button: viser.GuiButtonHandle, what: events.Kept) -> None:
-        @button.on_click
-        async def _(click: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-            if click.client_id is not None:
-                self._post(events.Save(click.client_id, what))
 
 
 def _title(flight: Flight) -> str:

@@ -15,8 +15,10 @@ from companion.view.ellipsoid import Ellipsoid
 from companion.view.framing import Framing
 from companion.view.ground import Ground
 from companion.view.moment import Footage, Moment
+from companion.view.overview import Overview
 from companion.view.palette import Rgb
 from companion.view.shapes import Drone
+from companion.view.tables import length
 from companion.view.trail import Trail
 
 NAME = 0.42  # spans from a drone to its name
@@ -39,6 +41,7 @@ class Scene:
         self.ground = Ground(scene, WORLD)
         self.autopilot = Body(scene, f"{WORLD}/autopilot", "Autopilot", palette.AUTOPILOT, drone, ghost=True)
         self.imu = Body(scene, f"{WORLD}/imu", "IMU alone", palette.IMU, drone, ghost=False)
+        self.overview = Overview(scene, f"{WORLD}/overview")
         self.arrows = Arrows(scene, f"{WORLD}/arrows")
         self.expected = Ellipsoid(scene, f"{WORLD}/expected", palette.IMU)
         self._trails = {
@@ -77,8 +80,13 @@ class Scene:
         drone: Drone,
         colours: Mapping[str, Rgb] | None = None,
         home: Array | None = None,
+        *,
+        whole: bool = True,
     ) -> None:
-        """Lay out another reckoning. colours: of each IMU message; home: NED, m, where it is known."""
+        """Lay out another reckoning. colours: of each IMU message; home: NED, m, where it is known.
+
+        whole: whether `film` is all that is flown, so that it can be drawn at once.
+        """
         replay, source = film.replay, film.source
         colours = colours or {}
         colour = colours.get(source, palette.IMU)
@@ -92,6 +100,8 @@ class Scene:
         self.ground.load(framing, replay.position_ref[0] if known else None, home if known else None)
         self._trails["autopilot"].load(replay.t, replay.position_ref, film.restarts[:0], palette.AUTOPILOT)
         self._trails["imu"].load(replay.t, replay.position_imu, film.restarts, colour)
+        if whole:
+            self.overview.load(film, colour)
         self._error.visible = self._sticks.visible = known
         self._error_name.visible = False
         self.imu.name = f"{source} alone"
@@ -135,16 +145,18 @@ class Scene:
         """
         self.imu.resize(span, name_at=-NAME if imu_above else NAME)
         self.autopilot.resize(span, name_at=NAME if imu_above else -NAME)
+        self.ground.give_way([moment.position_imu, moment.position_ref], span)
         self.arrows.resize(span)
         self.expected.shape(moment.covariance if self._has_position else np.zeros((3, 3)), moment.position_imu)
         for i, (body, _) in enumerate(self._others, 2):
             body.resize(span, name_at=1.5 * NAME * i)  # each a line lower
         if not self._has_position:
             return
-        # On the line when there is room between the drones, else with the name of the one that is wrong.
+        # On the line when there is room between the drones, else one name for both.
         apart = f"{length(moment.position_m)} apart"
         roomy = moment.position_m > 1.5 * span
-        self.imu.name = f"{self._label} alone" if roomy else f"{self._label} alone, {apart}"
+        self.imu.name = f"{self._label} alone" if roomy else f"{self._label} and autopilot, {apart}"
+        self.autopilot.name_visible = roomy
         if self._error_name.visible != roomy:
             self._error_name.visible = roomy
         if roomy:
@@ -155,12 +167,3 @@ class Scene:
         """Show both paths between two times, s."""
         for trail in (*self._trails.values(), *(trail for _, trail in self._others)):
             trail.show(since, until)
-
-
-def length(metres: float) -> str:
-    """A length as a person says it."""
-    if metres < 10:
-        return f"{metres:.2f} m"
-    if metres < 1000:
-        return f"{metres:.1f} m" if metres < 100 else f"{metres:.0f} m"
-    return f"{metres / 1000:.2f} km"

@@ -14,6 +14,8 @@ import viser
 
 from companion.model import CompanionError, Flight
 from companion.view import events, export, palette
+from companion.view.adjustments import Adjustments
+from companion.view.bands import bands, outside
 from companion.view.cadence import Cadence
 from companion.view.choice import Examine, Offer, Recompute, ReplayChoice
 from companion.view.controls import dock
@@ -29,7 +31,7 @@ from companion.view.saving import PAGE, REPORT, Saver
 from companion.view.shapes import drone_for
 from companion.view.timeline import Timeline
 from companion.view.transport import move
-from companion.view.verdict import VerdictTab
+from companion.view.verdict import DriftTab, FindingsTab
 from companion.view.work import Opinion, Outcome, Work
 
 APART = 0.4
@@ -63,16 +65,23 @@ class Stage:
         self._trail = events.SetTrail(None)
         self._is_due = Cadence(labels=8.0, trails=8.0, plots=4.0, progress=2.0)
         self._trouble = False
-        self._panel = Panel(server.gui, flights, offer, post)
-        self._timeline = Timeline(server.gui, self._panel.playing, post)
-        side = server.gui.add_panel()
+        # A phone shows the panels one below the other, in this order.
+        self._panel = Panel(server.gui, flights, post)
+        bottom, side, more = (server.gui.add_panel() for _ in range(3))
+        with side.add_tab("Findings", viser.Icon.LIST_DETAILS):
+            self._findings = FindingsTab(server.gui, post)
         with side.add_tab("Charts", viser.Icon.CHART_LINE):
             self._plots = Plots(server.gui, post)
-        with side.add_tab("Verdict", viser.Icon.GAVEL):
-            self._verdict = VerdictTab(server.gui, post)
+        with side.add_tab("Drift", viser.Icon.TABLE):
+            self._drift = DriftTab(server.gui)
+        with more.add_tab("Adjust", viser.Icon.ADJUSTMENTS):
+            self._adjustments = Adjustments(server.gui, first.flight, offer, post)
+        self._timeline = Timeline(server.gui, bottom, self._adjustments.playing, post)
         dock(server.gui, side)
+        more.dock_below(server.gui.main_panel)
+        bottom.expand()  # on a phone, where panels are folded
         drone = drone_for(first.flight.vehicle.type)
-        self.outlook = Outlook(server, self._panel.picture, drone, _framing(film), post)
+        self.outlook = Outlook(server, self._adjustments.picture, drone, _framing(film), post)
         self._load()
         self._examine_at = time.monotonic() + UNSEEN  # inf: it has been ordered
 
@@ -173,7 +182,7 @@ class Stage:
         if opinion.film is not self._film:
             return
         if isinstance(opinion.result, CompanionError):
-            self._verdict.wait(str(opinion.result))
+            self._wait(str(opinion.result))
             return
         self._film = with_insight(self._film, opinion.result)
         self._say()
@@ -188,8 +197,12 @@ class Stage:
         self.outlook.place(_framing(self._film))
         self._colours, self._home = palette.of_imus(self._flight.imus), home_position(self._flight)
         self.outlook.scene.load(self._film, self.outlook.framing, self.outlook.drone, self._colours, self._home)
-        self._verdict.wait("The analysis is at work.")
+        self._wait("The analysis is at work.")
         self._say()
+
+    def _wait(self, why: str) -> None:
+        self._findings.wait(why)
+        self._panel.wait(why)
 
     def _say(self) -> None:
         """Lay out what is said of the footage beside the picture."""
@@ -198,9 +211,12 @@ class Stage:
         if insight is not None:
             self._marks = sorted([*self._marks, *insight.marks], key=lambda mark: mark.t)
         self._plots.load(film, self._flight, self._colours, (self.player.start, self.player.end))
-        self._panel.load(self._flight, self._choice, film, self._colours)
-        self._timeline.load(self.player, self._marks, film.replay.anchors.tolist())
-        self._verdict.load(insight, self._colours)
+        self._panel.load(self._flight, film, self._colours)
+        self._adjustments.load(self._flight, self._choice, film.start)
+        below = bands(self._flight, film)
+        self._timeline.load(self.player, self._marks, film.replay.anchors.tolist(), below)
+        self._findings.load(insight, outside(below.findings, film.start, film.end))
+        self._drift.load(insight, self._colours)
         self._is_due.at_once()
 
     def _draw(self, now: float) -> None:

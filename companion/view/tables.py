@@ -12,8 +12,6 @@ from companion.model import Vehicle
 from companion.view import palette
 from companion.view.palette import Rgb
 
-SIGNS = {"consistent": "✓", "imu_suspect": "✗", "autopilot_suspect": "✗", "insufficient_data": "?"}
-
 
 def swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:0.8em;border-radius:50%") -> str:
     """A spot in a source's colour."""
@@ -27,15 +25,6 @@ def kind(vehicle: Vehicle) -> str:
     """What a vehicle is, in words: untrusted text."""
     autopilot = {"ARDUPILOTMEGA": "ArduPilot"}.get(vehicle.autopilot, vehicle.autopilot)
     return f"{autopilot} {vehicle.type.lower()}".replace("_", " ")
-
-
-def status(found: Assessment) -> str:
-    """The status and the sentence."""
-    verdict = found.verdict
-    word = verdict.status.replace("_", " ").upper()
-    return _small(
-        f'<b style="font-size:1.1em">{SIGNS.get(verdict.status, "")} {escape(word)}</b><br>{escape(verdict.summary)}'
-    )
 
 
 def drift_table(table: Drift, expected: Assessment, colour: Rgb, horizon_s: float) -> str:
@@ -96,6 +85,15 @@ def calibration_table(found: Assessment) -> str:
 def figure(value: float) -> str:
     """Three digits that matter, two of what is small."""
     return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}" if abs(value) >= 0.1 else f"{value:.2g}"
+
+
+def length(metres: float) -> str:
+    """A length as a person says it."""
+    if metres < 10:
+        return f"{metres:.2f} m"
+    if metres < 1000:
+        return f"{metres:.1f} m" if metres < 100 else f"{metres:.0f} m"
+    return f"{metres / 1000:.2f} km"
 
 
 def _pair(statistic: Statistic | None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 from itertools import pairwise
 
 import numpy as np
@@ -40,6 +41,40 @@ def evenly(n: int, limit: int, keep: Indices | None = None) -> Indices:
         return np.arange(n, dtype=np.intp)
     spread = np.linspace(0, n - 1, limit).round().astype(np.intp)
     return spread if keep is None else np.union1d(spread, keep).astype(np.intp)
+
+
+def by_shape(points: Array, limit: int) -> Indices:
+    """Indices of at most `limit` of `points` (N, 3) between which straight lines stay closest to the path.
+
+    Douglas and Peucker (1973) from the top: the line that is farthest from its part of the path is split there, again
+    and again. First and last are kept; a path that stands still needs two points.
+    """
+    n = len(points)
+    if n <= 2:
+        return np.arange(n, dtype=np.intp)
+    waiting = [_farthest(points, 0, n - 1)]
+    kept = [0, n - 1]
+    rounding = (1e-9 * float(np.ptp(points, axis=0).max())) ** 2
+    while waiting and len(kept) < limit:
+        distance, first, middle, last = heapq.heappop(waiting)
+        if -distance <= rounding:  # negative, so that the farthest comes first
+            break
+        kept.append(middle)
+        for a, b in ((first, middle), (middle, last)):
+            if b - a > 1:
+                heapq.heappush(waiting, _farthest(points, a, b))
+    return np.unique(np.array(kept, dtype=np.intp))
+
+
+def _farthest(points: Array, first: int, last: int) -> tuple[float, int, int, int]:
+    """Minus the squared distance of the point farthest from the line of two of them, and the three indices."""
+    line, offsets = points[last] - points[first], points[first + 1 : last] - points[first]
+    length = float(line @ line)
+    share = np.clip(offsets @ line / length, 0.0, 1.0) if length > 0 else np.zeros(len(offsets))
+    away = offsets - share[:, None] * line
+    distances = np.einsum("ij,ij->i", away, away)
+    middle = int(np.argmax(distances))
+    return -float(distances[middle]), first, first + 1 + middle, last
 
 
 def windows(ends: Array, since: float, until: float, chunk: int, chunks: int) -> list[tuple[int, int]]:

@@ -7,11 +7,29 @@ from collections.abc import Sequence
 import viser
 
 from companion.view import events
-from companion.view.controls import Key, button_row, command, listen, write
+from companion.view.bands import HEIGHT, Bands, markup
+from companion.view.controls import SIDE, Key, button_row, camera_row, command, listen, write
+from companion.view.framing import CameraMode
 from companion.view.marks import Mark, short, strip
 from companion.view.player import Player
 
-WIDTH = 600  # pixels: what the panels leave of a window 1280 wide
+WIDTH = 600  # pixels: what the panels leave of a window 1280 wide, where the browser does not know `:has`
+_STYLE = (
+    # As wide as the panels leave it.
+    f'<style>div[style*="width: {WIDTH}px"]:has(.companion-time){{width:calc(100vw - {2 * SIDE + 30}px)!important}}'
+    # The slider is as high as the bands that lie under it: a click anywhere on them goes there.
+    f"div:has(>.companion-time)+div .mantine-Slider-root{{height:{HEIGHT}px;padding:0!important}}"
+    f"div:has(>.companion-time)+div .mantine-Slider-trackContainer{{height:{HEIGHT}px}}"
+    f"div:has(>.companion-time)+div .mantine-Slider-track{{height:{HEIGHT}px}}"
+    "div:has(>.companion-time)+div .mantine-Slider-track::before{background:none}"
+    "div:has(>.companion-time)+div .mantine-Slider-bar{background:none}"
+    "div:has(>.companion-time)+div :is(.mantine-Slider-mark,.mantine-Slider-markLabel){display:none}"
+    "div:has(>.companion-time)+div .mantine-Slider-thumb{height:38px!important;width:4px!important}"
+    # Play is there for the hand that looks for it, not the largest thing on the page.
+    "div:has(>.companion-play)+div{max-width:9em}"
+    "div:has(>.companion-play)+div button{height:26px}"
+    "</style>"
+)
 SPEEDS = ("0.1×", "0.2×", "0.5×", "1×", "2×", "5×", "10×", "20×", "50×")
 STEPS: dict[str, events.Event] = {
     "Start": events.SeekShare(0.0),
@@ -29,7 +47,7 @@ JUMPS: dict[str, events.Event] = {
     "‹ event": events.Jump("mark", forward=False),
     "event ›": events.Jump("mark", forward=True),
 }
-PHONE: dict[str, events.Event] = {"▶ / ❚❚": events.Toggle(), "−10 s": events.Step(-10.0), "+10 s": events.Step(10.0)}
+CAMERAS: dict[str, CameraMode] = {"Fit all": "Free", "Follow both": "Follow", "Map": "Map"}
 PARTS: dict[str, events.Event] = {
     "from here": events.SetPart("from"),
     "to here": events.SetPart("to"),
@@ -60,18 +78,21 @@ MOST_MARKS = 300  # in the list of events; a talkative vehicle says thousands of
 class Timeline:
     """The controls of time. Built once; `load` fits them to a flight, `show` writes the instant into them."""
 
-    def __init__(self, gui: viser.GuiApi, folder: viser.GuiFolderHandle, post: events.Post) -> None:
-        """`folder` takes what is set once and seldom changed."""
-        panel = gui.add_panel()
+    def __init__(
+        self, gui: viser.GuiApi, panel: viser.PanelHandle, folder: viser.GuiFolderHandle, post: events.Post
+    ) -> None:
+        """`panel` becomes the timeline; `folder` takes what is set once and seldom changed."""
         with panel.add_tab("Timeline", viser.Icon.TIMELINE):
+            gui.add_html(f'{_STYLE}<i class="companion-play"></i>')
             self._play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
+            gui.add_html('<i class="companion-time"></i>')
             self._time = gui.add_slider("Time, s", 0.0, 1.0, 0.01, 0.0, hint="Seconds since the vehicle's boot")
             self._strip = gui.add_html("")
+            camera_row(gui, "View", CAMERAS, post)
             button_row(gui, "Step, s", STEPS, post, "Arrow keys: 1 s, with Shift one sample; Home, End: the ends")
             button_row(gui, "Jump", JUMPS, post, "Up and down: events; Page up and down: anchors; 1 to 9: tenths")
         panel.float(x=10, y=-10, width=WIDTH)
         with folder:
-            button_row(gui, "Play", PHONE, post, "The same as in the timeline, which a phone shows at the very bottom")
             self._speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1×")
             self._backwards = gui.add_checkbox("Backwards", False)
             self._loop = gui.add_checkbox("Repeat", False, hint="Start over where the part ends")
@@ -79,6 +100,7 @@ class Timeline:
             self._event = gui.add_dropdown("Go to", (NO_MARK,))
         self._marks: list[Mark] = []
         self._anchors: Sequence[float] = ()
+        self._bands = Bands()
         listen(self._time, post, lambda: events.Seek(float(self._time.value)))
         listen(self._speed, post, lambda: events.SetSpeed(float(self._speed.value.rstrip("×"))))
         listen(self._loop, post, lambda: events.SetLoop(self._loop.value))
@@ -94,9 +116,9 @@ class Timeline:
         for i, key in enumerate(TENTHS, start=1):
             command(gui, post, f"To {i} tenths", key, False, events.SeekShare(i / 10))
 
-    def load(self, player: Player, marks: Sequence[Mark], anchors: Sequence[float]) -> None:
+    def load(self, player: Player, marks: Sequence[Mark], anchors: Sequence[float], bands: Bands) -> None:
         """Fit the controls to what is shown now. Values set here come back as no events."""
-        self._marks, self._anchors = list(marks), anchors
+        self._marks, self._anchors, self._bands = list(marks), anchors, bands
         names = (f"{i}: {mark.t:.1f} s, {short(mark.label)}" for i, mark in enumerate(self._marks[:MOST_MARKS], 1))
         self._event.options = (NO_MARK, *names)
         low, high = round(player.first, 2), round(player.last, 2)
@@ -113,9 +135,10 @@ class Timeline:
         shown = self._anchors if len(self._anchors) <= MOST_ANCHORS else ()
         anchors = [Mark(t, "the IMU starts again here", "anchor") for t in shown]
         part = (player.start, player.end) if player.is_part else None
-        # The strip lies under the slider's track: beside it are the label and the number.
+        # The bands lie under the slider's track, the marks below: beside it are the label and the number.
         self._strip.content = (
-            f'<div style="padding:0 calc(0.75em + 58px) 0 calc(7.25em + 0.75em)">'
+            f'<div style="padding:0 calc(0.75em + 52px) 0 calc(7.25em + 0.75em);margin-top:calc(-{HEIGHT}px - 0.5em)">'
+            f"{markup(self._bands, low, high)}"
             f"{strip([*anchors, *self._marks[:MOST_MARKS]], low, high, part)}</div>"
         )
 

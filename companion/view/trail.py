@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import viser
 
 from companion.model import Array
 from companion.view.palette import Rgb
-from companion.view.thin import Indices, evenly, windows
+from companion.view.thin import Indices, by_shape, evenly, windows
 
 CHUNK = 60
 """Segments a line: sending `.points` resends the whole line, so a long trail is many short ones."""
 CHUNKS = 20
 """Lines a trail: 1,200 segments in all. Software WebGL draws two such trails at about 9 frames a second."""
+
+
+Segments = npt.NDArray[np.float32]
+
+
+def segments(positions: Array, kept: Indices, breaks: Indices) -> tuple[Segments, Indices]:
+    """Lines (M, 2, 3) between neighbours of the points `kept`, and the index at which each is complete.
+
+    None of them crosses the jump just before an index of `breaks`.
+    """
+    starts, stops = kept[:-1], kept[1:]
+    unbroken = np.searchsorted(breaks, starts, side="right") == np.searchsorted(breaks, stops, side="right")
+    points = positions.astype(np.float32)
+    return np.stack([points[starts], points[stops]], axis=1)[unbroken], stops[unbroken]
 
 
 class Trail:
@@ -42,12 +57,11 @@ class Trail:
         if 4 * len(inner) > room:
             inner = inner[:0]  # more anchors than the eye can part: one line through all of them
         keep = np.union1d(inner - 1, inner)  # both ends of a jump, so that it is a gap at its true place
-        kept = evenly(len(t), room - len(keep), keep)
-        starts, stops = kept[:-1], kept[1:]
-        unbroken = np.searchsorted(inner, starts, side="right") == np.searchsorted(inner, stops, side="right")
-        points = positions.astype(np.float32)
-        self._segments = np.stack([points[starts], points[stops]], axis=1)[unbroken]
-        self._ends = t[stops][unbroken]
+        room -= len(keep)
+        # Half by shape, for round corners in a long flight; half by time, so that the path keeps up with the drone.
+        kept = np.union1d(evenly(len(t), room // 2, keep), by_shape(positions, room // 2))
+        self._segments, stops = segments(positions, kept, inner)
+        self._ends = t[stops]
         self._shown = [(-1, -1)] * CHUNKS
 
     def hide(self) -> None:

@@ -14,7 +14,7 @@ from companion.analysis import GENERIC, Finding, FlightNoise, Limits, Verdict, i
 from companion.estimation import imu_spectrum
 from companion.model import Origin
 from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
-from companion.view import Insight, ReplayChoice, tables
+from companion.view import Insight, ReplayChoice, banner, tables
 from companion.view.drift_chart import drift_lines
 from companion.view.ellipsoid import semi_axes
 from companion.view.home import home_position
@@ -84,7 +84,7 @@ def test_no_text_becomes_markup() -> None:
     found = replace(found, drift=replace(found.drift, imu=evil))
     sibling = [replace(s, imu=evil) for s in (*insight().siblings, *insight().siblings)]
     colours = of_imus([evil])
-    markup = tables.status(found) + tables.drift_table(found.drift, found, colours[evil], 5.0)
+    markup = banner.banner("imu_suspect", evil) + tables.drift_table(found.drift, found, colours[evil], 5.0)
     markup += tables.siblings_table(sibling, colours) + tables.calibration_table(found)
     assert "<img" not in markup
     assert "&lt;img" in markup

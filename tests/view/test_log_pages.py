@@ -51,11 +51,12 @@ def test_the_verdict_and_a_jump_to_a_finding(page: Page) -> None:
     with viewing(DEMO) as viewer:
         open_page(page, viewer.url)
         expect(page.get_by_text(found.verdict.status.upper()).first).to_be_visible()
-        tab(page, "Verdict")
+        tab(page, "Findings")
         viewer.post(events.Seek(viewer.player.end))
         page.get_by_role("button", name=f"{first.start_s:.1f} s: {first.kind.replace('_', ' ')}").click()
         until(lambda: abs(viewer.player.time - first.start_s) < 0.05, "the finding")
         expect(page.get_by_text(f"{first.evidence} (")).to_be_visible()
+        tab(page, "Drift")
         row, expected = found.drift.rows[2], found.expected[2]
         assert expected is not None
         assert row.attitude_deg is not None
@@ -182,7 +183,7 @@ def test_nothing_is_cut_off_on_a_laptop(page: Page) -> None:
         assert len(edges) == 3
         assert edges[0][1] < edges[1][0] < edges[1][1] < edges[2][0]  # left, middle, right
         shoot(page, "window-1280x800")
-        tab(page, "Verdict")
+        tab(page, "Drift")
         expect(page.get_by_role("row", name=re.compile(r"^30 s"))).to_be_visible()
         until(lambda: page.evaluate(OVERLAPS)["cut"] == [], "nothing cut off in the tables")
 
@@ -191,9 +192,9 @@ def test_a_phone(browser: Browser) -> None:
     with new_page(browser, 390, 844, has_touch=True) as page, viewing(DEMO) as viewer:
         open_page(page, viewer.url)
         expect(page.get_by_text("CONSISTENT").first).to_be_visible()
-        page.get_by_text("▶ / ❚❚").click()
+        page.get_by_role("button", name="Play", exact=True).click()
         until(lambda: viewer.player.playing, "the play button")
-        page.get_by_text("▶ / ❚❚").click()
+        page.get_by_role("button", name="Pause", exact=True).click()
         viewer.post(events.SeekShare(0.3))
         until(lambda: near(shoot(page, "window-390x844")[:330], palette.IMU) > 50, "the drone is above the sheet")
         fits = {"cut": [], "outside": [], "wide": 390}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -20,6 +22,7 @@ from companion.view.framing import (
     grid_cell,
     heading,
     nice,
+    step_back,
     world,
 )
 from companion.view.moment import footage
@@ -86,10 +89,25 @@ def test_a_following_camera_keeps_the_autopilot_in_the_middle(mode: str) -> None
         moment = FILM.at(float(t))
         pose = world(mode, moment)  # type: ignore[arg-type]  # the parameter is one of the modes
         where = pose.apply(moment.position_ref)
-        np.testing.assert_allclose(where, moment.position_ref if mode == "Free" else np.zeros(3), atol=1e-9)
+        middle = (moment.position_ref - moment.position_imu) / 2 if mode == "Follow" else np.zeros(3)
+        np.testing.assert_allclose(where, moment.position_ref if mode in ("Free", "Map") else middle, atol=1e-9)
         nose: Array = pose.apply(moment.position_ref + [np.cos(a := heading(moment.q_ref)), np.sin(a), 0.0]) - where
         if mode == "Chase":
             np.testing.assert_allclose(nose, [1.0, 0.0, 0.0], atol=1e-9)
+
+
+@given(st.floats(0.0, 5000.0), st.floats(1.0, 1000.0))
+def test_who_follows_steps_back_until_both_are_seen(apart: float, away: float) -> None:
+    moment = replace(FILM.at(FILM.start), position_m=apart)
+    eye = away * np.array([-0.8, 0.0, -0.6])
+    moved = step_back("Follow", eye, moment)
+    width = 2 * np.tan(FIELD_OF_VIEW / 2) * ASPECT * float(np.linalg.norm(eye if moved is None else moved))
+    assert width >= apart
+    assert moved is None or np.linalg.norm(moved) > away
+    if moved is not None:
+        assert np.cross(moved, eye) == pytest.approx(np.zeros(3), abs=1e-6), "along the line of sight"
+        assert step_back("Follow", moved, moment) is None
+    assert step_back("Free", eye, moment) is None
 
 
 def test_a_flight_that_never_moves_is_framed() -> None:

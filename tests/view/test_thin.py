@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.view.thin import evenly, extremes, windows
+from companion.view.thin import by_shape, evenly, extremes, windows
 
 
 @given(st.integers(1, 20_000), st.integers(10, 500), st.data())
@@ -39,6 +39,33 @@ def test_every_series_keeps_its_own_peak() -> None:
 def test_too_small_a_limit_is_refused() -> None:
     with pytest.raises(ValueError, match="2 series need a limit of 6"):
         extremes((np.zeros(100), np.zeros(100)), 5)
+
+
+@given(st.integers(0, 99), st.integers(3, 60), st.integers(2, 30))
+def test_the_shape_of_a_path_is_kept(seed: int, n: int, limit: int) -> None:
+    """Both ends, never more than asked for, and everything once there is room."""
+    path = np.random.default_rng(seed).normal(size=(n, 3)).cumsum(axis=0)
+    kept = by_shape(path, limit)
+    assert (np.diff(kept) > 0).all()
+    assert {0, n - 1} <= set(kept.tolist())
+    assert len(kept) <= max(limit, 2)
+    assert len(by_shape(path, n)) == n
+
+
+def test_a_straight_path_needs_its_ends_and_a_corner_itself() -> None:
+    line = np.linspace([0.0, 0.0, 0.0], [10.0, 20.0, -5.0], 1000)
+    assert by_shape(line, 100).tolist() == [0, 999]
+    corner = np.concatenate([line, line[-1] + np.linspace([0.1, 0.0, 0.0], [30.0, 0.0, 0.0], 500)])
+    assert by_shape(corner, 3).tolist() == [0, 999, 1499]
+    assert by_shape(np.zeros((50, 3)), 10).tolist() == [0, 49], "it never moves"
+
+
+def test_a_circle_of_an_hour_is_round() -> None:
+    angle = np.linspace(0, 60 * np.pi, 36_000)
+    path = 50 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    kept = by_shape(path, 600)
+    middles = (path[kept[1:]] + path[kept[:-1]]) / 2
+    assert (50 - np.linalg.norm(middles, axis=1)).max() < 0.04 * 50  # 20 points a turn, split in halves
 
 
 @given(st.integers(1, 5000), st.integers(2, 500))

@@ -1,0 +1,49 @@
+"""The verdict above the picture: one sentence, in the colour of its status."""
+
+from __future__ import annotations
+
+from html import escape
+
+from companion.view import palette
+from companion.view.palette import Rgb
+
+SIGNS = {"consistent": "✓", "imu_suspect": "✗", "autopilot_suspect": "✗", "insufficient_data": "?"}
+COLOURS: dict[str, Rgb] = {
+    "consistent": palette.GOOD,
+    "imu_suspect": palette.BAD,
+    "autopilot_suspect": palette.BAD,
+    "insufficient_data": palette.DOUBTFUL,
+}
+_STYLE = (  # over the picture, between the panels; on a phone the first thing of the sheet
+    "<style>.companion-banner{position:fixed;z-index:4;top:8px;left:346px;right:346px;padding:8px 14px;"
+    "border-radius:4px;color:#fff;font-size:20px;line-height:1.25;font-weight:600;pointer-events:none;"
+    "box-shadow:0 1px 4px rgba(0,0,0,.3)}"
+    ".companion-banner span{display:-webkit-box;-webkit-box-orient:vertical;-webkit-line-clamp:3;overflow:hidden}"
+    "@media (max-width:1150px){.companion-banner{font-size:15px}}"
+    "@media (max-width:36em){.companion-banner{position:static;margin:0 0 6px;border-radius:0;font-size:16px}"
+    ".companion-banner span{-webkit-line-clamp:5}}</style>"
+)
+
+
+def banner(status: str, sentence: str) -> str:
+    """The verdict as HTML. status: of `Verdict`; sentence: untrusted text."""
+    words = status.replace("_", " ").upper()
+    return _banner(f"{SIGNS.get(status, '')} {words} – {clause(sentence)}", COLOURS.get(status, palette.CONTROLS))
+
+
+def waiting(sentence: str) -> str:
+    """The same while there is no verdict: why not, in words. Untrusted text."""
+    return _banner(sentence, palette.CONTROLS)
+
+
+def clause(sentence: str) -> str:
+    """A verdict's sentence without what its status says already: "Suspect the IMU: stuck." is "stuck."."""
+    for known in ("Suspect the IMU: ", "Suspect the autopilot's estimate: ", "This log cannot tell: "):
+        if sentence.startswith(known):
+            return sentence[len(known) :]
+    return sentence
+
+
+def _banner(text: str, colour: Rgb) -> str:
+    colours = f"background:{palette.css(colour)}"
+    return f'{_STYLE}<div class="companion-banner" style="{colours}"><span>{escape(text)}</span></div>'
