@@ -85,7 +85,7 @@ LIBRARIES = {
     "view": {"numpy", "viser", "rich", "msgspec", "websockets"},
     "report": {"numpy", "msgspec", "plotly"},
     "fleet": {"numpy", "msgspec", "dask", "distributed", "pyarrow"},
-    "cli": {"numpy", "msgspec", "rich"},
+    "cli": {"numpy", "msgspec", "rich", "shtab"},
 }
 """Part of the house → what it may import from outside, beside the standard library."""
 

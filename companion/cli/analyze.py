@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 
 from companion.analysis import rate_warning
-from companion.cli import options, sensor_lines, tables
+from companion.cli import options, sensor_lines, tables, verdict_table
 from companion.cli.first_screen import first_screen
 from companion.cli.info import reference_line
 from companion.documents import analysis_document, encode, unexamined_document
@@ -22,8 +23,10 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = options.add_command(
         commands,
         "analyze",
+        "The verdict: do IMU and autopilot agree, or which is wrong?",
         "Do IMU and autopilot agree? How far the IMU drifts by itself, how far it should, and who is wrong.",
         "companion analyze flight.tlog --imu RAW_IMU --horizons 1,5,10",
+        takes_several=True,
     )
     options.add_judgement(parser)
     options.add_anchor(parser)
@@ -38,7 +41,10 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the analysis of one flight."""
+    """Print the analysis of one flight, or a row for each flight of several logs."""
+    if len(arguments.logs) > 1 or Path(arguments.logs[0]).is_dir():
+        return verdict_table.print_table(arguments)
+    arguments.log = arguments.logs[0]
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings)
     flight = recording.flights[options.choose(recording.flights, arguments)]

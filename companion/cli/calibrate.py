@@ -17,6 +17,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = options.add_command(
         commands,
         "calibrate",
+        "The IMU errors that best explain a flight, each with its σ",
         "The IMU's biases, scale, axes, mounting, lever arm and lag that best explain a flight, with their errors.",
         "companion calibrate flight.tlog -o imu.toml",
     )

@@ -37,6 +37,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = options.add_command(
         commands,
         "compare",
+        "Two flights side by side: which drifts more?",
         "Two flights, or one flight before and after a change, side by side: what drifts more, and is it chance?",
         "companion compare flight.tlog --correction-b imu.toml",
     )

@@ -32,6 +32,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = options.add_command(
         commands,
         "export",
+        "A flight for evo, Foxglove, maps, spreadsheets, notebooks",
         "A flight for other tools: evo, Foxglove, spreadsheets, notebooks.",
         "companion export flight.tlog --format mcap -o flight.mcap",
     )

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from rich.markup import escape
 
 from companion.analysis import Assessment, Finding, rate_warning
+from companion.cli.options import counted
 from companion.cli.tables import SIGNS, short, status_text
 from companion.examination import Examination
 
@@ -64,7 +65,7 @@ def _drift(found: Assessment) -> str:
                 (row.position_m, expected.position_m, " m"),
             )
             parts = [f"{short(s.median)}{unit} ({short(e)} expected)" for s, e, unit in pairs if s and e is not None]
-            return f"the IMU alone is off by {', '.join(parts)}: median of {row.windows} windows"
+            return f"the IMU alone is off by {', '.join(parts)}: median of {counted(row.windows, 'window')}"
     return "no window could be used"
 
 

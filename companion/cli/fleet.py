@@ -50,7 +50,10 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     """Register the command."""
     summary = "Every flight of many logs, on all processors or a Dask cluster: tables in Parquet, and a page."
     parser = commands.add_parser(
-        "fleet", help=summary, description=summary, epilog="example: companion fleet logs/ -o results"
+        "fleet",
+        help="Every flight of many logs: tables and one page",
+        description=summary,
+        epilog="example: companion fleet logs/ -o results",
     )
     parser.add_argument("paths", metavar="PATH", nargs="+", help="logs, folders to search for logs, or patterns")
     parser.add_argument(

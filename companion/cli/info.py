@@ -25,6 +25,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = options.add_command(
         commands,
         "info",
+        "What a log has: vehicles, sensors, messages, rates, gaps",
         "What is in a log: vehicles, boots, sensors, messages, rates, gaps.",
         "companion info flight.tlog",
         takes_several=True,
@@ -38,7 +39,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument(
         "--table",
         action="store_true",
-        help="one line per flight instead (Markdown), with the rate of each sensor; takes several logs and folders",
+        help="one line per flight instead (Markdown), with the rate of each sensor: what several logs are shown as",
     )
     options.add_core(parser)
     parser.set_defaults(run=run)
@@ -46,10 +47,10 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def run(arguments: argparse.Namespace) -> int:
     """Print what is in the log."""
-    if arguments.table:
+    if arguments.table or len(arguments.logs) > 1:
+        if arguments.json:
+            raise SettingsError("--json is of one log: name one, without --table.")
         return sensor_table.print_table(arguments)
-    if len(arguments.logs) > 1:
-        raise SettingsError(f"{len(arguments.logs)} logs are named: --table shows several, else name one.")
     arguments.log = arguments.logs[0]
     recording = options.read(arguments, options.settings_of(arguments), every_message=True)
     if arguments.json:
@@ -65,9 +66,11 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.verbose:
             _print_said(console, flight)
     if left := len(recording.flights) - len(flights):
-        console.print(f"\n{left} more flights, with fewer messages: --verbose or --json", highlight=False)
+        more = options.counted(left, "more flight")
+        console.print(f"\n{more}, with fewer messages: --verbose or --json", highlight=False)
     if crowd := recording.crowd:
-        console.print(f"\n{crowd:,} more senders, with fewer messages than these, were not looked at", highlight=False)
+        more = options.counted(crowd, "more sender")
+        console.print(f"\n{more}, with fewer messages than these, not looked at", highlight=False)
     if arguments.verbose or not recording.flights:
         _print_bystanders(console, recording)
     return 0
@@ -138,7 +141,7 @@ def _print_flight(console: Console, flight: Flight) -> None:
         console.print(f"  note: {escape(note)}", highlight=False)
     _print_sensors(console, flight)
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("message", "count", "rate Hz", "longest gap s", "duplicates"):
+    for heading in ("message", "count", "mean Hz", "longest gap s", "duplicates"):
         table.add_column(heading, justify="left" if heading == "message" else "right")
     for name, stats in flight.messages.items():
         rate = "" if stats.rate_hz is None else f"{stats.rate_hz:.1f}" if stats.rate_hz < 1e4 else "burst"
@@ -149,7 +152,7 @@ def _print_flight(console: Console, flight: Flight) -> None:
 
 def _print_sensors(console: Console, flight: Flight) -> None:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("sensor", "from", "samples", "rate Hz", "holes", "longest s", ""):
+    for heading in ("sensor", "from", "samples", "mean Hz", "holes", "longest s", ""):
         words = heading in ("sensor", "from", "")
         table.add_column(heading, justify="left" if words else "right", no_wrap=heading != "")
     for item in inventory(flight):
@@ -163,14 +166,10 @@ def _print_sensors(console: Console, flight: Flight) -> None:
 def _announced(flight: Flight) -> str:
     """How many jumps and changes of parameters the vehicle announced; "" for none."""
     kinds = Counter(f"{reset.kind} {'switch' if reset.kind == 'lane' else 'reset'}" for reset in flight.resets)
-    said = [f"{count} {kind}" + _plural(kind, count) for kind, count in sorted(kinds.items())]
+    said = [options.counted(count, kind) for kind, count in sorted(kinds.items())]
     if count := len(flight.parameter_changes):
-        said.append(f"{count} parameter change" + _plural("", count))
+        said.append(options.counted(count, "parameter change"))
     return ", ".join(said)
-
-
-def _plural(word: str, count: int) -> str:
-    return "" if count == 1 else "es" if word.endswith("ch") else "s"
 
 
 def imu_line(flight: Flight) -> str:

@@ -14,6 +14,7 @@ from companion.cli import (
     analyze,
     calibrate,
     compare,
+    completion,
     export,
     fleet,
     info,
@@ -44,6 +45,7 @@ _COMMANDS = (
     watch,
     simulate,
     replay,
+    completion,
 )
 
 _OF_OUTPUT = {errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EBADF, errno.EINVAL, getattr(errno, "EDQUOT", errno.ENOSPC)}
@@ -55,8 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a redirect on Windows is cp1252, which has no line of the tables
     try:
-        arguments = parser().parse_args(argv)
-        code: int = arguments.run(arguments)
+        code = _run(list(sys.argv[1:] if argv is None else argv))
         if sys.stdout is not None:  # closed by the caller (>&-)
             sys.stdout.flush()
     except CompanionError as error:
@@ -76,6 +77,28 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code
 
 
+def _run(given: list[str]) -> int:
+    if given[:1] == ["help"] and not given[2:]:
+        given = [*given[1:], "--help"] if given[1:] else []
+    if not given:
+        print(overview())
+        return 0
+    arguments = parser().parse_args(given)
+    code: int = arguments.run(arguments)
+    return code
+
+
+def overview() -> str:
+    """Every command with one line, for who does not know them yet: it fits a terminal of 24 lines and 80 columns."""
+    (commands,) = (a for a in parser()._actions if isinstance(a, argparse._SubParsersAction))
+    lines = [f"  {action.dest:<11}{action.help}" for action in commands._choices_actions]
+    return "\n".join(
+        ["Does this IMU agree with this autopilot, and if not, which of them is wrong?", "", *lines, ""]
+        + ["Try:   companion analyze demo    (demo: the bundled flight; else a log's path)"]
+        + ["More:  companion help COMMAND"]
+    )
+
+
 def _write_no_more() -> None:
     """What is left in the buffer of stdout must not fail again at the end."""
     with contextlib.suppress(OSError, ValueError, AttributeError), open(os.devnull, "wb") as nothing:  # noqa: PTH123
@@ -87,7 +110,7 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(
         prog="companion",
         description="Does this IMU agree with this autopilot, and if not, which of them is wrong?",
-        epilog="example: companion analyze flight.tlog",
+        epilog="Try: companion analyze demo. Options of a command: companion help COMMAND",
     )
     top.add_argument("--version", action="version", version=f"companion {unforeseen.own_version()}")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)

@@ -37,6 +37,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = options.add_command(
         commands,
         "noise",
+        "IMU noise: Allan deviation at rest, spectra in flight",
         "How noisy the IMUs are: Allan deviation at rest, spectra and vibration in flight.",
         "companion noise flight.tlog -o imu.yaml",
     )

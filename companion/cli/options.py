@@ -40,6 +40,7 @@ _LARGE_BYTES = 20_000_000
 def add_command(
     commands: argparse._SubParsersAction[argparse.ArgumentParser],
     name: str,
+    brief: str,
     summary: str,
     example: str,
     *,
@@ -48,9 +49,10 @@ def add_command(
 ) -> argparse.ArgumentParser:
     """A command that takes a log, with the options that every such command has.
 
+    brief: what it does, in one line of a list; summary: the same in a sentence or two.
     takes_link: or a link. takes_several: `arguments.logs` are the logs, folders and patterns.
     """
-    parser = commands.add_parser(name, help=summary, description=summary, epilog=f"example: {example}")
+    parser = commands.add_parser(name, help=brief, description=summary, epilog=f"example: {example}")
     log = "a log: .tlog, ArduPilot .bin or .log, PX4 .ulg; or demo for the bundled flight"
     link = ", or a link: udpin:HOST:PORT, tcp:HOST:PORT, /dev/ttyACM0[:BAUD]" if takes_link else ""
     if takes_several:
@@ -243,6 +245,12 @@ def warn_of_damage(source: Source) -> None:
 def say(text: str) -> None:
     """A line for the person at the terminal: stderr, so that results on stdout stay clean."""
     print(text, file=sys.stderr)
+
+
+def counted(count: int, noun: str) -> str:
+    """1 window, 2 windows, 1,024 switches."""
+    plural = "" if count == 1 else "es" if noun.endswith("ch") else "s"
+    return f"{count:,} {noun}{plural}"
 
 
 def _matches(flight: Flight, arguments: argparse.Namespace) -> bool:

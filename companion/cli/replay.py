@@ -19,6 +19,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = options.add_command(
         commands,
         "replay",
+        "Send a recorded log to a link, for testing clients",
         "Send a telemetry log's packets to a link at their own pace: for testing clients, never for a vehicle.",
         "companion replay flight.tlog udpout:127.0.0.1:14550",
     )

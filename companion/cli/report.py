@@ -17,6 +17,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = options.add_command(
         commands,
         "report",
+        "One HTML file with verdict, charts and 3D replay",
         "One HTML file with the verdict, the charts and the 3D playback of a flight: to mail, to print, to keep.",
         "companion report flight.tlog -o report.html",
     )

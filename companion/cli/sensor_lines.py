@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion.analysis import PARTS, Alignment, Assessment, Statistic
+from companion.cli.options import counted
 from companion.cli.tables import short
 from companion.model import STANDARD_GRAVITY, Array
 
@@ -75,7 +76,7 @@ def calibration_lines(found: Assessment) -> Iterator[str]:
     fit = found.calibration
     if fit is None:
         return
-    yield f"Calibration from {fit.windows} windows of {fit.horizon_s:g} s (± one standard error):"
+    yield f"Calibration from {counted(fit.windows, 'window')} of {fit.horizon_s:g} s (± one standard error):"
     for part, (name, unit, factor, digits) in _CALIBRATED.items():
         if not fit.told(part):
             continue
@@ -103,7 +104,7 @@ def calibration_lines(found: Assessment) -> Iterator[str]:
         text = f"{_pair(before.attitude_deg, after.attitude_deg)}°"
         if after.position_m:
             text += f", {_pair(before.position_m, after.position_m)} m"
-        yield f"  out of sample      {after.windows} windows not fitted: median drift {text}"
+        yield f"  out of sample      {counted(after.windows, 'window')} not fitted: median drift {text}"
         if found.made_worse:
             yield "  [yellow]It makes the rest of the flight worse: the errors are not constant. Do not use it.[/]"
 

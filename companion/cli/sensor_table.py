@@ -66,7 +66,8 @@ def _cells(name: str, flight: Flight) -> Iterable[str]:
     for kind in _COLUMNS:
         yield " ".join(_rate(item) for item in items.get(kind, []))
     yield used_imus(flight)
-    yield f"{len(flight.resets)} resets, {len(flight.parameter_changes)} parameters"
+    changes = options.counted(len(flight.parameter_changes), "parameter")
+    yield f"{options.counted(len(flight.resets), 'reset')}, {changes}"
     yield str(len(flight.notes))
 
 

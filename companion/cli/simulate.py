@@ -30,7 +30,9 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     """Register the command."""
     summary = "Fly a simulated vehicle whose truth is known, on a link or into a telemetry log."
     example = "example: companion simulate udpout:127.0.0.1:14550 --duration 120"
-    parser = commands.add_parser("simulate", help=summary, description=summary, epilog=example)
+    parser = commands.add_parser(
+        "simulate", help="A simulated vehicle, on a link or into a .tlog", description=summary, epilog=example
+    )
     parser.add_argument("link", metavar="LINK", nargs="?", help="udpout:HOST:PORT, tcpin:HOST:PORT, ...")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the whole flight into this .tlog instead")
     parser.add_argument("--motion", choices=sorted(MOTIONS), default="square", help="what it flies (default: square)")

@@ -45,6 +45,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = options.add_command(
         commands,
         "smooth",
+        "The best estimate of the trajectory, without the autopilot's",
         "Where it really was: the best estimate of the trajectory from all sensors, without the autopilot's.",
         "companion smooth flight.tlog -o best.tum",
     )

@@ -23,6 +23,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = options.add_command(
         commands,
         "view",
+        "A flight in the browser, in 3D: a log, or a live link",
         "See the flight twice in the browser: as the autopilot had it and as the IMU alone would have it. "
         "A log is replayed; a link is shown live, and recorded.",
         "companion view flight.tlog --open, companion view udpin:0.0.0.0:14550",

@@ -31,7 +31,9 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     """Register the command."""
     summary = "Judge a vehicle while it flies, without a page: one JSON line a second on stdout, and a recording."
     example = "example: companion watch /dev/ttyACM0 --fail-on suspect | jq .status"
-    parser = commands.add_parser("watch", help=summary, description=summary, epilog=example)
+    parser = commands.add_parser(
+        "watch", help="Judge a vehicle while it flies: one JSON line a second", description=summary, epilog=example
+    )
     live.add_link(parser)
     parser.set_defaults(wait=float("inf"))
     parser.add_argument("--imu", metavar="MESSAGE", help="IMU message to judge (default: the best that comes)")

@@ -106,9 +106,29 @@ def test_the_table_has_a_line_for_each_flight(tmp_path: Path, capsys: Captured) 
     assert rows["broken.tlog"]["vehicle"].startswith("not read:")
 
 
-def test_several_logs_are_shown_as_a_table_alone(capsys: Captured) -> None:
-    assert main(["info", DEMO, DEMO]) == 2
-    assert "--table" in capsys.readouterr().err
+def test_several_logs_are_shown_as_a_table(capsys: Captured) -> None:
+    assert main(["info", DEMO, str(BUNDLED / "copter-mission-default-rates.tlog")]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 4
+    assert main(["info", DEMO, DEMO, "--json"]) == 2
+    assert "--json is of one log" in capsys.readouterr().err
+
+
+def test_the_verdicts_on_several_logs_are_a_table(
+    tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    (tmp_path / "broken.tlog").write_bytes(b"")
+    low = str(BUNDLED / "copter-mission-default-rates.tlog")
+    assert main(["analyze", DEMO, low, str(tmp_path)]) == 2
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 60
+    assert "CONSISTENT" in out
+    assert "INSUFFICIENT" in out
+    assert "not read" in out
+    assert main(["analyze", DEMO, low, "--fail-on", "insufficient"]) == 1
+    capsys.readouterr()
+    assert main(["analyze", DEMO, low, "--json"]) == 2
+    assert "fleet" in capsys.readouterr().err
 
 
 def test_info_says_what_would_be_used(capsys: Captured) -> None:

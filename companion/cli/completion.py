@@ -1,0 +1,55 @@
+"""`companion completion SHELL`: what a shell needs to complete commands, options and files."""
+
+from __future__ import annotations
+
+import argparse
+
+from companion.model import InputError
+
+SHELLS = ("bash", "zsh", "tcsh")
+_EXAMPLE = "companion completion bash > ~/.local/share/bash-completion/completions/companion"
+
+
+def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Register the command."""
+    summary = "Print a script with which the shell completes commands, options and files."
+    parser = commands.add_parser(
+        "completion", help="Completion for bash, zsh or tcsh", description=summary, epilog=f"example: {_EXAMPLE}"
+    )
+    parser.add_argument("shell", choices=SHELLS, help="the shell to print it for")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the script. Raises InputError when shtab is not installed."""
+    try:
+        import shtab  # noqa: PLC0415  (an extra: needed for this command alone)
+    except ImportError:
+        raise InputError(
+            "Shell completion needs shtab. Install it: pip install 'mavlink-companion[completion]'"
+        ) from None
+    from companion.cli.main import parser  # noqa: PLC0415  (which imports this module)
+
+    top = parser()
+    for command in _parsers(top):
+        for action in command._actions:
+            if action.metavar in _FILES:
+                action.complete = shtab.FILE  # type: ignore[attr-defined]
+            elif action.metavar in _FOLDERS:
+                action.complete = shtab.DIRECTORY  # type: ignore[attr-defined]
+    print(shtab.complete(top, shell=arguments.shell))
+    return 0
+
+
+_FILES = ("LOG", "LOG|LINK", "FILE", "PATH", "A", "B")
+_FOLDERS = ("DIR",)
+
+
+def _parsers(top: argparse.ArgumentParser) -> list[argparse.ArgumentParser]:
+    """Those of the commands."""
+    return [
+        parser
+        for action in top._actions
+        if isinstance(action, argparse._SubParsersAction)
+        for parser in action.choices.values()
+    ]

@@ -1,0 +1,52 @@
+"""What somebody sees who types `companion` for the first time, and what a shell completes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from companion.cli import main
+from companion.cli.main import overview, parser
+
+Captured = pytest.CaptureFixture[str]
+
+
+def test_the_bare_command_lists_every_command_on_one_screen(capsys: Captured) -> None:
+    assert main([]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 23, "and the prompt: a terminal of 24 lines"
+    assert max(map(len, lines)) <= 80
+    listed = [line.split()[0] for line in lines if line.startswith("  ")]
+    for command in listed:
+        with pytest.raises(SystemExit, match="0"):
+            parser().parse_args([command, "--help"])
+    assert {"info", "analyze", "view", "report", "completion"} <= set(listed)
+
+
+def test_help_is_a_command_too(capsys: Captured) -> None:
+    assert main(["help"]) == 0
+    assert capsys.readouterr().out == overview() + "\n"
+    with pytest.raises(SystemExit, match="0"):
+        main(["help", "analyze"])
+    assert "usage: companion analyze" in capsys.readouterr().out
+
+
+def test_the_shell_completes_commands_options_and_files(tmp_path: Path, capsys: Captured) -> None:
+    pytest.importorskip("shtab")
+    assert main(["completion", "bash"]) == 0
+    script = tmp_path / "companion.bash"
+    script.write_text(capsys.readouterr().out, encoding="utf-8")
+    ask = "COMP_WORDS=({words}); COMP_CWORD={last}; _shtab_companion; echo ${{COMPREPLY[@]}}"
+    for words, expected in (("companion an", "analyze"), ("companion export --for", "--format")):
+        asked = ask.format(words=words, last=len(words.split()) - 1)
+        done = subprocess.run(["bash", "-c", f". {script}; {asked}"], capture_output=True, text=True, check=True)
+        assert expected in done.stdout.split(), done.stderr
+
+
+def test_without_shtab_there_is_a_line_to_type(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    assert main(["completion", "zsh"]) == 2
+    assert "pip install 'mavlink-companion[completion]'" in capsys.readouterr().err
