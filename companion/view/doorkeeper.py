@@ -3,7 +3,8 @@
 Any web page can make its visitor's browser open a WebSocket to 127.0.0.1, and a name that an attacker owns can be made
 to mean 127.0.0.1 (DNS rebinding). The first shows in the `Origin` header, the second in `Host`, and a browser lets no
 page change either. A page of viser connects to whatever server its address names (`?websocket=`) and runs what that one
-sends: no page is served under an address with a query.
+sends: no page is served under an address with a query. What an address may ask for (`?t=100&imu=RAW_IMU`) is told to
+the view thread, which looks it up, and the page is served without it.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from companion.view.client_messages import MOST_PICTURE_BYTES, accepted
+from companion.view.document import ALIVE, dressed
 
 _log = logging.getLogger(__name__)
 _log_of_connections = logging.getLogger(f"{__name__}.connections")
@@ -75,6 +77,7 @@ class Doorkeeper:
 
     host: str
     token: str = ""
+    visited: Callable[[str, str], None] = lambda _t, _imu: None  # what the address asked for: "" where it did not
 
     @contextlib.contextmanager
     def at_the_door(self) -> Iterator[None]:
@@ -121,8 +124,14 @@ class Doorkeeper:
                     http.HTTPStatus.FORBIDDEN,
                     "Open the whole address that companion has printed, with the token in it.\n",
                 )
+            if urlsplit(request.path).path == ALIVE:
+                return connection.respond(http.HTTPStatus.NO_CONTENT, "")
             if not query or headers.get("Upgrade") == "websocket":
-                return answer(connection, request)
+                return _ours(answer(connection, request))
+            # Only what a person opens: no picture or frame of another site's page moves what is shown.
+            if headers.get("Sec-Fetch-Dest", "document") == "document":
+                asked = parse_qs(query)
+                self.visited(asked.get("t", [""])[-1], asked.get("imu", [""])[-1])
             there = connection.respond(http.HTTPStatus.SEE_OTHER, "")
             there.headers["Location"] = "./"
             if self.token:
@@ -174,6 +183,18 @@ def _hear_only_what_is_accepted(connection: Any) -> None:
             _log.debug("a message of a browser was dropped (%d bytes)", len(raw))
 
     connection.recv = recv
+
+
+def _ours(there: Response | None) -> Response | None:
+    """viser's page with what is ours in it; everything else as it is."""
+    if there is None or there.status_code != http.HTTPStatus.OK:
+        return there
+    if not there.headers.get("Content-Type", "").startswith("text/html"):
+        return there
+    there.body = dressed(bytes(there.body), there.headers.get("Content-Encoding", "identity"))
+    del there.headers["Content-Length"]
+    there.headers["Content-Length"] = str(len(there.body))
+    return there
 
 
 def _marked(_: ServerConnection, __: Request, response: Response) -> None:

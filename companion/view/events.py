@@ -177,6 +177,14 @@ class Save:
 
 
 @dataclass(frozen=True, slots=True)
+class Visit:
+    """Somebody opens an address that asks for an instant (s, boot clock) and an IMU. Untrusted text; "" for none."""
+
+    t: str
+    imu: str
+
+
+@dataclass(frozen=True, slots=True)
 class Joined:
     """Another browser has opened the page."""
 
@@ -241,5 +249,5 @@ Look = SetCamera | SetSize | SetRange | SetArrows | SetDark | Joined | Left
 Goto = Step | StepSample | Jump | JumpToMark | JumpToFinding
 Move = Toggle | Seek | SeekShare | Goto | SetSpeed | SetLoop | SetBackwards | SetPart
 Live = Pause | LookBack | StepBack | SetReanchor | AnchorNow | PickVehicle | PickRun
-Event = Live | Move | Look | SetTrail | Choose | StartHere | PickFlight | PickCharts | Save
+Event = Live | Move | Look | SetTrail | Choose | StartHere | PickFlight | PickCharts | Save | Visit
 Post = Callable[[Event], None]

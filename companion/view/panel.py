@@ -79,7 +79,8 @@ def _legend(flight: Flight, film: Footage, colours: Mapping[str, Rgb]) -> str:
         rows.append("This log has no position: only the attitudes are compared.")
     lines = "".join(f"<div>{row}</div>" for row in rows)
     return (
-        f'<div style="padding:0.2em 1em;font-size:0.8em;line-height:1.5"><div>{who}, vehicle '
+        f'<div data-companion-imu="{escape(source)}" style="padding:0.2em 1em;font-size:0.8em;line-height:1.5">'
+        f"<div>{who}, vehicle "
         f"{escape(str(vehicle))}, boot {flight.boot}, {flight.duration:.0f} s</div>{lines}</div>"
     )
 

@@ -7,7 +7,7 @@ import ipaddress
 import secrets
 import socket
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import rich
@@ -102,9 +102,12 @@ def _bindable(family: int, address: str, port: int) -> bool:
         return True
 
 
-def open_server(address: Address) -> viser.ViserServer:
-    """Start viser's server there, without its banner, and guarded: see `Doorkeeper`."""
-    with _quiet(), Doorkeeper(address.host, address.token).at_the_door():
+def open_server(address: Address, visited: Callable[[str, str], None] = lambda _t, _imu: None) -> viser.ViserServer:
+    """Start viser's server there, without its banner, and guarded: see `Doorkeeper`.
+
+    visited: told what an address that is opened asks for, `?t=...&imu=...`; called in the server's event loop.
+    """
+    with _quiet(), Doorkeeper(address.host, address.token, visited).at_the_door():
         # A page may be closed between two writes, and it does not miss what it is not sent.
         warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
         server = viser.ViserServer(host=address.host, port=address.port, label="companion", verbose=False)

@@ -30,7 +30,7 @@ from companion.view.plots import Plots
 from companion.view.saving import PAGE, REPORT, Saver
 from companion.view.shapes import drone_for
 from companion.view.timeline import Timeline
-from companion.view.transport import move
+from companion.view.transport import instant, move
 from companion.view.verdict import DriftTab, FindingsTab
 from companion.view.work import Opinion, Outcome, Work
 
@@ -79,7 +79,8 @@ class Stage:
         self._timeline = Timeline(server.gui, bottom, self._adjustments.playing, post)
         dock(server.gui, side)
         more.dock_below(server.gui.main_panel)
-        bottom.expand()  # on a phone, where panels are folded
+        bottom.expand()  # on a phone, where panels are folded until somebody asks for them
+        side.expand()
         drone = drone_for(first.flight.vehicle.type)
         self.outlook = Outlook(server, self._adjustments.picture, drone, _framing(film), post)
         self._load()
@@ -125,6 +126,8 @@ class Stage:
             case events.SetTrail():
                 self._trail = event
                 self._is_due.at_once("trails")
+            case events.Visit(t, imu):
+                self._visit(t, imu)
             case events.Save(browser, what):
                 self._save(browser, what)
             case _ if isinstance(event, events.Move):
@@ -136,6 +139,15 @@ class Stage:
                 if isinstance(event, events.Joined) and self._examine_at < np.inf:
                     self._examine_at = time.monotonic() + OPENING
                 self.outlook.handle(event)
+
+    def _visit(self, t: str, imu: str) -> None:
+        """Show what an address asks for, as far as there is such a thing."""
+        seconds = instant(t)
+        if seconds is not None:
+            self.player.go(seconds)
+        if imu in self._flight.imus and imu != self._asked.imu:
+            others = tuple(name for name in self._asked.others if name != imu)
+            self._reckon(self._flight, replace(self._asked, imu=imu, others=others))
 
     def _save(self, browser: int, what: str) -> None:
         client = self._server.get_clients().get(browser)

@@ -28,9 +28,16 @@ _STYLE = (
     # Play is there for the hand that looks for it, not the largest thing on the page.
     "div:has(>.companion-play)+div{max-width:9em}"
     "div:has(>.companion-play)+div button{height:26px}"
+    "div:has(>.companion-play){position:relative}"
+    ".companion-link{position:absolute;right:10px;top:2px;font:12px sans-serif;color:inherit;background:none;"
+    "border:1px solid rgba(130,130,130,.6);border-radius:3px;padding:2px 8px;cursor:pointer}"
     "</style>"
 )
 SPEEDS = ("0.1×", "0.2×", "0.5×", "1×", "2×", "5×", "10×", "20×", "50×")
+_LINK = (  # see page_head.js
+    '<button type="button" class="companion-link" onclick="companionCopyLink(this)" '
+    'title="The address of this instant, with the IMU that is integrated">copy link</button>'
+)
 STEPS: dict[str, events.Event] = {
     "Start": events.SeekShare(0.0),
     "−10": events.Step(-10.0),
@@ -83,7 +90,7 @@ class Timeline:
     ) -> None:
         """`panel` becomes the timeline; `folder` takes what is set once and seldom changed."""
         with panel.add_tab("Timeline", viser.Icon.TIMELINE):
-            gui.add_html(f'{_STYLE}<i class="companion-play"></i>')
+            gui.add_html(f'{_STYLE}{_LINK}<i class="companion-play"></i>')
             self._play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Space")
             gui.add_html('<i class="companion-time"></i>')
             self._time = gui.add_slider("Time, s", 0.0, 1.0, 0.01, 0.0, hint="Seconds since the vehicle's boot")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import assert_never
 
@@ -34,6 +35,15 @@ def move(player: Player, event: events.Move, film: Footage, marks: Sequence[Mark
             target = _target(player, event, film, marks)
             if target is not None:
                 player.go(target)
+
+
+def instant(text: str) -> float | None:
+    """Seconds that an address asks for; None for what is no time."""
+    try:
+        seconds = float(text)
+    except ValueError:
+        return None
+    return seconds if math.isfinite(seconds) else None
 
 
 def _target(

@@ -75,7 +75,7 @@ def open_page(page: Page, url: str) -> Page:
     """
     page.goto(url if "?" in url else f"{url}/?fixedDpr=0.5")
     page.wait_for_selector("canvas")
-    expect(page.get_by_text("Picture", exact=True)).to_be_visible()  # the panel
+    expect(page.get_by_text("companion", exact=True)).to_be_visible()  # the panel
     page.get_by_role("tab", name="Charts", exact=True).click()
     # viser's remark that this machine has no graphics card: true, and in the way
     remark = page.get_by_role("alert").get_by_role("button")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gzip
 import http.client
 import warnings
 from collections.abc import Iterator
@@ -17,7 +18,7 @@ import websockets.sync.client
 from companion.view import Viewer
 from companion.view.doorkeeper import Doorkeeper, is_own_page, own_names
 from tests.view.circles import examine, make_flight, recompute
-from tests.waiting import LIMIT_S
+from tests.waiting import LIMIT_S, wait_for
 
 NAMES = frozenset({"localhost", "pi.local"})
 
@@ -85,6 +86,18 @@ def first_message(url: str, **headers: str) -> bytes | str | None:
     ):
         return socket.recv(timeout=LIMIT_S)
     return None
+
+
+def body(url: str, path: str = "/", **headers: str) -> bytes:
+    """What is answered there, unpacked."""
+    connection = http.client.HTTPConnection(urlsplit(url).netloc, timeout=LIMIT_S)
+    try:
+        connection.request("GET", path, headers=headers)
+        answer = connection.getresponse()
+        packed = answer.read()
+        return gzip.decompress(packed) if answer.headers["Content-Encoding"] == "gzip" else packed
+    finally:
+        connection.close()
 
 
 def get(url: str, path: str = "/", **headers: str) -> http.client.HTTPResponse:
@@ -171,3 +184,31 @@ def test_a_server_that_is_opened_in_another_way_is_not_left_unguarded() -> None:
     with pytest.raises(RuntimeError, match="not guarded"), Doorkeeper("127.0.0.1").at_the_door():
         pass
     assert websockets.asyncio.server.serve is before
+
+
+@pytest.mark.parametrize("encoding", ["gzip", "identity"])
+def test_the_page_is_ours(open_page: str, encoding: str) -> None:
+    page = body(open_page, **{"Accept-Encoding": encoding})
+    assert b"<title>companion</title>" in page
+    assert page.count(b"<title>") == 1
+    assert page.index(b"companionCopyLink") < page.index(b"</head>")
+    assert b'<div id="root">' in page, "and viser's"
+
+
+def test_a_page_learns_whether_companion_is_there(open_page: str, closed_page: str) -> None:
+    assert get(open_page, "/companion-alive").status == 204
+    assert get(closed_page, "/companion-alive").status == 403
+
+
+def test_an_address_may_ask_for_an_instant_and_an_imu() -> None:
+    """Of what there is, and of nothing else; the page itself is served without it."""
+    with warnings.catch_warnings(), Viewer([make_flight()], recompute, examine, port=0) as viewer:
+        answer = get(viewer.url, "/?t=120.5&imu=SCALED_IMU2&websocket=ws://evil.example")
+        assert (answer.status, answer.headers["Location"]) == (303, "./")
+        wait_for(lambda: viewer.player.time == 120.5, "the instant")
+        wait_for(lambda: viewer.scene.imu.name.startswith("SCALED_IMU2"), "the IMU")
+        for path in ("/?t=nan", "/?t=1e999", "/?t=%00&imu=NONE", "/?imu=" + "x" * 5000):
+            assert get(viewer.url, path).status == 303
+        assert get(viewer.url, "/?t=130", **{"Sec-Fetch-Dest": "image"}).status == 303
+        assert get(viewer.url, "/?t=125").status == 303
+        wait_for(lambda: viewer.player.time == 125.0, "what came before has changed nothing, and the picture least")
