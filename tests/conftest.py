@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import importlib
 import os
 import signal
 from collections import Counter
@@ -9,8 +10,6 @@ import pytest
 from hypothesis import settings
 from playwright.sync_api import Browser, sync_playwright
 
-from companion import examination
-from companion.analysis import assess, budget, envelope
 from tests.remembered import remembering
 from tests.view.browsing import CHROMIUM, FLAGS, rank_with_the_tests
 
@@ -19,6 +18,18 @@ from tests.view.browsing import CHROMIUM, FLAGS, rank_with_the_tests
 settings.register_profile("steady", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None)
 settings.load_profile("steady")
+
+_REMEMBERED = (
+    ("companion.examination", "assess"),
+    ("companion.api", "smooth"),
+    ("companion.cli.smooth", "smooth"),
+    ("companion.analysis.assessment", "calibrate"),
+    ("companion.analysis.assessment", "expected_over"),
+    ("companion.analysis.envelope", "budget"),
+    ("companion.analysis.siblings", "budget"),
+    ("companion.report.playback", "replay_page"),
+)
+"""Pure functions that take long, in the modules that ask them."""
 
 # A shell that starts the tests in the background has SIGINT ignored, and so would every process of theirs.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -60,8 +71,9 @@ def _remembered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "answers"
     folder.mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(examination, "assess", remembering(assess, folder))
-        patch.setattr(envelope, "budget", remembering(budget.budget, folder))
+        for module, name in _REMEMBERED:
+            where = importlib.import_module(module)
+            patch.setattr(where, name, remembering(getattr(where, name), folder))
         yield
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import hashlib
 import io
@@ -16,8 +17,26 @@ from companion.telemetry.lazy import LazyTuple
 
 
 class _Written(pickle.Pickler):
+    """Without what an object has cached of itself: whether somebody has looked at it is no part of a question."""
+
     def reducer_override(self, thing: object) -> Any:
-        return (tuple, (tuple(thing),)) if isinstance(thing, LazyTuple) else NotImplemented
+        if isinstance(thing, LazyTuple):
+            return tuple, (tuple(thing),)
+        if dataclasses.is_dataclass(thing) and not isinstance(thing, type) and _caches(type(thing)):
+            return _made, (type(thing), {field.name: getattr(thing, field.name) for field in dataclasses.fields(thing)})
+        return NotImplemented
+
+
+@functools.cache
+def _caches(kind: type) -> bool:
+    return any(isinstance(member, functools.cached_property) for member in vars(kind).values())
+
+
+def _made(kind: type, fields: dict[str, Any]) -> object:
+    made: object = object.__new__(kind)
+    for name, value in fields.items():
+        object.__setattr__(made, name, value)
+    return made
 
 
 def remembering(pure: Callable[..., Any], folder: Path) -> Callable[..., Any]:

@@ -85,9 +85,9 @@ def test_the_free_run_is_that_of_the_whole_flight(whole: Flight) -> None:
         assert now is not None
         anchor = now.anchor_s if anchor is None else anchor
         assert now.anchor_s == anchor
-        alone = replay(whole, reanchor_s=None, start_s=anchor - 1e-6)
-        at = int(np.searchsorted(alone.t, now.state.t - 1e-6))
         if compared % 20 == 0:  # the last sample is one-sided until the next has come
+            alone = replay(whole, reanchor_s=None, start_s=anchor - 1e-6)
+            at = int(np.searchsorted(alone.t, now.state.t - 1e-6))
             np.testing.assert_allclose(now.state.position, alone.position_imu[at], atol=2e-2)
             np.testing.assert_allclose(now.position_error, alone.position_error[at], atol=2e-2)
             np.testing.assert_allclose(now.attitude_error, alone.attitude_error[at], atol=1e-4)
