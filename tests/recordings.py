@@ -19,8 +19,10 @@ SHARED = ROOT.parent / "shared" / "tlogs"
 
 _PACKED = Path(__file__).with_name("data")
 _WITHOUT = "no ../shared: more recordings, which only widen what is tested"
+_ALL = os.environ.get("RECORDINGS") == "all"
 _SMALL = 1_500_000  # bytes
 _LARGE = "recordings of ../shared above 1.5 MB: RECORDINGS=all reads them too"
+_ALIKE = "recordings like others that are read: RECORDINGS=all reads them too"
 
 
 @functools.cache
@@ -54,11 +56,16 @@ def all_shared() -> list[Any]:
     What lies there may be any amount: the large ones are skipped too, but where the environment says RECORDINGS=all.
     """
     found = sorted(p for p in SHARED.rglob("*") if p.suffix.lower() in {".tlog", ".bin", ".ulg"})
-    most = float("inf") if os.environ.get("RECORDINGS") == "all" else _SMALL
+    most = float("inf") if _ALL else _SMALL
     marks = [[] if p.stat().st_size <= most else [pytest.mark.skip(_LARGE)] for p in found]
     return [pytest.param(p, id=p.name, marks=m) for p, m in zip(found, marks, strict=True)] or [
         pytest.param(SHARED, marks=pytest.mark.skip(_WITHOUT))
     ]
+
+
+def alike(*names: str) -> list[Any]:
+    """Recordings as parameters, of kinds that others are read of too: skipped unless RECORDINGS=all."""
+    return [pytest.param(name, marks=[] if _ALL else [pytest.mark.skip(_ALIKE)]) for name in names]
 
 
 @functools.cache

@@ -16,7 +16,7 @@ from pymavlink.DFReader import DFReader_binary
 
 import companion as c
 from companion.model import Flight
-from tests.recordings import recording, shared
+from tests.recordings import alike, recording, shared
 
 pytestmark = pytest.mark.slow
 
@@ -28,8 +28,8 @@ REAL = (
 )
 TAKEOFF = "copter-takeoff.bin.xz"  # the first 700 kB of the first of the simulated ones: it comes with the tests
 CUTS = ("cut/dataflash/sitl__copter-demo.BIN", "cut/dataflash/sitl__copter-imu1-fail.BIN")  # these come with them too
-FAULTS = ("ap_witness/gyro1_z_15mrad.BIN.xz", "ap_faults/gyrbias_z.bin.xz")
-SIMULATED = ("dataflash/sitl__copter-hover-nodrift.BIN", "dataflash/sitl__copter-imu1-fail.BIN")
+FAULTS = ("ap_faults/gyrbias_z.bin.xz", *alike("ap_witness/gyro1_z_15mrad.BIN.xz"))
+SIMULATED = alike("dataflash/sitl__copter-hover-nodrift.BIN", "dataflash/sitl__copter-imu1-fail.BIN")  # of the CUTS
 
 Values = npt.NDArray[np.float64]
 
@@ -145,7 +145,7 @@ def test_the_sensors_in_use_are_what_pymavlink_reads(name: str) -> None:
             assert flight.aiding_in_use[kind].at(t * 1e-6) == number
 
 
-@pytest.mark.parametrize("name", [TAKEOFF, *SIMULATED])
+@pytest.mark.parametrize("name", [TAKEOFF, *CUTS, *SIMULATED])
 def test_the_truth_of_a_simulator_is_in_the_frames_of_the_estimate(name: str) -> None:
     """The EKF in a calm simulator errs by less than 3° and 0.3 m: frames and origin are the same."""
     flight = flight_of(name)
@@ -176,7 +176,7 @@ def test_what_a_log_announces_of_its_estimator_and_parameters() -> None:
     assert any(reset.kind == "heading" and reset.core is None for reset in flight.resets)  # EV 62
 
 
-@pytest.mark.parametrize("name", ["real/spark404__dataflashlog__log.bin", TAKEOFF, *SIMULATED])
+@pytest.mark.parametrize("name", ["real/spark404__dataflashlog__log.bin", TAKEOFF, *CUTS, *SIMULATED])
 def test_the_desired_attitude_is_in_the_frame_of_the_actual_one(name: str) -> None:
     """ATT speaks of the vehicle, XKQ of its IMU: what is between them is AHRS_TRIM (0.5°, and 2.1° in the first)."""
     flight, theirs = flight_of(name), read_with_pymavlink(name)
@@ -200,7 +200,7 @@ def test_motor_outputs_are_a_share_of_their_range() -> None:
     assert np.isnan(flight.actuators.output[:, 4:]).all()
 
 
-@pytest.mark.parametrize("name", ["dataflash/public__clydemcqueen__ardusub_log_tools__small.BIN", *SIMULATED])
+@pytest.mark.parametrize("name", ["dataflash/public__clydemcqueen__ardusub_log_tools__small.BIN", *CUTS, *SIMULATED])
 def test_rates_are_the_imu_less_the_bias_of_its_core(name: str) -> None:
     flight = flight_of(name)
     attitude, bias = flight.require_attitude(), flight.biases[0]
