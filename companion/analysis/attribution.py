@@ -30,6 +30,7 @@ from companion.analysis.phases import phases
 from companion.analysis.reference import BoolArray, Limits, reference_at
 from companion.estimation import (
     ATTITUDE,
+    CONSTANTS,
     KINDS,
     POSITION,
     SLOPED,
@@ -38,6 +39,7 @@ from companion.estimation import (
     Explained,
     contradicted,
     kind_of,
+    times_of_change,
 )
 from companion.model import Array, Flight
 from companion.strapdown import quaternion
@@ -132,8 +134,10 @@ def departures(
             length((reference.velocity - best.velocity)[:, :2]),
             length(moved - np.median(moved[early], axis=0)),
         )
-        off["velocity"] = speed, _greatest(best.sigma(VELOCITY)[:, :2])
-        off["position"] = place, _greatest(best.sigma(POSITION)[:, :2])
+        late = CONSTANTS["gps_latency"][1]  # an estimator assumes one latency of its GPS
+        pull, swift = length(np.gradient(best.velocity[:, :2], t, axis=0)), length(best.velocity[:, :2])
+        off["velocity"] = speed, np.hypot(_greatest(best.sigma(VELOCITY)[:, :2]), late * pull)
+        off["position"] = place, np.hypot(_greatest(best.sigma(POSITION)[:, :2]), late * swift)
     found: list[Departure] = []
     for name, (value, sigma) in off.items():
         both = np.hypot(sigma, _TOLERANCE[name][0])
@@ -231,19 +235,24 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
             words += "; the autopilot was misled by it: " + ", ".join(misled)
         if rival := rivals(episode):
             words += f" ({rival})"
+        constant = severity == "error" and episode.start <= times_of_change(best.t)[0]
+        if constant:
+            why = _CONSTANT
         if why:
             side, severity, headline = "data", "warning", ""
             words += f"; {why}"
         end = episode.end if np.isfinite(episode.end) else end_of_all
         cause = None if why else cause_of(episode, best, side, misled)
         advice = PHRASES[episode.kind][1]
-        out.append(Finding(episode.kind, side, severity, episode.start, end, words, advice, headline, cause, bool(why)))
+        out.append(Finding(episode.kind, side, severity, episode.start, end, words, advice, headline, cause,
+                           bool(why) and (harmed or not constant)))  # fmt: skip
     for i, d in enumerate(departed):
         if i not in caused:
             out.append(_own(d, best))
     return out
 
 
+_CONSTANT = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"
 _CONTRADICTED = (
     "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which of them is wrong"
 )

@@ -2,6 +2,7 @@
 
 from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures
 from companion.estimation.axes import Reading, contradicted, other_reading
+from companion.estimation.competition import times_of_change
 from companion.estimation.explanations import KINDS, Kind, kind_of
 from companion.estimation.model import (
     ATTITUDE,
@@ -75,6 +76,7 @@ __all__ = [
     "sampling_of",
     "smooth",
     "stretches",
+    "times_of_change",
     "vibration",
     "white_noise",
     "without_errors",

@@ -23,11 +23,13 @@ from companion.estimation.scan import Scan, scan
 from companion.estimation.shapes import ENDING, SLOPED, at_work
 from companion.estimation.system import Prior, Solution
 from companion.estimation.weighing import Candidate, joined, jumps, pushes, weigh, weigh_shocks
+from companion.model import Array
 
 _ONSETS = 24
 _ONSET_PRICE = 2.0 * float(np.log(_ONSETS))
 _END_PRICE = 2.0 * float(np.log(4))  # whether it lasts for 8, 16, 32 or 64 s
 _LEAST_S = {"imu": 5.0, "gps": 0.5, "compass": 2.0, "barometer": 2.0}  # what lasts for less is a shock, or a step
+_MARGIN_S, _MARGIN = 3.0, 0.1  # s, and of the flight
 WORTH = 30.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
 _PROMISING = 10.0  # and from which on it is weighed again
 _SHOCKS = {
@@ -159,8 +161,8 @@ def _weighed(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape
         return None
     if (kind.name, shape) in _SHOCKS:
         return weigh_shocks(problem, solution, kind, shape, _SHOCKS[kind.name, shape])
-    margin = min(3.0, 0.1 * (problem.t[-1] - problem.t[0]))
-    inside = np.flatnonzero((grid.cuts >= problem.t[0] + margin) & (grid.cuts <= problem.t[-1] - margin))
+    first, last = times_of_change(problem.t)
+    inside = np.flatnonzero((grid.cuts >= first) & (grid.cuts <= last))
     if shape == "creep" or _comes_and_goes(kind, shape):
         return grid.weighed(kind, shape, *_pairs(inside))
     if shape == "ramp" or kind.side == "imu":
@@ -171,6 +173,17 @@ def _weighed(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape
         return weigh(problem, solution, kind, shape, begin, end) if len(begin) else None
     found = [grid.weighed(kind, shape, inside), weigh(problem, solution, kind, shape, sudden) if len(sudden) else None]
     return joined([one for one in found if one is not None])
+
+
+def times_of_change(t: Array) -> tuple[float, float]:
+    """From when to when something may be seen to change, of keyframes at t (K,), s.
+
+    What is wrong from the first seconds on is a constant: nothing before it can be compared, and whatever the model
+    lacks looks like it.
+    """
+    begin, end = float(t[0]), float(t[-1])
+    margin = min(_MARGIN_S, _MARGIN * (end - begin))
+    return begin + margin, end - margin
 
 
 def _pairs(values: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:

@@ -12,7 +12,7 @@ from companion.analysis.attribution import departures, episodes, findings_of, fo
 from companion.analysis.episode import PHRASES, Departure, Episode
 from companion.analysis.reference import Limits
 from companion.estimation import KINDS, BestEstimate, Explained
-from companion.model import Flight
+from companion.model import Flight, PositionTrack
 from companion.strapdown import quaternion
 
 ONSET = 30.0
@@ -103,6 +103,27 @@ def test_what_follows_a_fault_of_the_imu_is_its_consequence(flight: Flight, best
     assert (finding.kind, finding.side, finding.severity) == ("gyro_bias", "imu", "error")
     assert finding.cause is not None
     assert any("heading" in one for one in finding.cause.consequences)
+
+
+def test_what_was_wrong_from_the_beginning_on_accuses_nobody(flight: Flight, best: BestEstimate) -> None:
+    begin = float(best.t[0])
+    early = replace(best, explained=(step(begin + 1.0, np.inf, 0.05),))
+    (finding,) = findings_of(episodes(early), (), early)
+    assert (finding.side, finding.severity, finding.undecided) == ("data", "warning", False)
+    assert "from the beginning on" in finding.evidence
+    harmed = departures(turned(flight, 40.0), early, Limits())
+    (finding,) = findings_of(episodes(early), harmed, early)
+    assert (finding.side, finding.severity, finding.undecided) == ("data", "warning", True)
+
+
+def test_a_fast_vehicle_is_where_a_gps_of_another_latency_would_have_it(flight: Flight, best: BestEstimate) -> None:
+    wind = np.array([40.0, 0.0, 0.0])
+    fast = replace(best, states=replace(best.states, velocity=best.velocity + wind))
+    moved = best.position + (best.t >= ONSET)[:, None] * [6.0, 0.0, 0.0]
+    track = PositionTrack(best.t, moved, best.velocity, "LOCAL_POSITION_NED")
+    swift = replace(track, velocity=best.velocity + wind)
+    assert [d.quantity for d in departures(replace(flight, position=track), best, Limits())] == ["position"]
+    assert departures(replace(flight, position=swift), fast, Limits()) == ()
 
 
 def test_steps_that_cancel_are_one_episode(best: BestEstimate) -> None:

@@ -171,6 +171,20 @@ def test_a_gyro_axis_that_does_not_turn_is_not_stuck() -> None:
     assert "stuck_axis" not in kinds(assess(with_imu(noisy, gyro=quiet), GENERIC))
 
 
+def test_a_simulated_gyro_without_noise_is_not_stuck_where_nothing_turns() -> None:
+    """A rover that turns on flat ground: roll and pitch rates are digits that flicker."""
+    t = seconds(40, 50)
+    rng = np.random.default_rng(4)
+    flight = flown(motions.circle(t, radius=8.0, speed=3.0, bank=0.0))
+    imu = flight.imu()
+    clean = np.column_stack([1e-5 * rng.normal(size=(len(t), 2)), 0.4 + 0.05 * rng.normal(size=len(t))])
+    clean[700:760, 0] = 3e-6 * rng.normal(size=60)
+    assert "stuck_axis" not in kinds(assess(with_imu(flight, gyro=clean, gyro_step=0.0), GENERIC))
+    lost = imu.gyro + 1e-2 * rng.normal(size=imu.gyro.shape)
+    lost[700:800, 0] = 0.45 + 1e-5 * rng.normal(size=100)
+    assert "stuck_axis" in kinds(assess(with_imu(flight, gyro=lost, gyro_step=0.0), GENERIC))
+
+
 def test_the_scale_of_a_gyro_in_a_turn_that_goes_on_is_no_bias() -> None:
     flight = flown(motions.spin(seconds(40, 50), (0.9, -1.2, 1.5)))
     imu = flight.imu()

@@ -60,6 +60,11 @@ def test_a_flight_from_the_ground_and_back() -> None:
     assert told(story()) == [("standing", 0.0, 40.0), ("flight", 40.0, 80.0), ("landed", 80.0, 100.0)]
 
 
+def test_what_drives_and_stops_is_on_its_way_until_it_is_disarmed() -> None:
+    rover = Vehicle(1, 1, "ARDUPILOTMEGA", "GROUND_ROVER")
+    assert told(story(vehicle=rover)) == [("standing", 0.0, 40.0), ("flight", 40.0, 85.0), ("landed", 85.0, 100.0)]
+
+
 def test_what_the_vehicle_says_of_its_landing_counts() -> None:
     events = (*story().events, Event(1038.0, "event", "took off"), Event(1081.5, "event", "landed"))
     in_order = tuple(sorted(events, key=lambda event: event.t))

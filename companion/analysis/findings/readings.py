@@ -6,9 +6,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures, ReferenceFigures
-from companion.analysis.finding import Cause, Finding, run_edges, runs
+from companion.analysis.finding import Cause, Finding, IntArray, run_edges, runs
 from companion.analysis.reference import BoolArray
 from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack
 from companion.strapdown import quaternion
@@ -20,6 +21,8 @@ _TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a ste
 _STUCK_RATE_HZ = 20.0
 _MANY, _FEW = 50.0, 8.0  # steps
 _NEARLY = 0.005  # of what another axis changes by from sample to sample
+_QUIETER, _FEWEST_SECONDS = 0.1, 10  # than its quietest seconds; of which there have to be so many to tell
+_MOVED = np.radians(1.0)  # what rests reads the same for ever: only a vehicle that moves shows a sensor that does not
 _FLAT, _EDGE = 0.003, 0.03  # of the level: a top is flat to the first, and reached in a step of the second
 _FLAT_S, _FLAT_SAMPLES = 0.02, 3
 _STRONG = {"gyro": 1.0, "accel": 1.5 * STANDARD_GRAVITY}  # rad/s, m/s²: no sensor's range ends below
@@ -38,7 +41,7 @@ def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuFi
         if during.stop - during.start < 3:
             continue
         moved = float(np.abs(np.diff(_heading_free(attitude.q_ned_frd[during]), axis=0)).sum(axis=0).max())
-        if moved > np.radians(1.0):
+        if moved > _MOVED:
             yield Finding(
                 "frozen",
                 "imu",
@@ -95,6 +98,28 @@ def _flat_tops(readings: Array, name: str, rate_hz: float) -> BoolArray:
     return flat
 
 
+def _is_quieter_than_ever(comparison: Comparison, change: Array, first: IntArray, last: IntArray, i: np.intp) -> bool:
+    """Whether an axis changes far less in one of its even runs than in its quietest seconds beside them.
+
+    change: (N-1,) from sample to sample; first, last: of the runs. Only while the vehicle turns: at rest nothing
+    changes, and a simulated sensor has no noise of its own.
+    """
+    q = comparison.reference.q_ned_frd[int(first[i]) : int(last[i]) + 2]
+    away = length(quaternion.log(quaternion.multiply(q, quaternion.conjugate(q[:1]))))
+    if float(away.max()) < _MOVED:
+        return False
+    track, run = comparison.track, np.zeros(len(change), np.bool_)
+    for begin, end in zip(first, last, strict=True):
+        run[begin : end + 1] |= track.t[end + 1] - track.t[begin] > _STUCK_S
+    block = max(1, round(_STUCK_S * track.rate_hz))
+    beside = change[~run]
+    seconds = beside[: len(beside) // block * block].reshape(-1, block).mean(axis=1)
+    if len(seconds) < _FEWEST_SECONDS:
+        return True
+    within = float(change[int(first[i]) : int(last[i]) + 1].mean())
+    return within < _QUIETER * float(np.percentile(seconds, 5.0))
+
+
 def _heading_free(q: Array) -> Array:
     """Where the body's down points, as angles: what turns when the vehicle tilts, whatever the yaw does."""
     return np.asarray(quaternion.rotate(quaternion.conjugate(q), np.broadcast_to([0.0, 0.0, 1.0], (len(q), 3))))
@@ -105,8 +130,8 @@ def stuck_findings(
 ) -> Iterator[Finding]:
     """One axis that reads the same for a second or more while its neighbours go on and the vehicle moves about it.
 
-    Whole milli-units read the same for long when nothing happens: there, what the autopilot's attitude says that the
-    axis should have read has to move by ten steps, and by more than the attitude's own noise.
+    Nothing is stuck at rest. Whole milli-units read the same for long when nothing happens: there, what the autopilot's
+    attitude says that the axis should have read has to move by ten steps, and by more than the attitude's own noise.
     """
     track = comparison.track
     if track.rate_hz < _STUCK_RATE_HZ:
@@ -125,6 +150,8 @@ def stuck_findings(
                 if not comparison.reference.attitude_known[stretch].all():
                     continue
                 if step and not _should_have_moved(comparison, autopilot, others, name, stretch, axis):
+                    continue
+                if not step and not _is_quieter_than_ever(comparison, change[:, axis], first, last, i):
                     continue
                 start, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
                 yield Finding(
