@@ -34,9 +34,9 @@ class Headers:
 
     def __getitem__(self, index: npt.NDArray[np.bool_] | Index | slice) -> Headers:
         if isinstance(index, np.ndarray) and index.dtype == np.bool_:
-            if index.all():
-                return self
-            index = np.flatnonzero(index)  # once, not once for each column
+            count = int(np.count_nonzero(index))
+            # Mostly all of them, or all but those at the end that the end of the data cuts off: nothing is copied then.
+            index = slice(count) if index[:count].all() else np.flatnonzero(index)
         return Headers(self.start[index], self.payload[index], self.length[index], self.end[index], self.id[index])
 
     def __len__(self) -> int:
@@ -50,9 +50,12 @@ def find_headers_2(data: Bytes, low: int, size: int, dialect: Dialect) -> tuple[
     """
     start = np.flatnonzero(data[low : max(size - HEADER_2 + 1, low)] == MAGIC_2) + low
     start = start[data[start + 2] <= SIGNED]
-    headers = _version_2(data, start)
-    known = _is_known(headers, dialect)
-    return (headers, start[:0]) if known.all() else (headers[known], start[~known])
+    number = _number_2(data, start)
+    known = _is_known(number, dialect)
+    others = start[:0]
+    if not known.all():
+        others, start, number = start[~known], start[known], number[known]
+    return _version_2(data, start, number), others
 
 
 def find_headers_1(data: Bytes, places: Index, dialect: Dialect) -> Headers:
@@ -89,8 +92,9 @@ def strange_headers(data: Bytes, start: Index, dialect: Dialect) -> tuple[Header
     is_first = data[start] == MAGIC_1
     start_1 = start[is_first]
     first = _version_1(data, start_1[~_conforms_1(data, start_1, dialect)])
-    known = _is_known(first, dialect)
-    return first[known], merge(_version_2(data, start[~is_first]), first[~known])
+    known = _is_known(first.id, dialect)
+    second = start[~is_first]
+    return first[known], merge(_version_2(data, second, _number_2(data, second)), first[~known])
 
 
 def cut_headers(data: Bytes, low: int, size: int) -> Index:
@@ -107,16 +111,20 @@ def _version_1(data: Bytes, start: Index) -> Headers:
     return Headers(start, payload, length, payload + length + CRC_BYTES, data[start + 5].astype(np.int64))
 
 
-def _version_2(data: Bytes, start: Index) -> Headers:
-    number = (gather(data, start + 6, 4).view("<u4")[:, 0] >> 8).astype(np.int64)
+def _number_2(data: Bytes, start: Index) -> Index:
+    """The message ids of what begins there, if they are headers of MAVLink 2: bytes 7 to 9."""
+    return np.asarray((gather(data, start + 6, 4).view("<u4")[:, 0] >> 8).astype(np.int64))
+
+
+def _version_2(data: Bytes, start: Index, number: Index) -> Headers:
     length = data[start + 1].astype(np.int64)
     payload = start + HEADER_2
     end = payload + length + (CRC_BYTES + SIGNATURE_BYTES * data[start + 2].astype(np.int64))
     return Headers(start, payload, length, end, number)
 
 
-def _is_known(headers: Headers, dialect: Dialect) -> npt.NDArray[np.bool_]:
-    return np.asarray(dialect.crc_extra[np.minimum(headers.id, len(dialect.crc_extra) - 1)] >= 0)
+def _is_known(number: Index, dialect: Dialect) -> npt.NDArray[np.bool_]:
+    return np.asarray(dialect.crc_extra[np.minimum(number, len(dialect.crc_extra) - 1)] >= 0)
 
 
 def _conforms_1(data: Bytes, start: Index, dialect: Dialect) -> npt.NDArray[np.bool_]:

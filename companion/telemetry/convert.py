@@ -50,7 +50,9 @@ def imu_track(
     accel, accel_step = _vector(messages, ("xacc", "yacc", "zacc"), "mG", dequantise)
     if not gyro.any() and not accel.any():
         return None, [f"{name} is zero throughout: the vehicle has no such IMU"]
-    good = np.isfinite(t) & readable(gyro, accel, ranges)
+    good = np.isfinite(t)
+    if not gyro_step:  # 16 bits of mrad/s and mG hold nothing else
+        good &= readable(gyro, accel, ranges)
     instance = IMU_MESSAGES[name]
     if name == "HIGHRES_IMU":
         ids, counts = np.unique(messages["id"], return_counts=True)

@@ -209,7 +209,8 @@ def _seconds(messages: Messages, clock: Clock, notes: list[str]) -> Array:
             notes.append(f"{messages.name}.time_usec runs {shift:+.3f} s from time_boot_ms: taken out")
     elif "time_usec" in messages.layout.fields and len(clock.t) and len(t):
         beside = clock.at(messages.offset)
-        if float(np.median(np.abs(t - beside))) > _ELSEWHEN_S:
+        off = np.abs(t - beside)
+        if off.max() > _ELSEWHEN_S and float(np.median(off)) > _ELSEWHEN_S:
             notes.append(f"{messages.name}.time_usec is no time since boot: that of its neighbours is used")
             return beside
     return t

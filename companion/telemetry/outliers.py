@@ -53,13 +53,16 @@ def lone(places: Array, least: float | Array = PLACE) -> BoolArray:
     m or m/s.
     """
     off = np.zeros(len(places), np.bool_)
-    bent = np.abs(places[1:-1] - 0.5 * (places[2:] + places[:-2])) > np.min(least, initial=np.inf) / places.shape[1]
-    if not bent.any():  # as in most logs
+    nearest = np.min(least, initial=np.inf) / np.sqrt(places.shape[1])
+    bent = np.zeros(max(len(places) - 2, 0), np.bool_)
+    for axis in places.T:
+        bent |= np.abs(axis[1:-1] - 0.5 * (axis[2:] + axis[:-2])) > nearest
+    i = np.flatnonzero(bent) + 1
+    if not len(i):  # as in most logs
         return off
-    i = np.flatnonzero(bent.any(axis=1)) + 1
-    apart = np.linalg.norm(places[i + 1] - places[i - 1], axis=1)
-    astray = np.linalg.norm(places[i] - 0.5 * (places[i + 1] + places[i - 1]), axis=1)
-    off[i] = astray > np.maximum(np.broadcast_to(least, len(places))[i], _ASTRAY_TIMES * apart)
+    before, after = places[i - 1], places[i + 1]
+    astray = _norm(places[i] - 0.5 * (before + after))
+    off[i] = astray > np.maximum(np.broadcast_to(least, len(places))[i], _ASTRAY_TIMES * _norm(after - before))
     return _single(off)
 
 
@@ -80,13 +83,15 @@ def lone_turns(t: Array, q: Array, rates: Array | None) -> BoolArray:
     """
     off = np.zeros(len(t), np.bool_)
     far = np.abs(np.einsum("ij,ij->i", q[1:], q[:-1])) < np.cos(0.5 * _TURN)
-    i = np.flatnonzero(far[1:] & far[:-1]) + 1
-    if not len(i):  # as in most logs
+    far = far[1:] & far[:-1]
+    if not far.any():  # as in most logs
         return off
+    back = np.abs(np.einsum("ij,ij->i", q[2:], q[:-2])) > np.cos(0.5 * np.pi / _ASTRAY_TIMES)
+    i = np.flatnonzero(far & back) + 1
     away = np.minimum(_angle(q[i], q[i - 1]), _angle(q[i], q[i + 1]))
     rate = np.full(len(i), FASTEST)
     if rates is not None and rates.any():
-        rate = _RATES_TIMES * np.max([np.linalg.norm(rates[i + k], axis=1) for k in (-1, 0, 1)], axis=0)
+        rate = _RATES_TIMES * np.max([_norm(rates[i + k]) for k in (-1, 0, 1)], axis=0)
     explained = _TURN + rate * _around(t)[i]
     off[i] = away > np.maximum(explained, _ASTRAY_TIMES * _angle(q[i - 1], q[i + 1]))
     return _single(off)
@@ -102,7 +107,12 @@ def uncontradicted(name: str, notes: list[str], *astray: BoolArray, what: str = 
 
 def _single(off: BoolArray) -> BoolArray:
     """Those alone: of several beside each other it is not known which are right."""
-    return off & ~np.roll(off, 1) & ~np.roll(off, -1)
+    return off & ~np.roll(off, 1) & ~np.roll(off, -1) if off.any() else off
+
+
+def _norm(vectors: Array) -> Array:
+    """(N,) the lengths of (N, k)."""
+    return np.asarray(np.sqrt(np.einsum("ij,ij->i", vectors, vectors)))
 
 
 def _around(t: Array) -> Array:
