@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
-from companion.model import DataError, Flight, SettingsError
+from companion.model import IMU_MESSAGES, DataError, Flight, SettingsError
 from companion.recording import Recording, Source, read_recording
 from companion.settings import Settings, data_folder, load_settings
 from companion.strapdown import METHODS, MIDDLES
@@ -96,7 +96,7 @@ def add_integration(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--imu",
         metavar="NAME",
-        help="message to integrate: RAW_IMU, SCALED_IMU, SCALED_IMU2, SCALED_IMU3 or HIGHRES_IMU "
+        help=f"message to integrate: {', '.join(IMU_MESSAGES)}, or a track of an on-board log "
         "(default: depends on the autopilot, and is stated)",
     )
     parser.add_argument("--method", choices=METHODS, help="integrator (default: rk4)")

@@ -10,8 +10,7 @@ from companion.mavlink.messages import Messages
 from companion.mavlink.rates import Rates
 from companion.mavlink.requests import Request, Target
 from companion.mavlink.timesync import Timesync
-
-_IMU = ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU")
+from companion.model import IMU_MESSAGES
 
 
 class Asked:
@@ -57,7 +56,7 @@ class Asked:
 
     def complain(self, now: float) -> None:
         """Say, once, that no IMU message comes."""
-        if self._told or now - self._found_at <= self._patience_s or any(name in self.counts for name in _IMU):
+        if self._told or now - self._found_at <= self._patience_s or any(name in self.counts for name in IMU_MESSAGES):
             return
         self._told = True
         how = "raise the stream rate on the vehicle: SRx_RAW_SENS, or MAVx_RAW_SENS from ArduPilot 4.7"

@@ -27,11 +27,13 @@ from companion.model.geodesy import (
     geodetic_from_ned,
     ned_from_geodetic,
 )
+from companion.model.imu_messages import IMU_MESSAGES
 from companion.model.series import Event, Series, nearest
 from companion.model.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, NavState, PositionTrack, Trajectory
 
 __all__ = [
     "ECCENTRICITY_SQUARED",
+    "IMU_MESSAGES",
     "SEMI_MAJOR_AXIS",
     "STANDARD_GRAVITY",
     "ActuatorTrack",

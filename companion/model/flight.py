@@ -24,6 +24,7 @@ from companion.model.aiding import (
     TruthTrack,
 )
 from companion.model.errors import DataError
+from companion.model.imu_messages import by_preference
 from companion.model.series import Event, Series
 from companion.model.tracks import Array, AttitudeTrack, ImuTrack, PositionTrack
 
@@ -127,10 +128,9 @@ class Flight:
         of the samples of the best is passed over, unless its samples are means over intervals that join (PX4's
         vehicle_imu at full rate; logged at 2 Hz they are not): nothing costs more accuracy than a low rate.
         """
-        order = ["HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"]
-        if self.vehicle.autopilot == "PX4":
-            order = ["SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "RAW_IMU", "HIGHRES_IMU"]
-        elif "HIGHRES_IMU" in self.imus and "RAW_IMU" in self.imus:
+        px4 = self.vehicle.autopilot == "PX4"
+        order = by_preference(px4=px4)
+        if not px4 and "HIGHRES_IMU" in self.imus and "RAW_IMU" in self.imus:
             floats, integers = self.imus["HIGHRES_IMU"], self.imus["RAW_IMU"]
             if floats.instance != integers.instance or len(floats) < 0.9 * len(integers):
                 order = [*order[1:], order[0]]

@@ -11,14 +11,14 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, AttitudeTrack, BiasTrack, ImuTrack, SensorInUse
+from companion.model import IMU_MESSAGES, Array, AttitudeTrack, BiasTrack, ImuTrack, SensorInUse
 from companion.telemetry.convert import Turns, turned_vectors
 
 _TOGETHER_S = 0.02  # samples of two messages that belong together: sent in one go, or within a period
 _BLOCK_S = 5.0
 _FEWEST = 5  # pairs in a block
 _SAME_S, _FEWEST_ALIKE = 1e-3, 20  # stamps of one instant, and how many of them tell
-_SCALED = ("SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
+_SCALED = tuple(name for name, one in IMU_MESSAGES.items() if one.numbered)
 _SAME_STEPS = 1.2  # the readings of one sensor differ by less than a step when the bias is taken out
 
 

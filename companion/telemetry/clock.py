@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.mavlink import Messages
-from companion.model import Array
+from companion.model import IMU_MESSAGES, Array
 
 IntArray = npt.NDArray[np.int64]
 
@@ -69,8 +69,8 @@ def device_time(messages: Messages) -> Array | None:
 
 
 _CLOCKS = (
-    "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "SCALED_IMU", "SCALED_IMU2",
-    "SCALED_IMU3",
+    "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT",
+    *(name for name, one in IMU_MESSAGES.items() if one.clock == "time_boot_ms"),
 )  # fmt: skip
 """Messages whose time_boot_ms is the time of their sample, on every autopilot."""
 
@@ -87,7 +87,7 @@ def sender_clock(sender: dict[str, Messages]) -> Clock:
     """
     timed = sorted((sender[n] for n in _CLOCKS if n in sender), key=len, reverse=True)[:_CLOCKS_ENOUGH]
     timed = timed or [m for m in sender.values() if "time_boot_ms" in m.layout.fields]
-    timed = timed or [sender[name] for name in ("RAW_IMU", "HIGHRES_IMU") if name in sender]
+    timed = timed or [sender[name] for name in IMU_MESSAGES if name in sender]
     pieces = [_sparse(m.offset, own, m.log_time) for m in timed if (own := device_time(m)) is not None]
     if not pieces:
         return Clock(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from companion.mavlink import Messages
 from companion.model import (
+    IMU_MESSAGES,
     STANDARD_GRAVITY,
     Array,
     AttitudeTrack,
@@ -29,9 +30,6 @@ from companion.telemetry.outliers import Ranges, finite_rows, lone, lone_turns, 
 from companion.telemetry.parameters import out_of_range
 from companion.telemetry.units import SI
 from companion.telemetry.words import words
-
-IMU_MESSAGES = {"RAW_IMU": 0, "SCALED_IMU": 0, "SCALED_IMU2": 1, "SCALED_IMU3": 2, "HIGHRES_IMU": 0}
-"""Messages of an IMU and its magnetometer → which IMU; HIGHRES_IMU says it itself where it is another."""
 
 _BLOCK = 8192  # samples
 
@@ -53,7 +51,7 @@ def imu_track(
     good = np.isfinite(t)
     if not gyro_step:  # 16 bits of mrad/s and mG hold nothing else
         good &= readable(gyro, accel, ranges)
-    instance = IMU_MESSAGES[name]
+    instance = IMU_MESSAGES[name].instance
     if name == "HIGHRES_IMU":
         ids, counts = np.unique(messages["id"], return_counts=True)
         instance = int(ids[np.argmax(counts)])

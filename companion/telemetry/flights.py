@@ -10,6 +10,7 @@ import numpy as np
 
 from companion.mavlink import Dialect, Messages
 from companion.model import (
+    IMU_MESSAGES,
     Array,
     AttitudeTrack,
     BiasTrack,
@@ -38,7 +39,7 @@ from companion.telemetry.split import Boot, Bystander, Sender, boots, describe, 
 from companion.telemetry.truth import TRUTH_MESSAGES, message_truth
 
 _TIMED = SENSOR_MESSAGES | {
-    *convert.IMU_MESSAGES, *TRUTH_MESSAGES, *CONTROL_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED",
+    *IMU_MESSAGES, *TRUTH_MESSAGES, *CONTROL_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED",
     "GLOBAL_POSITION_INT", "EXTENDED_SYS_STATE", "PARAM_VALUE", "STATUSTEXT", "HEARTBEAT",
 }  # fmt: skip
 """Messages that become tracks, series, events or texts, and need a place on the flight's clock."""
@@ -112,7 +113,7 @@ def _boots_of(
     for boot in boots(vehicle, sender):
         begun.append(_begin(boot, parameters, said, dialect))
         parameters = begun[-1].flight.parameters
-    for name in convert.IMU_MESSAGES:
+    for name in IMU_MESSAGES:
         for one in begun:
             if name not in one.boot.messages:
                 continue
@@ -120,7 +121,7 @@ def _boots_of(
                 one.boot.messages.pop(name),
                 one.seconds.pop(name),
                 dequantise=dequantise,
-                ranges=known_ranges(vehicle, one.flight.parameters, convert.IMU_MESSAGES[name]),
+                ranges=known_ranges(vehicle, one.flight.parameters, IMU_MESSAGES[name].instance),
             )
             one.notes.extend(told)
             if track is not None:
@@ -204,7 +205,7 @@ def _begin(boot: Boot, known: Mapping[str, float], said: tuple[str, ...], dialec
 def _seconds(messages: Messages, clock: Clock, notes: list[str]) -> Array:
     """Boot time of each message (N,) in s; of one that counts from elsewhere that of its neighbours."""
     t, shift = boot_seconds(messages, clock)
-    if messages.name in convert.IMU_MESSAGES:
+    if messages.name in IMU_MESSAGES:
         if shift:
             notes.append(f"{messages.name}.time_usec runs {shift:+.3f} s from time_boot_ms: taken out")
     elif "time_usec" in messages.layout.fields and len(clock.t) and len(t):

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.mavlink import Messages
-from companion.model import Array, Series
-from companion.telemetry.convert import IMU_MESSAGES
+from companion.model import IMU_MESSAGES, Array, Series
 from companion.telemetry.series import Fields, Found, Raw, find, series_of
 
 _COMPASS: Fields = {f"{axis}_tesla": (f"{axis}mag", "mgauss") for axis in "xyz"}
@@ -125,8 +124,8 @@ _SOURCES = (
     Source("SCALED_PRESSURE3", "barometer", _BAROMETER, instance=2),
     Source("GPS_RAW_INT", "gps", _GPS),
     Source("GPS2_RAW", "gps", _GPS, instance=1),
-    *(Source(name, "magnetometer", _COMPASS, instance) for name, instance in IMU_MESSAGES.items()),
-    *(Source(name, "temperature", _THERMOMETER, instance) for name, instance in IMU_MESSAGES.items()),
+    *(Source(name, "magnetometer", _COMPASS, one.instance) for name, one in IMU_MESSAGES.items()),
+    *(Source(name, "temperature", _THERMOMETER, one.instance) for name, one in IMU_MESSAGES.items()),
     Source("EKF_STATUS_REPORT", "estimator", _EKF_STATUS_REPORT),
     Source("ESTIMATOR_STATUS", "estimator", _ESTIMATOR_STATUS),
     Source("ESTIMATOR_STATUS", "accuracy", _ESTIMATOR_ACCURACY),

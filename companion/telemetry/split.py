@@ -11,9 +11,8 @@ from itertools import pairwise
 import numpy as np
 
 from companion.mavlink import Dialect, Messages
-from companion.model import Vehicle
+from companion.model import IMU_MESSAGES, Vehicle
 from companion.telemetry.clock import UNIX_S, Clock, device_time, reboots, sender_clock, stale_start, steps_back
-from companion.telemetry.convert import IMU_MESSAGES
 from companion.telemetry.timestamps import ON_LINK, left_out, off_course
 
 Sender = dict[str, Messages]

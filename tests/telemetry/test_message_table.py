@@ -7,7 +7,8 @@ import re
 import pytest
 
 from companion.mavlink import load_dialect
-from companion.telemetry.convert import IMU_MESSAGES
+from companion.mavlink.wanted import TABLE
+from companion.model import IMU_MESSAGES
 from companion.telemetry.dataflash import RECORDS
 from companion.telemetry.dataflash.sensors import SOURCES, RecordSource
 from companion.telemetry.flights import NEEDED
@@ -80,7 +81,14 @@ def test_an_imu_message_is_read_whole_and_documented(name: str) -> None:
     layout = DIALECT.by_name[name]
     axes = {f"{axis}{what}" for axis in "xyz" for what in ("acc", "gyro", "mag")}
     assert axes <= set(layout.fields)
-    assert {"time_usec", "time_boot_ms"} & set(layout.fields)
+    assert IMU_MESSAGES[name].clock in layout.fields
+    assert any(row.name == name for row in TABLE), "it is never asked for"
     assert name in NEEDED
     assert any(row.message == name and row.kind == "magnetometer" for row in _SOURCES)
     assert name.rstrip("23") in DOCUMENTED
+
+
+def test_every_imu_message_has_a_place_in_the_order_of_each_autopilot() -> None:
+    places = list(range(len(IMU_MESSAGES)))
+    assert sorted(one.rank for one in IMU_MESSAGES.values()) == places
+    assert sorted(one.rank_px4 for one in IMU_MESSAGES.values()) == places
