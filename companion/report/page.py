@@ -10,7 +10,7 @@ from companion.recording import Source
 from companion.report import drift, facts, flown, noise, sensors, shaking
 from companion.report.charts import Charts
 from companion.report.findings import findings
-from companion.report.place import track
+from companion.report.place import ground, track
 from companion.report.playback import playback
 from companion.report.sheet import sheet
 from companion.report.subject import subject_of
@@ -35,6 +35,7 @@ def report_html(
     """
     charts = Charts()
     subject = subject_of(examined, source, settings or Settings(), charts)
+    first = head(subject, ground(subject.flight, subject.replay, subject.colour, charts, subject.found.best))
     sections = [
         findings(subject),
         flown.errors(subject),
@@ -45,7 +46,7 @@ def report_html(
         noise.noise(subject),
         shaking.spectra(subject),
         shaking.shaking(subject),
-        track(subject.flight, subject.replay, subject.colour, charts),
+        track(subject.flight, subject.replay, subject.colour, charts, subject.found.best),
     ]
     player: str | None = None
     if with_playback:
@@ -58,7 +59,7 @@ def report_html(
     data = {"companion": encode(subject.document)}
     if player is not None:
         data["player"] = msgspec.json.encode(player).decode()
-    return sheet(_name(source), head(subject), sections, charts, data)
+    return sheet(_name(source), first, sections, charts, data)
 
 
 def bare_html(found: Unexamined, source: Source, settings: Settings | None = None, *, command: str = "") -> str:
@@ -67,12 +68,13 @@ def bare_html(found: Unexamined, source: Source, settings: Settings | None = Non
     Raises InputError when plotly is not installed.
     """
     charts, flight = Charts(), found.flight
+    first = bare_head(flight, source, found.verdict, ground(flight, None, palette.IMU, charts))
     sections = [
         track(flight, None, palette.IMU, charts),
         facts.log_facts(source, flight, unexamined_document(source, found).flights[0].imu, flight.notes),
         facts.again(source, settings or Settings(), command),
     ]
-    return sheet(_name(source), bare_head(flight, source, found.verdict), sections, charts, {})
+    return sheet(_name(source), first, sections, charts, {})
 
 
 def _name(source: Source) -> str:

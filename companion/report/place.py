@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.analysis import Replay
-from companion.model import Array, Flight
+from companion.estimation import BestEstimate
+from companion.model import Array, Flight, geodetic_from_ned, ned_from_geodetic
 from companion.report import traces
 from companion.report.charts import Charts
-from companion.report.markup import paragraph, text
+from companion.report.markup import paragraph, short, text
 from companion.report.section import Section
-from companion.view import extremes, palette
+from companion.view import extremes, palette, worst_stretch
 
 _MOST_EVENTS = 200
 _LEAST_ROOM_M = 5.0
@@ -30,19 +31,21 @@ class _Path:
     breaks: Array  # s, where the line is interrupted
 
 
-def track(flight: Flight, shown: Replay | None, colour: palette.Rgb, charts: Charts) -> Section:
-    """Ground track and altitude, of the autopilot alone where there is no replay; colour: of the IMU."""
-    title = "Ground track and altitude"
-    paths = _paths(flight, shown, colour)
+def ground(
+    flight: Flight, shown: Replay | None, colour: palette.Rgb, charts: Charts, best: BestEstimate | None = None
+) -> str:
+    """The ground track as HTML, with the place where IMU and autopilot are farthest apart; "" without a position."""
+    paths = _paths(flight, shown, colour, best)
     if not paths:
-        return Section("track", title, paragraph("Not drawn: this flight has no position."))
+        return ""
     reference = paths[-1]
+    spots = [_spot(reference.position[0], "start", "circle"), _spot(reference.position[-1], "end", "square")]
+    if shown is not None and (worst := worst_stretch(shown)) is not None:
+        at = int(np.searchsorted(shown.t, worst.end_s))
+        name = f"farthest apart: {short(worst.apart_m)} m at {worst.end_s:.1f} s"
+        spots.append(_spot(shown.position_ref[at], name, "x", palette.DIFFERENCE))
     figure = {
-        "data": [
-            *map(_on_the_map, paths),
-            _spot(reference.position[0], "start", "circle"),
-            _spot(reference.position[-1], "end", "square"),
-        ],
+        "data": [*map(_on_the_map, paths), *spots],
         "layout": {
             "xaxis": {"title": {"text": "east, m"}, "range": _near(paths, 1)},
             "yaxis": {"title": {"text": "north, m"}, "scaleanchor": "x", "scaleratio": 1, "range": _near(paths, 0)},
@@ -54,13 +57,24 @@ def track(flight: Flight, shown: Replay | None, colour: palette.Rgb, charts: Cha
     if (origin := flight.origin) is not None:
         place = f"{np.degrees(origin.latitude):.5f}°, {np.degrees(origin.longitude):.5f}°"
         where += f" at {place}" if origin.t is None else f"; the vehicle was at {place} at {origin.t:.1f} s"
-    ground = charts.add(figure, f"{where}.", square=True)
+    return charts.add(figure, f"{where}.", square=True)
+
+
+def track(
+    flight: Flight, shown: Replay | None, colour: palette.Rgb, charts: Charts, best: BestEstimate | None = None
+) -> Section:
+    """Height over time, of the autopilot alone where there is no replay; colour: of the IMU."""
+    paths = _paths(flight, shown, colour, best)
+    if not paths:
+        return Section("track", "Altitude", paragraph("Not drawn: this flight has no position."))
+    more = " Double-click shows all of the IMU where it runs off." if len(paths) > 1 else ""
+    reference = paths[-1]
     heights = [traces.line(p.t, -p.position[:, 2], p.name, p.colour, breaks=p.breaks) for p in paths]
     low, high = (-edge for edge in reversed(_near(paths, 2)))
     panel = traces.Panel("height above origin, m", [*heights, *_events(flight, reference)], {"range": [low, high]})
     altitude = traces.stack([panel], traces.TIME)
     altitude["layout"]["hovermode"] = "x"
-    return Section("track", title, ground + charts.add(altitude, f"Height over time.{more}"))
+    return Section("track", "Altitude", charts.add(altitude, f"Height over time.{more}"))
 
 
 def regained(shown: Replay) -> Array:
@@ -68,17 +82,33 @@ def regained(shown: Replay) -> Array:
     return shown.t[1:][np.diff(shown.reference_valid.astype(np.int8)) > 0]
 
 
-def _paths(flight: Flight, shown: Replay | None, colour: palette.Rgb) -> list[_Path]:
+def _paths(flight: Flight, shown: Replay | None, colour: palette.Rgb, best: BestEstimate | None) -> list[_Path]:
     """The autopilot's comes last."""
+    estimated = [] if best is None else _estimated(flight, best)
     if shown is not None and shown.has_position:
         return [
             _Path("IMU alone", colour, shown.t, shown.position_imu, shown.anchors),
+            *estimated,
             _Path("autopilot", palette.AUTOPILOT, shown.t, shown.position_ref, regained(shown)),
         ]
     if flight.position is None or len(flight.position) < 2:
         return []
     own = flight.position
-    return [_Path("autopilot", palette.AUTOPILOT, own.t, own.position, traces.gaps(own.t))]
+    return [*estimated, _Path("autopilot", palette.AUTOPILOT, own.t, own.position, traces.gaps(own.t))]
+
+
+def _estimated(flight: Flight, best: BestEstimate) -> list[_Path]:
+    """The best estimate about the flight's origin; none where either does not know its place on Earth."""
+    origin, own = flight.origin, flight.position
+    if "gps_position" not in best.residuals or best.origin is None or origin is None or own is None:
+        return []
+    zero = best.origin
+    place = geodetic_from_ned(best.position, (zero.latitude, zero.longitude, zero.height))
+    latitude, longitude, height = place.T
+    position = ned_from_geodetic(latitude, longitude, height, (origin.latitude, origin.longitude, origin.height))
+    if origin.t is not None:  # the origin is a fix on the way: where the vehicle was then
+        position = position + np.array([np.interp(origin.t, own.t, axis) for axis in own.position.T])
+    return [_Path("best estimate", palette.BEST, best.t, position, np.zeros(0))]
 
 
 def _near(paths: Sequence[_Path], axis: int) -> list[float]:
@@ -124,13 +154,13 @@ def _on_the_map(path: _Path) -> traces.Trace:
     )
 
 
-def _spot(position: Array, name: str, symbol: str) -> traces.Trace:
+def _spot(position: Array, name: str, symbol: str, colour: palette.Rgb = palette.AUTOPILOT) -> traces.Trace:
     return {
         "type": "scatter",
         "mode": "markers",
         "x": [float(position[1])],
         "y": [float(position[0])],
         "name": name,
-        "marker": {"symbol": symbol, "size": 10, "color": palette.css(palette.AUTOPILOT)},
+        "marker": {"symbol": symbol, "size": 10, "color": palette.css(colour)},
         "hovertemplate": name,
     }

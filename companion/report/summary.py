@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
-from companion.analysis import Verdict, rate_warning
+import numpy as np
+
+from companion.analysis import Verdict, expected_since_anchor, rate_warning
 from companion.model import Flight
 from companion.recording import Source
 from companion.report.markup import percent, short, text
 from companion.report.subject import Subject
+from companion.view import worst_stretch
 
 _MEANS = {
     "consistent": "Consistent",
@@ -17,24 +20,31 @@ _MEANS = {
     "insufficient_data": "Insufficient data",
 }
 
+_SHOWN_S = 5.0  # the horizon of which the median is told
+_SIGNS = {"consistent": "✓", "imu_suspect": "✗", "autopilot_suspect": "✗", "insufficient_data": "?"}
 
-def head(subject: Subject) -> str:
-    """HTML of the title, the verdict and its figures."""
+
+def head(subject: Subject, ground: str) -> str:
+    """HTML of the title, the verdict and its figures; ground: the chart that stands beside them, "" for none."""
     numbers, verdict, rate = subject.numbers, subject.numbers.verdict, subject.comparison.track.rate_hz
     against = ", ".join((numbers.reference.attitude or "no attitude", numbers.reference.position or "no position"))
     cards = "".join(
         f'<div class="card"><b>{text(value)}</b><span>{text(label)}</span></div>' for label, value in _cards(subject)
     )
-    return (
-        f"<header>{_title(subject.flight, subject.source, f'{numbers.used_imu} at {rate:.1f} Hz against {against}')}"
-        f'{_banner(verdict.status, verdict.summary)}<div class="cards">{cards}</div>'
-        f"{_warning(subject.flight, rate)}</header>"
-    )
+    told = f'{_banner(verdict.status, verdict.summary)}<div class="cards">{cards}</div>{_warning(subject.flight, rate)}'
+    title = _title(subject.flight, subject.source, f"{numbers.used_imu} at {rate:.1f} Hz against {against}")
+    return f"<header>{title}{_beside(told, ground)}</header>"
 
 
-def bare_head(flight: Flight, source: Source, verdict: Verdict) -> str:
+def bare_head(flight: Flight, source: Source, verdict: Verdict, ground: str) -> str:
     """The same for a flight that cannot be examined."""
-    return f"<header>{_title(flight, source, '')}{_banner(verdict.status, verdict.summary)}</header>"
+    told = _banner(verdict.status, verdict.summary)
+    return f"<header>{_title(flight, source, '')}{_beside(told, ground)}</header>"
+
+
+def _beside(told: str, ground: str) -> str:
+    """The verdict, and the ground track beside it where the window is wide enough."""
+    return f'<div class="first"><div>{told}</div>{ground}</div>' if ground else told
 
 
 def _title(flight: Flight, source: Source, used: str) -> str:
@@ -46,9 +56,8 @@ def _title(flight: Flight, source: Source, used: str) -> str:
 
 
 def _banner(status: str, summary: str) -> str:
-    return (
-        f'<div class="verdict {text(status)}" id="verdict"><h2>{text(_MEANS[status])}</h2><p>{text(summary)}</p></div>'
-    )
+    title = f"{_SIGNS[status]} {text(_MEANS[status])}"
+    return f'<div class="verdict {text(status)}" id="verdict"><h2>{title}</h2><p>{text(summary)}</p></div>'
 
 
 def _date(flight: Flight) -> str:
@@ -63,27 +72,51 @@ def _date(flight: Flight) -> str:
 
 
 def _cards(subject: Subject) -> list[tuple[str, str]]:
-    """The few numbers that a reader wants first: after 5 s, or the nearest horizon that has windows."""
+    """The few numbers that a reader wants first: the worst, what was expected there, when; then what is usual.
+
+    How many windows are inside their bound stands here only where the verdict rests on it: beside a suspect it would
+    read as a contradiction.
+    """
+    found = _worst(subject)
     rows = [row for row in subject.numbers.drift if row.windows]
     if not rows:
-        return []
-    row = min(rows, key=lambda r: abs(r.horizon_s - 5.0))
-    after = f"after {row.horizon_s:g} s on the IMU alone, median"
+        return found
+    row = min(rows, key=lambda r: abs(r.horizon_s - _SHOWN_S))
+    measured, expected = [], []
+    for statistic, sigma, unit in (
+        (row.attitude_deg, row.expected.attitude_deg if row.expected else None, "°"),
+        (row.velocity_mps, row.expected.velocity_mps if row.expected else None, " m/s"),
+        (row.position_m, row.expected.position_m if row.expected else None, " m"),
+    ):
+        if statistic is not None:
+            measured.append(f"{short(statistic.median)}{unit}")
+            expected.append("" if sigma is None else f"{short(sigma)}{unit}")
+    found.append((f"after {row.horizon_s:g} s on the IMU alone, median of {row.windows}", ", ".join(measured)))
+    if all(expected):
+        found.append(("expected then, 1σ", ", ".join(expected)))
     inside = next((c for c in subject.numbers.consistency if c.horizon_s == row.horizon_s), None)
-    found = [(f"attitude {after}", f"{short(row.attitude_deg.median)}°")] if row.attitude_deg else []
-    if row.velocity_mps:
-        found.append((f"velocity {after}", f"{short(row.velocity_mps.median)} m/s"))
-    if row.position_m:
-        found.append((f"position {after}", f"{short(row.position_m.median)} m"))
-    if row.expected:
-        allowed = row.expected
-        value = f"{short(allowed.attitude_deg)}°" + (f", {short(allowed.position_m)} m" if allowed.position_m else "")
-        found.append(("expected then, 1σ", value))
-    if inside:
+    if inside and subject.numbers.verdict.status == "consistent":
         least = min(share for share in (inside.attitude, inside.velocity, inside.position) if share is not None)
         found.append((f"of {row.windows} windows inside the 95 % bound", percent(least)))
-    findings = subject.numbers.verdict.findings
-    found.append(("findings, of which are warnings or errors", f"{len(findings)} / {len(subject.severe)}"))
+    return found
+
+
+def _worst(subject: Subject) -> list[tuple[str, str]]:
+    """Where IMU and autopilot are farthest apart, and how far they should be there."""
+    shown = subject.replay
+    worst = worst_stretch(shown) if shown is not None else None
+    if shown is None or worst is None:
+        return []
+    alone = worst.end_s - worst.start_s
+    found = [
+        ("farthest apart", f"{short(worst.apart_m)} m"),
+        (f"seconds since boot, {alone:.1f} s on the IMU alone", f"at {worst.end_s:.1f} s"),
+    ]
+    expected = expected_since_anchor(subject.found, shown)
+    if expected is not None:
+        sigma = float(np.interp(worst.end_s, expected.t, expected.lengths[2]))
+        if sigma > 0:
+            found.insert(1, (f"expected there, 1σ; {worst.apart_m / sigma:.1f} times that", f"{short(sigma)} m"))
     return found
 
 

@@ -11,6 +11,7 @@ from companion.view.livepanel import LONGEST_REANCHOR_S
 from companion.view.marks import Mark
 from companion.view.moment import Footage, Reckoning
 from companion.view.thin import extremes
+from companion.view.worst import Worst, worst_stretch
 
 __all__ = [
     "LONGEST_REANCHOR_S",
@@ -29,9 +30,11 @@ __all__ = [
     "Seen",
     "StreamState",
     "Viewer",
+    "Worst",
     "chosen_track",
     "extremes",
     "palette",
     "replay_page",
     "with_track",
+    "worst_stretch",
 ]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -19,11 +21,20 @@ HEIGHT = 152  # pixels
 SHARPNESS = 600  # the line at the instant is moved when it would be so small a part of the chart off
 PATIENCE = 4  # ... or when so many instants have gone by: a chart that someone has zoomed shows smaller steps
 STYLE = (  # the line at the current instant is a series: its entry in the legend would say nothing
-    "<style>.uplot .u-legend{margin:-2px 0 4px}.uplot .u-legend .u-series:last-child{display:none}</style>"
+    "<style>.uplot .u-legend{margin:-2px 0 4px}.uplot .u-legend .u-series:last-child{display:none}"
+    # A legend shows lines as they are drawn, and not boxes: see `legend_style`.
+    ".uplot .u-legend .u-marker{width:18px!important;height:0!important;border-width:2px 0 0!important;"
+    "background:none!important;vertical-align:middle}"
+    ".uplot .u-legend .u-value{color:inherit!important}</style>"
 )
 Dash = tuple[float, ...]
 DASHED: Dash = (5.0, 4.0)
 DOTTED: Dash = (2.0, 4.0)
+_BORDERS = {DASHED: "dashed", DOTTED: "dotted"}
+_charts = itertools.count()
+
+
+Style = tuple[str, Rgb, float, Dash | None, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,11 +48,12 @@ class Line:
     width: float = 1.6  # pixels
     dash: Dash | None = None
     said: bool = True  # whether its value stands in the title
+    fill: float = 0.0  # opacity of the area between it and zero
 
     @property
-    def style(self) -> tuple[str, Rgb, float, Dash | None]:
+    def style(self) -> Style:
         """What does not depend on the data."""
-        return self.name, self.colour, self.width, self.dash
+        return self.name, self.colour, self.width, self.dash, self.fill
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,10 +72,11 @@ class Chart:
     def __init__(self, gui: viser.GuiApi, *, time: str = "s since boot") -> None:
         self._time = time
         self._heading = gui.add_html("", visible=False)
+        self._name, self._legend = f"companion-chart-{next(_charts)}", ""
         self._drawing: Drawing | None = None
         self._drawn = Curves(np.array([0.0, 1.0]), (np.zeros(2),), np.zeros(2))
         self._title, self._unit, self._at, self._passed = "", "", math.nan, 0
-        self._styles: list[tuple[str, Rgb, float, Dash | None]] = [("", palette.CURSOR, 1.0, None)]
+        self._styles: list[Style] = [("", palette.CURSOR, 1.0, None, 0.0)]
         self._part = (0.0, 1.0)
         self.handle = gui.add_uplot(
             self._drawn.at(0.0),
@@ -90,13 +103,14 @@ class Chart:
         styles = [line.style for line in drawing.lines]
         if styles != self._styles:
             self._styles = styles
+            self._legend = legend_style(self._name, [line.dash for line in drawing.lines])
             # Series and data have to change together, or the chart has lines without points.
             self.handle.series, self.handle.data = self._series(), self._drawn.at(part[0])
         scales = _scales(part)
         if self.handle.scales != scales:  # a change builds the chart anew and forgets how the user has zoomed
             self.handle.scales = scales
         if drawing.title != self._title:
-            self._title, self._heading.content = drawing.title, heading(drawing.title, "")
+            self._title, self._heading.content = drawing.title, self._legend + heading(drawing.title, "")
         self._at = math.nan  # equal to nothing: the next line is sent
 
     def show(self, now: float, *, still: bool) -> None:
@@ -111,7 +125,7 @@ class Chart:
             self._at, self._passed = now, 0
             self.handle.data = self._drawn.at(now)
         said = "".join(_key(line, now) for line in self._drawing.lines if line.said)
-        self._heading.content = heading(self._drawing.title, said)
+        self._heading.content = self._legend + heading(self._drawing.title, said)
 
     def relayout(self) -> None:
         """Make every browser lay the chart out again, by a pixel of height.
@@ -125,7 +139,10 @@ class Chart:
     def _series(self) -> tuple[uplot.Series, ...]:
         return (
             uplot.Series(label=self._time),
-            *(series(*style) for style in self._styles),
+            *(
+                series(name, colour, width, dash, fill=_rgba(colour, fill) if fill else None)
+                for name, colour, width, dash, fill in self._styles
+            ),
             series("now", palette.CURSOR, 1.2, scale="now", fill="rgba(130,130,130,0.22)"),
         )
 
@@ -151,6 +168,16 @@ def series(
     return line
 
 
+def legend_style(name: str, dashes: Sequence[Dash | None]) -> str:
+    """A mark called `name`, to stand just above a chart, whose legend then shows dashes as the lines have them."""
+    rules = "".join(  # uPlot can give all markers one border: the rows are told apart by their number, the first is x
+        f"div:has(>.{name})+div .u-legend .u-series:nth-child({i}) .u-marker{{border-style:{_BORDERS[dash]}!important}}"
+        for i, dash in enumerate(dashes, start=2)
+        if dash in _BORDERS and dash is not None
+    )
+    return f'<i class="{name}"></i><style>{rules}</style>'
+
+
 def heading(title: str, said: str) -> str:
     """The row above a chart; `said` is markup."""
     return (
@@ -168,9 +195,15 @@ def _axes(unit: str) -> tuple[uplot.Axis, ...]:
     return (uplot.Axis(size=30, space=40), uplot.Axis(label=unit, labelSize=16, size=44, labelGap=0))
 
 
+def _rgba(colour: Rgb, opacity: float) -> str:
+    return f"rgba({','.join(map(str, colour))},{opacity})"
+
+
 def _key(line: Line, now: float) -> str:
     value = float(np.interp(now, line.t, line.values)) if len(line.values) else 0.0
+    border = f"2px {_BORDERS.get(line.dash or (), 'solid')} {palette.css(line.colour)}"
     return (
-        f'<span style="color:{palette.css(line.colour)};font-weight:600;margin-left:0.6em">'
+        f'<span style="font-weight:600;margin-left:0.6em;white-space:nowrap"><span style="display:inline-block;'
+        f'width:18px;border-top:{border};vertical-align:middle;margin-right:0.3em"></span>'
         f"{escape(line.name)} {value:.2f}</span>"
     )

@@ -102,8 +102,8 @@ def _errors(
                 found.append(Line(label, colours[source], errors.t, getattr(errors, column), 1.7, dash, said=said))
         if envelope is not None:
             one = getattr(envelope, sigma)
-            found.append(Line("1σ", palette.CURSOR, envelope.t, one, 1.2, DASHED, said=False))
-            found.append(Line("3σ", palette.CURSOR, envelope.t, 3 * one, 1.2, DOTTED, said=False))
+            found.append(Line("1σ", palette.CURSOR, envelope.t, one, 1.2, DASHED, said=False, fill=0.16))
+            found.append(Line("3σ", palette.CURSOR, envelope.t, 3 * one, 1.2, DOTTED, said=False, fill=0.12))
         return tuple(found)
 
     attitude = {"tilt_deg": "tilt", "heading_deg": "heading"}

@@ -91,7 +91,6 @@ def page(
         first.position, first.look_at = view.position, view.look_at
         first.near, first.far, first.fov = view.near, view.far, float(FIELD_OF_VIEW)
         scene = Scene(server.scene, drone)
-        scene.ground.shade(dark=dark)
         scene.load(film, framing, drone, colours or {}, home)
         scene.trails(-np.inf, np.inf)
         span = readable_span(framing.distance, drone.span_m, 1.0)

@@ -18,7 +18,8 @@ class Ground:
 
     def __init__(self, scene: viser.SceneApi, root: str) -> None:
         self._grid = scene.add_grid(f"{root}/grid", plane="xy", infinite_grid=True, shadow_opacity=0.0)
-        self.shade(dark=False)
+        # Seen on a light page and on a dark one: each browser has its own.
+        self._grid.cell_color, self._grid.section_color = (172, 172, 172), (140, 140, 140)
         self._north = scene.add_arrows(f"{root}/north", np.zeros((1, 2, 3)), GREY)
         self._north_name = scene.add_label(f"{root}/north_name", "North", anchor="center-center")
         self._crosses = [_Cross(scene, f"{root}/start", "Start"), _Cross(scene, f"{root}/home", "Home")]
@@ -64,11 +65,6 @@ class Ground:
             self._cell = cell
             self._grid.cell_size = cell
             self._grid.section_size = 5 * cell
-
-    def shade(self, *, dark: bool) -> None:
-        """Lines that are there and do not shout, on a dark page or a light one."""
-        self._grid.cell_color = (52, 52, 52) if dark else (222, 222, 222)
-        self._grid.section_color = (90, 90, 90) if dark else (190, 190, 190)
 
 
 class _Cross:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,11 +10,13 @@ import viser
 from viser import uplot
 
 from companion.model import Array
-from companion.view.chart import Dash, heading, series
+from companion.view.chart import Dash, heading, legend_style, series
 from companion.view.palette import Rgb
 
 HEIGHT = 190  # pixels
 LEAST = 1e-12  # of any unit: what a logarithm can show
+
+_charts = itertools.count()
 
 LineStyle = tuple[str, Rgb, float, Dash | None]
 """Name, colour, width in pixels, dash."""
@@ -29,7 +32,8 @@ class LogCharts:
         self._x, self._points, self._shown = x, points, False
         self._headings, self._charts = [], []
         for title in titles:
-            self._headings.append(gui.add_html(heading(title, ""), visible=False))
+            legend = legend_style(f"companion-log-chart-{next(_charts)}", [dash for *_, dash in styles])
+            self._headings.append(gui.add_html(legend + heading(title, ""), visible=False))
             nothing = tuple(np.array([1.0, 10.0]) for _ in range(len(styles) + 2))
             self._charts.append(
                 gui.add_uplot(

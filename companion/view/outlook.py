@@ -64,7 +64,6 @@ class Outlook:
             case events.SetDark(dark):
                 self.dark = dark
                 self._theme()
-                self.scene.ground.shade(dark=dark)
             case events.Joined(browser):
                 self.browsers.join(browser, self.framing)
                 self._laying_out = [time.monotonic() + s for s in _LAID_OUT]

@@ -45,7 +45,7 @@ class Overview:
     def load(self, film: Footage, colour: Rgb) -> None:
         """Lay out another replay. colour: of its IMU."""
         replay = film.replay
-        worst = worst_stretch(film)
+        worst = worst_stretch(replay)
         places: dict[str, tuple[Array, Indices, Rgb]] = {
             "imu": (replay.position_imu, film.restarts, colour),
             "autopilot": (replay.position_ref, film.restarts[:0], palette.AUTOPILOT),

@@ -10,6 +10,7 @@ AUTOPILOT: Rgb = (0, 114, 178)  # blue: what the autopilot says
 IMUS: tuple[Rgb, ...] = ((230, 97, 1), (0, 158, 115), (230, 180, 30), (86, 180, 233), (120, 90, 60))
 """Vermillion, bluish green, amber, sky, brown: the IMUs of a flight in its own order, whichever is reckoned."""
 IMU: Rgb = IMUS[0]  # the IMU where there is but one
+BEST: Rgb = (60, 60, 60)  # near black: the best estimate, which belongs to neither
 FREE: Rgb = (243, 170, 110)  # pale vermillion: the same IMU, left alone for longer
 HEADING: Rgb = (0, 158, 115)  # bluish green: a second quantity of the same source
 DIFFERENCE: Rgb = (204, 84, 152)  # reddish purple, a little deeper for thin lines: what lies between both, and findings

@@ -85,6 +85,20 @@ def _legend(flight: Flight, film: Footage, colours: Mapping[str, Rgb]) -> str:
     )
 
 
+def _times_expected(moment: Moment, film: Footage) -> tuple[str, str, str] | None:
+    """Each error divided by what is expected of it; None where nothing is expected, or not yet."""
+    if film.envelope is None:
+        return None
+    attitude, velocity, position = film.envelope.at(moment.t)
+    if attitude <= 0:
+        return None
+    first = f"{np.hypot(moment.tilt_deg, moment.heading_deg) / attitude:.1f} attitude"
+    if not film.replay.has_position or velocity <= 0 or position <= 0:
+        return "÷ expected", first, ""
+    rest = f"{moment.velocity_mps / velocity:.1f} velocity, {moment.position_m / position:.1f} position"
+    return "÷ expected", first, rest
+
+
 def _numbers(moment: Moment, film: Footage, since_start: float, cell: float) -> str:
     has_position = film.replay.has_position
     rows = [
@@ -96,6 +110,8 @@ def _numbers(moment: Moment, film: Footage, since_start: float, cell: float) -> 
         rows.append(("Velocity error", f"{moment.velocity_mps:.2f} m/s", f"grid squares {cell:g} m"))
         sigma = float(np.sqrt(np.trace(moment.covariance)))
         rows.append(("Position error", f"{moment.position_m:.2f} m", f"expected 1σ {sigma:.2f} m" if sigma else ""))
+    if (row := _times_expected(moment, film)) is not None:
+        rows.append(row)
     if (after := film.after_horizon(moment.t)) is not None and film.insight is not None:
         attitude, position = after
         said = f"{position:.2f} m" if has_position else ""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.view.moment import Footage
+from companion.analysis import Replay
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,20 +18,19 @@ class Worst:
     apart_m: float
 
 
-def worst_stretch(film: Footage) -> Worst | None:
+def worst_stretch(replay: Replay) -> Worst | None:
     """The instant at which IMU and autopilot are farthest apart, and the stretch that leads there.
 
     Only where the autopilot's state is known. None where the log has no position, or they never part.
     """
-    replay = film.replay
     known = np.flatnonzero(replay.reference_valid)
     if not replay.has_position or not len(known):
         return None
-    at = int(known[np.argmax(film.errors.position_m[known])])
-    apart = float(film.errors.position_m[at])
+    distances = np.linalg.norm(np.nan_to_num(replay.position_error[known]), axis=1)
+    at, apart = int(known[np.argmax(distances)]), float(distances.max())
     if apart <= 0.0:
         return None
     end = float(replay.t[at])
     before = replay.anchors[replay.anchors < end]
-    start = float(before[-1]) if len(before) else film.start
+    start = float(before[-1]) if len(before) else float(replay.t[0])
     return Worst(start, end, apart)

@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from companion.view.chart import DASHED, DOTTED, legend_style
 from companion.view.curves import MOST_POINTS, curves
 
 T = 100.0 + np.arange(0.0, 60.0, 0.01)
@@ -66,3 +67,11 @@ def test_lines_of_other_times_keep_their_peaks_too(fine: int, coarse: int) -> No
     assert (drawn.values[0].max(), drawn.values[1].min()) == (3.0, -4.0)
     assert len(drawn.t) <= MOST_POINTS
     assert (np.diff(drawn.t) > 0).all()
+
+
+def test_a_legend_shows_dashes_as_the_lines_have_them() -> None:
+    """Rows of uPlot's legend count from 1, and the first is time."""
+    style = legend_style("chart", [None, DASHED, DOTTED])
+    assert style.count("border-style") == 2
+    assert "nth-child(3) .u-marker{border-style:dashed" in style
+    assert "nth-child(4) .u-marker{border-style:dotted" in style

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.view import Reckoning, ReplayChoice
-from companion.view.moment import footage
+from companion.view import ReplayChoice
 from companion.view.overview import worst_words
 from companion.view.worst import Worst, worst_stretch
 from tests.view.circles import BOOT, make_flight, reckon
@@ -18,7 +17,7 @@ REPLAY = reckon(make_flight(), ReplayChoice())
 
 def test_it_begins_at_the_anchor_before_and_ends_farthest_apart() -> None:
     apart = np.linalg.norm(REPLAY.position_error, axis=1)
-    found = worst_stretch(footage(Reckoning(REPLAY)))
+    found = worst_stretch(REPLAY)
     assert found is not None
     assert found.apart_m == pytest.approx(apart.max())
     assert found.end_s == REPLAY.t[np.argmax(apart)]
@@ -27,14 +26,13 @@ def test_it_begins_at_the_anchor_before_and_ends_farthest_apart() -> None:
 
 
 def test_where_the_autopilot_is_not_known_nobody_is_apart() -> None:
-    worst = worst_stretch(footage(Reckoning(REPLAY)))
+    worst = worst_stretch(REPLAY)
     assert worst is not None
     silent = replace(REPLAY, reference_valid=np.abs(REPLAY.t - worst.end_s) > 1.0)
-    other = worst_stretch(footage(Reckoning(silent)))
+    other = worst_stretch(silent)
     assert other is not None
     assert abs(other.end_s - worst.end_s) > 1.0
-    nowhere = replace(REPLAY, has_position=False)
-    assert worst_stretch(footage(Reckoning(nowhere))) is None
+    assert worst_stretch(replace(REPLAY, has_position=False)) is None
 
 
 def test_its_name_has_time_and_distance() -> None:
