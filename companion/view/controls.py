@@ -90,6 +90,7 @@ def dock(gui: viser.GuiApi, side: viser.PanelHandle) -> None:
         panel.set_width(SIDE)
     gui.main_panel.dock_right()
     side.dock_left()
+    side.expand()  # on a phone, where panels are folded until somebody asks for them
 
 
 def key_of(options: Mapping[str, object], value: object) -> str:

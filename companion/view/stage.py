@@ -79,8 +79,7 @@ class Stage:
         self._timeline = Timeline(server.gui, bottom, self._adjustments.playing, post)
         dock(server.gui, side)
         more.dock_below(server.gui.main_panel)
-        bottom.expand()  # on a phone, where panels are folded until somebody asks for them
-        side.expand()
+        bottom.expand()
         drone = drone_for(first.flight.vehicle.type)
         self.outlook = Outlook(server, self._adjustments.picture, drone, _framing(film), post)
         self._load()
