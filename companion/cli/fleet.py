@@ -32,14 +32,16 @@ from companion.fleet import (
     Row,
     Rows,
     Search,
+    by_concern,
     count_by_status,
     count_findings,
     errors,
     find_logs,
+    key_of,
     reasons,
     run_fleet,
     short_names,
-    worst,
+    worst_ratios,
 )
 
 _NAME_WIDTH = 32  # of 80 columns
@@ -133,22 +135,21 @@ def _say_passed_over(search: Search) -> None:
 def _print(fleet: Fleet, seconds: float) -> None:
     console, rows = tables.console(), fleet.rows
     rate = f", {fleet.examined / seconds:.1f} logs/s" if fleet.examined else ""
-    console.print(
-        f"[bold]{fleet.logs} logs[/]: {fleet.examined} examined, {fleet.unchanged} unchanged ({seconds:.1f} s{rate})",
-        highlight=False,
-    )
+    done = f"{fleet.examined} examined, {fleet.unchanged} unchanged ({seconds:.1f} s{rate})"
+    console.print(f"[bold]{options.counted(fleet.logs, 'log')}[/]: {done}", highlight=False)
     counts = ", ".join(f"{count} {status.replace('_', ' ')}" for status, count in count_by_status(rows).items())
-    console.print(f"[bold]{len(rows.flights)} rows[/]: {counts}", highlight=False)
+    console.print(f"[bold]{options.counted(len(rows.flights), 'row')}[/]: {counts}", highlight=False)
     names = short_names([row["log"] for row in rows.flights])
-    if flights := worst(rows, _MOST):
+    ratios = worst_ratios(rows)
+    if flights := by_concern(rows)[:_MOST]:
         console.print("\n[bold]To look at first[/]")
-        shown = _table("flight", "verdict", "× expected>", "because")
+        shown = _table("flight", "verdict", "worst ÷ expected>", "because")
         shown.columns[0].max_width = _NAME_WIDTH
         for row in flights:
             shown.add_row(
                 escape(f"{names[row['log']]}{_which(row, rows)}"),
                 row["status"].replace("_", " "),
-                "-" if row["drift_ratio"] is None else f"{row['drift_ratio']:.2f}",
+                "-" if key_of(row) not in ratios else f"{ratios[key_of(row)]:.1f}",
                 escape(_first(reasons(rows, row))),
             )
         console.print(shown)

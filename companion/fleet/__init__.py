@@ -1,6 +1,15 @@
 """Many logs at once on dask.distributed: rows of every flight, in Parquet tables and on one page."""
 
-from companion.fleet.digest import count_by_status, count_findings, errors, reasons, short_names, worst
+from companion.fleet.digest import (
+    by_concern,
+    count_by_status,
+    count_findings,
+    errors,
+    key_of,
+    reasons,
+    short_names,
+    worst_ratios,
+)
 from companion.fleet.limits import MEMORY_GB, TIMEOUT_S
 from companion.fleet.rows import Row, Rows
 from companion.fleet.run import Fleet, FleetRun, run_fleet
@@ -18,12 +27,14 @@ __all__ = [
     "Rows",
     "Search",
     "arrow_table",
+    "by_concern",
     "count_by_status",
     "count_findings",
     "errors",
     "find_logs",
+    "key_of",
     "reasons",
     "run_fleet",
     "short_names",
-    "worst",
+    "worst_ratios",
 ]

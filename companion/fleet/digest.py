@@ -8,7 +8,16 @@ from collections.abc import Sequence
 from companion.fleet.rows import Row, Rows
 
 STATUSES = ("consistent", "imu_suspect", "autopilot_suspect", "insufficient_data", "error")
+Key = tuple[str, str, int]
+"""Log, vehicle, boot."""
+_SEVERITIES = ("error", "warning", "info")
+_QUANTITIES = ("attitude_{}_deg", "velocity_{}_mps", "position_{}_m")
 _SUSPECT = ("imu_suspect", "autopilot_suspect")
+
+
+def key_of(row: Row) -> Key:
+    """Which flight a row of any table is of."""
+    return row["log"], row.get("vehicle", ""), row.get("boot", 0)
 
 
 def status_of(flight: Row) -> str:
@@ -22,13 +31,35 @@ def count_by_status(rows: Rows) -> dict[str, int]:
     return {status: counts[status] for status in STATUSES if counts[status]}
 
 
-def worst(rows: Rows, most: int) -> list[Row]:
-    """The flights to look at first: suspects, then those that drift most beyond what their sensor explains.
-
-    Flights whose data is insufficient say nothing about a sensor and are left out.
+def by_concern(rows: Rows) -> list[Row]:
+    """Every flight that was examined, the one to look at first foremost: by its worst finding, then by how many times
+    the expected error its worst window is off, whatever the verdict.
     """
-    judged = [row for row in rows.flights if status_of(row) in (*_SUSPECT, "consistent")]
-    return sorted(judged, key=lambda row: (status_of(row) not in _SUSPECT, -(row.get("drift_ratio") or 0.0)))[:most]
+    ranks: dict[Key, int] = {}
+    for row in rows.findings:
+        key = key_of(row)
+        ranks[key] = min(ranks.get(key, len(_SEVERITIES)), _SEVERITIES.index(row["severity"]))
+    ratios = worst_ratios(rows)
+    examined = [row for row in rows.flights if status_of(row) != "error"]
+    return sorted(
+        examined,
+        key=lambda row: (
+            ranks.get(key_of(row), len(_SEVERITIES)),
+            status_of(row) not in _SUSPECT,
+            -ratios.get(key_of(row), 0.0),
+        ),
+    )
+
+
+def worst_ratios(rows: Rows) -> dict[Key, float]:
+    """Flight → its worst window's error over the expected 1σ, of the quantity and horizon where that is largest."""
+    found: dict[Key, float] = {}
+    for row in rows.drift:
+        for name in _QUANTITIES:
+            error, expected = row.get(name.format("max")), row.get(name.format("expected"))
+            if error is not None and expected:
+                found[key_of(row)] = max(found.get(key_of(row), 0.0), error / expected)
+    return found
 
 
 def errors(rows: Rows) -> list[Row]:
@@ -45,8 +76,7 @@ def count_findings(rows: Rows) -> list[tuple[str, str, int, int]]:
         (kind, severity, len(of_kind), len({(row["log"], row["vehicle"], row["boot"]) for row in of_kind}))
         for (kind, severity), of_kind in found.items()
     ]
-    order = ("error", "warning", "info")
-    return sorted(counted, key=lambda row: (order.index(row[1]), -row[3], row[0]))
+    return sorted(counted, key=lambda row: (_SEVERITIES.index(row[1]), -row[3], row[0]))
 
 
 def reasons(rows: Rows, flight: Row) -> list[str]:

@@ -6,7 +6,18 @@ from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
-from companion.fleet.digest import count_by_status, count_findings, errors, reasons, short_names, status_of, worst
+from companion.fleet.digest import (
+    Key,
+    by_concern,
+    count_by_status,
+    count_findings,
+    errors,
+    key_of,
+    reasons,
+    short_names,
+    status_of,
+    worst_ratios,
+)
 from companion.fleet.history import MOST_SENSORS, finding_bars, history
 from companion.fleet.rows import Row, Rows
 
@@ -27,12 +38,12 @@ def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
     charts = Charts()
     names = short_names([row["log"] for row in rows.flights])
     horizon = min((row["horizon_s"] for row in rows.drift), key=lambda h: abs(h - _JUDGED_S), default=_JUDGED_S)
-    after = {(row["log"], row["vehicle"], row["boot"]): row for row in rows.drift if row["horizon_s"] == horizon}
-    first = worst(rows, _WORST)
+    after = {key_of(row): row for row in rows.drift if row["horizon_s"] == horizon}
+    ordered = by_concern(rows)
     counted = count_findings(rows)
     failed = errors(rows)
     sections = [
-        Section("first", "To look at first", _flights(first, rows, names, after, why=True)),
+        Section("first", "To look at first", _flights(ordered[:_WORST], rows, names, after, why=True)),
         *_histories(rows, charts, names),
         Section(
             "findings",
@@ -46,7 +57,7 @@ def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
             if counted
             else markup.paragraph("Nothing stands out in any flight."),
         ),
-        Section("flights", "Every flight", _flights(rows.flights, rows, names, after, why=False)),
+        Section("flights", "Every flight", _flights(ordered, rows, names, after, why=False)),
     ]
     if failed:
         body = markup.table(
@@ -99,19 +110,21 @@ def _flights(
     flights: Sequence[Row],
     rows: Rows,
     names: dict[str, str],
-    after: dict[tuple[str, str, int], Row],
+    after: dict[Key, Row],
     *,
     why: bool,
 ) -> str:
     from companion.report import markup  # noqa: PLC0415
 
+    ratios = worst_ratios(rows)
+
     def cells(row: Row) -> tuple[object, ...]:
-        drift = after.get((row["log"], row.get("vehicle", ""), row.get("boot", 0)), {})
+        drift = after.get(key_of(row), {})
         return (
             _named(row, names),
             markup.words(status_of(row)),
             *([", ".join(map(markup.words, reasons(rows, row)))] if why else []),
-            markup.short(row.get("drift_ratio")),
+            markup.short(ratios.get(key_of(row))),
             markup.short(drift.get("attitude_median_deg")),
             markup.short(drift.get("position_median_m")),
             markup.short(row.get("rate_hz")),
@@ -124,11 +137,12 @@ def _flights(
         return markup.paragraph("No flight could be judged.")
     return markup.table(
         (
-            *("log", "verdict", *(["because"] if why else []), "× expected", f"° after {_JUDGED_S:g} s"),
+            *("log", "verdict", *(["because"] if why else []), "worst ÷ expected", f"° after {_JUDGED_S:g} s"),
             *(f"m after {_JUDGED_S:g} s", "Hz", "IMU", "vehicle · boot", "date (UTC)"),
         ),
         map(cells, flights),
         words=3 if why else 2,
+        sortable=True,
     )
 
 

@@ -37,10 +37,12 @@ def table(
     name: str = "",
     words: int = 1,
     groups: Sequence[tuple[str, int]] = (),
+    sortable: bool = False,
 ) -> str:
     """A table whose first `words` columns are words and whose others are numbers. Cells are escaped.
 
-    name: its id; groups: a row above the headings, each cell with the number of columns that it spans.
+    name: its id; groups: a row above the headings, each cell with the number of columns that it spans; sortable: by a
+    click on a heading, and with a field that leaves the rows that have its words (page.js).
     """
     above = "".join(f'<th colspan="{span}" class="group">{text(title)}</th>' for title, span in groups)
     head = "".join(f"<th{'' if i < words else _RIGHT}>{text(heading)}</th>" for i, heading in enumerate(headings))
@@ -53,7 +55,8 @@ def table(
         + "</tr>"
         for row in rows
     )
-    identity = (f' id="{text(name)}"' if name else "") + (' class="facts"' if words == len(headings) else "")
+    kinds = [kind for kind, is_one in (("facts", words == len(headings)), ("sortable", sortable)) if is_one]
+    identity = (f' id="{text(name)}"' if name else "") + (f' class="{" ".join(kinds)}"' if kinds else "")
     return (
         f'<div class="wide"><table{identity}><thead>{f"<tr>{above}</tr>" if above else ""}<tr>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"

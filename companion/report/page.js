@@ -8,6 +8,43 @@
     document.querySelector("main").before(line);
   };
 
+  // Tables that are sorted by a click on a heading and show the rows that have the words of a field.
+  for (const table of document.querySelectorAll("table.sortable")) {
+    const body = table.tBodies[0];
+    const number = (cell) => parseFloat(cell.textContent);
+    const order = (a, b) => {
+      const [x, y] = [number(a), number(b)];
+      if (a.classList.contains("number")) return Number.isNaN(x) - Number.isNaN(y) || x - y;
+      return a.textContent.localeCompare(b.textContent);
+    };
+    for (const heading of table.querySelectorAll("th")) {
+      heading.tabIndex = 0;
+      const sort = () => {
+        const up = heading.getAttribute("aria-sort") === "descending";
+        table.querySelectorAll("th").forEach((other) => other.removeAttribute("aria-sort"));
+        heading.setAttribute("aria-sort", up ? "ascending" : "descending");
+        const i = heading.cellIndex;
+        const rows = [...body.rows].sort((a, b) => order(a.cells[i], b.cells[i]) * (up ? 1 : -1));
+        body.append(...rows);
+      };
+      heading.addEventListener("click", sort);
+      heading.addEventListener("keydown", (event) => event.key === "Enter" && sort());
+    }
+    const field = document.createElement("input");
+    field.type = "search";
+    field.className = "filter";
+    field.placeholder = "show rows with ...";
+    field.setAttribute("aria-label", "show rows with these words");
+    field.addEventListener("input", () => {
+      const words = field.value.toLowerCase().split(/\s+/).filter(Boolean);
+      for (const row of body.rows) {
+        const text = row.textContent.toLowerCase();
+        row.hidden = !words.every((word) => text.includes(word));
+      }
+    });
+    table.before(field);
+  }
+
   // The player is a document of its own, in a frame without our origin: its scripts cannot reach this page.
   const place = document.getElementById("playback-place");
   document.getElementById("playback-start")?.addEventListener("click", () => {
