@@ -68,15 +68,16 @@ def new_page(browser: Browser, width: int = 1280, height: int = 800, **options: 
     context.close()
 
 
-def open_page(page: Page, url: str) -> Page:
+def open_page(page: Page, url: str, *, charts: bool = True) -> Page:
     """Go there and wait until the picture is: of half the resolution, for without a graphics card its pixels cost most.
 
-    An address that says more than where is opened as it is.
+    An address that says more than where is opened as it is. charts: choose their tab; a phone has none on a link.
     """
     page.goto(url if "?" in url else f"{url}/?fixedDpr=0.5")
     page.wait_for_selector("canvas")
     expect(page.get_by_text("companion", exact=True)).to_be_visible()  # the panel
-    page.get_by_role("tab", name="Charts", exact=True).click()
+    if charts:
+        page.get_by_role("tab", name="Charts", exact=True).click()
     # viser's remark that this machine has no graphics card: true, and in the way
     remark = page.get_by_role("alert").get_by_role("button")
     if remark.count():

@@ -134,7 +134,7 @@ def test_a_silent_link_on_a_small_window(browser: Browser, tmp_path: Path) -> No
         new_page(browser, 390, 844) as page,
         viewing(f"udpin:127.0.0.1:{port}", tmp_path, port=free_port()) as (_, url),
     ):
-        open_page(page, url)
+        open_page(page, url, charts=False)
         expect(page.get_by_text("WAITING")).to_be_visible()
         expect(page.get_by_text("nobody has sent anything yet")).to_be_visible()
         with flying(port, since=8.0, streams={"ATTITUDE": 10.0}):
