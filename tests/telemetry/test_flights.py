@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import companion as c
 from companion.mavlink import Decoder, load_dialect
+from companion.model import DataError
 from companion.telemetry.arrival import arrival
 from tests.recordings import BUNDLED, recording
 from tests.tlogs import EPOCH, Writer
@@ -185,6 +186,15 @@ def test_an_attitude_over_part_of_the_log_moves_no_clock(begin: int, log: Writer
     flight = c.open_log(log.close())[0]
     assert flight.imu().t[[0, -1]] == pytest.approx([10, 110], abs=1e-6)
     assert not any("time_usec runs" in note for note in flight.notes)
+
+
+def test_one_sample_of_the_attitude_is_none(log: Writer) -> None:
+    log.attitude(0.0, 10.0)
+    for i in range(100):
+        log.raw_imu(i / 50, 10 + i / 50)
+    (flight,) = c.open_log(log.close())
+    with pytest.raises(DataError, match="fewer than two usable samples of the attitude.*use the on-board log"):
+        flight.require_attitude()
 
 
 def test_the_constant_between_two_clocks_is_found_closely(log: Writer) -> None:
