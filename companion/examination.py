@@ -32,7 +32,7 @@ from companion.analysis import (
     siblings,
 )
 from companion.correction import load_correction
-from companion.model import DataError, Flight
+from companion.model import DataError, Flight, brief
 from companion.sensors import figures_of, load_imu_figures
 from companion.settings import Settings
 
@@ -40,6 +40,8 @@ from companion.settings import Settings
 @dataclass(frozen=True, eq=False)
 class Examination:
     """One IMU of a flight assessed, and every other IMU beside it."""
+
+    __repr__ = brief
 
     flight: Flight
     assessment: Assessment

@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 import companion
-from tests.recordings import ROOT
+import companion as c
+from tests.recordings import BUNDLED, ROOT
 from tests.waiting import LIMIT_S
 
 pytestmark = pytest.mark.slow
@@ -89,3 +90,19 @@ def test_the_tutorial_runs(tmp_path: Path) -> None:
     assert run.returncode == 0, run.stderr
     assert "CONSISTENT" in run.stdout
     assert list(tmp_path.glob("*.parquet"))
+
+
+def test_every_object_shows_itself_in_five_lines() -> None:
+    """A notebook shows what a cell ends in: not a hundred thousand characters of numbers."""
+    flight = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
+    examined = c.examine(flight)
+    drift = examined.assessment.drift
+    objects: list[object] = [flight, *flight.imus.values(), flight.attitude, flight.position, *flight.series.values()]
+    objects += [examined, examined.assessment, examined.assessment.calibration, examined.assessment.best, drift]
+    objects += [*drift.rows, drift.rows[0].errors, c.replay(flight), examined.assessment.comparison]
+    for shown in map(repr, objects):
+        lines = shown.splitlines()
+        assert len(lines) <= 5, shown
+        assert max(map(len, lines)) <= 160, shown
+    assert "5 s: 0.16" in repr(drift)
+    assert "RAW_IMU" in repr(flight)

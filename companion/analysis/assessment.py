@@ -25,7 +25,7 @@ from companion.analysis.rest import Rest, rests
 from companion.analysis.sensitivity import Sensitivity, sensitivity
 from companion.analysis.verdict import FEWEST_WINDOWS, JUDGED_S, Verdict, decide
 from companion.estimation import BestEstimate, other_reading, smooth, without_errors
-from companion.model import Array, DataError, Flight, ImuTrack, Phase
+from companion.model import Array, DataError, Flight, ImuTrack, Phase, brief
 
 _SHOWN = 3.0  # σ
 _USUAL = (0.018, 0.2)  # rad/s, m/s²: twice what 19 of 20 axes of 14 real vehicles stay below in flight
@@ -34,6 +34,8 @@ _USUAL = (0.018, 0.2)  # rad/s, m/s²: twice what 19 of 20 axes of 14 real vehic
 @dataclass(frozen=True, eq=False)
 class Assessment:
     """One IMU of a flight: drift, what it should be, calibration, verdict."""
+
+    __repr__ = brief
 
     comparison: Comparison  # of the IMU as it was judged, corrected if that was asked for
     sets: tuple[Windows, ...]  # one for each row of the drift

@@ -20,7 +20,7 @@ from companion.analysis.comparison import Comparison, Half, Windows, windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS, Correction
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.reference import BoolArray
-from companion.model import STANDARD_GRAVITY, Array
+from companion.model import STANDARD_GRAVITY, Array, brief
 from companion.strapdown import quaternion
 
 _COUNT = len(NAMES)
@@ -42,6 +42,8 @@ _STILL = 0.02
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
     """The errors that explain the flight best."""
+
+    __repr__ = brief
 
     correction: Correction  # what is worth applying: what is observable or `assumed`, zero for the rest
     values: Array  # (28,) in the order of NAMES; where not observable mostly the prior

@@ -19,7 +19,7 @@ from companion.analysis.reference import (
     position_jumps,
     reference_at,
 )
-from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, nearest
+from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, brief, nearest
 from companion.strapdown import Preintegration, preintegrate
 
 IntArray = npt.NDArray[np.intp]
@@ -29,6 +29,8 @@ Half = Literal["even", "odd"]
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """The reckoning of one IMU and the autopilot's state at its samples."""
+
+    __repr__ = brief
 
     track: ImuTrack
     attitude: AttitudeTrack  # the autopilot's own
@@ -64,6 +66,8 @@ class Comparison:
 class Windows:
     """Windows of one length that can be used, and how many could not."""
 
+    __repr__ = brief
+
     horizon: float  # s
     start: IntArray  # (W,) sample of the anchor
     end: IntArray  # (W,) sample of the end
@@ -89,6 +93,8 @@ class Part:
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowErrors:
     """The error of every window at its end, autopilot minus IMU."""
+
+    __repr__ = brief
 
     anchor_s: Array  # (W,) s, boot clock
     end_s: Array  # (W,)

@@ -16,7 +16,7 @@ from companion.analysis.drift import DriftRow
 from companion.analysis.expected import Expected
 from companion.analysis.finding import Finding
 from companion.analysis.ranks import shift
-from companion.model import Array, nearest
+from companion.model import Array, brief, nearest
 
 QUANTITIES = ("attitude", "velocity", "position")
 _SMALLEST = 1e-12  # rad, m/s, m: an error of zero has no logarithm
@@ -72,6 +72,8 @@ class FigureChange:
 @dataclass(frozen=True, slots=True, eq=False)
 class Contrast:
     """B held against A."""
+
+    __repr__ = brief
 
     rows: tuple[ContrastRow, ...]  # the horizons that both have
     figures: tuple[FigureChange, ...]

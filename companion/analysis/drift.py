@@ -15,7 +15,7 @@ import numpy as np
 from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, windows
 from companion.analysis.integration import DEFAULT, Integration
-from companion.model import Array, Flight
+from companion.model import Array, Flight, brief
 
 HORIZONS_S = (1.0, 2.0, 5.0, 10.0, 30.0)
 
@@ -23,6 +23,8 @@ HORIZONS_S = (1.0, 2.0, 5.0, 10.0, 30.0)
 @dataclass(frozen=True, slots=True)
 class Statistic:
     """Median, 95th percentile and worst of an error's length over windows."""
+
+    __repr__ = brief
 
     median: float
     p95: float
@@ -32,6 +34,8 @@ class Statistic:
 @dataclass(frozen=True, slots=True, eq=False)
 class DriftRow:
     """Drift at one horizon: None where no window was used, or (velocity, position) the flight has no position."""
+
+    __repr__ = brief
 
     horizon_s: float
     windows: int  # used
@@ -51,6 +55,16 @@ class Drift:
     middle: str
     rows: tuple[DriftRow, ...]
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """The medians, as a notebook shows them."""
+        told = []
+        for row in self.rows:
+            found = ((row.attitude_deg, "°"), (row.velocity_mps, " m/s"), (row.position_m, " m"))
+            medians = ", ".join(f"{s.median:.3g}{unit}" for s, unit in found if s is not None) or "no window"
+            told.append(f"{row.horizon_s:g} s: {medians}")
+        shown = [*told[:4], f"... {len(told)} horizons"] if len(told) > 5 else told
+        return f"Drift of {self.imu} ({self.method}), median of the windows after " + ";\n  ".join(shown)
 
 
 def drift(

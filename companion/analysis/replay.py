@@ -11,7 +11,7 @@ from companion.analysis.compare import attitude_error
 from companion.analysis.comparison import IntArray
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import BoolArray, Reference, reference_at
-from companion.model import Array, DataError, Flight, ImuTrack, nearest
+from companion.model import Array, DataError, Flight, ImuTrack, brief, nearest
 from companion.strapdown import preintegrate, quaternion
 
 
@@ -22,6 +22,8 @@ class Replay:
     Without a position source the autopilot's position and velocity are zero throughout, the IMU's are
     held at zero too, and `has_position` is False: only the attitudes mean something.
     """
+
+    __repr__ = brief
 
     t: Array  # (N,) s, boot clock
     q_imu: Array  # (N, 4) wxyz NED/FRD, the IMU's reckoning

@@ -9,6 +9,7 @@ from companion.analysis.comparison import Windows
 from companion.analysis.expected import Expected
 from companion.analysis.finding import Cause, Finding
 from companion.estimation import BestEstimate
+from companion.model import brief
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
 
@@ -22,6 +23,8 @@ _CONSISTENT_SHARE = 0.7  # of windows inside the 95 % bound: the windows of a fl
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """The answer."""
+
+    __repr__ = brief
 
     status: Status
     summary: str

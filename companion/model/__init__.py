@@ -18,6 +18,7 @@ from companion.model.aiding import (
     SensorInUse,
     TruthTrack,
 )
+from companion.model.brief import brief
 from companion.model.errors import CompanionError, DataError, InputError, SettingsError
 from companion.model.flight import Epoch, Flight, MessageStats, Origin, StatusText, Vehicle
 from companion.model.geodesy import (
@@ -70,6 +71,7 @@ __all__ = [
     "Trajectory",
     "TruthTrack",
     "Vehicle",
+    "brief",
     "from_euler",
     "geodetic_from_ned",
     "nearest",

@@ -12,6 +12,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from companion.model.brief import brief
+
 Array = npt.NDArray[np.float64]
 
 
@@ -27,6 +29,8 @@ def _check(source: str, t: Array, columns: dict[str, tuple[Array, tuple[int, ...
 @dataclass(frozen=True, slots=True, eq=False)
 class GpsTrack:
     """One receiver. Rows without a position fix have NaN in latitude, longitude and height."""
+
+    __repr__ = brief
 
     t: Array  # (N,) s; the time of validity where the log tells it, else that of the message
     latitude: Array  # (N,) rad, WGS-84
@@ -56,6 +60,8 @@ class GpsTrack:
 class CompassTrack:
     """One magnetometer, in the body frame of the IMU tracks; the autopilot's own hard-iron offsets applied or not."""
 
+    __repr__ = brief
+
     t: Array  # (N,) s
     field: Array  # (N, 3) FRD, tesla
     source: str = ""
@@ -72,6 +78,8 @@ class CompassTrack:
 @dataclass(frozen=True, slots=True, eq=False)
 class BarometerTrack:
     """One barometer."""
+
+    __repr__ = brief
 
     t: Array  # (N,) s
     pressure: Array  # (N,) Pa
@@ -90,6 +98,8 @@ class BarometerTrack:
 @dataclass(frozen=True, slots=True, eq=False)
 class AirspeedTrack:
     """One airspeed sensor."""
+
+    __repr__ = brief
 
     t: Array  # (N,) s
     airspeed: Array  # (N,) m/s, indicated, along the body's x axis; NaN where only the pressure is told
@@ -110,6 +120,8 @@ class AirspeedTrack:
 @dataclass(frozen=True, slots=True, eq=False)
 class RangeTrack:
     """One range finder."""
+
+    __repr__ = brief
 
     t: Array  # (N,) s
     distance: Array  # (N,) m along its own axis; NaN where it calls the reading none or outside its range
@@ -132,6 +144,8 @@ class RangeTrack:
 class FlowTrack:
     """One optical flow sensor, looking down: a right-handed rotation about an axis makes a positive flow about it."""
 
+    __repr__ = brief
+
     t: Array  # (N,) s, the end of the interval
     flow: Array  # (N, 2) about body x and y, FRD, rad/s: rotation and motion together
     gyro: Array  # (N, 3) FRD, rad/s: how the vehicle turned meanwhile, by the sensor's own or the autopilot's gyro
@@ -153,6 +167,8 @@ class FlowTrack:
 class BiasTrack:
     """What an estimator believes one IMU to read too much: truth = reading - bias, in the IMU's own FRD frame."""
 
+    __repr__ = brief
+
     t: Array  # (N,) s
     gyro: Array  # (N, 3) rad/s
     accel: Array  # (N, 3) m/s²
@@ -173,6 +189,8 @@ class BiasTrack:
 @dataclass(frozen=True, slots=True, eq=False)
 class TruthTrack:
     """What a simulator knows. For tests and benchmarks: no analysis reads it."""
+
+    __repr__ = brief
 
     t: Array  # (N,) s
     q_ned_frd: Array  # (N, 4) wxyz; NaN where it is not told
@@ -196,6 +214,8 @@ class TruthTrack:
 class ControlTrack:
     """What the controller wanted, and what it asked of the motors."""
 
+    __repr__ = brief
+
     t: Array  # (N,) s
     q_ned_frd: Array  # (N, 4) wxyz, the desired attitude; NaN where it is not told
     source: str = ""
@@ -210,6 +230,8 @@ class ControlTrack:
 @dataclass(frozen=True, slots=True, eq=False)
 class ActuatorTrack:
     """Outputs to motors and servos."""
+
+    __repr__ = brief
 
     t: Array  # (N,) s
     output: Array  # (N, K) as a share of the range, 0 to 1; NaN for outputs not in use

@@ -23,6 +23,7 @@ from companion.model.aiding import (
     SensorInUse,
     TruthTrack,
 )
+from companion.model.brief import brief
 from companion.model.errors import DataError
 from companion.model.imu_messages import by_preference
 from companion.model.series import Event, Series
@@ -85,6 +86,8 @@ class Epoch:
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
     """One boot of one vehicle: what its IMUs measured and what its autopilot made of it."""
+
+    __repr__ = brief
 
     vehicle: Vehicle
     boot: int  # 1 for the vehicle's first boot in the log

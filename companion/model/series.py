@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from companion.model.brief import brief
+
 Array = npt.NDArray[np.float64]
 
 
@@ -19,6 +21,8 @@ class Series:
 
     Raises ValueError for shapes that do not match or times that do not increase.
     """
+
+    __repr__ = brief
 
     t: Array  # (N,) s, strictly increasing
     values: Array  # (N, k) one column per name; NaN where the vehicle does not know

@@ -15,6 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from companion.model.brief import brief
+
 Array = npt.NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.80665
@@ -43,6 +45,8 @@ class ImuTrack:
 
     Raises ValueError for shapes that do not match, non-finite samples or times that do not increase.
     """
+
+    __repr__ = brief
 
     t: Array  # (N,) s, strictly increasing
     gyro: Array  # (N, 3) angular rate, FRD, rad/s
@@ -90,6 +94,8 @@ class ImuTrack:
 class AttitudeTrack:
     """The autopilot's own attitude. Raises ValueError as ImuTrack does."""
 
+    __repr__ = brief
+
     t: Array  # (N,) s, strictly increasing
     q_ned_frd: Array  # (N, 4) wxyz, unit length, sign continuous along the track
     rates: Array  # (N, 3) the autopilot's bias-corrected body rates, FRD, rad/s
@@ -105,6 +111,8 @@ class AttitudeTrack:
 @dataclass(frozen=True, slots=True, eq=False)
 class PositionTrack:
     """The autopilot's own position and velocity. Raises ValueError as ImuTrack does."""
+
+    __repr__ = brief
 
     t: Array  # (N,) s, strictly increasing
     position: Array  # (N, 3) NED, m, about the flight's origin
@@ -122,6 +130,8 @@ class PositionTrack:
 class NavState:
     """Where a strapdown integration stands at one instant: the start of a run or the end of a chunk."""
 
+    __repr__ = brief
+
     t: float  # s
     q_ned_frd: Array  # (4,) wxyz
     velocity: Array  # (3,) NED, m/s
@@ -131,6 +141,8 @@ class NavState:
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
     """What the integration says, at the times of the IMU samples."""
+
+    __repr__ = brief
 
     t: Array  # (N,) s
     q_ned_frd: Array  # (N, 4) wxyz, unit length, sign continuous
