@@ -19,6 +19,7 @@ from companion.analysis.free_run import FreeRun, FreeState
 from companion.analysis.gravity import gravity_for
 from companion.analysis.integration import Integration
 from companion.analysis.inventory import Item, inventory, used_aiding, used_imus
+from companion.analysis.newest import newest_stands_out
 from companion.analysis.noise import AxisNoise, FlightNoise, ImuNoise, RestNoise, imu_noise
 from companion.analysis.noise_model import ModelFigure, SensorModel, noise_model
 from companion.analysis.phases import phases
@@ -99,6 +100,7 @@ __all__ = [
     "gravity_for",
     "imu_noise",
     "inventory",
+    "newest_stands_out",
     "noise_model",
     "phases",
     "rate_warning",

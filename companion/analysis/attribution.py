@@ -47,6 +47,8 @@ from companion.strapdown import quaternion
 _LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0, "position": 3.0}
 """A departure lasts as long, s: what an estimator mends by itself is none."""
 
+_SUDDEN_S, _SUDDEN = 1.0, 0.5  # one that begins with a step of so much of itself need not last longer
+
 _SETTLED_S = 10.0  # on a bench, after which an estimator has aligned
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
 _SIGMAS, _CERTAIN = 3.0, 4.0  # of both together: a departure is doubted, and is the autopilot's alone
@@ -143,7 +145,8 @@ def departures(
         both = np.hypot(sigma, _TOLERANCE[name][0])
         where = (judged if name in ("tilt", "heading") else known) & (value > least_departure(name, sigma))
         for first, last in runs(np.asarray(where)):
-            if t[last] - t[first] >= _LASTING_S[name]:
+            stepped = first > 0 and value[first] - value[first - 1] > _SUDDEN * value[first]
+            if t[last] - t[first] >= (_SUDDEN_S if stepped else _LASTING_S[name]):
                 peak = first + int(np.argmax(value[first : last + 1]))
                 found.append(Departure(name, float(t[first]), float(t[last]), float(value[peak]), float(both[peak])))
     return tuple(sorted(found, key=lambda d: d.start))

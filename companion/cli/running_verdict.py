@@ -28,6 +28,7 @@ from companion.mavlink import Frames
 from companion.model import Flight
 from companion.settings import Settings
 
+_LOOK_S = 1.0  # between two looks at whether something has just begun, which is then judged at once
 _PAUSE_S = 3.5  # between the begins of two analyses: no verdict is older than 5 s where one takes less than 1.5 s
 _SHARE = 4.0  # times as long as the processor was busy with one: at most a quarter of a core on a slow computer
 _MOST_WAITING = 10_000  # receipts: some minutes, while the process starts or the computer sleeps
@@ -116,7 +117,7 @@ def _work(pipe: Connection, assignment: Assignment) -> None:
     inbox: deque[tuple[bytes, float] | Assignment | None] = deque()
     threading.Thread(target=_listen, args=(pipe, inbox), daemon=True).start()
     judge = _judge_of(assignment)
-    due, heard = 0.0, False
+    due, soonest, look, heard = 0.0, 0.0, 0.0, False
     while True:
         while inbox:
             one = inbox.popleft()
@@ -130,6 +131,9 @@ def _work(pipe: Connection, assignment: Assignment) -> None:
                 judge.hear(*one)
                 heard = True
         begin, busy = time.monotonic(), time.process_time()
+        if heard and soonest <= begin < due and begin >= look:
+            look = begin + _LOOK_S
+            due = begin if judge.stirred() else due
         if heard and begin >= due:
             heard = False
             try:
@@ -138,7 +142,8 @@ def _work(pipe: Connection, assignment: Assignment) -> None:
                 opinion = Opinion("", f"no verdict ({type(error).__name__}: {error})", 0.0)
             with contextlib.suppress(OSError):
                 pipe.send(opinion)
-            due = begin + max(_PAUSE_S, _SHARE * (time.process_time() - busy))
+            soonest = begin + _SHARE * (time.process_time() - busy)
+            due = max(begin + _PAUSE_S, soonest)
         time.sleep(0.05)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from companion.analysis import Verdict, phases
+from companion.analysis import Verdict, compare, newest_stands_out, phases
 from companion.model import DataError, Flight
 from companion.telemetry import Stream
 
@@ -15,6 +15,7 @@ HORIZON_S = 40.0
 """Of data that the verdict now rests on: shorter, and a slow bias drowns in noise; longer, and it costs more than it
 tells. What lasted longer than that is in the record of alarms."""
 
+_LOOK_S = 20.0  # of data for a look at the newest
 _MOST_ALARMS = 50
 _SUSPECT = ("imu_suspect", "autopilot_suspect")
 
@@ -96,8 +97,18 @@ class Judge:
         self._last = replace(found, was_consistent=last.was_consistent or status == "consistent")
         return self._last
 
-    def _flight(self) -> Flight | None:
-        usable = [flight for flight in self._stream.recent(HORIZON_S) if flight.default_imu is not None]
+    def stirred(self) -> bool:
+        """Whether the last seconds differ from those before, so that a judgement should not wait for its turn."""
+        flight = self._flight(_LOOK_S)
+        if flight is None:
+            return False
+        try:
+            return newest_stands_out(compare(flight))
+        except DataError:
+            return False
+
+    def _flight(self, seconds: float = HORIZON_S) -> Flight | None:
+        usable = [flight for flight in self._stream.recent(seconds) if flight.default_imu is not None]
         newest = {flight.vehicle.sysid: flight for flight in usable}  # the last boot of each
         chosen = [
             f for f in newest.values() if self.vehicle is None or self.vehicle in (str(f.vehicle), str(f.vehicle.sysid))

@@ -69,6 +69,19 @@ def test_a_heading_that_changes_is_judged_by_the_change(flight: Flight, best: Be
     assert departures(replace(flight, attitude=replace(whole, q_ned_frd=turn)), doubted, Limits()) == ()
 
 
+@pytest.mark.parametrize(("rise_s", "departs"), [(0.05, True), (4.0, False)], ids=["in a step", "little by little"])
+def test_what_begins_with_a_step_need_not_last(
+    flight: Flight, best: BestEstimate, rise_s: float, departs: bool
+) -> None:
+    """A live verdict cannot wait; what an estimator mends by itself grows and goes."""
+    attitude = flight.require_attitude()
+    gone = np.clip((ONSET + 2.5 - attitude.t) / rise_s, 0.0, 1.0)
+    angle = 20.0 * np.clip((attitude.t - ONSET) / rise_s, 0.0, 1.0) * gone
+    turn = quaternion.exp(np.radians(angle)[:, None] * np.array([0.0, 0.0, 1.0]))
+    for_a_while = replace(flight, attitude=replace(attitude, q_ned_frd=quaternion.multiply(turn, attitude.q_ned_frd)))
+    assert [d.quantity for d in departures(for_a_while, best, Limits())] == ["heading"] * departs
+
+
 def test_an_imu_that_is_known_to_sit_askew_is_no_departure(flight: Flight, best: BestEstimate) -> None:
     tilted = (np.radians(4.0), np.radians(-2.0))
     attitude = flight.require_attitude()

@@ -10,7 +10,7 @@ from companion.analysis import Verdict
 from companion.live import HORIZON_S, Judge, Opinion
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import DataError, Flight
-from companion.simulate import SimulatedVehicle, fly
+from companion.simulate import Faults, SimulatedVehicle, fly
 from tests.simulated import bursts
 
 pytestmark = pytest.mark.slow
@@ -67,6 +67,18 @@ def test_the_data_behind_it_are_the_last_seconds_and_memory_does_not_grow() -> N
     witnesses = said.flights[-1]
     assert witnesses.gps
     assert "estimator" in witnesses.series
+
+
+@pytest.mark.parametrize(
+    ("fault", "stirred"), [(Faults(), False), (Faults(ekf_reset=(30.0, 10.0)), True)], ids=["healthy", "a reset"]
+)
+def test_what_has_just_begun_is_noticed(fault: Faults, stirred: bool) -> None:
+    vehicle = SimulatedVehicle(fly(40.0, faults=fault), streams=STREAMS)
+    judge = Judge(Said(), dialect=DEFAULT_DIALECT)
+    assert not judge.stirred(), "nothing has come"
+    for t, packets in bursts(vehicle, 31.5):
+        judge.hear(packets, EPOCH + t)
+    assert judge.stirred() is stirred
 
 
 def test_what_cannot_be_judged_is_said() -> None:
