@@ -107,8 +107,8 @@ def departures(
 ) -> tuple[Departure, ...]:
     """Where the autopilot's estimate leaves the best estimate, while it is judged.
 
-    An attitude departs by what it is off by, or by what it has changed by since the beginning: the second is known
-    better where the whole flight is turned, as by a compass that is not calibrated.
+    A heading departs by what it is off by, or by what it has changed by since the beginning: the second is known better
+    where the whole flight is turned, as by a compass that is not calibrated.
     tilted: rad about x and y, FRD, from the IMU's axes into those of the attitude, where the IMU is known to sit askew.
     """
     t = best.t
@@ -121,12 +121,13 @@ def departures(
     error = error - _lag(error, best, judged)
     early = np.flatnonzero(judged)[: max(5, int(0.1 * judged.sum()))]
     first = int(early[np.argmin(length(error[early] - np.median(error[early], axis=0)))])
+    heading = slice(2, 3)
     off = {
-        name: _further(name, [
-            (length(error[:, rows]), _greatest(best.sigma(ATTITUDE)[:, rows])),
-            (length((error - error[first])[:, rows]), _greatest(best.change_sigma(ATTITUDE, first)[:, rows])),
-        ])
-        for name, rows in (("tilt", slice(0, 2)), ("heading", slice(2, 3)))
+        "tilt": (length(error[:, :2]), _greatest(best.sigma(ATTITUDE)[:, :2])),
+        "heading": _further("heading", [
+            (length(error[:, heading]), _greatest(best.sigma(ATTITUDE)[:, heading])),
+            (length((error - error[first])[:, heading]), _greatest(best.change_sigma(ATTITUDE, first)[:, heading])),
+        ]),
     }  # fmt: skip
     known = judged & reference.position_known
     if "gps_position" in best.residuals and known.sum() > 5:
@@ -228,7 +229,7 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
         elif harmed and episode.witness == "imu":
             severity = "warning"
         side: Side = "imu" if episode.witness == "imu" else "autopilot" if harmed else "data"
-        why = _why_undecided(episode, best) if severity == "error" else ""
+        why = _why_undecided(episode, best, found) if severity == "error" else ""
         headline = words = said(episode, best)
         misled: tuple[str, ...] = ()
         if harmed and severity != "info":
@@ -255,24 +256,45 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
     return out
 
 
+_TOGETHER_S, _STRONGER = 2.0, 3.0  # s; times the evidence
+_BY_THE_IMU_ALONE, _BURSTS = ("gps_motion",), 3  # kinds that no other witness speaks against
 _CONSTANT = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"
 _CONTRADICTED = (
     "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which of them is wrong"
 )
 
 
-def _why_undecided(episode: Episode, best: BestEstimate) -> str:
+def _is_left_of(episode: Episode, others: tuple[Episode, ...]) -> str | None:
+    """The kind of a far stronger episode of another sensor that begins with this one, and may leave this; or None."""
+    for other in others:
+        apart = max(_TOGETHER_S, _SIGMAS * float(np.hypot(episode.start_sigma, other.start_sigma)))
+        stronger = other.witness != episode.witness and other.gain > _STRONGER * episode.gain
+        if stronger and abs(other.start - episode.start) < apart:
+            return other.kind
+    return None
+
+
+def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, ...]) -> str:
     """Why an episode that looks like a fault accuses nobody; empty where it does."""
-    if episode.kind.endswith("_shock"):
-        return "a shock, strong vibration or lost samples do this too: no sensor is accused of a moment"
-    if episode.magnitude < _SIGMAS * episode.sigma:
-        return "its size is hardly more than its σ"
     noisy = contradicted(best)
-    if noisy and episode.witness != "imu":
-        return _CONTRADICTED
-    if (rival := rival_of_another(episode, FAR if noisy else CLOSE)) is not None:
-        return f"{rival.replace('_', ' ')} explains it nearly as well: it cannot be told which of them is wrong"
-    return ""
+    stronger = _is_left_of(episode, others)
+    rival = rival_of_another(episode, FAR if noisy else CLOSE)
+    reasons = (
+        (episode.kind.endswith("_shock"),
+         "a shock, strong vibration or lost samples do this too: no sensor is accused of a moment"),
+        (episode.magnitude < _SIGMAS * episode.sigma, "its size is hardly more than its σ"),
+        (stronger is not None,
+         f"{_named(stronger)}, which begins with it, explains far more: this may be what that leaves"),
+        (episode.kind in _BY_THE_IMU_ALONE and best.bursts >= _BURSTS,
+         "the IMU is shaken in bursts that look the same: it cannot be told which of them is wrong"),
+        (noisy and episode.witness != "imu", _CONTRADICTED),
+        (rival is not None, f"{_named(rival)} explains it nearly as well: it cannot be told which of them is wrong"),
+    )  # fmt: skip
+    return next((why for applies, why in reasons if applies), "")
+
+
+def _named(kind: str | None) -> str:
+    return (kind or "").replace("_", " ")
 
 
 def _why_unsure(departure: Departure, best: BestEstimate) -> str:

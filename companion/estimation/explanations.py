@@ -18,6 +18,7 @@ from companion.model import Array
 from companion.strapdown import quaternion
 
 _SHOCK = 10.0  # what an IMU misses in a moment it otherwise shows: a hole, readings at their end, vibration
+_MOMENTS = 4.0 * float(np.log(1000 / 24))  # both its ends are moments: of a thousand keyframes, not of 24 stretches
 _LIVELY = {GYRO_BIAS.start: 0.2, ACCEL_BIAS.start: 1.5}  # rad/s, m/s², root mean square
 
 
@@ -183,7 +184,8 @@ KINDS: tuple[Kind, ...] = (
     Kind("gps_position", "gps", "m", ("step", "ramp", "pulse", "creep"), 50.0, 6.0, _shift("gps_position"),
          least_slow=11.0),
     Kind("gps_height", "gps", "m", ("step", "ramp", "pulse"), 50.0, 5.0, _shift("gps_height"), least_slow=15.0),
-    Kind("gps_motion", "gps", "m/s", ("step", "pulse"), 3.0, 0.5, _motion, "gps_position", summed=("gps_position",)),
+    Kind("gps_motion", "gps", "m/s", ("step", "pulse"), 3.0, 0.5, _motion, "gps_position", rarity=_MOMENTS,
+         summed=("gps_position",)),
     Kind("gps_velocity", "gps", "m/s", ("step", "ramp", "pulse"), 5.0, 0.5, _shift("gps_velocity")),
     Kind("gps_latency", "gps", "s", ("step", "pulse"), 0.5, 0.15, _late, "gps_position"),
     Kind("compass_field", "compass", "µT", ("step", "ramp", "pulse", "creep"), 30.0, 3.0, _field),

@@ -39,6 +39,7 @@ from companion.estimation.setup import Setup, first_guess, set_up
 from companion.estimation.system import (
     measurement_residual,
 )
+from companion.estimation.weighing import bursts
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight
 
 _PASSES = 14
@@ -199,6 +200,7 @@ def _result(setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Cho
         origin=setup.origin,
         explained=explained(linear.problem, linear.solution, accepted),
         detectable=detectable(linear.problem, linear.solution),
+        bursts=bursts(linear.solution),
         heading_from=heading,
         notes=setup.notes,
     )

@@ -19,6 +19,7 @@ from companion.estimation.shapes import SLOPED, at_work
 from companion.estimation.system import Index, Solution, measurement_residual, motion_residual
 from companion.model import Array
 
+_BEYOND_CHANCE = 24.0  # χ² of three: one interval in 40,000
 _UNUSUAL, _JUMPS = 8.0, 8  # a step of this many median steps, and how many are tried
 
 
@@ -63,12 +64,24 @@ def jumps(problem: Problem, solution: Solution, kind: Kind) -> Array:
 
 def pushes(problem: Problem, solution: Solution) -> Array:
     """(J,) s: keyframes before which the velocity changes most beyond what the IMU felt, the most unlikely first."""
+    at, _ = _peaks(solution)
+    return np.asarray(problem.t[at[:_JUMPS]] + 1e-3)
+
+
+def bursts(solution: Solution) -> int:
+    """How many times the IMU missed a push that chance never makes."""
+    _, unlikely = _peaks(solution)
+    return int((unlikely > _BEYOND_CHANCE).sum())
+
+
+def _peaks(solution: Solution) -> tuple[Index, Array]:
+    """Keyframes after which the velocity is pushed, the most unlikely first, and χ² of three of the push."""
     e, d = solution.disturbances
     e, d = e[:, VELOCITY], d[:, VELOCITY, VELOCITY]
     unlikely = np.einsum("ki,ki->k", e, np.linalg.solve(d + 1e-12 * np.eye(3), e[..., None])[..., 0])
-    peak = (unlikely >= np.roll(unlikely, 1)) & (unlikely >= np.roll(unlikely, -1))
-    at = np.flatnonzero(peak)
-    return np.asarray(problem.t[at[np.argsort(-unlikely[at])][:_JUMPS]] + 1e-3)
+    at = np.flatnonzero((unlikely >= np.roll(unlikely, 1)) & (unlikely >= np.roll(unlikely, -1)))
+    at = at[np.argsort(-unlikely[at])]
+    return at, np.asarray(unlikely[at])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -129,6 +129,27 @@ def test_what_was_wrong_from_the_beginning_on_accuses_nobody(flight: Flight, bes
     assert (finding.side, finding.severity, finding.undecided) == ("data", "warning", True)
 
 
+def test_what_a_far_stronger_explanation_leaves_accuses_nobody(best: BestEstimate) -> None:
+    weak = replace(step(ONSET - 1.0, np.inf, 0.05), gain=100.0)
+    jump = Explained("gps_position", "step", ONSET, 0.1, np.inf, np.array([30.0, 0.0]), np.full(2, 0.3), 5000.0)
+    gyro, _ = findings_of(episodes(replace(best, explained=(weak, jump))), (), best)
+    assert (gyro.kind, gyro.side, gyro.severity) == ("gyro_bias", "data", "warning")
+    assert "gps position, which begins with it" in gyro.evidence
+    alone = findings_of(episodes(replace(best, explained=(weak, replace(jump, onset=ONSET + 20.0)))), (), best)
+    assert (alone[0].side, alone[0].severity) == ("imu", "error")
+
+
+@pytest.mark.parametrize(("bursts", "side"), [(0, "autopilot"), (5, "data")])
+def test_a_gps_that_only_a_shaken_imu_speaks_against_is_not_accused(
+    flight: Flight, best: BestEstimate, bursts: int, side: str
+) -> None:
+    moved = Explained("gps_motion", "step", ONSET, 0.1, np.inf, np.array([3.0, 0.0]), np.full(2, 0.1), 500.0)
+    shaken = replace(best, explained=(moved,), bursts=bursts)
+    found = findings_of(episodes(shaken), departures(turned(flight, 40.0), shaken, Limits()), shaken)
+    assert found[0].kind == "gps_motion"
+    assert found[0].side == side
+
+
 def test_a_fast_vehicle_is_where_a_gps_of_another_latency_would_have_it(flight: Flight, best: BestEstimate) -> None:
     wind = np.array([40.0, 0.0, 0.0])
     fast = replace(best, states=replace(best.states, velocity=best.velocity + wind))
