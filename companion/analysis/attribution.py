@@ -146,7 +146,8 @@ def departures(
         both = np.hypot(sigma, _TOLERANCE[name][0])
         where = (judged if name in ("tilt", "heading") else known) & (value > least_departure(name, sigma))
         for first, last in runs(np.asarray(where)):
-            stepped = first > 0 and value[first] - value[first - 1] > _SUDDEN * value[first]
+            before = value[max(first - 2, 0) : first]  # one keyframe may lie within the step
+            stepped = len(before) > 0 and value[first] - before.min() > _SUDDEN * value[first]
             if t[last] - t[first] >= (_SUDDEN_S if stepped else _LASTING_S[name]):
                 peak = first + int(np.argmax(value[first : last + 1]))
                 found.append(Departure(name, float(t[first]), float(t[last]), float(value[peak]), float(both[peak])))
