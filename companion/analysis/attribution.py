@@ -41,7 +41,7 @@ from companion.estimation import (
     kind_of,
     times_of_change,
 )
-from companion.model import Array, Flight
+from companion.model import Array, EstimatorReset, Flight
 from companion.strapdown import quaternion
 
 _LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0, "position": 3.0}
@@ -51,6 +51,7 @@ _SUDDEN_S, _SUDDEN = 1.0, 0.5  # one that begins with a step of so much of itsel
 
 _SETTLED_S = 10.0  # on a bench, after which an estimator has aligned
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
+_WELL = 0.5  # of what an estimator in order may be off by: an estimate that is known so well is judged as it is
 _SIGMAS, _CERTAIN = 3.0, 4.0  # of both together: a departure is doubted, and is the autopilot's alone
 _TOLERANCE: Mapping[str, tuple[float, float]] = {
     "tilt": (np.radians(0.7), np.radians(2.0)),
@@ -107,8 +108,8 @@ def departures(
 ) -> tuple[Departure, ...]:
     """Where the autopilot's estimate leaves the best estimate, while it is judged.
 
-    A heading departs by what it is off by, or by what it has changed by since the beginning: the second is known better
-    where the whole flight is turned, as by a compass that is not calibrated.
+    A heading departs by what it is off by, or by what it has changed by: that is known better where the whole flight is
+    turned, as by a compass that is not calibrated.
     tilted: rad about x and y, FRD, from the IMU's axes into those of the attitude, where the IMU is known to sit askew.
     """
     t = best.t
@@ -119,16 +120,10 @@ def departures(
     askew = quaternion.exp(-np.array([*tilted, 0.0]))
     error = attitude_error(reference.q_ned_frd, quaternion.multiply(best.q_ned_frd, askew))
     error = error - _lag(error, best, judged)
-    early = np.flatnonzero(judged)[: max(5, int(0.1 * judged.sum()))]
-    first = int(early[np.argmin(length(error[early] - np.median(error[early], axis=0)))])
-    heading = slice(2, 3)
     off = {
         "tilt": (length(error[:, :2]), _greatest(best.sigma(ATTITUDE)[:, :2])),
-        "heading": _further("heading", [
-            (length(error[:, heading]), _greatest(best.sigma(ATTITUDE)[:, heading])),
-            (length((error - error[first])[:, heading]), _greatest(best.change_sigma(ATTITUDE, first)[:, heading])),
-        ]),
-    }  # fmt: skip
+        "heading": _heading_off(error[:, 2], best, judged, flight.resets),
+    }
     known = judged & reference.position_known
     if "gps_position" in best.residuals and known.sum() > 5:
         moved = (reference.position - best.position)[:, :2]
@@ -141,6 +136,7 @@ def departures(
         pull, swift = length(np.gradient(best.velocity[:, :2], t, axis=0)), length(best.velocity[:, :2])
         off["velocity"] = speed, np.hypot(_greatest(best.sigma(VELOCITY)[:, :2]), late * pull)
         off["position"] = place, np.hypot(_greatest(best.sigma(POSITION)[:, :2]), late * swift)
+    judging = times_of_change(t[judged])
     found: list[Departure] = []
     for name, (value, sigma) in off.items():
         both = np.hypot(sigma, _TOLERANCE[name][0])
@@ -150,7 +146,9 @@ def departures(
             stepped = len(before) > 0 and value[first] - before.min() > _SUDDEN * value[first]
             if t[last] - t[first] >= (_SUDDEN_S if stepped else _LASTING_S[name]):
                 peak = first + int(np.argmax(value[first : last + 1]))
-                found.append(Departure(name, float(t[first]), float(t[last]), float(value[peak]), float(both[peak])))
+                recovers = bool(t[first] <= judging[0] and t[last] < judging[1])
+                size, own = float(value[peak]), float(both[peak])
+                found.append(Departure(name, float(t[first]), float(t[last]), size, own, recovers))
     return tuple(sorted(found, key=lambda d: d.start))
 
 
@@ -159,11 +157,26 @@ def _greatest(sigma: Array) -> Array:
     return np.asarray(sigma.max(axis=1))
 
 
-def _further(quantity: str, ways: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Of several ways to measure a departure, (K,) each with its 1σ (K,), the one that stands out most, each time."""
-    sizes, sigmas = np.stack([size for size, _ in ways]), np.stack([sigma for _, sigma in ways])
-    most = np.argmax(sizes / least_departure(quantity, sigmas), axis=0)[None]
-    return np.take_along_axis(sizes, most, 0)[0], np.take_along_axis(sigmas, most, 0)[0]
+def _heading_off(
+    error: Array, best: BestEstimate, judged: BoolArray, resets: Sequence[EstimatorReset]
+) -> tuple[Array, Array]:
+    """(K,) by how much a heading is off, rad, and 1σ of the best estimate's (K,): by itself where that is known well.
+
+    Else by its change since the beginning, or since the estimator told that it has set its heading anew.
+    """
+    sigma = best.sigma(ATTITUDE)[:, 2]
+    size = np.abs(error)
+    doubted = sigma > _WELL * _TOLERANCE["heading"][0]
+    told = np.sort([one.t for one in resets if one.kind == "heading"])
+    part = np.searchsorted(told, best.t)
+    for one in np.unique(part[doubted & judged]):
+        mine = np.flatnonzero(judged & (part == one))
+        early = mine[: max(5, int(0.1 * len(mine)))]
+        first = int(early[np.argmin(np.abs(error[early] - np.median(error[early])))])
+        use = doubted & (part == one)
+        size = np.where(use, np.abs(error - error[first]), size)
+        sigma = np.where(use, best.change_sigma(ATTITUDE, first)[:, 2], sigma)
+    return size, sigma
 
 
 def least_departure(quantity: str, sigma: Array) -> Array:
@@ -304,6 +317,8 @@ def _why_unsure(departure: Departure, best: BestEstimate) -> str:
         return "without GPS it cannot be told which of them is wrong"
     if contradicted(best):
         return _CONTRADICTED
+    if departure.recovers:
+        return "it was so when this began, and the estimate recovers: what led to it lies before"
     for kind in best.promising:
         if sensor := SENSORS.get(kind.split("_")[0]):
             return f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong"

@@ -48,6 +48,7 @@ class Departure:
     end: float
     size: float  # at its greatest: rad, m/s, m
     sigma: float  # of both together, at that time
+    recovers: bool = False  # whether it was so when the autopilot was first judged, and ended
 
     @property
     def cause(self) -> Cause:

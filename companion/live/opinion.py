@@ -15,6 +15,8 @@ HORIZON_S = 40.0
 """Of data that the verdict now rests on: shorter, and a slow bias drowns in noise; longer, and it costs more than it
 tells. What lasted longer than that is in the record of alarms."""
 
+_MOST_S = 90.0  # and as long as somebody is suspect: without its onset a fault looks like another
+_BEFORE_S = 20.0  # of data before an alarm that still lasts
 _LOOK_S = 20.0  # of data for a look at the newest
 _MOST_ALARMS = 50
 _SUSPECT = ("imu_suspect", "autopilot_suspect")
@@ -71,7 +73,7 @@ class Judge:
     ) -> None:
         self.verdict_on = verdict_on
         self.vehicle = vehicle
-        self._stream = Stream(dialect=dialect, window_s=1.5 * HORIZON_S, dequantise=dequantise)
+        self._stream = Stream(dialect=dialect, window_s=1.2 * _MOST_S, dequantise=dequantise)
         self._newest = 0.0
         self._last = Opinion("", "nothing has been received", 0.0)
 
@@ -86,9 +88,9 @@ class Judge:
 
     def judge(self) -> Opinion:
         """What is to be said now."""
-        flight = self._flight()
-        status, text = self._said(flight)
         last = self._last
+        flight = self._flight(self._horizon_s)
+        status, text = self._said(flight)
         found = replace(last, status=status, text=text, newest=self._newest)
         if flight is not None:
             found = replace(found, vehicle=str(flight.vehicle))
@@ -107,7 +109,14 @@ class Judge:
         except DataError:
             return False
 
-    def _flight(self, seconds: float = HORIZON_S) -> Flight | None:
+    @property
+    def _horizon_s(self) -> float:
+        """Of data that are judged: more while an alarm lasts, so that its onset stays in them."""
+        if self._last.status not in _SUSPECT:
+            return HORIZON_S
+        return min(max(HORIZON_S, self._newest - self._last.alarms[-1].first + _BEFORE_S), _MOST_S)
+
+    def _flight(self, seconds: float) -> Flight | None:
         usable = [flight for flight in self._stream.recent(seconds) if flight.default_imu is not None]
         newest = {flight.vehicle.sysid: flight for flight in usable}  # the last boot of each
         chosen = [

@@ -82,6 +82,17 @@ def test_what_begins_with_a_step_need_not_last(
     assert [d.quantity for d in departures(for_a_while, best, Limits())] == ["heading"] * departs
 
 
+@pytest.mark.parametrize(("until", "side"), [(40.0, "data"), (np.inf, "autopilot")], ids=["recovers", "stays"])
+def test_an_estimate_that_recovers_from_what_was_before_is_not_accused(
+    flight: Flight, best: BestEstimate, until: float, side: str
+) -> None:
+    attitude = flight.require_attitude()
+    turn = quaternion.exp(np.radians(40.0) * (attitude.t < until)[:, None] * np.array([0.0, 0.0, 1.0]))
+    other = replace(flight, attitude=replace(attitude, q_ned_frd=quaternion.multiply(turn, attitude.q_ned_frd)))
+    found = [f for f in findings_of((), departures(other, best, Limits()), best) if f.kind == "heading_off"]
+    assert found[0].side == side
+
+
 def test_an_imu_that_is_known_to_sit_askew_is_no_departure(flight: Flight, best: BestEstimate) -> None:
     tilted = (np.radians(4.0), np.radians(-2.0))
     attitude = flight.require_attitude()
