@@ -216,14 +216,14 @@ def _best(
 
 
 def _while_judged(chosen: Windows, t: Array, parts: Sequence[Phase]) -> Windows:
-    """The windows in which the estimator has aligned and the vehicle is in control."""
+    """The windows in which the estimator has aligned and the vehicle has neither landed nor lost control."""
     out = np.zeros(len(chosen.start), np.bool_)
     for part in parts:
-        if part.kind in ("aligning", "impact"):
+        if part.kind in ("aligning", "landed", "impact"):
             out |= (t[chosen.start] < part.end) & (t[chosen.end] > part.start)
     if not out.any():
         return chosen
-    reasons = {**chosen.excluded, "while the estimator aligned or control was lost": int(out.sum())}
+    reasons = {**chosen.excluded, "while the estimator aligned, after landing or loss of control": int(out.sum())}
     kept = ~out
     return replace(chosen, start=chosen.start[kept], end=chosen.end[kept], number=chosen.number[kept], excluded=reasons)
 

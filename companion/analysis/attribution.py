@@ -271,6 +271,7 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
 
 
 _TOGETHER_S, _STRONGER = 2.0, 3.0  # s; times the evidence
+_AGAINST_ITSELF = ("gps_position", "gps_velocity")  # kinds that the GPS shows without an IMU
 _BY_THE_IMU_ALONE, _BURSTS = ("gps_motion",), 3  # kinds that no other witness speaks against
 _CONSTANT = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"
 _CONTRADICTED = (
@@ -301,7 +302,7 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
          f"{_named(stronger)}, which begins with it, explains far more: this may be what that leaves"),
         (episode.kind in _BY_THE_IMU_ALONE and best.bursts >= _BURSTS,
          "the IMU is shaken in bursts that look the same: it cannot be told which of them is wrong"),
-        (noisy and episode.witness != "imu", _CONTRADICTED),
+        (noisy and episode.witness != "imu" and episode.kind not in _AGAINST_ITSELF, _CONTRADICTED),
         (rival is not None, f"{_named(rival)} explains it nearly as well: it cannot be told which of them is wrong"),
     )  # fmt: skip
     return next((why for applies, why in reasons if applies), "")

@@ -129,6 +129,15 @@ def test_what_follows_a_fault_of_the_imu_is_its_consequence(flight: Flight, best
     assert any("heading" in one for one in finding.cause.consequences)
 
 
+@pytest.mark.parametrize(("kind", "side"), [("gps_position", "autopilot"), ("gps_motion", "data")])
+def test_a_gps_that_contradicts_itself_needs_no_imu(flight: Flight, best: BestEstimate, kind: str, side: str) -> None:
+    noisy = replace(best.noise, accel_noise=1e3 * best.scatter[1], gyro_noise=1e3 * best.scatter[0])
+    jump = Explained(kind, "step", ONSET, 0.1, np.inf, np.array([30.0, 0.0]), np.full(2, 0.3), 5000.0)
+    doubted = replace(best, noise=noisy, explained=(jump,))
+    (found,) = findings_of(episodes(doubted), departures(turned(flight, 40.0), doubted, Limits()), doubted)
+    assert (found.kind, found.side) == (kind, side)
+
+
 def test_what_was_wrong_from_the_beginning_on_accuses_nobody(flight: Flight, best: BestEstimate) -> None:
     begin = float(best.t[0])
     early = replace(best, explained=(step(begin + 1.0, np.inf, 0.05),))

@@ -211,6 +211,15 @@ def test_clipping() -> None:
     assert of_kind(found, "accel_clipping").start_s == pytest.approx(30, abs=0.05)
 
 
+@pytest.mark.parametrize(("landed", "status"), [(None, "imu_suspect"), (38.0, "consistent")], ids=["aloft", "landed"])
+def test_what_goes_wrong_after_the_landing_is_not_judged(landed: float | None, status: str) -> None:
+    told = [c.model.Event(10.0, "armed", "armed")]
+    if landed is not None:
+        told.append(c.model.Event(landed, "disarmed", "disarmed"))
+    spoilt = misread(flown(events=tuple(told)), gyro=[0.03, 0.0, 0.0], begin=42.0)
+    assert assess(spoilt, GENERIC).verdict.status == status
+
+
 @pytest.mark.parametrize(("later", "clipped"), [(25.0, True), (60.0, False)], ids=["never exceeded", "exceeded later"])
 def test_a_level_that_the_axis_goes_beyond_is_no_end_of_its_range(later: float, clipped: bool) -> None:
     flight = flown()

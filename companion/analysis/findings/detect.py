@@ -22,6 +22,7 @@ from companion.analysis.findings.sampling import rate_findings, stamp_findings
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
 from companion.analysis.findings.witnesses import with_witnesses
 from companion.analysis.known_bias import known_biases
+from companion.analysis.phases import phases
 from companion.estimation import BestEstimate
 from companion.model import Flight
 
@@ -68,7 +69,8 @@ def findings(
         tilted = float(fitted.mounting[0]), float(fitted.mounting[1])
     if best is not None:
         limits = comparison.how.limits
-        found += findings_of(episodes(best), departures(flight, best, limits, tilted), best)
+        while_judged = tuple(one for one in episodes(best) if one.start < _landed(flight))
+        found += findings_of(while_judged, departures(flight, best, limits, tilted), best)
         found += known_biases(flight, best)
         found += parting_findings(flight, comparison.track, best)
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
@@ -77,6 +79,12 @@ def findings(
     found += jumps
     found = [with_witnesses(f, flight) for f in found if not _follows(f, found)]
     return by_severity(found), clean
+
+
+def _landed(flight: Flight) -> float:
+    """s, boot clock, from when on nothing is judged: the last landing; infinite where there is none."""
+    last = phases(flight)[-1]
+    return last.start if last.kind == "landed" else np.inf
 
 
 def _sudden(doubted: Finding, jumps: Sequence[Finding]) -> Finding:
