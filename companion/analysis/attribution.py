@@ -8,11 +8,11 @@ A departure that follows an episode is its consequence; one that follows nothing
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
-from companion.analysis.compare import attitude_error, length
+from companion.analysis.compare import length
 from companion.analysis.episode import (
     CLOSE,
     FAR,
@@ -26,40 +26,18 @@ from companion.analysis.episode import (
     said,
 )
 from companion.analysis.finding import Finding, Severity, Side, runs
-from companion.analysis.phases import phases
-from companion.analysis.reference import BoolArray, Limits, reference_at
 from companion.estimation import (
-    ATTITUDE,
-    CONSTANTS,
     KINDS,
-    POSITION,
     SLOPED,
-    VELOCITY,
     BestEstimate,
     Explained,
     contradicted,
     kind_of,
     times_of_change,
 )
-from companion.model import Array, EstimatorReset, Flight
-from companion.strapdown import quaternion
 
-_LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0, "position": 3.0}
-"""A departure lasts as long, s: what an estimator mends by itself is none."""
-
-_SUDDEN_S, _SUDDEN = 1.0, 0.5  # one that begins with a step of so much of itself need not last longer
-
-_SETTLED_S = 10.0  # on a bench, after which an estimator has aligned
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
-_WELL = 0.5  # of what an estimator in order may be off by: an estimate that is known so well is judged as it is
 _SIGMAS, _CERTAIN = 3.0, 4.0  # of both together: a departure is doubted, and is the autopilot's alone
-_TOLERANCE: Mapping[str, tuple[float, float]] = {
-    "tilt": (np.radians(0.7), np.radians(2.0)),
-    "heading": (np.radians(3.0), np.radians(8.0)),
-    "velocity": (0.25, 1.0),
-    "position": (1.0, 4.0),
-}
-"""Quantity → 1σ of an estimator in order, and the least that is called a departure: rad, m/s, m."""
 
 
 def episodes(best: BestEstimate) -> tuple[Episode, ...]:
@@ -101,114 +79,6 @@ def _episodes_of(parts: list[Explained], witness: str, least: float, last: float
             cause.gain,
             cause.others,
         )
-
-
-def departures(
-    flight: Flight, best: BestEstimate, limits: Limits, tilted: tuple[float, float] = (0.0, 0.0)
-) -> tuple[Departure, ...]:
-    """Where the autopilot's estimate leaves the best estimate, while it is judged.
-
-    A heading departs by what it is off by, or by what it has changed by: that is known better where the whole flight is
-    turned, as by a compass that is not calibrated.
-    tilted: rad about x and y, FRD, from the IMU's axes into those of the attitude, where the IMU is known to sit askew.
-    """
-    t = best.t
-    reference = reference_at(flight.require_attitude(), flight.position, t, limits)
-    judged = _judged(flight, t) & reference.attitude_known
-    if judged.sum() < 5:
-        return ()
-    askew = quaternion.exp(-np.array([*tilted, 0.0]))
-    error = attitude_error(reference.q_ned_frd, quaternion.multiply(best.q_ned_frd, askew))
-    error = error - _lag(error, best, judged)
-    off = {
-        "tilt": (length(error[:, :2]), _greatest(best.sigma(ATTITUDE)[:, :2])),
-        "heading": _heading_off(error[:, 2], best, judged, flight.resets),
-    }
-    known = judged & reference.position_known
-    if "gps_position" in best.residuals and known.sum() > 5:
-        moved = (reference.position - best.position)[:, :2]
-        early = np.flatnonzero(known)[: max(5, int(0.1 * known.sum()))]
-        speed, place = (
-            length((reference.velocity - best.velocity)[:, :2]),
-            length(moved - np.median(moved[early], axis=0)),
-        )
-        late = CONSTANTS["gps_latency"][1]  # an estimator assumes one latency of its GPS
-        pull, swift = length(np.gradient(best.velocity[:, :2], t, axis=0)), length(best.velocity[:, :2])
-        off["velocity"] = speed, np.hypot(_greatest(best.sigma(VELOCITY)[:, :2]), late * pull)
-        off["position"] = place, np.hypot(_greatest(best.sigma(POSITION)[:, :2]), late * swift)
-    judging = times_of_change(t[judged])
-    found: list[Departure] = []
-    for name, (value, sigma) in off.items():
-        both = np.hypot(sigma, _TOLERANCE[name][0])
-        where = (judged if name in ("tilt", "heading") else known) & (value > least_departure(name, sigma))
-        for first, last in runs(np.asarray(where)):
-            before = value[max(first - 2, 0) : first]  # one keyframe may lie within the step
-            stepped = len(before) > 0 and value[first] - before.min() > _SUDDEN * value[first]
-            if t[last] - t[first] >= (_SUDDEN_S if stepped else _LASTING_S[name]):
-                peak = first + int(np.argmax(value[first : last + 1]))
-                recovers = bool(t[first] <= judging[0] and t[last] < judging[1])
-                size, own = float(value[peak]), float(both[peak])
-                found.append(Departure(name, float(t[first]), float(t[last]), size, own, recovers))
-    return tuple(sorted(found, key=lambda d: d.start))
-
-
-def _greatest(sigma: Array) -> Array:
-    """(K,) the greatest of several components (K, n)."""
-    return np.asarray(sigma.max(axis=1))
-
-
-def _heading_off(
-    error: Array, best: BestEstimate, judged: BoolArray, resets: Sequence[EstimatorReset]
-) -> tuple[Array, Array]:
-    """(K,) by how much a heading is off, rad, and 1σ of the best estimate's (K,): by itself where that is known well.
-
-    Else by its change since the beginning, or since the estimator told that it has set its heading anew.
-    """
-    sigma = best.sigma(ATTITUDE)[:, 2]
-    size = np.abs(error)
-    doubted = sigma > _WELL * _TOLERANCE["heading"][0]
-    told = np.sort([one.t for one in resets if one.kind == "heading"])
-    part = np.searchsorted(told, best.t)
-    for one in np.unique(part[doubted & judged]):
-        mine = np.flatnonzero(judged & (part == one))
-        early = mine[: max(5, int(0.1 * len(mine)))]
-        first = int(early[np.argmin(np.abs(error[early] - np.median(error[early])))])
-        use = doubted & (part == one)
-        size = np.where(use, np.abs(error - error[first]), size)
-        sigma = np.where(use, best.change_sigma(ATTITUDE, first)[:, 2], sigma)
-    return size, sigma
-
-
-def least_departure(quantity: str, sigma: Array) -> Array:
-    """(K,) the least that is called a departure where the best estimate is known to sigma (K,): rad, m/s, m."""
-    own, least = _TOLERANCE[quantity]
-    return np.maximum(_SIGMAS * np.hypot(sigma, own), least)
-
-
-def _judged(flight: Flight, t: Array) -> BoolArray:
-    """Keyframes at which the estimator is held responsible: in the air, or on a bench after it has aligned."""
-    parts = phases(flight)
-    aloft = [p for p in parts if p.kind == "flight"]
-    judged = np.zeros(len(t), np.bool_)
-    for part in aloft or [p for p in parts if p.kind == "standing"]:
-        begin = part.start if aloft else part.start + _SETTLED_S
-        judged |= (t >= begin) & (t <= part.end)
-    return judged
-
-
-def _lag(error: Array, best: BestEstimate, judged: BoolArray) -> Array:
-    """(K, 3) what a constant lag between the IMU's clock and the attitude's makes of the error, NED: no fault.
-
-    Of how the error varies with the rate: what is off throughout is no lag, nor is what an even turn adds to it.
-    """
-    rate = quaternion.rotate(best.q_ned_frd, best.imu.gyro[best.index])
-    varies = rate - np.median(rate[judged], axis=0)
-    turning = judged & (length(varies) > 0.1)
-    if turning.sum() < 10:
-        return np.zeros_like(error)
-    off = (error - np.median(error[judged], axis=0))[turning]
-    lag = float(np.median((off * varies[turning]).sum(axis=1) / (varies[turning] ** 2).sum(axis=1)))
-    return np.asarray(rate * np.clip(lag, -0.1, 0.1))
 
 
 def is_serious(episode: Episode) -> bool:

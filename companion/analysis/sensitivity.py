@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.attribution import least_departure
+from companion.analysis.departures import least_departure
 from companion.estimation import ATTITUDE, POSITION, BestEstimate
 
 _UNITS: Mapping[str, tuple[str, str, float, float]] = {

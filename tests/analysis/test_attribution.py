@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from benchmarks.accuracy.answer import CAUSES
-from companion.analysis.attribution import departures, episodes, findings_of, follows
+from companion.analysis.attribution import episodes, findings_of, follows
+from companion.analysis.departures import departures
 from companion.analysis.episode import PHRASES, Departure, Episode
 from companion.analysis.reference import Limits
 from companion.estimation import KINDS, BestEstimate, Explained

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis.attribution import departures, episodes, findings_of
+from companion.analysis.attribution import episodes, findings_of
 from companion.analysis.between_imus import parting_findings
 from companion.analysis.comparison import Comparison
+from companion.analysis.departures import departures
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding, by_severity, setting
 from companion.analysis.findings.axes import axes_findings
