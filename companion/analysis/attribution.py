@@ -18,6 +18,7 @@ from companion.analysis.episode import (
     FAR,
     PHRASES,
     SENSORS,
+    SIGMAS,
     Departure,
     Episode,
     cause_of,
@@ -37,7 +38,7 @@ from companion.estimation import (
 )
 
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
-_SIGMAS, _CERTAIN = 3.0, 4.0  # of both together: a departure is doubted, and is the autopilot's alone
+_CERTAIN = 4.0  # σ of both together, from which on a departure is the autopilot's alone
 
 
 def episodes(best: BestEstimate) -> tuple[Episode, ...]:
@@ -88,7 +89,7 @@ def is_serious(episode: Episode) -> bool:
 
 def follows(departure: Departure, episode: Episode) -> bool:
     """Whether a departure may be the consequence of an episode."""
-    if departure.start < episode.start - _WITHIN_S - _SIGMAS * episode.start_sigma:
+    if departure.start < episode.start - _WITHIN_S - SIGMAS * episode.start_sigma:
         return False
     side = kind_of(episode.kind).side
     if side == "compass":
@@ -152,7 +153,7 @@ _CONTRADICTED = (
 def _is_left_of(episode: Episode, others: tuple[Episode, ...]) -> str | None:
     """The kind of a far stronger episode of another sensor that begins with this one, and may leave this; or None."""
     for other in others:
-        apart = max(_TOGETHER_S, _SIGMAS * float(np.hypot(episode.start_sigma, other.start_sigma)))
+        apart = max(_TOGETHER_S, SIGMAS * float(np.hypot(episode.start_sigma, other.start_sigma)))
         stronger = other.witness != episode.witness and other.gain > _STRONGER * episode.gain
         if stronger and abs(other.start - episode.start) < apart:
             return other.kind
@@ -167,7 +168,7 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
     reasons = (
         (episode.kind.endswith("_shock"),
          "a shock, strong vibration or lost samples do this too: no sensor is accused of a moment"),
-        (episode.magnitude < _SIGMAS * episode.sigma, "its size is hardly more than its σ"),
+        (episode.magnitude < SIGMAS * episode.sigma, "its size is hardly more than its σ"),
         (stronger is not None,
          f"{_named(stronger)}, which begins with it, explains far more: this may be what that leaves"),
         (episode.kind in _BY_THE_IMU_ALONE and best.bursts >= _BURSTS,

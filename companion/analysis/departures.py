@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from companion.analysis.compare import attitude_error, length
-from companion.analysis.episode import Departure
-from companion.analysis.finding import runs
+from companion.analysis.episode import SIGMAS, Departure
+from companion.analysis.finding import IntArray, runs
 from companion.analysis.phases import phases
 from companion.analysis.reference import BoolArray, Limits, reference_at
 from companion.estimation import ATTITUDE, CONSTANTS, POSITION, VELOCITY, BestEstimate, times_of_change
@@ -22,7 +22,6 @@ _SUDDEN_S, _SUDDEN = 1.0, 0.5  # one that begins with a step of so much of itsel
 
 _SETTLED_S = 10.0  # on a bench, after which an estimator has aligned
 _WELL = 0.5  # of what an estimator in order may be off by: an estimate that is known so well is judged as it is
-_SIGMAS = 3.0  # of both together
 _TOLERANCE: Mapping[str, tuple[float, float]] = {
     "tilt": (np.radians(0.7), np.radians(2.0)),
     "heading": (np.radians(3.0), np.radians(8.0)),
@@ -56,11 +55,8 @@ def departures(
     known = judged & reference.position_known
     if "gps_position" in best.residuals and known.sum() > 5:
         moved = (reference.position - best.position)[:, :2]
-        early = np.flatnonzero(known)[: max(5, int(0.1 * known.sum()))]
-        speed, place = (
-            length((reference.velocity - best.velocity)[:, :2]),
-            length(moved - np.median(moved[early], axis=0)),
-        )
+        speed = length((reference.velocity - best.velocity)[:, :2])
+        place = length(moved - np.median(moved[_early(known)], axis=0))
         late = CONSTANTS["gps_latency"][1]  # an estimator assumes one latency of its GPS
         pull, swift = length(np.gradient(best.velocity[:, :2], t, axis=0)), length(best.velocity[:, :2])
         off["velocity"] = speed, np.hypot(_greatest(best.sigma(VELOCITY)[:, :2]), late * pull)
@@ -86,6 +82,12 @@ def _greatest(sigma: Array) -> Array:
     return np.asarray(sigma.max(axis=1))
 
 
+def _early(where: BoolArray) -> IntArray:
+    """The first tenth of some keyframes (K,), where a change begins: their numbers, five or more."""
+    mine = np.flatnonzero(where)
+    return mine[: max(5, int(0.1 * len(mine)))]
+
+
 def _heading_off(
     error: Array, best: BestEstimate, judged: BoolArray, resets: Sequence[EstimatorReset]
 ) -> tuple[Array, Array]:
@@ -99,8 +101,7 @@ def _heading_off(
     told = np.sort([one.t for one in resets if one.kind == "heading"])
     part = np.searchsorted(told, best.t)
     for one in np.unique(part[doubted & judged]):
-        mine = np.flatnonzero(judged & (part == one))
-        early = mine[: max(5, int(0.1 * len(mine)))]
+        early = _early(judged & (part == one))
         first = int(early[np.argmin(np.abs(error[early] - np.median(error[early])))])
         use = doubted & (part == one)
         size = np.where(use, np.abs(error - error[first]), size)
@@ -111,7 +112,7 @@ def _heading_off(
 def least_departure(quantity: str, sigma: Array) -> Array:
     """(K,) the least that is called a departure where the best estimate is known to sigma (K,): rad, m/s, m."""
     own, least = _TOLERANCE[quantity]
-    return np.maximum(_SIGMAS * np.hypot(sigma, own), least)
+    return np.maximum(SIGMAS * np.hypot(sigma, own), least)
 
 
 def _judged(flight: Flight, t: Array) -> BoolArray:

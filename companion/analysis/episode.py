@@ -13,6 +13,7 @@ from companion.estimation import BestEstimate, kind_of
 from companion.model import Array
 
 CLOSE, FAR = 3.0, 7.0  # log-likelihood: one to twenty, one to a thousand
+SIGMAS = 3.0  # from which on something stands out
 SENSORS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "compass": "compass"}
 """Sensor, as kinds begin with it → its name in words."""
 

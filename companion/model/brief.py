@@ -55,7 +55,7 @@ def _short(value: object) -> str:
 def _array(values: np.ndarray[tuple[int, ...], np.dtype[np.generic]]) -> str:
     if values.size <= _FEW and values.dtype.kind in "fiu":
         return f"[{', '.join(f'{value:.4g}' for value in values.ravel().tolist())}]"
-    shape = str(values.shape).replace(" ", " ")
+    shape = str(values.shape)
     ends = values.ndim == 1 and values.dtype.kind == "f"
     return f"{shape} {values[0]:.4g} ... {values[-1]:.4g}" if ends else shape
 

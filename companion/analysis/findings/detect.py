@@ -70,7 +70,8 @@ def findings(
         tilted = float(fitted.mounting[0]), float(fitted.mounting[1])
     if best is not None:
         limits = comparison.how.limits
-        while_judged = tuple(one for one in episodes(best) if one.start < _landed(flight))
+        landed = _landed(flight)
+        while_judged = tuple(one for one in episodes(best) if one.start < landed)
         found += findings_of(while_judged, departures(flight, best, limits, tilted), best)
         found += known_biases(flight, best)
         found += parting_findings(flight, comparison.track, best)

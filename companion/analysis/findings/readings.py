@@ -98,26 +98,30 @@ def _flat_tops(readings: Array, name: str, rate_hz: float) -> BoolArray:
     return flat
 
 
-def _is_quieter_than_ever(comparison: Comparison, change: Array, first: IntArray, last: IntArray, i: np.intp) -> bool:
-    """Whether an axis changes far less in one of its even runs than in its quietest seconds beside them.
+def _is_quieter_than_ever(comparison: Comparison, change: Array, stretch: slice, quietest: float) -> bool:
+    """Whether an axis changes far less in a stretch of samples than in its quietest seconds.
 
-    change: (N-1,) from sample to sample; first, last: of the runs. Only while the vehicle turns: at rest nothing
-    changes, and a simulated sensor has no noise of its own.
+    change: (N-1,) from sample to sample. Only while the vehicle turns: at rest nothing changes, and a simulated sensor
+    has no noise of its own.
     """
-    q = comparison.reference.q_ned_frd[int(first[i]) : int(last[i]) + 2]
+    q = comparison.reference.q_ned_frd[stretch]
     away = length(quaternion.log(quaternion.multiply(q, quaternion.conjugate(q[:1]))))
-    if float(away.max()) < _MOVED:
-        return False
-    track, run = comparison.track, np.zeros(len(change), np.bool_)
+    within = float(change[stretch.start : stretch.stop - 1].mean())
+    return float(away.max()) >= _MOVED and within < _QUIETER * quietest
+
+
+def _quietest(change: Array, first: IntArray, last: IntArray, rate_hz: float) -> float:
+    """How little an axis changes from sample to sample in its quietest seconds; infinite where too few are left.
+
+    change: (N-1,); first, last: of the even runs, which are left out.
+    """
+    beside = np.ones(len(change), np.bool_)
     for begin, end in zip(first, last, strict=True):
-        run[begin : end + 1] |= track.t[end + 1] - track.t[begin] > _STUCK_S
-    block = max(1, round(_STUCK_S * track.rate_hz))
-    beside = change[~run]
-    seconds = beside[: len(beside) // block * block].reshape(-1, block).mean(axis=1)
-    if len(seconds) < _FEWEST_SECONDS:
-        return True
-    within = float(change[int(first[i]) : int(last[i]) + 1].mean())
-    return within < _QUIETER * float(np.percentile(seconds, 5.0))
+        beside[begin : end + 1] = False
+    block = max(1, round(_STUCK_S * rate_hz))
+    left = change[beside]
+    seconds = left[: len(left) // block * block].reshape(-1, block).mean(axis=1)
+    return float(np.percentile(seconds, 5.0)) if len(seconds) >= _FEWEST_SECONDS else np.inf
 
 
 def _heading_free(q: Array) -> Array:
@@ -142,7 +146,9 @@ def stuck_findings(
         for axis in range(3):
             first, last = run_edges(np.asarray(same[:, axis]))
             lasted = track.t[last + 1] - track.t[first]
-            for i in np.flatnonzero(lasted > _STUCK_S):
+            even = np.flatnonzero(lasted > _STUCK_S)
+            quietest = 0.0 if step else _quietest(change[:, axis], first[even], last[even], track.rate_hz)
+            for i in even:
                 stretch = slice(int(first[i]), int(last[i]) + 2)
                 beside = np.delete(same[stretch], axis, axis=1)
                 if beside.mean(axis=0).max() > 0.8 or comparison.holes[stretch].any():
@@ -151,7 +157,7 @@ def stuck_findings(
                     continue
                 if step and not _should_have_moved(comparison, autopilot, others, name, stretch, axis):
                     continue
-                if not step and not _is_quieter_than_ever(comparison, change[:, axis], first, last, i):
+                if not step and not _is_quieter_than_ever(comparison, change[:, axis], stretch, quietest):
                     continue
                 start, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
                 yield Finding(
