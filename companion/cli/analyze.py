@@ -70,9 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
             for line in first_screen(examined, console.width):
                 console.print(line, highlight=False)
         _print_alignment(examined, console)
-    status = examined.assessment.verdict.status
-    failed = {"suspect": status.endswith("suspect"), "insufficient": status != "consistent"}
-    return 1 if arguments.fail_on and failed[arguments.fail_on] else 0
+    return options.exit_code(arguments.fail_on, [examined.assessment.verdict.status])
 
 
 def _refuse(lacking: Unexamined, source: Source, *, as_json: bool) -> int:

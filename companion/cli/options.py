@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -166,6 +166,13 @@ def named_path(name: str) -> Path:
     if name == "demo" and not Path(name).exists():
         return data_folder("tlogs") / "copter-demo-100hz.tlog"
     return Path(name)
+
+
+def exit_code(fail_on: str | None, statuses: Iterable[str]) -> int:
+    """1 where --fail-on says so of the verdicts: somebody is suspect, or ("insufficient") one is not consistent."""
+    if fail_on == "suspect":
+        return int(any(status.endswith("suspect") for status in statuses))
+    return int(fail_on == "insufficient" and any(status != "consistent" for status in statuses))
 
 
 def read(arguments: argparse.Namespace, settings: Settings, *, every_message: bool = False) -> Recording:

@@ -50,9 +50,7 @@ def print_table(arguments: argparse.Namespace) -> int:
     tables.console().print(table)
     if unread:
         return 2
-    suspect = any(status.endswith("suspect") for status in found)
-    failed = {"suspect": suspect, "insufficient": any(status != "consistent" for status in found)}
-    return 1 if arguments.fail_on and failed[arguments.fail_on] else 0
+    return options.exit_code(arguments.fail_on, found)
 
 
 def _judged(flight: Flight, settings: Settings, arguments: argparse.Namespace) -> tuple[str, str, str]:

@@ -94,8 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     if recording.recorder is not None and recording.recorder.problem:
         return 2
     status, _ = verdict.opinion.so_far
-    failed = {"suspect": status.endswith("suspect"), "insufficient": status != "consistent"}
-    return 1 if arguments.fail_on and failed[arguments.fail_on] else 0
+    return options.exit_code(arguments.fail_on, [status])
 
 
 class _Recording:

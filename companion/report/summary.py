@@ -11,7 +11,7 @@ from companion.model import Flight
 from companion.recording import Source
 from companion.report.markup import percent, short, text
 from companion.report.subject import Subject
-from companion.view import worst_stretch
+from companion.view import palette, worst_stretch
 
 _MEANS = {
     "consistent": "Consistent",
@@ -21,7 +21,6 @@ _MEANS = {
 }
 
 _SHOWN_S = 5.0  # the horizon of which the median is told
-_SIGNS = {"consistent": "✓", "imu_suspect": "✗", "autopilot_suspect": "✗", "insufficient_data": "?"}
 
 
 def head(subject: Subject, ground: str) -> str:
@@ -56,7 +55,7 @@ def _title(flight: Flight, source: Source, used: str) -> str:
 
 
 def _banner(status: str, summary: str) -> str:
-    title = f"{_SIGNS[status]} {text(_MEANS[status])}"
+    title = f"{palette.SIGNS[status]} {text(_MEANS[status])}"
     return f'<div class="verdict {text(status)}" id="verdict"><h2>{title}</h2><p>{text(summary)}</p></div>'
 
 

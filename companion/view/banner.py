@@ -7,7 +7,6 @@ from html import escape
 from companion.view import palette
 from companion.view.palette import Rgb
 
-SIGNS = {"consistent": "✓", "imu_suspect": "✗", "autopilot_suspect": "✗", "insufficient_data": "?"}
 COLOURS: dict[str, Rgb] = {
     "consistent": palette.GOOD,
     "imu_suspect": palette.BAD,
@@ -28,7 +27,9 @@ _STYLE = (  # over the picture, between the panels; on a phone the first thing o
 def banner(status: str, sentence: str) -> str:
     """The verdict as HTML. status: of `Verdict`; sentence: untrusted text."""
     words = status.replace("_", " ").upper()
-    return _banner(f"{SIGNS.get(status, '')} {words} – {clause(sentence)}", COLOURS.get(status, palette.CONTROLS))
+    return _banner(
+        f"{palette.SIGNS.get(status, '')} {words} – {clause(sentence)}", COLOURS.get(status, palette.CONTROLS)
+    )
 
 
 def waiting(sentence: str) -> str:

@@ -22,7 +22,10 @@ CONTROLS: Rgb = (84, 96, 112)  # buttons: no source's colour
 GOOD: Rgb = (26, 115, 60)
 DOUBTFUL: Rgb = (133, 84, 0)
 BAD: Rgb = (176, 32, 24)
-"""Behind white words: a verdict that is good, undecided, bad. Its sign (✓ ? ✗) says the same without colours."""
+"""Behind white words: a verdict that is good, undecided, bad."""
+
+SIGNS = {"consistent": "✓", "imu_suspect": "✗", "autopilot_suspect": "✗", "insufficient_data": "?"}
+"""Status of a verdict → the sign that says the same without colours."""
 SEVERITIES: dict[str, Rgb] = {"error": BAD, "warning": (190, 120, 0), "info": (84, 96, 112)}
 """Of findings."""
 

@@ -8,14 +8,14 @@ import pytest
 
 from companion.analysis.verdict import Status
 from companion.view import palette
-from companion.view.banner import COLOURS, SIGNS, banner, clause, waiting
+from companion.view.banner import COLOURS, banner, clause, waiting
 
 WHITE = (255, 255, 255)
 
 
 @pytest.mark.parametrize("status", get_args(Status))
 def test_every_status_has_a_sign_and_a_colour_on_which_white_is_read(status: str) -> None:
-    assert SIGNS[status]
+    assert palette.SIGNS[status]
     assert palette.contrast(COLOURS[status], WHITE) >= 4.5  # WCAG 2.1, 1.4.3
     assert status.replace("_", " ").upper() in banner(status, "They agree.")
 
