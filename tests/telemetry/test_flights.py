@@ -376,6 +376,9 @@ def test_flights_of_real_recordings(name: str, expected: list[tuple[str, int]]) 
     assert [(str(f.vehicle), f.boot) for f in c.open_log(recording(name))] == expected
 
 
-def test_the_default_imu_depends_on_the_autopilot() -> None:
-    assert c.open_log(recording("px4/px4_hover.tlog"))[0].default_imu == "SCALED_IMU"
-    assert c.open_log(recording("sitl/copter-hover-nodrift-100hz.tlog"))[0].default_imu == "HIGHRES_IMU"
+@pytest.mark.parametrize(
+    ("name", "imu"),
+    [("px4/px4_hover.tlog", "SCALED_IMU"), ("sitl/copter-hover-nodrift-100hz.tlog", "HIGHRES_IMU")],
+)
+def test_the_default_imu_depends_on_the_autopilot(name: str, imu: str) -> None:
+    assert c.open_log(recording(name))[0].default_imu == imu
