@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from companion.analysis.ranks import shift
 
@@ -20,6 +19,8 @@ def test_the_interval_is_where_mann_and_whitney_no_longer_object(n: int, m: int,
     found = shift(a, b, paired=False)
     assert found.low <= found.estimate <= found.high
     assert found.estimate == pytest.approx(np.median(np.subtract.outer(b, a)))
+
+    from scipy import stats  # noqa: PLC0415  (half a second, which processes without this test are spared)
 
     def p(moved: float) -> float:
         if max(n, m) <= 50:
@@ -40,6 +41,8 @@ def test_the_interval_of_pairs_is_where_wilcoxon_no_longer_objects(n: int, seed:
     a = rng.normal(size=n)
     b = a + rng.normal(0.3, 1.0, size=n)
     found = shift(a, b, paired=True)
+
+    from scipy import stats  # noqa: PLC0415  (half a second, which processes without this test are spared)
 
     def p(moved: float) -> float:
         return float(stats.wilcoxon(b - a - moved, method="exact" if n <= 50 else "approx", correction=True).pvalue)

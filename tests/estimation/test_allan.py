@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import allantools
 import numpy as np
 import pytest
 
@@ -34,6 +33,8 @@ def holds(coefficients: list[Coefficient], truth: float) -> float:
 
 
 def test_the_deviation_is_allantools() -> None:
+    import allantools  # noqa: PLC0415  (takes half a second, for SciPy's statistics)
+
     values = readings(300.0, 50.0, 1)
     found = allan_deviation(values, 50.0)
     assert found is not None
@@ -57,6 +58,8 @@ def test_white_noise_is_within_five_percent_and_its_interval_holds_it(seconds: f
 
 def test_the_figures_are_those_of_allantools_curve() -> None:
     """N and K read off allantools' own deviation where each of them rules, within 5 %."""
+    import allantools  # noqa: PLC0415
+
     rate, values = 50.0, readings(3600.0, 50.0, 5, walk=1e-4)
     found = allan_deviation(values, rate)
     assert found is not None

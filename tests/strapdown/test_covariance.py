@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
 from companion.strapdown import (
@@ -207,7 +207,7 @@ def test_simulated_sensors_drift_as_predicted(middle: str) -> None:
             errors[i, run] = error(end_state(exact, end), end_state(estimate, end))
     start = np.diag(np.repeat([0.0, 0.0, 0.0, *bias], 3) ** 2)
     predicted = windows(motion, [0, 0, 0], ends).covariance(start=start, **figures)
-    low, high = (float(chi2.ppf(tail, 9 * runs)) / runs for tail in (0.005, 0.995))
+    low, high = (float(chdtri(9 * runs, 1 - tail)) / runs for tail in (0.005, 0.995))
     for i in range(3):
         x = errors[i]
         nees = np.einsum("ri,ij,rj->r", x, np.linalg.inv(predicted[i, :9, :9]), x)
