@@ -9,12 +9,12 @@ import numpy as np
 
 from companion.analysis import Replay
 from companion.estimation import BestEstimate
-from companion.model import Array, Flight, geodetic_from_ned, ned_from_geodetic
+from companion.model import Array, Flight
 from companion.report import traces
 from companion.report.charts import Charts
 from companion.report.markup import paragraph, short, text
 from companion.report.section import Section
-from companion.view import extremes, palette, worst_stretch
+from companion.view import best_path, extremes, palette, worst_stretch
 
 _MOST_EVENTS = 200
 _LEAST_ROOM_M = 5.0
@@ -84,7 +84,8 @@ def regained(shown: Replay) -> Array:
 
 def _paths(flight: Flight, shown: Replay | None, colour: palette.Rgb, best: BestEstimate | None) -> list[_Path]:
     """The autopilot's comes last."""
-    estimated = [] if best is None else _estimated(flight, best)
+    third = None if best is None else best_path(flight, best)
+    estimated = [] if third is None else [_Path("best estimate", palette.BEST, third.t, third.position, np.zeros(0))]
     if shown is not None and shown.has_position:
         return [
             _Path("IMU alone", colour, shown.t, shown.position_imu, shown.anchors),
@@ -95,20 +96,6 @@ def _paths(flight: Flight, shown: Replay | None, colour: palette.Rgb, best: Best
         return []
     own = flight.position
     return [*estimated, _Path("autopilot", palette.AUTOPILOT, own.t, own.position, traces.gaps(own.t))]
-
-
-def _estimated(flight: Flight, best: BestEstimate) -> list[_Path]:
-    """The best estimate about the flight's origin; none where either does not know its place on Earth."""
-    origin, own = flight.origin, flight.position
-    if "gps_position" not in best.residuals or best.origin is None or origin is None or own is None:
-        return []
-    zero = best.origin
-    place = geodetic_from_ned(best.position, (zero.latitude, zero.longitude, zero.height))
-    latitude, longitude, height = place.T
-    position = ned_from_geodetic(latitude, longitude, height, (origin.latitude, origin.longitude, origin.height))
-    if origin.t is not None:  # the origin is a fix on the way: where the vehicle was then
-        position = position + np.array([np.interp(origin.t, own.t, axis) for axis in own.position.T])
-    return [_Path("best estimate", palette.BEST, best.t, position, np.zeros(0))]
 
 
 def _near(paths: Sequence[_Path], axis: int) -> list[float]:

@@ -10,6 +10,7 @@ from companion.view.live import LiveViewer
 from companion.view.livepanel import LONGEST_REANCHOR_S
 from companion.view.marks import Mark
 from companion.view.moment import Footage, Reckoning
+from companion.view.places import best_path
 from companion.view.thin import extremes
 from companion.view.worst import Worst, worst_stretch
 
@@ -31,6 +32,7 @@ __all__ = [
     "StreamState",
     "Viewer",
     "Worst",
+    "best_path",
     "chosen_track",
     "extremes",
     "palette",

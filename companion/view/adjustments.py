@@ -7,13 +7,14 @@ import viser
 from companion.model import Flight
 from companion.view import events
 from companion.view.choice import Offer, ReplayChoice
+from companion.view.further import Further
 from companion.view.picture import PictureControls
 from companion.view.reckoning import ReckoningControls
 
 TRAILS = {
-    "Path so far": events.SetTrail(None),
+    "Last 60 s": events.SetTrail(60.0),
     "Last 10 s": events.SetTrail(10.0),
-    "Last 30 s": events.SetTrail(30.0),
+    "Path so far": events.SetTrail(None),
     "Whole path": events.SetTrail(None, ahead=True),
 }
 
@@ -45,6 +46,10 @@ class Adjustments:
     def load(self, flight: Flight, choice: ReplayChoice, start: float) -> None:
         """Fit the controls to what is shown now. Values set here come back as no events."""
         self._reckoning.load(flight, choice, start)
+
+    def offer(self, name: Further, there: bool) -> None:
+        """Offer one of the further paths, where there is one."""
+        self._picture.offer(name, there)
 
     def _save(self, button: viser.GuiButtonHandle, what: events.Kept) -> None:
         @button.on_click

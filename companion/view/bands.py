@@ -15,7 +15,6 @@ from companion.view.moment import Footage
 
 HEIGHT = 34  # pixels
 PROFILE_POINTS = 200  # of the altitude
-_MODES = ((120, 135, 190), (190, 165, 120))  # neighbours differ; the name stands in the band
 _CHARACTER = 0.85  # per cent of the band's width that a letter takes: 5.4 of 640 pixels
 
 
@@ -81,7 +80,7 @@ def markup(found: Bands, low: float, high: float) -> str:
         if span.end_s > low and span.start_s < high:
             left, width = place(span)
             words = span.label if len(span.label) * _CHARACTER < width else ""
-            rows.append(_box(left, width, 0, 12, (*_MODES[i % 2], 0.45), words))
+            rows.append(_box(left, width, 0, 12, (*palette.MODES[i % 2], palette.MODES_OPACITY), words))
     armed = [span for span in found.armed if span.end_s > low and span.start_s < high]
     rows += [_box(*place(span), 12, 3, (*palette.AXES[1], 0.9)) for span in armed]
     # The worst last: it lies on top.

@@ -12,6 +12,8 @@ COLOURS: dict[str, Rgb] = {
     "imu_suspect": palette.BAD,
     "autopilot_suspect": palette.BAD,
     "insufficient_data": palette.DOUBTFUL,
+    "starting": palette.CONTROLS,  # this and the next: of a live verdict
+    "lost": palette.BAD,
 }
 _STYLE = (  # over the picture, between the panels; on a phone the first thing of the sheet
     "<style>.companion-banner{position:fixed;z-index:4;top:8px;left:346px;right:346px;padding:8px 14px;"

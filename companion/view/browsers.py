@@ -99,6 +99,11 @@ class Browsers:
             if eye is not None:
                 browser.client.camera.position = eye
 
+    def pose(self, number: int) -> Pose | None:
+        """How the world stands in a browser; None for one that has gone."""
+        browser = self._open.get(number)
+        return None if browser is None else browser.pose
+
     def last_moved(self, framing: Framing) -> tuple[Array, Pose]:
         """Where the camera that moved last is, and how its world stands: sizes and names are one for all browsers."""
         if not self._open:

@@ -90,6 +90,21 @@ def _update(said: Mapping[str, Any]) -> bool:
     )
 
 
+def _click(said: Mapping[str, Any]) -> bool:
+    places = said.get("screen_pos")
+    return (
+        said.keys() == {"event_type", "ray_origin", "ray_direction", "screen_pos", "modifier"}
+        and said["event_type"] == "click"
+        and said["modifier"] is None
+        and _vector(said["ray_origin"], 3)
+        and _vector(said["ray_direction"], 3)
+        and math.hypot(*said["ray_direction"]) > _LEAST
+        and isinstance(places, list)
+        and len(places) == 1
+        and _vector(places[0], 2)
+    )
+
+
 def _command(said: Mapping[str, Any]) -> bool:
     return said.keys() == {"uuid"} and _name(said["uuid"])
 
@@ -98,6 +113,7 @@ _CHECKS: Mapping[str, Callable[[Mapping[str, Any]], bool]] = {
     "ViewerCameraMessage": _camera,
     "GuiUpdateMessage": _update,
     "CommandTriggerMessage": _command,
+    "ScenePointerMessage": _click,
 }
 
 KINDS = frozenset({*_CHECKS, "GetRenderResponseMessage"})

@@ -8,13 +8,14 @@ from typing import Any, Literal
 
 import viser
 
-from companion.view import events
+from companion.view import events, palette
 from companion.view.framing import CameraMode
 
 Key = Literal[
     "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "pageup", "pagedown", "home", "end", "A", "B", "I", "O"
 ] | Literal["1", "2", "3", "4", "5", "6", "7", "8", "9"]  # fmt: skip
 """Keys that viser knows, of those that are used."""
+CAMERAS: dict[str, CameraMode] = {"Fit all": "Free", "Follow both": "Follow", "Map": "Map"}
 SIDE = 330  # width of either panel, pixels
 _STYLE = (
     # viser 1.1 gives a phone a sheet 20em wide at the bottom right; this one is as wide as the phone.
@@ -22,7 +23,11 @@ _STYLE = (
     # Labels are too pale for their size, and the chosen tab on dark: 4.5 to 1 is the least (WCAG 2.1, 1.4.3).
     ':root[data-mantine-color-scheme="light"]{--mantine-color-dimmed:#5a6169!important}'
     ':root[data-mantine-color-scheme="dark"]{--mantine-color-dimmed:#a9b1ba!important}'
-    '[data-mantine-color-scheme="dark"] [role="tab"][aria-selected="true"] *{color:#d5dce4}</style>'
+    '[data-mantine-color-scheme="dark"] [role="tab"][aria-selected="true"] *{color:#d5dce4}'
+    f':root[data-mantine-color-scheme="light"]{{--companion-trouble:{palette.css(palette.TROUBLE)}}}'
+    f':root[data-mantine-color-scheme="dark"]{{--companion-trouble:{palette.css(palette.TROUBLE_ON_DARK)}}}'
+    # viser's remark on a machine without a graphics card must not lie on the verdict.
+    '[class*="mantine-Notifications-root"]{top:110px!important}</style>'
 )
 
 
@@ -52,15 +57,23 @@ def button_row(
             post(event)
 
 
-def camera_row(gui: viser.GuiApi, label: str, cameras: Mapping[str, CameraMode], post: events.Post) -> None:
+def camera_row(gui: viser.GuiApi, post: events.Post) -> None:
     """A row of buttons that move the camera of the browser in which they are pressed, and no other."""
-    row = gui.add_button_group(label, tuple(cameras), hint="In this browser alone. More cameras: Picture")
+    row = gui.add_button_group("View", tuple(CAMERAS), hint="In this browser alone. More cameras: Picture")
 
     @row.on_click
     async def _(click: viser.GuiEvent[Any]) -> None:
-        mode = cameras.get(row.value)
+        mode = CAMERAS.get(row.value)
         if mode is not None and click.client_id is not None:
             post(events.SetCamera(click.client_id, mode))
+
+
+def listen_to_clicks(scene: viser.SceneApi, post: events.Post) -> None:
+    """A click into the picture, where no control is and nothing was dragged."""
+
+    @scene.on_click()  # type: ignore[arg-type]  # an async one runs in order: viser does not declare it
+    async def _(click: viser.SceneClickEvent) -> None:
+        post(events.PickPlace(click.client_id, click.ray_origin, click.ray_direction))
 
 
 def write(handle: Any, value: object) -> None:

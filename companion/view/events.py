@@ -11,6 +11,7 @@ from typing import Literal
 
 from companion.view.choice import ReplayChoice
 from companion.view.framing import CameraMode
+from companion.view.further import Further
 
 Kept = Literal["picture", "page", "report"]
 
@@ -68,6 +69,15 @@ class JumpToFinding:
     """Pause and go to where a finding begins, by its place in the verdict."""
 
     index: int
+
+
+@dataclass(frozen=True, slots=True)
+class PickPlace:
+    """Pause and go to the place of a path that was clicked on: a ray in a browser's own world, m."""
+
+    browser: int
+    origin: tuple[float, float, float]
+    direction: tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +172,14 @@ class SetArrows:
 
 
 @dataclass(frozen=True, slots=True)
+class SetPath:
+    """Draw one of the further paths, or not."""
+
+    name: Further
+    shown: bool
+
+
+@dataclass(frozen=True, slots=True)
 class SetDark:
     """Dark or light page."""
 
@@ -245,9 +263,9 @@ class PickRun:
     free: bool
 
 
-Look = SetCamera | SetSize | SetRange | SetArrows | SetDark | Joined | Left
+Look = SetCamera | SetSize | SetRange | SetArrows | SetPath | SetDark | Joined | Left
 Goto = Step | StepSample | Jump | JumpToMark | JumpToFinding
 Move = Toggle | Seek | SeekShare | Goto | SetSpeed | SetLoop | SetBackwards | SetPart
 Live = Pause | LookBack | StepBack | SetReanchor | AnchorNow | PickVehicle | PickRun
-Event = Live | Move | Look | SetTrail | Choose | StartHere | PickFlight | PickCharts | Save | Visit
+Event = Live | Move | Look | SetTrail | Choose | StartHere | PickFlight | PickCharts | PickPlace | Save | Visit
 Post = Callable[[Event], None]

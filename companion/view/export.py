@@ -13,9 +13,9 @@ import viser
 from companion.model import Array, Flight
 from companion.view import palette
 from companion.view.framing import FIELD_OF_VIEW, camera, frame, readable_span
-from companion.view.home import home_position
 from companion.view.moment import Footage, Reckoning, footage
 from companion.view.palette import Rgb
+from companion.view.places import home_position
 from companion.view.scene import Scene
 from companion.view.server import Address, close_server, new_token, open_server
 from companion.view.shapes import Drone, drone_for
@@ -93,6 +93,7 @@ def page(
         scene = Scene(server.scene, drone)
         scene.load(film, framing, drone, colours or {}, home)
         scene.trails(-np.inf, np.inf)
+        scene.seen_from(view.position)
         span = readable_span(framing.distance, drone.span_m, 1.0)
         duration = film.end - film.start
         step = max(1.0 / FRAMES_HZ, duration / MOST_FRAMES)

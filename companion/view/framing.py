@@ -59,6 +59,14 @@ class Pose:
         turned = point + 2 * np.cross(v, np.cross(v, point) + w * point)
         return np.asarray(turned + self.position, dtype=np.float64)
 
+    def back(self, point: Array) -> Array:
+        """Where in NED a point of the browser's world is: `apply` undone."""
+        return self.back_along(point - self.position)
+
+    def back_along(self, direction: Array) -> Array:
+        """The same of a direction."""
+        return Pose(self.wxyz * np.array([1.0, -1.0, -1.0, -1.0]), np.zeros(3)).apply(direction)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:

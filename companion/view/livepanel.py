@@ -9,7 +9,7 @@ import viser
 
 from companion.view import events, livewords
 from companion.view.choice import ReplayChoice
-from companion.view.controls import Key, bounded, command, key_of, listen, write
+from companion.view.controls import Key, bounded, camera_row, command, key_of, listen, write
 from companion.view.feed import Feed
 from companion.view.moment import Moment
 from companion.view.picture import PictureControls
@@ -28,11 +28,13 @@ class LivePanel:
         self._imus: tuple[str, ...] = (BEST,)
         self._choice = feed.choice
         longest = max(LONGEST_REANCHOR_S, float(feed.reanchor_s))
-        self._banner = gui.add_html("")
+        self._verdict = gui.add_html("")
+        self._link = gui.add_html("")
         self._pause = gui.add_button("Pause", icon=viser.Icon.PLAYER_PAUSE)
         self._back = gui.add_slider(
             "Look back, s", -window_s, 0.0, 0.1, 0.0, hint="The picture is held while the recording goes on"
         )
+        camera_row(gui, post)
         self._legend = gui.add_html("")
         self._numbers = gui.add_html("")
         with gui.add_folder("Reckoning from the IMU"):
@@ -88,7 +90,8 @@ class LivePanel:
         """Write how everything stands. held_s: how long ago the held picture was; None: live."""
         state = feed.link
         for handle, content in (
-            (self._banner, livewords.banner(state, feed.why_not, held_s)),
+            (self._verdict, livewords.verdict(feed.judgement, state, feed.why_not)),
+            (self._link, livewords.link(state, feed.why_not, held_s)),
             (self._health, livewords.health(state)),
             (self._drift, livewords.drift(feed.drift, feed.judgement)),
             (self._said, livewords.sentences(feed.said)),

@@ -110,6 +110,9 @@ class LiveStage:
             case events.SetTrail():
                 self._trail = event
                 self._is_due.at_once("trails")
+            case events.SetCamera():
+                self._fit()
+                self.outlook.handle(event)
             case _ if isinstance(event, events.Look):
                 self.outlook.handle(event)
 
@@ -162,6 +165,13 @@ class LiveStage:
         vehicle = seen.flight.vehicle
         who = f"{kind(vehicle)}, vehicle {vehicle}, boot {seen.flight.boot}, {seen.imu}"
         self._panel.introduce(who, tuple(seen.flight.imus), has_position=seen.replay.has_position)
+
+    def _fit(self) -> None:
+        """A camera that is chosen now sees all that has been flown: with the ground where it is."""
+        flown = self._history.positions()
+        if flown is not None:
+            ground = self.outlook.framing.ground
+            self.outlook.place(replace(frame(*flown), ground=ground))
 
     def _hold(self, at: float | None) -> None:
         """Hold the picture at so many s before its end, or follow again."""

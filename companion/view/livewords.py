@@ -7,43 +7,47 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from companion.analysis import DriftRow, Statistic
-from companion.view import palette
+from companion.view import banner, palette
 from companion.view.feed import Judgement, LinkState
 from companion.view.moment import Moment
 from companion.view.palette import Rgb
 
-_GOOD, _BAD = palette.HEADING, palette.IMU
 _STATUS = {
-    "consistent": ("Consistent", _GOOD),
-    "imu_suspect": ("IMU suspect", _BAD),
-    "autopilot_suspect": ("Autopilot suspect", _BAD),
-    "insufficient_data": ("Not enough data", palette.CURSOR),
-    "starting": ("Starting", palette.CURSOR),
-    "lost": ("Control lost", _BAD),
+    "consistent": "Consistent",
+    "imu_suspect": "IMU suspect",
+    "autopilot_suspect": "Autopilot suspect",
+    "insufficient_data": "Not enough data",
+    "starting": "Starting",
+    "lost": "Control lost",
 }
 _OLD_S = 5.0  # from which age on a verdict says how old it is
-_STALE = "opacity:0.55"
 
 
-def banner(state: LinkState, why_not: str, held_s: float | None) -> str:
+def verdict(judgement: Judgement, state: LinkState, why_not: str) -> str:
+    """The verdict now as the banner over the picture; why there is none while there is none."""
+    if judgement.status and not state.problem:
+        return banner.banner(judgement.status, judgement.text + _age(judgement))
+    return banner.waiting(state.problem or why_not or "No verdict yet: the first needs some seconds of data.")
+
+
+def link(state: LinkState, why_not: str, held_s: float | None) -> str:
     """Live, held or waiting, and whether it is recorded. held_s: how long ago the held picture was; None: live."""
     if held_s is not None:
-        head = _badge(f"PAUSED, {held_s:.1f} s ago", palette.CURSOR)
+        head = _badge(f"PAUSED, {held_s:.1f} s ago", palette.CONTROLS)
     elif state.problem:
-        head = _badge("RECONNECTING" if state.frames else "WAITING", _BAD)
+        head = _badge("RECONNECTING" if state.frames else "WAITING", palette.BAD)
     elif why_not:
-        head = _badge("WAITING", palette.CURSOR)
+        head = _badge("WAITING", palette.CONTROLS)
     else:
-        head = _badge("LIVE", _GOOD)
+        head = _badge("LIVE", palette.GOOD)
     lines = [head]
     if state.problem or why_not:
-        lines.append(f'<div style="color:{palette.css(_BAD)}">{escape(state.problem or why_not)}</div>')
+        lines.append(_trouble(state.problem or why_not))
     if state.recording_problem:
-        lines.append(f'<div style="color:{palette.css(_BAD)}">{escape(state.recording_problem)}</div>')
+        lines.append(_trouble(state.recording_problem))
     elif state.recording:
-        red = "#d62728"
         lines.append(
-            f'<div style="overflow-wrap:anywhere"><span style="color:{red}">●</span> Recording '
+            '<div style="overflow-wrap:anywhere"><span style="color:var(--companion-trouble)">●</span> Recording '
             f"{escape(state.recording)}, {size(state.recorded_bytes)}</div>"
         )
     else:
@@ -98,9 +102,7 @@ def health(state: LinkState) -> str:
 
 def drift(rows: Sequence[DriftRow], judgement: Judgement) -> str:
     """The verdicts now and so far, and the drift table: medians."""
-    old = judgement.age_s > _OLD_S
-    age = f" (as of {judgement.age_s:.0f} s ago)" if old else ""
-    head = _opinion("Now", judgement.status, judgement.text + age, _STALE if old else "")
+    head = _opinion("Now", judgement.status, judgement.text + _age(judgement))
     head += _opinion("So far", judgement.status_so_far, judgement.text_so_far)
     table = _table(
         ("after", "windows", "attitude", "position"),
@@ -113,10 +115,19 @@ def drift(rows: Sequence[DriftRow], judgement: Judgement) -> str:
     return _block(head) + table
 
 
-def _opinion(when: str, status: str, text: str, style: str = "") -> str:
-    word, colour = _STATUS.get(status, (status, palette.CURSOR))
-    badge = _badge(f"{when}: {word}", colour) if status else ""
-    return f'<div style="{style}">{badge}<div>{escape(text)}</div></div>' if text else ""
+def _opinion(when: str, status: str, text: str) -> str:
+    colour = banner.COLOURS.get(status, palette.CONTROLS)
+    badge = _badge(f"{when}: {_STATUS.get(status, status)}", colour) if status else ""
+    return f"<div>{badge}<div>{escape(text)}</div></div>" if text else ""
+
+
+def _age(judgement: Judgement) -> str:
+    """How old a verdict is, where that matters."""
+    return f" (as of {judgement.age_s:.0f} s ago)" if judgement.age_s > _OLD_S else ""
+
+
+def _trouble(text: str) -> str:
+    return f'<div style="color:var(--companion-trouble)">{escape(text)}</div>'
 
 
 def sentences(said: Sequence[str]) -> str:
@@ -162,5 +173,5 @@ def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     body = "".join(line(row, "td", "") for row in rows)
     return (
         '<div style="padding:0.2em 1em"><table style="width:100%;font-size:0.8em;font-variant-numeric:tabular-nums;'
-        f'border-spacing:0 0.1em">{line(header, "th", "font-weight:400;opacity:0.7")}{body}</table></div>'
+        f'border-spacing:0 0.1em">{line(header, "th", f"font-weight:400;opacity:{palette.QUIET}")}{body}</table></div>'
     )

@@ -61,6 +61,8 @@ class Outlook:
                 self.scene.expected.shown = shown
             case events.SetArrows(shown):
                 self.scene.arrows.shown = shown
+            case events.SetPath(name, shown):
+                self.scene.further.show(name, shown)
             case events.SetDark(dark):
                 self.dark = dark
                 self._theme()
@@ -89,6 +91,7 @@ class Outlook:
         apart = pose.apply(moment.position_imu) - target
         span = self._span(eye, target)
         self.scene.annotate(moment, span, imu_above=float(apart @ screen_up(target - eye)) >= 0)
+        self.scene.seen_from(pose.back(eye))
         self.scene.ground.rule(grid_cell(float(np.linalg.norm(eye - target)), self.scene.ground.cell))
         return span
 

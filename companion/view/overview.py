@@ -24,14 +24,17 @@ _NOTHING = np.zeros((1, 2, 3), dtype=np.float32)
 class Overview:
     """Only the view thread may call it."""
 
-    def __init__(self, scene: viser.SceneApi, root: str) -> None:
-        def lines(name: str, thickness: float) -> viser.LineSegmentsHandle:
-            return scene.add_line_segments(
-                f"{root}/{name}", _NOTHING, _PALE, thickness=thickness, thickness_units="screen", visible=False
-            )
+    def __init__(self, scene: viser.SceneApi, root: str, nearer: str, scale: float) -> None:
+        """nearer: the node under which lines of this scale cover what lies behind them, see `scene.NEARER`."""
 
-        self._paths = {"imu": lines("path_imu", 1.5), "autopilot": lines("path_autopilot", 1.5)}
-        self._worst = {"imu": lines("worst_imu", 6.0), "autopilot": lines("worst_autopilot", 6.0)}
+        def lines(name: str, thickness: float, root: str = root, scale: float = 1.0) -> viser.LineSegmentsHandle:
+            return scene.add_line_segments(
+                f"{root}/{name}", _NOTHING, _PALE, thickness=thickness, thickness_units="screen", scale=scale,
+                visible=False,
+            )  # fmt: skip
+
+        self._paths = {"imu": lines("path_imu", 2.5), "autopilot": lines("path_autopilot", 1.2, nearer, scale)}
+        self._worst = {"imu": lines("worst_imu", 7.0), "autopilot": lines("worst_autopilot", 3.0, nearer, scale)}
         self._apart = lines("worst_apart", 4.0)
         self._label = scene.add_label(
             f"{root}/worst_name", "", anchor="bottom-center", font_screen_scale=1.1, visible=False

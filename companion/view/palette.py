@@ -11,6 +11,8 @@ IMUS: tuple[Rgb, ...] = ((230, 97, 1), (0, 158, 115), (230, 180, 30), (86, 180, 
 """Vermillion, bluish green, amber, sky, brown: the IMUs of a flight in its own order, whichever is reckoned."""
 IMU: Rgb = IMUS[0]  # the IMU where there is but one
 BEST: Rgb = (60, 60, 60)  # near black: the best estimate, which belongs to neither
+BEST_LIGHT: Rgb = (225, 225, 225)  # every other dash of it in the picture, whose background may be dark
+GPS: Rgb = (120, 155, 70)  # moss green: what the GPS receiver says
 FREE: Rgb = (243, 170, 110)  # pale vermillion: the same IMU, left alone for longer
 HEADING: Rgb = (0, 158, 115)  # bluish green: a second quantity of the same source
 DIFFERENCE: Rgb = (204, 84, 152)  # reddish purple, a little deeper for thin lines: what lies between both, and findings
@@ -26,8 +28,22 @@ BAD: Rgb = (176, 32, 24)
 
 SIGNS = {"consistent": "✓", "imu_suspect": "✗", "autopilot_suspect": "✗", "insufficient_data": "?"}
 """Status of a verdict → the sign that says the same without colours."""
-SEVERITIES: dict[str, Rgb] = {"error": BAD, "warning": (190, 120, 0), "info": (84, 96, 112)}
-"""Of findings."""
+SEVERITIES: dict[str, Rgb] = {"error": BAD, "warning": DOUBTFUL, "info": CONTROLS}
+"""Of findings: behind white words too."""
+
+LIGHT: Rgb = (255, 255, 255)
+DARK: Rgb = (36, 36, 36)
+"""The panels of the page."""
+WORDS: dict[Rgb, Rgb] = {LIGHT: (0, 0, 0), DARK: (201, 201, 201)}
+"""Panel → the words on it."""
+QUIET = 0.7
+"""Opacity of words that matter less."""
+TROUBLE: Rgb = (176, 32, 24)
+TROUBLE_ON_DARK: Rgb = (255, 138, 128)
+"""Words on a panel that say what goes wrong."""
+MODES: tuple[Rgb, Rgb] = ((120, 135, 190), (190, 165, 120))
+MODES_OPACITY = 0.35
+"""Behind the names of flight modes; neighbours differ."""
 
 
 def contrast(one: Rgb, other: Rgb) -> float:

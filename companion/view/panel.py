@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from html import escape
 
 import numpy as np
@@ -11,8 +11,10 @@ import viser
 from companion.model import Flight
 from companion.view import banner, events, palette, tables
 from companion.view.controls import listen, write
+from companion.view.further import Further
 from companion.view.moment import Footage, Moment
 from companion.view.palette import Rgb
+from companion.view.picture import FURTHER
 from companion.view.tables import swatch
 
 
@@ -29,14 +31,17 @@ class Panel:
         self._legend = gui.add_html("")
         listen(self._pick, post, lambda: events.PickFlight(int(self._pick.value.split(":")[0]) - 1))
 
-    def load(self, flight: Flight, film: Footage, colours: Mapping[str, Rgb]) -> None:
+    def load(self, flight: Flight, film: Footage) -> None:
         """Fit it to what is shown now. Values set here come back as no events."""
         self._flight = flight
         self.choose_flight(flight)
-        self._legend.content = _legend(flight, film, colours)
         if film.insight is not None:
             verdict = film.insight.assessment.verdict
             self._banner.content = banner.banner(verdict.status, verdict.summary)
+
+    def introduce(self, film: Footage, colours: Mapping[str, Rgb], further: Collection[Further]) -> None:
+        """Say who is who. further: the paths that are shown besides."""
+        self._legend.content = _legend(self._flight, film, colours, further)
 
     def wait(self, text: str) -> None:
         """There is no verdict, or not yet: why, in words. `text` may hold anything."""
@@ -52,7 +57,7 @@ class Panel:
 
     def status(self, text: str, *, trouble: bool = False) -> None:
         """Say what the reckoning is doing, or why it failed. `text` may hold anything."""
-        colour = palette.css(palette.DIFFERENCE) if trouble else "inherit"
+        colour = "var(--companion-trouble)" if trouble else "inherit"
         html = f'<div style="padding:0 1em 0.5em;font-size:0.8em;color:{colour}">{escape(text)}</div>' if text else ""
         if self._status.content != html:
             self._status.content = html
@@ -63,7 +68,7 @@ def _title(flight: Flight) -> str:
     return f"vehicle {vehicle}, boot {flight.boot}, {flight.duration:.0f} s"
 
 
-def _legend(flight: Flight, film: Footage, colours: Mapping[str, Rgb]) -> str:
+def _legend(flight: Flight, film: Footage, colours: Mapping[str, Rgb], further: Collection[Further]) -> str:
     """Who is who. Text that came from the vehicle is escaped: it is untrusted, and this is markup."""
     vehicle, source = flight.vehicle, film.source
     who = escape(tables.kind(vehicle))
@@ -77,12 +82,23 @@ def _legend(flight: Flight, film: Footage, colours: Mapping[str, Rgb]) -> str:
         rows.append(f"{swatch(palette.DIFFERENCE, 1.0, line)}The distance between them")
     else:
         rows.append("This log has no position: only the attitudes are compared.")
+    rows += [f"{mark}{FURTHER[name][0]}" for name, mark in _FURTHER.items() if name in further]
     lines = "".join(f"<div>{row}</div>" for row in rows)
     return (
         f'<div data-companion-imu="{escape(source)}" style="padding:0.2em 1em;font-size:0.8em;line-height:1.5">'
         f"<div>{who}, vehicle "
         f"{escape(str(vehicle))}, boot {flight.boot}, {flight.duration:.0f} s</div>{lines}</div>"
     )
+
+
+_FURTHER: dict[Further, str] = {
+    "gps": swatch(palette.GPS, 1.0, "width:0.45em;height:0.45em;border-radius:50%;margin-left:0.25em"),
+    "best": (
+        '<span style="display:inline-block;width:1em;height:0.3em;margin-right:0.4em;vertical-align:middle;'
+        f"background:repeating-linear-gradient(90deg,{palette.css(palette.BEST)} 0 0.25em,"
+        f'{palette.css(palette.BEST_LIGHT)} 0.25em 0.5em)"></span>'
+    ),
+}
 
 
 def _times_expected(moment: Moment, film: Footage) -> tuple[str, str, str] | None:
@@ -117,7 +133,7 @@ def _numbers(moment: Moment, film: Footage, since_start: float, cell: float) -> 
         said = f"{position:.2f} m" if has_position else ""
         rows.append((f"After {film.insight.horizon_s:g} s", f"{attitude:.2f}°", said))
     cells = "".join(
-        f'<tr><td style="opacity:0.7">{name}</td><td style="text-align:right;font-weight:600">{first}</td>'
+        f'<tr><td style="opacity:{palette.QUIET}">{name}</td><td style="text-align:right;font-weight:600">{first}</td>'
         f'<td style="text-align:right">{second}</td></tr>'
         for name, first, second in rows
     )

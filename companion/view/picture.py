@@ -8,7 +8,13 @@ import viser
 
 from companion.view import events
 from companion.view.controls import listen
+from companion.view.further import SHOWN, Further
 
+FURTHER: dict[Further, tuple[str, str]] = {
+    "gps": ("GPS fixes", "Where the GPS receiver was by its own word: nobody has filtered them"),
+    "best": ("Best estimate", "From IMU, GPS, compass, barometer and rest, without the autopilot's estimate"),
+}
+"""Name and hint."""
 SIZES = {"Easy to see": 1.0, "Larger": 1.7, "Smaller": 0.5, "True size": None}
 
 
@@ -19,9 +25,12 @@ class PictureControls:
         self, gui: viser.GuiApi, trails: Mapping[str, events.SetTrail], post: events.Post, *, expects: bool
     ) -> None:
         """expects: whether it is known how far the autopilot should be, and the ellipsoid can be drawn."""
+        self._further: dict[Further, viser.GuiCheckboxHandle] = {}
         self.folder = gui.add_folder("Picture")
         with self.folder:
             trail = gui.add_dropdown("Paths", tuple(trails))
+            for name, (label, hint) in FURTHER.items():
+                self._further[name] = gui.add_checkbox(label, SHOWN[name], hint=hint, visible=False)
             size = gui.add_dropdown("Drones", tuple(SIZES))
             ball = gui.add_checkbox(
                 "3σ ellipsoid",
@@ -36,3 +45,13 @@ class PictureControls:
         listen(ball, post, lambda: events.SetRange(ball.value))
         listen(arrows, post, lambda: events.SetArrows(arrows.value))
         listen(dark, post, lambda: events.SetDark(dark.value))
+        for name, box in self._further.items():
+            self._listen(name, box, post)
+
+    def _listen(self, name: Further, box: viser.GuiCheckboxHandle, post: events.Post) -> None:
+        listen(box, post, lambda: events.SetPath(name, box.value is True))
+
+    def offer(self, name: Further, there: bool) -> None:
+        """Offer one of the further paths, where there is one."""
+        if self._further[name].visible != there:
+            self._further[name].visible = there

@@ -7,7 +7,7 @@ from dataclasses import replace
 import viser
 
 from companion.model import Flight
-from companion.view import events
+from companion.view import events, palette
 from companion.view.choice import NO_BIAS, Corrected, Offer, ReplayChoice
 from companion.view.controls import bounded, key_of, listen, write
 
@@ -24,7 +24,7 @@ GYRO_UNIT, ACCEL_UNIT = (
     "mrad/\u2060s",
     "m/\u2060s²",
 )  # with a word joiner: a narrow label breaks before the unit, not in it
-BESIDE = '<div style="padding:0 1em;font-size:0.8em;opacity:0.7">Beside it, as they are:</div>'
+BESIDE = f'<div style="padding:0 1em;font-size:0.8em;opacity:{palette.QUIET}">Beside it, as they are:</div>'
 
 
 class ReckoningControls:

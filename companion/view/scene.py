@@ -13,6 +13,7 @@ from companion.view.arrows import Arrows
 from companion.view.body import Body
 from companion.view.ellipsoid import Ellipsoid
 from companion.view.framing import Framing
+from companion.view.further import FurtherPaths
 from companion.view.ground import Ground
 from companion.view.moment import Footage, Moment
 from companion.view.overview import Overview
@@ -24,6 +25,10 @@ from companion.view.trail import Trail
 NAME = 0.42  # spans from a drone to its name
 WORLD = "/world"
 """Everything hangs on this node. Each browser has a node of its own under this name, which moves the world for it."""
+NEARER = 0.998
+"""The autopilot's path is thin and lies over the IMU's, which is thick, so that both are seen where they are the same.
+It is drawn as much smaller about the camera: at the same place in the picture, but nearer."""
+_NEARER = f"{WORLD}/nearer"
 
 
 class Scene:
@@ -41,12 +46,14 @@ class Scene:
         self.ground = Ground(scene, WORLD)
         self.autopilot = Body(scene, f"{WORLD}/autopilot", "Autopilot", palette.AUTOPILOT, drone, ghost=True)
         self.imu = Body(scene, f"{WORLD}/imu", "IMU alone", palette.IMU, drone, ghost=False)
-        self.overview = Overview(scene, f"{WORLD}/overview")
+        self._nearer = scene.add_frame(_NEARER, show_axes=False)
+        self.overview = Overview(scene, f"{WORLD}/overview", _NEARER, NEARER)
+        self.further = FurtherPaths(scene, f"{WORLD}/further")
         self.arrows = Arrows(scene, f"{WORLD}/arrows")
         self.expected = Ellipsoid(scene, f"{WORLD}/expected", palette.IMU)
         self._trails = {
-            "autopilot": Trail(scene, f"{WORLD}/trail_autopilot", palette.AUTOPILOT, 2.5),
-            "imu": Trail(scene, f"{WORLD}/trail_imu", palette.IMU, 2.5),
+            "autopilot": Trail(scene, f"{_NEARER}/trail", palette.AUTOPILOT, 2.0, scale=NEARER),
+            "imu": Trail(scene, f"{WORLD}/trail_imu", palette.IMU, 4.5),
         }
         self._scene, self._label = scene, "IMU"
         self._others: list[tuple[Body, Trail]] = []
@@ -106,6 +113,12 @@ class Scene:
         self._error_name.visible = False
         self.imu.name = f"{source} alone"
         self._load_others(film, drone, colours)
+
+    def seen_from(self, eye: Array) -> None:
+        """The camera is at (3,) NED, m: see `NEARER`."""
+        place = (1.0 - NEARER) * eye
+        if np.linalg.norm(place - self._nearer.position) > 1e-4 * np.linalg.norm(eye):
+            self._nearer.position = place
 
     def _load_others(self, film: Footage, drone: Drone, colours: Mapping[str, Rgb]) -> None:
         """Drones and paths of the other IMUs: as many as were ever shown at once, reused."""

@@ -14,17 +14,19 @@ import viser
 
 from companion.model import CompanionError, Flight
 from companion.view import events, export, palette
-from companion.view.adjustments import Adjustments
+from companion.view.adjustments import TRAILS, Adjustments
 from companion.view.bands import bands, outside
 from companion.view.cadence import Cadence
 from companion.view.choice import Examine, Offer, Recompute, ReplayChoice
-from companion.view.controls import dock
+from companion.view.controls import dock, listen_to_clicks
 from companion.view.framing import Framing, frame
-from companion.view.home import home_position
 from companion.view.marks import Mark, text_marks
 from companion.view.moment import Footage, with_insight
 from companion.view.outlook import Outlook
 from companion.view.panel import Panel
+from companion.view.pick import picked
+from companion.view.picture import FURTHER
+from companion.view.places import best_path, gps_path, home_position
 from companion.view.player import Player
 from companion.view.plots import Plots
 from companion.view.saving import PAGE, REPORT, Saver
@@ -62,7 +64,7 @@ class Stage:
         self._saver = Saver()
         self.player = Player(film.start, film.end)
         self._marks: list[Mark] = []
-        self._trail = events.SetTrail(None)
+        self._trail = next(iter(TRAILS.values()))
         self._is_due = Cadence(labels=8.0, trails=8.0, plots=4.0, progress=2.0)
         self._trouble = False
         # A phone shows the panels one below the other, in this order.
@@ -80,6 +82,7 @@ class Stage:
         dock(server.gui, side)
         more.dock_below(server.gui.main_panel)
         bottom.expand()
+        listen_to_clicks(server.scene, post)
         drone = drone_for(first.flight.vehicle.type)
         self.outlook = Outlook(server, self._adjustments.picture, drone, _framing(film), post)
         self._load()
@@ -134,10 +137,27 @@ class Stage:
                 if isinstance(event, events.SetPart):
                     self._timeline.choose_part(self.player)
                     self._plots.choose_part((self.player.start, self.player.end))
+            case events.PickPlace():
+                self._pick(event)
             case _ if isinstance(event, events.Look):
-                if isinstance(event, events.Joined) and self._examine_at < np.inf:
-                    self._examine_at = time.monotonic() + OPENING
-                self.outlook.handle(event)
+                self._look(event)
+
+    def _look(self, event: events.Look) -> None:
+        if isinstance(event, events.Joined) and self._examine_at < np.inf:
+            self._examine_at = time.monotonic() + OPENING
+        self.outlook.handle(event)
+        if isinstance(event, events.SetPath):
+            self._legend()
+
+    def _pick(self, event: events.PickPlace) -> None:
+        """Go to where a path was clicked on."""
+        pose = self.outlook.browsers.pose(event.browser)
+        if pose is None:
+            return
+        origin, direction = pose.back(np.array(event.origin)), pose.back_along(np.array(event.direction))
+        t = picked(self._film, origin, direction)
+        if t is not None:
+            self.player.go(t)
 
     def _visit(self, t: str, imu: str) -> None:
         """Show what an address asks for, as far as there is such a thing."""
@@ -221,14 +241,24 @@ class Stage:
         self._marks = text_marks(self._flight)
         if insight is not None:
             self._marks = sorted([*self._marks, *insight.marks], key=lambda mark: mark.t)
+        best = insight.assessment.best if insight is not None else None
+        third = None if best is None else best_path(self._flight, best)
+        self.outlook.scene.further.load(gps_path(self._flight), third, 1e-3 * self.outlook.framing.distance)
         self._plots.load(film, self._flight, self._colours, (self.player.start, self.player.end))
-        self._panel.load(self._flight, film, self._colours)
+        self._panel.load(self._flight, film)
+        self._legend()
         self._adjustments.load(self._flight, self._choice, film.start)
         below = bands(self._flight, film)
         self._timeline.load(self.player, self._marks, film.replay.anchors.tolist(), below)
         self._findings.load(insight, outside(below.findings, film.start, film.end))
         self._drift.load(insight, self._colours)
         self._is_due.at_once()
+
+    def _legend(self) -> None:
+        further = self.outlook.scene.further
+        self._panel.introduce(self._film, self._colours, [name for name in FURTHER if further.visible(name)])
+        for name in FURTHER:
+            self._adjustments.offer(name, further.there[name])
 
     def _draw(self, now: float) -> None:
         """Write the instant of the clock: poses every turn, the rest as often as it can be read."""

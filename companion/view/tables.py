@@ -36,10 +36,10 @@ def drift_table(table: Drift, expected: Assessment, colour: Rgb, horizon_s: floa
         measured = (row.attitude_deg, row.velocity_mps, row.position_m)
         sigma = (None,) * 3 if should is None else (should.attitude_deg, should.velocity_mps, should.position_m)
         rows.append(_row((f"{row.horizon_s:g} s", row.windows, *(_pair(m) for m in measured)), chosen))
-        rows.append(_row(("", "", *("" if s is None else f"{figure(s)}" for s in sigma)), "opacity:0.65"))
+        rows.append(_row(("", "", *("" if s is None else f"{figure(s)}" for s in sigma)), f"opacity:{palette.QUIET}"))
         left = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in row.excluded.items())
         if left and chosen:
-            rows.append(f'<tr><td colspan="5" style="opacity:0.65">left out: {escape(left)}</td></tr>')
+            rows.append(f'<tr><td colspan="5" style=f"opacity:{palette.QUIET}">left out: {escape(left)}</td></tr>')
     note = "Each: median / 95 % of the windows; below it, paler, the expected 1σ."
     return _title(f"{swatch(colour)}Drift of {escape(table.imu)}") + _table(head, rows) + _small(note, 0.65)
 
@@ -111,7 +111,7 @@ def _row(cells: Iterable[object], style: str) -> str:
 
 def _table(head: Sequence[str], rows: Sequence[str]) -> str:
     first, *rest = head
-    top = f'<tr style="opacity:0.65"><td>{first}</td>{"".join(f"<td>{cell}</td>" for cell in rest)}</tr>'
+    top = f'<tr style=f"opacity:{palette.QUIET}"><td>{first}</td>{"".join(f"<td>{cell}</td>" for cell in rest)}</tr>'
     return (
         "<style>.companion-table td{text-align:right;padding:0 0 0 0.4em;white-space:nowrap}"
         ".companion-table td:first-child{text-align:left;padding:0}</style>"

@@ -77,16 +77,16 @@ def _farthest(points: Array, first: int, last: int) -> tuple[float, int, int, in
     return -float(distances[middle]), first, first + 1 + middle, last
 
 
-def windows(ends: Array, since: float, until: float, chunk: int, chunks: int) -> list[tuple[int, int]]:
-    """For each chunk of a trail, the range of its own segments that lie between two times.
+def windows(ends: Array, since: float, until: float, chunk: int) -> list[tuple[int, int, int]]:
+    """The chunks of a trail that lie between two times: of each its number, and the range of its own segments.
 
-    `ends` (M,) s is the time at which each segment is complete, increasing. A chunk holds `chunk` segments.
-    The ranges are half open and relative to the chunk; an empty one is `(0, 0)`.
+    `ends` (M,) s is the time at which each segment is complete, increasing. A chunk holds `chunk` segments. The ranges
+    are half open and relative to the chunk; empty ones are left out.
     """
     first = int(np.searchsorted(ends, since, side="left"))
     last = int(np.searchsorted(ends, until, side="right"))
-    ranges = []
-    for begin in range(0, chunks * chunk, chunk):
-        a, b = max(first - begin, 0), min(last - begin, chunk)
-        ranges.append((a, b) if a < b else (0, 0))
-    return ranges
+    return [
+        (i, max(first - i * chunk, 0), min(last - i * chunk, chunk))
+        for i in range(first // chunk, -(-last // chunk))
+        if last > first
+    ]

@@ -9,7 +9,6 @@ import viser
 from companion.view import events
 from companion.view.bands import HEIGHT, Bands, markup
 from companion.view.controls import SIDE, Key, button_row, camera_row, command, listen, write
-from companion.view.framing import CameraMode
 from companion.view.marks import Mark, short, strip
 from companion.view.player import Player
 
@@ -54,7 +53,6 @@ JUMPS: dict[str, events.Event] = {
     "‹ event": events.Jump("mark", forward=False),
     "event ›": events.Jump("mark", forward=True),
 }
-CAMERAS: dict[str, CameraMode] = {"Fit all": "Free", "Follow both": "Follow", "Map": "Map"}
 PARTS: dict[str, events.Event] = {
     "from here": events.SetPart("from"),
     "to here": events.SetPart("to"),
@@ -95,7 +93,7 @@ class Timeline:
             gui.add_html('<i class="companion-time"></i>')
             self._time = gui.add_slider("Time, s", 0.0, 1.0, 0.01, 0.0, hint="Seconds since the vehicle's boot")
             self._strip = gui.add_html("")
-            camera_row(gui, "View", CAMERAS, post)
+            camera_row(gui, post)
             button_row(gui, "Step, s", STEPS, post, "Arrow keys: 1 s, with Shift one sample; Home, End: the ends")
             button_row(gui, "Jump", JUMPS, post, "Up and down: events; Page up and down: anchors; 1 to 9: tenths")
         panel.float(x=10, y=-10, width=WIDTH)

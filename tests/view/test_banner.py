@@ -13,10 +13,30 @@ from companion.view.banner import COLOURS, banner, clause, waiting
 WHITE = (255, 255, 255)
 
 
+PANELS = (palette.LIGHT, palette.DARK)
+LEAST = 4.5  # WCAG 2.1, 1.4.3
+
+
+@pytest.mark.parametrize("colour", [*COLOURS.values(), *palette.SEVERITIES.values(), palette.CONTROLS, palette.GOOD])
+def test_white_is_read_on_buttons_badges_and_banners(colour: palette.Rgb) -> None:
+    assert palette.contrast(colour, WHITE) >= LEAST
+
+
+@pytest.mark.parametrize("panel", PANELS)
+def test_words_on_panels_and_bands_are_read(panel: palette.Rgb) -> None:
+    words = palette.WORDS[panel]
+    trouble = palette.TROUBLE if panel == palette.LIGHT else palette.TROUBLE_ON_DARK
+    assert palette.contrast(words, panel) >= LEAST
+    assert palette.contrast(palette.mix(panel, words, palette.QUIET), panel) >= LEAST
+    assert palette.contrast(trouble, panel) >= LEAST
+    for colour in palette.MODES:
+        assert palette.contrast(words, palette.mix(panel, colour, palette.MODES_OPACITY)) >= LEAST
+
+
 @pytest.mark.parametrize("status", get_args(Status))
 def test_every_status_has_a_sign_and_a_colour_on_which_white_is_read(status: str) -> None:
     assert palette.SIGNS[status]
-    assert palette.contrast(COLOURS[status], WHITE) >= 4.5  # WCAG 2.1, 1.4.3
+    assert status in COLOURS
     assert status.replace("_", " ").upper() in banner(status, "They agree.")
 
 

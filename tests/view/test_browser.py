@@ -14,9 +14,10 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
-from companion.analysis import Finding, Verdict
+from companion.analysis import Finding, Replay, Verdict
 from companion.model import Flight, StatusText, Vehicle
 from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, chosen_track, events
+from companion.view.framing import FIELD_OF_VIEW, camera, frame, screen_up
 from companion.view.plots import Plots
 from companion.view.reckoning import GYRO_UNIT
 from tests.view.browsing import choose, near, new_page, open_page, shoot, until
@@ -68,6 +69,17 @@ def test_play(wide_page: Page, flight: Flight) -> None:
         until(both_drawn, "a trail of each source")
 
 
+def where_is(replay: Replay, t: float, width: int, height: int) -> tuple[float, float]:
+    """Where in a window the autopilot's path is at t s, seen by the camera that a page begins with."""
+    view = camera("Free", frame(replay.position_ref, replay.position_imu))
+    along = view.look_at - view.position
+    along, up = along / np.linalg.norm(along), screen_up(along)
+    up /= np.linalg.norm(up)
+    offset = replay.position_ref[np.searchsorted(replay.t, t)] - view.position
+    scale = height / (2 * float(np.tan(FIELD_OF_VIEW / 2)) * float(offset @ along))
+    return width / 2 + scale * float(offset @ np.cross(along, up)), height / 2 - scale * float(offset @ up)
+
+
 def test_scrub_and_keys(page: Page, flight: Flight) -> None:
     with Viewer([flight], recompute, examine, port=0) as viewer:
         visit(page, viewer)
@@ -101,6 +113,8 @@ def test_scrub_and_keys(page: Page, flight: Flight) -> None:
         page.mouse.click(box["x"] + 0.75 * box["width"], box["y"] + box["height"] / 2)
         middle = viewer.player.start + 0.75 * viewer.player.duration
         until(lambda: abs(viewer.player.time - middle) < 3.0, "the slider")
+        page.mouse.click(*where_is(reckon(flight, ReplayChoice()), BOOT + 20.0, 1280, 800))
+        until(lambda: abs(viewer.player.time - BOOT - 20.0) < 1.0, "a click on the path")
 
 
 def test_controls_reckon_anew(page: Page, flight: Flight) -> None:

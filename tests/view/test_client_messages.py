@@ -24,6 +24,10 @@ CAMERA: dict[str, Any] = {
     "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [5.0, 5.0, 5.0], "fov": 1.0, "near": 0.1,
     "far": 100.0, "look_at": [0.0, 0.0, 0.0], "up_direction": [0.0, 0.0, -1.0], "image_height": 600, "image_width": 800,
 }  # fmt: skip
+CLICK: dict[str, Any] = {
+    "type": "ScenePointerMessage", "event_type": "click", "ray_origin": [1.0, 2.0, 3.0], "modifier": None,
+    "ray_direction": [0.0, 0.6, 0.8], "screen_pos": [[0.5, 0.5]],
+}  # fmt: skip
 NAN, INF = float("nan"), float("inf")
 HOSTILE: list[dict[str, Any]] = [
     CAMERA | {"image_height": 0}, CAMERA | {"image_width": -1}, CAMERA | {"image_height": 1e300},
@@ -39,6 +43,8 @@ HOSTILE: list[dict[str, Any]] = [
     {"type": "FileTransferStartUpload", "source_component_uuid": "x", "transfer_uuid": "y", "filename": "z",
      "mime_type": "", "part_count": 1 << 40, "size_bytes": 1 << 60},
     {"type": "FileTransferPart", "source_component_uuid": "x", "transfer_uuid": "y", "part_index": 0, "content": b"0"},
+    CLICK | {"event_type": "rect-select"}, CLICK | {"ray_origin": None}, CLICK | {"ray_direction": [0.0, 0.0, 0.0]},
+    CLICK | {"ray_direction": [NAN, 0.0, 1.0]}, CLICK | {"screen_pos": []}, CLICK | {"modifier": "shift"},
     {"type": ["unhashable"]}, {"type": None}, {},
 ]  # fmt: skip
 
@@ -54,6 +60,7 @@ def test_what_no_page_sends_is_dropped(message: dict[str, Any]) -> None:
 
 def test_what_pages_send_is_heard() -> None:
     assert accepted(pack(CAMERA))
+    assert accepted(pack(CLICK))
     assert accepted(pack({"type": "CommandTriggerMessage", "uuid": "a"}))
     for value in (True, 3, 2.5, "Free", [1.0, 2.0], None):
         assert accepted(pack({"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": value}}))

@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 
 from companion.analysis import GENERIC, Finding, FlightNoise, Limits, Verdict, imu_noise
 from companion.estimation import imu_spectrum
-from companion.model import Origin
+from companion.model import GpsTrack, Origin
 from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
 from companion.view import Insight, ReplayChoice, banner, tables
 from companion.view.drift_chart import drift_lines
 from companion.view.ellipsoid import semi_axes
-from companion.view.home import home_position
 from companion.view.moment import footage
 from companion.view.noise_chart import noise_lines
 from companion.view.palette import of_imus
+from companion.view.places import gps_path, home_position
 from companion.view.rates import rates
 from tests.flights import flight_of, seconds
 from tests.view.circles import examine, make_flight, recompute
@@ -55,6 +55,24 @@ def test_home_is_where_the_latitudes_say() -> None:
     assert moved is not None
     assert moved - place == pytest.approx(FLIGHT.position.position[700])
     assert home_position(replace(flight, home=None)) is None
+
+
+def test_gps_fixes_lie_where_their_latitudes_say_and_only_in_three_dimensions() -> None:
+    n = 5
+    metres = np.full((n, 3), 1.0)
+    gps = GpsTrack(
+        t=np.arange(100.0, 100.0 + n), latitude=np.radians(47.0) + 1e-6 * np.arange(n), longitude=np.full(n, np.radians(8.0)),
+        height=np.full(n, 410.0), velocity=metres, horizontal_sigma=metres[:, 0], vertical_sigma=metres[:, 0],
+        speed_sigma=metres[:, 0], fix_type=np.array([2, 3, 3, 4, 0]), satellites=np.full(n, 9),
+    )  # fmt: skip
+    flight = replace(FLIGHT, origin=Origin(np.radians(47.0), np.radians(8.0), 400.0), gps=(gps,))
+    path = gps_path(flight)
+    assert path is not None
+    assert path.t.tolist() == [101.0, 102.0, 103.0]
+    assert np.diff(path.position[:, 0]) == pytest.approx(6.367, abs=0.005)  # m of a microradian of latitude at 47°
+    assert path.position[:, 2] == pytest.approx(-10.0)
+    assert gps_path(replace(flight, origin=None)) is None
+    assert gps_path(replace(flight, gps=())) is None
 
 
 def test_rates_and_gaps_are_those_of_the_messages() -> None:

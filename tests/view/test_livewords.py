@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from html.parser import HTMLParser
 
 from companion.view import Judgement, LinkState, StreamState, livewords
@@ -34,20 +35,35 @@ def test_nothing_that_comes_from_outside_becomes_markup() -> None:
         rejected=3, latency_ms=2.0, clock=EVIL, recording=EVIL, recorded_bytes=5, recording_problem="",
     )  # fmt: skip
     for markup in (
-        livewords.banner(state, EVIL, None),
+        livewords.link(state, EVIL, None),
+        livewords.verdict(Judgement(EVIL, EVIL), LinkState("a"), EVIL),
+        livewords.verdict(Judgement("", EVIL), state, EVIL),
         livewords.legend(EVIL, has_position=True),
         livewords.health(state),
         livewords.drift((), Judgement(EVIL, EVIL)),
         livewords.sentences([EVIL]),
     ):
         tags = read(markup)
-        assert tags.found <= {"div", "span", "b", "table", "tr", "th", "td"}
+        assert tags.found <= {"div", "span", "b", "table", "tr", "th", "td", "style"}
         assert "<img src=x" in tags.text
 
 
-def test_the_banner_says_how_it_stands() -> None:
+def test_the_verdict_now_is_the_banner_or_why_there_is_none() -> None:
+    def text(judgement: Judgement, problem: str = "", why_not: str = "") -> str:
+        return read(livewords.verdict(judgement, LinkState("udpin:1", problem), why_not)).text
+
+    suspect = Judgement("imu_suspect", "Suspect the IMU: stuck.", age_s=2.0)
+    assert text(suspect).endswith("✗ IMU SUSPECT – stuck.")
+    assert text(replace(suspect, age_s=7.0)).endswith("stuck. (as of 7 s ago)")
+    assert text(suspect, problem="silent for 7 s").endswith("silent for 7 s")
+    assert text(Judgement("", ""), why_not="no IMU messages").endswith("no IMU messages")
+    assert "No verdict yet" in text(Judgement("", ""))
+    assert "STARTING" in text(Judgement("starting", "The estimator aligns."))
+
+
+def test_the_link_says_how_it_stands() -> None:
     def text(state: LinkState, why_not: str = "", held_s: float | None = None) -> str:
-        return read(livewords.banner(state, why_not, held_s)).text
+        return read(livewords.link(state, why_not, held_s)).text
 
     good = LinkState("udpin:1", frames=5, recording="a.tlog", recorded_bytes=2_500_000)
     assert text(good) == "LIVE● Recording a.tlog, 2.5 MB"
