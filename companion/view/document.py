@@ -12,6 +12,8 @@ from companion.view import palette
 
 ALIVE = "/companion-alive"
 """Asked for by an open page, to know whether companion is still there."""
+REMEMBERED = "/companion-remembered"
+"""Asked for by a page that has just been opened, with the instant and the IMU that it showed last."""
 _TITLE = re.compile(rb"<title>.*?</title>", re.DOTALL)
 _ICON = re.compile(rb'<link\s+rel="icon".*?/>', re.DOTALL)
 

@@ -30,7 +30,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from companion.view.client_messages import MOST_PICTURE_BYTES, accepted
-from companion.view.document import ALIVE, dressed
+from companion.view.document import ALIVE, REMEMBERED, dressed
 
 _log = logging.getLogger(__name__)
 _log_of_connections = logging.getLogger(f"{__name__}.connections")
@@ -48,6 +48,8 @@ _HEADERS = {
 }
 _patching = threading.Lock()
 
+Visited = Callable[[str, str, bool], None]
+"""Told the instant and the IMU that are asked for, "" for none, and whether a page only remembers them."""
 Handler = Callable[[ServerConnection], Awaitable[None]]
 Answer = Callable[[ServerConnection, Request], Response | None]
 
@@ -77,7 +79,7 @@ class Doorkeeper:
 
     host: str
     token: str = ""
-    visited: Callable[[str, str], None] = lambda _t, _imu: None  # what the address asked for: "" where it did not
+    visited: Visited = lambda _t, _imu, _again: None  # what the address asked for, see `Visited`
 
     @contextlib.contextmanager
     def at_the_door(self) -> Iterator[None]:
@@ -126,12 +128,15 @@ class Doorkeeper:
                 )
             if urlsplit(request.path).path == ALIVE:
                 return connection.respond(http.HTTPStatus.NO_CONTENT, "")
+            if urlsplit(request.path).path == REMEMBERED:
+                if headers.get("Sec-Fetch-Site") == "same-origin":  # no other site's page moves what is shown
+                    self.visited(*_asked(query), True)
+                return connection.respond(http.HTTPStatus.NO_CONTENT, "")
             if not query or headers.get("Upgrade") == "websocket":
                 return _ours(answer(connection, request))
             # Only what a person opens: no picture or frame of another site's page moves what is shown.
             if headers.get("Sec-Fetch-Dest", "document") == "document":
-                asked = parse_qs(query)
-                self.visited(asked.get("t", [""])[-1], asked.get("imu", [""])[-1])
+                self.visited(*_asked(query), False)
             there = connection.respond(http.HTTPStatus.SEE_OTHER, "")
             there.headers["Location"] = "./"
             if self.token:
@@ -214,6 +219,12 @@ def _cookie(headers: Headers, name: str) -> str:
     except http.cookies.CookieError:
         return ""
     return found.value if found else ""
+
+
+def _asked(query: str) -> tuple[str, str]:
+    """The instant and the IMU in an address; "" for none."""
+    asked = parse_qs(query)
+    return asked.get("t", [""])[-1], asked.get("imu", [""])[-1]
 
 
 def _bearer(headers: Headers) -> str:

@@ -200,6 +200,7 @@ class Visit:
 
     t: str
     imu: str
+    again: bool = False  # nobody has asked: the page remembers what it showed last of this log
 
 
 @dataclass(frozen=True, slots=True)

@@ -58,7 +58,7 @@ class Page(Generic[Behind]):
     ) -> None:
         self._address = find_address(host, port, token=token)
         self._events: queue.SimpleQueue[events.Event] = queue.SimpleQueue()
-        self._server = open_server(self._address, lambda t, imu: self._events.put(events.Visit(t, imu)))
+        self._server = open_server(self._address, lambda *asked: self._events.put(events.Visit(*asked)))
         self._address = replace(self._address, port=self._server.get_port())
         self._stopping = threading.Event()
         self._closed = False

@@ -13,23 +13,58 @@
     if (event.detail > 0) document.activeElement?.closest?.("button")?.blur();
   });
 
+  let missed = 0; // questions whether companion is there, one after the other
+
+  const shownTime = () => document.querySelector(".companion-time")?.parentElement?.nextElementSibling
+    ?.querySelector("input[type=text], input[inputmode]")?.value;
+  const shownImu = () => document.querySelector("[data-companion-imu]")?.dataset.companionImu;
+
   // A link to the instant shown, with the IMU that is integrated.
   window.companionCopyLink = (button) => {
-    const time = document.querySelector(".companion-time")?.parentElement?.nextElementSibling;
-    const seconds = time?.querySelector("input[type=text], input[inputmode]")?.value;
-    const imu = document.querySelector("[data-companion-imu]")?.dataset.companionImu;
     const link = new URL("./", location.origin + location.pathname);
-    if (seconds) link.searchParams.set("t", seconds);
-    if (imu) link.searchParams.set("imu", imu);
+    if (shownTime()) link.searchParams.set("t", shownTime());
+    if (shownImu()) link.searchParams.set("imu", shownImu());
     const said = button.textContent;
     const done = () => { button.textContent = "copied"; setTimeout(() => { button.textContent = said; }, 1500); };
     if (navigator.clipboard) navigator.clipboard.writeText(link.href).then(done, () => prompt("Link", link.href));
     else prompt("Link", link.href); // a page that is not served to this computer alone may not write there
   };
 
+  // The last view of each log: its instant and IMU, the tab and the camera that were chosen. It stays in this browser.
+  const VIEWS = "companion-views", MOST_VIEWS = 50, REMEMBERED = "companion-remembered";
+  const CAMERAS = ["Fit all", "Follow both", "Map"];
+  let restored = "", chosen = {};
+  const views = () => { try { return JSON.parse(localStorage.getItem(VIEWS)) || {}; } catch { return {}; } };
+  const pressed = (selector, text) =>
+    [...document.querySelectorAll(selector)].find((one) => one.textContent.trim() === text)?.click();
+  document.addEventListener("click", (event) => {
+    const tab = event.target.closest?.("[role=tab]"), button = event.target.closest?.("button");
+    if (tab) chosen.tab = tab.textContent.trim();
+    else if (button && CAMERAS.includes(button.textContent.trim())) chosen.camera = button.textContent.trim();
+  });
+  const remember = async () => {
+    const log = document.querySelector("[data-companion-log]")?.dataset.companionLog;
+    if (!log || !shownTime() || missed) return;
+    const known = views();
+    if (restored !== log) {
+      const { t, imu, tab, camera } = known[log] ?? {};
+      if (t && !restored) {
+        await fetch(`${REMEMBERED}?${new URLSearchParams({ t, imu: imu ?? "" })}`, { cache: "no-store" }).catch(() => {});
+      }
+      if (tab && !restored) pressed("[role=tab]", tab);
+      if (camera && !restored) pressed("button", camera);
+      restored = log;
+      return;
+    }
+    delete known[log]; // the newest is the last
+    known[log] = { ...chosen, t: shownTime(), imu: shownImu() };
+    const kept = Object.fromEntries(Object.entries(known).slice(-MOST_VIEWS));
+    try { localStorage.setItem(VIEWS, JSON.stringify(kept)); } catch { /* a browser that keeps nothing */ }
+  };
+  setInterval(remember, 2000);
+
   // Say when companion has ended; viser connects again by itself when it is back.
   const ALIVE = "companion-alive", EVERY_MS = 3000;
-  let missed = 0;
   const say = (text) => {
     let box = document.getElementById("companion-ended");
     if (!text) return box?.remove();
@@ -50,6 +85,7 @@
       say(answer.status === 403 ? "companion runs again with another token: open the address that it prints." : "");
     } catch {
       missed += 1;
+      restored = ""; // what is shown when it is back is new again
       if (missed >= 2) say("companion has ended. Start it again: this page returns by itself.");
     }
     setTimeout(look, EVERY_MS);

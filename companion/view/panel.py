@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Collection, Mapping, Sequence
 from html import escape
 
@@ -63,6 +64,13 @@ class Panel:
             self._status.content = html
 
 
+def identity(flight: Flight) -> str:
+    """A flight's mark, by which a browser finds again what it showed last of it: the same whenever it is opened."""
+    tracks = [(name, len(track)) for name, track in flight.imus.items()]
+    said = repr((str(flight.vehicle), flight.boot, flight.start, flight.duration, tracks))
+    return hashlib.blake2s(said.encode(), digest_size=8).hexdigest()
+
+
 def _title(flight: Flight) -> str:
     vehicle = flight.vehicle
     return f"vehicle {vehicle}, boot {flight.boot}, {flight.duration:.0f} s"
@@ -85,7 +93,8 @@ def _legend(flight: Flight, film: Footage, colours: Mapping[str, Rgb], further: 
     rows += [f"{mark}{FURTHER[name][0]}" for name, mark in _FURTHER.items() if name in further]
     lines = "".join(f"<div>{row}</div>" for row in rows)
     return (
-        f'<div data-companion-imu="{escape(source)}" style="padding:0.2em 1em;font-size:0.8em;line-height:1.5">'
+        f'<div data-companion-imu="{escape(source)}" data-companion-log="{identity(flight)}" '
+        f'style="padding:0.2em 1em;font-size:0.8em;line-height:1.5">'
         f"<div>{who}, vehicle "
         f"{escape(str(vehicle))}, boot {flight.boot}, {flight.duration:.0f} s</div>{lines}</div>"
     )

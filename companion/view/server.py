@@ -7,14 +7,14 @@ import ipaddress
 import secrets
 import socket
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import rich
 import viser
 
 from companion.model import InputError
-from companion.view.doorkeeper import Doorkeeper, quieten
+from companion.view.doorkeeper import Doorkeeper, Visited, quieten
 
 PORTS_TRIED = 100
 
@@ -102,10 +102,11 @@ def _bindable(family: int, address: str, port: int) -> bool:
         return True
 
 
-def open_server(address: Address, visited: Callable[[str, str], None] = lambda _t, _imu: None) -> viser.ViserServer:
+def open_server(address: Address, visited: Visited = lambda _t, _imu, _again: None) -> viser.ViserServer:
     """Start viser's server there, without its banner, and guarded: see `Doorkeeper`.
 
-    visited: told what an address that is opened asks for, `?t=...&imu=...`; called in the server's event loop.
+    visited: told what an address that is opened asks for, `?t=...&imu=...`, or what a page remembers; called in the
+    server's event loop.
     """
     with _quiet(), Doorkeeper(address.host, address.token, visited).at_the_door():
         # A page may be closed between two writes, and it does not miss what it is not sent.

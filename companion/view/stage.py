@@ -67,6 +67,7 @@ class Stage:
         self._trail = next(iter(TRAILS.values()))
         self._is_due = Cadence(labels=8.0, trails=8.0, plots=4.0, progress=2.0)
         self._trouble = False
+        self._asked_for = False  # whether an address has asked for an instant or an IMU
         # A phone shows the panels one below the other, in this order.
         self._panel = Panel(server.gui, flights, post)
         bottom, side, more = (server.gui.add_panel() for _ in range(3))
@@ -128,8 +129,8 @@ class Stage:
             case events.SetTrail():
                 self._trail = event
                 self._is_due.at_once("trails")
-            case events.Visit(t, imu):
-                self._visit(t, imu)
+            case events.Visit():
+                self._visit(event)
             case events.Save(browser, what):
                 self._save(browser, what)
             case _ if isinstance(event, events.Move):
@@ -159,9 +160,12 @@ class Stage:
         if t is not None:
             self.player.go(t)
 
-    def _visit(self, t: str, imu: str) -> None:
-        """Show what an address asks for, as far as there is such a thing."""
-        seconds = instant(t)
+    def _visit(self, visit: events.Visit) -> None:
+        """Show what an address asks for, as far as there is such a thing; what a page remembers, where all is new."""
+        if visit.again and (self._asked_for or len(self.outlook.browsers) > 1 or self.player.time > self.player.start):
+            return
+        self._asked_for = True
+        seconds, imu = instant(visit.t), visit.imu
         if seconds is not None:
             self.player.go(seconds)
         if imu in self._flight.imus and imu != self._asked.imu:

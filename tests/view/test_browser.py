@@ -307,11 +307,14 @@ def test_a_page_finds_its_way_back_to_a_server_that_was_restarted(page: Page, fl
     with Viewer([flight], recompute, examine, port=0) as viewer:
         port = viewer.port
         visit(page, viewer)
+        page.get_by_role("button", name="+10", exact=True).click()
+        until(lambda: page.evaluate("localStorage['companion-views'] ?? ''").count('"110'), "the view is remembered")
     with Viewer([flight], recompute, examine, port=port) as viewer:
         assert viewer.port == port
         until(lambda: viewer.browsers == 1, "the page comes back")
+        until(lambda: viewer.player.time == pytest.approx(BOOT + 10.0), "what it showed last")
         page.get_by_role("button", name="+10", exact=True).click()
-        until(lambda: viewer.player.time == pytest.approx(BOOT + 10.0), "its buttons work")
+        until(lambda: viewer.player.time == pytest.approx(BOOT + 20.0), "its buttons work")
         choose(page, "Camera", "Chase")  # a list of the new session
         shoot(page, "reconnected")
 

@@ -203,6 +203,9 @@ def test_a_page_learns_whether_companion_is_there(open_page: str, closed_page: s
 def test_an_address_may_ask_for_an_instant_and_an_imu() -> None:
     """Of what there is, and of nothing else; the page itself is served without it."""
     with warnings.catch_warnings(), Viewer([make_flight()], recompute, examine, port=0) as viewer:
+        for site, t in (("cross-site", 105.0), ("same-origin", 110.0)):
+            assert get(viewer.url, f"/companion-remembered?t={t}", **{"Sec-Fetch-Site": site}).status == 204
+        wait_for(lambda: viewer.player.time == 110.0, "what the page showed last")
         answer = get(viewer.url, "/?t=120.5&imu=SCALED_IMU2&websocket=ws://evil.example")
         assert (answer.status, answer.headers["Location"]) == (303, "./")
         wait_for(lambda: viewer.player.time == 120.5, "the instant")
@@ -210,5 +213,6 @@ def test_an_address_may_ask_for_an_instant_and_an_imu() -> None:
         for path in ("/?t=nan", "/?t=1e999", "/?t=%00&imu=NONE", "/?imu=" + "x" * 5000):
             assert get(viewer.url, path).status == 303
         assert get(viewer.url, "/?t=130", **{"Sec-Fetch-Dest": "image"}).status == 303
+        assert get(viewer.url, "/companion-remembered?t=140", **{"Sec-Fetch-Site": "same-origin"}).status == 204
         assert get(viewer.url, "/?t=125").status == 303
         wait_for(lambda: viewer.player.time == 125.0, "what came before has changed nothing, and the picture least")

@@ -61,7 +61,8 @@ def test_gps_fixes_lie_where_their_latitudes_say_and_only_in_three_dimensions() 
     n = 5
     metres = np.full((n, 3), 1.0)
     gps = GpsTrack(
-        t=np.arange(100.0, 100.0 + n), latitude=np.radians(47.0) + 1e-6 * np.arange(n), longitude=np.full(n, np.radians(8.0)),
+        t=np.arange(100.0, 100.0 + n), latitude=np.radians(47.0) + 1e-6 * np.arange(n),
+        longitude=np.full(n, np.radians(8.0)),
         height=np.full(n, 410.0), velocity=metres, horizontal_sigma=metres[:, 0], vertical_sigma=metres[:, 0],
         speed_sigma=metres[:, 0], fix_type=np.array([2, 3, 3, 4, 0]), satellites=np.full(n, 9),
     )  # fmt: skip
