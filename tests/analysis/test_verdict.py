@@ -203,12 +203,23 @@ def test_a_sensor_at_rest_is_not_frozen() -> None:
     assert assess(flight_of(motions.rest(seconds(60, 100))), GENERIC).verdict.status == "consistent"
 
 
-def test_clipping() -> None:
+@pytest.mark.parametrize(
+    ("at", "lasted", "status", "severity"),
+    [
+        ([30], 0.1, "imu_suspect", "error"),
+        ([30], 0.02, "consistent", "warning"),
+        ([25, 30, 35], 0.02, "imu_suspect", "error"),
+    ],
+    ids=["lasting", "a shock", "again and again"],
+)
+def test_clipping(at: list[int], lasted: float, status: str, severity: str) -> None:
     flight = flown()
     imu = flight.imu()
-    found = assess(with_imu(flight, accel=np.where(since(imu, 30, 30.1) > 0, 157.0, imu.accel)), GENERIC)
-    assert found.verdict.status == "imu_suspect"
-    assert of_kind(found, "accel_clipping").start_s == pytest.approx(30, abs=0.05)
+    hit = sum(since(imu, t, t + lasted) for t in at) > 0
+    found = assess(with_imu(flight, accel=np.where(hit, 157.0, imu.accel)), GENERIC)
+    said = of_kind(found, "accel_clipping")
+    assert (found.verdict.status, said.severity) == (status, severity)
+    assert said.start_s == pytest.approx(at[0], abs=0.05)
 
 
 @pytest.mark.parametrize(("landed", "status"), [(None, "imu_suspect"), (38.0, "consistent")], ids=["aloft", "landed"])

@@ -16,6 +16,7 @@ from companion.strapdown import quaternion
 
 _FROZEN_S = 0.5
 _TOGETHER_S = 1.0  # shocks closer than this are one finding
+_MOMENT_S, _AGAIN = 0.05, 3  # a shorter end of the range is a shock, which no sensor is accused of; if it does not recur
 _STUCK_S = 1.0
 _TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a step is in less than a fifth of such spans
 _STUCK_RATE_HZ = 20.0
@@ -60,15 +61,18 @@ def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuFi
         at = np.flatnonzero((np.abs(readings) >= 0.98 * full).any(axis=1) | _flat_tops(readings, name, track.rate_hz))
         if not len(at):
             continue
-        for group in np.split(at, np.flatnonzero(np.diff(track.t[at]) > _TOGETHER_S) + 1):
+        groups = np.split(at, np.flatnonzero(np.diff(track.t[at]) > _TOGETHER_S) + 1)
+        for group in groups:
             start, end = float(track.t[group[0]]), float(track.t[group[-1]])
+            moment = len(group) < _MOMENT_S * track.rate_hz and len(groups) < _AGAIN
             yield Finding(
                 f"{name}_clipping",
                 "imu",
-                "error",
+                "warning" if moment else "error",
                 start,
                 end,
-                f"{len(group)} samples at the end of the range, {np.abs(readings[group]).max():.1f}",
+                f"{len(group)} samples at the end of the range, {np.abs(readings[group]).max():.1f}"
+                + ("; a shock does this too: no sensor is accused of a moment" if moment else ""),
                 "Damp the mounting: vibration or a shock is larger than the sensor can read.",
                 cause=Cause(f"{name}_clipping", "imu", start, end, sensor=name),
             )
