@@ -35,6 +35,7 @@ CAUSES = {
     "gps_velocity": ("velocity", "gps"),
     "gps_latency": ("latency", "gps"),
     "compass_field": ("heading", "compass"),
+    "compass_turn": ("heading", "compass"),
     "compass_iron": ("heading", "compass"),
     "barometer": ("position", "baro"),
     "tilt_off": ("tilt", ""),

@@ -32,7 +32,6 @@ from companion.estimation import (
     SLOPED,
     BestEstimate,
     Explained,
-    contradicted,
     kind_of,
     times_of_change,
 )
@@ -162,7 +161,7 @@ def _is_left_of(episode: Episode, others: tuple[Episode, ...]) -> str | None:
 
 def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, ...]) -> str:
     """Why an episode that looks like a fault accuses nobody; empty where it does."""
-    noisy = contradicted(best)
+    noisy = best.contradicted
     stronger = _is_left_of(episode, others)
     rival = rival_of_another(episode, FAR if noisy else CLOSE)
     reasons = (
@@ -187,7 +186,7 @@ def _why_unsure(departure: Departure, best: BestEstimate) -> str:
     """Why a departure does not accuse the autopilot; empty where it does."""
     if "gps_position" not in best.residuals:
         return "without GPS it cannot be told which of them is wrong"
-    if contradicted(best):
+    if best.contradicted:
         return _CONTRADICTED
     if departure.recovers:
         return "it was so when this began, and the estimate recovers: what led to it lies before"

@@ -156,6 +156,8 @@ PHRASES: Mapping[str, tuple[Callable[[Episode, BestEstimate], str], str]] = {
                     "the receiver's rate and load and at the line to it; set the estimator's GPS delay."),
     "compass_field": (_turned, "Look for iron and currents near the compass and under the take-off place; calibrate it "
                       "again, or use GPS for yaw."),
+    "compass_turn": (lambda e, _: f"the compass turns by {np.degrees(e.magnitude):.0f} ± {np.degrees(e.sigma):.0f}° "
+                     "in its mounting", "Look at the mounting of the compass, and at its orientation setting."),
     "compass_iron": (_place("the compass", "µT"), "Look for currents and iron near the compass: motors, cables."),
     "barometer": (_place("the barometer", "m"), "Shield it from wind and light."),
 }  # fmt: skip

@@ -1,7 +1,7 @@
 """The best estimate of a flight from its sensors alone, and how noisy they are. Pure: imports model and strapdown."""
 
 from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures
-from companion.estimation.axes import Reading, contradicted, other_reading
+from companion.estimation.axes import Reading, other_reading
 from companion.estimation.competition import times_of_change
 from companion.estimation.explanations import KINDS, Kind, kind_of
 from companion.estimation.model import (
@@ -63,7 +63,6 @@ __all__ = [
     "WhiteNoise",
     "allan_deviation",
     "confirmed_sampling",
-    "contradicted",
     "corrected",
     "folded_gain",
     "folded_onto",

@@ -24,7 +24,6 @@ _HEARD = 2.0  # times its noise, as learned or as its samples scatter by, whiche
 _FEW = 30  # intervals, from which on something can be said of them
 _WORTHWHILE = 1.3  # times less noise if these axes were not off at all: what they spoil on the others comes on top
 _LONGEST_S = 100.0  # that is read otherwise: a wrong axis is wrong all the time
-_BEYOND = 8.0  # times what the readings scatter by: more is learned of no sensor whose axes are right
 _CLEARLY = 2.0  # times less noise, in every interval and on every axis: chance has no part in it
 
 
@@ -55,12 +54,6 @@ WAYS: Mapping[str, tuple[Array, Array]] = {
                                                                                              "x and y"))},
 }  # fmt: skip
 """In words → how the readings (gyro, accelerometer) have to be turned, (3, 3) each."""
-
-
-def contradicted(best: BestEstimate) -> bool:
-    """Whether far more noise was learned of gyro or accelerometer than their readings scatter by."""
-    learned = (best.noise.gyro_noise, best.noise.accel_noise)
-    return any(one > _BEYOND * scatter for one, scatter in zip(learned, best.scatter, strict=True))
 
 
 def followed(best: BestEstimate) -> tuple[Array, Array]:
@@ -124,7 +117,7 @@ def other_reading(
     """
     motion = _moved(best)
     gyro, accel = (part < _FOLLOWED for part in _followed(best, motion))
-    if not (gyro.any() or accel.any()) or not (contradicted(best) or _spared(motion, gyro, accel) > _WORTHWHILE):
+    if not (gyro.any() or accel.any()) or not (best.contradicted or _spared(motion, gyro, accel) > _WORTHWHILE):
         return None
     ways = {words: turn for words, turn in WAYS.items() if _touches(turn[0], gyro) or _touches(turn[1], accel)}
     part = _least_followed(best.t, motion) if best.t[-1] - best.t[0] > _LONGEST_S else span

@@ -15,7 +15,7 @@ from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIA
 from companion.estimation.shapes import INTEGRAL, SLOPED
 from companion.estimation.system import Measurement, Motion
 from companion.model import Array
-from companion.strapdown import quaternion
+from companion.strapdown import quaternion, skew
 
 _SHOCK = 10.0  # what an IMU misses in a moment it otherwise shows: a hole, readings at their end, vibration
 _MOMENTS = 4.0 * float(np.log(1000 / 24))  # both its ends are moments: of a thousand keyframes, not of 24 stretches
@@ -170,6 +170,15 @@ def _field(problem: Problem) -> Signature | None:
     return Signature(None, {"compass": matrix[:, :, :2]})
 
 
+def _rotation(problem: Problem) -> Signature | None:
+    """A compass turned by u in its mounting: what it reads changes by u × the field in the body."""
+    one = problem.witness("compass")
+    if one is None or len(one.t) < 8:
+        return None
+    of_matrix = one.constants[:, :, CONSTANTS["soft_iron"][0]]
+    return Signature(None, {"compass": of_matrix @ skew(np.eye(3)).reshape(3, 9).T})
+
+
 KINDS: tuple[Kind, ...] = (
     Kind("gyro_bias", "imu", "rad/s", ("step", "ramp", "pulse"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate"),
          serious=5e-3),
@@ -189,6 +198,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("gps_velocity", "gps", "m/s", ("step", "ramp", "pulse"), 5.0, 0.5, _shift("gps_velocity")),
     Kind("gps_latency", "gps", "s", ("step", "pulse"), 0.5, 0.15, _late, "gps_position"),
     Kind("compass_field", "compass", "µT", ("step", "ramp", "pulse", "creep"), 30.0, 3.0, _field),
+    Kind("compass_turn", "compass", "rad", ("step", "ramp"), 0.5, 0.1, _rotation),
     Kind("compass_iron", "compass", "µT", ("step",), 30.0, 4.0, _shift("compass")),
     Kind("barometer", "barometer", "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift("barometer")),
 )  # fmt: skip

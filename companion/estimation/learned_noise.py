@@ -80,6 +80,14 @@ def scatter(setup: Setup) -> tuple[float, float]:
     return max(gyro, limits["gyro_noise"][0]), max(accel, limits["accel_noise"][0])
 
 
+def believing(limits: Mapping[str, tuple[float, float]], shown: tuple[float, float]) -> dict[str, tuple[float, float]]:
+    """Limits within which the IMU is what its readings scatter by (`scatter`): as if the others were to blame."""
+    return {
+        cause: (least, float(np.clip(_WHITER * one, least, most)))
+        for (cause, (least, most)), one in zip(limits.items(), shown, strict=True)
+    }
+
+
 def _between_samples(values: Array, rate_hz: float) -> float:
     rough = np.diff(values, n=2, axis=0).std(axis=0) / np.sqrt(6.0)  # of white noise: 1 + 4 + 1
     return float(rough.max() / np.sqrt(rate_hz))

@@ -35,6 +35,9 @@ CONSTANT_STATES = 39
 CAUSES = ("gyro_noise", "accel_noise", "gyro_walk", "accel_walk")
 
 
+_BEYOND = 8.0  # times what the readings scatter by: more is learned of no sensor whose axes are right
+
+
 @dataclass(frozen=True, slots=True)
 class ProcessNoise:
     """Densities of the IMU as it is in this flight."""
@@ -47,6 +50,12 @@ class ProcessNoise:
     def density(self, cause: str) -> float:
         """The density of a cause by its name."""
         return float(getattr(self, cause))
+
+    def contradicts(self, scatter: tuple[float, float]) -> bool:
+        """Whether gyro or accelerometer needs far more than its readings scatter by, in the same units."""
+        return any(
+            own > _BEYOND * shown for own, shown in zip((self.gyro_noise, self.accel_noise), scatter, strict=True)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,6 +197,11 @@ class BestEstimate:
     def position(self) -> Array:
         """(K, 3) NED, m, about `origin`."""
         return self.states.position
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the IMU fits the other witnesses only with far more noise than it shows."""
+        return self.noise.contradicts(self.scatter)
 
     def sigma(self, block: slice) -> Array:
         """(K, 3) 1σ of a block of the error: ATTITUDE, VELOCITY or POSITION."""

@@ -7,7 +7,7 @@ estimate is made anew with what explains most, until nothing pays for itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from companion.estimation.competition import (
     promising,
     unrest,
 )
-from companion.estimation.learned_noise import START, coloured, learn, noise_limits, outlier_weights, scatter
+from companion.estimation.learned_noise import START, believing, coloured, learn, noise_limits, outlier_weights, scatter
 from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
 from companion.estimation.measurements import UNITS
 from companion.estimation.model import (
@@ -107,26 +107,61 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
     nearly: tuple[str, ...] = ()
     settled, linear = estimate(setup, start)
     while len(accepted) < _MOST_EXPLAINED:
-        choice = choose(linear.problem, linear.solution)
-        if choice is None:
+        candidates = _candidates(setup, start, settled, linear, accepted)
+        tried = [_tried(setup, replace(settled, states=start.states), accepted, choice) for choice in candidates]
+        if not tried:
             break
-        again, tried = estimate(setup, replace(settled, states=start.states), [*accepted, choice])
-        beside = gain_beside(choice, tried.problem, tried.solution, tried.prior)
-        gain = max(choice.gain, beside) / unrest(choice, tried.problem, tried.solution)
-        choice = choice.in_noise(choice.gain / gain)
+        choice, again, result = max(tried, key=lambda one: one[0].gain)
         if choice.gain < WORTH:
             nearly = promising(choice)
             break
         accepted.append(choice)
-        settled, linear = again, tried
+        settled, linear = again, result
     return replace(_result(setup, settled, linear, accepted), promising=nearly)
 
 
-def estimate(setup: Setup, start: Start, accepted: Sequence[Choice] = ()) -> tuple[Start, Linear]:
-    """The iteration with what is accepted: where it settles, and the linear problem there."""
+def _candidates(
+    setup: Setup, start: Start, settled: Start, linear: Linear, accepted: Sequence[Choice]
+) -> Iterator[Choice]:
+    """What explains most; and, of an IMU that needs far more noise than it shows, what would if it were believed.
+
+    A fault of another witness that lasts for a good part of the flight is learned as noise of the IMU: it is then the
+    IMU that seems to follow the other.
+    """
+    if (choice := choose(linear.problem, linear.solution)) is not None:
+        yield choice
+    shown = scatter(setup)
+    if settled.noise.contradicts(shown):
+        limits = believing(noise_limits(setup), shown)
+        _, believed = estimate(setup, start, accepted, limits, white=True)
+        if (other := choose(believed.problem, believed.solution)) is not None:
+            yield other
+
+
+def _tried(setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice) -> tuple[Choice, Start, Linear]:
+    """A choice with what it gains in the noise that is learned beside it, and the estimate with it."""
+    again, linear = estimate(setup, start, [*accepted, choice])
+    beside = gain_beside(choice, linear.problem, linear.solution, linear.prior)
+    gain = max(choice.gain, beside) / unrest(choice, linear.problem, linear.solution)
+    return choice.in_noise(choice.gain / gain), again, linear
+
+
+def estimate(
+    setup: Setup,
+    start: Start,
+    accepted: Sequence[Choice] = (),
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    *,
+    white: bool = False,
+) -> tuple[Start, Linear]:
+    """The iteration with what is accepted: where it settles, and the linear problem there.
+
+    limits: of the densities of the IMU, in place of what may be learned. white: what is left over is taken for white
+    noise, however long it lasts: as it is not where something unexplained is in it.
+    """
     states, noise, scale = start.states, start.noise, dict(start.scale)
     weights: dict[str, Array] = {}
-    limits = noise_limits(setup)
+    limits = limits or noise_limits(setup)
     change: dict[str, float] = {}
     weighted = 0
     path = _carried(setup, states, start.path)
@@ -144,7 +179,7 @@ def estimate(setup: Setup, start: Start, accepted: Sequence[Choice] = ()) -> tup
             weighted += 1
         if weighted >= _WEIGHTED and largest < _SETTLED and moved < _STILL:
             break
-    grown = coloured(linear)
+    grown = dict.fromkeys(coloured(linear), 1.0) if white else coloured(linear)
     wide = replace(noise, gyro_noise=noise.gyro_noise * grown["gyro"], accel_noise=noise.accel_noise * grown["accel"])
     for _ in range(2):
         linear = linearise(setup, path, states, wide, scale, weights, accepted, grown)
