@@ -7,7 +7,7 @@ estimate is made anew with what explains most, until nothing pays for itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -107,11 +107,10 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
     nearly: tuple[str, ...] = ()
     settled, linear = estimate(setup, start)
     while len(accepted) < _MOST_EXPLAINED:
-        candidates = _candidates(setup, start, settled, linear, accepted)
-        tried = [_tried(setup, replace(settled, states=start.states), accepted, choice) for choice in candidates]
-        if not tried:
+        found = _explained_further(setup, start, settled, linear, accepted)
+        if found is None:
             break
-        choice, again, result = max(tried, key=lambda one: one[0].gain)
+        choice, again, result = found
         if choice.gain < WORTH:
             nearly = promising(choice)
             break
@@ -120,22 +119,28 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
     return replace(_result(setup, settled, linear, accepted), promising=nearly)
 
 
-def _candidates(
+def _explained_further(
     setup: Setup, start: Start, settled: Start, linear: Linear, accepted: Sequence[Choice]
-) -> Iterator[Choice]:
-    """What explains most; and, of an IMU that needs far more noise than it shows, what would if it were believed.
+) -> tuple[Choice, Start, Linear] | None:
+    """What explains most, and the estimate with it; None where nothing promises anything.
 
     A fault of another witness that lasts for a good part of the flight is learned as noise of the IMU: it is then the
-    IMU that seems to follow the other.
+    IMU that seems to follow the other. So where it goes on to need far more noise than it shows, what would explain
+    most if it were believed is tried, and taken if that ends it.
     """
-    if (choice := choose(linear.problem, linear.solution)) is not None:
-        yield choice
-    shown = scatter(setup)
-    if settled.noise.contradicts(shown):
-        limits = believing(noise_limits(setup), shown)
-        _, believed = estimate(setup, start, accepted, limits, white=True)
-        if (other := choose(believed.problem, believed.solution)) is not None:
-            yield other
+    begin, shown = replace(settled, states=start.states), scatter(setup)
+    choice = choose(linear.problem, linear.solution)
+    first = None if choice is None else _tried(setup, begin, accepted, choice)
+    doubted = any(one.kind.side == "imu" for one in accepted)
+    if doubted or not (settled if first is None else first[1]).noise.contradicts(shown):
+        return first
+    limits = believing(noise_limits(setup), shown)
+    _, believed = estimate(setup, start, accepted, limits, white=True)
+    choice = choose(believed.problem, believed.solution)
+    if choice is None or choice.kind.side == "imu":
+        return first
+    second = _tried(setup, begin, accepted, choice)
+    return first if second[1].noise.contradicts(shown) else second
 
 
 def _tried(setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice) -> tuple[Choice, Start, Linear]:

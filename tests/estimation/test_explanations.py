@@ -62,7 +62,7 @@ def gps_motion(flight: Flight) -> Flight:
     return replace(flight, gps=(told,))
 
 
-def compass_turn(flight: Flight) -> Flight:
+def field_turn(flight: Flight) -> Flight:
     """The field turns by 30° about down."""
     (compass,) = flight.compasses
     q = flight.require_attitude()
@@ -74,13 +74,22 @@ def compass_turn(flight: Flight) -> Flight:
     return replace(flight, compasses=(replace(compass, field=field),))
 
 
+def compass_turn(flight: Flight) -> Flight:
+    """The compass turns by 27° in its mounting."""
+    (compass,) = flight.compasses
+    turned = quaternion.rotate(quaternion.exp(np.array([0.2, 0.0, 0.42])), compass.field)
+    field = np.where((compass.t >= ONSET)[:, None], turned, compass.field)
+    return replace(flight, compasses=(replace(compass, field=field),))
+
+
 FAULTS: dict[str, tuple[Callable[[Flight], Flight], str, float]] = {
     "gyro step": (gyro_step, "gyro_bias", 0.02),
     "accelerometer step": (accel_step, "accel_bias", 0.8),
     "gps creep": (gps_creep, "gps_position", 1.5),
     "gps jump": (gps_jump, "gps_position", 20.0),
     "gps motion": (gps_motion, "gps_motion", 1.0),
-    "compass turn": (compass_turn, "compass_field", 11.0),
+    "field turn": (field_turn, "compass_field", 11.0),
+    "compass turn": (compass_turn, "compass_turn", 0.465),
 }
 
 
