@@ -42,6 +42,7 @@ CAUSES = {
     "heading_off": ("heading", ""),
     "velocity_off": ("velocity", ""),
     "position_off": ("position", ""),
+    "height_off": ("position", ""),
     "frozen": ("stuck", ""),
     "stuck_axis": ("stuck", ""),
     "axes_wrong": ("axes", ""),

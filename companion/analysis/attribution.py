@@ -90,12 +90,9 @@ def follows(departure: Departure, episode: Episode) -> bool:
     """Whether a departure may be the consequence of an episode."""
     if departure.start < episode.start - _WITHIN_S - SIGMAS * episode.start_sigma:
         return False
-    side = kind_of(episode.kind).side
-    if side == "compass":
-        return departure.quantity in ("heading", "velocity", "position", "tilt")
-    if side == "barometer":
-        return False
-    return episode.kind != "gps_height"
+    if episode.kind in _OF_HEIGHT:
+        return departure.quantity == "height"
+    return kind_of(episode.kind).side != "compass" or departure.quantity != "height"
 
 
 def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], best: BestEstimate) -> list[Finding]:
@@ -140,6 +137,7 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
     return out
 
 
+_OF_HEIGHT = ("gps_height", "barometer")  # kinds that mislead nothing else
 _TOGETHER_S, _STRONGER = 2.0, 3.0  # s; times the evidence
 _AGAINST_ITSELF = ("gps_position", "gps_velocity")  # kinds that the GPS shows without an IMU
 _BY_THE_IMU_ALONE, _BURSTS = ("gps_motion",), 3  # kinds that no other witness speaks against

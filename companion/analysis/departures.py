@@ -15,7 +15,7 @@ from companion.estimation import ATTITUDE, CONSTANTS, POSITION, VELOCITY, BestEs
 from companion.model import Array, EstimatorReset, Flight
 from companion.strapdown import quaternion
 
-_LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0, "position": 3.0}
+_LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0, "position": 3.0, "height": 5.0}
 """A departure lasts as long, s: what an estimator mends by itself is none."""
 
 _SUDDEN_S, _SUDDEN = 1.0, 0.5  # one that begins with a step of so much of itself need not last longer
@@ -27,6 +27,7 @@ _TOLERANCE: Mapping[str, tuple[float, float]] = {
     "heading": (np.radians(3.0), np.radians(8.0)),
     "velocity": (0.25, 1.0),
     "position": (1.0, 4.0),
+    "height": (1.5, 5.0),
 }
 """Quantity → 1σ of an estimator in order, and the least that is called a departure: rad, m/s, m."""
 
@@ -61,6 +62,9 @@ def departures(
         pull, swift = length(np.gradient(best.velocity[:, :2], t, axis=0)), length(best.velocity[:, :2])
         off["velocity"] = speed, np.hypot(_greatest(best.sigma(VELOCITY)[:, :2]), late * pull)
         off["position"] = place, np.hypot(_greatest(best.sigma(POSITION)[:, :2]), late * swift)
+    if {"gps_height", "barometer"} <= best.residuals.keys() and known.sum() > 5:
+        above = (best.position - reference.position)[:, 2]
+        off["height"] = np.abs(above - np.median(above[_early(known)])), best.sigma(POSITION)[:, 2]
     judging = times_of_change(t[judged])
     found: list[Departure] = []
     for name, (value, sigma) in off.items():

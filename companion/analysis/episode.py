@@ -17,7 +17,7 @@ SIGMAS = 3.0  # from which on something stands out
 SENSORS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "compass": "compass"}
 """Sensor, as kinds begin with it → its name in words."""
 
-_UNITS = {"tilt": "°", "heading": "°", "velocity": " m/s", "position": " m"}
+_UNITS = {"tilt": "°", "heading": "°", "velocity": " m/s", "position": " m", "height": " m"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +44,7 @@ class Episode:
 class Departure:
     """A time during which the autopilot's estimate is further from the best estimate than both may be off."""
 
-    quantity: str  # "tilt", "heading", "velocity", "position"
+    quantity: str  # "tilt", "heading", "velocity", "position", "height"
     start: float  # s, boot clock
     end: float
     size: float  # at its greatest: rad, m/s, m
@@ -54,7 +54,7 @@ class Departure:
     @property
     def cause(self) -> Cause:
         """Itself, in numbers, where nothing else explains it."""
-        unit = {"velocity": "m/s", "position": "m"}.get(self.quantity, "rad")
+        unit = {"velocity": "m/s", "position": "m", "height": "m"}.get(self.quantity, "rad")
         kind = f"{self.quantity}_off"
         return Cause(kind, "autopilot", self.start, self.end, size=self.size, sigma=self.sigma, unit=unit)
 

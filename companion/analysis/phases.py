@@ -102,8 +102,9 @@ def _airborne(flight: Flight, armed: list[Span] | None) -> list[Span]:
         last = mine[-1][0] if mine and not mine[-1][1] else moving[-1] if moving else end
         if flight.vehicle.type in _ON_THE_GROUND and armed is not None:
             last = end  # it stops on its way as well
-        whole = last > flight.start + flight.duration - _ENDING_S  # the log ends in the air
-        found.append((first, flight.start + flight.duration if whole else max(last, first)))
+        over = flight.start + flight.duration
+        whole = end >= over and last > over - _ENDING_S  # the log ends in the air
+        found.append((first, over if whole else max(last, first)))
     return found
 
 

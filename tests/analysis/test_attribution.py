@@ -121,6 +121,30 @@ def test_where_the_best_estimate_is_in_doubt_nobody_is_accused(
     assert said in finding.evidence
 
 
+def raised(flight: Flight, best: BestEstimate, metres: float) -> Flight:
+    """The autopilot's position that of the best estimate, its height off from the onset on."""
+    off = metres * (best.t >= ONSET)[:, None] * np.array([0.0, 0.0, -1.0])
+    return replace(flight, position=PositionTrack(best.t, best.position + off, best.velocity))
+
+
+@pytest.mark.parametrize(("metres", "departs"), [(12.0, True), (3.0, False)])
+def test_a_height_departs(flight: Flight, best: BestEstimate, metres: float, departs: bool) -> None:
+    found = departures(raised(flight, best, metres), best, Limits())
+    assert [d.quantity for d in found] == ["height"] * departs
+    if departs:
+        assert found[0].start == pytest.approx(ONSET, abs=1.0)
+        assert found[0].size == pytest.approx(metres, abs=1.0)
+
+
+def test_a_height_that_follows_the_barometer_is_its_consequence(flight: Flight, best: BestEstimate) -> None:
+    off = Explained("barometer", "step", ONSET, 0.1, np.inf, np.array([12.0]), np.array([0.1]), 100.0)
+    faulty = replace(best, explained=(off,))
+    (finding,) = findings_of(episodes(faulty), departures(raised(flight, faulty, 12.0), faulty, Limits()), faulty)
+    assert (finding.kind, finding.side, finding.severity) == ("barometer", "autopilot", "error")
+    (heading,) = (d for d in departures(turned(flight, 40.0), faulty, Limits()) if d.quantity == "heading")
+    assert not follows(heading, episodes(faulty)[0])
+
+
 def test_what_follows_a_fault_of_the_imu_is_its_consequence(flight: Flight, best: BestEstimate) -> None:
     faulty = replace(best, explained=(step(ONSET - 1.0, np.inf, 0.05),))
     found = departures(turned(flight, 40.0), faulty, Limits())

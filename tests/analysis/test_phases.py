@@ -65,6 +65,18 @@ def test_what_drives_and_stops_is_on_its_way_until_it_is_disarmed() -> None:
     assert told(story(vehicle=rover)) == [("standing", 0.0, 40.0), ("flight", 40.0, 85.0), ("landed", 85.0, 100.0)]
 
 
+@pytest.mark.parametrize(("disarmed", "end"), [(99.5, 99.5), (None, 100.0)], ids=["disarmed in the air", "not at all"])
+def test_a_log_that_ends_in_the_air_ends_in_flight_unless_it_was_disarmed(disarmed: float | None, end: float) -> None:
+    falling = np.zeros((len(T), 3))
+    falling[T > 40.0, 2] = -10.0
+    events = [
+        Event(1035.0, "armed", "armed"),
+        *([] if disarmed is None else [Event(1000.0 + disarmed, "disarmed", "")]),
+    ]
+    flight = story(position=PositionTrack(T + 1000.0, falling, 0 * falling), events=tuple(events))
+    assert told(flight)[1] == ("flight", 40.0, end)
+
+
 def test_what_the_vehicle_says_of_its_landing_counts() -> None:
     events = (*story().events, Event(1038.0, "event", "took off"), Event(1081.5, "event", "landed"))
     in_order = tuple(sorted(events, key=lambda event: event.t))
