@@ -158,7 +158,8 @@ def _later(
     error = attitude_error(comparison.reference.q_ned_frd[index], q)
     growth = propagate(track, path, begin, index, q0, zero, gravity=comparison.how.gravity)
     covariance = _covariance(aligned, comparison.track, growth, imu, autopilot)
-    ends = [p.carry(begin, index, q0, zero, zero)[0] for p in (comparison.path, comparison.coarse)]
+    paths = (comparison.path, comparison.coarse(begin, index))
+    ends = [p.carry(begin, index, q0, zero, zero)[0] for p in paths]
     sampling = attitude_error(ends[0], ends[1])  # of the other middle sample: an embedded pair
     covariance = covariance + sampling[:, :, None] * sampling[:, None, :]
     spread = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))

@@ -164,13 +164,13 @@ def window_noise(track: ImuTrack, chosen: Windows) -> Array:
     """
     if track.rate_hz < NOISE_RATE_HZ:
         return np.zeros((len(chosen.start), 2))
-    densities = []
-    for readings in (track.gyro, track.accel):
-        bends = np.concatenate([np.zeros((2, 3)), np.diff(readings, n=2, axis=0) ** 2 / 6.0])
-        total = np.concatenate([np.zeros((1, 3)), np.cumsum(bends, axis=0)])
-        mean = (total[chosen.end + 1] - total[chosen.start]) / (chosen.end + 1 - chosen.start)[:, None]
-        densities.append(np.sqrt(mean.max(axis=1) / track.rate_hz))
-    return np.column_stack(densities)
+    most, samples = np.zeros((len(chosen.start), 2)), chosen.end + 1 - chosen.start
+    total = np.zeros(len(track) + 1)
+    for sensor, readings in enumerate((track.gyro, track.accel)):
+        for axis in readings.T:
+            np.cumsum(np.diff(axis, n=2) ** 2 / 6.0, out=total[3:])
+            most[:, sensor] = np.maximum(most[:, sensor], (total[chosen.end + 1] - total[chosen.start]) / samples)
+    return np.asarray(np.sqrt(most / track.rate_hz))
 
 
 def lasting_step_error(readings: Array, step: float) -> Array:
@@ -184,7 +184,8 @@ def _square(jacobian: Array) -> Array:
 
 def _sampling(comparison: Comparison, chosen: Windows) -> Array:
     """Covariance of the error that comes of finite sampling: what the other middle sample changes (embedded pair)."""
-    fine, coarse = (errors(comparison, chosen, path=path) for path in (comparison.path, comparison.coarse))
+    paths = (comparison.path, comparison.coarse(chosen.start, chosen.end))
+    fine, coarse = (errors(comparison, chosen, path=path) for path in paths)
     d = np.column_stack([getattr(fine, n) - getattr(coarse, n) for n in ("attitude", "velocity", "position")])
     return np.asarray(d[:, :, None] * d[:, None, :])
 

@@ -42,11 +42,24 @@ class Comparison:
     attitude_steps: Array  # (J, 2) s, jumps of the autopilot's attitude
     position_steps: Array  # (J, 2) s, jumps of its position
 
+    def coarse(self, *samples: IntArray) -> Preintegration:
+        """The same pass with rk4's other middle sample, at these samples: the difference is the error of the sampling.
+
+        It is made once for all windows of whole seconds, which begin and end on the same samples.
+        """
+        wanted = np.unique(np.concatenate(samples))
+        if not any(np.isin(wanted, known).all() for known, _ in self._coarse):
+            seconds, ends, _ = _grid(self, 1.0, None)
+            known = np.unique(np.concatenate([wanted, seconds, ends]))
+            other = "linear" if self.how.middle == "cubic" else "cubic"
+            whole = preintegrate(self.track, method="rk4", middle=other, segments=self.how.segments)
+            self._coarse[:] = [(known, whole.at(known))]
+        return self._coarse[0][1]
+
     @cached_property
-    def coarse(self) -> Preintegration:
-        """The same pass with rk4's other middle sample: the difference is the error of the sampling."""
-        other = "linear" if self.how.middle == "cubic" else "cubic"
-        return preintegrate(self.track, method="rk4", middle=other, segments=self.how.segments)
+    def _coarse(self) -> list[tuple[IntArray, Preintegration]]:
+        """What was asked for last, and its samples."""
+        return []
 
     def of(self, track: ImuTrack) -> Comparison:
         """The same for other readings; the autopilot is looked at anew where their times are others."""

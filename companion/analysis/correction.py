@@ -75,7 +75,9 @@ class Correction:
         return np.concatenate([np.atleast_1d(getattr(self, f.name)) for f in fields(self)])
 
     def apply(self, track: ImuTrack) -> ImuTrack:
-        """The track freed of these errors."""
+        """The track freed of these errors; itself where there are none."""
+        if not self.values.any():
+            return track
         turn = np.eye(3) + np.cross(self.mounting, np.eye(3)).T
         gyro_matrix = _matrix(self.gyro_scale, self.gyro_misalignment, GYRO_MISALIGNED)
         accel_matrix = _matrix(self.accel_scale, self.accel_misalignment, ACCEL_MISALIGNED)

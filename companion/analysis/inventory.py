@@ -88,8 +88,9 @@ def _items(flight: Flight) -> Iterator[Item]:
     if flight.actuators is not None:
         outputs = int(np.isfinite(flight.actuators.output).any(axis=0).sum())
         yield _item("motors and servos", flight.actuators.source, flight.actuators.t, f"{outputs} outputs")
-    for key, series in flight.series.items():
+    for key in flight.series:
         if (name := _SERIES.get(key.partition(":")[0])) is not None:
+            series = flight.series[key]
             yield _item(name, series.source, series.t)
     if flight.truth is not None:
         yield _item("truth", flight.truth.source, flight.truth.t, "a simulator's: never an input")

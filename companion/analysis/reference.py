@@ -13,6 +13,8 @@ from companion.strapdown import quaternion
 
 BoolArray = npt.NDArray[np.bool_]
 
+_BLOCK = 4096  # samples at a time
+
 
 @dataclass(frozen=True, slots=True)
 class Limits:
@@ -54,22 +56,39 @@ def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Arr
     """
     if not len(attitude):
         raise ValueError("an attitude track needs a sample")
-    i, u, attitude_known = _bracket(attitude.t, t, limits)
-    q = quaternion.slerp(attitude.q_ned_frd[i], attitude.q_ned_frd[np.minimum(i + 1, len(attitude) - 1)], u)
+    count, some = len(t), position is not None and len(position) > 0
+    out = Reference(
+        t,
+        np.empty((count, 4)),
+        np.zeros((count, 3)),
+        np.zeros((count, 3)),
+        np.zeros(count, np.bool_),
+        np.zeros(count, np.bool_),
+        np.empty(count),
+    )
     change = np.append(0.5 * np.diff(attitude.t) * length(np.diff(attitude.rates, axis=0)), 0.0)
-    turned = u * (1 - u) * change[i]
-    if position is None or not len(position):
-        zero = np.zeros((len(t), 3))
-        return Reference(t, q, zero, zero, attitude_known, np.zeros(len(t), np.bool_), turned)
-    i, u, position_known = _bracket(position.t, t, limits)
-    j, u = np.minimum(i + 1, len(position) - 1), u[:, None]
-    h = (position.t[j] - position.t[i])[:, None]
-    p0, p1, v0, v1 = position.position[i], position.position[j], position.velocity[i], position.velocity[j]
+    holes = limits.hole(attitude.t), limits.hole(position.t) if position is not None else 0.0
+    for first in range(0, count, _BLOCK):  # what is made on the way stays in the processor's cache
+        part = slice(first, first + _BLOCK)
+        i, u, out.attitude_known[part] = _bracket(attitude.t, t[part], holes[0])
+        after = attitude.q_ned_frd[np.minimum(i + 1, len(attitude) - 1)]
+        out.q_ned_frd[part] = quaternion.slerp(attitude.q_ned_frd[i], after, u)
+        out.attitude_bend[part] = u * (1 - u) * change[i]
+        if position is not None and some:
+            i, u, known = _bracket(position.t, t[part], holes[1])
+            out.position_known[part] = known & out.attitude_known[part]
+            out.velocity[part], out.position[part] = _between(position, i, u[:, None])
+    return out
+
+
+def _between(track: PositionTrack, i: npt.NDArray[np.intp], u: Array) -> tuple[Array, Array]:
+    """Velocity and position (N, 3) at the parts u (N, 1) of the way from samples i (N,) to the next."""
+    j = np.minimum(i + 1, len(track) - 1)
+    h = (track.t[j] - track.t[i])[:, None]
+    p0, p1, v0, v1 = track.position[i], track.position[j], track.velocity[i], track.velocity[j]
     # Hermite as a correction to the straight line, so that large coordinates lose no digits
     bend = u * (1 - u) * ((1 - u) * (h * v0 - (p1 - p0)) + u * ((p1 - p0) - h * v1))
-    return Reference(
-        t, q, v0 + u * (v1 - v0), p0 + u * (p1 - p0) + bend, attitude_known, position_known & attitude_known, turned
-    )
+    return v0 + u * (v1 - v0), p0 + u * (p1 - p0) + bend
 
 
 def attitude_jumps(track: AttitudeTrack, limits: Limits) -> Array:
@@ -104,10 +123,10 @@ def _intervals(t: Array, flags: BoolArray) -> Array:
     return np.column_stack([t[:-1][flags], t[1:][flags]])
 
 
-def _bracket(samples: Array, t: Array, limits: Limits) -> tuple[npt.NDArray[np.intp], Array, BoolArray]:
-    """Index of the sample before each t, the fraction of the way to the next, and whether both are close enough."""
+def _bracket(samples: Array, t: Array, hole: float) -> tuple[npt.NDArray[np.intp], Array, BoolArray]:
+    """Index of the sample before each t, the fraction of the way to the next, and whether there is no hole, s."""
     i = np.clip(np.searchsorted(samples, t, side="right") - 1, 0, max(len(samples) - 2, 0))
     h = samples[np.minimum(i + 1, len(samples) - 1)] - samples[i]
     u = np.clip((t - samples[i]) / np.where(h > 0, h, 1.0), 0.0, 1.0)
     inside = (t >= samples[0]) & (t <= samples[-1])
-    return i, u, inside & (h <= limits.hole(samples))
+    return i, u, inside & (h <= hole)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.analysis.figures import ReferenceFigures
-from companion.model import Flight
+from companion.model import Flight, of_kind
 
 _LEAST = 1e-4  # rad, m/s: nobody is more certain
 
@@ -27,8 +27,8 @@ def reported_by(flight: Flight, figures: ReferenceFigures) -> ReferenceFigures:
         ("heading", ("yaw_rad2",)),
         ("velocity", ("vn_m2ps2", "ve_m2ps2", "vd_m2ps2")),
     ):
-        for key, series in flight.series.items():
-            sigma = _sigma([series[c] for c in columns]) if key.split(":")[0] == "variance" else None
+        for series in of_kind(flight.series, "variance"):
+            sigma = _sigma([series[c] for c in columns])
             if sigma is not None:
                 changed[figure] = sigma
                 sources += [series.source] if series.source not in sources else []

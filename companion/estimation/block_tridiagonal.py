@@ -37,22 +37,21 @@ class Factor:
 
     def solve(self, rhs: Array) -> Array:
         """x (K, n, m) with A x = rhs (K, n, m)."""
-        b = rhs / self.scale[..., None]
-        kept: list[Array] = []
+        x = rhs / self.scale[..., None]
+        views = [x]  # every level's part of the same memory, in which first the right-hand side stands
         for level in self.levels:
-            odd, even = b[1::2], b[0::2].copy()
-            kept.append(odd)
+            odd, even = views[-1][1::2], views[-1][0::2]
             even[: len(odd)] -= level.left.swapaxes(-1, -2) @ odd
             even[1:] -= (level.right.swapaxes(-1, -2) @ odd)[: len(even) - 1]
-            b = even
-        x = self.last @ b
-        del b
-        for level in reversed(self.levels):
-            odd = kept.pop()
-            own = level.inverse @ odd - level.left @ x[: len(odd)]
-            own[: len(x) - 1] -= level.right[: len(x) - 1] @ x[1 : len(odd) + 1]
-            x = _interleave(x, own)
-        return np.asarray(x / self.scale[..., None])
+            views.append(even)
+        views[-1][:] = self.last @ views[-1]
+        for level, view in zip(reversed(self.levels), reversed(views[:-1]), strict=True):
+            odd, even = view[1::2], view[0::2]
+            odd[:] = level.inverse @ odd
+            odd -= level.left @ even[: len(odd)]
+            odd[: len(even) - 1] -= level.right[: len(even) - 1] @ even[1 : len(odd) + 1]
+        x /= self.scale[..., None]
+        return x
 
     def inverse_blocks(self) -> tuple[Array, Array]:
         """The blocks (K, n, n) on the diagonal of A⁻¹ and (K-1, n, n) right of it: [k, k] and [k, k + 1]."""

@@ -26,6 +26,7 @@ from companion.estimation.model import (
 )
 from companion.estimation.setup import Setup
 from companion.estimation.system import (
+    Index,
     Measurement,
     Motion,
     Prior,
@@ -33,7 +34,7 @@ from companion.estimation.system import (
     solve,
 )
 from companion.model import Array
-from companion.strapdown import Preintegration, preintegrate, propagate, quaternion
+from companion.strapdown import Preintegration, error_sums, preintegrate, quaternion
 
 BIAS_SIGMA = (0.02, 0.08)  # rad/s, m/s², 1σ at the first keyframe: what real parts show (config/imu/README.md)
 
@@ -68,7 +69,7 @@ class CarriedImu:
     """One pass over the IMU with a constant bias taken off, and what it says of every interval."""
 
     bias: tuple[Array, Array]  # rad/s, m/s²
-    path: Preintegration
+    path: Preintegration  # at the samples that are asked for
     transition: Array  # (K-1, 15, 15), in the frame in which the track begins
     sums: Mapping[str, Array]
     gyro_matrix: Array  # (K-1, 9, 9)
@@ -78,12 +79,12 @@ class CarriedImu:
 def carry_imu(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
     track = replace(setup.imu, gyro=setup.imu.gyro - bias[0], accel=setup.imu.accel - bias[1])
     path = preintegrate(track)
-    start, end = setup.index[:-1], setup.index[1:]
-    raw = propagate(track, path, start, end, path.q[start], np.zeros((len(start), 3)), gravity=setup.gravity)
-    count = len(start)
+    raw = error_sums(track, path, setup.index[:-1], setup.index[1:])
+    read = [readings.sample for readings in setup.readings]
+    count = len(setup.index) - 1
     return CarriedImu(
         bias,
-        path,
+        path.at(np.unique(np.concatenate([setup.index, *_around(setup), *read]))),
         raw.transition,
         raw.noise,
         raw.gyro_matrix.reshape(count, 9, 9),
@@ -138,7 +139,8 @@ def linearise(
 def _turn(setup: Setup, path: CarriedImu, states: States) -> Array:
     """(K-1, 15, 15) from the frame in which the track begins to NED, at each interval's start."""
     start = setup.index[:-1]
-    matrix = quaternion.to_matrix(quaternion.multiply(states.q_ned_frd[:-1], quaternion.conjugate(path.path.q[start])))
+    q = path.path.q[path.path.row(start)]
+    matrix = quaternion.to_matrix(quaternion.multiply(states.q_ned_frd[:-1], quaternion.conjugate(q)))
     turn = np.tile(np.eye(STATES), (len(start), 1, 1))
     for block in (ATTITUDE, VELOCITY, POSITION):
         turn[:, block, block] = matrix
@@ -179,12 +181,18 @@ def _motion_constants(path: CarriedImu, turn: Array) -> Array:
 
 def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     track, index = setup.imu, setup.index
-    reach = max(1, round(0.05 * track.rate_hz))
-    low, high = np.maximum(index - reach, 0), np.minimum(index + reach, len(track) - 1)
+    q, v, row = path.path.q, path.path.v, path.path.row
+    low, high = _around(setup)
     lasted = (track.t[high] - track.t[low])[:, None]
-    c = quaternion.multiply(states.q_ned_frd, quaternion.conjugate(path.path.q[index]))
-    force = quaternion.rotate(c, (path.path.v[high] - path.path.v[low]) / lasted)
+    c = quaternion.multiply(states.q_ned_frd, quaternion.conjugate(q[row(index)]))
+    force = quaternion.rotate(c, (v[row(high)] - v[row(low)]) / lasted)
     return Kinematics(setup.t, force + [0.0, 0.0, setup.gravity], track.gyro[index] - states.gyro_bias)
+
+
+def _around(setup: Setup) -> tuple[Index, Index]:
+    """(K,), (K,) the samples 0.05 s before and after each keyframe, where there are such."""
+    reach = max(1, round(0.05 * setup.imu.rate_hz))
+    return np.maximum(setup.index - reach, 0), np.minimum(setup.index + reach, len(setup.imu) - 1)
 
 
 def _prior(setup: Setup, states: States) -> Prior:

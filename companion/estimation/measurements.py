@@ -162,8 +162,8 @@ def _compass(
     one: Readings, states: States, at: Kinematics, path: Preintegration, index: Index, h: Array, h_c: Array
 ) -> Array:
     """The field at the reading's own time: the IMU turns the keyframe's attitude until then."""
-    start = index[one.keyframe]
-    turned = quaternion.multiply(quaternion.conjugate(path.q[start]), path.q[one.sample])
+    start, end = path.row(index[one.keyframe]), path.row(one.sample)
+    turned = quaternion.multiply(quaternion.conjugate(path.q[start]), path.q[end])
     matrix = quaternion.to_matrix(quaternion.multiply(states.q_ned_frd[one.keyframe], turned)).swapaxes(-1, -2)
     field = states.constant("earth_field")
     iron = np.eye(3) + states.constant("soft_iron").reshape(3, 3)

@@ -13,12 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.estimation.explanations import KINDS, Kind, Problem
+from companion.estimation.explanations import KINDS, Kind, Problem, Signature
 from companion.estimation.model import STATES
 from companion.estimation.shapes import SLOPED
 from companion.estimation.system import Index, Solution
 from companion.estimation.weighing import Candidate, Factors, candidate, changed
 from companion.model import Array
+
+_TOGETHER = 5  # kinds: their columns of an hour take 10 MB and as much again on the way
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +68,17 @@ def scan(problem: Problem, solution: Solution, stretches: int) -> Scan:
     """Everything of KINDS that the flight has something to say of, between cuts into at most so many stretches."""
     length = -(-len(problem.t) // stretches)
     cuts = problem.t[::length]
-    signatures = {kind: whole for kind in KINDS if (whole := kind.of(problem)) is not None}
+    signatures = [(kind, whole) for kind in KINDS if (whole := kind.of(problem)) is not None]
+    said: dict[str, tuple[Array, Array]] = {}
+    for first in range(0, len(signatures), _TOGETHER):
+        said |= _said(problem, solution, cuts, length, dict(signatures[first : first + _TOGETHER]))
+    return Scan(problem, cuts, said)
+
+
+def _said(
+    problem: Problem, solution: Solution, cuts: Array, length: int, signatures: Mapping[Kind, Signature]
+) -> dict[str, tuple[Array, Array]]:
+    """What the columns of some kinds say; cuts (S,) s, the beginnings of stretches of so many keyframes."""
     columns = {kind: (1 + bool(kind.summed)) * kind.moments for kind in signatures}
     stack = _Stack.empty(len(cuts), length, sum(columns[k] * s.unknowns for k, s in signatures.items()), solution)
     places, at = {}, 0
@@ -76,8 +88,8 @@ def scan(problem: Problem, solution: Solution, stretches: int) -> Scan:
             stack.add(factors, cuts, at + kind.moments * m * (factors.witness in kind.summed), kind.moments)
         places[kind] = slice(at, at + columns[kind] * m)
         at = places[kind].stop
-    inside, at_cuts, inverse = _eliminated(solution, stack)
     beside = stack.beside_constants(solution)
+    inside, at_cuts, inverse = _eliminated(solution, stack)
     known = solution.constants_covariance
     said = {}
     for kind, place in places.items():
@@ -90,7 +102,7 @@ def scan(problem: Problem, solution: Solution, stretches: int) -> Scan:
         m = signatures[kind].unknowns
         both = v.transpose(0, 2, 1, 3).reshape(*shape[:2], m, *shape[:2], m)
         said[kind.name] = stack.b[:, place].reshape(*shape[:2], m), both
-    return Scan(problem, cuts, said)
+    return said
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,28 +148,27 @@ class _Stack:
 
     def beside_constants(self, solution: Solution) -> Array:
         """(S, C, p) what the columns say of the constants, the states being free."""
-        y, count = solution.border, len(self.last)
-        length = len(self.own) // count
-        padded = np.zeros((count * length + 1, *y.shape[1:]))
-        padded[: len(y)] = y
-        within = padded[:-1].reshape(count, length * STATES, -1).swapaxes(-1, -2)
-        out = self.border - within @ self.own.reshape(count, length * STATES, -1)
-        return np.asarray(out - padded[length::length].swapaxes(-1, -2) @ self.last)
+        y, length = solution.border, len(self.own) // len(self.last)
+        out = self.border.copy()
+        for stretch, first in enumerate(range(0, len(y), length)):
+            within = y[first : first + length]
+            out[stretch] -= np.tensordot(within, self.own[first : first + len(within)], axes=((0, 1), (0, 1)))
+        after = y[length::length]
+        out[: len(after)] -= after.swapaxes(-1, -2) @ self.last[: len(after)]
+        return out
 
 
 def _eliminated(solution: Solution, stack: _Stack) -> tuple[Array, Array, Array]:
     """What eliminating the keyframes inside every stretch takes from the columns' information (S, p, p).
 
     And what it leaves of the columns (S, 30, p), at the first keyframe of the stretch and at that of the next, and the
-    inverse (S, S, 30, 30) of the system of those keyframes.
+    inverse (S, S, 30, 30) of the system of those keyframes. The columns are used up: they are of no use any more.
     """
     count, (_, width) = len(stack.last), stack.last.shape[1:]
     length = len(stack.own) // count
     s, d, u = _padded(solution, count * length)
-    r, last = (
-        (stack.own / s[:-1, :, None]).reshape(count, length, STATES, width),
-        stack.last / s[length::length, :, None],
-    )
+    stack.own[:] /= s[:-1, :, None]
+    r, last = stack.own.reshape(count, length, STATES, width), stack.last / s[length::length, :, None]
     d_in, u_in = (x[: count * length].reshape(count, length, STATES, STATES) for x in (d, u))
     first, after, columns = slice(0, STATES), slice(STATES, 2 * STATES), slice(2 * STATES, None)
     total = np.zeros((count, 2 * STATES + width, 2 * STATES + width))

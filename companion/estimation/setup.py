@@ -162,10 +162,13 @@ def _compass(flight: Flight, track: ImuTrack, t: Array, spacing: float, notes: l
             notes.append("no compass is used: its readings are constant, or no field of the Earth")
         return []
     one = next((c for c in usable if c.source == track.source), usable[0])
-    good = np.isfinite(one.field).all(axis=1) & (np.linalg.norm(one.field, axis=1) > 5e-6)
-    found = vector_readings("compass", one.t[good], one.field[good] * MICROTESLA, t, spacing)
+    when, field = one.t, one.field
+    good = np.isfinite(field).all(axis=1) & (np.linalg.norm(field, axis=1) > 5e-6)
+    if not good.all():
+        when, field = when[good], field[good]
+    found = vector_readings("compass", when, field, t, spacing)
     sample = np.clip(np.searchsorted(track.t, found.t), 0, len(track) - 1).astype(np.intp)
-    return [Readings("compass", found.t, found.keyframe, found.value, found.sigma, sample)]
+    return [replace(found, value=found.value * MICROTESLA, sample=sample)]
 
 
 def _plausible(field: Array) -> bool:

@@ -170,23 +170,25 @@ def estimate(
     change: dict[str, float] = {}
     weighted = 0
     path = _carried(setup, states, start.path)
+    linear = linearise(setup, path, states, noise, scale, weights, accepted)
     for count in range(_PASSES):
-        linear = linearise(setup, path, states, noise, scale, weights, accepted)
         states = states.moved(linear.solution.x, linear.solution.c)
         path = _carried(setup, states, path)
-        moved = float(np.abs(linear.solution.x[:, ATTITUDE]).max())
-        if count < _LEARN_FROM:
-            continue
-        noise, scale, change = learn(linear, noise, scale, limits, change)
-        largest = max(map(abs, change.values()))
-        if weighted or accepted or largest < _NEAR or count >= _WEIGHTS_FROM:
-            weights = outlier_weights(linear)
-            weighted += 1
-        if weighted >= _WEIGHTED and largest < _SETTLED and moved < _STILL:
+        moved, largest = float(np.abs(linear.solution.x[:, ATTITUDE]).max()), np.inf
+        if count >= _LEARN_FROM:
+            noise, scale, change = learn(linear, noise, scale, limits, change)
+            largest = max(map(abs, change.values()))
+            if weighted or accepted or largest < _NEAR or count >= _WEIGHTS_FROM:
+                weights = outlier_weights(linear)
+                weighted += 1
+        if (weighted >= _WEIGHTED and largest < _SETTLED and moved < _STILL) or count == _PASSES - 1:
             break
+        del linear  # before the next is made: of a long flight two are more than all else
+        linear = linearise(setup, path, states, noise, scale, weights, accepted)
     grown = dict.fromkeys(coloured(linear), 1.0) if white else coloured(linear)
     wide = replace(noise, gyro_noise=noise.gyro_noise * grown["gyro"], accel_noise=noise.accel_noise * grown["accel"])
     for _ in range(2):
+        del linear
         linear = linearise(setup, path, states, wide, scale, weights, accepted, grown)
         states = states.moved(linear.solution.x, linear.solution.c)
         if float(np.abs(linear.solution.x[:, ATTITUDE]).max()) < _STILL:

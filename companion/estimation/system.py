@@ -23,6 +23,7 @@ Index = npt.NDArray[np.intp]
 
 _ROUNDING = 1e-8
 _BLOCK = 256  # keyframes at a time: what is made on the way stays small
+_ALL = slice(None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,10 +93,15 @@ class Solution:
         """
         w = self.motion.weight
         e = (w @ motion_residual(self.motion, self)[..., None])[..., 0]
-        d = w - w @ motion_residual_covariance(self.motion, self) @ w
+        d = np.empty_like(w)
+        for first in range(0, len(w), _BLOCK):
+            part = slice(first, first + _BLOCK)
+            d[part] = w[part] - w[part] @ motion_residual_covariance(self.motion, self, part) @ w[part]
         own, left = np.diagonal(w, axis1=1, axis2=2), np.diagonal(d, axis1=1, axis2=2)
         known = (left > _ROUNDING * own).astype(np.float64)  # else nothing but rounding is left of the difference
-        return e * known, d * known[:, :, None] * known[:, None, :]
+        d *= known[:, :, None]
+        d *= known[:, None, :]
+        return e * known, d
 
     def covariances(self) -> tuple[Array, Array]:
         """Covariance (K, 15, 15) of every keyframe, and (K-1, 15, 15) of it with the next, the constants unknown."""
@@ -111,34 +117,37 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
     Raises numpy.linalg.LinAlgError where something is not determined by any factor.
     """
     constants = len(prior.constants_sigma)
-    # the blocks of A on the diagonal, the border B and the right-hand side, side by side
-    rows = np.zeros((count, STATES, STATES + constants + 1))
+    diagonal = np.zeros((count, STATES, STATES))
+    border = np.zeros((count, STATES, constants + 1))  # B, and beside it the right-hand side
     inner = np.zeros((constants, constants + 1))
     inner[:, :-1] = np.diag(prior.constants_sigma**-2.0)
     inner[:, -1] = prior.constants_residual * prior.constants_sigma**-2.0
-    rows[0, :, :STATES] += np.diag(prior.sigma**-2.0)
-    rows[0, :, -1] += prior.residual * prior.sigma**-2.0
+    diagonal[0] += np.diag(prior.sigma**-2.0)
+    border[0, :, -1] += prior.residual * prior.sigma**-2.0
 
     upper = np.empty((max(count - 1, 0), STATES, STATES))
     for first in range(0, count, _BLOCK):
         own, after = slice(first, min(first + _BLOCK, count - 1)), slice(first + 1, first + 1 + _BLOCK)
         seen = np.concatenate((motion.transition[own], motion.constants[own], -motion.residual[own, :, None]), axis=2)
         weighted = motion.weight[own] @ seen
-        rows[own] += motion.transition[own].swapaxes(-1, -2) @ weighted
-        rows[after, :, :STATES] += motion.weight[own]
-        rows[after, :, STATES:] -= weighted[..., STATES:]
+        rows = motion.transition[own].swapaxes(-1, -2) @ weighted
+        diagonal[own] += rows[..., :STATES]
+        border[own] += rows[..., STATES:]
+        diagonal[after] += motion.weight[own]
+        border[after] -= weighted[..., STATES:]
         inner += _crossed(motion.constants[own], weighted[..., STATES:])
         upper[own] = -weighted[..., :STATES].swapaxes(-1, -2)
 
         seen = _whitened(first, min(first + _BLOCK, count), measurements, constants)
-        rows[first : first + _BLOCK] += seen[..., :STATES].swapaxes(-1, -2) @ seen
+        rows = seen[..., :STATES].swapaxes(-1, -2) @ seen
+        diagonal[first : first + _BLOCK] += rows[..., :STATES]
+        border[first : first + _BLOCK] += rows[..., STATES:]
         inner += _crossed(seen[..., STATES:-1], seen[..., STATES:])
 
-    diagonal, border = rows[..., :STATES].copy(), rows[..., STATES:-1]  # a view would keep all of the rows
     factor = factorise(diagonal, upper)
-    solved = factor.solve(rows[..., STATES:])
+    solved = factor.solve(border)
     y, x0 = solved[..., :-1], solved[..., -1]
-    inner -= _crossed(border, solved)
+    inner -= _crossed(border, solved)[:-1]
     schur, b_c = inner[:, :-1], inner[:, -1]
     covariance = np.asarray(np.linalg.inv(0.5 * (schur + schur.T)), np.float64)
     c = covariance @ b_c
@@ -185,14 +194,14 @@ def measurement_residual(one: Measurement, solution: Solution) -> Array:
     )
 
 
-def motion_residual_covariance(motion: Motion, solution: Solution) -> Array:
-    """(K-1, 15, 15) posterior covariance of r + Φ x_k + G c - x_{k+1}."""
+def motion_residual_covariance(motion: Motion, solution: Solution, part: slice = _ALL) -> Array:
+    """(K-1, 15, 15) posterior covariance of r + Φ x_k + G c - x_{k+1}; part: of these intervals alone."""
     own, beside = solution.inverse_blocks
-    phi = motion.transition
-    crossed = phi @ beside
-    chain = phi @ own[:-1] @ phi.swapaxes(-1, -2) - crossed - crossed.swapaxes(-1, -2) + own[1:]
+    phi = motion.transition[part]
+    crossed = phi @ beside[part]
+    chain = phi @ own[:-1][part] @ phi.swapaxes(-1, -2) - crossed - crossed.swapaxes(-1, -2) + own[1:][part]
     y = solution.border
-    constants = motion.constants - phi @ y[:-1] + y[1:]
+    constants = motion.constants[part] - phi @ y[:-1][part] + y[1:][part]
     return np.asarray(chain + constants @ solution.constants_covariance @ constants.swapaxes(-1, -2))
 
 

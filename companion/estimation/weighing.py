@@ -21,6 +21,7 @@ from companion.model import Array
 
 _BEYOND_CHANCE = 24.0  # χ² of three: one interval in 40,000
 _UNUSUAL, _JUMPS = 8.0, 8  # a step of this many median steps, and how many are tried
+_TRIES = 12  # at a time: columns of an hour take 1.3 MB each
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,12 +144,23 @@ def weigh(
     signature = kind.of(problem)
     if signature is None:
         return None
+    factors = tuple(changed(problem, solution, signature))
+    parts = [slice(first, first + _TRIES) for first in range(0, len(onset), _TRIES)]
+    told = [_told(solution, factors, kind, shape, onset[part], end[part]) for part in parts]
+    b, v = (np.concatenate(one) for one in zip(*told, strict=True))
+    return candidate(kind, shape, problem, (onset, end), b, v)
+
+
+def _told(
+    solution: Solution, factors: Sequence[Factors], kind: Kind, shape: str, onset: Array, end: Array
+) -> tuple[Array, Array]:
+    """The gradient b (T, m) and the information V (T, m, m) of an explanation from onsets (T,) to ends (T,) s."""
     count, states = solution.x.shape
-    tries, m = len(onset), signature.unknowns
+    tries, m = len(onset), factors[0].b.shape[1]
     column = np.zeros((count, states, tries, m))
     border = np.zeros((solution.border.shape[2], tries, m))
     b, v = np.zeros((tries, m)), np.zeros((tries, m, m))
-    for one in changed(problem, solution, signature):
+    for one in factors:
         share = at_work(kind.shape_at(one.witness, shape), onset, end, one.start, one.stop)
         b += share @ one.b
         v += np.tensordot(share**2, one.v, axes=1)
@@ -162,7 +174,7 @@ def weigh(
     rest = border - (y.T @ flat.reshape(count * states, -1)).reshape(border.shape)
     v -= _squares(column.reshape(-1, tries, m), solved.reshape(-1, tries, m))
     v -= _squares(rest, np.tensordot(solution.constants_covariance, rest, axes=1))
-    return candidate(kind, shape, problem, (onset, end), b, v)
+    return b, v
 
 
 def _squares(a: Array, b: Array) -> Array:

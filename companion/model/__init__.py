@@ -29,7 +29,7 @@ from companion.model.geodesy import (
     ned_from_geodetic,
 )
 from companion.model.imu_messages import IMU_MESSAGES
-from companion.model.series import Event, Series, nearest
+from companion.model.series import Event, Series, nearest, of_kind
 from companion.model.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, NavState, PositionTrack, Trajectory
 
 __all__ = [
@@ -76,4 +76,5 @@ __all__ = [
     "geodetic_from_ned",
     "nearest",
     "ned_from_geodetic",
+    "of_kind",
 ]

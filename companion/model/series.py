@@ -5,6 +5,7 @@ Ground floor, like `companion.model.tracks`: times are seconds of the vehicle's 
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,6 +56,11 @@ class Event:
     t: float  # s, boot clock
     kind: str  # "armed", "disarmed", "mode", "error" or "event"
     text: str  # the name of the mode, or what happened
+
+
+def of_kind(series: Mapping[str, Series], kind: str) -> Iterator[Series]:
+    """Those of a kind among a flight's, by their keys "kind" or "kind:source"; the others are not even made."""
+    return (series[key] for key in series if key.partition(":")[0] == kind)
 
 
 def nearest(samples: Array, t: Array) -> npt.NDArray[np.intp]:

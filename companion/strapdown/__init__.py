@@ -4,7 +4,7 @@ from companion.strapdown import motions, quaternion
 from companion.strapdown._scheme import METHODS
 from companion.strapdown._signal import MIDDLES
 from companion.strapdown._window_sums import skew
-from companion.strapdown.covariance import Propagation, propagate
+from companion.strapdown.covariance import Propagation, error_sums, propagate
 from companion.strapdown.gravity import normal_gravity
 from companion.strapdown.imu_model import ImuModel, Sensor, correct, quantisation_density, simulate
 from companion.strapdown.increments import Increments, attitude_at, dense_attitude, increments
@@ -25,6 +25,7 @@ __all__ = [
     "attitude_at",
     "correct",
     "dense_attitude",
+    "error_sums",
     "increments",
     "motions",
     "normal_gravity",

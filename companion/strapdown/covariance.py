@@ -114,8 +114,23 @@ def propagate(
         )
     if len(start) and not ((start >= 0) & (end >= start) & (end < len(imu))).all():
         raise ValueError(f"windows must lie in the track of {len(imu)} samples and end no earlier than they start")
+    return _in_ned(error_sums(imu, path, start, end), imu, path, start, end, q_ned_frd, velocity, gravity)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sums:
+    """The same as in `Propagation`, with the first nine errors in the body frame at the start of the track."""
+
+    transition: Array
+    noise: dict[str, Array]
+    gyro_matrix: Array
+    accel_matrix: Array
+
+
+def error_sums(imu: ImuTrack, path: Preintegration, start: Index, end: Index) -> Sums:
+    """What of the error growth over windows between samples start (W,) and end (W,) needs no state at the start."""
     count = len(start)
-    raw = _Sums(
+    raw = Sums(
         np.tile(np.eye(15), (count, 1, 1)),
         {cause: np.zeros((count, 15, 15)) for cause in ("gyro_noise", "accel_noise", "gyro_walk", "accel_walk")},
         np.zeros((count, 9, 3, 3)),
@@ -129,20 +144,10 @@ def propagate(
         stop = max(int(np.searchsorted(samples, already + BATCH, side="right")), at + 1)
         _integrate(raw, order[at:stop], imu, path, start[order[at:stop]], end[order[at:stop]])
         at = stop
-    return _in_ned(raw, imu, path, start, end, q_ned_frd, velocity, gravity)
+    return raw
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Sums:
-    """The same as in `Propagation`, with the first nine errors in the body frame at the start of the track."""
-
-    transition: Array
-    noise: dict[str, Array]
-    gyro_matrix: Array
-    accel_matrix: Array
-
-
-def _integrate(out: _Sums, batch: Index, imu: ImuTrack, path: Preintegration, start: Index, end: Index) -> None:
+def _integrate(out: Sums, batch: Index, imu: ImuTrack, path: Preintegration, start: Index, end: Index) -> None:
     """Fills rows `batch`. Shorter windows are padded with their last sample: intervals of length zero."""
     index = np.minimum(start[:, None] + np.arange((end - start).max() + 1), end[:, None])
     t = path.t[index]
@@ -187,7 +192,7 @@ def _integrate(out: _Sums, batch: Index, imu: ImuTrack, path: Preintegration, st
 
 
 def _in_ned(
-    raw: _Sums,
+    raw: Sums,
     imu: ImuTrack,
     path: Preintegration,
     start: Index,

@@ -25,13 +25,32 @@ SAME_TIME = 5e-7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Preintegration:
-    """One gravity-free pass over a track from identity at rest at the origin: Q, V, P of docs/mathematics.md."""
+    """One gravity-free pass over a track from identity at rest at the origin: Q, V, P of docs/mathematics.md.
+
+    N rows, one for each sample of the track, or for some of them: `row` tells which.
+    """
 
     t: Array  # (N,) s
     q: Array  # (N, 4) wxyz, body at t_i to body at t_0, unit length
     v: Array  # (N, 3) in the body frame at t_0, m/s, without gravity
     p: Array  # (N, 3) in the body frame at t_0, m, without gravity
     notes: tuple[str, ...] = ()  # what was done differently from what was asked, and why
+    samples: npt.NDArray[np.intp] | None = None  # (N,) of the track, ascending; None: all of them
+
+    def at(self, samples: npt.NDArray[np.intp]) -> Preintegration:
+        """The same at some samples alone, ascending, each once: an hour at 100 Hz takes 30 MB, its seconds 0.3."""
+        i = self.row(samples)
+        return Preintegration(self.t[i], self.q[i], self.v[i], self.p[i], self.notes, samples)
+
+    def row(self, sample: npt.ArrayLike) -> npt.NDArray[np.intp]:
+        """The rows of samples, of any shape. Raises IndexError for one that was not kept."""
+        index = np.asarray(sample, dtype=np.intp)
+        if self.samples is None:
+            return index
+        row = np.searchsorted(self.samples, index)
+        if not np.array_equal(self.samples[np.minimum(row, len(self.samples) - 1)], index):
+            raise IndexError("a sample is asked for at which the preintegration was not kept")
+        return np.asarray(row)
 
     def carry(
         self,
@@ -55,7 +74,7 @@ class Preintegration:
 
         Raises ValueError for shapes that do not fit and IndexError for samples that do not exist.
         """
-        start, end = np.asarray(start_index, dtype=np.intp), np.asarray(end_index, dtype=np.intp)
+        start, end = self.row(start_index), self.row(end_index)
         for name, values, width in (("q", q, 4), ("velocity", velocity, 3), ("position", position, 3)):
             if np.shape(values) != (*start.shape, width):
                 raise ValueError(f"{name} must have shape {(*start.shape, width)}, got {np.shape(values)}")

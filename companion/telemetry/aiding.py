@@ -6,7 +6,7 @@ What the fields of a format mean, their units and what stands for "not known" is
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -26,6 +26,7 @@ from companion.model import (
     Series,
     TruthTrack,
     ned_from_geodetic,
+    of_kind,
 )
 from companion.telemetry.air_and_ground import airspeed_track, flow_track, is_constant, range_track
 from companion.telemetry.convert import UNTURNED, Turns, continuous, increasing, turned_vectors
@@ -87,35 +88,35 @@ class Aiding:
     @cached_property
     def _gps(self) -> Found[GpsTrack]:
         notes: list[str] = []
-        return _each(_gps_track(one, notes) for one in _of_kind(self.series, "gps")), tuple(notes)
+        return _each(_gps_track(one, notes) for one in of_kind(self.series, "gps")), tuple(notes)
 
     @cached_property
     def _compasses(self) -> Found[CompassTrack]:
         notes: list[str] = []
-        found = (_compass_track(one, self.turns, notes) for one in _of_kind(self.series, "magnetometer"))
+        found = (_compass_track(one, self.turns, notes) for one in of_kind(self.series, "magnetometer"))
         return _each(found), tuple(notes)
 
     @cached_property
     def _barometers(self) -> Found[BarometerTrack]:
         notes: list[str] = []
-        return _each(_barometer_track(one, notes) for one in _of_kind(self.series, "barometer")), tuple(notes)
+        return _each(_barometer_track(one, notes) for one in of_kind(self.series, "barometer")), tuple(notes)
 
     @cached_property
     def _airspeeds(self) -> Found[AirspeedTrack]:
         notes: list[str] = []
-        found = [airspeed_track(one, notes) for one in _of_kind(self.series, "airspeed")]
+        found = [airspeed_track(one, notes) for one in of_kind(self.series, "airspeed")]
         told = [one for one in found if one is not None and np.isfinite(one.airspeed).any()]
         return _each(told or found), tuple(notes)
 
     @cached_property
     def _ranges(self) -> Found[RangeTrack]:
         notes: list[str] = []
-        return _each(range_track(one, notes) for one in _of_kind(self.series, "range")), tuple(notes)
+        return _each(range_track(one, notes) for one in of_kind(self.series, "range")), tuple(notes)
 
     @cached_property
     def _flows(self) -> Found[FlowTrack]:
         notes: list[str] = []
-        return _each(flow_track(one, notes) for one in _of_kind(self.series, "flow")), tuple(notes)
+        return _each(flow_track(one, notes) for one in of_kind(self.series, "flow")), tuple(notes)
 
 
 def truth_track(
@@ -161,7 +162,9 @@ def _compass_track(one: Series, turns: Turns, notes: list[str]) -> CompassTrack 
         notes.append(f"{one.source}: {(~good).sum()} samples left out as magnetometer: all of their axes are zero")
         t, field = t[good], field[good]
     kept = uncontradicted(f"{one.source} (magnetometer)", notes, lone_fields(t, field))
-    return CompassTrack(t[kept], field[kept], source=one.source, instance=one.instance)
+    if not kept.all():
+        t, field = t[kept], field[kept]
+    return CompassTrack(t, field, source=one.source, instance=one.instance)
 
 
 def _barometer_track(one: Series, notes: list[str]) -> BarometerTrack | None:
@@ -222,10 +225,6 @@ def is_frozen(track: GpsTrack, notes: list[str]) -> bool:
     if frozen:
         notes.append(f"{track.source} left out: all of its {len(told)} fixes are the same")
     return frozen
-
-
-def _of_kind(series: Mapping[str, Series], kind: str) -> Iterator[Series]:
-    return (series[key] for key in series if key.partition(":")[0] == kind)
 
 
 def _each(tracks: Iterable[_Track | None]) -> tuple[_Track, ...]:

@@ -11,7 +11,7 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.figures import ImuFigures
 from companion.analysis.finding import Finding, Severity
 from companion.estimation import vibration
-from companion.model import Array, Flight, Series
+from companion.model import Array, Flight, Series, of_kind
 
 _HIGH, _MUCH = 15.0, 30.0  # m/s²: ArduPilot's documentation calls 30 the end of what is acceptable
 _HIGH_IN_SAMPLES = 5.0  # m/s² that has come through the filter and the rate of a stream
@@ -24,7 +24,7 @@ def vibration_findings(comparison: Comparison, flight: Flight) -> Iterator[Findi
     can be.
     """
     said = False
-    for series in (s for name, s in flight.series.items() if name.partition(":")[0] == "vibration"):
+    for series in of_kind(flight.series, "vibration"):
         if "x_mps2" in series.columns and len(series):
             said = True
             yield from _level(series.t, series.values[:, :3], series.source, _HIGH)
