@@ -34,6 +34,7 @@ MAY_IMPORT = {
     "documents": GROUND | {"recording", "estimation", "analysis", "examination"},
     "export": GROUND | {"strapdown", "estimation", "analysis"},
     "live": GROUND | {"mavlink", "telemetry", "analysis"},
+    "running_verdict": GROUND | {"settings", "mavlink", "analysis", "examination", "live"},
     "view": GROUND | {"strapdown", "estimation", "analysis"},
     "report": GROUND
     | {"settings", "recording", "strapdown", "estimation", "analysis", "examination", "documents", "view", "report"},
@@ -55,6 +56,7 @@ MAY_IMPORT = {
         "analysis",
         "simulate",
         "live",
+        "running_verdict",
         "view",
         "report",
         "export",
@@ -81,6 +83,7 @@ LIBRARIES = {
     "correction": {"msgspec", "numpy"},
     "examination": {"msgspec", "numpy"},
     "documents": {"msgspec", "numpy"},
+    "running_verdict": {"msgspec"},
     "export": {"numpy", "msgspec", "pyarrow", "mcap"},
     "view": {"numpy", "viser", "rich", "msgspec", "websockets"},
     "report": {"numpy", "msgspec", "plotly"},

@@ -14,11 +14,11 @@ import msgspec
 
 from companion.analysis import DriftRow, Integration
 from companion.cli import live, options, unforeseen
-from companion.cli.running_verdict import Assignment, RunningVerdict
 from companion.examination import limits_of
 from companion.live import Attachment, Watch
 from companion.mavlink import Clock, Recorder, Session, State
 from companion.model import CompanionError, SettingsError
+from companion.running_verdict import Assignment, RunningVerdict
 from companion.settings import Settings
 from companion.view import LONGEST_REANCHOR_S, Judgement, LinkState, LiveViewer, ReplayChoice, Seen, StreamState
 

@@ -59,19 +59,22 @@ class Opinion:
 class Judge:
     """Give `hear` what arrives, then `judge` as often as can be afforded.
 
-    verdict_on: judges a flight as it would a log's; may raise DataError. vehicle: SYSID or SYSID:COMPID; None: the one
-    with the most IMU samples. Memory does not grow: only the last seconds and the alarms are kept.
+    verdict_on: judges an IMU of a flight (None: its default) as it would a log's; may raise DataError. imu: the message;
+    the default where it does not come. vehicle: SYSID or SYSID:COMPID; None: the one with the most IMU samples. Memory
+    does not grow: only the last seconds and the alarms are kept.
     """
 
     def __init__(
         self,
-        verdict_on: Callable[[Flight], Verdict],
+        verdict_on: Callable[[Flight, str | None], Verdict],
         *,
         dialect: str,
         dequantise: bool = False,
+        imu: str | None = None,
         vehicle: str | None = None,
     ) -> None:
         self.verdict_on = verdict_on
+        self.imu = imu
         self.vehicle = vehicle
         self._stream = Stream(dialect=dialect, window_s=1.2 * _MOST_S, dequantise=dequantise)
         self._newest = 0.0
@@ -105,7 +108,7 @@ class Judge:
         if flight is None:
             return False
         try:
-            return newest_stands_out(compare(flight))
+            return newest_stands_out(compare(flight, imu=self._imu_of(flight)))
         except DataError:
             return False
 
@@ -115,6 +118,9 @@ class Judge:
         if self._last.status not in _SUSPECT:
             return HORIZON_S
         return min(max(HORIZON_S, self._newest - self._last.alarms[-1].first + _BEFORE_S), _MOST_S)
+
+    def _imu_of(self, flight: Flight) -> str | None:
+        return self.imu if self.imu in flight.imus else None
 
     def _flight(self, seconds: float) -> Flight | None:
         usable = [flight for flight in self._stream.recent(seconds) if flight.default_imu is not None]
@@ -133,7 +139,7 @@ class Judge:
         if part.kind == "impact":
             return "lost", f"{part.reason}: nothing is judged after it"
         try:
-            verdict = self.verdict_on(flight)
+            verdict = self.verdict_on(flight, self._imu_of(flight))
         except DataError as reason:
             return "insufficient_data", str(reason)
         where = "" if part.kind == "flight" else f" ({_WHERE[part.kind]})"

@@ -21,7 +21,7 @@ from companion.telemetry.flights import NEEDED, flights
 from companion.telemetry.split import senders
 
 _BLOCK = 2048  # messages of a type that are joined for good
-_PIECES = 64  # pieces of a type that are joined on the way there
+_PIECES = 16  # pieces of a type that are joined on the way there: each costs at every look
 _SLACK = 1.1  # of the window: trimmed when it has grown to this
 
 _SURE = 25  # packets with a clock after a reboot: fewer may be an echo of old ones
@@ -169,12 +169,12 @@ class _Column:
 
     def since(self, t: float) -> Messages:
         """Those that arrived at `t` s UNIX or later; all without a time."""
-        late: list[Messages] = []
-        for piece in reversed(self._parts()):
-            late.append(piece.select(~(piece.log_time < t)))
-            if not len(late[-1]):
-                break
-        return join(late[::-1])
+        parts = self._parts()
+        first = len(parts) - 1
+        while first > 0 and not (parts[first - 1].log_time < t).all():
+            first -= 1
+        late = join(parts[first:])
+        return late.select(~(late.log_time < t))
 
     def trim(self, t: float) -> None:
         """Forget what arrived before `t`."""

@@ -27,7 +27,8 @@ class Said:
     def __init__(self, *verdicts: Verdict) -> None:
         self.verdicts, self.flights = iter(verdicts), list[Flight]()
 
-    def __call__(self, flight: Flight) -> Verdict:
+    def __call__(self, flight: Flight, imu: str | None) -> Verdict:
+        assert imu is None
         self.flights.append(flight)
         return next(self.verdicts)
 
@@ -82,7 +83,7 @@ def test_what_has_just_begun_is_noticed(fault: Faults, stirred: bool) -> None:
 
 
 def test_what_cannot_be_judged_is_said() -> None:
-    def no(_flight: Flight) -> Verdict:
+    def no(_flight: Flight, _imu: str | None) -> Verdict:
         raise DataError("too short")
 
     judge = Judge(no, dialect=DEFAULT_DIALECT)

@@ -1,23 +1,26 @@
 """The verdict on a link while it is listened to: the analysis of logs over the last seconds, in a process of its own.
 
 Another process, so that neither the picture nor the recording waits for it; one for the whole session, that is handed
-what arrives. Threads on both sides of the pipe keep whoever writes into it from waiting.
+what arrives through its standard input and answers through its standard output. Threads on both sides keep whoever
+writes from waiting. It loads what the analysis needs and nothing of the page or of the command line.
 """
 
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
+import os
+import pickle
 import queue
 import signal
+import subprocess
+import sys
 import threading
 import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
-from typing import Self
+from typing import IO, Self
 
 import msgspec
 
@@ -28,10 +31,14 @@ from companion.mavlink import Frames
 from companion.model import Flight
 from companion.settings import Settings
 
-_LOOK_S = 1.0  # between two looks at whether something has just begun, which is then judged at once
+_LOOK_S = 0.25  # between two looks at whether something has just begun, which is then judged at once
 _PAUSE_S = 3.5  # between the begins of two analyses: no verdict is older than 5 s where one takes less than 1.5 s
 _SHARE = 4.0  # times as long as the processor was busy with one: at most a quarter of a core on a slow computer
 _MOST_WAITING = 10_000  # receipts: some minutes, while the process starts or the computer sleeps
+
+_BEGIN = "import sys; sys.path[:] = sys.argv[1:]; from companion.running_verdict import work; work()"
+_GIVES_BACK = {"MALLOC_MMAP_THRESHOLD_": "1048576", "MALLOC_TRIM_THRESHOLD_": "1048576"}
+"""glibc keeps what an analysis has freed, up to 32 MB of it, unless told from which size (bytes) on to give it back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +57,14 @@ class RunningVerdict:
         self.opinion = Opinion("", "the first verdict comes when three windows of 5 s are complete", 0.0)
         self._ahead = 0.0  # s, of the stamps of what arrives over `time.monotonic()`
         self._waiting: queue.Queue[tuple[bytes, float] | Assignment | None] = queue.Queue(_MOST_WAITING)
-        context = multiprocessing.get_context("spawn")
-        self._ours, theirs = context.Pipe()
-        self._process = context.Process(target=_work, args=(theirs, assignment), name="companion-verdict", daemon=True)
-        self._process.start()
-        theirs.close()
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-c", _BEGIN, *sys.path],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, **_GIVES_BACK},
+            start_new_session=True,  # Ctrl-C and a closed terminal are for who started it
+        )
+        self._put(assignment)
         self._threads = [
             threading.Thread(target=target, name="companion-verdict", daemon=True)
             for target in (self._hand_over, self._take)
@@ -82,12 +92,15 @@ class RunningVerdict:
     def close(self) -> None:
         """End it, also in the middle of an analysis."""
         self._process.terminate()
-        self._process.join()
+        self._process.wait()
         with contextlib.suppress(queue.Full):
             self._waiting.put_nowait(None)
         for thread in self._threads:
             thread.join(1.0)
-        self._ours.close()
+        for stream in (self._process.stdin, self._process.stdout):
+            assert stream is not None
+            with contextlib.suppress(OSError):  # what it has not read is lost with it
+                stream.close()
 
     def __enter__(self) -> Self:
         return self
@@ -100,22 +113,36 @@ class RunningVerdict:
             self._waiting.put_nowait(one)
 
     def _hand_over(self) -> None:
+        assert self._process.stdin is not None
         with contextlib.suppress(OSError):
             while (one := self._waiting.get()) is not None:
-                self._ours.send(one)
+                _send(self._process.stdin, one)
 
     def _take(self) -> None:
-        with contextlib.suppress(EOFError, OSError):
+        assert self._process.stdout is not None
+        with contextlib.suppress(EOFError, OSError, pickle.UnpicklingError):  # it has ended, perhaps in a sentence
             while True:
-                self.opinion = self._ours.recv()
+                self.opinion = pickle.load(self._process.stdout)
 
 
-def _work(pipe: Connection, assignment: Assignment) -> None:
-    """The process: hears, judges, says; ends when the other end of the pipe has gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who started us
+def _send(stream: IO[bytes], one: object) -> None:
+    stream.write(pickle.dumps(one))
+    stream.flush()
+
+
+def work() -> None:
+    """The process: hears, judges, says; ends when who started it has gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Windows sends Ctrl-C to every process of the console
     warnings.simplefilter("ignore")
+    with os.fdopen(os.dup(1), "wb") as said:
+        os.dup2(2, 1)  # what a library prints must not stand between two answers
+        _judge_until_the_end(sys.stdin.buffer, said)
+
+
+def _judge_until_the_end(given: IO[bytes], said: IO[bytes]) -> None:
     inbox: deque[tuple[bytes, float] | Assignment | None] = deque()
-    threading.Thread(target=_listen, args=(pipe, inbox), daemon=True).start()
+    assignment = pickle.load(given)
+    threading.Thread(target=_listen, args=(given, inbox), daemon=True).start()
     judge = _judge_of(assignment)
     due, soonest, look, heard = 0.0, 0.0, 0.0, False
     while True:
@@ -124,7 +151,7 @@ def _work(pipe: Connection, assignment: Assignment) -> None:
             if one is None:
                 return
             if isinstance(one, Assignment):
-                judge.verdict_on, judge.vehicle = _verdict_on(one), one.vehicle
+                judge.verdict_on, judge.imu, judge.vehicle = _verdict_on(one), one.imu, one.vehicle
                 judge.forget()
                 due = 0.0
             else:
@@ -141,31 +168,33 @@ def _work(pipe: Connection, assignment: Assignment) -> None:
             except Exception as error:  # noqa: BLE001  (a defect of the analysis must not end the verdicts)
                 opinion = Opinion("", f"no verdict ({type(error).__name__}: {error})", 0.0)
             with contextlib.suppress(OSError):
-                pipe.send(opinion)
+                _send(said, opinion)
             soonest = begin + _SHARE * (time.process_time() - busy)
             due = max(begin + _PAUSE_S, soonest)
         time.sleep(0.05)
 
 
-def _listen(pipe: Connection, inbox: deque[tuple[bytes, float] | Assignment | None]) -> None:
-    with contextlib.suppress(EOFError, OSError):
+def _listen(given: IO[bytes], inbox: deque[tuple[bytes, float] | Assignment | None]) -> None:
+    with contextlib.suppress(EOFError, OSError, pickle.UnpicklingError):  # cut off in a sentence
         while True:
-            inbox.append(pipe.recv())
+            inbox.append(pickle.load(given))
     inbox.append(None)
 
 
 def _judge_of(assignment: Assignment) -> Judge:
     log = assignment.settings.log
-    return Judge(_verdict_on(assignment), dialect=log.dialect, dequantise=log.dequantise, vehicle=assignment.vehicle)
+    return Judge(
+        _verdict_on(assignment),
+        dialect=log.dialect,
+        dequantise=log.dequantise,
+        imu=assignment.imu,
+        vehicle=assignment.vehicle,
+    )
 
 
-def _verdict_on(assignment: Assignment) -> Callable[[Flight], Verdict]:
+def _verdict_on(assignment: Assignment) -> Callable[[Flight, str | None], Verdict]:
     """The analysis of a log, at the one horizon that the verdict needs."""
     drift = msgspec.structs.replace(assignment.settings.drift, horizons_s=(5.0,))
     settings = msgspec.structs.replace(assignment.settings, drift=drift)
 
-    def judged(flight: Flight) -> Verdict:
-        name = assignment.imu if assignment.imu in flight.imus else None
-        return assess_imu(flight, settings, imu=name).verdict
-
-    return judged
+    return lambda flight, imu: assess_imu(flight, settings, imu=imu).verdict

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from companion.cli.running_verdict import Assignment, RunningVerdict
 from companion.mavlink import Decoder, load_dialect
+from companion.running_verdict import Assignment, RunningVerdict
 from companion.settings import Settings
 from companion.simulate import Faults, SimulatedVehicle, fly
 from tests.simulated import bursts
@@ -58,13 +58,13 @@ def test_who_is_killed_or_ends_leaves_no_process(verdict: RunningVerdict) -> Non
     begin = time.monotonic()
     verdict.close()
     assert time.monotonic() - begin < 2.0
-    assert not verdict._process.is_alive()
+    assert verdict._process.poll() is not None
     verdict.hear([])
 
 
 def test_a_verdict_whose_process_has_died_holds_nobody_up(verdict: RunningVerdict) -> None:
     verdict._process.kill()
-    verdict._process.join()
+    verdict._process.wait()
     vehicle = SimulatedVehicle(fly(20.0), streams=STREAMS)
     send(verdict, vehicle, 15.0, Decoder(load_dialect(), stamped=False))
     assert verdict.opinion.status == ""
