@@ -26,19 +26,15 @@ import msgspec
 
 from companion.analysis import Verdict
 from companion.examination import assess_imu
-from companion.live import Judge, Opinion
+from companion.live import Judge, Opinion, Pace
 from companion.mavlink import Frames
+from companion.memory import give_back
 from companion.model import Flight
 from companion.settings import Settings
 
-_LOOK_S = 0.25  # between two looks at whether something has just begun, which is then judged at once
-_PAUSE_S = 3.5  # between the begins of two analyses: no verdict is older than 5 s where one takes less than 1.5 s
-_SHARE = 4.0  # times as long as the processor was busy with one: at most a quarter of a core on a slow computer
 _MOST_WAITING = 10_000  # receipts: some minutes, while the process starts or the computer sleeps
 
 _BEGIN = "import sys; sys.path[:] = sys.argv[1:]; from companion.running_verdict import work; work()"
-_GIVES_BACK = {"MALLOC_MMAP_THRESHOLD_": "1048576", "MALLOC_TRIM_THRESHOLD_": "1048576"}
-"""glibc keeps what an analysis has freed, up to 32 MB of it, unless told from which size (bytes) on to give it back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +57,6 @@ class RunningVerdict:
             [sys.executable, "-P", "-c", _BEGIN, *sys.path],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env={**os.environ, **_GIVES_BACK},
             start_new_session=True,  # Ctrl-C and a closed terminal are for who started it
         )
         self._put(assignment)
@@ -143,8 +138,8 @@ def _judge_until_the_end(given: IO[bytes], said: IO[bytes]) -> None:
     inbox: deque[tuple[bytes, float] | Assignment | None] = deque()
     assignment = pickle.load(given)
     threading.Thread(target=_listen, args=(given, inbox), daemon=True).start()
-    judge = _judge_of(assignment)
-    due, soonest, look, heard = 0.0, 0.0, 0.0, False
+    judge = judge_of(assignment)
+    pace = Pace(judge)
     while True:
         while inbox:
             one = inbox.popleft()
@@ -153,24 +148,14 @@ def _judge_until_the_end(given: IO[bytes], said: IO[bytes]) -> None:
             if isinstance(one, Assignment):
                 judge.verdict_on, judge.imu, judge.vehicle = _verdict_on(one), one.imu, one.vehicle
                 judge.forget()
-                due = 0.0
+                pace.at_once()
             else:
                 judge.hear(*one)
-                heard = True
-        begin, busy = time.monotonic(), time.process_time()
-        if heard and soonest <= begin < due and begin >= look:
-            look = begin + _LOOK_S
-            due = begin if judge.stirred() else due
-        if heard and begin >= due:
-            heard = False
-            try:
-                opinion = judge.judge()
-            except Exception as error:  # noqa: BLE001  (a defect of the analysis must not end the verdicts)
-                opinion = Opinion("", f"no verdict ({type(error).__name__}: {error})", 0.0)
+        opinion = pace.step(time.monotonic())
+        if opinion is not None:
             with contextlib.suppress(OSError):
                 _send(said, opinion)
-            soonest = begin + _SHARE * (time.process_time() - busy)
-            due = max(begin + _PAUSE_S, soonest)
+            give_back()  # a third of its memory is needed only while it judges
         time.sleep(0.05)
 
 
@@ -181,7 +166,8 @@ def _listen(given: IO[bytes], inbox: deque[tuple[bytes, float] | Assignment | No
     inbox.append(None)
 
 
-def _judge_of(assignment: Assignment) -> Judge:
+def judge_of(assignment: Assignment) -> Judge:
+    """Who judges as an assignment says."""
     log = assignment.settings.log
     return Judge(
         _verdict_on(assignment),
@@ -196,5 +182,4 @@ def _verdict_on(assignment: Assignment) -> Callable[[Flight, str | None], Verdic
     """The analysis of a log, at the one horizon that the verdict needs."""
     drift = msgspec.structs.replace(assignment.settings.drift, horizons_s=(5.0,))
     settings = msgspec.structs.replace(assignment.settings, drift=drift)
-
     return lambda flight, imu: assess_imu(flight, settings, imu=imu).verdict

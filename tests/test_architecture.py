@@ -34,7 +34,8 @@ MAY_IMPORT = {
     "documents": GROUND | {"recording", "estimation", "analysis", "examination"},
     "export": GROUND | {"strapdown", "estimation", "analysis"},
     "live": GROUND | {"mavlink", "telemetry", "analysis"},
-    "running_verdict": GROUND | {"settings", "mavlink", "analysis", "examination", "live"},
+    "memory": set[str](),
+    "running_verdict": GROUND | {"memory", "settings", "mavlink", "analysis", "examination", "live"},
     "view": GROUND | {"strapdown", "estimation", "analysis"},
     "report": GROUND
     | {"settings", "recording", "strapdown", "estimation", "analysis", "examination", "documents", "view", "report"},
@@ -56,6 +57,7 @@ MAY_IMPORT = {
         "analysis",
         "simulate",
         "live",
+        "memory",
         "running_verdict",
         "view",
         "report",

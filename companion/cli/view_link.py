@@ -17,12 +17,14 @@ from companion.cli import live, options, unforeseen
 from companion.examination import limits_of
 from companion.live import Attachment, Watch
 from companion.mavlink import Clock, Recorder, Session, State
+from companion.memory import give_back
 from companion.model import CompanionError, SettingsError
 from companion.running_verdict import Assignment, RunningVerdict
 from companion.settings import Settings
 from companion.view import LONGEST_REANCHOR_S, Judgement, LinkState, LiveViewer, ReplayChoice, Seen, StreamState
 
 _MOST_SAID = 100  # sentences that the page keeps
+_GIVE_BACK_S = 5.0  # between two times that freed memory is given back
 _NOTES = {State.FINDING: "asking", State.ASKING: "asking", State.GIVEN_UP: "given up"}
 
 
@@ -81,9 +83,13 @@ def _show(
             )
         )
         _announce(arguments, settings, viewer, recorder)
+        due = 0.0
         while not told() and not viewer.stopped and attachment.alive:
             for sentence in feed.news():
                 live.say(sentence)
+            if time.monotonic() >= due:
+                due = time.monotonic() + _GIVE_BACK_S
+                give_back()
             time.sleep(0.1)
         if told():
             attachment.close()  # first of all: the vehicle gets its intervals back

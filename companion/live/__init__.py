@@ -2,7 +2,8 @@
 
 from companion.live.attachment import Attachment
 from companion.live.opinion import HORIZON_S, Alarm, Judge, Opinion
+from companion.live.pace import Pace
 from companion.live.replay import LiveReplay, Present
 from companion.live.watch import Watch
 
-__all__ = ["HORIZON_S", "Alarm", "Attachment", "Judge", "LiveReplay", "Opinion", "Present", "Watch"]
+__all__ = ["HORIZON_S", "Alarm", "Attachment", "Judge", "LiveReplay", "Opinion", "Pace", "Present", "Watch"]

@@ -59,9 +59,9 @@ class Opinion:
 class Judge:
     """Give `hear` what arrives, then `judge` as often as can be afforded.
 
-    verdict_on: judges an IMU of a flight (None: its default) as it would a log's; may raise DataError. imu: the message;
-    the default where it does not come. vehicle: SYSID or SYSID:COMPID; None: the one with the most IMU samples. Memory
-    does not grow: only the last seconds and the alarms are kept.
+    verdict_on: judges an IMU of a flight (None: its default) as a log's; may raise DataError. imu: its message;
+    the default where it does not come. vehicle: SYSID or SYSID:COMPID; None: the one with the most IMU samples.
+    Memory does not grow: only the last seconds and the alarms are kept.
     """
 
     def __init__(
@@ -79,6 +79,11 @@ class Judge:
         self._stream = Stream(dialect=dialect, window_s=1.2 * _MOST_S, dequantise=dequantise)
         self._newest = 0.0
         self._last = Opinion("", "nothing has been received", 0.0)
+
+    @property
+    def newest(self) -> float:
+        """When the newest data arrived, s UNIX; 0: nothing has."""
+        return self._newest
 
     def hear(self, data: bytes, received: float) -> None:
         """Take bytes that arrived at `received` s UNIX."""

@@ -82,6 +82,19 @@ def test_what_has_just_begun_is_noticed(fault: Faults, stirred: bool) -> None:
     assert judge.stirred() is stirred
 
 
+def test_it_is_noticed_in_the_imu_that_was_chosen() -> None:
+    fault = Faults(imu_bias=(30.0, 0.2))  # of the first IMU alone
+    vehicle = SimulatedVehicle(fly(40.0, faults=fault), streams={**STREAMS, "SCALED_IMU2": 50.0})
+    first = Judge(Said(), dialect=DEFAULT_DIALECT, imu="RAW_IMU")
+    second = Judge(Said(), dialect=DEFAULT_DIALECT, imu="SCALED_IMU2")
+    for t, packets in bursts(vehicle, 31.5):
+        for judge in (first, second):
+            judge.hear(packets, EPOCH + t)
+    assert (first.stirred(), second.stirred()) == (True, False)
+    second.imu = None  # the flight's default, which is the first
+    assert second.stirred()
+
+
 def test_what_cannot_be_judged_is_said() -> None:
     def no(_flight: Flight, _imu: str | None) -> Verdict:
         raise DataError("too short")

@@ -1,0 +1,72 @@
+"""Looks are frequent and cheap, judgements seldom and dear."""
+
+from __future__ import annotations
+
+from typing import cast
+
+from companion.live import Judge, Opinion, Pace
+
+
+class Judged:
+    """In place of a judge: counts what it is asked."""
+
+    def __init__(self) -> None:
+        self.newest, self.news = 0.0, False
+        self.looks, self.judged = list[float](), list[float]()
+
+    def stirred(self) -> bool:
+        self.looks.append(self.newest)
+        return self.news
+
+    def judge(self) -> Opinion:
+        self.judged.append(self.newest)
+        return Opinion("consistent", "", self.newest)
+
+
+def run(judge: Judged, pace: Pace, begin: float, end: float, *, hears: bool = True) -> None:
+    for step in range(round(begin * 20), round(end * 20)):
+        judge.newest = step / 20 if hears else judge.newest
+        pace.step(step / 20)
+
+
+def test_it_is_judged_in_turn_and_looked_at_between() -> None:
+    judge = Judged()
+    pace = Pace(cast("Judge", judge))
+    run(judge, pace, 1.0, 15.0)
+    assert judge.judged == [1.0, 4.5, 8.0, 11.5]
+    assert 3 <= sum(4.5 < t < 5.51 for t in judge.looks) <= 5, "four times a second"
+
+
+def test_what_has_just_begun_is_judged_at_once() -> None:
+    judge = Judged()
+    pace = Pace(cast("Judge", judge))
+    run(judge, pace, 1.0, 2.0)
+    judge.news = True
+    run(judge, pace, 2.0, 2.3)
+    assert judge.judged[0] == 1.0
+    assert 2.0 <= judge.judged[1] <= 2.25
+
+
+def test_nothing_is_judged_or_looked_at_twice() -> None:
+    judge = Judged()
+    pace = Pace(cast("Judge", judge))
+    run(judge, pace, 1.0, 2.0)
+    judged, looks = len(judge.judged), len(judge.looks)
+    run(judge, pace, 2.0, 20.0, hears=False)
+    assert len(judge.looks) - looks <= 1
+    assert len(judge.judged) - judged == 1, "what came after the last judgement"
+    pace.at_once()
+    run(judge, pace, 20.0, 21.0, hears=False)
+    assert len(judge.judged) - judged == 2
+
+
+def test_a_defect_of_the_analysis_is_said_and_does_not_end_it() -> None:
+    class Broken(Judged):
+        def judge(self) -> Opinion:
+            raise ZeroDivisionError("division by zero")
+
+    judge = Broken()
+    judge.newest = 1.0
+    said = Pace(cast("Judge", judge)).step(1.0)
+    assert said is not None
+    assert said.text == "no verdict (ZeroDivisionError: division by zero)"
