@@ -2,8 +2,8 @@
 
 Simulated flights with every witness, a fault at a random time; each time the last 40 s are judged, as on a link, with
 more and more of the fault in them. Printed is the least of it with which the right side is suspect, the median over the
-onsets. On a link the time to the next look (1 s at most, where the newest windows stand out; see docs/live.md) and that
-of one analysis come on top.
+onsets. On a link the time to the next look (0.25 s at most, where the newest windows stand out; see docs/live.md) and
+that of one analysis come on top.
 """
 
 from __future__ import annotations
