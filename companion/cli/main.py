@@ -9,44 +9,17 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
-from companion.cli import (
-    analyze,
-    calibrate,
-    compare,
-    completion,
-    export,
-    fleet,
-    info,
-    noise,
-    record,
-    replay,
-    report,
-    simulate,
-    smooth,
-    unforeseen,
-    view,
-    watch,
-)
+from companion.cli import unforeseen
 from companion.model import CompanionError
 
 _COMMANDS = (
-    info,
-    analyze,
-    report,
-    calibrate,
-    smooth,
-    noise,
-    compare,
-    view,
-    export,
-    fleet,
-    record,
-    watch,
-    simulate,
-    replay,
-    completion,
-)
+    "info", "analyze", "report", "calibrate", "smooth", "noise", "compare", "view", "export", "fleet", "record",
+    "watch", "simulate", "replay", "completion",
+)  # fmt: skip
+"""In the order in which they are listed. Each is a module of this package, loaded when it is asked for: all of them
+take as long to load as a short flight to analyse."""
 
 _OF_OUTPUT = {errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EBADF, errno.EINVAL, getattr(errno, "EDQUOT", errno.ENOSPC)}
 """How writing to stdout fails. What opens a file says which; a network's errors have other numbers, or none."""
@@ -83,7 +56,7 @@ def _run(given: list[str]) -> int:
     if not given:
         print(overview())
         return 0
-    arguments = parser().parse_args(given)
+    arguments = parser(given[0]).parse_args(given)
     code: int = arguments.run(arguments)
     return code
 
@@ -105,15 +78,23 @@ def _write_no_more() -> None:
         os.dup2(nothing.fileno(), sys.stdout.fileno())
 
 
-def parser() -> argparse.ArgumentParser:
-    """The parser with every command's options."""
+class _Version(argparse.Action):
+    """Looks the version up when it is asked for, which takes a moment."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(f"companion {unforeseen.own_version()}")
+        parser.exit()
+
+
+def parser(command: str = "") -> argparse.ArgumentParser:
+    """The parser with the options of a command, or of every command where the name is of none."""
     top = argparse.ArgumentParser(
         prog="companion",
         description="Does this IMU agree with this autopilot, and if not, which of them is wrong?",
         epilog="Try: companion analyze demo. Options of a command: companion help COMMAND",
     )
-    top.add_argument("--version", action="version", version=f"companion {unforeseen.own_version()}")
+    top.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for command in _COMMANDS:
-        command.add_parser(commands)
+    for name in (command,) if command in _COMMANDS else _COMMANDS:
+        import_module(f"companion.cli.{name}").add_parser(commands)
     return top

@@ -7,7 +7,6 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h
@@ -29,6 +28,8 @@ def tell(error: BaseException, arguments: Sequence[str]) -> int:
 
 def own_version() -> str:
     """As it was installed; "unknown" where the package's own description is gone."""
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415  (it takes a moment to load)
+
     try:
         return version("mavlink-companion")
     except PackageNotFoundError:

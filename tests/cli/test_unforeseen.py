@@ -54,8 +54,8 @@ def test_a_broken_installation_is_one_sentence_too(
     def gone(name: str) -> str:
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr("companion.cli.unforeseen.version", gone)
-    monkeypatch.setattr(sys.modules["companion.cli.main"], "parser", lambda: gone("x"))
+    monkeypatch.setattr("importlib.metadata.version", gone)
+    monkeypatch.setattr(sys.modules["companion.cli.main"], "parser", lambda _: gone("x"))
     assert main(["info", DEMO]) == 70
     assert capsys.readouterr().err.count("\n") == 1
 
