@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.estimation.linearisation import Linear
+from companion.estimation.linearisation import MOVED, Linear
 from companion.estimation.measurements import LEAST
 from companion.estimation.model import (
     ATTITUDE,
@@ -105,20 +105,23 @@ def learn(
     before: the changes of the step before; changes are of the logarithm.
     """
     solution = linear.solution
-    usual = np.flatnonzero(np.diagonal(linear.covariance, axis1=1, axis2=2)[:, 0] < 0.1)  # not across holes
+    usual = np.flatnonzero(linear.variance[:, 0] < 0.1)  # not across holes
     count = max(1, min(_STRETCHES, len(usual) // 8))
     # what is off in the same way all through a stretch is a bias, and no noise
     e = _in_body(linear)[usual]
     e = np.concatenate([part - part.mean(axis=0) for part in np.array_split(e, count)])
     e = _in_turn(linear.states.q_ned_frd[usual], e)
-    turn = linear.turn[usual]
-    e = (turn.swapaxes(-1, -2) @ e[..., None])[..., 0]
-    d = turn.swapaxes(-1, -2) @ solution.disturbances[1][usual] @ turn
+    moved = slice(0, 9)  # by the densities that are learned: attitude, velocity and position
+    turn = np.zeros((len(usual), 9, 9))
+    for block in (ATTITUDE, VELOCITY, POSITION):
+        turn[:, block, block] = linear.turn[usual]
+    e = (turn.swapaxes(-1, -2) @ e[:, moved, None])[..., 0]
+    d = turn.swapaxes(-1, -2) @ solution.disturbances[1][usual, moved, moved] @ turn
     densities: dict[str, float] = {}
     for cause in limits:
-        v = linear.sums[cause][usual]
-        above = np.einsum("ki,kij,kj->k", e, v, e)
-        below = np.einsum("kij,kij->k", d, v) * (1.0 - count / len(e))
+        own, v = MOVED[cause], linear.sums[cause][usual]
+        above = np.einsum("ki,kij,kj->k", e[:, own], v, e[:, own])
+        below = np.einsum("kij,kij->k", d[:, own, own], v) * (1.0 - count / len(e))
         step = _further(0.5 * np.log(_typical(above, below)), before.get(cause, 0.0))
         densities[cause] = float(np.clip(noise.density(cause) * np.exp(step), *limits[cause]))
     learned = dict(scale)
@@ -182,7 +185,7 @@ def coloured(linear: Linear) -> dict[str, float]:
         if not one.name.startswith("rest")
     }
     e = _in_body(linear)
-    sigma = np.sqrt(np.diagonal(linear.covariance, axis1=1, axis2=2))
+    sigma = np.sqrt(linear.variance)
     return grown | {"gyro": _lasting((e * sigma)[:, ATTITUDE]), "accel": _lasting((e * sigma)[:, VELOCITY])}
 
 

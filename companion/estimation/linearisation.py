@@ -14,7 +14,6 @@ from companion.estimation.measurements import Kinematics, measure
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
-    CAUSES,
     CONSTANT_STATES,
     CONSTANTS,
     GYRO_BIAS,
@@ -48,6 +47,12 @@ _ANEW_S = 60.0  # unheard for so long, an IMU may have been calibrated anew or h
 _FLOOR = np.repeat([1e-6, 2e-5, 2e-5, 1e-9, 1e-8], 3) ** 2  # of the process noise, for its inverse
 
 
+MOVED: Mapping[str, slice] = {
+    "gyro_noise": slice(0, 9), "accel_noise": slice(3, 9), "gyro_walk": slice(0, 12), "accel_walk": slice(3, 15),
+}  # fmt: skip
+"""Cause of process noise → the states that it moves; of all others the sums are zero, and are not kept."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Linear:
     """The problem made linear about the present states, and its solution."""
@@ -58,9 +63,9 @@ class Linear:
     prior: Prior
     solution: Solution
     problem: Problem  # what explanations are made of
-    turn: Array  # (K-1, 15, 15) from the frame of the sums to NED
-    sums: Mapping[str, Array]  # cause → (K-1, 15, 15) in the frame of the sums, per squared density
-    covariance: Array  # (K-1, 15, 15) process noise in the frame of the sums
+    turn: Array  # (K-1, 3, 3) from the frame of the sums to NED
+    sums: Mapping[str, Array]  # cause → (K-1, n, n) of MOVED in the frame of the sums, per squared density
+    variance: Array  # (K-1, 15) of the process noise in the frame of the sums
     noise: ProcessNoise  # that it is made of
 
 
@@ -86,7 +91,7 @@ def carry_imu(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
         bias,
         path.at(np.unique(np.concatenate([setup.index, *_around(setup), *read]))),
         raw.transition,
-        raw.noise,
+        {cause: raw.noise[cause][:, own, own].copy() for cause, own in MOVED.items()},
         raw.gyro_matrix.reshape(count, 9, 9),
         raw.accel_matrix.reshape(count, 9, 9),
     )
@@ -104,9 +109,9 @@ def linearise(
 ) -> Linear:
     """The linear problem about the states, solved. The sizes of what is accepted follow the constants."""
     turn = _turn(setup, path, states)
-    covariance = np.zeros_like(path.transition) + np.diag(_FLOOR)
-    for cause in CAUSES:
-        covariance += noise.density(cause) ** 2 * path.sums[cause]
+    covariance = np.tile(np.diag(_FLOOR), (len(path.transition), 1, 1))
+    for cause, own in MOVED.items():
+        covariance[:, own, own] += noise.density(cause) ** 2 * path.sums[cause]
     if setup.broken.any():
         lasted = np.diff(setup.t)[setup.broken][:, None]
         unheard = np.minimum(lasted / _ANEW_S, 1.0)
@@ -120,6 +125,8 @@ def linearise(
         constants=_motion_constants(path, turn),
         weight=turn @ _inverse(covariance) @ back,
     )
+    turned, variance = turn[:, ATTITUDE, ATTITUDE].copy(), np.diagonal(covariance, axis1=1, axis2=2).copy()
+    del turn, covariance, back  # the solution needs the memory
     at = _kinematics(setup, path, states)
     measurements = []
     for readings in setup.readings:
@@ -132,7 +139,7 @@ def linearise(
         problem, prior = with_choice(problem, prior, choice)
     solution = solve(len(setup.t), problem.motion, problem.measurements, prior)
     return Linear(
-        states, problem.motion, problem.measurements, prior, solution, problem, turn, path.sums, covariance, noise
+        states, problem.motion, problem.measurements, prior, solution, problem, turned, path.sums, variance, noise
     )
 
 

@@ -20,7 +20,7 @@ from companion.estimation.system import Index, Solution
 from companion.estimation.weighing import Candidate, Factors, candidate, changed
 from companion.model import Array
 
-_TOGETHER = 5  # kinds: their columns of an hour take 10 MB and as much again on the way
+_FEWEST, _KEYFRAMES = 4, 16_000  # kinds at a time, and kinds by keyframes: columns of 10 MB, and as much on the way
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,8 +70,9 @@ def scan(problem: Problem, solution: Solution, stretches: int) -> Scan:
     cuts = problem.t[::length]
     signatures = [(kind, whole) for kind in KINDS if (whole := kind.of(problem)) is not None]
     said: dict[str, tuple[Array, Array]] = {}
-    for first in range(0, len(signatures), _TOGETHER):
-        said |= _said(problem, solution, cuts, length, dict(signatures[first : first + _TOGETHER]))
+    together = max(_FEWEST, _KEYFRAMES // len(problem.t))
+    for first in range(0, len(signatures), together):
+        said |= _said(problem, solution, cuts, length, dict(signatures[first : first + together]))
     return Scan(problem, cuts, said)
 
 

@@ -105,10 +105,14 @@ class Solution:
 
     def covariances(self) -> tuple[Array, Array]:
         """Covariance (K, 15, 15) of every keyframe, and (K-1, 15, 15) of it with the next, the constants unknown."""
-        own, beside = self.inverse_blocks
-        y, s = self.border, self.constants_covariance
-        ys = y @ s
-        return own + ys @ y.swapaxes(-1, -2), beside + ys[:-1] @ y[1:].swapaxes(-1, -2)
+        own, beside = (blocks.copy() for blocks in self.inverse_blocks)
+        y = self.border
+        for first in range(0, len(y), _BLOCK):
+            part, after = slice(first, first + _BLOCK), slice(first + 1, first + 1 + _BLOCK)
+            ys = y[part] @ self.constants_covariance
+            own[part] += ys @ y[part].swapaxes(-1, -2)
+            beside[part] += ys[: len(y) - 1 - first] @ y[after].swapaxes(-1, -2)
+        return own, beside
 
 
 def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior: Prior) -> Solution:
@@ -208,7 +212,11 @@ def motion_residual_covariance(motion: Motion, solution: Solution, part: slice =
 def measurement_variance(one: Measurement, solution: Solution) -> Array:
     """(M, d) variance of the posterior of every component of H x + H_c c."""
     own, _ = solution.inverse_blocks
-    h = one.states
-    constants = one.constants - h @ solution.border[one.keyframe]
-    chain = ((h @ own[one.keyframe]) * h).sum(axis=2)
-    return np.asarray(chain + ((constants @ solution.constants_covariance) * constants).sum(axis=2))
+    variance = np.empty(one.residual.shape)
+    for first in range(0, len(variance), _BLOCK):
+        part = slice(first, first + _BLOCK)
+        h, k = one.states[part], one.keyframe[part]
+        constants = one.constants[part] - h @ solution.border[k]
+        chain = ((h @ own[k]) * h).sum(axis=2)
+        variance[part] = chain + ((constants @ solution.constants_covariance) * constants).sum(axis=2)
+    return variance

@@ -21,7 +21,7 @@ from companion.model import Array
 
 _BEYOND_CHANCE = 24.0  # χ² of three: one interval in 40,000
 _UNUSUAL, _JUMPS = 8.0, 8  # a step of this many median steps, and how many are tried
-_TRIES = 12  # at a time: columns of an hour take 1.3 MB each
+_FEWEST, _KEYFRAMES = 4, 12_000  # onsets at a time, and onsets by keyframes: columns of 20 MB, and as much on the way
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,7 +145,8 @@ def weigh(
     if signature is None:
         return None
     factors = tuple(changed(problem, solution, signature))
-    parts = [slice(first, first + _TRIES) for first in range(0, len(onset), _TRIES)]
+    together = max(_FEWEST, _KEYFRAMES // len(problem.t))
+    parts = [slice(first, first + together) for first in range(0, len(onset), together)]
     told = [_told(solution, factors, kind, shape, onset[part], end[part]) for part in parts]
     b, v = (np.concatenate(one) for one in zip(*told, strict=True))
     return candidate(kind, shape, problem, (onset, end), b, v)
