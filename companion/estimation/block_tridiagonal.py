@@ -56,7 +56,7 @@ class Factor:
     def inverse_blocks(self) -> tuple[Array, Array]:
         """The blocks (K, n, n) on the diagonal of A⁻¹ and (K-1, n, n) right of it: [k, k] and [k, k + 1]."""
         n = self.scale.shape[1]
-        diagonal, beside = self.last, np.zeros((0, n, n))
+        diagonal, beside = self.last.copy(), np.zeros((0, n, n))
         for level in reversed(self.levels):
             odd, even = len(level.left), len(diagonal)
             left, right = level.left, level.right
@@ -70,7 +70,7 @@ class Factor:
             diagonal = _interleave(diagonal, own)
             beside = _interleave(to_left.swapaxes(-1, -2), to_right[: even - 1])
         s = self.scale
-        return diagonal / (s[:, :, None] * s[:, None, :]), beside / (s[:-1, :, None] * s[1:, None, :])
+        return _scaled(diagonal, s, s, out=diagonal), _scaled(beside, s[:-1], s[1:], out=beside)
 
 
 def factorise(diagonal: Array, upper: Array) -> Factor:
@@ -81,8 +81,8 @@ def factorise(diagonal: Array, upper: Array) -> Factor:
     scale = np.sqrt(np.diagonal(diagonal, axis1=1, axis2=2))
     if not (np.isfinite(scale).all() and (scale > 0).all()):
         raise np.linalg.LinAlgError("the matrix is not positive definite: an unknown is not determined by anything")
-    d = diagonal / (scale[:, :, None] * scale[:, None, :])
-    u = upper / (scale[:-1, :, None] * scale[1:, None, :])
+    d = _scaled(diagonal, scale, scale)
+    u = _scaled(upper, scale[:-1], scale[1:])
     levels: list[_Level] = []
     while len(d) > 1:
         odd, even = d[1::2], d[0::2].copy()
@@ -96,6 +96,13 @@ def factorise(diagonal: Array, upper: Array) -> Factor:
         d = even
         levels.append(_Level(inverse, left, right))
     return Factor(levels, _invert(d), scale)
+
+
+def _scaled(blocks: Array, rows: Array, columns: Array, out: Array | None = None) -> Array:
+    """Blocks (K, n, n) divided by scales (K, n) of their rows and columns, into `out` where it is given."""
+    out = np.divide(blocks, rows[:, :, None], out=out)
+    out /= columns[:, None, :]
+    return out
 
 
 def _invert(blocks: Array) -> Array:

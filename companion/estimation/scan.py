@@ -20,7 +20,7 @@ from companion.estimation.system import Index, Solution
 from companion.estimation.weighing import Candidate, Factors, candidate, changed
 from companion.model import Array
 
-_FEWEST, _KEYFRAMES = 4, 16_000  # kinds at a time, and kinds by keyframes: columns of 10 MB, and as much on the way
+_FEWEST, _KEYFRAMES = 3, 16_000  # kinds at a time, and kinds by keyframes: columns of 10 MB, and as much on the way
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,6 +201,8 @@ def _padded(solution: Solution, count: int) -> tuple[Array, Array, Array]:
     known, n = len(solution.diagonal), STATES
     s, d, u = np.ones((count + 1, n)), np.tile(np.eye(n), (count + 1, 1, 1)), np.zeros((count, n, n))
     s[:known] = solution.factor.scale
-    d[:known] = solution.diagonal / (s[:known, :, None] * s[:known, None])
-    u[: known - 1] = solution.upper / (s[: known - 1, :, None] * s[1:known, None])
+    np.divide(solution.diagonal, s[:known, :, None], out=d[:known])
+    d[:known] /= s[:known, None]
+    np.divide(solution.upper, s[: known - 1, :, None], out=u[: known - 1])
+    u[: known - 1] /= s[1:known, None]
     return s, d, u

@@ -21,7 +21,7 @@ from companion.model import Array
 
 _BEYOND_CHANCE = 24.0  # χ² of three: one interval in 40,000
 _UNUSUAL, _JUMPS = 8.0, 8  # a step of this many median steps, and how many are tried
-_FEWEST, _KEYFRAMES = 4, 12_000  # onsets at a time, and onsets by keyframes: columns of 20 MB, and as much on the way
+_FEWEST, _KEYFRAMES = 2, 12_000  # onsets at a time, and onsets by keyframes: columns of 20 MB, and as much on the way
 
 
 @dataclass(frozen=True, slots=True, eq=False)
