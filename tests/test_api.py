@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import doctest
 import importlib
-import os
 import pkgutil
 import re
-import subprocess
-import sys
+import runpy
 from pathlib import Path
 
 import pytest
@@ -16,7 +14,6 @@ import pytest
 import companion
 import companion as c
 from tests.recordings import BUNDLED, ROOT
-from tests.waiting import LIMIT_S
 
 pytestmark = pytest.mark.slow
 
@@ -76,19 +73,11 @@ def test_every_public_name_has_a_docstring() -> None:
     assert all(getattr(companion, name).__doc__ for name in companion.__all__)
 
 
-def test_the_tutorial_runs(tmp_path: Path) -> None:
+def test_the_tutorial_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "tlogs").symlink_to(ROOT / "tlogs")
-    run = subprocess.run(
-        [sys.executable, ROOT / "docs" / "tutorial.py"],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=LIMIT_S,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    assert "CONSISTENT" in run.stdout
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(ROOT / "docs" / "tutorial.py"), run_name="__main__")
+    assert "CONSISTENT" in capsys.readouterr().out
     assert list(tmp_path.glob("*.parquet"))
 
 

@@ -207,7 +207,7 @@ def test_the_verdict_on_each_fault_is_the_fault(
 ) -> None:
     log = str(tmp_path / "a.tlog")
     options = [word for fault in faults for word in ("--fault", fault)]
-    assert main(["simulate", "--output", log, "--duration", "80", *options]) == 0
+    assert main(["simulate", "--output", log, "--duration", "60", *options]) == 0
     capsys.readouterr()
     assert main(["analyze", log, "--json"]) == 0
     (flight,) = json.loads(capsys.readouterr().out)["flights"]

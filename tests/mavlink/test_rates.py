@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +22,8 @@ DIALECT = load_dialect()
 WANTED = wanted_from("ARDUPILOTMEGA")
 ABSENT = ("GPS2_RAW", "SCALED_IMU3", "ATTITUDE_TARGET")  # the simulated vehicle has no such sensors
 COMING = WANTED | dict.fromkeys(ABSENT, 0.0)
-STEP_S = 0.05  # between two looks at the link
+STEP_S = 0.1  # between two looks at the link
+resting = functools.cache(functools.partial(fly, motion="rest"))
 
 
 class Conversation:
@@ -37,7 +39,7 @@ class Conversation:
         earlier: EarlierFile | None = None,
         **manners: Any,
     ) -> None:
-        self.vehicle = vehicle or SimulatedVehicle(fly(seconds, motion="rest"), **manners)
+        self.vehicle = vehicle or SimulatedVehicle(resting(seconds), **manners)
         ardupilot = manners.get("autopilot") != "px4"
         self.rates = Rates(Target(1, 1), wanted or WANTED, DIALECT, own_sysid=240, ardupilot=ardupilot, earlier=earlier)
         self.sent: Counter[str] = Counter()
@@ -87,7 +89,7 @@ def test_what_a_damaged_file_says_of_before_is_not_believed(tmp_path: Path, text
 def test_a_vehicle_that_sends_nothing_is_asked_and_then_left_as_it_was() -> None:
     talk = Conversation(streams={"ATTITUDE": 4.0})
     talk.run(25.0)
-    assert talk.received() == pytest.approx(COMING, rel=0.03)
+    assert talk.received() == pytest.approx(COMING, rel=0.05), "of a look or window one more or less"
     assert talk.said() == (
         "the vehicle does not send GPS2_RAW, SCALED_IMU3, ATTITUDE_TARGET: it has no such sensor, or its firmware no "
         "such message"
