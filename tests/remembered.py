@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -9,11 +10,16 @@ import io
 import os
 import pickle
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from companion.telemetry.lazy import LazyTuple
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 
 class _Written(pickle.Pickler):
@@ -49,15 +55,25 @@ def remembering(pure: Callable[..., Any], folder: Path) -> Callable[..., Any]:
     def ask(*args: Any, **named: Any) -> Any:
         question = _written((pure.__qualname__, args, sorted(named.items())))
         known = folder / hashlib.sha256(question).hexdigest()
-        if known.exists():
-            return pickle.loads(known.read_bytes())
-        answer = pure(*args, **named)
-        begun = known.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
-        begun.write_bytes(_written(answer))
-        begun.replace(known)
-        return answer
+        with _alone(known.with_suffix(".asked")):
+            if known.exists():
+                return pickle.loads(known.read_bytes())
+            answer = pure(*args, **named)
+            begun = known.with_suffix(f".{os.getpid()}-{threading.get_ident()}")
+            begun.write_bytes(_written(answer))
+            begun.replace(known)
+            return answer
 
     return ask
+
+
+@contextlib.contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Whoever asks the same meanwhile waits for the answer instead of looking for it too; not on Windows."""
+    with path.open("wb") as file:
+        if fcntl is not None:
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def _written(thing: object) -> bytes:
