@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 from PIL import Image
@@ -33,13 +34,14 @@ FLAGS = [
 ]
 SCREENSHOTS = Path(__file__).parents[2] / "screenshots"
 
-# A picture is drawn ten times a second at most: without a graphics card a page that plays would take a whole core.
+# A picture is drawn five times a second at most: without a graphics card a page that plays would take a whole core, and
+# on a busy machine it would have time for nothing else.
 _SLOWLY = """(() => {
     const draw = window.requestAnimationFrame.bind(window), waiting = new Map();
     let last = 0;
     window.requestAnimationFrame = then => {
         const id = ++last;
-        waiting.set(id, setTimeout(() => draw(t => { if (waiting.delete(id)) then(t); }), 85));
+        waiting.set(id, setTimeout(() => draw(t => { if (waiting.delete(id)) then(t); }), 190));
         return id;
     };
     window.cancelAnimationFrame = id => { clearTimeout(waiting.get(id)); waiting.delete(id); };
@@ -68,12 +70,32 @@ def new_page(browser: Browser, width: int = 1280, height: int = 800, **options: 
     context.close()
 
 
+def next_port(page: Page) -> int:
+    """Where an open page looks for its next server, to be given to that before it starts; 0 where none is open yet.
+
+    A page that finds its way to a new server is not loaded anew, which takes most of what a test of it takes. It begins
+    as one that was opened for the first time: nothing is remembered, and what it shows of the last server is marked.
+    """
+    if not page.url.startswith("http"):
+        return 0
+    page.evaluate("""() => {
+        localStorage.clear();
+        document.title = '';
+        document.querySelectorAll('[role=tab]').forEach(tab => tab.setAttribute('data-past', ''));
+    }""")
+    return urlsplit(page.url).port or 0
+
+
 def open_page(page: Page, url: str, *, charts: bool = True) -> Page:
     """Go there and wait until the picture is: of half the resolution, for without a graphics card its pixels cost most.
 
-    An address that says more than where is opened as it is. charts: choose their tab; a phone has none on a link.
+    An address that says more than where is opened as it is, and one where the page is already comes to it by itself.
+    charts: choose their tab; a phone has none on a link.
     """
-    page.goto(url if "?" in url else f"{url}/?fixedDpr=0.5")
+    if page.url.startswith(f"{url}/"):
+        expect(page.locator("[data-past], #companion-ended")).to_have_count(0)
+    else:
+        page.goto(url if "?" in url else f"{url}/?fixedDpr=0.5")
     page.wait_for_selector("canvas")
     expect(page.get_by_text("companion", exact=True)).to_be_visible()  # the panel
     if charts:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 
 import pytest
@@ -16,13 +17,45 @@ def flight() -> Flight:
     return make_flight()
 
 
-@pytest.fixture
-def page(browser: Browser) -> Iterator[Page]:
-    with new_page(browser) as page:
-        yield page
+class _Window:
+    """The page that the tests of a module share: to load it takes most of what a test of it takes (`next_port`)."""
+
+    def __init__(self, browser: Browser) -> None:
+        self._browser = browser
+        self._page: Page | None = None
+        self._opened = contextlib.ExitStack()
+
+    def page(self) -> Page:
+        if self._page is None:
+            self._page = self._opened.enter_context(new_page(self._browser))
+        return self._page
+
+    def close(self) -> None:
+        self._page = None
+        self._opened.close()
+
+
+@pytest.fixture(scope="module")
+def _window(browser: Browser) -> Iterator[_Window]:
+    window = _Window(browser)
+    yield window
+    window.close()
+
+
+def _of_size(window: _Window, request: pytest.FixtureRequest, width: int, height: int) -> Iterator[Page]:
+    failed = request.session.testsfailed
+    page = window.page()
+    page.set_viewport_size({"width": width, "height": height})
+    yield page
+    if request.session.testsfailed > failed:
+        window.close()  # whatever it shows now, the next test begins with another
 
 
 @pytest.fixture
-def wide_page(browser: Browser) -> Iterator[Page]:
-    with new_page(browser, 1600, 900) as page:
-        yield page
+def page(_window: _Window, request: pytest.FixtureRequest) -> Iterator[Page]:
+    yield from _of_size(_window, request, 1280, 800)
+
+
+@pytest.fixture
+def wide_page(_window: _Window, request: pytest.FixtureRequest) -> Iterator[Page]:
+    yield from _of_size(_window, request, 1600, 900)

@@ -20,7 +20,7 @@ from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, ch
 from companion.view.framing import FIELD_OF_VIEW, camera, frame, screen_up
 from companion.view.plots import Plots
 from companion.view.reckoning import GYRO_UNIT
-from tests.view.browsing import choose, near, new_page, open_page, shoot, until
+from tests.view.browsing import choose, near, new_page, next_port, open_page, shoot, until
 from tests.view.circles import BOOT, examine, make_flight, reckon, recompute
 from tests.waiting import LIMIT_S
 
@@ -46,7 +46,7 @@ def cursor(page: Page) -> float:
 
 def test_play(wide_page: Page, flight: Flight) -> None:
     page = wide_page
-    with Viewer([flight], recompute, examine, port=0) as viewer:
+    with Viewer([flight], recompute, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
         before = (viewer.player.time, viewer.scene.imu.position, viewer.scene.imu.wxyz, cursor(page))
         shoot(page, "before-play")
@@ -81,7 +81,7 @@ def where_is(replay: Replay, t: float, width: int, height: int) -> tuple[float, 
 
 
 def test_scrub_and_keys(page: Page, flight: Flight) -> None:
-    with Viewer([flight], recompute, examine, port=0) as viewer:
+    with Viewer([flight], recompute, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
         page.mouse.click(640, 250)  # on the ground: the keys go to the page
         page.keyboard.press("End")
@@ -127,7 +127,7 @@ def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
             seen.wait(LIMIT_S)  # longer work
         return recompute(flight, choice)
 
-    with Viewer([flight], listen, examine, port=0) as viewer:
+    with Viewer([flight], listen, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
         choose(page, "Integrator", "Euler (simplest)")
         until(lambda: asked[-1].how.method == "euler", "the integrator")
@@ -166,7 +166,7 @@ def test_a_flight_chooser_and_hostile_names(page: Page) -> None:
     evil = "<img src=x onerror=\"document.title='owned'\">"
     first = make_flight()
     second = replace(make_flight(radius=20.0), vehicle=Vehicle(7, 1, evil, "**bold**<script>"))
-    with Viewer([first, second], recompute, examine, port=0) as viewer:
+    with Viewer([first, second], recompute, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
         choose(page, "Flight", "2: vehicle 7:1, boot 1, 61 s")
         expect(page.get_by_text("<img src=x onerror=")).to_be_visible()  # as text
@@ -186,7 +186,7 @@ def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
         verdict = Verdict("imu_suspect", f"Suspect {evil}", (found,))
         return replace(insight, assessment=replace(insight.assessment, verdict=verdict))
 
-    with Viewer([speaking], recompute, find, port=0) as viewer:
+    with Viewer([speaking], recompute, find, port=next_port(page)) as viewer:
         visit(page, viewer)
         expect(page.get_by_text("1 <img src=x onerror=").first).to_be_visible()  # as text
         page.get_by_role("button", name="event ›").click()
@@ -210,10 +210,12 @@ def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight, monkeypatch: py
     monkeypatch.setattr(Plots, "relayout", counted)
     zoom = """() => Object.values(window.__viserTestpoints.uplots).map(
         p => [p.createCount, p.chart.scales.x.min, p.chart.scales.x.max])"""
-    with Viewer([flight], recompute, examine, port=0) as viewer:
+    height = "() => Object.values(window.__viserTestpoints.uplots)[0].chart.height"
+    with Viewer([flight], recompute, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
         until(lambda: len(laid_out) >= 2, "the charts are laid out twice; the third time must keep the zoom")
-        time.sleep(0.5)  # on their way
+        viewer.post(events.Seek(BOOT + 1.0))
+        until(lambda: abs(cursor(page) - BOOT - 1.0) < 0.1, "what is said after both layouts is heard")
         until(lambda: page.locator(".u-over").first.bounding_box() is not None, "a chart")
         box = page.locator(".u-over").first.bounding_box()
         assert box is not None
@@ -222,13 +224,12 @@ def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight, monkeypatch: py
         page.mouse.down()
         page.mouse.move(box["x"] + 0.5 * box["width"], y, steps=5)
         page.mouse.up()
-        before = page.evaluate(zoom)
+        before, laid = page.evaluate(zoom), page.evaluate(height)
         assert before[0][1] == pytest.approx(BOOT + 15.0, abs=1.0)
         assert before[0][2] == pytest.approx(BOOT + 30.0, abs=1.0)
         assert page.locator(".u-legend .u-value").first.inner_text() != "--"  # the values where the pointer is
         viewer.post(events.Toggle())
-        until(lambda: len(laid_out) >= 3, "the third layout")
-        time.sleep(0.5)
+        until(lambda: page.evaluate(height) != laid, "the third layout")
         viewer.post(events.Toggle())
         assert page.evaluate(zoom) == before
         shoot(page, "zoomed")
@@ -266,7 +267,7 @@ def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight)
         known = np.abs(replay.t - (BOOT + 33.0)) > 2.0
         return Reckoning(replace(replay, reference_valid=known), chosen_track(flight, choice))
 
-    with Viewer([flight], with_a_hole, examine, port=0) as viewer:
+    with Viewer([flight], with_a_hole, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
         viewer.post(events.Seek(BOOT + 33.0))
         viewer.post(events.SetArrows(True))
@@ -304,7 +305,7 @@ def test_the_picture_and_the_replay_can_be_taken_along(browser: Browser, flight:
 
 
 def test_a_page_finds_its_way_back_to_a_server_that_was_restarted(page: Page, flight: Flight) -> None:
-    with Viewer([flight], recompute, examine, port=0) as viewer:
+    with Viewer([flight], recompute, examine, port=next_port(page)) as viewer:
         port = viewer.port
         visit(page, viewer)
         page.get_by_role("button", name="+10", exact=True).click()

@@ -22,9 +22,9 @@ from companion.model import Flight
 from companion.recording import Source
 from companion.settings import Settings
 from companion.simulate import SimulatedVehicle, fly, write_flight
-from companion.view import Offer, ReplayChoice, Viewer, events, palette
+from companion.view import Offer, Viewer, events, palette
 from tests.recordings import BUNDLED
-from tests.view.browsing import choose, near, new_page, open_page, shoot, until
+from tests.view.browsing import choose, near, new_page, next_port, open_page, shoot, until
 
 pytestmark = pytest.mark.browser
 
@@ -33,11 +33,11 @@ ANSWERS = Answers(Settings())  # one for all pages: what was examined last is re
 
 
 @contextlib.contextmanager
-def viewing(*flights: Flight, choice: ReplayChoice | None = None) -> Iterator[Viewer]:
+def viewing(page: Page, *flights: Flight) -> Iterator[Viewer]:
     path = BUNDLED / "copter-demo-100hz.tlog"
     source = Source(path, "tlog", path.stat().st_size, 1)
     offer = Offer(report=functools.partial(ANSWERS.report, source))
-    with Viewer(flights, ANSWERS.recompute, ANSWERS.examine, choice=choice, offer=offer, port=0) as viewer:
+    with Viewer(flights, ANSWERS.recompute, ANSWERS.examine, offer=offer, port=next_port(page)) as viewer:
         yield viewer
 
 
@@ -48,7 +48,7 @@ def tab(page: Page, name: str) -> None:
 def test_the_verdict_and_a_jump_to_a_finding(page: Page) -> None:
     found = examine(DEMO, Settings()).assessment
     first = found.verdict.findings[0]
-    with viewing(DEMO) as viewer:
+    with viewing(page, DEMO) as viewer:
         open_page(page, viewer.url)
         expect(page.get_by_text(found.verdict.status.upper()).first).to_be_visible()
         tab(page, "Findings")
@@ -89,7 +89,7 @@ def test_the_verdict_and_a_jump_to_a_finding(page: Page) -> None:
 
 def test_several_imus_a_correction_and_another_horizon(page: Page) -> None:
     names = "() => Object.values(window.__viserTestpoints.uplots)[0]?.chart.series.map(s => s.label) ?? []"
-    with viewing(DEMO) as viewer:
+    with viewing(page, DEMO) as viewer:
         open_page(page, viewer.url)
         viewer.post(events.Seek(viewer.player.start + 48.0))
         viewer.post(events.SetTrail(None, ahead=True))
@@ -123,7 +123,7 @@ def test_several_imus_a_correction_and_another_horizon(page: Page) -> None:
 
 
 def test_a_log_without_position(page: Page) -> None:
-    with viewing(replace(DEMO, position=None)) as viewer:
+    with viewing(page, replace(DEMO, position=None)) as viewer:
         open_page(page, viewer.url)
         expect(page.get_by_text("This log has no position")).to_be_visible()
         expect(page.get_by_text("Velocity error")).to_have_count(0)
@@ -143,7 +143,7 @@ def test_a_log_with_two_vehicles(page: Page, tmp_path: Path) -> None:
     both.write_bytes(b"".join((tmp_path / f"{sysid}.tlog").read_bytes() for sysid in (1, 7)))
     flights = c.open_log(both)
     assert [f.vehicle.sysid for f in flights] == [1, 7]
-    with viewing(*flights) as viewer:
+    with viewing(page, *flights) as viewer:
         open_page(page, viewer.url)
         expect(page.get_by_text("vehicle 1:1, boot 1").first).to_be_visible()
         option = f"2: vehicle 7:1, boot 1, {flights[1].duration:.0f} s"
@@ -166,7 +166,7 @@ OVERLAPS = """() => {
 
 
 def test_nothing_is_cut_off_on_a_laptop(page: Page) -> None:
-    with viewing(DEMO) as viewer:
+    with viewing(page, DEMO) as viewer:
         open_page(page, viewer.url)
         expect(page.get_by_text("CONSISTENT").first).to_be_visible()
         fits = {"cut": [], "outside": [], "wide": 1280}
@@ -189,7 +189,7 @@ def test_nothing_is_cut_off_on_a_laptop(page: Page) -> None:
 
 
 def test_a_phone(browser: Browser) -> None:
-    with new_page(browser, 390, 844, has_touch=True) as page, viewing(DEMO) as viewer:
+    with new_page(browser, 390, 844, has_touch=True) as page, viewing(page, DEMO) as viewer:
         open_page(page, viewer.url)
         expect(page.get_by_text("CONSISTENT").first).to_be_visible()
         page.get_by_role("button", name="Play", exact=True).click()
