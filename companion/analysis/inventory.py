@@ -13,6 +13,7 @@ _HOLE_PERIODS = 3.0  # a longer interval than so many median ones is a hole
 _SERIES = {
     "vibration": "vibration", "attitude": "other attitude", "estimator": "test ratios", "innovation": "innovations",
     "variance": "variances", "accuracy": "accuracies", "test_ratio": "test ratios", "aiding": "aiding",
+    "inconsistency": "between IMUs",
     "gyro_batch": "batches", "accel_batch": "batches",
 }  # fmt: skip
 """Kind of a series → its name here. Other sensors have tracks; thermometers belong to the IMUs."""

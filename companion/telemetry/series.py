@@ -44,6 +44,10 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     ),
     "attitude": ("roll_rad", "pitch_rad", "yaw_rad"),
     "airspeed": ("airspeed_mps", "true_airspeed_mps", "pressure_pa", "temperature_degc"),
+    "inconsistency": (
+        *(f"gyro_{i}_radps" for i in range(4)), *(f"accel_{i}_mps2" for i in range(4)),
+        *(f"gyro_{i}_healthy" for i in range(4)), *(f"accel_{i}_healthy" for i in range(4)),
+    ),
     "gyro_batch": ("x_radps", "y_radps", "z_radps"),
     "accel_batch": ("x_mps2", "y_mps2", "z_mps2"),
     "range": ("range_m", "least_m", "most_m", "variance_m2", "status", "orientation", "quality"),

@@ -476,6 +476,33 @@ def test_nan_everywhere_is_nothing_anywhere(read: Any) -> None:
     assert len(flight.notes) == 4
 
 
+def test_how_far_imus_are_apart_is_what_px4_says_of_those_that_there_are(read: Any) -> None:
+    ids = np.tile(np.array([3932170, 4325386, 0, 0], np.uint32), (N, 1))
+    apart = np.column_stack([np.arange(N) * 1e-3, np.arange(N) * 2e-3, np.zeros((N, 2))]).astype(F32)
+    healthy = np.tile(np.array([True, False, False, False]), (N, 1))
+    flight = read(
+        {
+            "sensors_status_imu": {
+                "timestamp": T,
+                "gyro_device_ids": ids,
+                "gyro_inconsistency_rad_s": apart,
+                "gyro_healthy": healthy,
+                "accel_device_ids": ids,
+                "accel_inconsistency_m_s_s": 10 * apart,
+                "accel_healthy": healthy,
+            }
+        }
+    )
+    told = flight.series["inconsistency"]
+    np.testing.assert_array_equal(told.t, T * 1e-6)
+    for i in (0, 1):
+        np.testing.assert_array_equal(told[f"gyro_{i}_radps"], apart[:, i])
+        np.testing.assert_array_equal(told[f"accel_{i}_mps2"], (10 * apart)[:, i])
+        assert (told[f"gyro_{i}_healthy"] == healthy[:, i]).all(), "a sensor that is never healthy is one nevertheless"
+    assert np.isnan(told["gyro_2_radps"]).all(), "its device id is 0"
+    assert np.isnan(told["accel_3_healthy"]).all()
+
+
 @pytest.mark.parametrize("row", TOPIC_SERIES, ids=lambda row: f"{row.topic}-{row.kind}")
 def test_every_row_of_the_table_is_complete(row: Any) -> None:
     """A unit that is known, and each column either in SI, which its name ends in, or a count, ratio or flag."""

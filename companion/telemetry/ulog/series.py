@@ -135,6 +135,16 @@ TOPIC_SERIES: tuple[TopicSeries, ...] = (
         "vehicle_magnetometer", "magnetometer", _vector(("x_tesla", "y_tesla", "z_tesla"), "magnetometer_ga", "gauss")
     ),
     TopicSeries("vehicle_imu_status", "temperature", _one(temperature_degc="temperature_accel degC")),
+    TopicSeries(
+        "sensors_status_imu",
+        "inconsistency",
+        {
+            **_vector(tuple(f"gyro_{i}_radps" for i in range(4)), "gyro_inconsistency_rad_s", "rad/s"),
+            **_vector(tuple(f"accel_{i}_mps2" for i in range(4)), "accel_inconsistency_m_s_s", "m/s/s"),
+            **_vector(tuple(f"gyro_{i}_healthy" for i in range(4)), "gyro_healthy"),
+            **_vector(tuple(f"accel_{i}_healthy" for i in range(4)), "accel_healthy"),
+        },
+    ),
     TopicSeries("estimator_status", "estimator", _ESTIMATOR),
     TopicSeries(
         "vehicle_odometry",
@@ -231,4 +241,7 @@ def _found(row: TopicSeries, name: str, topic: Topic, instance: int, notes: list
 
 
 def _column(topic: Topic, field: str) -> Raw | None:
-    return topic.get(field)
+    """A field; None where it is that of a sensor whose device id is 0: there is no such sensor."""
+    name, _, place = field.partition("[")
+    device = topic.get(f"{name.partition('_')[0]}_device_ids[{place}") if place else None
+    return None if device is not None and not device.any() else topic.get(field)
