@@ -18,15 +18,15 @@ import threading
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import IO, Self
 
 import msgspec
 
-from companion.analysis import Verdict
+from companion.analysis import Verdict, expected_by_age
 from companion.examination import assess_imu
-from companion.live import Judge, Opinion, Pace
+from companion.live import Band, Judge, Judging, Opinion, Pace
 from companion.mavlink import Frames
 from companion.memory import give_back
 from companion.model import Flight
@@ -43,6 +43,7 @@ class Assignment:
 
     settings: Settings
     imu: str | None = None  # the message; None: the flight's default
+    ages_s: tuple[float, ...] = ()  # since an anchor, for which to say what is expected
     vehicle: str | None = None  # SYSID or SYSID:COMPID; None: the one with the most IMU samples
 
 
@@ -178,8 +179,14 @@ def judge_of(assignment: Assignment) -> Judge:
     )
 
 
-def _verdict_on(assignment: Assignment) -> Callable[[Flight, str | None], Verdict]:
+def _verdict_on(assignment: Assignment) -> Judging:
     """The analysis of a log, at the one horizon that the verdict needs."""
     drift = msgspec.structs.replace(assignment.settings.drift, horizons_s=(5.0,))
     settings = msgspec.structs.replace(assignment.settings, drift=drift)
-    return lambda flight, imu: assess_imu(flight, settings, imu=imu).verdict
+
+    def judged(flight: Flight, imu: str | None) -> tuple[Verdict, Band]:
+        found = assess_imu(flight, settings, imu=imu)
+        band = expected_by_age(found, assignment.ages_s).tolist()
+        return found.verdict, tuple((age, attitude, velocity, position) for age, attitude, velocity, position in band)
+
+    return judged

@@ -10,7 +10,7 @@ from companion.analysis.comparison import Comparison, WindowErrors, Windows, com
 from companion.analysis.contrast import Change, Contrast, FigureChange, contrast
 from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correction
 from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, drift, drift_of
-from companion.analysis.envelope import Expectation, expected_since_anchor
+from companion.analysis.envelope import Expectation, expected_by_age, expected_since_anchor
 from companion.analysis.expected import Expected
 from companion.analysis.figures import GENERIC, ImuFigures, ReferenceFigures, SensorFigures
 from companion.analysis.finding import Cause, Finding, by_severity
@@ -96,6 +96,7 @@ __all__ = [
     "drift",
     "drift_of",
     "errors",
+    "expected_by_age",
     "expected_since_anchor",
     "gravity_for",
     "imu_noise",

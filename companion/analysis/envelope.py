@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from companion.analysis.assessment import Assessment
 from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget
-from companion.analysis.comparison import Windows
+from companion.analysis.comparison import Windows, windows
+from companion.analysis.expected import expected_over
 from companion.analysis.replay import Replay
 from companion.model import Array, nearest
 
@@ -55,3 +57,17 @@ def expected_since_anchor(found: Assessment, shown: Replay) -> Expectation | Non
     times[:-1, -1] -= 1e-6  # the last before the next anchor
     times, first = np.unique(times.ravel(), return_index=True)
     return Expectation(times, allowed.total[first])
+
+
+def expected_by_age(found: Assessment, ages_s: Sequence[float]) -> Array:
+    """What the budget allows so long after an anchor, (A, 4): s, and 1σ of the error's length: °, m/s, m.
+
+    The median over the windows of each length; lengths without a window are left out, and what the flight has no
+    position for is 0.
+    """
+    rows = []
+    for age in ages_s:
+        one = expected_over(found.comparison, windows(found.comparison, age), found.figures, found.autopilot)
+        if one is not None:
+            rows.append((age, one.attitude_deg, one.velocity_mps or 0.0, one.position_m or 0.0))
+    return np.array(rows, dtype=np.float64).reshape(-1, 4)

@@ -24,6 +24,7 @@ from companion.settings import Settings
 from companion.view import LONGEST_REANCHOR_S, Judgement, LinkState, LiveViewer, ReplayChoice, Seen, StreamState
 
 _MOST_SAID = 100  # sentences that the page keeps
+_AGES_S = (0.5, 2.0, 5.0, 10.0, LONGEST_REANCHOR_S)  # since an anchor, at which the charts know what is expected
 _GIVE_BACK_S = 5.0  # between two times that freed memory is given back
 _NOTES = {State.FINDING: "asking", State.ASKING: "asking", State.GIVEN_UP: "given up"}
 
@@ -164,7 +165,10 @@ class _Feed:
             self._settings.integration, method=how.method, middle=how.middle, segments=how.segments
         )
         return Assignment(
-            msgspec.structs.replace(self._settings, integration=chosen), imu=self._choice.imu, vehicle=vehicle
+            msgspec.structs.replace(self._settings, integration=chosen),
+            imu=self._choice.imu,
+            vehicle=vehicle,
+            ages_s=_AGES_S,
         )
 
     @property
@@ -209,7 +213,7 @@ class _Feed:
     @property
     def judgement(self) -> Judgement:
         opinion = self._verdict.opinion
-        return Judgement(opinion.status, opinion.text, self._verdict.age_s, *opinion.so_far)
+        return Judgement(opinion.status, opinion.text, self._verdict.age_s, *opinion.so_far, opinion.expected)
 
     def look(self) -> Seen | None:
         for sentence in self._attachment.said():

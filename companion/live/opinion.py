@@ -21,6 +21,12 @@ _LOOK_S = 20.0  # of data for a look at the newest
 _MOST_ALARMS = 50
 _SUSPECT = ("imu_suspect", "autopilot_suspect")
 
+Band = tuple[tuple[float, float, float, float], ...]
+"""Time since an anchor, s, and 1σ of what the error is expected to be then: attitude °, velocity m/s, position m."""
+
+Judging = Callable[[Flight, str | None], tuple[Verdict, Band]]
+"""What is said of an IMU of a flight (None: its default), and what is expected of it."""
+
 State = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data", "starting", "lost", ""]
 """What is to be said: a verdict; the estimator is aligning; control was lost; nothing yet."""
 
@@ -44,6 +50,7 @@ class Opinion:
     newest: float  # s UNIX, when the newest data that it rests on arrived
     vehicle: str = ""
     alarms: tuple[Alarm, ...] = ()  # since the session began; the newest last
+    expected: Band = ()  # empty where it cannot be said
     was_consistent: bool = False  # whether it ever was, since then
 
     @property
@@ -59,14 +66,14 @@ class Opinion:
 class Judge:
     """Give `hear` what arrives, then `judge` as often as can be afforded.
 
-    verdict_on: judges an IMU of a flight (None: its default) as a log's; may raise DataError. imu: its message;
-    the default where it does not come. vehicle: SYSID or SYSID:COMPID; None: the one with the most IMU samples.
-    Memory does not grow: only the last seconds and the alarms are kept.
+    verdict_on: judges a flight as a log; may raise DataError. imu: its message; the default where it does not come.
+    vehicle: SYSID or SYSID:COMPID; None: the one with the most IMU samples. Memory does not grow: only the last seconds
+    and the alarms are kept.
     """
 
     def __init__(
         self,
-        verdict_on: Callable[[Flight, str | None], Verdict],
+        verdict_on: Judging,
         *,
         dialect: str,
         dequantise: bool = False,
@@ -98,8 +105,8 @@ class Judge:
         """What is to be said now."""
         last = self._last
         flight = self._flight(self._horizon_s)
-        status, text = self._said(flight)
-        found = replace(last, status=status, text=text, newest=self._newest)
+        status, text, expected = self._said(flight)
+        found = replace(last, status=status, text=text, newest=self._newest, expected=expected)
         if flight is not None:
             found = replace(found, vehicle=str(flight.vehicle))
         if status in _SUSPECT:
@@ -135,20 +142,20 @@ class Judge:
         ]
         return max(chosen, key=lambda flight: len(flight.imu()), default=None)
 
-    def _said(self, flight: Flight | None) -> tuple[State, str]:
+    def _said(self, flight: Flight | None) -> tuple[State, str, Band]:
         if flight is None:
-            return "", "no IMU messages have come"
+            return "", "no IMU messages have come", ()
         part = phases(flight)[-1]
         if part.kind == "aligning":
-            return "starting", f"the estimator is aligning ({part.reason}): nothing is judged yet"
+            return "starting", f"the estimator is aligning ({part.reason}): nothing is judged yet", ()
         if part.kind == "impact":
-            return "lost", f"{part.reason}: nothing is judged after it"
+            return "lost", f"{part.reason}: nothing is judged after it", ()
         try:
-            verdict = self.verdict_on(flight, self._imu_of(flight))
+            verdict, expected = self.verdict_on(flight, self._imu_of(flight))
         except DataError as reason:
-            return "insufficient_data", str(reason)
+            return "insufficient_data", str(reason), ()
         where = "" if part.kind == "flight" else f" ({_WHERE[part.kind]})"
-        return verdict.status, verdict.summary + where
+        return verdict.status, verdict.summary + where, expected
 
 
 _WHERE = {"standing": "on the ground", "landed": "after landing"}

@@ -57,6 +57,8 @@ class Judgement:
     age_s: float = 0.0  # of the data that it rests on
     status_so_far: str = ""  # of `Verdict`; "" while there is none
     text_so_far: str = ""
+    expected: tuple[tuple[float, float, float, float], ...] = ()
+    """Time since an anchor, s, and 1σ of the error expected then: attitude °, velocity m/s, position m."""
 
 
 class Feed(Protocol):

@@ -16,8 +16,8 @@ _REPLAYED = {
     "q_imu": 4, "velocity_imu": 3, "position_imu": 3, "q_ref": 4, "velocity_ref": 3, "position_ref": 3,
     "attitude_error": 3, "velocity_error": 3, "position_error": 3,
 }  # fmt: skip
-_CHARTED = {"t": 1, "valid": 1, "errors": 4, "free": 4}
-_WIDTHS = _CHARTED | _REPLAYED | {"anchor": 1, "free_position": 3, "free_anchor": 1}
+_CHARTED = {"t": 1, "valid": 1, "errors": 4, "free": 4, "anchor": 1}
+_WIDTHS = _CHARTED | _REPLAYED | {"free_position": 3, "free_anchor": 1}
 _STARTS = np.cumsum([0, *_WIDTHS.values()])
 _SLICES = {name: slice(a, b) for name, a, b in zip(_WIDTHS, _STARTS[:-1], _STARTS[1:], strict=True)}
 """The columns of a row."""
@@ -32,6 +32,7 @@ class Curves:
     t: Array  # (N,) s before the last row, which is 0
     errors: Array  # (N, 4) since the last anchor
     free: Array  # (N, 4) of the free run; NaN where there is none
+    age: Array  # (N,) s since the last anchor
     known: npt.NDArray[np.bool_]  # (N,) whether there was an autopilot's state to hold them against
     has_position: bool
 
@@ -100,7 +101,9 @@ class History:
         known = (rows[:, _SLICES["valid"]][:, 0] > 0) & (np.abs(errors) < MOST).all(axis=1)
         gap = np.flatnonzero(np.diff(t) > _HOLE_S)
         known[gap] = known[gap + 1] = False
-        return Curves(t, np.where(known[:, None], errors, 0.0), rows[:, _SLICES["free"]], known, self._has_position)
+        age = rows[:, 0] - rows[:, _SLICES["anchor"]][:, 0]
+        shown = np.where(known[:, None], errors, 0.0)
+        return Curves(t, shown, rows[:, _SLICES["free"]], age, known, self._has_position)
 
     def positions(self) -> tuple[Array, Array] | None:
         """The autopilot's and the IMU's (N, 3) NED, m, of everything that is kept; None where there is no position."""

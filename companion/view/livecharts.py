@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import viser
 
+from companion.model import Array
 from companion.view import events, palette
-from companion.view.chart import DASHED, STYLE, Chart, Drawing, Line
+from companion.view.chart import DASHED, DOTTED, STYLE, Chart, Drawing, Line
 from companion.view.controls import button_row
+from companion.view.feed import Judgement
 from companion.view.history import Curves
 
 SPANS = (30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
@@ -29,8 +31,8 @@ class LiveCharts:
         """Show the free run, or the errors since the last anchor."""
         self._free = free
 
-    def show(self, curves: Curves, now: float) -> None:
-        """Draw the errors, with the line at `now` (s, 0 or less)."""
+    def show(self, curves: Curves, now: float, judgement: Judgement) -> None:
+        """Draw the errors and what is expected of them since the anchor, with the line at `now` (s, 0 or less)."""
         t, known = curves.t, curves.known.astype(np.float64)
         tilt, heading, velocity, position = curves.errors.T
         if self._free:
@@ -40,15 +42,14 @@ class LiveCharts:
         colour = palette.FREE if self._free else palette.IMU
         duration = -float(t[0])
         span = next((s for s in SPANS if s >= min(duration, self._window)), self._window)
+        nothing: tuple[Line, ...] = ()
+        bands = () if self._free else expected_lines(curves, judgement)
+        of_attitude, of_velocity, of_position = bands or (nothing, nothing, nothing)
+        lines = (Line("tilt", colour, t, tilt), Line("heading", colour, t, heading, dash=DASHED), *of_attitude)
         drawings = [
-            Drawing(
-                "Attitude error, °",
-                "deg",
-                (Line("tilt", colour, t, tilt), Line("heading", colour, t, heading, dash=DASHED)),
-                (t, known),
-            ),
-            Drawing("Velocity error, m/s", "m/s", (Line("apart", colour, t, velocity),), (t, known)),
-            Drawing("Position error, m", "m", (Line("apart", colour, t, position),), (t, known)),
+            Drawing("Attitude error, °", "deg", lines, (t, known)),
+            Drawing("Velocity error, m/s", "m/s", (Line("apart", colour, t, velocity), *of_velocity), (t, known)),
+            Drawing("Position error, m", "m", (Line("apart", colour, t, position), *of_position), (t, known)),
         ]
         for i, (chart, drawing) in enumerate(zip(self._charts, drawings, strict=True)):
             shown = i == 0 or curves.has_position
@@ -59,3 +60,18 @@ class LiveCharts:
         """Make every browser lay its charts out again; see Chart.relayout."""
         for chart in self._charts:
             chart.relayout()
+
+
+def expected_lines(curves: Curves, judgement: Judgement) -> tuple[tuple[Line, ...], ...]:
+    """1σ and 3σ of the errors since the anchor: attitude, velocity, position. Empty where nothing is expected."""
+    if not judgement.expected:
+        return ()
+    ages, *columns = np.array(judgement.expected).T
+    return tuple(_band(curves.t, np.interp(curves.age, ages, column)) for column in columns)
+
+
+def _band(t: Array, sigma: Array) -> tuple[Line, ...]:
+    return (
+        Line("1σ", palette.CURSOR, t, sigma, 1.2, DASHED, said=False, fill=0.16),
+        Line("3σ", palette.CURSOR, t, 3 * sigma, 1.2, DOTTED, said=False, fill=0.12),
+    )

@@ -220,6 +220,6 @@ class LiveStage:
     def _chart(self) -> None:
         if self._held is not None:
             past, at = self._held
-            self._charts.show(past.curves, at)
+            self._charts.show(past.curves, at, self._feed.judgement)
         elif len(self._history) > 1 and self.outlook.browsers:
-            self._charts.show(self._history.curves(), 0.0)
+            self._charts.show(self._history.curves(), 0.0, self._feed.judgement)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from companion.analysis import Verdict
-from companion.live import HORIZON_S, Judge, Opinion
+from companion.live import HORIZON_S, Band, Judge, Opinion
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import DataError, Flight
 from companion.simulate import Faults, SimulatedVehicle, fly
@@ -18,6 +18,7 @@ pytestmark = pytest.mark.slow
 STREAMS = {"RAW_IMU": 50.0, "ATTITUDE": 20.0, "LOCAL_POSITION_NED": 10.0, "GPS_RAW_INT": 5.0, "EKF_STATUS_REPORT": 2.0}
 GOOD = Verdict("consistent", "all is well", ())
 BAD = Verdict("imu_suspect", "gyro z", ())
+BAND = ((5.0, 1.0, 2.0, 3.0),)
 EPOCH = 1_700_000_000.0
 
 
@@ -27,10 +28,10 @@ class Said:
     def __init__(self, *verdicts: Verdict) -> None:
         self.verdicts, self.flights = iter(verdicts), list[Flight]()
 
-    def __call__(self, flight: Flight, imu: str | None) -> Verdict:
+    def __call__(self, flight: Flight, imu: str | None) -> tuple[Verdict, Band]:
         assert imu is None
         self.flights.append(flight)
-        return next(self.verdicts)
+        return next(self.verdicts), BAND
 
 
 def opinions(said: Said, *, every_s: float = 5.0, seconds: float = 60.0) -> Iterator[Opinion]:
@@ -48,6 +49,7 @@ def test_it_clears_when_the_fault_is_gone_and_keeps_the_record() -> None:
     found = list(opinions(said))
     assert [opinion.status for opinion in found[2:6]] == ["consistent", "imu_suspect", "imu_suspect", "consistent"]
     assert found[2].so_far == ("consistent", "no alarm so far")
+    assert found[2].expected == BAND
     last = found[-1]
     assert last.status == "consistent"
     assert [(alarm.text, round(alarm.last - alarm.first)) for alarm in last.alarms] == [("gyro z", 5), ("gyro z", 0)]
@@ -96,7 +98,7 @@ def test_it_is_noticed_in_the_imu_that_was_chosen() -> None:
 
 
 def test_what_cannot_be_judged_is_said() -> None:
-    def no(_flight: Flight, _imu: str | None) -> Verdict:
+    def no(_flight: Flight, _imu: str | None) -> tuple[Verdict, Band]:
         raise DataError("too short")
 
     judge = Judge(no, dialect=DEFAULT_DIALECT)

@@ -57,6 +57,7 @@ def test_the_newest_rows_are_kept_in_order() -> None:
     expected = np.column_stack([errors.tilt_deg, errors.heading_deg, errors.velocity_mps, errors.position_m])
     np.testing.assert_allclose(curves.errors, expected, atol=1e-9)
     np.testing.assert_array_equal(curves.free, past.free)
+    assert curves.age[-1] == pytest.approx(past.end - WHOLE.anchors[WHOLE.anchors <= past.end][-1], abs=1e-6)
     np.testing.assert_array_equal(curves.known, past.film.replay.reference_valid)
     history.clear()
     assert len(history) == 0
