@@ -27,6 +27,7 @@ DEFAULT_SYSID, DEFAULT_COMPID = 240, 191
 _GATHER_S = 0.01  # after the first byte: one decoding for what arrives together (SITL sends in bursts)
 _NOISE_BYTES = 200
 _OPEN = ("udpin", "udpout", "tcpin")  # anybody can send to these: noise of a stranger is not the vehicle's silence
+_MOST_SENDERS = 256  # whose frames are counted where twice as many speak: those that said the most
 _REMEMBER_S, _REMEMBERED = 1.0, 60  # how often what is lost is noted, and how many notes are kept
 
 
@@ -204,6 +205,11 @@ class Link:
             self.health.heard[ids] = self.health.heard.get(ids, 0) + len(seq)
             self._remember_lost(ids)
             self._sequence[ids] = (int(seq[-1]), ahead - int(place[-1]))
+        heard = self.health.heard
+        if len(heard) > 2 * _MOST_SENDERS:
+            for ids in sorted(heard, key=heard.__getitem__)[:-_MOST_SENDERS]:
+                for counts in (heard, self.health.lost, self._sequence, self._counted):
+                    counts.pop(ids, None)
 
     def _remember_lost(self, ids: tuple[int, int]) -> None:
         """A reboot is known some seconds after the sequence has begun anew: then the count goes back.

@@ -122,6 +122,21 @@ def test_late_packets_and_copies_are_no_losses(udp: Link) -> None:
     assert udp.health.lost[1, 1] == pytest.approx(12, abs=1)
 
 
+def test_of_a_crowd_only_those_who_say_the_most_are_counted(udp: Link) -> None:
+    vehicle = list(link_frames(800))
+    with udp_peer(udp.port) as peer:
+        for i, packet in enumerate(vehicle):
+            if i != 200:
+                peer.send(packet)
+            made_up = mavlink.MAVLink(None, srcSystem=2 + i % 250, srcComponent=1 + i // 250)
+            peer.send(mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3).pack(made_up))
+            if i % 100 == 99:  # no more at once than a socket holds
+                frames_until(udp, 199 if i == 299 else 200)
+    assert len(udp.health.heard) == len(udp.health.lost) <= 512
+    assert udp.health.heard[1, 1] == 799
+    assert udp.health.lost[1, 1] == 1
+
+
 def test_two_vehicles_on_one_link_are_counted_apart(udp: Link) -> None:
     with udp_peer(udp.port) as one, udp_peer(udp.port) as two:
         for i in range(50):
