@@ -103,6 +103,16 @@ def test_a_link_recorded_as_it_comes(tmp_path: Path) -> None:
     assert (tmp_path / "link.tlog").read_bytes() == expected
 
 
+def test_what_was_recorded_is_with_the_operating_system_before_the_next_is(tmp_path: Path) -> None:
+    decoder, path = Decoder(DIALECT, stamped=False), tmp_path / "a.tlog"
+    with Recorder(path) as recorder:
+        for frame in link_frames(50):
+            recorder.write(decoder.push(frame))
+            assert path.stat().st_size == recorder.size_bytes
+            assert path.read_bytes().endswith(frame), "what kill -9 would leave"
+    assert recorder.frames == 50
+
+
 def test_a_recording_of_nothing_is_not_left_behind(tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.tlog"):
         assert (tmp_path / "a.tlog").is_file()
