@@ -42,6 +42,7 @@ class UdpPort:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         self._fixed = where if address.kind == "udpout" else None
         self._peers: dict[Any, float] = {}  # address → when it was heard last
+        self._heard = False  # whether anybody ever was
         self._room = memoryview(bytearray(_READ))
         if address.kind == "udpin":
             _bind(self._socket, where, address)
@@ -49,7 +50,7 @@ class UdpPort:
 
     @property
     def problem(self) -> str:
-        return "" if self._peers else "nobody has sent anything yet"
+        return "" if self._heard else "nobody has sent anything yet"
 
     def wait(self, timeout_s: float) -> bool:
         return bool(select.select([self._socket], [], [], timeout_s)[0])
@@ -65,6 +66,7 @@ class UdpPort:
             except ConnectionError:  # "port unreachable" came back for something that was sent
                 continue
             self._peers[peer] = time.monotonic()
+            self._heard = True
             if len(self._peers) > _PEERS:
                 self._peers.pop(min(self._peers, key=self._peers.__getitem__))
             pieces.append(bytes(self._room[:count]))

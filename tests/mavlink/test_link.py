@@ -395,6 +395,17 @@ def test_a_silent_link_says_for_how_long(udp: Link) -> None:
         assert udp.problem == "silent for 7 s"
 
 
+def test_a_peer_that_is_no_longer_answered_has_sent_something(udp: Link, monkeypatch: pytest.MonkeyPatch) -> None:
+    with udp_peer(udp.port) as peer:
+        peer.send(next(link_frames(1)))
+        frames_until(udp, 1)
+    monkeypatch.setattr(sockets, "_PEER_S", 0.0)
+    udp.send(requests.heartbeat())
+    assert udp.health.last_frame is not None
+    udp.health.last_frame -= 40.0
+    assert udp.problem == "silent for 40 s"
+
+
 def test_noise_of_a_stranger_does_not_end_a_link_that_is_open_to_all() -> None:
     with Link("udpin:127.0.0.1:0", patience_s=0.0) as link, udp_peer(link.port) as peer:
         peer.send(bytes(500))
