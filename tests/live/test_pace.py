@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from typing import cast
+
+import pytest
 
 from companion.live import Judge, Opinion, Pace
 
@@ -45,6 +48,25 @@ def test_what_has_just_begun_is_judged_at_once() -> None:
     run(judge, pace, 2.0, 2.3)
     assert judge.judged[0] == 1.0
     assert 2.0 <= judge.judged[1] <= 2.25
+
+
+def test_what_stays_new_costs_no_more_than_so_much_between_two_turns() -> None:
+    class Slow(Judged):
+        def judge(self) -> Opinion:
+            until = time.process_time() + 0.05
+            while time.process_time() < until:
+                """Busy."""
+            return super().judge()
+
+    judge = Slow()
+    judge.news = True
+    pace = Pace(cast("Judge", judge))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("companion.live.pace._CALLED_S", 0.14)
+        run(judge, pace, 1.0, 4.0)
+        assert len(judge.judged) == 3, "in turn, and until it has cost so much"
+        run(judge, pace, 4.0, 5.4)
+    assert len(judge.judged) == 6
 
 
 def test_nothing_is_judged_or_looked_at_twice() -> None:
