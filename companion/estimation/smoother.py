@@ -208,7 +208,7 @@ def _carried(setup: Setup, states: States, before: CarriedImu | None) -> Carried
 
 def _result(setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Choice]) -> BestEstimate:
     states = settled.states
-    covariance, _ = linear.solution.covariances()
+    covariance = linear.solution.covariances()
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     if not (variance > 0).all():
         raise np.linalg.LinAlgError("variances are lost in rounding")
@@ -225,7 +225,7 @@ def _result(setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Cho
         index=setup.index,
         t=setup.t,
         states=states,
-        covariance=covariance[:, :9, :9],
+        covariance=covariance[:, :9, :9].copy(),
         correlation=Correlation(linear.solution.factor, linear.solution.border, linear.solution.constants_covariance),
         gyro_bias_sigma=sigma[:, GYRO_BIAS],
         accel_bias_sigma=sigma[:, ACCEL_BIAS],

@@ -79,40 +79,43 @@ class Solution:
     border: Array  # (K, 15, C) Y = A⁻¹ B
     constants_covariance: Array  # (C, C)
 
-    @cached_property
-    def inverse_blocks(self) -> tuple[Array, Array]:
-        """(K, 15, 15) and (K-1, 15, 15) blocks of A⁻¹ on the diagonal and right of it: the constants known."""
-        return self.factor.inverse_blocks()
+    @property
+    def marginals(self) -> Array:
+        """(K, 15, 15) blocks of A⁻¹ on the diagonal: the covariances of the keyframes, the constants known."""
+        return self._inverted[0]
 
-    @cached_property
+    @property
     def disturbances(self) -> tuple[Array, Array]:
         """e (K-1, 15) and D (K-1, 15, 15): the smoothed disturbance of every interval, and its variance.
 
         e = W r̂, D = W - W cov(r̂) W. A shock u to the states at the end of an interval would raise twice the logarithm
         of the likelihood by e' D⁻¹ e, and its size is D⁻¹ e, of the components that it moves (de Jong, Penzer 1998).
         """
+        return self._inverted[1:]
+
+    @cached_property
+    def _inverted(self) -> tuple[Array, Array, Array]:
+        """Both, together: the blocks beside the diagonal are let go at once."""
+        blocks = self.factor.inverse_blocks()
         w = self.motion.weight
         e = (w @ motion_residual(self.motion, self)[..., None])[..., 0]
         d = np.empty_like(w)
         for first in range(0, len(w), _BLOCK):
             part = slice(first, first + _BLOCK)
-            d[part] = w[part] - w[part] @ motion_residual_covariance(self.motion, self, part) @ w[part]
+            d[part] = w[part] - w[part] @ motion_residual_covariance(self.motion, self, blocks, part) @ w[part]
         own, left = np.diagonal(w, axis1=1, axis2=2), np.diagonal(d, axis1=1, axis2=2)
         known = (left > _ROUNDING * own).astype(np.float64)  # else nothing but rounding is left of the difference
         d *= known[:, :, None]
         d *= known[:, None, :]
-        return e * known, d
+        return blocks[0], e * known, d
 
-    def covariances(self) -> tuple[Array, Array]:
-        """Covariance (K, 15, 15) of every keyframe, and (K-1, 15, 15) of it with the next, the constants unknown."""
-        own, beside = (blocks.copy() for blocks in self.inverse_blocks)
-        y = self.border
-        for first in range(0, len(y), _BLOCK):
-            part, after = slice(first, first + _BLOCK), slice(first + 1, first + 1 + _BLOCK)
-            ys = y[part] @ self.constants_covariance
-            own[part] += ys @ y[part].swapaxes(-1, -2)
-            beside[part] += ys[: len(y) - 1 - first] @ y[after].swapaxes(-1, -2)
-        return own, beside
+    def covariances(self) -> Array:
+        """Covariance (K, 15, 15) of every keyframe, the constants unknown."""
+        out = self.marginals.copy()
+        for first in range(0, len(out), _BLOCK):
+            y = self.border[first : first + _BLOCK]
+            out[first : first + _BLOCK] += y @ self.constants_covariance @ y.swapaxes(-1, -2)
+        return out
 
 
 def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior: Prior) -> Solution:
@@ -198,9 +201,14 @@ def measurement_residual(one: Measurement, solution: Solution) -> Array:
     )
 
 
-def motion_residual_covariance(motion: Motion, solution: Solution, part: slice = _ALL) -> Array:
-    """(K-1, 15, 15) posterior covariance of r + Φ x_k + G c - x_{k+1}; part: of these intervals alone."""
-    own, beside = solution.inverse_blocks
+def motion_residual_covariance(
+    motion: Motion, solution: Solution, blocks: tuple[Array, Array], part: slice = _ALL
+) -> Array:
+    """(K-1, 15, 15) posterior covariance of r + Φ x_k + G c - x_{k+1}; part: of these intervals alone.
+
+    blocks: of A⁻¹, as `Factor.inverse_blocks` gives them.
+    """
+    own, beside = blocks
     phi = motion.transition[part]
     crossed = phi @ beside[part]
     chain = phi @ own[:-1][part] @ phi.swapaxes(-1, -2) - crossed - crossed.swapaxes(-1, -2) + own[1:][part]
@@ -211,7 +219,7 @@ def motion_residual_covariance(motion: Motion, solution: Solution, part: slice =
 
 def measurement_variance(one: Measurement, solution: Solution) -> Array:
     """(M, d) variance of the posterior of every component of H x + H_c c."""
-    own, _ = solution.inverse_blocks
+    own = solution.marginals
     variance = np.empty(one.residual.shape)
     for first in range(0, len(variance), _BLOCK):
         part = slice(first, first + _BLOCK)

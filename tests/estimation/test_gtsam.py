@@ -55,7 +55,7 @@ def test_states_and_covariances_are_those_of_gtsam() -> None:
     linear = problem()
     graph = in_gtsam(linear)
     solved = graph.optimize()
-    covariance, _ = linear.solution.covariances()
+    covariance = linear.solution.covariances()
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     theirs = np.array([solved.at(k) for k in range(len(linear.solution.x))])
     assert np.abs((theirs - linear.solution.x) / sigma).max() < 0.01
