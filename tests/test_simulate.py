@@ -232,7 +232,7 @@ def test_the_autopilots_filter_is_found_as_the_lag_that_it_is(
     lag = re.search(r"lags ([\d.]+) ± ([\d.]+) ms", printed)
     assert lag
     assert float(lag[1]) == pytest.approx(11.25, abs=3 * float(lag[2]))
-    assert "Figures:   bmi270 (INS_GYR_ID" in printed
+    assert "IMU noise model: bmi270 (INS_GYR_ID" in printed
 
 
 def test_the_estimate_may_be_late() -> None:

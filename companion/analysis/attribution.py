@@ -164,7 +164,7 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
     rival = rival_of_another(episode, FAR if noisy else CLOSE)
     reasons = (
         (episode.kind.endswith("_shock"),
-         "a shock, strong vibration or lost samples do this too: no sensor is accused of a moment"),
+         "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment"),
         (episode.magnitude < SIGMAS * episode.sigma, "its size is hardly more than its σ"),
         (stronger is not None,
          f"{_named(stronger)}, which begins with it, explains far more: this may be what that leaves"),

@@ -40,7 +40,7 @@ class ReferenceFigures:
     time_offset: float = 0.01  # s, IMU against the autopilot's estimate: ArduPilot's 20 Hz filter lags by 12 ms
     misalignment: float = 0.005  # rad, between the axes of the IMU and those of the attitude
     gravity: float = 0.003  # m/s²: height, the latitude that "standard" ignores, geoid
-    reason: str = "by settings"  # where they come from
+    reason: str = "from the settings"  # where they come from
 
 
 GENERIC = ImuFigures(

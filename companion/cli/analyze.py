@@ -80,7 +80,7 @@ def _refuse(lacking: Unexamined, source: Source, *, as_json: bool) -> int:
     else:
         for line in tables.verdict_lines(lacking.verdict):
             tables.console().print(line, highlight=False)
-    options.say(f"companion: nothing was analysed. See what the log has with: companion info {source.path}")
+    options.say(f"companion: nothing was analysed. What the log has: companion info {source.path}")
     return DataError.exit_code
 
 
@@ -98,7 +98,7 @@ def _print(examined: Examination, console: Console) -> None:
         f"{flight.duration:.1f} s",
         f"IMU:       {table.imu} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
         + (f", {gaps} holes" if gaps else ""),
-        f"Figures:   {found.figures.name} ({escape(found.figures.reason)})",
+        f"IMU noise model: {found.figures.name} ({escape(found.figures.reason)})",
         *sensor_lines.noise_lines(found),
         sensor_lines.autopilot_line(found),
         f"Reference: {reference_line(flight)}",
@@ -119,7 +119,7 @@ def _print(examined: Examination, console: Console) -> None:
         excluded = any(row.excluded for row in table.rows)
         console.print(f"No window could be used: {'see above' if excluded else 'the flight is too short'}.")
         return
-    console.print("\n[bold]What it should be, with these figures[/]")
+    console.print("\n[bold]Expected drift (1σ)[/]")
     console.print(tables.expected_table(found), no_wrap=True)
     if len(examined.siblings) > 1:
         console.print("\n[bold]Every IMU after 5 s[/]")

@@ -22,7 +22,7 @@ _OF_B = {
     "vehicle": ("SYSID[:COMPID]", "vehicle"),
     "boot": ("N", "boot"),
     "imu": ("NAME", "message to integrate"),
-    "imu_model": ("NAME", "figures of the IMU"),
+    "imu_model": ("NAME", "IMU noise model"),
     "method": ("NAME", "integrator"),
     "correction": ("FILE", "correction by companion calibrate"),
 }
@@ -114,7 +114,7 @@ def _print(found: Contrast, a: tuple[Recording, Examination], b: tuple[Recording
         console.print(f"* larger than the spread between windows: 95 % intervals of the change, {how}")
         for line in _significant(found):
             console.print(line, highlight=False)
-        console.print("\n[bold]What it should be, 1σ[/]")
+        console.print("\n[bold]Expected drift (1σ)[/]")
         console.print(_budget_table(found), no_wrap=True)
     console.print()
     for line in (*_finding_lines(found), *_figure_lines(found)):

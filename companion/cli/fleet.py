@@ -142,7 +142,7 @@ def _print(fleet: Fleet, seconds: float) -> None:
     names = short_names([row["log"] for row in rows.flights])
     ratios = worst_ratios(rows)
     if flights := by_concern(rows)[:_MOST]:
-        console.print("\n[bold]To look at first[/]")
+        console.print("\n[bold]Look at these first[/]")
         shown = _table("flight", "verdict", "worst ÷ expected>", "because")
         shown.columns[0].max_width = _NAME_WIDTH
         for row in flights:

@@ -34,7 +34,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument(
         "--verbose",
         action="store_true",
-        help="also: arming, modes, errors and texts of the vehicle; who else speaks, and why it is no vehicle",
+        help="also: arming, modes, errors and texts of the vehicle; other senders, and why they are not vehicles",
     )
     parser.add_argument(
         "--table",
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     console = tables.console()
     console.print(_summary(recording.source), highlight=False)
     if not recording.flights:
-        console.print("No vehicle speaks in this log.")
+        console.print("This log has no telemetry of a vehicle.")
     flights = recording.flights if arguments.verbose else _with_the_most(recording.flights)
     for flight in flights:
         _print_flight(console, flight)
@@ -96,7 +96,7 @@ def _print_said(console: Console, flight: Flight) -> None:
 
 def _print_bystanders(console: Console, recording: Recording) -> None:
     if recording.bystanders:
-        console.print("\n[bold]Others who speak, and why they are no vehicle[/]")
+        console.print("\n[bold]Other senders, and why they are not vehicles[/]")
     for other in recording.bystanders:
         who = f"{other.sysid}:{other.compid}"
         said = ", ".join(f"{name} ({count})" for name, count in sorted(recording.source.speakers[who].items()))

@@ -147,7 +147,7 @@ def _head(noise: ImuNoise) -> Iterator[str]:
         yield f"Aliasing: {share:.0%} of the white noise is folded from above {noise.rate_hz / 2:.1f} Hz"
     else:
         seen = how.source == "spectrum"
-        yield "Sampling: " + (f"no low-pass ({told})" if seen else "taken as unfiltered (the log does not tell)")
+        yield "Sampling: " + (f"no low-pass ({told})" if seen else "assumed unfiltered (not stated in the log)")
         yield f"Aliasing: whatever shakes faster than {noise.rate_hz / 2:.1f} Hz is folded in"
 
 

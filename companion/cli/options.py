@@ -127,7 +127,7 @@ def add_anchor(parser: argparse.ArgumentParser) -> None:
         "--anchor",
         choices=("autopilot", "rest"),
         default="autopilot",
-        help="rest: align the IMU by itself where the vehicle first stands still, and reckon it from there on "
+        help="rest: align the IMU by itself where the vehicle first stands still, and dead-reckon from there on "
         "(default: autopilot)",
     )
 

@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = options.settings_of(arguments)
     path = options.log_path(arguments)
     if log_format(path) != "mavlink":
-        raise InputError(f"{path} is no telemetry log: only a .tlog holds packets that can be sent again.")
+        raise InputError(f"{path} is not a telemetry log: only a .tlog holds packets that can be sent again.")
     senders = None if arguments.everybody else _vehicles(arguments, path)
     port = open_port(address)
     try:

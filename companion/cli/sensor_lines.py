@@ -56,7 +56,7 @@ def noise_lines(found: Assessment) -> Iterator[str]:
         if still:
             parts.append(f"{short(min(still) * factor)} at rest")
         elif resting:
-            parts.append("at rest less than the steps of the readings show")
+            parts.append("at rest: below quantisation")
         if moving:
             parts.append(f"{short(moving * factor)} in flight")
         yield f"{label:<11}{name} {', '.join(parts)}"
@@ -66,8 +66,8 @@ def autopilot_line(found: Assessment) -> str:
     """How far off the autopilot's own estimate is taken to be."""
     own = found.autopilot
     return (
-        f"Autopilot: off by {own.tilt * _DEGREES:.1f}° in tilt, {own.heading * _DEGREES:.1f}° in heading, "
-        f"{short(own.velocity)} m/s, {short(own.position)} m (1σ, {escape(own.reason)})"
+        f"Assumed autopilot error (1σ): tilt {own.tilt * _DEGREES:.1f}°, heading {own.heading * _DEGREES:.1f}°, "
+        f"{short(own.velocity)} m/s, {short(own.position)} m ({escape(own.reason)})"
     )
 
 
@@ -122,7 +122,7 @@ def _other_witnesses(found: Assessment) -> Iterator[str]:
 def alignment_lines(found: Alignment) -> Iterator[str | Table]:
     """How the IMU aligned itself at rest, and how far its attitude is from the autopilot's later."""
     rest = found.rest
-    yield f"\n[bold]The IMU by itself from rest[/] ({rest.start_s:.1f}-{rest.end_s:.1f} s)"
+    yield f"\n[bold]The IMU alone, from rest[/] ({rest.start_s:.1f}-{rest.end_s:.1f} s)"
     heading = {"nothing": "unknown: taken as north"}.get(found.heading_from, f"from the {found.heading_from}")
     yield f"Roll and pitch from gravity (± {_degrees(found.tilt_sigma)} each), heading {heading}" + (
         f" (± {_degrees(found.heading_sigma)})" if found.heading_from != "nothing" else ""

@@ -35,8 +35,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     parser.add_argument("link", metavar="LINK", nargs="?", help="udpout:HOST:PORT, tcpin:HOST:PORT, ...")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the whole flight into this .tlog instead")
-    parser.add_argument("--motion", choices=sorted(MOTIONS), default="square", help="what it flies (default: square)")
-    parser.add_argument("--autopilot", choices=("ardupilot", "px4"), default="ardupilot", help="whose manners it has")
+    parser.add_argument("--motion", choices=sorted(MOTIONS), default="square", help="the motion it flies (default: square)")
+    parser.add_argument("--autopilot", choices=("ardupilot", "px4"), default="ardupilot", help="which autopilot's behaviour it has")
     parser.add_argument("--duration", type=float, default=600.0, metavar="S", help="seconds (default: 600)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed gives the same flight")
     parser.add_argument("--sysid", type=int, default=1, metavar="N", help="MAVLink system id (default: 1)")
@@ -134,7 +134,7 @@ def faults_of(names: list[str]) -> Faults:
         except ValueError:
             t = -1.0
         if not 0 <= t < np.inf:
-            raise SettingsError(f"--fault {text}: {when!r} is no time in seconds.")
+            raise SettingsError(f"--fault {text}: {when!r} is not a time in seconds.")
         known: dict[str, dict[str, object]] = {
             "imu-bias": {"imu_bias": (t, 0.02)},
             "imu-stuck": {"imu_stuck": t},

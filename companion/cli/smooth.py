@@ -105,7 +105,7 @@ def _print(flight: Flight, best: BestEstimate, errors: Sequence[AutopilotError],
         if table.row_count:
             console.print(f"\n[bold]{title}[/]", highlight=False)
             console.print(table, no_wrap=True)
-    console.print("\n[bold]What the sensors do not agree on[/]", highlight=False)
+    console.print("\n[bold]Where the sensors disagree[/]", highlight=False)
     for line in _explained(best.explained):
         console.print(line, highlight=False)
     for note in best.notes:

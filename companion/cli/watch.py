@@ -116,7 +116,7 @@ def _command(text: str) -> list[str]:
     try:
         return shlex.split(text)
     except ValueError as error:
-        raise SettingsError(f"--on-change {text} is no command: {error}.") from None
+        raise SettingsError(f"--on-change {text} is not a command: {error}.") from None
 
 
 class _Lines:

@@ -77,7 +77,7 @@ def smooth(
     except np.linalg.LinAlgError as error:
         raise DataError(
             f"{setup.imu.source}: no estimate of the trajectory can be made of these readings ({error}). "
-            "Look at them with `companion info`; another IMU may be in order: --imu."
+            "Look at them with `companion info`; try another IMU: --imu."
         ) from error
 
 

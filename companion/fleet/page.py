@@ -43,7 +43,7 @@ def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
     counted = count_findings(rows)
     failed = errors(rows)
     sections = [
-        Section("first", "To look at first", _flights(ordered[:_WORST], rows, names, after, why=True)),
+        Section("first", "Look at these first", _flights(ordered[:_WORST], rows, names, after, why=True)),
         *_histories(rows, charts, names),
         Section(
             "findings",

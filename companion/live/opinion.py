@@ -144,7 +144,7 @@ class Judge:
 
     def _said(self, flight: Flight | None) -> tuple[State, str, Band]:
         if flight is None:
-            return "", "no IMU messages have come", ()
+            return "", "no IMU messages received", ()
         part = phases(flight)[-1]
         if part.kind == "aligning":
             return "starting", f"the estimator is aligning ({part.reason}): nothing is judged yet", ()

@@ -108,7 +108,7 @@ class LiveReplay:
         if self.vehicle is not None:
             usable = [f for f in usable if self.vehicle in (str(f.vehicle), str(f.vehicle.sysid))]
         if not usable:
-            self.why_not = "no IMU messages" if newest else "no vehicle is heard"
+            self.why_not = "no IMU messages" if newest else "no vehicle on the link"
             return None
         shown = self._boot[0] if self._boot else ""  # two vehicles that send alike must not take turns
         return max(usable, key=lambda f: (str(f.vehicle) == shown, len(f.imus[f.default_imu or ""])))

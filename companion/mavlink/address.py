@@ -56,4 +56,4 @@ def parse_address(text: str) -> Address:
         return Address(kinds[kind], host.strip("[]"), port)
     if match := _SERIAL.fullmatch(text):
         return Address("serial", device=match[1], baud=int(match[2] or DEFAULT_BAUD))
-    raise InputError(f"{text!r} is no link: use {_FORMS}.")
+    raise InputError(f"{text!r} is not a link: use {_FORMS}.")

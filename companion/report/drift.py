@@ -56,7 +56,7 @@ def drift(subject: Subject) -> Section:
         panels, "seconds on the IMU alone", type="log", tickvals=ticks, ticktext=[f"{h:g}" for h in ticks]
     )
     caption = (
-        "Every window starts from the autopilot's own state and is held against it at its end. 1σ: what is expected."
+        "Every window starts from the autopilot's own state and is compared with it at its end. 1σ: what is expected."
     )
     chart = subject.charts.add(figure, caption, rows=len(panels))
     cells = []
@@ -84,7 +84,7 @@ def drift(subject: Subject) -> Section:
 def budget(subject: Subject) -> Section:
     """What the expected error is made of."""
     rows = [row for row in subject.numbers.drift if row.expected]
-    title = "What it should be, and why"
+    title = "Expected drift, and what causes it"
     if not rows:
         return Section("budget", title, paragraph("Without windows there is no error to expect."))
     names = [
@@ -117,7 +117,7 @@ def budget(subject: Subject) -> Section:
         rows=len(panels),
     )
     figures, noise = subject.found.figures, subject.found.measured_noise
-    lines = [f"Figures of {figures.name}: {figures.reason}."]
+    lines = [f"IMU noise model: {figures.name} ({figures.reason})."]
     if noise is not None:
         lines.append(
             f"Noise in flight: {noise[0]:.2g} rad/s/√Hz and {noise[1]:.2g} m/s²/√Hz: "

@@ -90,7 +90,7 @@ def markup(found: Bands, low: float, high: float) -> str:
             rows.append(_box(*place(span), 17, HEIGHT - 17, (*palette.SEVERITIES[span.severity], opacity)))
     return (
         f'<div class="companion-bands" style="position:relative;height:{HEIGHT}px;overflow:hidden;'
-        f'background:rgba(130,130,130,0.12)">{"".join(rows)}</div>'
+        f'background:rgba{(*palette.BAND, palette.BAND_OPACITY)}">{"".join(rows)}</div>'
     )
 
 

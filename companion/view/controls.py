@@ -27,7 +27,8 @@ _STYLE = (
     f':root[data-mantine-color-scheme="light"]{{--companion-trouble:{palette.css(palette.TROUBLE)}}}'
     f':root[data-mantine-color-scheme="dark"]{{--companion-trouble:{palette.css(palette.TROUBLE_ON_DARK)}}}'
     # viser's remark on a machine without a graphics card must not lie on the verdict.
-    '[class*="mantine-Notifications-root"]{top:110px!important}</style>'
+    '[class*="mantine-Notifications-root"]{top:110px!important}'
+    '[class*="mantine-Notification-description"]{color:inherit!important}</style>'
 )
 
 

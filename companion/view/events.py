@@ -89,7 +89,7 @@ class SetSpeed:
 
 @dataclass(frozen=True, slots=True)
 class SetLoop:
-    """Start over where the part ends, or stop there."""
+    """Start again where the part ends, or stop there."""
 
     loop: bool
 

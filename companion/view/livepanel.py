@@ -15,7 +15,7 @@ from companion.view.moment import Moment
 from companion.view.picture import PictureControls
 from companion.view.reckoning import JOINED, METHODS, MIDDLES
 
-BEST = "The best that comes"
+BEST = "Automatic"
 LONGEST_REANCHOR_S = 20.0
 """That the page offers; whoever keeps the messages keeps two such periods."""
 
@@ -37,14 +37,14 @@ class LivePanel:
         camera_row(gui, post)
         self._legend = gui.add_html("")
         self._numbers = gui.add_html("")
-        with gui.add_folder("Reckoning from the IMU"):
+        with gui.add_folder("Dead reckoning"):
             self._vehicle = gui.add_dropdown("Vehicle", ("none",), visible=False)
             self._imu = gui.add_dropdown("IMU", (BEST,))
             self._method = gui.add_dropdown(
                 "Integrator", tuple(METHODS), initial_value=key_of(METHODS, self._choice.how.method)
             )
             self._middle = gui.add_dropdown(
-                "Joined by", tuple(MIDDLES), initial_value=key_of(MIDDLES, self._choice.how.middle), hint=JOINED
+                "Interpolation", tuple(MIDDLES), initial_value=key_of(MIDDLES, self._choice.how.middle), hint=JOINED
             )
             self._period = gui.add_number(
                 "Re-anchor, s",
@@ -52,7 +52,7 @@ class LivePanel:
                 min=0.5,
                 max=longest,
                 step=0.5,
-                hint="Start again from the autopilot's state so often",
+                hint="Restart from the autopilot's state at this interval",
             )
             self._anchor = gui.add_button("Anchor now", icon=viser.Icon.ANCHOR, hint="Also begins the free run again")
         with gui.add_folder("Verdict and drift so far"):
@@ -64,7 +64,7 @@ class LivePanel:
         trails = {
             "Last 30 s": events.SetTrail(30.0),
             "Last 2 minutes": events.SetTrail(120.0),
-            "All that is kept": events.SetTrail(None),
+            "Everything kept": events.SetTrail(None),
         }
         self._picture = PictureControls(gui, trails, post, expects=False)
         self._listen(gui, post, window_s, longest)

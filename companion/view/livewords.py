@@ -62,7 +62,7 @@ def legend(vehicle: str, *, has_position: bool) -> str:
         f"{_dot(palette.AUTOPILOT, 0.6)}<b>See-through: the autopilot</b>, its own estimate",
     ]
     if has_position:
-        rows.append(f"{_dot(palette.FREE)}Ball: the IMU left alone for longer")
+        rows.append(f"{_dot(palette.FREE)}Ball: the IMU alone since the free run began")
         rows.append(f"{_dot(palette.DIFFERENCE)}Line: the distance of the IMU from the autopilot")
     else:
         rows.append("No position is sent: only the attitudes are compared.")

@@ -42,8 +42,10 @@ TROUBLE: Rgb = (176, 32, 24)
 TROUBLE_ON_DARK: Rgb = (255, 138, 128)
 """Words on a panel that say what goes wrong."""
 MODES: tuple[Rgb, Rgb] = ((120, 135, 190), (190, 165, 120))
-MODES_OPACITY = 0.35
-"""Behind the names of flight modes; neighbours differ."""
+MODES_OPACITY = 0.25
+"""Behind the names of flight modes, over `BAND`; neighbours differ."""
+BAND, BAND_OPACITY = CURSOR, 0.12
+"""Behind all bands of the timeline."""
 
 
 def contrast(one: Rgb, other: Rgb) -> float:

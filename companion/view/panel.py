@@ -82,7 +82,7 @@ def _legend(flight: Flight, film: Footage, colours: Mapping[str, Rgb], further: 
     who = escape(tables.kind(vehicle))
     line = "width:1em;height:0.25em"
     rows = [
-        f"{swatch(colours[source])}<b>Solid: {escape(source)} alone</b>, reckoned from its readings",
+        f"{swatch(colours[source])}<b>Solid: {escape(source)} alone</b>, dead-reckoned from its readings",
         *(f"{swatch(colours[name])}{escape(name)}, likewise" for name in film.others),
         f"{swatch(palette.AUTOPILOT, 0.6)}<b>See-through: the autopilot</b>, its own estimate",
     ]

@@ -11,7 +11,7 @@ from companion.view.controls import listen
 from companion.view.further import SHOWN, Further
 
 FURTHER: dict[Further, tuple[str, str]] = {
-    "gps": ("GPS fixes", "Where the GPS receiver was by its own word: nobody has filtered them"),
+    "gps": ("GPS fixes", "Positions of the GPS receiver, unfiltered"),
     "best": ("Best estimate", "From IMU, GPS, compass, barometer and rest, without the autopilot's estimate"),
 }
 """Name and hint."""

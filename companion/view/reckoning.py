@@ -12,10 +12,10 @@ from companion.view.choice import NO_BIAS, Corrected, Offer, ReplayChoice
 from companion.view.controls import bounded, key_of, listen, write
 
 METHODS = {"RK4 (most exact)": "rk4", "Midpoint": "midpoint", "Euler (simplest)": "euler"}
-MIDDLES = {"Straight lines (linear)": "linear", "Curves (cubic)": "cubic"}
-JOINED = "How the readings are taken to run from one sample to the next"
+MIDDLES = {"Linear": "linear", "Cubic": "cubic"}
+JOINED = "How the readings are interpolated between two samples"
 GRAVITIES: dict[str, str | float] = {"9.80665 (standard)": "standard", "Where it flew (WGS-84)": "normal"}
-CORRECTIONS: dict[str, Corrected] = {"As they are": "no", "By this flight's calibration": "flight"}
+CORRECTIONS: dict[str, Corrected] = {"Uncorrected": "no", "Corrected by this flight's calibration": "flight"}
 MOST_SEGMENTS = 64
 MOST_OTHERS = 6
 GYRO_RANGE, ACCEL_RANGE = 20.0, 0.5  # mrad/s and m/s², either way
@@ -24,7 +24,7 @@ GYRO_UNIT, ACCEL_UNIT = (
     "mrad/\u2060s",
     "m/\u2060s²",
 )  # with a word joiner: a narrow label breaks before the unit, not in it
-BESIDE = f'<div style="padding:0 1em;font-size:0.8em;opacity:{palette.QUIET}">Beside it, as they are:</div>'
+BESIDE = f'<div style="padding:0 1em;font-size:0.8em;opacity:{palette.QUIET}">Also shown, uncorrected:</div>'
 
 
 class ReckoningControls:
@@ -35,35 +35,35 @@ class ReckoningControls:
         self._gravities, self._corrections = GRAVITIES, dict(CORRECTIONS)
         self._choice = ReplayChoice()
         if offer.correction_file is not None:
-            self._corrections[f"By {offer.correction_file}"] = "file"
+            self._corrections[f"Corrected by {offer.correction_file}"] = "file"
         self._horizons = {f"{h:g} s": h for h in offer.horizons_s}
-        with gui.add_folder("Reckoning from the IMU"):
+        with gui.add_folder("Dead reckoning"):
             self._imu = gui.add_dropdown("IMU", ("none",))
             self._beside = gui.add_html(BESIDE, visible=False)
             self._others = [
-                gui.add_checkbox("", False, visible=False, hint="Its trajectory too, as it is, beside the chosen one")
+                gui.add_checkbox("", False, visible=False, hint="Its trajectory too, uncorrected")
                 for _ in range(MOST_OTHERS)
             ]
             self._names: list[str] = []
             self._correction = gui.add_dropdown(
-                "Readings", tuple(self._corrections), hint="Take the errors out that calibration finds"
+                "Readings", tuple(self._corrections), hint="Remove the errors that the calibration finds"
             )
             self._horizon = gui.add_dropdown(
-                "Horizon", tuple(self._horizons), hint="The length of window that 'after so many seconds' speaks of"
+                "Horizon", tuple(self._horizons), hint="Length of the windows of drift table and charts"
             )
             self._method = gui.add_dropdown("Integrator", tuple(METHODS))
-            self._middle = gui.add_dropdown("Joined by", tuple(MIDDLES), hint=JOINED)
+            self._middle = gui.add_dropdown("Interpolation", tuple(MIDDLES), hint=JOINED)
             self._segments = gui.add_number(
-                "Segments", 1, min=1, max=MOST_SEGMENTS, step=1, hint="Steps of the integrator between two samples"
+                "Segments", 1, min=1, max=MOST_SEGMENTS, step=1, hint="Integration steps between two samples"
             )
             self._gravity = gui.add_dropdown("Gravity, m/s²", tuple(GRAVITIES))
             self._anchored = gui.add_checkbox(
-                "Re-anchor", True, hint="Start again from the autopilot's state, over and over; off: run free"
+                "Re-anchor", True, hint="Restart from the autopilot's state at this interval; off: run free"
             )
             self._period = gui.add_number("every, s", 10.0, min=0.5, max=3600.0, step=0.5)
             self._start = gui.add_number("from, s", 0.0, min=0.0, step=0.1, hint="Seconds since the vehicle's boot")
             self._here = gui.add_button("Start from the instant shown", icon=viser.Icon.ANCHOR)
-        with gui.add_folder("Take a bias off the IMU", expand_by_default=False):
+        with gui.add_folder("Subtract a bias from the IMU", expand_by_default=False):
             self._gyro = [
                 gui.add_slider(f"Gyro {axis}, {GYRO_UNIT}", -GYRO_RANGE, GYRO_RANGE, 0.1, 0.0) for axis in AXES
             ]

@@ -71,7 +71,7 @@ def find_address(host: str, port: int, *, token: bool = False) -> Address:
     for family, address in places:
         if not _bindable(family, address, 0):
             raise InputError(
-                f"{host!r} is {address}, and that is no address of this machine. Use 127.0.0.1 for this machine "
+                f"{host!r} is {address}, which is not an address of this machine. Use 127.0.0.1 for this machine "
                 "alone, 0.0.0.0 for every network that it is in, or one of its own addresses."
             )
     for candidate in [port] if port == 0 else range(port, min(port + PORTS_TRIED, 65536)):

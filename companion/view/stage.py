@@ -232,7 +232,7 @@ class Stage:
         self.outlook.place(_framing(self._film))
         self._colours, self._home = palette.of_imus(self._flight.imus), home_position(self._flight)
         self.outlook.scene.load(self._film, self.outlook.framing, self.outlook.drone, self._colours, self._home)
-        self._wait("The analysis is at work.")
+        self._wait("Analysis in progress.")
         self._say()
 
     def _wait(self, why: str) -> None:

@@ -64,10 +64,10 @@ KEYS: list[tuple[str, Key, bool, events.Event]] = [  # name, key, with shift, wh
     ("Forward 1 s", "arrowright", False, events.Step(1.0)),
     ("Back one IMU sample", "arrowleft", True, events.StepSample(-1)),
     ("Forward one IMU sample", "arrowright", True, events.StepSample(1)),
-    ("To the event before", "arrowup", False, events.Jump("mark", forward=False)),
-    ("To the next event", "arrowdown", False, events.Jump("mark", forward=True)),
-    ("To the anchor before", "pageup", False, events.Jump("anchor", forward=False)),
-    ("To the next anchor", "pagedown", False, events.Jump("anchor", forward=True)),
+    ("Previous event", "arrowup", False, events.Jump("mark", forward=False)),
+    ("Next event", "arrowdown", False, events.Jump("mark", forward=True)),
+    ("Previous anchor", "pageup", False, events.Jump("anchor", forward=False)),
+    ("Next anchor", "pagedown", False, events.Jump("anchor", forward=True)),
     ("To the start", "home", False, events.SeekShare(0.0)),
     ("To the end", "end", False, events.SeekShare(1.0)),
     ("Part: from here", "I", False, events.SetPart("from")),
@@ -100,7 +100,7 @@ class Timeline:
         with folder:
             self._speed = gui.add_dropdown("Speed", SPEEDS, initial_value="1×")
             self._backwards = gui.add_checkbox("Backwards", False)
-            self._loop = gui.add_checkbox("Repeat", False, hint="Start over where the part ends")
+            self._loop = gui.add_checkbox("Repeat", False, hint="Start again where the part ends")
             button_row(gui, "Part", PARTS, post, "Play and plot only a part of the flight. Keys: I, O, B")
             self._event = gui.add_dropdown("Go to", (NO_MARK,))
         self._marks: list[Mark] = []
@@ -138,7 +138,7 @@ class Timeline:
         """Draw the strip of marks with the part that is played."""
         low, high = player.first, player.last
         shown = self._anchors if len(self._anchors) <= MOST_ANCHORS else ()
-        anchors = [Mark(t, "the IMU starts again here", "anchor") for t in shown]
+        anchors = [Mark(t, "the IMU restarts from the autopilot's state here", "anchor") for t in shown]
         part = (player.start, player.end) if player.is_part else None
         # The bands lie under the slider's track, the marks below: beside it are the label and the number.
         self._strip.content = (

@@ -54,7 +54,7 @@ class DriftTab:
     def load(self, insight: Insight | None, colours: Mapping[str, Rgb]) -> None:
         """Show what the analysis says; None: nothing yet."""
         if insight is None:
-            self._tables.content = '<div style="padding:0.5em 1em;font-size:0.85em">The analysis is at work.</div>'
+            self._tables.content = '<div style="padding:0.5em 1em;font-size:0.85em">Analysis in progress.</div>'
             return
         assessment = insight.assessment
         colour = colours[assessment.drift.imu]

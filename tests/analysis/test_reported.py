@@ -36,7 +36,7 @@ def test_variances_take_the_place_of_settings() -> None:
     assert found.heading == pytest.approx(0.05)
     assert found.velocity == pytest.approx(np.sqrt(0.02))
     assert found.position == settings.position, "where it is on Earth is no error of a window"
-    assert found.reason == "tilt, heading, velocity by ODOMETRY; the rest by settings"
+    assert found.reason == "tilt, heading, velocity from ODOMETRY; the rest from the settings"
     assert autopilot_of(Settings(), told) == found
     assert autopilot_of(Settings(autopilot=AutopilotSettings(reported=False)), told) == settings
 

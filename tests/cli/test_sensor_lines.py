@@ -17,7 +17,7 @@ DEMO = str(BUNDLED / "copter-demo-100hz.tlog")
 def test_from_rest_in_words_and_numbers(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["analyze", DEMO, "--anchor", "rest"]) == 0
     text = capsys.readouterr().out
-    assert "The IMU by itself from rest (62.5-74.8 s)" in text
+    assert "The IMU alone, from rest (62.5-74.8 s)" in text
     assert "heading from the magnetometer" in text
     assert main(["analyze", DEMO, "--anchor", "rest", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["flights"][0]

@@ -102,7 +102,7 @@ def test_what_cannot_be_judged_is_said() -> None:
         raise DataError("too short")
 
     judge = Judge(no, dialect=DEFAULT_DIALECT)
-    assert (judge.judge().status, judge.judge().text) == ("", "no IMU messages have come")
+    assert (judge.judge().status, judge.judge().text) == ("", "no IMU messages received")
     vehicle = SimulatedVehicle(fly(20.0, motion="rest"), streams=STREAMS)
     for t, packets in bursts(vehicle, 15.0):
         judge.hear(packets, EPOCH + t)

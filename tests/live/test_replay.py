@@ -68,7 +68,7 @@ def test_where_nothing_can_be_shown_the_reason_is_said() -> None:
     stream = Stream()
     live = LiveReplay(stream)
     assert live.look() is None
-    assert live.why_not == "no vehicle is heard"
+    assert live.why_not == "no vehicle on the link"
     vehicle = SimulatedVehicle(fly(5.0), streams={"ATTITUDE": 50.0})
     stream.push(b"".join(packet for _, packet in vehicle.advance(3.0)), 1.7e9)
     assert live.look() is None

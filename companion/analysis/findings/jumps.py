@@ -33,7 +33,7 @@ def jump_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
             start,
             end,
             f"the heading steps by {np.degrees(step):.1f}° that the gyro did not feel",
-            "The estimator has set its yaw anew. Some degrees after take-off are usual; more is a compass problem.",
+            "The estimator has reset its yaw. Some degrees after take-off are usual; more is a compass problem.",
         )
 
 

@@ -97,7 +97,7 @@ def stamp_findings(
             first[0],
             last[1],
             f"the IMU lags {first[2] * 1e3:.0f} ms behind the attitude at first and "
-            f"{last[2] * 1e3:.0f} ms at last: their clocks do not run alike",
+            f"{last[2] * 1e3:.0f} ms at last: their clocks run at different rates",
             "Both have to be stamped by one clock. Record the autopilot's own messages"
             + ("." if flight.on_board else ", or use the on-board log."),
         )
