@@ -40,10 +40,14 @@ from companion.model import (
     StatusText,
     Trajectory,
     Vehicle,
+    from_euler,
 )
+from companion.plot import plot_drift, plot_errors, plot_path
 from companion.recording import open_log
 from companion.settings import Settings, load_settings
-from companion.strapdown import reckon
+from companion.strapdown import quaternion, reckon
+
+to_euler = quaternion.to_euler
 
 __all__ = [
     "Assessment",
@@ -83,10 +87,15 @@ __all__ = [
     "drift",
     "examine",
     "export",
+    "from_euler",
     "load_settings",
     "open_log",
+    "plot_drift",
+    "plot_errors",
+    "plot_path",
     "reckon",
     "replay",
     "rpe",
     "smooth",
+    "to_euler",
 ]

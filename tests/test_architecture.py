@@ -67,7 +67,8 @@ MAY_IMPORT = {
     },
     "__main__": {"cli"},
     "__init__": {"api"},
-    "api": GROUND | {"settings", "recording", "strapdown", "estimation", "analysis", "examination", "export"},
+    "plot": GROUND | {"estimation", "analysis", "view", "report"},
+    "api": GROUND | {"settings", "recording", "strapdown", "estimation", "analysis", "examination", "export", "plot"},
 }
 """Part of the house → the other parts that it may import."""
 
@@ -89,6 +90,7 @@ LIBRARIES = {
     "export": {"numpy", "msgspec", "pyarrow", "mcap"},
     "view": {"numpy", "viser", "rich", "msgspec", "websockets"},
     "report": {"numpy", "msgspec", "plotly"},
+    "plot": {"numpy", "plotly"},
     "fleet": {"numpy", "msgspec", "dask", "distributed", "pyarrow"},
     "cli": {"numpy", "msgspec", "rich", "shtab"},
 }

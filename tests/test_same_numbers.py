@@ -77,7 +77,7 @@ def same(shown: str, value: float) -> bool:
 
 def test_the_terminal(flight: Document, capsys: Captured) -> None:
     assert main(["analyze", DEMO, "--full"]) == 0
-    drift, rest = capsys.readouterr().out.split("What it should be")
+    drift, rest = capsys.readouterr().out.split("Expected drift")
     rows = [line.split() for line in drift.splitlines() if re.match(r" *\d+ s ", line)]
     expected = [line.split() for line in rest.split("Every IMU")[0].splitlines() if re.match(r" *\d+ s ", line)]
     assert flight["verdict"]["summary"] in drift

@@ -7,6 +7,7 @@ error (RPE) of trajectory evaluation, with time as the step.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -55,6 +56,28 @@ class Drift:
     middle: str
     rows: tuple[DriftRow, ...]
     notes: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, list[float]]:
+        """The table by columns, NaN where there is no figure: what `pandas.DataFrame` and `polars.DataFrame` take.
+
+        >>> import companion as c
+        >>> flight = c.open_log("tlogs/copter-demo-100hz.tlog")[0]
+        >>> table = c.drift(flight, horizons=(5, 10)).to_dict()
+        >>> table["horizon_s"], [f"{x:.2f}" for x in table["position_median_m"]]
+        ([5.0, 10.0], ['0.21', '0.99'])
+        """
+        columns: dict[str, list[float]] = {
+            "horizon_s": [row.horizon_s for row in self.rows],
+            "windows": [row.windows for row in self.rows],
+            "excluded": [sum(row.excluded.values()) for row in self.rows],
+        }
+        for name in ("attitude_deg", "velocity_mps", "position_m"):
+            quantity, unit = name.split("_")
+            for part in ("median", "p95", "max"):
+                columns[f"{quantity}_{part}_{unit}"] = [
+                    math.nan if (found := getattr(row, name)) is None else getattr(found, part) for row in self.rows
+                ]
+        return columns
 
     def __repr__(self) -> str:
         """The medians, as a notebook shows them."""

@@ -35,7 +35,8 @@ def reported_by(flight: Flight, figures: ReferenceFigures) -> ReferenceFigures:
                 break
     if not changed:
         return figures
-    return replace(figures, **changed, reason=f"{', '.join(changed)} from {', '.join(sources)}; the rest from the settings")
+    reason = f"{', '.join(changed)} from {', '.join(sources)}; the rest from the settings"
+    return replace(figures, **changed, reason=reason)
 
 
 def _sigma(variances: Sequence[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]) -> float | None:

@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     console = tables.console()
     console.print(_summary(recording.source), highlight=False)
     if not recording.flights:
-        console.print("This log has no telemetry of a vehicle.")
+        console.print("No vehicle found in this log.")
     flights = recording.flights if arguments.verbose else _with_the_most(recording.flights)
     for flight in flights:
         _print_flight(console, flight)

@@ -211,7 +211,7 @@ def choose(flights: Sequence[Flight], arguments: argparse.Namespace) -> int:
     """
     if not flights:
         raise DataError(
-            f"no vehicle speaks in {arguments.log}: no telemetry of an autopilot was found in it. "
+            f"no vehicle found in {arguments.log}: no telemetry of an autopilot was found in it. "
             "See what it has with: companion info"
         )
     matching = [i for i, flight in enumerate(flights) if _matches(flight, arguments)]

@@ -74,7 +74,7 @@ def _vehicles(arguments: argparse.Namespace, path: Path) -> set[tuple[int, int]]
     vehicles = [flight.vehicle for flight in options.read(arguments, options.settings_of(arguments)).flights]
     found = {(vehicle.sysid, vehicle.compid) for vehicle in vehicles}
     if not found:
-        raise DataError(f"no vehicle speaks in {path}. To send what others said in it: --everybody.")
+        raise DataError(f"no vehicle found in {path}. To send what others said in it: --everybody.")
     return found
 
 

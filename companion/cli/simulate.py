@@ -35,8 +35,10 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     parser.add_argument("link", metavar="LINK", nargs="?", help="udpout:HOST:PORT, tcpin:HOST:PORT, ...")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the whole flight into this .tlog instead")
-    parser.add_argument("--motion", choices=sorted(MOTIONS), default="square", help="the motion it flies (default: square)")
-    parser.add_argument("--autopilot", choices=("ardupilot", "px4"), default="ardupilot", help="which autopilot's behaviour it has")
+    parser.add_argument("--motion", choices=sorted(MOTIONS), default="square", help="motion (default: square)")
+    parser.add_argument(
+        "--autopilot", choices=("ardupilot", "px4"), default="ardupilot", help="the autopilot to imitate"
+    )
     parser.add_argument("--duration", type=float, default=600.0, metavar="S", help="seconds (default: 600)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed gives the same flight")
     parser.add_argument("--sysid", type=int, default=1, metavar="N", help="MAVLink system id (default: 1)")

@@ -267,7 +267,11 @@ class Rates:
         arrives = f"{wish.received_hz:.1f} of {wish.asked_hz:.3g} Hz arrive"
         if wish.retries >= _RETRIES:
             nothing = WITHOUT.get(wish.name, "it has no source")
-            why = "another program is probably overriding the rate, or the link is too slow" if wish.received_hz else nothing
+            why = (
+                "another program is probably overriding the rate, or the link is too slow"
+                if wish.received_hz
+                else nothing
+            )
             self.said.append(f"{wish.name}: {arrives}: {why}; given up")
             wish.move(State.GIVEN_UP, now)
             return

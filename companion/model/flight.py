@@ -152,8 +152,8 @@ class Flight:
         if self.on_board:
             how = "full rate (SDLOG_PROFILE: high rate)" if px4 else "full rate (LOG_BITMASK: fast or raw IMU)"
             return f"Have the IMU logged at its {how}"
-        how = "SCALED_IMU on an onboard link: MAV_x_MODE 2" if px4 else "SRx_RAW_SENS, SET_MESSAGE_INTERVAL"
-        return f"Record the IMU at 50-200 Hz ({how}), or use the on-board log"
+        how = "SCALED_IMU on an onboard link (MAV_x_MODE 2)" if px4 else "SRx_RAW_SENS or SET_MESSAGE_INTERVAL"
+        return f"Record the IMU at 50-200 Hz, with `companion record LINK` or {how}, or use the on-board log"
 
     def imu(self, name: str | None = None) -> ImuTrack:
         """The IMU track of message `name`, in capitals or not (default: `default_imu`).

@@ -24,7 +24,10 @@ STANDARD_GRAVITY = 9.80665
 
 
 def _check(name: str, t: Array, **columns: tuple[Array, int]) -> None:
-    """Hold the contract of a track: shapes agree, everything finite, time strictly increasing."""
+    """Hold the contract of a track: arrays whose shapes agree, everything finite, time strictly increasing."""
+    for column, given in (("t", t), *((column, values) for column, (values, _) in columns.items())):
+        if not isinstance(given, np.ndarray):
+            raise TypeError(f"{name}.{column} must be a NumPy array, got {type(given).__name__}: use np.array(...)")
     if t.ndim != 1:
         raise ValueError(f"{name}.t must have shape (N,), got {t.shape}")
     for column, (values, width) in columns.items():

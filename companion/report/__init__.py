@@ -1,10 +1,28 @@
 """A flight's examination as one HTML file that needs no network, and what such pages are made of."""
 
 from companion.report import markup
-from companion.report.charts import Charts
+from companion.report.charts import Charts, laid_out
+from companion.report.flown import error_panels
 from companion.report.page import bare_html, report_html
+from companion.report.place import ground_track
 from companion.report.section import Section
 from companion.report.sheet import sheet
-from companion.report.traces import Figure, Panel, Trace, stack
+from companion.report.traces import TIME, Figure, Panel, Trace, curve, stack
 
-__all__ = ["Charts", "Figure", "Panel", "Section", "Trace", "bare_html", "markup", "report_html", "sheet", "stack"]
+__all__ = [
+    "TIME",
+    "Charts",
+    "Figure",
+    "Panel",
+    "Section",
+    "Trace",
+    "bare_html",
+    "curve",
+    "error_panels",
+    "ground_track",
+    "laid_out",
+    "markup",
+    "report_html",
+    "sheet",
+    "stack",
+]

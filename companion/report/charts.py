@@ -46,10 +46,7 @@ class Charts:
 
         Raises ValueError for a figure that is none to plotly.
         """
-        layout = _merged(_LAYOUT, figure["layout"])
-        for axis in [name for name in layout if name[1:5] == "axis"] or ["xaxis", "yaxis"]:
-            layout[axis] = _merged(_AXIS, layout.get(axis, {}))
-        self._drawn.append(self._figure({"data": figure["data"], "layout": layout}).to_json())
+        self._drawn.append(self._figure(laid_out(figure)).to_json())
         kind = "chart square" if square else "chart"
         height = "" if square else f' style="height:{60 + rows * ROW_PX:.0f}px"'
         return (
@@ -64,6 +61,14 @@ class Charts:
     def library(self) -> str:
         """plotly.js, gzip and base64: a third of its size."""
         return base64.b64encode(gzip.compress(self._library().encode(), 6, mtime=0)).decode()
+
+
+def laid_out(figure: Figure) -> Figure:
+    """A figure with what all of them have in common."""
+    layout = _merged(_LAYOUT, figure["layout"])
+    for axis in [name for name in layout if name[1:5] == "axis"] or ["xaxis", "yaxis"]:
+        layout[axis] = _merged(_AXIS, layout.get(axis, {}))
+    return {"data": figure["data"], "layout": layout}
 
 
 def _merged(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.analysis import expected_since_anchor
+from companion.analysis import Expectation, Replay, expected_since_anchor
 from companion.model import Array
 from companion.report import traces
 from companion.report.markup import paragraph
@@ -21,6 +21,27 @@ def errors(subject: Subject) -> Section:
     if shown is None:
         return Section("errors", title, paragraph(f"Not drawn: {subject.why_no_replay}"))
     expected = expected_since_anchor(subject.found, shown)
+    panels = error_panels(shown, expected)
+    severe = [(f.start_s, f.end_s) for f in subject.severe if not subject.is_throughout(f)]
+    figure = traces.stack(panels, traces.TIME, spans=severe)
+    period = subject.settings.view.reanchor_s
+    caption = (
+        f"The IMU alone, started again from the autopilot's state every {period:g} s. "
+        if period
+        else "The IMU alone from beginning to end. "
+    )
+    caption += (
+        "Grey: what is expected since the start, 1σ and 3σ. "
+        if expected is not None
+        else "Nothing is expected here: the IMU runs for longer than two minutes, or starts again too often. "
+    )
+    caption += "Shaded: warnings and errors that do not last all through the flight." if severe else ""
+    note = "" if shown.has_position else paragraph("This flight has no position: attitude alone is compared.")
+    return Section("errors", title, note + subject.charts.add(figure, caption, rows=len(panels)))
+
+
+def error_panels(shown: Replay, expected: Expectation | None) -> list[traces.Panel]:
+    """Attitude, tilt and heading, velocity and position error over time; expected: of them, None where not known."""
     sigma = None if expected is None else expected.lengths
     degrees = np.degrees(shown.attitude_error)
     measured = [("attitude", "°", np.linalg.norm(degrees, axis=1))]
@@ -43,22 +64,7 @@ def errors(subject: Subject) -> Section:
             ],
         ),
     )
-    severe = [(f.start_s, f.end_s) for f in subject.severe if not subject.is_throughout(f)]
-    figure = traces.stack(panels, traces.TIME, spans=severe)
-    period = subject.settings.view.reanchor_s
-    caption = (
-        f"The IMU alone, started again from the autopilot's state every {period:g} s. "
-        if period
-        else "The IMU alone from beginning to end. "
-    )
-    caption += (
-        "Grey: what is expected since the start, 1σ and 3σ. "
-        if sigma
-        else "Nothing is expected here: the IMU runs for longer than two minutes, or starts again too often. "
-    )
-    caption += "Shaded: warnings and errors that do not last all through the flight." if severe else ""
-    note = "" if shown.has_position else paragraph("This flight has no position: attitude alone is compared.")
-    return Section("errors", title, note + subject.charts.add(figure, caption, rows=len(panels)))
+    return panels
 
 
 def _envelope(t: Array, sigma: Array) -> list[traces.Trace]:

@@ -20,7 +20,9 @@
     for (const heading of table.querySelectorAll("th")) {
       heading.tabIndex = 0;
       const sort = () => {
-        const up = heading.getAttribute("aria-sort") === "descending";
+        // First the largest number, or the first word; another click turns it round.
+        const before = heading.getAttribute("aria-sort");
+        const up = before ? before === "descending" : !body.rows[0]?.cells[heading.cellIndex].classList.contains("number");
         table.querySelectorAll("th").forEach((other) => other.removeAttribute("aria-sort"));
         heading.setAttribute("aria-sort", up ? "ascending" : "descending");
         const i = heading.cellIndex;

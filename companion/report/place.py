@@ -35,16 +35,31 @@ def ground(
     flight: Flight, shown: Replay | None, colour: palette.Rgb, charts: Charts, best: BestEstimate | None = None
 ) -> str:
     """The ground track as HTML, with the place where IMU and autopilot are farthest apart; "" without a position."""
+    figure = ground_track(flight, shown, colour, best)
+    if figure is None:
+        return ""
+    more = " Double-click shows all of the IMU where it runs off." if shown is not None else ""
+    where = f"North is up.{more} Metres from the flight's origin"
+    if (origin := flight.origin) is not None:
+        place = f"{np.degrees(origin.latitude):.5f}°, {np.degrees(origin.longitude):.5f}°"
+        where += f" at {place}" if origin.t is None else f"; the vehicle was at {place} at {origin.t:.1f} s"
+    return charts.add(figure, f"{where}.", square=True)
+
+
+def ground_track(
+    flight: Flight, shown: Replay | None, colour: palette.Rgb, best: BestEstimate | None = None
+) -> traces.Figure | None:
+    """East and north of every path; None without a position. colour: of the IMU."""
     paths = _paths(flight, shown, colour, best)
     if not paths:
-        return ""
+        return None
     reference = paths[-1]
     spots = [_spot(reference.position[0], "start", "circle"), _spot(reference.position[-1], "end", "square")]
     if shown is not None and (worst := worst_stretch(shown)) is not None:
         at = int(np.searchsorted(shown.t, worst.end_s))
         name = f"farthest apart: {short(worst.apart_m)} m at {worst.end_s:.1f} s"
         spots.append(_spot(shown.position_ref[at], name, "x", palette.DIFFERENCE))
-    figure = {
+    return {
         "data": [*map(_on_the_map, paths), *spots],
         "layout": {
             "xaxis": {"title": {"text": "east, m"}, "range": _near(paths, 1)},
@@ -52,12 +67,6 @@ def ground(
             "hovermode": "closest",
         },
     }
-    more = " Double-click shows all of the IMU where it runs off." if len(paths) > 1 else ""
-    where = f"North is up.{more} Metres from the flight's origin"
-    if (origin := flight.origin) is not None:
-        place = f"{np.degrees(origin.latitude):.5f}°, {np.degrees(origin.longitude):.5f}°"
-        where += f" at {place}" if origin.t is None else f"; the vehicle was at {place} at {origin.t:.1f} s"
-    return charts.add(figure, f"{where}.", square=True)
 
 
 def track(

@@ -21,7 +21,7 @@ def test_two_flights_side_by_side(capsys: Captured, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("COLUMNS", "80")
     assert main(["compare", DEMO, HOVER]) == 0
     out = capsys.readouterr().out
-    table = out.split("Drift: median")[1].split("What it should be")[0]
+    table = out.split("Drift: median")[1].split("Expected drift")[0]
     rows = [line.split() for line in table.splitlines() if line.strip().startswith(("1 s", "5 s"))]
     assert rows[0][2:4] == ["101", "99"]
     assert rows[1][4:6] == ["0.165", "0.495"]

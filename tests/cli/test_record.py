@@ -363,7 +363,7 @@ def test_what_cannot_be_done_is_said_with_exit_code_2(tmp_path: Path, capsys: py
     there = tmp_path / "there.tlog"
     there.write_bytes(b"a flight")
     cases = {
-        "is no link": ["nonsense"],
+        "is not a link": ["nonsense"],
         "exists already": [f"udpin:127.0.0.1:{port}", "-o", str(there)],
         "nothing answers": [f"tcp:127.0.0.1:{port}"],
         "there is no device": ["/dev/ttyNOT0"],
@@ -388,8 +388,8 @@ def test_simulate_writes_a_flight_that_analyze_reads(tmp_path: Path, capsys: pyt
     assert main(["simulate", "-o", path, "--fault", "rain"]) == 2
     assert "there is no fault 'rain'" in capsys.readouterr().err
     for words, reason in {
-        ("--fault", "reboot@nan"): "no time in seconds",
-        ("--fault", "reboot@-3"): "no time in seconds",
+        ("--fault", "reboot@nan"): "not a time in seconds",
+        ("--fault", "reboot@-3"): "not a time in seconds",
         ("--sysid", "300"): "between 1 and 255",
     }.items():
         assert main(["simulate", "-o", path, "--duration", "1", *words]) == 2

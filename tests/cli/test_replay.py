@@ -202,10 +202,10 @@ def test_companion_records_a_replay_as_it_was(tmp_path: Path) -> None:
     [
         ([DEMO, "/dev/ttyACM0:115200"], "does not send to a serial port"),
         ([DEMO, "udpout:127.0.0.1:9", "--speed", "0"], "--speed lies above 0"),
-        ([DEMO, "nowhere"], "is no link"),
-        (["bin", "udpout:127.0.0.1:9"], "is no telemetry log"),
+        ([DEMO, "nowhere"], "is not a link"),
+        (["bin", "udpout:127.0.0.1:9"], "is not a telemetry log"),
         (["raw", "udpout:127.0.0.1:9"], "has no time stamps"),
-        (["gcs", "udpout:127.0.0.1:9"], "no vehicle speaks in"),
+        (["gcs", "udpout:127.0.0.1:9"], "no vehicle found in"),
     ],
 )
 def test_what_cannot_be_replayed_is_said(

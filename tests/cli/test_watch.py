@@ -113,7 +113,7 @@ def test_a_command_that_fails_or_hangs_holds_nobody_up(capsys: pytest.CaptureFix
 
 def test_a_command_line_that_is_none_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["watch", f"udpin:127.0.0.1:{free_port()}", "--no-record", "--on-change", "notify 'x"]) == 2
-    assert "is no command: No closing quotation" in capsys.readouterr().err
+    assert "is not a command: No closing quotation" in capsys.readouterr().err
 
 
 def test_what_cannot_be_said_does_not_end_the_recording(

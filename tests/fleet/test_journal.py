@@ -16,7 +16,7 @@ from companion.settings import AutopilotSettings, Settings, ViewSettings
 from tests.test_architecture import MAY_IMPORT
 
 LOG = FoundLog("/logs/a.tlog", 100, "1-1")
-RECORD = LogRecord(sha256="aa", error="no vehicle speaks in it")
+RECORD = LogRecord(sha256="aa", error="no vehicle found in it")
 
 
 def written(folder: Path, *logs: FoundLog) -> None:

@@ -106,7 +106,7 @@ def test_several_imus_a_correction_and_another_horizon(page: Page) -> None:
             return all(near(canvas, colour) > 100 for colour in colours)
 
         until(all_drawn, "the paths of all three")
-        choose(page, "Readings", "By this flight's calibration")
+        choose(page, "Readings", "Corrected by this flight's calibration")
         choose(page, "Charts", "IMU readings")
         until(lambda: "forward raw" in page.evaluate(names), "the readings before and after the correction")
         shoot(page, "corrected-readings")

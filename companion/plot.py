@@ -1,0 +1,75 @@
+"""Charts for a notebook, as plotly's own figures: those of the report. What draws them is loaded when asked for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from companion.analysis import Assessment, Drift, Replay, expected_since_anchor
+from companion.estimation import BestEstimate
+from companion.model import DataError, Flight, InputError
+
+_QUANTITIES = (
+    ("attitude", "deg", "attitude, °"),
+    ("velocity", "mps", "velocity, m/s"),
+    ("position", "m", "position, m"),
+)
+
+
+def plot_errors(shown: Replay, found: Assessment | None = None) -> Any:
+    """How far the IMU alone is from the autopilot over time; with an assessment, beside what is expected (1σ, 3σ).
+
+    Returns a `plotly.graph_objects.Figure`; so do the others. Raises InputError when plotly is not installed.
+    """
+    from companion.report import TIME, error_panels, stack  # noqa: PLC0415  (see above)
+
+    expected = None if found is None else expected_since_anchor(found, shown)
+    panels = error_panels(shown, expected)
+    return _figure(stack(panels, TIME), 60 + 190 * len(panels))
+
+
+def plot_path(flight: Flight, shown: Replay | None = None, best: BestEstimate | None = None) -> Any:
+    """The ground track of the autopilot, and of the IMU alone and the best estimate where they are given.
+
+    Raises DataError for a flight without a position.
+    """
+    from companion.report import ground_track  # noqa: PLC0415
+    from companion.view import palette  # noqa: PLC0415
+
+    figure = ground_track(flight, shown, palette.IMU, best)
+    if figure is None:
+        raise DataError("This flight has no position: there is no path to draw.")
+    return _figure(figure, 600)
+
+
+def plot_drift(table: Drift) -> Any:
+    """The drift table: median and 95 % of each error against the seconds on the IMU alone, both axes logarithmic."""
+    from companion.report import Panel, curve, stack  # noqa: PLC0415
+    from companion.view import palette  # noqa: PLC0415
+
+    columns = table.to_dict()
+    panels = []
+    seconds = np.array(columns["horizon_s"])
+    for name, unit, title in _QUANTITIES:
+        if np.isfinite(columns[f"{name}_median_{unit}"]).any():
+            drawn = [
+                curve(seconds, np.array(columns[f"{name}_{part}_{unit}"]), said, palette.IMU, line=style)
+                for part, said, style in (("median", "median", {}), ("p95", "95 %", {"dash": "dot"}))
+            ]
+            panels.append(Panel(title, drawn, {"type": "log", "dtick": 1}))
+    if not panels:
+        raise InputError("No window of this table could be used: there is nothing to draw.")
+    ticks = [row.horizon_s for row in table.rows]
+    figure = stack(panels, "seconds on the IMU alone", type="log", tickvals=ticks, ticktext=[f"{h:g}" for h in ticks])
+    return _figure(figure, 60 + 190 * len(panels))
+
+
+def _figure(figure: Any, height: int) -> Any:
+    from companion.report import laid_out  # noqa: PLC0415
+
+    try:
+        from plotly import graph_objects  # noqa: PLC0415  (an extra)
+    except ImportError:
+        raise InputError("charts need plotly. Install it: pip install 'mavlink-companion[report]'") from None
+    return graph_objects.Figure(laid_out(figure)).update_layout(height=height)
