@@ -8,15 +8,17 @@ from collections.abc import Sequence
 
 from rich.console import Console
 from rich.markup import escape
+from rich.measure import Measurement
 from rich.table import Table
 
-from companion.analysis import inventory, phases, used_aiding, used_imus
+from companion.analysis import Item, inventory, phases, used_aiding, used_imus
 from companion.cli import options, sensor_table, tables
 from companion.documents import encode, info_document
 from companion.model import Flight, SettingsError
 from companion.recording import Recording, Source
 
 _MOST_SHOWN = 16  # flights
+_WIDE = 1000  # columns: more than any table needs
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
 
 
@@ -151,16 +153,31 @@ def _print_flight(console: Console, flight: Flight) -> None:
 
 
 def _print_sensors(console: Console, flight: Flight) -> None:
+    """A line for each; what there is to say of them beneath the table, where the terminal is too narrow for it."""
+    items = list(inventory(flight))
+    whole, narrow = _sensors(items, with_words=True), _sensors(items, with_words=False)
+    if Measurement.get(console, console.options.update(max_width=_WIDE), whole).maximum <= console.width:
+        console.print(whole)
+        return
+    console.print(narrow)
+    for item in items:
+        if item.about:
+            console.print(f"  {item.kind} {escape(item.source)}: {escape(item.about)}", highlight=False)
+
+
+def _sensors(items: Sequence[Item], *, with_words: bool) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("sensor", "from", "samples", "mean Hz", "holes", "longest s", ""):
+    figures = ("samples", "mean Hz", "holes", "longest s") if with_words else ("samples", "Hz", "holes", "gap s")
+    for heading in ("sensor", "from", *figures, *[""] * with_words):
         words = heading in ("sensor", "from", "")
-        table.add_column(heading, justify="left" if words else "right", no_wrap=heading != "")
-    for item in inventory(flight):
+        table.add_column(heading, justify="left" if words else "right", no_wrap=True)
+    for item in items:
         rate = "" if item.rate_hz is None else f"{item.rate_hz:.1f}"
         gap = "" if item.longest_gap_s is None else f"{item.longest_gap_s:.2f}"
         holes = f"{item.holes}" if item.holes else ""
-        table.add_row(item.kind, escape(item.source), f"{item.samples}", rate, holes, gap, escape(item.about))
-    console.print(table)
+        cells = (item.kind, escape(item.source), f"{item.samples}", rate, holes, gap)
+        table.add_row(*cells, *[escape(item.about)] * with_words)
+    return table
 
 
 def _announced(flight: Flight) -> str:

@@ -142,6 +142,17 @@ def test_info_says_what_would_be_used(capsys: Captured) -> None:
     assert "ARDUPILOTMEGA 4.7.0-dev QUADROTOR" in out
 
 
+@pytest.mark.parametrize("columns", [60, 80, 130])
+def test_what_a_sensor_tells_is_whole_in_every_terminal(
+    columns: int, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert main(["info", DEMO]) == 0
+    out = capsys.readouterr().out
+    assert "IMU 0, device 2752772, low-pass 20 Hz" in out
+    assert "…" not in out.partition("message ")[0]
+
+
 def test_a_low_rate_is_said(capsys: Captured) -> None:
     assert main(["analyze", str(BUNDLED / "copter-mission-default-rates.tlog")]) == 0
     assert "2 Hz is too low to integrate" in capsys.readouterr().out
