@@ -127,8 +127,8 @@ def assess(
     faults = reading_faults(flight, comparison, figures, autopilot)
     parts = phases(flight)
     lost = next((part for part in parts if part.kind == "impact"), None)
-    if lost is not None:
-        faults = [f for f in faults if f.start_s < lost.start]
+    aligned = max((part.end for part in parts if part.kind == "aligning"), default=-np.inf)
+    faults = [f for f in faults if f.end_s > aligned and (lost is None or f.start_s < lost.start)]
     own = replace(flight, imus={**flight.imus, track.source: track})
     best, misread = _best(own, track.source, how.gravity, faults, lost, enough=len(judged.start) >= FEWEST_WINDOWS)
     faults += misread

@@ -13,7 +13,7 @@ import companion as c
 from benchmarks.accuracy.answer import answer
 from benchmarks.accuracy.labels import load_labels, outcome
 from companion.analysis import GENERIC, PARTS, Assessment, Finding, assess
-from companion.model import Array, Flight
+from companion.model import Array, Flight, Series
 from companion.strapdown import ImuModel, Motion, Sensor, motions, simulate
 from tests.flights import (
     CIRCLE,
@@ -170,6 +170,18 @@ def test_without_witnesses_no_healthy_side_is_accused() -> None:
         assert bent.verdict.status == "insufficient_data"
 
 
+@pytest.mark.parametrize(("metres", "status"), [(12.0, "insufficient_data"), (4.0, "consistent")])
+def test_a_position_that_steps_without_gps_was_wrong_before_or_is_after(metres: float, status: str) -> None:
+    """A reset accuses nobody; but one by more than healthy receivers differ by clears nobody either."""
+    flight = without_witnesses(flown())
+    position = flight.position
+    assert position is not None
+    moved = position.position + metres * (position.t > 40.0)[:, None] * np.array([1.0, 0.0, 0.0])
+    found = assess(replace(flight, position=replace(position, position=moved)), GENERIC)
+    assert found.verdict.status == status
+    assert of_kind(found, "position_jump").severity != "error"
+
+
 def frozen_from(begin: float, readings: Array, t: Array) -> Array:
     held = readings.copy()
     held[t >= begin] = held[np.argmax(t >= begin)]
@@ -183,6 +195,19 @@ def test_a_frozen_imu() -> None:
     found = assess(with_imu(flight, gyro=gyro, accel=accel), GENERIC)
     assert found.verdict.status == "imu_suspect"
     assert of_kind(found, "frozen").start_s == pytest.approx(40, abs=0.1)
+
+
+def test_readings_from_before_the_estimator_has_aligned_are_not_judged() -> None:
+    """A heading that is being set turns the attitude, and not the vehicle."""
+    flight = flown(events=(c.model.Event(18.0, "armed", "armed"),))
+    imu = flight.imu()
+    begin = flight.start
+    gyro, accel = (np.where((imu.t < begin + 3.0)[:, None], x[:1], x) for x in (imu.gyro, imu.accel))
+    stuck = with_imu(flight, gyro=gyro, accel=accel)
+    assert of_kind(assess(stuck, GENERIC), "frozen").severity == "error"
+    flags = Series(np.array([begin, begin + 5.0]), np.array([[0.0], [831.0]]), ("flags",), "EKF_STATUS_REPORT")
+    found = assess(replace(stuck, series={"estimator": flags}), GENERIC)
+    assert "frozen" not in [f.kind for f in found.verdict.findings]
 
 
 def test_a_stuck_axis() -> None:

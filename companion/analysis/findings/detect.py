@@ -24,7 +24,7 @@ from companion.analysis.findings.vibration import noise_findings, vibration_find
 from companion.analysis.findings.witnesses import with_witnesses
 from companion.analysis.known_bias import known_biases
 from companion.analysis.phases import phases
-from companion.estimation import BestEstimate
+from companion.estimation import BestEstimate, kind_of
 from companion.model import Flight
 
 
@@ -56,7 +56,10 @@ def findings(
     found = [*rate_findings(flight, comparison, sampling_share), *faults]
     if flight.vehicle.autopilot == "PX4" and comparison.track.source == "HIGHRES_IMU":
         found.append(_not_independent(comparison))
-    jumps = list(jump_findings(comparison, flight))
+    landed = _landed(flight)
+    jumps = [
+        f if f.start_s < landed - _TOLD_S else replace(f, severity="info") for f in jump_findings(comparison, flight)
+    ]
     if noise is not None:
         found += noise_findings(comparison, noise, figures)
     found += vibration_findings(comparison, flight)
@@ -70,14 +73,13 @@ def findings(
         tilted = float(fitted.mounting[0]), float(fitted.mounting[1])
     if best is not None:
         limits = comparison.how.limits
-        landed = _landed(flight)
         while_judged = tuple(one for one in episodes(best) if one.start < landed)
         found += findings_of(while_judged, departures(flight, best, limits, tilted), best)
         found += known_biases(flight, best)
         found += parting_findings(flight, comparison.track, best)
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
         found = [_sudden(f, jumps) for f in found]
-        jumps = [_confirmed(f, found) for f in jumps]
+        jumps = [_confirmed(f, found, best) for f in jumps]
     found += jumps
     found = [with_witnesses(f, flight) for f in found if not _follows(f, found)]
     return by_severity(found), clean
@@ -99,11 +101,21 @@ def _sudden(doubted: Finding, jumps: Sequence[Finding]) -> Finding:
     return replace(doubted, side="autopilot", severity="error")
 
 
-def _confirmed(jump: Finding, found: Sequence[Finding]) -> Finding:
-    """A jump, as serious as the best estimate takes the autopilot to be at that time."""
+def _confirmed(jump: Finding, found: Sequence[Finding], best: BestEstimate) -> Finding:
+    """A jump, as serious as the best estimate takes the autopilot to be at that time.
+
+    Without GPS it knows nothing of positions: then a large jump says that the autopilot was wrong before it or is wrong
+    after it, and an estimator that corrects itself accuses nobody.
+    """
     off = [f for f in found if f.side == "autopilot" and f.severity == "error"]
     if jump.severity != "error" or any(f.start_s - _NEAR_S <= jump.start_s <= f.end_s + _NEAR_S for f in off):
         return jump
+    size = jump.cause.size if jump.cause is not None and jump.kind == "position_jump" else None
+    if size is not None and size >= kind_of("gps_position").least and "gps_position" not in best.residuals:
+        words = (
+            f"{jump.evidence}; without GPS it cannot be told whether the position was wrong before it or is after it"
+        )
+        return replace(jump, side="data", severity="warning", evidence=words, cause=None, undecided=True)
     return replace(jump, severity="info")
 
 
@@ -121,6 +133,7 @@ def _follows(finding: Finding, found: Sequence[Finding]) -> bool:
 
 
 _NEAR_S = 5.0
+_TOLD_S = 1.0  # heartbeats tell once a second whether a vehicle is armed
 _BLURRED_S = 20.0  # a departure may be noticed so long after it began
 _CAUSES = ("stuck_axis", "frozen", "axes_wrong", "clocks_diverge")
 _LAG_S, _MOUNTING_RAD = 5e-3, np.radians(2.0)

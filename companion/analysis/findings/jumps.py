@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison
-from companion.analysis.finding import Finding, Severity, runs
+from companion.analysis.finding import Cause, Finding, Severity, runs
 from companion.model import Flight, PositionTrack
 from companion.strapdown import quaternion
 
@@ -72,6 +72,7 @@ def _position_findings(comparison: Comparison, position: PositionTrack, settled:
             f"the position steps {many} {moved:.1f} m within {np.diff(group, axis=1).max():.2f} s at "
             f"{length(position.velocity[j]).max():.1f} m/s; the IMU felt nothing",
             "A GPS glitch or a reset of the estimator. Look at the GPS's satellites and at EKF messages of that time.",
+            cause=Cause("position_jump", "autopilot", start, end, size=moved, unit="m"),
         )
 
 
