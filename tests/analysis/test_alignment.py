@@ -8,11 +8,21 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis import GENERIC, Alignment, align, autopilot_bias, compare, replay_from_rest
-from companion.model import AttitudeTrack, DataError, Flight, Series
+from companion.analysis import (
+    GENERIC,
+    Alignment,
+    ImuFigures,
+    ReferenceFigures,
+    SensorFigures,
+    align,
+    autopilot_bias,
+    compare,
+    replay_from_rest,
+)
+from companion.model import STANDARD_GRAVITY, AttitudeTrack, DataError, Flight, Series
 from companion.strapdown import motions, quaternion
 from tests.analysis.test_rest import BIAS, noisy, rest_then_motion
-from tests.flights import seconds
+from tests.flights import flight_of, seconds
 from tests.recordings import BUNDLED, recording
 
 FIELD = np.array([21e-6, 4.5e-6, 43e-6])
@@ -46,6 +56,23 @@ def test_the_attitude_from_rest_is_the_true_one_within_its_error() -> None:
         assert row.tilt_deg < 3 * row.expected_tilt_deg
         assert row.heading_deg < 3 * row.expected_heading_deg
     assert found.later[-1].expected_tilt_deg == max(row.expected_tilt_deg for row in found.later)
+
+
+NOTHING = SensorFigures(1e-7, 0.0, 1e-9, 0.1, 0.0, 35.0)
+PERFECT = ReferenceFigures(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def test_an_accelerometer_that_is_off_leans_the_attitude_by_as_much_as_gravity_says() -> None:
+    found = aligned(noisy(rest_then_motion()))
+    assert found.tilt_sigma == pytest.approx(GENERIC.accel.residual_bias / STANDARD_GRAVITY, rel=0.1)
+
+
+def test_a_gyro_at_rest_feels_the_earth_turn_and_takes_it_for_its_bias() -> None:
+    """Of a perfect IMU that nothing else is wrong with: after a turn the Earth's rate is felt along another axis."""
+    flight = flight_of(rest_then_motion())
+    found = align(flight, compare(flight), ImuFigures("perfect", NOTHING, NOTHING, "none"), PERFECT)
+    last = found.later[-1]
+    assert np.radians(last.expected_tilt_deg) == pytest.approx(7.2921e-5 * last.since_s * np.sqrt(2.0), rel=0.1)
 
 
 def test_the_heading_of_the_magnetometer_needs_the_declination() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 
 from companion.model import Array
 from companion.view import ReplayChoice
-from companion.view.arrows import LONGEST, SHORTEST, arrow_length
+from companion.view.arrows import LONGEST, SHORTEST, Arrows, arrow_length
 from companion.view.framing import (
     ASPECT,
     CAMERA_MODES,
@@ -53,6 +54,28 @@ def test_the_grid_follows_the_camera_and_does_not_flicker(here: float, there: fl
     assert grid_cell(1.1 * there, cell) in (cell, nice(1.1 * there / 10))
     for wobble in (0.999, 1.001, 0.999):
         assert grid_cell(wobble * there, grid_cell(there, 0.0)) == grid_cell(there, 0.0)
+
+
+def test_arrows_point_along_the_velocities_and_down() -> None:
+    """In the world, which is NED: what pulls down grows along the third axis."""
+    drawn: dict[str, SimpleNamespace] = {}
+
+    def add_arrows(name: str, points: Array, *_: object, **__: object) -> SimpleNamespace:
+        drawn[name] = SimpleNamespace(points=points, visible=False)
+        return drawn[name]
+
+    arrows = Arrows(SimpleNamespace(add_arrows=add_arrows), "")  # type: ignore[arg-type]
+    moment = FILM.at(FILM.replay.t[len(FILM.replay.t) // 2])
+    arrows.load(10.0, (0, 0, 255))
+    arrows.resize(1.0)
+    arrows.shown = True
+    arrows.show(moment, has_position=True)
+    along = {name.strip("/"): handle.points[0, 1] - handle.points[0, 0] for name, handle in drawn.items()}
+    down = along["gravity"]
+    assert down[2] > 0.5
+    assert abs(down[:2]).max() == 0.0
+    for name, velocity in (("ref", moment.velocity_ref), ("imu", moment.velocity_imu)):
+        assert along[name] @ velocity == pytest.approx(np.linalg.norm(along[name]) * np.linalg.norm(velocity), rel=1e-4)
 
 
 @given(st.floats(0.0, 100.0), st.floats(0.0, 100.0))
