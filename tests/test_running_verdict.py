@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections import deque
 from collections.abc import Iterator
 
 import pytest
 
 from companion.mavlink import Decoder, load_dialect
-from companion.running_verdict import Assignment, RunningVerdict
+from companion.running_verdict import Assignment, RunningVerdict, joined
 from companion.settings import Settings
 from companion.simulate import Faults, SimulatedVehicle, fly
 from tests.simulated import bursts
@@ -49,6 +50,17 @@ def test_a_fault_is_told_within_a_few_looks(verdict: RunningVerdict) -> None:
     status, text = verdict.opinion.so_far
     assert status == "imu_suspect"
     assert "gyro z" in text
+
+
+def test_what_arrived_together_is_decoded_together() -> None:
+    other = Assignment(Settings(), vehicle="2")
+    times = [10.0, 10.04, 10.09, 10.11, 10.3, 10.31]
+    inbox = deque[tuple[bytes, float] | Assignment | None]((bytes([i]), t) for i, t in enumerate(times))
+    inbox.insert(5, other)
+    inbox.append(None)
+    found = list(joined(inbox))
+    assert found == [(b"\0\1\2", 10.09), (b"\3", 10.11), (b"\4", 10.3), other, (b"\5", 10.31), None]
+    assert not inbox
 
 
 def test_who_is_killed_or_ends_leaves_no_process(verdict: RunningVerdict) -> None:
