@@ -167,22 +167,24 @@ def _eliminated(solution: Solution, stack: _Stack) -> tuple[Array, Array, Array]
     """
     count, (_, width) = len(stack.last), stack.last.shape[1:]
     length = len(stack.own) // count
-    s, d, u = _padded(solution, count * length)
+    s = np.ones((count * length + 1, STATES))
+    s[: len(solution.factor.scale)] = solution.factor.scale
     stack.own[:] /= s[:-1, :, None]
     r, last = stack.own.reshape(count, length, STATES, width), stack.last / s[length::length, :, None]
-    d_in, u_in = (x[: count * length].reshape(count, length, STATES, STATES) for x in (d, u))
+    d_0, u_0 = _blocks(solution, s, 0, length)
     first, after, columns = slice(0, STATES), slice(STATES, 2 * STATES), slice(2 * STATES, None)
     total = np.zeros((count, 2 * STATES + width, 2 * STATES + width))
     # what is still to be eliminated: its coupling to the first keyframe, itself, and the columns
-    to_first, own, column = u_in[:, 0].swapaxes(-1, -2), np.zeros_like(d_in[:, 0]), np.zeros_like(last)
+    to_first, own, column = u_0.swapaxes(-1, -2), np.zeros_like(d_0), np.zeros_like(last)
     for k in range(1, length):
-        beside = np.concatenate((to_first, u_in[:, k], r[:, k] + column), axis=2)
-        taken = beside.swapaxes(-1, -2) @ np.linalg.solve(d_in[:, k] + own, beside)
+        d, u = _blocks(solution, s, k, length)
+        beside = np.concatenate((to_first, u, r[:, k] + column), axis=2)
+        taken = beside.swapaxes(-1, -2) @ np.linalg.solve(d + own, beside)
         total += taken
         to_first, own, column = -taken[:, after, first], -taken[:, after, after], -taken[:, after, columns]
     reduced = np.zeros((count + 1, STATES, count + 1, STATES))
     i = np.arange(count)
-    reduced[i, :, i] = d_in[:, 0] - total[:, first, first]
+    reduced[i, :, i] = d_0 - total[:, first, first]
     reduced[count, :, count] = np.eye(STATES)
     reduced[i + 1, :, i + 1] += own
     reduced[i + 1, :, i], reduced[i, :, i + 1] = to_first, to_first.swapaxes(-1, -2)
@@ -193,16 +195,15 @@ def _eliminated(solution: Solution, stack: _Stack) -> tuple[Array, Array, Array]
     return total[:, columns, columns], left, np.concatenate((near[:, :-1], near[:, 1:]), axis=3)
 
 
-def _padded(solution: Solution, count: int) -> tuple[Array, Array, Array]:
-    """Scale (N + 1, 15), diagonal (N + 1, 15, 15) and upper blocks (N, 15, 15) of the system, divided by the scale.
+def _blocks(solution: Solution, s: Array, k: int, length: int) -> tuple[Array, Array]:
+    """Of the keyframe of number k in each of the S stretches of so many: its diagonal block and the one right of it.
 
-    After its last keyframe stand some that nothing is said of.
+    (S, 15, 15), divided by their scales s (S L + 1, 15). After the last keyframe stand some that nothing is said of.
     """
-    known, n = len(solution.diagonal), STATES
-    s, d, u = np.ones((count + 1, n)), np.tile(np.eye(n), (count + 1, 1, 1)), np.zeros((count, n, n))
-    s[:known] = solution.factor.scale
-    np.divide(solution.diagonal, s[:known, :, None], out=d[:known])
-    d[:known] /= s[:known, None]
-    np.divide(solution.upper, s[: known - 1, :, None], out=u[: known - 1])
-    u[: known - 1] /= s[1:known, None]
-    return s, d, u
+    here, after = s[:-1][k::length], s[1:][k::length]
+    d, u = np.tile(np.eye(STATES), (len(here), 1, 1)), np.zeros((len(here), STATES, STATES))
+    for out, blocks, columns in ((d, solution.diagonal[k::length], here), (u, solution.upper[k::length], after)):
+        some = slice(len(blocks))
+        np.divide(blocks, here[some, :, None], out=out[some])
+        out[some] /= columns[some, None]
+    return d, u
