@@ -111,6 +111,12 @@ def test_an_injected_fault_is_found(fault: str) -> None:
     assert abs(largest.onset - ONSET) < max(4.0 * largest.onset_sigma, 2.0)
 
 
+def test_a_compass_that_turns_has_its_axis() -> None:
+    """As the rotation of what it reads, in the body; to first order."""
+    largest = max(found_in("compass turn").explained, key=lambda one: one.gain)
+    np.testing.assert_allclose(largest.size, [0.2, 0.0, 0.42], atol=0.05)
+
+
 @pytest.mark.parametrize("fault", ["gyro step", "accelerometer step", "gps creep", "gps jump", "gps motion"])
 def test_the_other_side_is_not_accused(fault: str) -> None:
     _, kind, _ = FAULTS[fault]

@@ -118,6 +118,20 @@ def struct_stamp() -> bytes:
     return int(EPOCH * 1e6).to_bytes(8, "big")[:4]
 
 
+def test_a_clock_that_runs_ahead_is_known_between_the_packets_on_either_side(log: Writer) -> None:
+    """What comes in the beginning of a hole between two ATTITUDE says little of it; the others bound it to some ms."""
+    for i in range(1000):
+        t, place = i / 50, i % 100
+        hole = 50 < place < 95
+        if i % 50 == 0:
+            log.heartbeat(t)
+        if i % 5 == 0 and not hole:
+            log.attitude(t, 20.0 + t)
+        if not hole or place < 65:
+            log.raw_imu(t + 1e-3, 20.0 + t + 2.5)
+    assert c.open_log(log.close())[0].imu().t[0] == pytest.approx(20.0, abs=0.03)
+
+
 def test_unix_time_in_time_usec_becomes_boot_time(log: Writer) -> None:
     for i in range(201):
         log.attitude(i / 50, 30 + i / 50)

@@ -160,6 +160,34 @@ def test_pressure_altitude_is_the_standard_atmospheres(tmp_path: Path) -> None:
     assert set(barometer["temperature_degc"].tolist()) == {15.0}
 
 
+def test_variances_stand_on_the_diagonal_of_what_is_sent(tmp_path: Path) -> None:
+    """MAVLink sends the upper triangle row by row, or all nine of a 3 x 3: the k-th diagonal element is 100 + k."""
+
+    def triangle(size: int) -> list[float]:
+        return [100.0 + row if row == column else 0.0 for row in range(size) for column in range(row, size)]
+
+    def fly(log: Writer) -> None:
+        for i in range(3):
+            t = 5.0 + i
+            stamp = {"time_usec": round(25e6 + 1e6 * i), "x": 0, "y": 0, "z": 0, "vx": 0, "vy": 0, "vz": 0}
+            speed = [200.0 + value - 100.0 if value else 0.0 for value in triangle(6)]
+            log.send(t, "odometry", **stamp, frame_id=1, child_frame_id=12, q=[1, 0, 0, 0], rollspeed=0, pitchspeed=0,
+                     yawspeed=0, pose_covariance=triangle(6), velocity_covariance=speed)  # fmt: skip
+            log.send(t, "local_position_ned_cov", **stamp, estimator_type=3, ax=0, ay=0, az=0,
+                     covariance=triangle(9))  # fmt: skip
+            log.send(t, "attitude_quaternion_cov", time_usec=stamp["time_usec"], q=[1, 0, 0, 0], rollspeed=0,
+                     pitchspeed=0, yawspeed=0, covariance=np.diag([100.0, 101.0, 102.0]).ravel().tolist())  # fmt: skip
+
+    found = written(tmp_path, fly).series
+    told = {one.source: one for name, one in found.items() if name.partition(":")[0] == "variance"}
+    expected = {
+        "ODOMETRY": [100.0, 101.0, 102.0, 103.0, 104.0, 105.0, 200.0, 201.0, 202.0],
+        "LOCAL_POSITION_NED_COV": [100.0, 101.0, 102.0, 103.0, 104.0, 105.0],
+        "ATTITUDE_QUATERNION_COV": [100.0, 101.0, 102.0],
+    }
+    assert {name: one.values[0][np.isfinite(one.values[0])].tolist() for name, one in told.items()} == expected
+
+
 def test_a_sensor_that_is_not_there_has_no_series(tmp_path: Path) -> None:
     """RAW_IMU carries a magnetometer and a thermometer even where there are none: zeros throughout."""
     assert not written(tmp_path, lambda _: None).series
