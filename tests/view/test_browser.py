@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from companion.analysis import Finding, Replay, Verdict
 from companion.model import Flight, StatusText, Vehicle
-from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, chosen_track, events
+from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, chosen_track, events, export
 from companion.view.framing import FIELD_OF_VIEW, camera, frame, screen_up
 from companion.view.plots import Plots
 from companion.view.reckoning import GYRO_UNIT
@@ -287,7 +287,10 @@ def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight)
         shoot(page, "imu-readings")
 
 
-def test_the_picture_and_the_replay_can_be_taken_along(browser: Browser, flight: Flight, tmp_path: Path) -> None:
+def test_the_picture_and_the_replay_can_be_taken_along(
+    browser: Browser, flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(export, "RENDER_TIMEOUT_S", LIMIT_S)  # a busy machine without a graphics card draws slowly
     with (
         new_page(browser, accept_downloads=True) as page,
         Viewer([flight], recompute, examine, port=0) as viewer,
