@@ -28,6 +28,8 @@ _STYLE = (
     f':root[data-mantine-color-scheme="dark"]{{--companion-trouble:{palette.css(palette.TROUBLE_ON_DARK)}}}'
     # viser's remark on a machine without a graphics card must not lie on the verdict.
     '[class*="mantine-Notifications-root"]{top:110px!important}'
+    '[data-mantine-color-scheme="dark"] button[data-variant="outline"]{color:#d5dce4!important}'
+    '[class*="mantine-Slider-markLabel"]{color:inherit!important}'
     '[class*="mantine-Notification-description"]{color:inherit!important}</style>'
 )
 

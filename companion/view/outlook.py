@@ -111,5 +111,5 @@ class Outlook:
 
     def _theme(self) -> None:
         self._server.gui.configure_theme(
-            dark_mode=self.dark, show_logo=False, show_share_button=False, brand_color=palette.CONTROLS
+            dark_mode=self.dark, show_logo=False, show_share_button=False, brand_color=palette.BRAND
         )

@@ -17,7 +17,9 @@ PANELS = (palette.LIGHT, palette.DARK)
 LEAST = 4.5  # WCAG 2.1, 1.4.3
 
 
-@pytest.mark.parametrize("colour", [*COLOURS.values(), *palette.SEVERITIES.values(), palette.CONTROLS, palette.GOOD])
+@pytest.mark.parametrize(
+    "colour", [*COLOURS.values(), *palette.SEVERITIES.values(), palette.BRAND, palette.BRAND_DRAWN]
+)
 def test_white_is_read_on_buttons_badges_and_banners(colour: palette.Rgb) -> None:
     assert palette.contrast(colour, WHITE) >= LEAST
 

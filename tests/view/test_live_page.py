@@ -164,9 +164,9 @@ def test_a_silent_link_on_a_small_window(browser: Browser, tmp_path: Path) -> No
     ):
         open_page(page, url, charts=False)
         expect(page.get_by_text("WAITING")).to_be_visible()
-        expect(page.get_by_text("nobody has sent anything yet")).to_be_visible()
+        expect(page.get_by_text("nobody has sent anything yet").first).to_be_visible()
         with flying(port, since=8.0, streams={"ATTITUDE": 10.0}):
             expect(page.get_by_text("LIVE", exact=True)).to_be_visible()
         expect(page.get_by_text("RECONNECTING")).to_be_visible()
-        expect(page.get_by_text(re.compile("silent for [0-9]+ s"))).to_be_visible()
+        expect(page.get_by_text(re.compile("silent for [0-9]+ s")).first).to_be_visible()
         shoot(page, "live-390x844")
