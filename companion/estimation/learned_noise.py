@@ -89,8 +89,8 @@ def believing(limits: Mapping[str, tuple[float, float]], shown: tuple[float, flo
 
 
 def _between_samples(values: Array, rate_hz: float) -> float:
-    rough = np.diff(values, n=2, axis=0).std(axis=0) / np.sqrt(6.0)  # of white noise: 1 + 4 + 1
-    return float(rough.max() / np.sqrt(rate_hz))
+    rough = max(float(np.diff(axis, n=2).std()) for axis in values.T) / np.sqrt(6.0)  # of white noise: 1 + 4 + 1
+    return float(rough / np.sqrt(rate_hz))
 
 
 def learn(

@@ -82,14 +82,17 @@ class CarriedImu:
 
 
 def carry_imu(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
-    track = replace(setup.imu, gyro=setup.imu.gyro - bias[0], accel=setup.imu.accel - bias[1])
+    track = setup.imu
+    if bias[0].any() or bias[1].any():
+        track = replace(track, gyro=track.gyro - bias[0], accel=track.accel - bias[1])
     path = preintegrate(track)
     raw = error_sums(track, path, setup.index[:-1], setup.index[1:])
     read = [readings.sample for readings in setup.readings]
     count = len(setup.index) - 1
+    path = path.at(np.unique(np.concatenate([setup.index, *_around(setup), *read])))
     return CarriedImu(
         bias,
-        path.at(np.unique(np.concatenate([setup.index, *_around(setup), *read]))),
+        path,
         raw.transition,
         {cause: raw.noise[cause][:, own, own].copy() for cause, own in MOVED.items()},
         raw.gyro_matrix.reshape(count, 9, 9),
