@@ -80,7 +80,7 @@ def test_an_address_says_where_a_link_goes(text: str, address: Address) -> None:
     "text", ["", "udpin", "http://x", "tcp:host", "udpin:1.2.3.4:99999", "flight.tlog", "udpout:h:0"]
 )
 def test_what_is_no_address_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="no link: use|no port "):
+    with pytest.raises(InputError, match="not a link: use|no port "):
         parse_address(text)
 
 
