@@ -43,17 +43,18 @@
     else if (button && CAMERAS.includes(button.textContent.trim())) chosen.camera = button.textContent.trim();
   });
   const remember = async () => {
-    const log = document.querySelector("[data-companion-log]")?.dataset.companionLog;
+    const { companionLog: log, companionSession: session } = document.querySelector("[data-companion-log]")?.dataset ?? {};
     if (!log || !shownTime() || missed) return;
     const known = views();
-    if (restored !== log) {
+    if (restored !== `${session} ${log}`) {
       const { t, imu, tab, camera } = known[log] ?? {};
-      if (t && !restored) {
+      const anew = !restored.startsWith(`${session} `); // another flight of the same session was chosen by hand
+      if (t && anew) {
         await fetch(`${REMEMBERED}?${new URLSearchParams({ t, imu: imu ?? "" })}`, { cache: "no-store" }).catch(() => {});
       }
-      if (tab && !restored) pressed("[role=tab]", tab);
-      if (camera && !restored) pressed("button", camera);
-      restored = log;
+      if (tab && anew) pressed("[role=tab]", tab);
+      if (camera && anew) pressed("button", camera);
+      restored = `${session} ${log}`;
       return;
     }
     delete known[log]; // the newest is the last
