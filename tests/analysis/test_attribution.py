@@ -182,6 +182,9 @@ def test_what_a_far_stronger_explanation_leaves_accuses_nobody(best: BestEstimat
     assert "gps position, which begins with it" in gyro.evidence
     alone = findings_of(episodes(replace(best, explained=(weak, replace(jump, onset=ONSET + 20.0)))), (), best)
     assert (alone[0].side, alone[0].severity) == ("imu", "error")
+    offset = Explained("accel_bias", "step", ONSET, 0.1, np.inf, np.array([3.0, 0.0, 0.0]), np.full(3, 0.1), 5000.0)
+    both = findings_of(episodes(replace(best, explained=(weak, offset))), (), best)
+    assert [f.side for f in both] == ["imu", "imu"], "of one sensor both are its own"
 
 
 @pytest.mark.parametrize(("bursts", "side"), [(0, "autopilot"), (5, "data")])

@@ -236,6 +236,16 @@ def test_a_jump_is_told_with_what_the_vehicle_said() -> None:
     assert "Mission" not in evidence
 
 
+@pytest.mark.parametrize(("at", "severity"), [(45.0, "error"), (54.6, "info")], ids=["in flight", "as it is disarmed"])
+def test_a_jump_within_the_second_before_it_says_disarmed_is_not_judged(at: float, severity: str) -> None:
+    flight = flown(events=(Event(10.0, "armed", "armed"), Event(55.0, "disarmed", "disarmed")))
+    position = flight.position
+    assert position is not None
+    moved = position.position + [30.0, 0.0, 0.0] * (position.t > at)[:, None]
+    found = assess(replace(flight, position=replace(position, position=moved)), GENERIC)
+    assert of_kind(found, "position_jump").severity == severity
+
+
 @pytest.mark.parametrize(
     ("name", "statuses", "kind"),
     [
