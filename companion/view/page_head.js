@@ -43,18 +43,17 @@
     else if (button && CAMERAS.includes(button.textContent.trim())) chosen.camera = button.textContent.trim();
   });
   const remember = async () => {
-    const { companionLog: log, companionSession: session } = document.querySelector("[data-companion-log]")?.dataset ?? {};
+    const log = document.querySelector("[data-companion-log]")?.dataset.companionLog;
     if (!log || !shownTime() || missed) return;
     const known = views();
-    if (restored !== `${session} ${log}`) {
+    if (restored !== log) {
       const { t, imu, tab, camera } = known[log] ?? {};
-      const anew = !restored.startsWith(`${session} `); // another flight of the same session was chosen by hand
-      if (t && anew) {
+      if (t && !restored) {
         await fetch(`${REMEMBERED}?${new URLSearchParams({ t, imu: imu ?? "" })}`, { cache: "no-store" }).catch(() => {});
       }
-      if (tab && anew) pressed("[role=tab]", tab);
-      if (camera && anew) pressed("button", camera);
-      restored = `${session} ${log}`;
+      if (tab && !restored) pressed("[role=tab]", tab);
+      if (camera && !restored) pressed("button", camera);
+      restored = log;
       return;
     }
     delete known[log]; // the newest is the last

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import secrets
 from collections.abc import Collection, Mapping, Sequence
 from html import escape
 
@@ -25,7 +24,6 @@ class Panel:
 
     def __init__(self, gui: viser.GuiApi, flights: Sequence[Flight], post: events.Post) -> None:
         self._flight = flights[0]
-        self._session = secrets.token_hex(4)  # by which a page knows that companion was started anew
         self._names = {id(f): f"{i + 1}: {_title(f)}" for i, f in enumerate(flights)}
         self._banner = gui.add_html("")
         self._pick = gui.add_dropdown("Flight", tuple(self._names.values()), visible=len(flights) > 1)
@@ -44,7 +42,7 @@ class Panel:
 
     def introduce(self, film: Footage, colours: Mapping[str, Rgb], further: Collection[Further]) -> None:
         """Say who is who. further: the paths that are shown besides."""
-        self._legend.content = _legend(self._flight, film, colours, further, self._session)
+        self._legend.content = _legend(self._flight, film, colours, further)
 
     def wait(self, text: str) -> None:
         """There is no verdict, or not yet: why, in words. `text` may hold anything."""
@@ -78,9 +76,7 @@ def _title(flight: Flight) -> str:
     return f"vehicle {vehicle}, boot {flight.boot}, {flight.duration:.0f} s"
 
 
-def _legend(
-    flight: Flight, film: Footage, colours: Mapping[str, Rgb], further: Collection[Further], session: str
-) -> str:
+def _legend(flight: Flight, film: Footage, colours: Mapping[str, Rgb], further: Collection[Further]) -> str:
     """Who is who. Text that came from the vehicle is escaped: it is untrusted, and this is markup."""
     vehicle, source = flight.vehicle, film.source
     who = escape(tables.kind(vehicle))
@@ -98,7 +94,6 @@ def _legend(
     lines = "".join(f"<div>{row}</div>" for row in rows)
     return (
         f'<div data-companion-imu="{escape(source)}" data-companion-log="{identity(flight)}" '
-        f'data-companion-session="{session}" '
         f'style="padding:0.2em 1em;font-size:0.8em;line-height:1.5">'
         f"<div>{who}, vehicle "
         f"{escape(str(vehicle))}, boot {flight.boot}, {flight.duration:.0f} s</div>{lines}</div>"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import signal
 import sys
 from pathlib import Path
@@ -26,7 +27,7 @@ def lines(text: str) -> list[dict[str, Any]]:
 
 def test_a_service_watches_records_and_leaves_the_vehicle_as_it_was(tmp_path: Path) -> None:
     port = free_port()
-    command = f"{sys.executable} -c \"import sys; open('changes', 'a').write(sys.stdin.read() + chr(10))\""
+    command = f"{shlex.quote(sys.executable)} -c \"import sys; open('changes', 'a').write(sys.stdin.read() + chr(10))\""
     words = ("-o", "a.tlog", "--on-change", command, "--fail-on", "insufficient")
     with (
         flying(port, since=30.0) as vehicle,
