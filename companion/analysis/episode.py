@@ -54,7 +54,7 @@ class Departure:
     @property
     def cause(self) -> Cause:
         """Itself, in numbers, where nothing else explains it."""
-        unit = {"velocity": "m/s", "position": "m", "height": "m"}.get(self.quantity, "rad")
+        unit = _UNITS[self.quantity].strip().replace("°", "rad")
         kind = f"{self.quantity}_off"
         return Cause(kind, "autopilot", self.start, self.end, size=self.size, sigma=self.sigma, unit=unit)
 

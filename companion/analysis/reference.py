@@ -56,7 +56,9 @@ def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Arr
     """
     if not len(attitude):
         raise ValueError("an attitude track needs a sample")
-    count, some = len(t), position is not None and len(position) > 0
+    count = len(t)
+    if position is not None and not len(position):
+        position = None
     out = Reference(
         t,
         np.empty((count, 4)),
@@ -74,7 +76,7 @@ def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Arr
         after = attitude.q_ned_frd[np.minimum(i + 1, len(attitude) - 1)]
         out.q_ned_frd[part] = quaternion.slerp(attitude.q_ned_frd[i], after, u)
         out.attitude_bend[part] = u * (1 - u) * change[i]
-        if position is not None and some:
+        if position is not None:
             i, u, known = _bracket(position.t, t[part], holes[1])
             out.position_known[part] = known & out.attitude_known[part]
             out.velocity[part], out.position[part] = _between(position, i, u[:, None])

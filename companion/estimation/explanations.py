@@ -19,6 +19,7 @@ from companion.strapdown import quaternion, skew
 
 _SHOCK = 10.0  # what an IMU misses in a moment it otherwise shows: a hole, readings at their end, vibration
 _MOMENTS = 4.0 * float(np.log(1000 / 24))  # both its ends are moments: of a thousand keyframes, not of 24 stretches
+_OFTEN = 8  # measurements, less than which show no change
 _LIVELY = {GYRO_BIAS.start: 0.2, ACCEL_BIAS.start: 1.5}  # rad/s, m/s², root mean square
 
 
@@ -50,6 +51,11 @@ class Problem:
     def witness(self, name: str) -> Measurement | None:
         """The measurements of a witness."""
         return next((one for one in self.measurements if one.name == name), None)
+
+    def told_often(self, name: str) -> Measurement | None:
+        """The same of a witness that was heard often enough to show a change; None otherwise."""
+        one = self.witness(name)
+        return one if one is not None and len(one.t) >= _OFTEN else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +146,8 @@ def _shift(*names: str) -> Callable[[Problem], Signature | None]:
     """Measurements that are off by u, all their components."""
 
     def signature(problem: Problem) -> Signature | None:
-        one = problem.witness(names[0])
-        if one is None or len(one.t) < 8:
+        one = problem.told_often(names[0])
+        if one is None:
             return None
         return Signature(None, {one.name: np.tile(np.eye(one.residual.shape[1]), (len(one.t), 1, 1))})
 
@@ -163,8 +169,8 @@ def _late(problem: Problem) -> Signature | None:
 
 def _field(problem: Problem) -> Signature | None:
     """A field whose horizontal part is another in NED: the compass, or the iron around it, has turned."""
-    one = problem.witness("compass")
-    if one is None or len(one.t) < 8:
+    one = problem.told_often("compass")
+    if one is None:
         return None
     matrix = quaternion.to_matrix(problem.q_ned_frd[one.keyframe]).swapaxes(-1, -2)
     return Signature(None, {"compass": matrix[:, :, :2]})
@@ -172,8 +178,8 @@ def _field(problem: Problem) -> Signature | None:
 
 def _rotation(problem: Problem) -> Signature | None:
     """A compass turned by u in its mounting: what it reads changes by u × the field in the body."""
-    one = problem.witness("compass")
-    if one is None or len(one.t) < 8:
+    one = problem.told_often("compass")
+    if one is None:
         return None
     of_matrix = one.constants[:, :, CONSTANTS["soft_iron"][0]]
     return Signature(None, {"compass": of_matrix @ skew(np.eye(3)).reshape(3, 9).T})

@@ -106,8 +106,9 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
     accepted: list[Choice] = []
     nearly: tuple[str, ...] = ()
     settled, linear = estimate(setup, start)
+    shown = scatter(setup)
     while len(accepted) < _MOST_EXPLAINED:
-        found = _explained_further(setup, start, settled, linear, accepted)
+        found = _explained_further(setup, start, settled, linear, accepted, shown)
         if found is None:
             break
         choice, again, result = found
@@ -116,19 +117,20 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
             break
         accepted.append(choice)
         settled, linear = again, result
-    return replace(_result(setup, settled, linear, accepted), promising=nearly)
+    return replace(_result(setup, settled, linear, accepted, shown), promising=nearly)
 
 
 def _explained_further(
-    setup: Setup, start: Start, settled: Start, linear: Linear, accepted: Sequence[Choice]
+    setup: Setup, start: Start, settled: Start, linear: Linear, accepted: Sequence[Choice], shown: tuple[float, float]
 ) -> tuple[Choice, Start, Linear] | None:
     """What explains most, and the estimate with it; None where nothing promises anything.
 
     A fault of another witness that lasts for a good part of the flight is learned as noise of the IMU: it is then the
     IMU that seems to follow the other. So where it goes on to need far more noise than it shows, what would explain
     most if it were believed is tried, and taken if that ends it.
+    shown: by which its readings scatter (`scatter`).
     """
-    begin, shown = replace(settled, states=start.states), scatter(setup)
+    begin = replace(settled, states=start.states)
     choice = choose(linear.problem, linear.solution)
     first = None if choice is None else _tried(setup, begin, accepted, choice)
     doubted = any(one.kind.side == "imu" for one in accepted)
@@ -206,7 +208,9 @@ def _carried(setup: Setup, states: States, before: CarriedImu | None) -> Carried
     return carry_imu(setup, bias)
 
 
-def _result(setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Choice]) -> BestEstimate:
+def _result(
+    setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Choice], shown: tuple[float, float]
+) -> BestEstimate:
     states = settled.states
     covariance = linear.solution.covariances()
     variance = np.diagonal(covariance, axis1=1, axis2=2)
@@ -235,7 +239,7 @@ def _result(setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Cho
             linear.noise.gyro_noise / settled.noise.gyro_noise,
             linear.noise.accel_noise / settled.noise.accel_noise,
         ),
-        scatter=scatter(setup),
+        scatter=shown,
         measurement_scale=dict(settled.scale),
         residuals=residuals,
         gravity=setup.gravity,

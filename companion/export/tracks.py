@@ -191,17 +191,16 @@ def _best(flight: Flight, best: BestEstimate) -> Table:
 
 
 def _drift(assessed: Assessment) -> Table:
-    rows = assessed.drift.rows
+    table = assessed.drift.to_dict()
     columns = [
-        Column("horizon_s", np.array([row.horizon_s for row in rows]), "s"),
-        Column("windows", np.array([row.windows for row in rows], np.int64)),
-        Column("excluded", np.array([sum(row.excluded.values()) for row in rows], np.int64)),
+        Column("horizon_s", np.array(table["horizon_s"]), "s"),
+        *(Column(name, np.array(table[name], np.int64)) for name in ("windows", "excluded")),
     ]
     for quantity, unit in (("attitude_deg", "°"), ("velocity_mps", "m/s"), ("position_m", "m")):
         name, suffix = quantity.split("_")
         for statistic in _STATISTICS:
-            values = [getattr(getattr(row, quantity), statistic, np.nan) for row in rows]
-            columns.append(Column(f"{name}_{statistic}_{suffix}", np.array(values), unit))
+            key = f"{name}_{statistic}_{suffix}"
+            columns.append(Column(key, np.array(table[key]), unit))
         values = [_or_nan(getattr(expected, quantity, None)) for expected in assessed.expected]
         columns.append(Column(f"{name}_expected_{suffix}", np.array(values), unit, "1σ by the error budget"))
     about = {"imu": assessed.drift.imu, "method": assessed.drift.method, "middle": assessed.drift.middle}

@@ -39,7 +39,7 @@ def drift_table(table: Drift, expected: Assessment, colour: Rgb, horizon_s: floa
         rows.append(_row(("", "", *("" if s is None else f"{figure(s)}" for s in sigma)), f"opacity:{palette.QUIET}"))
         left = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in row.excluded.items())
         if left and chosen:
-            rows.append(f'<tr><td colspan="5" style=f"opacity:{palette.QUIET}">left out: {escape(left)}</td></tr>')
+            rows.append(f'<tr><td colspan="5" style="opacity:{palette.QUIET}">left out: {escape(left)}</td></tr>')
     note = "Each: median / 95 % of the windows; below it, paler, the expected 1σ."
     return _title(f"{swatch(colour)}Drift of {escape(table.imu)}") + _table(head, rows) + _small(note, 0.65)
 
@@ -111,7 +111,7 @@ def _row(cells: Iterable[object], style: str) -> str:
 
 def _table(head: Sequence[str], rows: Sequence[str]) -> str:
     first, *rest = head
-    top = f'<tr style=f"opacity:{palette.QUIET}"><td>{first}</td>{"".join(f"<td>{cell}</td>" for cell in rest)}</tr>'
+    top = f'<tr style="opacity:{palette.QUIET}"><td>{first}</td>{"".join(f"<td>{cell}</td>" for cell in rest)}</tr>'
     return (
         "<style>.companion-table td{text-align:right;padding:0 0 0 0.4em;white-space:nowrap}"
         ".companion-table td:first-child{text-align:left;padding:0}</style>"

@@ -16,10 +16,8 @@ from companion.strapdown import quaternion
 
 _FROZEN_S = 0.5
 _TOGETHER_S = 1.0  # shocks closer than this are one finding
-_MOMENT_S, _AGAIN = (
-    0.05,
-    3,
-)  # a shorter end of the range is a shock, which no sensor is accused of; if it does not recur
+_MOMENT_S = 0.05  # a shorter end of the range is a shock, which no sensor is accused of
+_AGAIN = 3  # times, and it is none
 _STUCK_S = 1.0
 _TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a step is in less than a fifth of such spans
 _STUCK_RATE_HZ = 20.0
