@@ -110,9 +110,16 @@ class SetPart:
 
 @dataclass(frozen=True, slots=True)
 class Choose:
-    """Reckon otherwise."""
+    """Reckon what a link sends otherwise."""
 
     choice: ReplayChoice
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Reckon otherwise in one respect; in all others as was asked for last, whether it is already shown or not."""
+
+    change: Callable[[ReplayChoice], ReplayChoice]
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,5 +275,5 @@ Look = SetCamera | SetSize | SetRange | SetArrows | SetPath | SetDark | Joined |
 Goto = Step | StepSample | Jump | JumpToMark | JumpToFinding
 Move = Toggle | Seek | SeekShare | Goto | SetSpeed | SetLoop | SetBackwards | SetPart
 Live = Pause | LookBack | StepBack | SetReanchor | AnchorNow | PickVehicle | PickRun
-Event = Live | Move | Look | SetTrail | Choose | StartHere | PickFlight | PickCharts | PickPlace | Save | Visit
+Event = Live | Move | Look | SetTrail | Choose | Change | StartHere | PickFlight | PickCharts | PickPlace | Save | Visit
 Post = Callable[[Event], None]

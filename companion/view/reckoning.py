@@ -1,8 +1,11 @@
-"""The controls of how the IMU is reckoned. Every change becomes one choice for the view thread."""
+"""The controls of how the IMU is reckoned. Every change becomes one event for the view thread."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
+from typing import Any, TypeVar
 
 import viser
 
@@ -19,6 +22,8 @@ CORRECTIONS: dict[str, Corrected] = {"Uncorrected": "no", "Corrected by this fli
 MOST_SEGMENTS = 64
 MOST_OTHERS = 6
 GYRO_RANGE, ACCEL_RANGE = 20.0, 0.5  # mrad/s and m/s², either way
+Bias = tuple[float, float, float]
+T = TypeVar("T")
 AXES = ("forward", "right", "down")
 GYRO_UNIT, ACCEL_UNIT = (
     "mrad/\u2060s",
@@ -33,7 +38,6 @@ class ReckoningControls:
     def __init__(self, gui: viser.GuiApi, flight: Flight, offer: Offer, post: events.Post) -> None:
         self._flight, self._post = flight, post
         self._gravities, self._corrections = GRAVITIES, dict(CORRECTIONS)
-        self._choice = ReplayChoice()
         if offer.correction_file is not None:
             self._corrections[f"Corrected by {offer.correction_file}"] = "file"
         self._horizons = {f"{h:g} s": h for h in offer.horizons_s}
@@ -75,7 +79,7 @@ class ReckoningControls:
 
     def load(self, flight: Flight, choice: ReplayChoice, start: float) -> None:
         """Show a choice. start: s, boot clock, where the reckoning begins. Values set here come back as no events."""
-        self._flight, self._choice = flight, choice
+        self._flight = flight
         self._imu.options = tuple(flight.imus) or ("none",)
         if choice.imu is not None and choice.imu in flight.imus:
             write(self._imu, choice.imu)
@@ -106,42 +110,80 @@ class ReckoningControls:
             write(slider, bounded(force, -ACCEL_RANGE, 0.0, ACCEL_RANGE))
 
     def _listen(self) -> None:
-        post = self._post
-        chosen = (self._imu, self._correction, self._horizon, self._method, self._middle, self._segments, self._gravity)
-        where = (self._anchored, self._period, self._start)
-        for handle in (*chosen, *where, *self._others, *self._gyro, *self._accel):
-            listen(handle, post, lambda: events.Choose(self._read()))
+        """Each control changes its own part of what was asked for last: the others may still show what was before."""
+
+        def hear(handle: Any, change: Callable[[ReplayChoice, Any], ReplayChoice]) -> None:
+            listen(handle, self._post, lambda: _change(change, handle.value))
+
+        hear(self._imu, self._with_imu)
+        for i, box in enumerate(self._others):
+            hear(box, partial(self._with_other, i))
+        hear(self._correction, lambda c, name: replace(c, correction=_named(self._corrections, name, c.correction)))
+        hear(self._horizon, lambda c, name: replace(c, horizon_s=_named(self._horizons, name, c.horizon_s)))
+        hear(self._method, lambda c, name: _how(c, method=_named(METHODS, name, c.how.method)))
+        hear(self._middle, lambda c, name: _how(c, middle=_named(MIDDLES, name, c.how.middle)))
+        hear(self._segments, lambda c, count: _how(c, segments=int(bounded(count, 1, 1, MOST_SEGMENTS))))
+        hear(self._gravity, lambda c, name: replace(c, gravity=_named(self._gravities, name, c.gravity)))
+        hear(
+            self._anchored, lambda c, anchored: replace(c, reanchor_s=_period(self._period.value) if anchored else None)
+        )
+        hear(self._period, lambda c, s: c if c.reanchor_s is None else replace(c, reanchor_s=_period(s)))
+        hear(self._start, self._with_start)
+        for i, slider in enumerate(self._gyro):
+            hear(slider, partial(_with_gyro, i))
+        for i, slider in enumerate(self._accel):
+            hear(slider, partial(_with_accel, i))
 
         @self._here.on_click
         async def _(_: object) -> None:
-            post(events.StartHere())
+            self._post(events.StartHere())
 
         @self._reset.on_click
         async def _(_: object) -> None:
-            post(events.Choose(replace(self._read(), gyro_bias=NO_BIAS, accel_bias=NO_BIAS)))
+            self._post(events.Change(lambda choice: replace(choice, gyro_bias=NO_BIAS, accel_bias=NO_BIAS)))
 
-    def _read(self) -> ReplayChoice:
-        """What the controls say. A browser may send anything: names are looked up, numbers kept in bounds."""
-        flight, before = self._flight, self._choice
-        gyro = [1e-3 * bounded(slider.value, -GYRO_RANGE, 0.0, GYRO_RANGE) for slider in self._gyro]
-        accel = [bounded(slider.value, -ACCEL_RANGE, 0.0, ACCEL_RANGE) for slider in self._accel]
-        imu = self._imu.value if self._imu.value in flight.imus else before.imu
-        boxes = zip(self._names, self._others, strict=False)
-        return replace(
-            before,
-            imu=imu,
-            others=tuple(name for name, box in boxes if box.value is True and name != imu),
-            how=replace(
-                before.how,
-                method=METHODS.get(self._method.value, before.how.method),
-                middle=MIDDLES.get(self._middle.value, before.how.middle),
-                segments=int(bounded(self._segments.value, 1, 1, MOST_SEGMENTS)),
-            ),
-            gravity=self._gravities.get(self._gravity.value, before.gravity),
-            reanchor_s=bounded(self._period.value, 0.5, 10.0, 3600.0) if self._anchored.value else None,
-            start_s=bounded(self._start.value, flight.start, flight.start, flight.start + flight.duration),
-            horizon_s=self._horizons.get(self._horizon.value, before.horizon_s),
-            correction=self._corrections.get(self._correction.value, before.correction),
-            gyro_bias=(gyro[0], gyro[1], gyro[2]),
-            accel_bias=(accel[0], accel[1], accel[2]),
-        )
+    def _with_imu(self, choice: ReplayChoice, name: object) -> ReplayChoice:
+        if not isinstance(name, str) or name not in self._flight.imus:
+            return choice
+        return replace(choice, imu=name, others=tuple(other for other in choice.others if other != name))
+
+    def _with_other(self, i: int, choice: ReplayChoice, shown: object) -> ReplayChoice:
+        if i >= len(self._names) or self._names[i] == choice.imu:
+            return choice
+        others = {*choice.others} - {self._names[i]} | ({self._names[i]} if shown is True else set())
+        return replace(choice, others=tuple(name for name in self._names if name in others))
+
+    def _with_start(self, choice: ReplayChoice, seconds: object) -> ReplayChoice:
+        begin = self._flight.start
+        return replace(choice, start_s=bounded(seconds, begin, begin, begin + self._flight.duration))
+
+
+def _change(change: Callable[[ReplayChoice, Any], ReplayChoice], value: object) -> events.Change:
+    """To what a control says now. A browser may send anything: names are looked up, numbers kept in bounds."""
+    return events.Change(lambda choice: change(choice, value))
+
+
+def _named(options: Mapping[str, T], name: object, before: T) -> T:
+    return options.get(name, before) if isinstance(name, str) else before
+
+
+def _how(choice: ReplayChoice, **changes: Any) -> ReplayChoice:
+    return replace(choice, how=replace(choice.how, **changes))
+
+
+def _period(seconds: object) -> float:
+    return bounded(seconds, 0.5, 10.0, 3600.0)
+
+
+def _with_gyro(i: int, choice: ReplayChoice, value: object) -> ReplayChoice:
+    rate = 1e-3 * bounded(value, -GYRO_RANGE, 0.0, GYRO_RANGE)
+    return replace(choice, gyro_bias=_with(i, choice.gyro_bias, rate))
+
+
+def _with_accel(i: int, choice: ReplayChoice, value: object) -> ReplayChoice:
+    return replace(choice, accel_bias=_with(i, choice.accel_bias, bounded(value, -ACCEL_RANGE, 0.0, ACCEL_RANGE)))
+
+
+def _with(i: int, bias: Bias, value: float) -> Bias:
+    x, y, z = (value if i == j else other for j, other in enumerate(bias))
+    return x, y, z

@@ -116,8 +116,8 @@ class Stage:
     def handle(self, event: events.Event) -> None:
         """Do what a control of a page asks for."""
         match event:
-            case events.Choose(choice):
-                self._reckon(self._flight, choice)
+            case events.Change(change):
+                self._reckon(self._flight, change(self._asked))
             case events.StartHere():
                 self._reckon(self._flight, replace(self._asked, start_s=self.player.time))
             case events.PickFlight(index):
@@ -191,6 +191,7 @@ class Stage:
             self._complain(str(outcome.result))
             self._asked = self._choice
             self._panel.choose_flight(self._flight)
+            self._adjustments.load(self._flight, self._asked, self._film.start)
             if self._film.insight is None:  # the analysis of what is still shown was given up for this
                 self._examine()
             return
@@ -251,7 +252,7 @@ class Stage:
         self._plots.load(film, self._flight, self._colours, (self.player.start, self.player.end))
         self._panel.load(self._flight, film)
         self._legend()
-        self._adjustments.load(self._flight, self._choice, film.start)
+        self._adjustments.load(self._flight, self._asked, film.start)
         below = bands(self._flight, film)
         self._timeline.load(self.player, self._marks, film.replay.anchors.tolist(), below)
         self._findings.load(insight, outside(below.findings, film.start, film.end))

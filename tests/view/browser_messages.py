@@ -41,7 +41,10 @@ class PlainPage:
         self._socket.send(pack(message))
 
     def press(self, label: str) -> None:
-        self.send({"type": "GuiUpdateMessage", "uuid": self.control(label)["uuid"], "updates": {"value": True}})
+        self.choose(label, True)
+
+    def choose(self, label: str, value: object) -> None:
+        self.send({"type": "GuiUpdateMessage", "uuid": self.control(label)["uuid"], "updates": {"value": value}})
 
     def control(self, label: str) -> Told:
         return next(one for one in self.told if one.get("props", {}).get("label") == label)

@@ -12,6 +12,7 @@ from companion.analysis import Integration
 from companion.model import DataError, Flight
 from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, events
 from companion.view.work import Opinion, Outcome, Work
+from tests.view.browser_messages import plain_page
 from tests.view.browsing import until
 from tests.view.circles import examine, recompute
 from tests.waiting import LIMIT_S
@@ -91,9 +92,50 @@ def test_a_choice_that_is_still_being_reckoned_is_not_forgotten(flight: Flight) 
         return recompute(flight, choice)
 
     with Viewer([flight], slow, examine, port=0) as viewer:
-        first = asked[0]
-        viewer.post(events.Choose(replace(first, how=replace(first.how, segments=4))))
+        viewer.post(events.Change(lambda choice: replace(choice, how=replace(choice.how, segments=4))))
         viewer.post(events.Seek(110.0))
         viewer.post(events.StartHere())
         until(lambda: asked[-1].start_s == 110.0, "the start")
         assert asked[-1].how.segments == 4
+
+
+def test_a_control_changes_nothing_else_that_was_asked_for(flight: Flight) -> None:
+    """Until the answer is there the other controls still show what was before."""
+    asked: list[ReplayChoice] = []
+    answered = threading.Event()
+
+    def slow(flight: Flight, choice: ReplayChoice) -> Reckoning:
+        asked.append(choice)
+        if choice.start_s is not None:
+            answered.wait(LIMIT_S)
+        return recompute(flight, choice)
+
+    with Viewer([flight], slow, examine, port=0) as viewer, plain_page(viewer.url) as page:
+        page.listen(lambda: any(one.get("props", {}).get("label") == "Segments" for one in page.told))
+        viewer.post(events.Seek(110.0))
+        viewer.post(events.StartHere())
+        until(lambda: asked[-1].start_s == 110.0, "the start")
+        page.choose("Segments", 4)
+        page.choose("Integrator", "Euler (simplest)")
+        page.choose("Gravity, m/s²", [1.0, 2.0])  # no name at all
+        page.choose("Re-anchor", False)
+        answered.set()
+        until(lambda: asked[-1].reanchor_s is None, "all of it")
+        assert (asked[-1].start_s, asked[-1].how.segments, asked[-1].how.method) == (110.0, 4, "euler")
+        until(lambda: viewer.player.start == 110.0, "the new interval")
+
+
+def test_a_choice_that_cannot_be_shown_is_taken_back(flight: Flight) -> None:
+    def picky(flight: Flight, choice: ReplayChoice) -> Reckoning:
+        if choice.gravity == "normal":
+            raise DataError("no place")
+        return recompute(flight, choice)
+
+    with Viewer([flight], picky, examine, port=0) as viewer, plain_page(viewer.url) as page:
+        page.listen(lambda: any(one.get("props", {}).get("label") == "Segments" for one in page.told))
+        page.choose("Gravity, m/s²", "Where it flew (WGS-84)")
+        uuid = page.control("Gravity, m/s²")["uuid"]
+        told = {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": "9.80665 (standard)"}}
+        page.listen(lambda: any("no place" in str(one) for one in page.told))
+        said = next(i for i, one in enumerate(page.told) if "no place" in str(one))
+        page.listen(lambda: told in page.told[said:])

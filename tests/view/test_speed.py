@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -32,5 +33,5 @@ def test_a_new_bias_is_on_the_screen() -> None:
         viewer.post(events.Seek(viewer.player.first + 9.9))
         for i in range(1, 4):
             before = viewer.scene.imu.position
-            viewer.post(events.Choose(ReplayChoice(imu="RAW_IMU", gyro_bias=(1e-3 * i, 0.0, 0.0))))
+            viewer.post(events.Change(partial(replace, gyro_bias=(1e-3 * i, 0.0, 0.0))))
             wait_for(lambda before=before: not np.array_equal(viewer.scene.imu.position, before))  # type: ignore[misc]
