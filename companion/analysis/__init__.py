@@ -25,7 +25,7 @@ from companion.analysis.noise_model import ModelFigure, SensorModel, noise_model
 from companion.analysis.phases import phases
 from companion.analysis.pose_error import PoseError, Spread, ape, rpe
 from companion.analysis.reference import Limits, Reference, reference_at
-from companion.analysis.replay import Replay, replay, replay_from_rest
+from companion.analysis.replay import Continued, Replay, go_on, replay, replay_from_rest
 from companion.analysis.reported import reported_by
 from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift
@@ -49,6 +49,7 @@ __all__ = [
     "Change",
     "Clips",
     "Comparison",
+    "Continued",
     "Contrast",
     "Correction",
     "Drift",
@@ -98,6 +99,7 @@ __all__ = [
     "errors",
     "expected_by_age",
     "expected_since_anchor",
+    "go_on",
     "gravity_for",
     "imu_noise",
     "inventory",

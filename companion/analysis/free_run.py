@@ -8,12 +8,11 @@ import numpy as np
 
 from companion.analysis.compare import attitude_error
 from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.replay import Replay
-from companion.model import Array, ImuTrack, NavState
+from companion.analysis.replay import CONTEXT, Continued, Replay
+from companion.model import Array, ImuTrack, NavState, Trajectory
 from companion.strapdown import Reckoner
 
 _SETTLED_S = 2.0  # samples older than this change no more: packets come late, and the last cubic is one-sided
-_CONTEXT = 3  # samples before the state, for the cubic through four
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,11 +37,13 @@ class FreeRun:
         self.ended = ""  # why the last run ended, for the user
         self._anchor_s: float | None = None
         self._settled: NavState | None = None
+        self._begun: Trajectory | None = None  # what the last `take` has reckoned for good, from which `carry` goes on
+        self._gravity = DEFAULT.gravity
         self._has_position = False
 
     def anchor_now(self) -> None:
         """Begin another run with the next `take`."""
-        self._settled = self._anchor_s = None
+        self._settled = self._anchor_s = self._begun = None
         self.ended = ""
 
     def take(self, track: ImuTrack, replay: Replay, how: Integration = DEFAULT) -> FreeState | None:
@@ -64,13 +65,31 @@ class FreeRun:
             self._end(f"the IMU was silent for {steps.max():.1f} s")
             return None
         reckoner = Reckoner(settled, method=how.method, middle=how.middle, segments=how.segments, gravity=how.gravity)
-        begun = reckoner.push(track[max(at - _CONTEXT, 0) : end])
+        begun = reckoner.push(track[max(at - CONTEXT, 0) : end])
         rest = reckoner.finish()
         t = np.concatenate([begun.t, rest.t])
         old = int(np.searchsorted(t, t[-1] - _SETTLED_S)) - 1
         if 0 <= old < len(begun):
             self._settled = NavState(float(t[old]), begun.q_ned_frd[old], begun.velocity[old], begun.position[old])
-        now = reckoner.state
+        self._begun, self._gravity = begun, how.gravity
+        return self._beside(reckoner.state, replay)
+
+    def carry(self, found: Continued) -> FreeState | None:
+        """Where the run is at the end of a replay that went on from that which was taken last: a tenth of the work.
+
+        None where a run has just ended.
+        """
+        if self._begun is None or not len(self._begun):
+            return None
+        begun, path = self._begun, found.path
+        at = int(np.searchsorted(begun.t, path.t[CONTEXT] - 5e-7))
+        if at >= len(begun) or abs(begun.t[at] - path.t[CONTEXT]) > 5e-7:
+            return None
+        state = (a[at] for a in (begun.q_ned_frd, begun.velocity, begun.position))
+        q, velocity, position = path.carry(CONTEXT, len(path.t) - 1, *state, gravity=self._gravity)
+        return self._beside(NavState(float(path.t[-1]), q, velocity, position), found.replay)
+
+    def _beside(self, now: NavState, replay: Replay) -> FreeState:
         q_error = attitude_error(replay.q_ref[-1], now.q_ned_frd)
         here = replay.has_position
         zero = np.zeros(3)
@@ -90,5 +109,5 @@ class FreeRun:
         return self._settled
 
     def _end(self, why: str) -> None:
-        self._settled = self._anchor_s = None
+        self._settled = self._anchor_s = self._begun = None
         self.ended = why

@@ -11,8 +11,10 @@ from companion.analysis.compare import attitude_error
 from companion.analysis.comparison import IntArray
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import BoolArray, Reference, reference_at
-from companion.model import Array, DataError, Flight, ImuTrack, brief, nearest
-from companion.strapdown import preintegrate, quaternion
+from companion.model import Array, AttitudeTrack, DataError, Flight, ImuTrack, PositionTrack, brief, nearest
+from companion.strapdown import Preintegration, preintegrate, quaternion
+
+_SAME_S = 5e-7  # half a tick of MAVLink's finest clock
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,7 +134,65 @@ def _reckoned(
     path = preintegrate(track[shown], method=how.method, middle=how.middle, segments=how.segments)
     index = anchors - shown.start
     which = np.searchsorted(index, np.arange(len(t)), side="right") - 1
-    q, v, p = path.carry(index[which], np.arange(len(t)), *(start[which] for start in starts), gravity=how.gravity)
+    states = path.carry(index[which], np.arange(len(t)), *(start[which] for start in starts), gravity=how.gravity)
+    return _beside(t, states, reference, shown, track.t[anchors], has_position=has_position)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Continued:
+    """A replay that went on."""
+
+    replay: Replay  # from `BACK` samples before the end of the one before
+    path: Preintegration  # over its samples, after `CONTEXT` more
+
+
+CONTEXT = 3  # samples before a state, for the cubic through four
+BACK = 4  # before the end: there a sample's state does not change any more when the next ones come
+
+
+def go_on(
+    before: Replay, imu: ImuTrack, attitude: AttitudeTrack, position: PositionTrack | None, how: Integration
+) -> Continued | None:
+    """A replay carried on to the newest samples, with its anchors: its last rows, and those that are new.
+
+    imu, attitude, position: the newest samples, from some before the end of `before` on. None where they do not join
+    it: a hole, samples that are too few or too late, or an anchor between them.
+    """
+    has_position = before.has_position
+    if (
+        len(before.t) <= BACK
+        or before.anchors[-1] > before.t[-1 - BACK] + _SAME_S
+        or not len(attitude)
+        or (has_position and not (position is not None and len(position)))
+    ):
+        return None
+    first = int(np.searchsorted(imu.t, before.t[-1 - BACK] - _SAME_S))
+    if first < CONTEXT or first >= len(imu) or abs(imu.t[first] - before.t[-1 - BACK]) > _SAME_S:
+        return None
+    reference = reference_at(attitude, position if has_position else None, imu.t, how.limits)
+    known = np.flatnonzero(reference.position_known if has_position else reference.attitude_known)
+    last = int(known[-1]) if len(known) else -1
+    part, shown = slice(first - CONTEXT, last + 1), slice(first, last + 1)
+    if last < first + BACK or np.diff(imu.t[part]).max() > how.limits.hole(imu.t):
+        return None
+    path = preintegrate(imu[part], method=how.method, middle=how.middle, segments=how.segments)
+    state = (a[-1 - BACK] for a in (before.q_imu, before.velocity_imu, before.position_imu))
+    states = path.carry(CONTEXT, np.arange(CONTEXT, len(path.t)), *state, gravity=how.gravity)
+    found = _beside(imu.t[shown], states, reference, shown, before.anchors, has_position=has_position)
+    return Continued(found, path)
+
+
+def _beside(
+    t: Array,
+    states: tuple[Array, Array, Array],
+    reference: Reference,
+    shown: slice,
+    anchors: Array,
+    *,
+    has_position: bool,
+) -> Replay:
+    """The reckoned attitude (N, 4), velocity and position (N, 3) at times t (N,) beside the reference's own."""
+    q, v, p = states
     q_ref, v_ref, p_ref = (a[shown] for a in (reference.q_ned_frd, reference.velocity, reference.position))
     if not has_position:
         v, p = v_ref, p_ref
@@ -148,7 +208,7 @@ def _reckoned(
         attitude_error=attitude_error(q_ref, q),
         velocity_error=v_ref - v,
         position_error=p_ref - p,
-        anchors=track.t[anchors],
+        anchors=anchors,
         has_position=has_position,
         reference_valid=valid[shown],
     )

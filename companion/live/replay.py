@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from companion.analysis import Integration, Replay, replay
+from companion.analysis import Continued, Integration, Replay, go_on, replay
 from companion.model import DataError, Flight
 from companion.telemetry import Stream
 
 _MARGIN_S = 3.0  # beside the re-anchor period: late packets, and the autopilot's messages around the anchor
+
+_WHOLE_S = 1.0  # between two looks at everything; in between the newest samples go on from the last
+_OVERLAP_S = 0.6  # of arrivals before that: a sample or more of each message, also of slow ones
 
 _STEADY_S = 5.0  # how long another IMU message must be the better one
 
@@ -20,7 +23,18 @@ class Present:
 
     flight: Flight  # its last seconds
     imu: str  # the message that is integrated
-    replay: Replay  # since the anchor before the last; its last row is now
+    replay: Replay  # since the anchor before the last, or only the last rows; its last row is now
+    continued: Continued | None  # those last rows; None where everything was looked at
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Whole:
+    """A look at everything."""
+
+    present: Present
+    how: Integration
+    newest: float  # s UNIX, when the newest message of then arrived
+    asked: tuple[object, ...]
 
 
 class LiveReplay:
@@ -48,6 +62,7 @@ class LiveReplay:
         self._stream = stream
         self.imu = imu
         self.how = how
+        self._whole: _Whole | None = None
         self._boot: tuple[str, int] | None = None
         self._anchor: float | None = None  # s, boot clock
         self._chosen: str | None = None  # the IMU that is shown when the user names none
@@ -66,10 +81,33 @@ class LiveReplay:
 
     def anchor_now(self) -> None:
         """Start again from the autopilot at the next look."""
-        self._anchor = None
+        self._anchor = self._whole = None
 
     def look(self) -> Present | None:
         """Both poses over the last seconds; None, with the reason in `why_not`, when they cannot be known."""
+        return self._gone_on() or self._look_at_everything()
+
+    def _gone_on(self) -> Present | None:
+        """The last look at everything carried on; None where it is time for another, or nothing else can tell."""
+        whole = self._whole
+        if whole is None or whole.asked != self._asked or self._stream.newest - whole.newest > _WHOLE_S:
+            return None
+        present = whole.present
+        newest = self._stream.go_on(present.flight, present.imu, whole.newest - _OVERLAP_S)
+        if newest is None:
+            return None
+        found = go_on(present.replay, newest.imu, newest.attitude, newest.position, whole.how)
+        if found is None or found.replay.t[-1] >= present.replay.anchors[-1] + self._reanchor_s:
+            return None
+        return Present(present.flight, present.imu, found.replay, found)
+
+    @property
+    def _asked(self) -> tuple[object, ...]:
+        """What the user wants to see: another wish is another look."""
+        return self.vehicle, self.imu, self.how, self._reanchor_s
+
+    def _look_at_everything(self) -> Present | None:
+        self._whole = None
         flight = self._choose()
         if flight is None:
             return None
@@ -77,24 +115,21 @@ class LiveReplay:
         if boot != self._boot:
             self._boot, self._anchor, self._chosen = boot, None, None
         imu = self.imu or self._steady_imu(flight)
+        how = self.how(flight) if callable(self.how) else self.how
         start = self._anchor
         if start is None or start < flight.start + flight.duration - self._span:
             start = _nearly_now(flight)
         try:
-            both = replay(
-                flight,
-                imu=imu,
-                how=self.how(flight) if callable(self.how) else self.how,
-                reanchor_s=self._reanchor_s,
-                start_s=start,
-            )
+            both = replay(flight, imu=imu, how=how, reanchor_s=self._reanchor_s, start_s=start)
         except DataError as reason:
             self.why_not = str(reason)
             return None
         # one anchor back, so that the last error before a new anchor is still shown with it
         self._anchor = float(both.anchors[-2 if len(both.anchors) > 1 else -1])
         self.why_not = ""
-        return Present(flight, flight.imu(imu).source, both)
+        present = Present(flight, flight.imu(imu).source, both, None)
+        self._whole = _Whole(present, how, self._stream.newest, self._asked)
+        return present
 
     @property
     def _span(self) -> float:

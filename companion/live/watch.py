@@ -107,13 +107,15 @@ class Watch:
         if present is None:
             return None
         flight = present.flight
-        track = flight.imu(present.imu)
         shown = (str(flight.vehicle), flight.boot, present.imu)
         if shown != self._shown:
             self._shown = shown
             self._free.anchor_now()
             self._drift_due = 0.0
-        free = self._free.take(track, present.replay, self._how(flight))
+        if present.continued is not None:
+            free = self._free.carry(present.continued)
+        else:
+            free = self._free.take(flight.imu(present.imu), present.replay, self._how(flight))
         if time.monotonic() >= self._drift_due:
             self._drift_due = time.monotonic() + _DRIFT_S
             self.judge()

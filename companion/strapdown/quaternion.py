@@ -21,17 +21,15 @@ IDENTITY.setflags(write=False)
 
 def multiply(a: Array, b: Array) -> Array:
     """Hamilton product a ⊗ b: first b, then a. Shapes (..., 4), broadcast against each other."""
-    aw, ax, ay, az = np.moveaxis(a, -1, 0)
-    bw, bx, by, bz = np.moveaxis(b, -1, 0)
-    return np.stack(
-        (
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ),
-        axis=-1,
-    )
+    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
+    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
+    w = aw * bw - ax * bx - ay * by - az * bz
+    product = np.empty((*w.shape, 4), w.dtype)
+    product[..., 0] = w
+    product[..., 1] = aw * bx + ax * bw + ay * bz - az * by
+    product[..., 2] = aw * by - ax * bz + ay * bw + az * bx
+    product[..., 3] = aw * bz + ax * by - ay * bx + az * bw
+    return product
 
 
 def conjugate(q: Array) -> Array:
@@ -50,8 +48,20 @@ def normalize(q: Array) -> Array:
 def rotate(q: Array, vector: Array) -> Array:
     """C(q) vector: q (..., 4) of unit length, vector (..., 3), broadcast. With q_ned_frd: from FRD to NED."""
     w, axis = q[..., :1], q[..., 1:]
-    turn = 2.0 * np.cross(axis, vector)
-    return np.asarray(vector + w * turn + np.cross(axis, turn))
+    turn = 2.0 * _cross(axis, vector)
+    return np.asarray(vector + w * turn + _cross(axis, turn))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """a × b, (..., 3): NumPy's own takes five times as long for a few vectors."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    x = ay * bz - az * by
+    product = np.empty((*x.shape, 3), x.dtype)
+    product[..., 0] = x
+    product[..., 1] = az * bx - ax * bz
+    product[..., 2] = ax * by - ay * bx
+    return product
 
 
 def to_matrix(q: Array) -> Array:

@@ -18,6 +18,7 @@ from companion.telemetry.clock import reboots, sender_clock
 from companion.telemetry.convert import ned_between
 from companion.telemetry.crowd import Crowd
 from companion.telemetry.flights import NEEDED, flights
+from companion.telemetry.newest import NewestTracks, newest_tracks, sources
 from companion.telemetry.split import senders
 
 _BLOCK = 2048  # messages of a type that are joined for good
@@ -94,6 +95,21 @@ class Stream:
         since = self._newest - seconds
         found = {n: c.all() if n in _TELLING else c.since(since) for n, c in self._columns.items()}
         return self._flights({name: messages for name, messages in found.items() if len(messages)})
+
+    @property
+    def newest(self) -> float:
+        """When the newest message arrived, s UNIX; NaN: none has."""
+        return self._newest
+
+    def go_on(self, flight: Flight, imu: str, since: float) -> NewestTracks | None:
+        """What arrived at `since` s UNIX or later of one IMU of a flight, its attitude and its position.
+
+        flight: one of `recent`, made of some of these messages. A tenth of the work of `recent`; None where only that
+        can tell (see `newest_tracks`).
+        """
+        columns = {name: self._columns[name] for name in sources(flight, imu) if name in self._columns}
+        found = {name: column.since(since) for name, column in columns.items()}
+        return newest_tracks(flight, imu, found, dequantise=self._dequantise)
 
     @property
     def messages(self) -> int:
