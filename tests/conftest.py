@@ -57,11 +57,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """One line says how much was not run, and for want of what."""
-    reports = terminalreporter.stats.get("skipped", [])
+    stats = terminalreporter.stats
+    reports = stats.get("skipped", [])
     reasons = Counter(str(report.longrepr[2]).removeprefix("Skipped: ") for report in reports)
     if reasons:
         lacking = "; ".join(f"{count} ({reason})" for reason, count in reasons.most_common())
-        terminalreporter.write_line(f"Not run: {lacking}")
+        asked = sum(len(stats.get(end, ())) for end in ("passed", "failed", "error", "skipped"))
+        terminalreporter.write_line(f"Not run: {len(reports)} of {asked} tests: {lacking}")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -31,15 +31,19 @@ def recording(name: str) -> Path:
 
     Without either the test is skipped.
     """
-    copy, packed = BUNDLED / Path(name).name, _PACKED / f"{name.replace('/', '__')}.xz"
-    if name.startswith("sitl/") and copy.exists():
-        return copy
+    packed = _PACKED / f"{name.replace('/', '__')}.xz"
     if not packed.exists():
-        return shared(name)
+        return whole(name)
     path = _unpacked() / name
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(lzma.decompress(packed.read_bytes()))
     return path
+
+
+def whole(name: str) -> Path:
+    """A recording uncut: the project's own copy, or that in ../shared/tlogs. Without, the test is skipped."""
+    copy = BUNDLED / Path(name).name
+    return copy if name.startswith("sitl/") and copy.exists() else shared(name)
 
 
 def shared(name: str) -> Path:

@@ -10,7 +10,7 @@ import pytest
 
 import companion as c
 from tests.oracle import scalar_rk4
-from tests.recordings import BUNDLED, shared
+from tests.recordings import BUNDLED, whole
 
 pytestmark = pytest.mark.slow
 
@@ -54,8 +54,7 @@ def test_drift_agrees_with_independent_figures(name: str, horizon: int) -> None:
     Where the independent windows began is not known to the second, and with five windows of 30 s, some of them over
     flips, it matters: grids that begin up to 1.5 s after the position does are tried.
     """
-    bundled = BUNDLED / f"{name}.tlog"
-    flight = c.open_log(bundled if bundled.exists() else shared(f"sitl/{name}.tlog"))[0]
+    flight = c.open_log(whole(f"sitl/{name}.tlog"))[0]
     position = flight.position
     assert position
     found = []

@@ -24,7 +24,7 @@ from companion.model import (
 )
 from companion.strapdown import motions
 from tests.flights import VEHICLE
-from tests.recordings import shared
+from tests.recordings import whole
 
 T = np.arange(0.0, 100.0, 0.02)
 UP = (T > 40.0) & (T < 80.0)  # in the air
@@ -186,7 +186,7 @@ STORIES: dict[str, tuple[list[str], float]] = {
 @pytest.mark.parametrize("name", STORIES)
 def test_recordings_whose_story_is_known(name: str) -> None:
     kinds, last = STORIES[name]
-    found = phases(c.open_log(shared(name))[0])
+    found = phases(c.open_log(whole(name))[0])
     assert [part.kind for part in found] == kinds
     assert found[-1].start == pytest.approx(last, abs=1.5)
 

@@ -14,7 +14,7 @@ from companion.model import Series
 from companion.settings import AutopilotSettings, Settings
 from companion.strapdown import motions
 from tests.flights import flight_of, seconds
-from tests.recordings import recording
+from tests.recordings import shared
 
 NAMES = ("north_m2", "east_m2", "down_m2", "roll_rad2", "pitch_rad2", "yaw_rad2", "vn_m2ps2", "ve_m2ps2", "vd_m2ps2")
 
@@ -50,7 +50,7 @@ def test_what_is_not_known_is_not_taken() -> None:
 
 
 def test_px4_reports_them() -> None:
-    flight = c.open_log(recording("px4/px4_square_lownoise.tlog"))[0]
+    flight = c.open_log(shared("px4/px4_square_lownoise.tlog"))[0]
     found = reported_by(flight, ReferenceFigures())
     assert found.tilt == pytest.approx(0.0051, abs=5e-4)
     assert found.heading == pytest.approx(0.023, abs=2e-3)

@@ -26,7 +26,7 @@ from tests.flights import (
     with_imu,
     without_witnesses,
 )
-from tests.recordings import BUNDLED, ROOT, recording, shared
+from tests.recordings import BUNDLED, ROOT, recording, shared, whole
 
 pytestmark = pytest.mark.slow
 
@@ -323,8 +323,7 @@ def test_every_finding_lies_in_the_flight_and_says_what_to_do() -> None:
 )
 def test_recordings_with_known_faults(name: str, status: str, kinds: dict[str, float]) -> None:
     """A cut holds the faults; that there is none is said of a whole flight."""
-    cut = kinds or (BUNDLED / f"{name}.tlog").exists()
-    for flight in c.open_log((recording if cut else shared)(f"sitl/{name}.tlog")):
+    for flight in c.open_log((recording if kinds else whole)(f"sitl/{name}.tlog")):
         found = c.examine(flight).assessment
         assert found.verdict.status == status
         for kind, start in kinds.items():
@@ -358,3 +357,13 @@ def test_the_lag_of_ardupilots_filter_is_found() -> None:
     found = c.examine(flight).assessment
     assert found.calibration
     assert found.calibration.values[PARTS["time_offset"]] == pytest.approx(0.012, abs=0.0015)
+
+
+def test_a_link_of_px4() -> None:
+    """HIGHRES_IMU beside SCALED_IMU; and a ground station's link, which has neither."""
+    (flight,) = c.open_log(recording("px4/px4_square_lownoise.tlog"))
+    assert flight.default_imu == "SCALED_IMU"
+    assert c.examine(flight).assessment.verdict.status == "consistent"
+    (bare,) = c.open_log(recording("px4/px4_gcs_default.tlog"))
+    with pytest.raises(c.DataError, match="MAV_x_MODE 2"):
+        c.examine(bare)

@@ -11,7 +11,7 @@ from pymavlink import mavutil
 
 from companion.model import Flight
 from companion.recording import open_log
-from tests.recordings import shared
+from tests.recordings import recording
 from tests.tlogs import Writer
 
 GPS: dict[str, Any] = {
@@ -174,7 +174,7 @@ def test_another_vehicle_s_receiver_is_not_mine(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["sitl/copter-demo-100hz.tlog", "px4/px4_hover.tlog"])
 def test_the_tracks_are_what_pymavlink_reads(name: str) -> None:
-    path = shared(name)
+    path = recording(name)
     flight = open_log(path)[0]
     link = mavutil.mavlink_connection(str(path))
     sent: dict[int, Any] = {}
