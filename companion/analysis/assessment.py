@@ -27,7 +27,6 @@ from companion.analysis.verdict import FEWEST_WINDOWS, JUDGED_S, Verdict, decide
 from companion.estimation import BestEstimate, other_reading, smooth, without_errors
 from companion.model import Array, DataError, Flight, ImuTrack, Phase, brief
 
-_SHOWN = 3.0  # σ
 _USUAL = (0.018, 0.2)  # rad/s, m/s²: twice what 19 of 20 axes of 14 real vehicles stay below in flight
 
 
@@ -237,23 +236,19 @@ def _independent(best: BestEstimate) -> bool:
 
 
 def in_flight(figures: ImuFigures, best: BestEstimate) -> ImuFigures:
-    """The part's figures with the noise that it has in this flight, over seconds, and what is not known of its bias.
+    """The part's figures with the noise that it has in this flight, over seconds, and what is not known of its bias."""
 
-    A bias that stands out of its σ is one that the flight shows: what is left beside it has to be as small as usual.
-    """
-
-    def widened(part: SensorFigures, noise: float, bias: Array, sigma: Array) -> SensorFigures:
-        shown = (np.abs(np.median(bias, axis=0)) > _SHOWN * np.median(sigma, axis=0)).any()
-        unknown = 0.0 if shown else float(np.sqrt((np.median(sigma, axis=0) ** 2).mean()))
+    def widened(part: SensorFigures, noise: float, sigma: Array) -> SensorFigures:
+        unknown = float(np.sqrt((np.median(sigma, axis=0) ** 2).mean()))
         return replace(
             part, noise_density=max(part.noise_density, noise), residual_bias=max(part.residual_bias, unknown)
         )
 
-    noise, lasting, states = best.noise, best.lasting, best.states
+    noise, lasting = best.noise, best.lasting
     return replace(
         figures,
-        gyro=widened(figures.gyro, noise.gyro_noise * lasting[0], states.gyro_bias, best.gyro_bias_sigma),
-        accel=widened(figures.accel, noise.accel_noise * lasting[1], states.accel_bias, best.accel_bias_sigma),
+        gyro=widened(figures.gyro, noise.gyro_noise * lasting[0], best.gyro_bias_sigma),
+        accel=widened(figures.accel, noise.accel_noise * lasting[1], best.accel_bias_sigma),
     )
 
 

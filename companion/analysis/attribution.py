@@ -131,10 +131,9 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
         advice = PHRASES[episode.kind][1]
         out.append(Finding(episode.kind, side, severity, episode.start, end, words, advice, headline, cause,
                            bool(why) and (harmed or not constant)))  # fmt: skip
-    for i, d in enumerate(departed):
-        if i not in caused:
-            out.append(_own(d, best))
-    return out
+    own = [d for i, d in enumerate(departed) if i not in caused]
+    by_gyro = min((d.start for d in own if d.as_the_gyro), default=np.inf)
+    return out + [_own(d, best, by_gyro) for d in own]
 
 
 _OF_HEIGHT = ("gps_height", "barometer")  # kinds that mislead nothing else
@@ -180,29 +179,32 @@ def _named(kind: str | None) -> str:
     return (kind or "").replace("_", " ")
 
 
-def _why_unsure(departure: Departure, best: BestEstimate) -> str:
+def _why_unsure(departure: Departure, best: BestEstimate, by_gyro: float) -> str:
     """Why a departure does not accuse the autopilot; empty where it does."""
-    if "gps_position" not in best.residuals:
-        return "without GPS it cannot be told which of them is wrong"
-    if best.contradicted:
-        return _CONTRADICTED
-    if departure.recovers:
-        return "it was so when this began, and the estimate recovers: what led to it lies before"
-    for kind in best.promising:
-        if sensor := SENSORS.get(kind.split("_")[0]):
-            return f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong"
-    if departure.size < _CERTAIN * departure.sigma:
-        return "that close to what both may be off by, it cannot be told which of them is wrong"
-    return ""
+    promising = (sensor for kind in best.promising if (sensor := SENSORS.get(kind.split("_")[0])))
+    sensor = next(promising, None)
+    reasons = (
+        ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong"),
+        (best.contradicted, _CONTRADICTED),
+        (departure.recovers, "it was so when this began, and the estimate recovers: what led to it lies before"),
+        (departure.start >= by_gyro, "the gyro turned as the autopilot says: it cannot be told which of them is wrong"),
+        (sensor is not None,
+         f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong"),
+        (departure.size < _CERTAIN * departure.sigma,
+         "that close to what both may be off by, it cannot be told which of them is wrong"),
+    )  # fmt: skip
+    return next((why for applies, why in reasons if applies), "")
 
 
-def _own(departure: Departure, best: BestEstimate) -> Finding:
+def _own(departure: Departure, best: BestEstimate, by_gyro: float) -> Finding:
     """A departure that nothing explains: the sensors agree with one another, and the estimate does not with them.
+
+    by_gyro: s, when the first one began in which the gyro sides with the autopilot.
 
     Without GPS, where a fault of a sensor explains it nearly as well, or where it is not far beyond what both may be
     off by, it is said and accuses nobody.
     """
-    why = _why_unsure(departure, best)
+    why = _why_unsure(departure, best, by_gyro)
     unsure = bool(why)
     words = f"its estimate is off by {departure} against the best estimate of the sensors, which agree with each other"
     if unsure:

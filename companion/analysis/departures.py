@@ -10,15 +10,18 @@ from companion.analysis.compare import attitude_error, length
 from companion.analysis.episode import SIGMAS, Departure
 from companion.analysis.finding import IntArray, runs
 from companion.analysis.phases import phases
-from companion.analysis.reference import BoolArray, Limits, reference_at
-from companion.estimation import ATTITUDE, CONSTANTS, POSITION, VELOCITY, BestEstimate, times_of_change
+from companion.analysis.reference import BoolArray, Limits, Reference, reference_at
+from companion.estimation import ATTITUDE, CONSTANTS, POSITION, VELOCITY, BestEstimate, corrected, times_of_change
 from companion.model import Array, EstimatorReset, Flight
-from companion.strapdown import quaternion
+from companion.strapdown import preintegrate, quaternion
 
 _LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0, "position": 3.0, "height": 5.0}
 """A departure lasts as long, s: what an estimator mends by itself is none."""
 
 _SUDDEN_S, _SUDDEN = 1.0, 0.5  # one that begins with a step of so much of itself need not last longer
+
+_RISEN = 0.25
+_TURNS: Mapping[str, slice] = {"tilt": slice(0, 2), "heading": slice(2, 3)}  # of a rotation vector in NED
 
 _SETTLED_S = 10.0  # on a bench, after which an estimator has aligned
 _WELL = 0.5  # of what an estimator in order may be off by: an estimate that is known so well is judged as it is
@@ -27,7 +30,7 @@ _TOLERANCE: Mapping[str, tuple[float, float]] = {
     "heading": (np.radians(3.0), np.radians(8.0)),
     "velocity": (0.25, 1.0),
     "position": (1.0, 4.0),
-    "height": (1.5, 5.0),
+    "height": (3.0, 10.0),  # a GPS is off by 13 m in 5 % of all heights (GPS SPS Performance Standard, 2020)
 }
 """Quantity → 1σ of an estimator in order, and the least that is called a departure: rad, m/s, m."""
 
@@ -77,8 +80,28 @@ def departures(
                 peak = first + int(np.argmax(value[first : last + 1]))
                 recovers = bool(t[first] <= judging[0] and t[last] < judging[1])
                 size, own = float(value[peak]), float(both[peak])
-                found.append(Departure(name, float(t[first]), float(t[last]), size, own, recovers))
+                turned = name in _TURNS and _gyro_confirms(best, reference, _TURNS[name], (_risen(value, peak), peak))
+                found.append(Departure(name, float(t[first]), float(t[last]), size, own, recovers, turned))
     return tuple(sorted(found, key=lambda d: d.start))
+
+
+def _risen(value: Array, peak: int) -> int:
+    """The last keyframe before a peak at which a value (K,) was a quarter of it or less; 0 where it never was."""
+    low = np.flatnonzero(value[:peak] <= _RISEN * value[peak])
+    return int(low[-1]) if len(low) else 0
+
+
+def _gyro_confirms(best: BestEstimate, reference: Reference, block: slice, span: tuple[int, int]) -> bool:
+    """Whether from one keyframe to another the gyro turned as the autopilot says, rather than as the best estimate."""
+    first, last = span
+    track = corrected(best.imu, best)[best.index[first] : best.index[last] + 1]
+    turn = preintegrate(track).q[-1]
+    off = [
+        attitude_error(q[last], quaternion.multiply(q[first], turn))[block]
+        for q in (reference.q_ned_frd, best.q_ned_frd)
+    ]
+    autopilot, third = length(np.stack(off))
+    return bool(autopilot < third)
 
 
 def _greatest(sigma: Array) -> Array:

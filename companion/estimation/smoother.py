@@ -28,6 +28,7 @@ from companion.estimation.measurements import UNITS
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
+    CONSTANT_STATES,
     GYRO_BIAS,
     BestEstimate,
     Correlation,
@@ -48,6 +49,8 @@ _WEIGHTS_FROM = 4  # the pass after which outliers weigh less, whether or not de
 _WEIGHTED = 3  # passes with such weights, at least
 _NEAR, _SETTLED = 0.15, 0.05  # changes of the logarithm of a density
 _STILL = 1e-3  # rad
+_ALTERNATES = 0.8  # of the step before, and back: from there on Gauss-Newton goes to and fro
+_SHORTEST = 0.2  # of a step
 _FAR = (4e-3, 0.1)  # rad/s, m/s²: a bias further off than this changes the path by more than its first order
 _MOST_EXPLAINED = 6
 
@@ -173,8 +176,11 @@ def estimate(
     weighted = 0
     path = _carried(setup, states, start.path)
     linear = linearise(setup, path, states, noise, scale, weights, accepted)
+    step = Step()
     for count in range(_PASSES):
-        states = states.moved(linear.solution.x, linear.solution.c)
+        if count >= _WEIGHTS_FROM:  # the steps before are towards what is still being learned
+            step = step.then(_in_priors(linear))
+        states = states.moved(step.share * linear.solution.x, step.share * linear.solution.c)
         path = _carried(setup, states, path)
         moved, largest = float(np.abs(linear.solution.x[:, ATTITUDE]).max()), np.inf
         if count >= _LEARN_FROM:
@@ -189,15 +195,45 @@ def estimate(
         linear = linearise(setup, path, states, noise, scale, weights, accepted)
     grown = dict.fromkeys(coloured(linear), 1.0) if white else coloured(linear)
     wide = replace(noise, gyro_noise=noise.gyro_noise * grown["gyro"], accel_noise=noise.accel_noise * grown["accel"])
+    step = Step()  # of another problem: nothing is undone
     for _ in range(2):
         del linear
         linear = linearise(setup, path, states, wide, scale, weights, accepted, grown)
-        states = states.moved(linear.solution.x, linear.solution.c)
+        step = step.then(_in_priors(linear))
+        states = states.moved(step.share * linear.solution.x, step.share * linear.solution.c)
         if float(np.abs(linear.solution.x[:, ATTITUDE]).max()) < _STILL:
             break
     if not np.isfinite(states.q_ned_frd).all():
         raise DataError(f"{setup.imu.source}: the estimate of the trajectory does not settle; the readings do not fit")
     return Start(states, noise, scale, path), linear
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """A step of Gauss-Newton, and the share of it that is taken.
+
+    Where the problem is far from linear, steps may go to and fro about the solution, and grow. A step that undoes the
+    one before is then shortened to where a straight line between the two has its zero (Irons, Tuck 1969, "A version of
+    the Aitken accelerator for computer iteration").
+    """
+
+    whole: Array | None = None  # as it would be at full length, in units of what is believed beforehand
+    share: float = 1.0
+
+    def then(self, whole: Array) -> Step:
+        """The next one, from where this one led."""
+        before = self.whole
+        if before is None or whole @ before >= -_ALTERNATES * (before @ before):
+            return Step(whole)
+        change = whole - before
+        share = -self.share * float(before @ change) / float(change @ change)
+        return Step(whole, float(np.clip(share, _SHORTEST, 1.0)))
+
+
+def _in_priors(linear: Linear) -> Array:
+    """The step that the linear problem asks for, of states and constants, in units of what is believed beforehand."""
+    states, constants = linear.solution.x / linear.prior.sigma, linear.solution.c / linear.prior.constants_sigma
+    return np.concatenate((states.ravel(), constants[:CONSTANT_STATES]))
 
 
 def _carried(setup: Setup, states: States, before: CarriedImu | None) -> CarriedImu:
