@@ -11,7 +11,7 @@ from benchmarks.accuracy.answer import CAUSES
 from companion.analysis.attribution import episodes, findings_of, follows
 from companion.analysis.departures import departures
 from companion.analysis.episode import PHRASES, Departure, Episode
-from companion.analysis.reference import Limits
+from companion.analysis.reference import Limits, reference_at
 from companion.estimation import KINDS, BestEstimate, Explained
 from companion.model import Flight, PositionTrack
 from companion.strapdown import quaternion
@@ -121,13 +121,33 @@ def test_where_the_best_estimate_is_in_doubt_nobody_is_accused(
     assert said in finding.evidence
 
 
+@pytest.mark.parametrize("felt", [True, False], ids=["as the gyro turned", "the gyro did not turn"])
+def test_an_estimate_that_turns_as_the_gyro_does_is_not_accused(flight: Flight, best: BestEstimate, felt: bool) -> None:
+    """The autopilot turns by 30° within 10 s, and the best estimate does not: which of them followed the gyro?"""
+    attitude, rate = flight.require_attitude(), np.radians(3.0)
+    down = np.array([0.0, 0.0, 1.0])
+    turn = quaternion.exp(rate * np.clip(attitude.t - ONSET, 0.0, 10.0)[:, None] * down)
+    other = replace(flight, attitude=replace(attitude, q_ned_frd=quaternion.multiply(turn, attitude.q_ned_frd)))
+    imu = best.imu
+    if felt:
+        during = (imu.t >= ONSET) & (imu.t < ONSET + 10.0)
+        q = reference_at(attitude, None, imu.t, Limits()).q_ned_frd
+        imu = replace(imu, gyro=imu.gyro + during[:, None] * quaternion.rotate(quaternion.conjugate(q), rate * down))
+    third = replace(best, imu=imu)
+    found = departures(other, third, Limits())
+    assert {(d.quantity, d.as_the_gyro) for d in found} == {("heading", felt)}
+    (finding,) = findings_of((), found, third)
+    assert finding.side == ("data" if felt else "autopilot")
+    assert ("the gyro turned as the autopilot says" in finding.evidence) == felt
+
+
 def raised(flight: Flight, best: BestEstimate, metres: float) -> Flight:
     """The autopilot's position that of the best estimate, its height off from the onset on."""
     off = metres * (best.t >= ONSET)[:, None] * np.array([0.0, 0.0, -1.0])
     return replace(flight, position=PositionTrack(best.t, best.position + off, best.velocity))
 
 
-@pytest.mark.parametrize(("metres", "departs"), [(12.0, True), (3.0, False)])
+@pytest.mark.parametrize(("metres", "departs"), [(12.0, True), (8.0, False)])
 def test_a_height_departs(flight: Flight, best: BestEstimate, metres: float, departs: bool) -> None:
     found = departures(raised(flight, best, metres), best, Limits())
     assert [d.quantity for d in found] == ["height"] * departs
