@@ -27,6 +27,7 @@ from companion.analysis.verdict import FEWEST_WINDOWS, JUDGED_S, Verdict, decide
 from companion.estimation import BestEstimate, other_reading, smooth, without_errors
 from companion.model import Array, DataError, Flight, ImuTrack, Phase, brief
 
+_WARMS = (1.5e-3, 0.03)  # rad/s, m/s², within four minutes of flight
 _USUAL = (0.018, 0.2)  # rad/s, m/s²: twice what 19 of 20 axes of 14 real vehicles stay below in flight
 
 
@@ -236,19 +237,20 @@ def _independent(best: BestEstimate) -> bool:
 
 
 def in_flight(figures: ImuFigures, best: BestEstimate) -> ImuFigures:
-    """The part's figures with the noise that it has in this flight, over seconds, and what is not known of its bias."""
+    """The part's figures with the noise that it has in this flight, over seconds, and with what is left of its bias
+    where the estimated one is taken off: what is not known of it, and what changes as the part warms."""
 
-    def widened(part: SensorFigures, noise: float, sigma: Array) -> SensorFigures:
+    def left(part: SensorFigures, noise: float, sigma: Array, warms: float) -> SensorFigures:
         unknown = float(np.sqrt((np.median(sigma, axis=0) ** 2).mean()))
         return replace(
-            part, noise_density=max(part.noise_density, noise), residual_bias=max(part.residual_bias, unknown)
+            part, noise_density=max(part.noise_density, noise), residual_bias=float(np.hypot(unknown, warms))
         )
 
     noise, lasting = best.noise, best.lasting
     return replace(
         figures,
-        gyro=widened(figures.gyro, noise.gyro_noise * lasting[0], best.gyro_bias_sigma),
-        accel=widened(figures.accel, noise.accel_noise * lasting[1], best.accel_bias_sigma),
+        gyro=left(figures.gyro, noise.gyro_noise * lasting[0], best.gyro_bias_sigma, _WARMS[0]),
+        accel=left(figures.accel, noise.accel_noise * lasting[1], best.accel_bias_sigma, _WARMS[1]),
     )
 
 

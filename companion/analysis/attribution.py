@@ -36,6 +36,7 @@ from companion.estimation import (
     times_of_change,
 )
 
+_OVERSHOOTS = 2.0  # times what misled it: a height that is off by more has another cause
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
 _CERTAIN = 4.0  # σ of both together, from which on a departure is the autopilot's alone
 
@@ -91,7 +92,8 @@ def follows(departure: Departure, episode: Episode) -> bool:
     if departure.start < episode.start - _WITHIN_S - SIGMAS * episode.start_sigma:
         return False
     if episode.kind in _OF_HEIGHT:
-        return departure.quantity == "height"
+        most = _OVERSHOOTS * episode.magnitude + SIGMAS * departure.sigma
+        return departure.quantity == "height" and departure.size < most
     return kind_of(episode.kind).side != "compass" or departure.quantity != "height"
 
 

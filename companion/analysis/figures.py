@@ -45,8 +45,8 @@ class ReferenceFigures:
 
 GENERIC = ImuFigures(
     "generic-mems",
-    SensorFigures(1.2e-4, 1.94e-5, 1.75e-3, 0.087, 1e-3, 34.9, 0.01),
-    SensorFigures(1.57e-3, 3.0e-3, 0.098, 0.49, 2e-3, 157.0, 0.02),
+    SensorFigures(1.2e-4, 1.94e-5, 4.71e-3, 0.087, 1e-3, 34.9, 0.01),
+    SensorFigures(1.57e-3, 3.0e-3, 0.05, 0.49, 2e-3, 157.0, 0.02),
     "no part is named",
 )
 """The middle of the parts in config/imu, for use without that library; there `generic-mems.toml` names the sources."""

@@ -163,6 +163,8 @@ def test_a_height_that_follows_the_barometer_is_its_consequence(flight: Flight, 
     assert (finding.kind, finding.side, finding.severity) == ("barometer", "autopilot", "error")
     (heading,) = (d for d in departures(turned(flight, 40.0), faulty, Limits()) if d.quantity == "heading")
     assert not follows(heading, episodes(faulty)[0])
+    (far,) = departures(raised(flight, faulty, 60.0), faulty, Limits())
+    assert not follows(far, episodes(faulty)[0])
 
 
 def test_what_follows_a_fault_of_the_imu_is_its_consequence(flight: Flight, best: BestEstimate) -> None:

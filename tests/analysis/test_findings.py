@@ -189,7 +189,7 @@ def test_the_scale_of_a_gyro_in_a_turn_that_goes_on_is_no_bias() -> None:
     flight = flown(motions.spin(seconds(40, 50), (0.9, -1.2, 1.5)))
     imu = flight.imu()
     assert assess(with_imu(flight, gyro=1.004 * imu.gyro), GENERIC).verdict.status == "consistent"
-    biased = assess(with_imu(flight, gyro=imu.gyro + [0.0, 0.06, 0.0]), GENERIC)
+    biased = assess(with_imu(flight, gyro=imu.gyro + [0.0, 0.08, 0.0]), GENERIC)
     assert biased.verdict.status in {"imu_suspect", "insufficient_data"}
 
 
