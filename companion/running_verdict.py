@@ -76,11 +76,15 @@ class RunningVerdict:
 
     def hear(self, receipts: Iterable[tuple[Frames, float]]) -> None:
         """Take what has arrived."""
+        taken: deque[tuple[bytes, float] | Assignment | None] = deque()
         for frames, received in receipts:
             if len(frames):
                 self._ahead = received - time.monotonic()
                 first, last = int(frames.start[0]), int(frames.start[-1] + frames.size[-1])
-                self._put((frames.data[first:last].tobytes(), received))
+                taken.append((frames.data[first:last].tobytes(), received))
+        for piece in joined(taken):  # handed over together: each alone wakes both processes
+            if piece is not None:
+                self._put(piece)
 
     def assign(self, assignment: Assignment) -> None:
         """Judge something else from now on."""

@@ -24,7 +24,7 @@ from companion.model import InputError
 DEFAULT_SYSID, DEFAULT_COMPID = 240, 191
 """Own ids: a system of its own, as MAV_COMP_ID_ONBOARD_COMPUTER. Never 255: ArduPilot takes that for its GCS."""
 
-_GATHER_S = 0.01  # after the first byte: one decoding for what arrives together (SITL sends in bursts)
+_GATHER_S = 0.02  # after the first byte: one decoding for what arrives together (SITL sends in bursts)
 _NOISE_BYTES = 200
 _OPEN = ("udpin", "udpout", "tcpin")  # anybody can send to these: noise of a stranger is not the vehicle's silence
 _MOST_SENDERS = 256  # whose frames are counted where twice as many speak: those that said the most

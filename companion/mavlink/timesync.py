@@ -25,7 +25,7 @@ _RATE_AFTER_S = 60.0  # before a clock's rate can be told from the jitter of the
 class Clock:
     """What is known of a vehicle's clock."""
 
-    latency_ms: float  # half of the way there and back, median; the 10 ms that a link gathers for are in it
+    latency_ms: float  # half of the way there and back, median; the 20 ms that a link gathers for are in it
     booted: float  # s UNIX, by our clock, when the vehicle's read zero
     rate_ppm: float | None  # by how much it runs faster than ours; None: not yet known
     steps: int  # how often it has been set, or has started again

@@ -37,6 +37,7 @@ class LiveStage:
         self._feed = feed
         self._history = History(window_s, LOOK_HZ)
         self.newest = 0.0  # s, boot clock, of the pose that was written last
+        self._stirred = True  # whether somebody looks otherwise than before
         self._shown: tuple[str, int] | None = None  # vehicle and boot
         self._introduced: tuple[str, bool, tuple[str, ...]] | None = None  # IMU, whether there is a position, all IMUs
         self._film: Footage | None = None  # the present
@@ -70,7 +71,8 @@ class LiveStage:
             if seen is not None:
                 self._take(seen)
         moment = self._moment()
-        if moment is not None:
+        if moment is not None and (self._held is not None or self._stirred or moment.t != self.newest):
+            self._stirred = False
             self.outlook.show(moment)
             self._wakes.reach(moment.t, self._free_now()[2])
             self.newest = moment.t
@@ -86,6 +88,7 @@ class LiveStage:
 
     def handle(self, event: events.Event) -> None:
         """Do what a control of a page asks for."""
+        self._stirred = True
         match event:
             case events.Pause(paused):
                 self._hold((0.0 if self._held is None else None) if paused is None else 0.0 if paused else None)
@@ -161,7 +164,7 @@ class LiveStage:
             return
         if self._introduced is None or self._introduced[1] != seen.replay.has_position:
             self._lay_out(seen, film)
-        self._introduced = now
+        self._introduced, self._stirred = now, True
         vehicle = seen.flight.vehicle
         who = f"{kind(vehicle)}, vehicle {vehicle}, boot {seen.flight.boot}, {seen.imu}"
         self._panel.introduce(who, tuple(seen.flight.imus), has_position=seen.replay.has_position)

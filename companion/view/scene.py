@@ -15,6 +15,7 @@ from companion.view.ellipsoid import Ellipsoid
 from companion.view.framing import Framing
 from companion.view.further import FurtherPaths
 from companion.view.ground import Ground
+from companion.view.hanging import Hanging
 from companion.view.moment import Footage, Moment
 from companion.view.overview import Overview
 from companion.view.palette import Rgb
@@ -25,6 +26,8 @@ from companion.view.trail import Trail
 NAME = 0.42  # spans from a drone to its name
 WORLD = "/world"
 """Everything hangs on this node. Each browser has a node of its own under this name, which moves the world for it."""
+AUTOPILOT, IMU = f"{WORLD}/autopilot", f"{WORLD}/imu"
+"""The drones' places: what hangs on them moves with them, but does not turn."""
 NEARER = 0.998
 """The autopilot's path is thin and lies over the IMU's, which is thick, so that both are seen where they are the same.
 It is drawn as much smaller about the camera: at the same place in the picture, but nearer."""
@@ -44,8 +47,8 @@ class Scene:
         scene.add_light_directional("/light_above", intensity=2.2, position=(-300.0, -500.0, -1000.0))
         scene.add_frame(WORLD, show_axes=False)
         self.ground = Ground(scene, WORLD)
-        self.autopilot = Body(scene, f"{WORLD}/autopilot", "Autopilot", palette.AUTOPILOT, drone, ghost=True)
-        self.imu = Body(scene, f"{WORLD}/imu", "IMU alone", palette.IMU, drone, ghost=False)
+        self.autopilot = Body(scene, AUTOPILOT, "Autopilot", palette.AUTOPILOT, drone, ghost=True)
+        self.imu = Body(scene, IMU, "IMU alone", palette.IMU, drone, ghost=False)
         self._nearer = scene.add_frame(_NEARER, show_axes=False)
         self.overview = Overview(scene, f"{WORLD}/overview", _NEARER, NEARER)
         self.further = FurtherPaths(scene, f"{WORLD}/further")
@@ -58,27 +61,18 @@ class Scene:
         self._scene, self._label = scene, "IMU"
         self._others: list[tuple[Body, Trail]] = []
         self._films: list[Footage] = []
-        nothing = np.zeros((1, 2, 3), dtype=np.float32)
-        self._error = scene.add_line_segments(
-            f"{WORLD}/error", nothing, palette.DIFFERENCE, thickness=4.0, thickness_units="screen"
-        )
+        # They hang on the drones: a browser moves what is in a place at once, but a busy one is late with new points.
+        self._error = Hanging(scene, f"{AUTOPILOT}/error", palette.DIFFERENCE, 4.0)
         self._error_name = scene.add_label(
-            f"{WORLD}/error_name", "", anchor="center-center", font_screen_scale=1.1, visible=False
+            f"{AUTOPILOT}/error_name", "", anchor="center-center", font_screen_scale=1.1, visible=False
         )
-        self._sticks = scene.add_line_segments(
-            f"{WORLD}/sticks",
-            np.zeros((2, 2, 3), dtype=np.float32),
-            (140, 140, 140),
-            thickness=1.0,
-            thickness_units="screen",
-        )
+        self._sticks = [Hanging(scene, f"{drone}/stick", (140, 140, 140), 1.0) for drone in (AUTOPILOT, IMU)]
         self._has_position = True
 
     @property
     def apart(self) -> float | None:
         """Length of the line between both drones, m; None while none is drawn."""
-        ends = np.asarray(self._error.points, dtype=np.float64)[0]
-        return float(np.linalg.norm(ends[1] - ends[0])) if self._error.visible else None
+        return float(np.linalg.norm(self._error.end)) if self._error.visible else None
 
     def load(
         self,
@@ -109,7 +103,8 @@ class Scene:
         self._trails["imu"].load(replay.t, replay.position_imu, film.restarts, colour)
         if whole:
             self.overview.load(film, colour)
-        self._error.visible = self._sticks.visible = known
+        for line in (self._error, *self._sticks):
+            line.visible = known
         self._error_name.visible = False
         self.imu.name = f"{source} alone"
         self._load_others(film, drone, colours)
@@ -140,11 +135,9 @@ class Scene:
         self.imu.put(moment.q_imu, moment.position_imu)
         self.autopilot.put(moment.q_ref, moment.position_ref)
         if self._has_position:
-            ends = np.stack([moment.position_ref, moment.position_imu])
-            feet = ends.copy()
-            feet[:, 2] = self.ground.level
-            self._error.points = ends[None].astype(np.float32)
-            self._sticks.points = np.stack([ends, feet], axis=1).astype(np.float32)
+            self._error.reach(moment.position_imu - moment.position_ref)
+            for stick, place in zip(self._sticks, (moment.position_ref, moment.position_imu), strict=True):
+                stick.reach(np.array([0.0, 0.0, self.ground.level - place[2]]))
         self.arrows.show(moment, self._has_position)
         self.expected.put(moment.position_imu)
         for (body, _), film in zip(self._others, self._films, strict=False):
@@ -174,7 +167,7 @@ class Scene:
             self._error_name.visible = roomy
         if roomy:
             self._error_name.text = apart
-            self._error_name.position = (moment.position_ref + moment.position_imu) / 2
+            self._error_name.position = (moment.position_imu - moment.position_ref) / 2
 
     def trails(self, since: float, until: float) -> None:
         """Show both paths between two times, s."""

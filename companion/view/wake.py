@@ -16,15 +16,17 @@ CHUNKS = 40
 class Wake:
     """Segments in a ring of lines, of which only the newest is sent again as it grows. Made once, reused for ever.
 
-    seconds: how far it reaches back; that sets how long a segment is.
+    drone: the node at whose place it ends. seconds: how far it reaches back; that sets how long a segment is.
     """
 
-    def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb, thickness: float, seconds: float) -> None:
+    def __init__(
+        self, scene: viser.SceneApi, name: str, drone: str, colour: Rgb, thickness: float, seconds: float
+    ) -> None:
         self._lines = [
             scene.add_line_segments(
-                f"{name}/{i}", _NOTHING, colour, thickness=thickness, thickness_units="screen", visible=False
+                place, _NOTHING, colour, thickness=thickness, thickness_units="screen", visible=False
             )
-            for i in range(CHUNKS + 1)  # the last is the one from the newest point to the drone
+            for place in (*(f"{name}/{i}" for i in range(CHUNKS)), f"{drone}/tip")
         ]
         self._spacing = seconds / (CHUNK * (CHUNKS - 1))
         self._segments = np.zeros((CHUNKS, CHUNK, 2, 3), dtype=np.float32)
@@ -33,12 +35,13 @@ class Wake:
         self._uses = [0] * CHUNKS  # of each line: old and new points must not be taken for one another
         self._next = 0  # segment, counted since the start
         self._last: tuple[float, Array] | None = None
+        self._before: Array | None = None  # the point before the last
         self._tip: tuple[float, Array] | None = None
 
     def clear(self) -> None:
         """Forget everything."""
         self._ends[:] = np.inf
-        self._next, self._last, self._tip = 0, None, None
+        self._next, self._last, self._before, self._tip = 0, None, None, None
 
     def add(self, t: float, position: Array, *, broken: bool = False) -> None:
         """The drone is at `position` (3,) NED, m, at t s; broken: it has jumped there."""
@@ -48,6 +51,7 @@ class Wake:
             if broken and self._tip is not None:
                 self._extend(*self._tip)
             self._last = self._tip = (t, position)
+            self._before = None
         elif t - self._last[0] >= self._spacing:
             self._extend(t, position)
         self._tip = (t, position)
@@ -68,11 +72,18 @@ class Wake:
             line.visible = b > a
 
     def reach(self, now: float) -> None:
-        """Draw the newest piece up to the drone; nothing while an earlier time than the newest is shown."""
+        """Draw the newest piece up to the drone; nothing while an earlier time than the newest is shown.
+
+        It hangs on the drone and begins a segment earlier than it has to: a browser that is late with new points shows
+        no gap then.
+        """
         tip = self._lines[-1]
         fresh = self._last is not None and self._tip is not None and self._last[0] < self._tip[0] <= now + 1e-6
         if fresh and self._last and self._tip:
-            tip.points = np.array([[self._last[1], self._tip[1]]], dtype=np.float32)
+            end = self._tip[1]
+            begin = end if self._before is None else self._before
+            last = self._last[1]
+            tip.points = np.array([[begin - end, last - end], [last - end, np.zeros(3)]], dtype=np.float32)
         if tip.visible != fresh:
             tip.visible = fresh
 
@@ -86,7 +97,7 @@ class Wake:
         self._segments[chunk, place] = self._last[1], position
         self._ends[chunk, place] = t
         self._next += 1
-        self._last = (t, position)
+        self._before, self._last = self._last[1], (t, position)
 
 
 _NOTHING = np.zeros((1, 2, 3), dtype=np.float32)

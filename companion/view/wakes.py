@@ -9,7 +9,7 @@ from companion.analysis import FreeState
 from companion.model import Array
 from companion.view import palette
 from companion.view.moment import Footage
-from companion.view.scene import WORLD
+from companion.view.scene import AUTOPILOT, IMU, WORLD
 from companion.view.wake import Wake
 
 _FARTHEST_M = 1e7  # a ball beyond that is not drawn
@@ -20,11 +20,12 @@ class Wakes:
     """The three paths and the ball. Only the view thread may call it."""
 
     def __init__(self, scene: viser.SceneApi, seconds: float) -> None:
-        self._autopilot = Wake(scene, f"{WORLD}/wake_autopilot", palette.AUTOPILOT, 2.5, seconds)
-        self._imu = Wake(scene, f"{WORLD}/wake_imu", palette.IMU, 2.5, seconds)
-        self._free = Wake(scene, f"{WORLD}/wake_free", palette.FREE, 2.0, seconds)
+        self._autopilot = Wake(scene, f"{WORLD}/wake_autopilot", AUTOPILOT, palette.AUTOPILOT, 2.5, seconds)
+        self._imu = Wake(scene, f"{WORLD}/wake_imu", IMU, palette.IMU, 2.5, seconds)
+        ball = f"{WORLD}/free"
+        self._ball = scene.add_icosphere(ball, 1.0, palette.FREE, visible=False, cast_shadow=False)
+        self._free = Wake(scene, f"{WORLD}/wake_free", ball, palette.FREE, 2.0, seconds)
         self._all = (self._autopilot, self._imu, self._free)
-        self._ball = scene.add_icosphere(f"{WORLD}/free", 1.0, palette.FREE, visible=False, cast_shadow=False)
         self._anchor = np.nan
         self._was_free = False
 

@@ -75,6 +75,8 @@ def test_the_verdict_and_a_jump_to_a_finding(page: Page) -> None:
             [r.attitude_deg.median for r in found.drift.rows if r.attitude_deg]
         )
         assert page.evaluate("() => Object.values(window.__viserTestpoints.uplots)[0].chart.scales.x.distr") == 3
+        width = "() => Math.min(...Object.values(window.__viserTestpoints.uplots).map(p => p.chart.width))"
+        until(lambda: page.evaluate(width) > 200.0, "charts as wide as their panel, which they are after their data")
         shoot(page, "drift-by-horizon")
         choose(page, "Charts", "IMU noise")
         labels = "() => Object.values(window.__viserTestpoints.uplots).map(p => p.chart.series[0].label)"
