@@ -10,10 +10,10 @@ LIMIT_S = 180.0
 """How long anything is waited for: far more than it takes on a busy machine, and green tests never wait it out."""
 
 
-def wait_for(happened: Callable[[], object], what: str = "") -> None:
-    """Fails unless something becomes true: `what`, or else what the source says."""
+def wait_for(happened: Callable[[], object], what: str = "", *, look_s: float = 0.03) -> None:
+    """Fails unless something becomes true: `what`, or else what the source says. It looks each `look_s`."""
     end = time.monotonic() + LIMIT_S
     while not happened():
         if time.monotonic() > end:
             raise AssertionError(f"not within {LIMIT_S:g} s: {what or inspect.getsource(happened).strip()}")
-        time.sleep(0.03)
+        time.sleep(look_s)

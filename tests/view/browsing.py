@@ -34,14 +34,14 @@ FLAGS = [
 ]
 SCREENSHOTS = Path(__file__).parents[2] / "screenshots"
 
-# A picture is drawn five times a second at most: without a graphics card a page that plays would take a whole core, and
+# A picture is drawn two or three times a second: without a graphics card a page that plays would take a whole core, and
 # on a busy machine it would have time for nothing else.
 _SLOWLY = """(() => {
     const draw = window.requestAnimationFrame.bind(window), waiting = new Map();
     let last = 0;
     window.requestAnimationFrame = then => {
         const id = ++last;
-        waiting.set(id, setTimeout(() => draw(t => { if (waiting.delete(id)) then(t); }), 190));
+        waiting.set(id, setTimeout(() => draw(t => { if (waiting.delete(id)) then(t); }), 400));
         return id;
     };
     window.cancelAnimationFrame = id => { clearTimeout(waiting.get(id)); waiting.delete(id); };
@@ -106,8 +106,9 @@ def open_page(page: Page, url: str, *, charts: bool = True) -> Page:
     return page
 
 
-def until(condition: Callable[[], bool], what: str) -> None:
-    wait_for(condition, what)
+def until(condition: Callable[[], bool], what: str = "") -> None:
+    """`wait_for`, without looking far more often than a page draws: a screenshot takes a tenth of a second of CPU."""
+    wait_for(condition, what, look_s=0.15)
 
 
 def shoot(page: Page, name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:

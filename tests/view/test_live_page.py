@@ -17,8 +17,7 @@ from playwright.sync_api import Browser, Page, expect
 import companion as c
 from tests.processes import COMPANION, Process, ended, next_line, started
 from tests.simulated import flying, free_port
-from tests.view.browsing import choose, near, new_page, open_page, shoot
-from tests.waiting import wait_for
+from tests.view.browsing import choose, near, new_page, open_page, shoot, until
 
 pytestmark = pytest.mark.browser
 
@@ -45,10 +44,10 @@ def anchor_now(page: Page) -> None:
     A run only grows older, and on a busy machine the new one may be seen late for the first time: it is known by being
     no older than the press, the second before it from which it begins, and the rounding of what is shown.
     """
-    wait_for(lambda: since_anchor(page)[1] > 2.0)
+    until(lambda: since_anchor(page)[1] > 2.0)
     pressed = time.monotonic()
     page.get_by_role("button", name="Anchor now").click()
-    wait_for(lambda: since_anchor(page)[1] < time.monotonic() - pressed + 2.0)
+    until(lambda: since_anchor(page)[1] < time.monotonic() - pressed + 2.0)
 
 
 def chart_ends(page: Page) -> tuple[float, int]:
@@ -92,12 +91,12 @@ def each_has_its_own_camera(leaves: Page, stays: Page) -> None:
         shots = [shoot(page, f"live-two-browsers-{i}")[:, 350:900].astype(int) for i, page in enumerate(pages)]
         return bool(np.abs(shots[0] - shots[1]).mean() > 1)
 
-    wait_for(differ)
+    until(differ)
     leaves.get_by_role("button", name="Live", exact=True).click()
     expect(stays.get_by_text("LIVE", exact=True)).to_be_visible()
     leaves.context.close()
     before = since_anchor(stays)[1]
-    wait_for(lambda: since_anchor(stays)[1] > before + 1.0)
+    until(lambda: since_anchor(stays)[1] > before + 1.0)
 
 
 def test_a_live_session_and_the_next_one(browser: Browser, page: Page, tmp_path: Path) -> None:
@@ -111,21 +110,21 @@ def test_a_live_session_and_the_next_one(browser: Browser, page: Page, tmp_path:
             expect(page.get_by_text("● Recording a.tlog")).to_be_visible()
             row = page.get_by_role("row", name="RAW_IMU")
             expect(row).to_have_text(re.compile("RAW_IMU(9[5-9]|10[0-5]) . 100 Hz"))
-            wait_for(lambda: since_anchor(page)[1] > 4.0)
-            wait_for(lambda: both_drawn(page))
-            wait_for(lambda: chart_ends(page)[1] > 50)
+            until(lambda: since_anchor(page)[1] > 4.0)
+            until(lambda: both_drawn(page))
+            until(lambda: chart_ends(page)[1] > 50)
             assert chart_ends(page)[0] == pytest.approx(0.0, abs=1e-6)
 
             page.get_by_role("button", name="Pause", exact=True).click()
             expect(page.get_by_text("PAUSED")).to_be_visible()
             for _ in range(2):  # the first time the last numbers may still be on their way
                 held, size = since_anchor(page), recording.stat().st_size
-                wait_for(lambda size=size: recording.stat().st_size > size + 10_000)  # type: ignore[misc]
+                until(lambda size=size: recording.stat().st_size > size + 10_000)  # type: ignore[misc]
             assert since_anchor(page) == held
             page.mouse.click(640, 250)  # on the ground: the keys go to the page
             for _ in range(3):
                 page.keyboard.press("ArrowLeft")
-            wait_for(lambda: abs(since_anchor(page)[1] - (held[1] - 3.0)) < 1.1)
+            until(lambda: abs(since_anchor(page)[1] - (held[1] - 3.0)) < 1.1)
             shoot(page, "live-look-back")
             page.get_by_role("button", name="Live", exact=True).click()
             expect(page.get_by_text("LIVE", exact=True)).to_be_visible()
@@ -140,7 +139,7 @@ def test_a_live_session_and_the_next_one(browser: Browser, page: Page, tmp_path:
             _, told = ended(process, signal.SIGTERM)
             assert process.returncode == 0
             assert "Traceback" not in told
-            wait_for(lambda: vehicle.interval_us("RAW_IMU") == -1)  # as it was before
+            until(lambda: vehicle.interval_us("RAW_IMU") == -1)  # as it was before
         first, second = c.open_log(recording)
         assert (first.boot, second.boot) == (1, 2)
         assert (first.messages["RAW_IMU"].longest_gap_s or 9.0) < 0.02, "no sample lost"
