@@ -79,7 +79,8 @@ def next_port(page: Page) -> int:
     if not page.url.startswith("http"):
         return 0
     page.evaluate("""() => {
-        localStorage.clear();
+        document.querySelectorAll('[data-companion-log]').forEach(log => delete log.dataset.companionLog);
+        localStorage.clear();  // for good: of no log there is anything to remember, until the next server's is there
         document.title = '';
         document.querySelectorAll('[role=tab]').forEach(tab => tab.setAttribute('data-past', ''));
     }""")
