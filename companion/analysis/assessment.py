@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from companion.analysis.autopilot_bias import AutopilotBias, autopilot_bias
-from companion.analysis.budget import window_noise
+from companion.analysis.budget import chi_square, chi_square_95, window_noise
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Half, Windows, compare, windows
 from companion.analysis.correction import NO_CORRECTION, Correction
@@ -28,6 +28,7 @@ from companion.estimation import BestEstimate, other_reading, smooth, without_er
 from companion.model import Array, DataError, Flight, ImuTrack, Phase, brief
 
 _WARMS = (1.5e-3, 0.03)  # rad/s, m/s², within four minutes of flight
+_SHARED = float(np.sqrt(chi_square(3, 3.0902) / chi_square_95(3)))
 _USUAL = (0.018, 0.2)  # rad/s, m/s²: twice what 19 of 20 axes of 14 real vehicles stay below in flight
 
 
@@ -238,12 +239,15 @@ def _independent(best: BestEstimate) -> bool:
 
 def in_flight(figures: ImuFigures, best: BestEstimate) -> ImuFigures:
     """The part's figures with the noise that it has in this flight, over seconds, and with what is left of its bias
-    where the estimated one is taken off: what is not known of it, and what changes as the part warms."""
+    where the estimated one is taken off: what is not known of it, and what changes as the part warms.
+
+    All windows of the flight share one draw of it: at its 99.9 % it has to reach no further than their 95 %.
+    """
 
     def left(part: SensorFigures, noise: float, sigma: Array, warms: float) -> SensorFigures:
         unknown = float(np.sqrt((np.median(sigma, axis=0) ** 2).mean()))
         return replace(
-            part, noise_density=max(part.noise_density, noise), residual_bias=float(np.hypot(unknown, warms))
+            part, noise_density=max(part.noise_density, noise), residual_bias=_SHARED * float(np.hypot(unknown, warms))
         )
 
     noise, lasting = best.noise, best.lasting

@@ -41,6 +41,9 @@ BIAS_SIGMA = (0.02, 0.08)  # rad/s, m/s², 1σ at the first keyframe: what real 
 _HOLE = (2.0, 30.0, 100.0)  # rad, m/s, m per s: what may happen while the IMU is not heard
 
 
+_APART_S, _LONGEST_S = 0.1, 0.6  # of three samples in which a late fix was taken; two that lie further apart: a hole
+
+
 _ANEW_S = 60.0  # unheard for so long, an IMU may have been calibrated anew or have cooled: its bias is as at first
 
 
@@ -89,7 +92,7 @@ def carry_imu(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
     raw = error_sums(track, path, setup.index[:-1], setup.index[1:])
     read = [readings.sample for readings in setup.readings]
     count = len(setup.index) - 1
-    path = path.at(np.unique(np.concatenate([setup.index, *_around(setup), *read])))
+    path = path.at(np.unique(np.concatenate([setup.index, _before(setup).ravel(), *read])))
     return CarriedImu(
         bias,
         path,
@@ -190,19 +193,24 @@ def _motion_constants(path: CarriedImu, turn: Array) -> Array:
 
 
 def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
-    track, index = setup.imu, setup.index
-    q, v, row = path.path.q, path.path.v, path.path.row
-    low, high = _around(setup)
-    lasted = (track.t[high] - track.t[low])[:, None]
-    c = quaternion.multiply(states.q_ned_frd, quaternion.conjugate(q[row(index)]))
-    force = quaternion.rotate(c, (v[row(high)] - v[row(low)]) / lasted)
-    return Kinematics(setup.t, force + [0.0, 0.0, setup.gravity], track.gyro[index] - states.gyro_bias)
+    track, index, s = setup.imu, setup.index, states
+    samples = _before(setup)
+    when = track.t[samples] - setup.t[:, None]
+    _, velocity, position = path.path.carry(index, samples, s.q_ned_frd, s.velocity, s.position, gravity=setup.gravity)
+    velocity -= s.velocity[:, None]
+    position -= s.position[:, None] + s.velocity[:, None] * when[..., None]
+    heard = when[:, 2] - when[:, 0] < _LONGEST_S  # across a hole the IMU tells nothing
+    velocity *= heard[:, None, None]
+    position *= heard[:, None, None]
+    return Kinematics(setup.t, track.gyro[index] - s.gyro_bias, when, velocity, position)
 
 
-def _around(setup: Setup) -> tuple[Index, Index]:
-    """(K,), (K,) the samples 0.05 s before and after each keyframe, where there are such."""
-    reach = max(1, round(0.05 * setup.imu.rate_hz))
-    return np.maximum(setup.index - reach, 0), np.minimum(setup.index + reach, len(setup.imu) - 1)
+def _before(setup: Setup) -> Index:
+    """(K, 3) samples 0.2 s and 0.1 s before each keyframe, and its own; at the beginning the first such three."""
+    count = len(setup.imu)
+    apart = min(max(1, round(_APART_S * setup.imu.rate_hz)), (count - 1) // 2)
+    first = np.clip(setup.index - 2 * apart, 0, count - 1 - 2 * apart)
+    return np.asarray(first[:, None] + apart * np.arange(3))
 
 
 def _prior(setup: Setup, states: States) -> Prior:

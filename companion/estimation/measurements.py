@@ -69,11 +69,26 @@ class Readings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kinematics:
-    """What measurements need of the IMU at each keyframe, beside the states."""
+    """What measurements need of the IMU at each keyframe, beside the states: how the vehicle came there.
+
+    Three samples about each keyframe, where a reading that was late was taken; a parabola through them tells the rest.
+    """
 
     t: Array  # (K,) s
-    acceleration: Array  # (K, 3) NED, m/s², averaged over a tenth of a second
     rate: Array  # (K, 3) FRD, rad/s
+    when: Array  # (K, 3) s, of the samples, from the keyframe on
+    velocity: Array  # (K, 3, 3) NED, m/s, at the samples less that at the keyframe
+    position: Array  # (K, 3, 3) NED, m, at the samples less what the velocity at the keyframe makes of it
+
+    def moved(self, change: Array, k: Index, late: Array) -> tuple[Array, Array]:
+        """One of the changes (M, 3), and how fast it goes on (M, 3), `late` (M,) s after the keyframes k (M,)."""
+        when, late = self.when[k], late[:, None]
+        share, slope = np.empty(when.shape), np.empty(when.shape)
+        for own, one, other in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            apart = (when[:, own] - when[:, one]) * (when[:, own] - when[:, other])
+            share[:, own] = ((late[:, 0] - when[:, one]) * (late[:, 0] - when[:, other])) / apart
+            slope[:, own] = (2.0 * late[:, 0] - when[:, one] - when[:, other]) / apart
+        return np.einsum("mj,mji->mi", share, change[k]), np.einsum("mj,mji->mi", slope, change[k])
 
 
 def gps_readings(track: GpsTrack, t: Array, origin: tuple[float, float, float], spacing: float) -> Iterator[Readings]:
@@ -136,22 +151,25 @@ def measure(one: Readings, states: States, at: Kinematics, path: Preintegration,
 
 
 def _gps(one: Readings, states: States, at: Kinematics, h: Array, h_c: Array) -> Array:
+    """Where the vehicle was, or how fast, when the fix was taken."""
     k = one.keyframe
     lever = states.constant("lever_arm")
-    late = (one.t - at.t[k] - states.constant("gps_latency")[0])[:, None]
+    late = one.t - at.t[k] - states.constant("gps_latency")[0]
     matrix = quaternion.to_matrix(states.q_ned_frd[k])
     rows = slice(2, 3) if one.name in ("gps_height", "gps_climb") else slice(0, 2)
     if one.name in ("gps_position", "gps_height"):
         arm = matrix @ lever
-        value = states.position[k] + arm + states.velocity[k] * late
+        further, faster = at.moved(at.position, k, late)
+        value = states.position[k] + states.velocity[k] * late[:, None] + further + arm
         h[:, :, POSITION] = np.eye(3)[rows]
-        h[:, :, VELOCITY] = late[:, :, None] * np.eye(3)[rows]
-        change, of_arm = states.velocity[k], matrix
+        h[:, :, VELOCITY] = late[:, None, None] * np.eye(3)[rows]
+        change, of_arm = states.velocity[k] + faster, matrix
     else:
         arm = np.einsum("kij,kj->ki", matrix, np.cross(at.rate[k], lever))
-        value = states.velocity[k] + at.acceleration[k] * late + arm
+        faster, acceleration = at.moved(at.velocity, k, late)
+        value = states.velocity[k] + faster + arm
         h[:, :, VELOCITY] = np.eye(3)[rows]
-        change, of_arm = at.acceleration[k], matrix @ skew(at.rate[k])
+        change, of_arm = acceleration, matrix @ skew(at.rate[k])
     h[:, :, ATTITUDE] = -skew(arm)[:, rows]
     h_c[:, :, CONSTANTS["gps_latency"][0]] = -change[:, rows, None]
     h_c[:, :, CONSTANTS["lever_arm"][0]] = of_arm[:, rows]

@@ -36,6 +36,7 @@ NOISE = (5e-4, 5e-3)  # rad/s/√Hz, m/s²/√Hz
 PATHS: dict[str, Callable[[Array], Motion]] = {
     "square": square,
     "circle": partial(motions.circle, heave=0.5, frequency=0.1),
+    "heave": partial(motions.circle, heave=1.0, frequency=0.5),
     "rest": motions.rest,
 }
 

@@ -95,6 +95,16 @@ def test_the_autopilots_estimate_is_no_witness() -> None:
     np.testing.assert_allclose(other.position, found.position, atol=0.1 * float(found.sigma(POSITION).min()))
 
 
+def test_a_late_fix_is_taken_where_the_vehicle_was() -> None:
+    """At 3 m/s up and down in two seconds, 0.1 s of even acceleration from the fix on would be off by 0.15 m/s."""
+    flight, truth = sensed(40.0, "heave")
+    found = smooth(flight)
+    error = errors(found, truth)
+    assert found.explained == ()
+    assert error[:, VELOCITY].std(axis=0)[2] < 0.02  # of fixes of 0.1
+    assert np.abs(np.median(found.states.accel_bias, axis=0) - BIASES[1])[2] < 0.03
+
+
 def test_a_gps_outage_is_bridged_and_sigma_grows() -> None:
     flight, truth = sensed(60.0, seed=1)
     (gps,) = flight.gps

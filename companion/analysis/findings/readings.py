@@ -88,14 +88,14 @@ def _flat_tops(readings: Array, name: str, rate_hz: float) -> BoolArray:
     flat = np.zeros(len(readings), np.bool_)
     fewest = max(_FLAT_SAMPLES, round(_FLAT_S * rate_hz))
     for column in readings.T:
-        level = np.abs(column)
+        level, lowest, highest = np.abs(column), float(column.min()), float(column.max())
         same = (np.abs(np.diff(column)) <= _FLAT * level[1:]) & (level[1:] > _STRONG[name])
         for first, last in runs(np.asarray(same)):
             if last + 1 - first < fewest - 1 or first == 0 or last + 2 >= len(column):
                 continue
             top = level[first : last + 2]
             steps = abs(column[first] - column[first - 1]), abs(column[last + 2] - column[last + 1])
-            most = float((np.sign(column[first]) * column).max())
+            most = highest if column[first] > 0.0 else -lowest
             if most > (1.0 + _EDGE) * top.max():
                 continue
             if np.ptp(top) <= _FLAT * top.max() and min(steps) > _EDGE * top.max() and top.max() > level[last + 2]:
