@@ -80,20 +80,20 @@ def departures(
                 peak = first + int(np.argmax(value[first : last + 1]))
                 recovers = bool(t[first] <= judging[0] and t[last] < judging[1])
                 size, own = float(value[peak]), float(both[peak])
-                turned = name in _TURNS and _gyro_confirms(best, reference, _TURNS[name], (_risen(value, peak), peak))
+                turned = name in _TURNS and _gyro_confirms(best, reference, _TURNS[name], value, peak)
                 found.append(Departure(name, float(t[first]), float(t[last]), size, own, recovers, turned))
     return tuple(sorted(found, key=lambda d: d.start))
 
 
-def _risen(value: Array, peak: int) -> int:
-    """The last keyframe before a peak at which a value (K,) was a quarter of it or less; 0 where it never was."""
+def _gyro_confirms(best: BestEstimate, reference: Reference, block: slice, value: Array, peak: int) -> bool:
+    """Whether the gyro turned as the autopilot says, rather than as the best estimate, while a value (K,) rose.
+
+    From where it was a quarter of its peak. Of what was off from the beginning on the gyro tells nothing.
+    """
     low = np.flatnonzero(value[:peak] <= _RISEN * value[peak])
-    return int(low[-1]) if len(low) else 0
-
-
-def _gyro_confirms(best: BestEstimate, reference: Reference, block: slice, span: tuple[int, int]) -> bool:
-    """Whether from one keyframe to another the gyro turned as the autopilot says, rather than as the best estimate."""
-    first, last = span
+    if not len(low):
+        return False
+    first, last = int(low[-1]), peak
     track = corrected(best.imu, best)[best.index[first] : best.index[last] + 1]
     turn = preintegrate(track).q[-1]
     off = [
