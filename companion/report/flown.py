@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.analysis import Expectation, Replay, expected_since_anchor
+from companion.analysis import Expectation, Replay
 from companion.model import Array
 from companion.report import traces
 from companion.report.markup import paragraph
@@ -20,7 +20,7 @@ def errors(subject: Subject) -> Section:
     shown = subject.replay
     if shown is None:
         return Section("errors", title, paragraph(f"Not drawn: {subject.why_no_replay}"))
-    expected = expected_since_anchor(subject.found, shown)
+    expected = subject.expected
     panels = error_panels(shown, expected)
     severe = [(f.start_s, f.end_s) for f in subject.severe if not subject.is_throughout(f)]
     figure = traces.stack(panels, traces.TIME, spans=severe)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
-from companion.analysis import Assessment, Comparison, Replay, replay
+from companion.analysis import Assessment, Comparison, Expectation, Replay, expected_since_anchor, replay
 from companion.documents import FindingObject, analysis_document, schema
 from companion.examination import Examination
 from companion.model import CompanionError, Flight
@@ -14,7 +15,7 @@ from companion.settings import Settings
 from companion.view import palette
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)  # without slots: what is expected is kept
 class Subject:
     """One flight, examined. Tables are made from `document`: what `companion analyze --json` prints."""
 
@@ -55,6 +56,11 @@ class Subject:
     def colour(self) -> palette.Rgb:
         """That of the IMU that was used."""
         return self.colours[self.comparison.track.source]
+
+    @cached_property
+    def expected(self) -> Expectation | None:
+        """What is expected of the replay's errors, which takes a quarter of a short flight's report."""
+        return None if self.replay is None else expected_since_anchor(self.found, self.replay)
 
     @property
     def severe(self) -> list[FindingObject]:

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from companion.analysis import Verdict, expected_since_anchor, rate_warning
+from companion.analysis import Verdict, rate_warning
 from companion.model import Flight
 from companion.recording import Source
 from companion.report.markup import percent, short, text
@@ -111,7 +111,7 @@ def _worst(subject: Subject) -> list[tuple[str, str]]:
         ("farthest apart", f"{short(worst.apart_m)} m"),
         (f"seconds since boot, {alone:.1f} s on the IMU alone", f"at {worst.end_s:.1f} s"),
     ]
-    expected = expected_since_anchor(subject.found, shown)
+    expected = subject.expected
     if expected is not None:
         sigma = float(np.interp(worst.end_s, expected.t, expected.lengths[2]))
         if sigma > 0:
