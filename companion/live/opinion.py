@@ -15,7 +15,9 @@ HORIZON_S = 40.0
 """Of data that the verdict now rests on: shorter, and a slow bias drowns in noise; longer, and it costs more than it
 tells. What lasted longer than that is in the record of alarms."""
 
-_MOST_S = 90.0  # and as long as somebody is suspect: without its onset a fault looks like another
+MOST_S = 90.0
+"""And as long as somebody is suspect: without its onset a fault looks like another."""
+
 _BEFORE_S = 20.0  # of data before an alarm that still lasts
 _LOOK_S = 20.0  # of data for a look at the newest
 _MOST_ALARMS = 50
@@ -83,7 +85,8 @@ class Judge:
         self.verdict_on = verdict_on
         self.imu = imu
         self.vehicle = vehicle
-        self._stream = Stream(dialect=dialect, window_s=1.2 * _MOST_S, dequantise=dequantise)
+        self.most_s = MOST_S  # of data that are judged while somebody is suspect: less where that takes too long
+        self._stream = Stream(dialect=dialect, window_s=1.2 * MOST_S, dequantise=dequantise)
         self._newest = 0.0
         self._last = Opinion("", "nothing has been received", 0.0)
 
@@ -129,7 +132,7 @@ class Judge:
         """Of data that are judged: more while an alarm lasts, so that its onset stays in them."""
         if self._last.status not in _SUSPECT:
             return HORIZON_S
-        return min(max(HORIZON_S, self._newest - self._last.alarms[-1].first + _BEFORE_S), _MOST_S)
+        return min(max(HORIZON_S, self._newest - self._last.alarms[-1].first + _BEFORE_S), self.most_s)
 
     def _imu_of(self, flight: Flight) -> str | None:
         return self.imu if self.imu in flight.imus else None

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import time
 
-from companion.live.opinion import Judge, Opinion
+from companion.live.opinion import HORIZON_S, MOST_S, Judge, Opinion
 
 _LOOK_S = 0.25  # between two looks at whether something has just begun
-_PAUSE_S = 3.5  # between the begins of two judgements: none is older than 5 s where one takes less than 1.5 s
-_SHARE = 4.0  # times as long as the processor was busy with one: at most a quarter of a core on a slow computer
+_PAUSE_S = 4.0  # between the begins of two judgements
+_AGE_S = 4.4  # from the begin of one to the end of the next: with what handing over takes none is older than 5 s
+_SHARE = 2.0  # times as long as the processor was busy with one: at most half a core on a slow computer
 _CALLED_S = 2.5  # of the processor, from one in turn to the next, for those that looks call: five of 0.5 s
+_LESS, _MORE = 0.8, 1.1  # times the data that are judged, where the next would come too late, and where it would not
 
 
 class Pace:
-    """Give `step` the time as often as you like. A look costs a fortieth of a judgement, and calls one at once."""
+    """Give `step` the time as often as you like. A look costs a fortieth of a judgement, and calls one at once.
+
+    The longer the last judgement took, on a busy computer, the sooner the next begins; and where that is not enough,
+    the judge is given less of what lies before the last 40 s.
+    """
 
     def __init__(self, judge: Judge) -> None:
         self._judge = judge
@@ -39,12 +45,14 @@ class Pace:
         else:
             self._called = 0.0
         self._judged = judge.newest
-        before = time.process_time()
+        before, began = time.process_time(), time.monotonic()
         try:
             opinion = judge.judge()
         except Exception as error:  # noqa: BLE001  (a defect of the analysis must not end the verdicts)
             opinion = Opinion("", f"no verdict ({type(error).__name__}: {error})", 0.0)
-        busy = time.process_time() - before
+        busy, took = time.process_time() - before, time.monotonic() - began
         self._called += busy
-        self._due = now + max(_PAUSE_S, _SHARE * busy)
+        self._due = now + max(min(_PAUSE_S, _AGE_S - took), _SHARE * busy)
+        in_time = self._due - now + took <= _AGE_S
+        judge.most_s = min(max(judge.most_s * (_MORE if in_time else _LESS), HORIZON_S), MOST_S)
         return opinion

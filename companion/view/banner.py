@@ -26,12 +26,15 @@ _STYLE = (  # over the picture, between the panels; on a phone the first thing o
 )
 
 
-def banner(status: str, sentence: str) -> str:
-    """The verdict as HTML. status: of `Verdict`; sentence: untrusted text."""
+def banner(status: str, sentence: str, *, stale: bool = False) -> str:
+    """The verdict as HTML. status: of `Verdict`; sentence: untrusted text. stale: it is of old data, and is dimmed."""
     words = status.replace("_", " ").upper()
-    return _banner(
-        f"{palette.SIGNS.get(status, '')} {words} – {clause(sentence)}", COLOURS.get(status, palette.CONTROLS)
-    )
+    return _banner(f"{palette.SIGNS.get(status, '')} {words} – {clause(sentence)}", colour_of(status, stale=stale))
+
+
+def colour_of(status: str, *, stale: bool = False) -> Rgb:
+    """In which a verdict stands: grey where it is none any more, or not yet."""
+    return palette.CONTROLS if stale else COLOURS.get(status, palette.CONTROLS)
 
 
 def waiting(sentence: str) -> str:

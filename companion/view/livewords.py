@@ -26,7 +26,7 @@ _OLD_S = 5.0  # from which age on a verdict says how old it is
 def verdict(judgement: Judgement, state: LinkState, why_not: str) -> str:
     """The verdict now as the banner over the picture; why there is none while there is none."""
     if judgement.status and not state.problem:
-        return banner.banner(judgement.status, judgement.text + _age(judgement))
+        return banner.banner(judgement.status, judgement.text + _age(judgement), stale=_is_stale(judgement))
     return banner.waiting(state.problem or why_not or "No verdict yet: the first needs some seconds of data.")
 
 
@@ -102,7 +102,7 @@ def health(state: LinkState) -> str:
 
 def drift(rows: Sequence[DriftRow], judgement: Judgement) -> str:
     """The verdicts now and so far, and the drift table: medians."""
-    head = _opinion("Now", judgement.status, judgement.text + _age(judgement))
+    head = _opinion("Now", judgement.status, judgement.text + _age(judgement), stale=_is_stale(judgement))
     head += _opinion("So far", judgement.status_so_far, judgement.text_so_far)
     table = _table(
         ("after", "windows", "attitude", "position"),
@@ -115,15 +115,19 @@ def drift(rows: Sequence[DriftRow], judgement: Judgement) -> str:
     return _block(head) + table
 
 
-def _opinion(when: str, status: str, text: str) -> str:
-    colour = banner.COLOURS.get(status, palette.CONTROLS)
+def _opinion(when: str, status: str, text: str, *, stale: bool = False) -> str:
+    colour = banner.colour_of(status, stale=stale)
     badge = _badge(f"{when}: {_STATUS.get(status, status)}", colour) if status else ""
     return f"<div>{badge}<div>{escape(text)}</div></div>" if text else ""
 
 
 def _age(judgement: Judgement) -> str:
     """How old a verdict is, where that matters."""
-    return f" (as of {judgement.age_s:.0f} s ago)" if judgement.age_s > _OLD_S else ""
+    return f" (as of {judgement.age_s:.0f} s ago)" if _is_stale(judgement) else ""
+
+
+def _is_stale(judgement: Judgement) -> bool:
+    return judgement.age_s > _OLD_S
 
 
 def _trouble(text: str) -> str:

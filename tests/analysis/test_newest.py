@@ -43,3 +43,15 @@ def test_an_estimate_that_has_just_stepped_stands_out(flight: Flight, begun: flo
     turn = np.radians(15.0) * (attitude.t >= begun)[:, None] * np.array([0.0, 0.0, 1.0])
     assert newest_stands_out(compare(replace(flight, position=replace(position, position=moved)))) is seen
     assert newest_stands_out(compare(turned(flight, turn))) is seen
+
+
+@pytest.mark.parametrize(
+    ("begun", "seen"), [(END - 0.5, False), (END - 1.3, True), (END - 8.0, False)], ids=["too short", "just", "long"]
+)
+def test_an_axis_that_has_just_stopped_stands_out(begun: float, seen: bool) -> None:
+    still = flown(motions.coning(seconds(20, 100), angle=0.002, frequency=0.3))  # so that nothing parts
+    imu = still.imu()
+    gyro = imu.gyro + 1e-4 * np.random.default_rng(0).normal(size=imu.gyro.shape)
+    after = imu.t >= begun
+    gyro[after, 0] = gyro[np.argmax(after), 0]
+    assert newest_stands_out(compare(with_imu(still, gyro=gyro))) is seen

@@ -14,7 +14,7 @@ class Judged:
     """In place of a judge: counts what it is asked."""
 
     def __init__(self) -> None:
-        self.newest, self.news = 0.0, False
+        self.newest, self.news, self.most_s = 0.0, False, 90.0
         self.looks, self.judged = list[float](), list[float]()
 
     def stirred(self) -> bool:
@@ -36,8 +36,8 @@ def test_it_is_judged_in_turn_and_looked_at_between() -> None:
     judge = Judged()
     pace = Pace(cast("Judge", judge))
     run(judge, pace, 1.0, 15.0)
-    assert judge.judged == [1.0, 4.5, 8.0, 11.5]
-    assert 3 <= sum(4.5 < t < 5.51 for t in judge.looks) <= 5, "four times a second"
+    assert judge.judged == [1.0, 5.0, 9.0, 13.0]
+    assert 3 <= sum(5.0 < t < 6.01 for t in judge.looks) <= 5, "four times a second"
 
 
 def test_what_has_just_begun_is_judged_at_once() -> None:
@@ -65,7 +65,7 @@ def test_what_stays_new_costs_no_more_than_so_much_between_two_turns() -> None:
         patched.setattr("companion.live.pace._CALLED_S", 0.14)
         run(judge, pace, 1.0, 4.0)
         assert len(judge.judged) == 3, "in turn, and until it has cost so much"
-        run(judge, pace, 4.0, 5.4)
+        run(judge, pace, 4.0, 5.9)
     assert len(judge.judged) == 6
 
 
@@ -92,3 +92,21 @@ def test_a_defect_of_the_analysis_is_said_and_does_not_end_it() -> None:
     said = Pace(cast("Judge", judge)).step(1.0)
     assert said is not None
     assert said.text == "no verdict (ZeroDivisionError: division by zero)"
+
+
+def test_where_judging_takes_long_the_next_begins_sooner_and_less_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    took = 0.2
+    clock = iter(range(1_000_000))
+    judge = Judged()
+    pace = Pace(cast("Judge", judge))
+    monkeypatch.setattr("companion.live.pace.time.monotonic", lambda: next(clock) * took)  # asked twice for each
+    run(judge, pace, 1.0, 5.9)
+    assert judge.judged == [1.0, 5.0]
+    assert judge.most_s == 90.0
+    took = 1.4  # on a busy computer: 3 s until the next
+    run(judge, pace, 6.0, 12.9)
+    assert judge.judged[2:] == [9.0, 12.0]
+    assert judge.most_s == 90.0
+    took = 5.0
+    run(judge, pace, 13.0, 20.0)
+    assert judge.most_s == 40.0, "never less than while nobody is suspect"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from html.parser import HTMLParser
 
-from companion.view import Judgement, LinkState, StreamState, livewords
+from companion.view import Judgement, LinkState, StreamState, banner, livewords, palette
 
 EVIL = "<img src=x onerror=\"document.title='owned'\"><script>alert(1)</script>"
 
@@ -55,6 +55,9 @@ def test_the_verdict_now_is_the_banner_or_why_there_is_none() -> None:
     suspect = Judgement("imu_suspect", "Suspect the IMU: stuck.", age_s=2.0)
     assert text(suspect).endswith("✗ IMU SUSPECT – stuck.")
     assert text(replace(suspect, age_s=7.0)).endswith("stuck. (as of 7 s ago)")
+    assert banner.COLOURS["imu_suspect"] != banner.colour_of("imu_suspect", stale=True), "and is dimmed"
+    shown = livewords.verdict(replace(suspect, age_s=7.0), LinkState("udpin:1"), "")
+    assert palette.css(banner.COLOURS["imu_suspect"]) not in shown
     assert text(suspect, problem="silent for 7 s").endswith("silent for 7 s")
     assert text(Judgement("", ""), why_not="no IMU messages").endswith("no IMU messages")
     assert "No verdict yet" in text(Judgement("", ""))

@@ -18,7 +18,7 @@ _FROZEN_S = 0.5
 _TOGETHER_S = 1.0  # shocks closer than this are one finding
 _MOMENT_S = 0.05  # a shorter end of the range is a shock, which no sensor is accused of
 _AGAIN = 3  # times, and it is none
-_STUCK_S = 1.0
+STUCK_S = 1.0
 _TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a step is in less than a fifth of such spans
 _STUCK_RATE_HZ = 20.0
 _MANY, _FEW = 50.0, 8.0  # steps
@@ -123,7 +123,7 @@ def _quietest(change: Array, first: IntArray, last: IntArray, rate_hz: float) ->
     beside = np.ones(len(change), np.bool_)
     for begin, end in zip(first, last, strict=True):
         beside[begin : end + 1] = False
-    block = max(1, round(_STUCK_S * rate_hz))
+    block = max(1, round(STUCK_S * rate_hz))
     left = change[beside]
     seconds = left[: len(left) // block * block].reshape(-1, block).mean(axis=1)
     return float(np.percentile(seconds, 5.0)) if len(seconds) >= _FEWEST_SECONDS else np.inf
@@ -132,6 +132,11 @@ def _quietest(change: Array, first: IntArray, last: IntArray, rate_hz: float) ->
 def _heading_free(q: Array) -> Array:
     """Where the body's down points, as angles: what turns when the vehicle tilts, whatever the yaw does."""
     return np.asarray(quaternion.rotate(quaternion.conjugate(q), np.broadcast_to([0.0, 0.0, 1.0], (len(q), 3))))
+
+
+def unchanged(change: Array) -> BoolArray:
+    """Where a reading is the one before, (N, 3): change (N, 3) between samples. Floats flicker in their last digits."""
+    return np.asarray(change <= _NEARLY * np.median(change, axis=0).max())
 
 
 def stuck_findings(
@@ -147,11 +152,11 @@ def stuck_findings(
         return
     for name, readings, step in (("gyro", track.gyro, track.gyro_step), ("accel", track.accel, track.accel_step)):
         change = np.abs(np.diff(readings, axis=0))
-        same = change <= _NEARLY * np.median(change, axis=0).max()  # floats flicker in their last digits
+        same = unchanged(change)
         for axis in range(3):
             first, last = run_edges(np.asarray(same[:, axis]))
             lasted = track.t[last + 1] - track.t[first]
-            even = np.flatnonzero(lasted > _STUCK_S)
+            even = np.flatnonzero(lasted > STUCK_S)
             quietest = 0.0 if step else _quietest(change[:, axis], first[even], last[even], track.rate_hz)
             for i in even:
                 stretch = slice(int(first[i]), int(last[i]) + 2)
