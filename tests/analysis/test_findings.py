@@ -12,7 +12,7 @@ from companion.analysis import GENERIC, Assessment, Finding, assess
 from companion.model import STANDARD_GRAVITY, Event, ImuTrack, Series, StatusText, Vehicle
 from companion.strapdown import Motion, motions, quaternion
 from tests.flights import CIRCLE, LIVELY, flown, seconds, turned, with_imu
-from tests.recordings import recording
+from tests.recordings import shared
 
 pytestmark = pytest.mark.slow
 
@@ -257,7 +257,7 @@ def test_a_jump_within_the_second_before_it_says_disarmed_is_not_judged(at: floa
     ],
 )
 def test_recordings(name: str, statuses: set[str], kind: str | None) -> None:
-    flight = c.open_log(recording(name))[0]
+    flight = c.open_log(shared(name))[0]
     found = c.examine(flight).assessment
     assert found.verdict.status in statuses
     assert not {"gyro_bias", "accel_bias"} & {f.kind for f in found.verdict.findings}

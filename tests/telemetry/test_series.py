@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 import companion as c
 from companion.mavlink import load_dialect, mode_name, px4_nav_state_name
 from companion.telemetry import Stream
-from tests.recordings import BUNDLED, recording, shared
+from tests.recordings import BUNDLED, shared
 from tests.tlogs import Writer
 
 DEMO = BUNDLED / "copter-demo-100hz.tlog"
@@ -213,7 +213,7 @@ def test_the_log_on_board_says_the_same_as_the_telemetry() -> None:
 
 
 def test_px4s_log_says_the_same_as_its_telemetry() -> None:
-    board, link = (c.open_log(recording(f"px4/px4_square_lownoise.{kind}"))[0] for kind in ("ulg", "tlog"))
+    board, link = (c.open_log(shared(f"px4/px4_square_lownoise.{kind}"))[0] for kind in ("ulg", "tlog"))
     modes = ["LOITER", "MISSION", "LOITER", "LAND", "LOITER"]
     for flight in (board, link):
         assert [e.text for e in flight.events if e.kind == "mode"] == modes
