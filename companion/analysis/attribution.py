@@ -134,12 +134,12 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
         out.append(Finding(episode.kind, side, severity, episode.start, end, words, advice, headline, cause,
                            bool(why) and (harmed or not constant)))  # fmt: skip
     own = [d for i, d in enumerate(departed) if i not in caused]
-    by_gyro = min((d.start for d in own if d.as_the_gyro), default=np.inf)
-    return out + [_own(d, best, by_gyro) for d in own]
+    by_imu = min((d.start for d in own if d.as_the_imu), default=np.inf)
+    return out + [_own(d, best, by_imu) for d in own]
 
 
 _OF_HEIGHT = ("gps_height", "barometer")  # kinds that mislead nothing else
-_TOGETHER_S, _STRONGER = 2.0, 3.0  # s; times the evidence
+_TOGETHER_S, _HALF = 2.0, 0.5  # s; of the evidence
 _AGAINST_ITSELF = ("gps_position", "gps_velocity")  # kinds that the GPS shows without an IMU
 _BY_THE_IMU_ALONE, _BURSTS = ("gps_motion",), 3  # kinds that no other witness speaks against
 _CONSTANT = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"
@@ -149,11 +149,15 @@ _CONTRADICTED = (
 
 
 def _is_left_of(episode: Episode, others: tuple[Episode, ...]) -> str | None:
-    """The kind of a far stronger episode of another sensor that begins with this one, and may leave this; or None."""
+    """The kind of an episode of another sensor that begins with this one, and of which this may be what it leaves.
+
+    Two sensors that fail together are far less likely than one whose explanation leaves something: so what explains
+    half as much, or more, is in doubt with this one. None where there is none.
+    """
     for other in others:
         apart = max(_TOGETHER_S, SIGMAS * float(np.hypot(episode.start_sigma, other.start_sigma)))
-        stronger = other.witness != episode.witness and other.gain > _STRONGER * episode.gain
-        if stronger and abs(other.start - episode.start) < apart:
+        as_much = other.witness != episode.witness and other.gain > _HALF * episode.gain
+        if as_much and abs(other.start - episode.start) < apart:
             return other.kind
     return None
 
@@ -161,14 +165,14 @@ def _is_left_of(episode: Episode, others: tuple[Episode, ...]) -> str | None:
 def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, ...]) -> str:
     """Why an episode that looks like a fault accuses nobody; empty where it does."""
     noisy = best.contradicted
-    stronger = _is_left_of(episode, others)
+    other = _is_left_of(episode, others)
     rival = rival_of_another(episode, FAR if noisy else CLOSE)
     reasons = (
         (episode.kind.endswith("_shock"),
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment"),
         (episode.magnitude < SIGMAS * episode.sigma, "its size is hardly more than its σ"),
-        (stronger is not None,
-         f"{_named(stronger)}, which begins with it, explains far more: this may be what that leaves"),
+        (other is not None,
+         f"{_named(other)}, which begins with it, explains as much or more: one may be what the other leaves"),
         (episode.kind in _BY_THE_IMU_ALONE and best.bursts >= _BURSTS,
          "the IMU is shaken in bursts that look the same: it cannot be told which of them is wrong"),
         (noisy and episode.witness != "imu" and episode.kind not in _AGAINST_ITSELF, _CONTRADICTED),
@@ -181,7 +185,7 @@ def _named(kind: str | None) -> str:
     return (kind or "").replace("_", " ")
 
 
-def _why_unsure(departure: Departure, best: BestEstimate, by_gyro: float) -> str:
+def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> str:
     """Why a departure does not accuse the autopilot; empty where it does."""
     promising = (sensor for kind in best.promising if (sensor := SENSORS.get(kind.split("_")[0])))
     sensor = next(promising, None)
@@ -189,7 +193,7 @@ def _why_unsure(departure: Departure, best: BestEstimate, by_gyro: float) -> str
         ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong"),
         (best.contradicted, _CONTRADICTED),
         (departure.recovers, "it was so when this began, and the estimate recovers: what led to it lies before"),
-        (departure.start >= by_gyro, "the gyro turned as the autopilot says: it cannot be told which of them is wrong"),
+        (departure.start >= by_imu, "the IMU moved as the autopilot says: it cannot be told which of them is wrong"),
         (sensor is not None,
          f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong"),
         (departure.size < _CERTAIN * departure.sigma,
@@ -198,15 +202,15 @@ def _why_unsure(departure: Departure, best: BestEstimate, by_gyro: float) -> str
     return next((why for applies, why in reasons if applies), "")
 
 
-def _own(departure: Departure, best: BestEstimate, by_gyro: float) -> Finding:
+def _own(departure: Departure, best: BestEstimate, by_imu: float) -> Finding:
     """A departure that nothing explains: the sensors agree with one another, and the estimate does not with them.
 
-    by_gyro: s, when the first one began in which the gyro sides with the autopilot.
+    by_imu: s, when the first one began in which the IMU sides with the autopilot.
 
     Without GPS, where a fault of a sensor explains it nearly as well, or where it is not far beyond what both may be
     off by, it is said and accuses nobody.
     """
-    why = _why_unsure(departure, best, by_gyro)
+    why = _why_unsure(departure, best, by_imu)
     unsure = bool(why)
     words = f"its estimate is off by {departure} against the best estimate of the sensors, which agree with each other"
     if unsure:

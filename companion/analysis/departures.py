@@ -21,7 +21,12 @@ _LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0,
 _SUDDEN_S, _SUDDEN = 1.0, 0.5  # one that begins with a step of so much of itself need not last longer
 
 _RISEN = 0.25
-_TURNS: Mapping[str, slice] = {"tilt": slice(0, 2), "heading": slice(2, 3)}  # of a rotation vector in NED
+_TELLS_S = 10.0  # for so long an IMU tells a velocity and a position
+_AXES: Mapping[str, slice] = {
+    "tilt": slice(0, 2), "heading": slice(2, 3),
+    "velocity": slice(0, 2), "position": slice(0, 2), "height": slice(2, 3),
+}  # fmt: skip
+"""Quantity → its components in NED, of the turn, the velocity or the position."""
 
 _SETTLED_S = 10.0  # on a bench, after which an estimator has aligned
 _WELL = 0.5  # of what an estimator in order may be off by: an estimate that is known so well is judged as it is
@@ -80,28 +85,38 @@ def departures(
                 peak = first + int(np.argmax(value[first : last + 1]))
                 recovers = bool(t[first] <= judging[0] and t[last] < judging[1])
                 size, own = float(value[peak]), float(both[peak])
-                turned = name in _TURNS and _gyro_confirms(best, reference, _TURNS[name], value, peak)
-                found.append(Departure(name, float(t[first]), float(t[last]), size, own, recovers, turned))
+                felt = _imu_confirms(best, reference, name, value, peak)
+                found.append(Departure(name, float(t[first]), float(t[last]), size, own, recovers, felt))
     return tuple(sorted(found, key=lambda d: d.start))
 
 
-def _gyro_confirms(best: BestEstimate, reference: Reference, block: slice, value: Array, peak: int) -> bool:
-    """Whether the gyro turned as the autopilot says, rather than as the best estimate, while a value (K,) rose.
+def _imu_confirms(best: BestEstimate, reference: Reference, quantity: str, value: Array, peak: int) -> bool:
+    """Whether the IMU moved as the autopilot says, rather than as the best estimate, while a value (K,) rose.
 
-    From where it was a quarter of its peak. Of what was off from the beginning on the gyro tells nothing.
+    From where it was a quarter of its peak: each of the two is carried from there by the IMU. Of what was off from the
+    beginning on the IMU tells nothing, nor of velocity and position after more than some seconds.
     """
     low = np.flatnonzero(value[:peak] <= _RISEN * value[peak])
     if not len(low):
         return False
-    first, last = int(low[-1]), peak
-    track = corrected(best.imu, best)[best.index[first] : best.index[last] + 1]
-    turn = preintegrate(track).q[-1]
-    off = [
-        attitude_error(q[last], quaternion.multiply(q[first], turn))[block]
-        for q in (reference.q_ned_frd, best.q_ned_frd)
-    ]
-    autopilot, third = length(np.stack(off))
-    return bool(autopilot < third)
+    first = int(low[-1])
+    turns = quantity in ("tilt", "heading")
+    if not turns and best.t[peak] - best.t[first] > _TELLS_S:
+        return False
+    path = preintegrate(corrected(best.imu, best)[best.index[first] : best.index[peak] + 1])
+    off = []
+    for one in (reference, best):
+        start = one.q_ned_frd[first], one.velocity[first], one.position[first]
+        q, v, p = path.carry(0, len(path.t) - 1, *start, gravity=best.gravity)
+        moved = {"velocity": one.velocity[peak] - v, "position": one.position[peak] - p}
+        error = (
+            attitude_error(one.q_ned_frd[peak], q)
+            if turns
+            else moved["velocity" if quantity == "velocity" else "position"]
+        )
+        off.append(float(np.linalg.norm(error[_AXES[quantity]])))
+    autopilot, third = off
+    return autopilot < third
 
 
 def _greatest(sigma: Array) -> Array:

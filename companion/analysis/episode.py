@@ -50,7 +50,7 @@ class Departure:
     size: float  # at its greatest: rad, m/s, m
     sigma: float  # of both together, at that time
     recovers: bool = False  # whether it was so when the autopilot was first judged, and ended
-    as_the_gyro: bool = False  # whether the gyro turned as the autopilot says, and not as the best estimate
+    as_the_imu: bool = False  # whether the IMU moved as the autopilot says, and not as the best estimate
 
     @property
     def cause(self) -> Cause:

@@ -122,7 +122,7 @@ def test_where_the_best_estimate_is_in_doubt_nobody_is_accused(
 
 
 @pytest.mark.parametrize("felt", [True, False], ids=["as the gyro turned", "the gyro did not turn"])
-def test_an_estimate_that_turns_as_the_gyro_does_is_not_accused(flight: Flight, best: BestEstimate, felt: bool) -> None:
+def test_an_estimate_that_turns_as_the_imu_does_is_not_accused(flight: Flight, best: BestEstimate, felt: bool) -> None:
     """The autopilot turns by 30° within 10 s, and the best estimate does not: which of them followed the gyro?"""
     attitude, rate = flight.require_attitude(), np.radians(3.0)
     down = np.array([0.0, 0.0, 1.0])
@@ -135,10 +135,27 @@ def test_an_estimate_that_turns_as_the_gyro_does_is_not_accused(flight: Flight, 
         imu = replace(imu, gyro=imu.gyro + during[:, None] * quaternion.rotate(quaternion.conjugate(q), rate * down))
     third = replace(best, imu=imu)
     found = departures(other, third, Limits())
-    assert {(d.quantity, d.as_the_gyro) for d in found} == {("heading", felt)}
+    assert {(d.quantity, d.as_the_imu) for d in found} == {("heading", felt)}
     (finding,) = findings_of((), found, third)
     assert finding.side == ("data" if felt else "autopilot")
-    assert ("the gyro turned as the autopilot says" in finding.evidence) == felt
+    assert ("the IMU moved as the autopilot says" in finding.evidence) == felt
+
+
+@pytest.mark.parametrize("felt", [True, False], ids=["as the accelerometer felt", "the accelerometer felt nothing"])
+def test_an_estimate_that_speeds_up_as_the_accelerometer_says_is_not_accused(
+    flight: Flight, best: BestEstimate, felt: bool
+) -> None:
+    attitude, imu, north = flight.require_attitude(), best.imu, np.array([1.0, 0.0, 0.0])
+    faster = np.clip(best.t - ONSET, 0.0, 5.0)[:, None] * north  # 1 m/s² for 5 s
+    track = PositionTrack(best.t, best.position, best.velocity + faster)
+    if felt:
+        during = (imu.t >= ONSET) & (imu.t < ONSET + 5.0)
+        q = reference_at(attitude, None, imu.t, Limits()).q_ned_frd
+        imu = replace(imu, accel=imu.accel + during[:, None] * quaternion.rotate(quaternion.conjugate(q), north))
+    third = replace(best, imu=imu)
+    found = departures(replace(flight, position=track), third, Limits())
+    assert {(d.quantity, d.as_the_imu) for d in found} == {("velocity", felt)}
+    assert [f.side for f in findings_of((), found, third)] == ["data" if felt else "autopilot"]
 
 
 def raised(flight: Flight, best: BestEstimate, metres: float) -> Flight:
@@ -196,12 +213,14 @@ def test_what_was_wrong_from_the_beginning_on_accuses_nobody(flight: Flight, bes
     assert (finding.side, finding.severity, finding.undecided) == ("data", "warning", True)
 
 
-def test_what_a_far_stronger_explanation_leaves_accuses_nobody(best: BestEstimate) -> None:
+def test_what_another_sensors_explanation_leaves_accuses_nobody(best: BestEstimate) -> None:
     weak = replace(step(ONSET - 1.0, np.inf, 0.05), gain=100.0)
     jump = Explained("gps_position", "step", ONSET, 0.1, np.inf, np.array([30.0, 0.0]), np.full(2, 0.3), 5000.0)
     gyro, _ = findings_of(episodes(replace(best, explained=(weak, jump))), (), best)
     assert (gyro.kind, gyro.side, gyro.severity) == ("gyro_bias", "data", "warning")
     assert "gps position, which begins with it" in gyro.evidence
+    even = findings_of(episodes(replace(best, explained=(weak, replace(jump, gain=110.0)))), (), best)
+    assert [f.severity for f in even] == ["warning", "info"], "one of two that explain as much is what the other leaves"
     alone = findings_of(episodes(replace(best, explained=(weak, replace(jump, onset=ONSET + 20.0)))), (), best)
     assert (alone[0].side, alone[0].severity) == ("imu", "error")
     offset = Explained("accel_bias", "step", ONSET, 0.1, np.inf, np.array([3.0, 0.0, 0.0]), np.full(3, 0.1), 5000.0)
