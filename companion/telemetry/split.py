@@ -11,8 +11,18 @@ from itertools import pairwise
 import numpy as np
 
 from companion.mavlink import Dialect, Messages
-from companion.model import IMU_MESSAGES, Vehicle
-from companion.telemetry.clock import UNIX_S, Clock, device_time, reboots, sender_clock, stale_start, steps_back
+from companion.model import IMU_MESSAGES, Array, Vehicle
+from companion.telemetry.clock import (
+    UNIX_S,
+    Clock,
+    IntArray,
+    device_time,
+    reboots,
+    sender_clock,
+    stale_start,
+    steps_back,
+)
+from companion.telemetry.outliers import BoolArray
 from companion.telemetry.timestamps import ON_LINK, left_out, off_course
 
 Sender = dict[str, Messages]
@@ -21,6 +31,8 @@ _STATE_MESSAGES = {
     *IMU_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT",
 }  # fmt: skip
 _VEHICLE_MESSAGES = _STATE_MESSAGES | {"SYS_STATUS", "VFR_HUD", "PARAM_VALUE", "EXTENDED_SYS_STATE"}
+
+_TOLD_STEPS = 3  # of the clock, in a note each
 
 _NOT_VEHICLES = {"GCS", "ANTENNA_TRACKER", "ONBOARD_CONTROLLER", "GIMBAL", "ADSB", "CAMERA", "CHARGING_STATION"}
 
@@ -158,17 +170,22 @@ def _first_of(messages: Messages, clock: Clock, packet: int) -> int:
 
 def _without_steps_back(sender: Sender, clock: Clock) -> tuple[Sender, Clock, list[str]]:
     """Where the clock was set back without a reboot, the packets that it then passes again are left out."""
-    notes = []
-    keep = np.ones(len(clock.t), np.bool_)
-    for i in steps_back(clock):
-        offset, t = clock.offset[i], clock.t[i]
-        notes.append(
-            f"the device clock was set back from {clock.t[i - 1]:.2f} s to {t:.2f} s without a reboot: "
-            "what it had said of that time before is left out"
-        )
-        sender = {n: m.select((m.offset >= offset) | (clock.at(m.offset) < t)) for n, m in sender.items()}
-        keep &= (clock.offset >= offset) | (clock.t < t)
-    return sender, clock[keep] if notes else clock, notes
+    back = np.asarray(steps_back(clock), np.intp)
+    if not len(back):
+        return sender, clock, []
+    offset = clock.offset[back]
+    passed_again = np.append(np.minimum.accumulate(clock.t[back][::-1])[::-1], np.inf)  # from when on, by what follows
+
+    def stays(at: IntArray, t: Array) -> BoolArray:
+        return np.asarray(t < passed_again[np.searchsorted(offset, at, side="right")])
+
+    sender = {n: m.select(stays(m.offset, clock.at(m.offset))) for n, m in sender.items()}
+    left_out = "what it had said of that time before is left out"
+    steps = [f"from {clock.t[i - 1]:.2f} s to {clock.t[i]:.2f} s" for i in back[:_TOLD_STEPS]]
+    notes = [f"the device clock was set back {step} without a reboot: {left_out}" for step in steps]
+    if len(back) > _TOLD_STEPS:
+        notes.append(f"the device clock was set back {len(back) - _TOLD_STEPS} times more: the same is done there")
+    return sender, clock[stays(clock.offset, clock.t)], notes
 
 
 def _enum_name(dialect: Dialect, enum: str, value: int) -> str:

@@ -162,6 +162,17 @@ def test_a_clock_that_is_set_back_is_no_reboot(log: Writer) -> None:
     assert any("set back from 63.00 s to 61.60 s" in note for note in flight.notes)
 
 
+def test_a_clock_that_is_set_back_again_and_again_is_told_in_a_few_notes(log: Writer) -> None:
+    """And what a later step passes again goes too, however many steps lie between."""
+    for number in range(6):
+        log.rest(3.0, begin=3.02 * number, boot=60.0 + 2.0 * number)
+    (flight,) = c.open_log(log.close())
+    notes = [note for note in flight.notes if "set back" in note]
+    assert len(notes) == 4
+    assert "2 times more" in notes[-1]
+    assert len(flight.imu()) == 5 * 100 + 151, "of each but the last the first two seconds stay"
+
+
 def test_a_hole_in_a_replay_is_no_stale_start(log: Writer) -> None:
     """Played 30 times too fast, a hole of 15 s after the first packets is half a second of log time."""
     for i in range(10):

@@ -200,7 +200,8 @@ def _should_have_moved(
     t, step = track.t[stretch], track.gyro_step if name == "gyro" else track.accel_step
     if name == "accel":
         level = float(track.accel[stretch, axis].mean())
-        felt = [o.accel[(o.t >= t[0]) & (o.t <= t[-1]), axis] for o in others]
+        usual = float(np.median(track.accel[:, axis]))  # two accelerometers differ by their biases, throughout
+        felt = [o.accel[(o.t >= t[0]) & (o.t <= t[-1]), axis] - np.median(o.accel[:, axis]) + usual for o in others]
         felt = [readings for readings in felt if len(readings) > 2]
         if felt:
             return any(float(np.abs(readings - level).mean()) > _FEW * step for readings in felt)
