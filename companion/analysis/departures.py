@@ -20,13 +20,16 @@ _LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0,
 
 _SUDDEN_S, _SUDDEN = 1.0, 0.5  # one that begins with a step of so much of itself need not last longer
 
-_RISEN = 0.25
+_RISEN = 0.25  # of a departure's peak, from where it rose
 _TELLS_S = 10.0  # for so long an IMU tells a velocity and a position
-_AXES: Mapping[str, slice] = {
-    "tilt": slice(0, 2), "heading": slice(2, 3),
-    "velocity": slice(0, 2), "position": slice(0, 2), "height": slice(2, 3),
-}  # fmt: skip
-"""Quantity → its components in NED, of the turn, the velocity or the position."""
+_AXES: Mapping[str, tuple[str, slice]] = {
+    "tilt": ("turn", slice(0, 2)),
+    "heading": ("turn", slice(2, 3)),
+    "velocity": ("velocity", slice(0, 2)),
+    "position": ("position", slice(0, 2)),
+    "height": ("position", slice(2, 3)),
+}
+"""Quantity → what it is of, and its components in NED."""
 
 _SETTLED_S = 10.0  # on a bench, after which an estimator has aligned
 _WELL = 0.5  # of what an estimator in order may be off by: an estimate that is known so well is judged as it is
@@ -93,30 +96,30 @@ def departures(
 def _imu_confirms(best: BestEstimate, reference: Reference, quantity: str, value: Array, peak: int) -> bool:
     """Whether the IMU moved as the autopilot says, rather than as the best estimate, while a value (K,) rose.
 
-    From where it was a quarter of its peak: each of the two is carried from there by the IMU. Of what was off from the
-    beginning on the IMU tells nothing, nor of velocity and position after more than some seconds.
+    Each of the two is carried by the IMU from where the value was a quarter of its peak: an autopilot that went astray
+    by itself is contradicted by what the value rose by. Of what was off from the beginning on the IMU tells nothing,
+    nor of velocity and position after more than some seconds.
     """
     low = np.flatnonzero(value[:peak] <= _RISEN * value[peak])
     if not len(low):
         return False
-    first = int(low[-1])
-    turns = quantity in ("tilt", "heading")
-    if not turns and best.t[peak] - best.t[first] > _TELLS_S:
+    first, (moved, axes) = int(low[-1]), _AXES[quantity]
+    if moved != "turn" and best.t[peak] - best.t[first] > _TELLS_S:
         return False
     path = preintegrate(corrected(best.imu, best)[best.index[first] : best.index[peak] + 1])
-    off = []
-    for one in (reference, best):
+
+    def off(one: Reference | BestEstimate) -> float:
         start = one.q_ned_frd[first], one.velocity[first], one.position[first]
         q, v, p = path.carry(0, len(path.t) - 1, *start, gravity=best.gravity)
-        moved = {"velocity": one.velocity[peak] - v, "position": one.position[peak] - p}
-        error = (
-            attitude_error(one.q_ned_frd[peak], q)
-            if turns
-            else moved["velocity" if quantity == "velocity" else "position"]
-        )
-        off.append(float(np.linalg.norm(error[_AXES[quantity]])))
-    autopilot, third = off
-    return autopilot < third
+        error = {
+            "turn": attitude_error(one.q_ned_frd[peak], q),
+            "velocity": one.velocity[peak] - v,
+            "position": one.position[peak] - p,
+        }
+        return float(np.linalg.norm(error[moved][axes]))
+
+    autopilot = off(reference)
+    return autopilot < off(best) and autopilot < (1.0 - _RISEN) * float(value[peak])
 
 
 def _greatest(sigma: Array) -> Array:
