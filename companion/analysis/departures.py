@@ -106,7 +106,7 @@ def _imu_confirms(best: BestEstimate, reference: Reference, quantity: str, value
     first, (moved, axes) = int(low[-1]), _AXES[quantity]
     if moved != "turn" and best.t[peak] - best.t[first] > _TELLS_S:
         return False
-    path = preintegrate(corrected(best.imu, best)[best.index[first] : best.index[peak] + 1])
+    path = preintegrate(corrected(best.imu[best.index[first] : best.index[peak] + 1], best))
 
     def off(one: Reference | BestEstimate) -> float:
         start = one.q_ned_frd[first], one.velocity[first], one.position[first]
