@@ -17,7 +17,7 @@ from companion.strapdown import quaternion
 _FROZEN_S = 0.5
 _TOGETHER_S = 1.0  # shocks closer than this are one finding
 _MOMENT_S = 0.05  # a shorter end of the range is a shock, which no sensor is accused of
-_AGAIN = 3  # times, and it is none
+_OFTEN_S = 0.15  # in all, and it is none
 STUCK_S = 1.0
 _TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a step is in less than a fifth of such spans
 _STUCK_RATE_HZ = 20.0
@@ -65,7 +65,7 @@ def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuFi
         groups = np.split(at, np.flatnonzero(np.diff(track.t[at]) > _TOGETHER_S) + 1)
         for group in groups:
             start, end = float(track.t[group[0]]), float(track.t[group[-1]])
-            moment = len(group) < _MOMENT_S * track.rate_hz and len(groups) < _AGAIN
+            moment = len(group) < _MOMENT_S * track.rate_hz and len(at) < _OFTEN_S * track.rate_hz
             yield Finding(
                 f"{name}_clipping",
                 "imu",
