@@ -139,7 +139,7 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
 
 
 _OF_HEIGHT = ("gps_height", "barometer")  # kinds that mislead nothing else
-_TOGETHER_S, _HALF = 2.0, 0.5  # s; of the evidence
+_TOGETHER_S, _HALF, _FAR_MORE = 2.0, 0.5, 20.0  # s; of the evidence; times the evidence
 _AGAINST_ITSELF = ("gps_position", "gps_velocity")  # kinds that the GPS shows without an IMU
 _BY_THE_IMU_ALONE, _BURSTS = ("gps_motion",), 3  # kinds that no other witness speaks against
 _CONSTANT = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"
@@ -149,15 +149,17 @@ _CONTRADICTED = (
 
 
 def _is_left_of(episode: Episode, others: tuple[Episode, ...]) -> str | None:
-    """The kind of an episode of another sensor that begins with this one, and of which this may be what it leaves.
+    """The kind of an episode of another sensor of which this may be what it leaves; None where there is none.
 
-    Two sensors that fail together are far less likely than one whose explanation leaves something: so what explains
-    half as much, or more, is in doubt with this one. None where there is none.
+    Two sensors that fail together are far less likely than one whose explanation leaves something: so what begins with
+    this one and explains half as much, or more, is in doubt with it. What explains far more may leave something at any
+    time of the flight; but a height leaves nothing to the other axes.
     """
     for other in others:
         apart = max(_TOGETHER_S, SIGMAS * float(np.hypot(episode.start_sigma, other.start_sigma)))
-        as_much = other.witness != episode.witness and other.gain > _HALF * episode.gain
-        if as_much and abs(other.start - episode.start) < apart:
+        together = abs(other.start - episode.start) < apart and other.gain > _HALF * episode.gain
+        far_more = other.kind not in _OF_HEIGHT and other.gain > _FAR_MORE * episode.gain
+        if other.witness != episode.witness and (together or far_more):
             return other.kind
     return None
 
@@ -172,7 +174,7 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment"),
         (episode.magnitude < SIGMAS * episode.sigma, "its size is hardly more than its σ"),
         (other is not None,
-         f"{_named(other)}, which begins with it, explains as much or more: one may be what the other leaves"),
+         f"{_named(other)} explains as much at that time, or far more: one may be what the other leaves"),
         (episode.kind in _BY_THE_IMU_ALONE and best.bursts >= _BURSTS,
          "the IMU is shaken in bursts that look the same: it cannot be told which of them is wrong"),
         (noisy and episode.witness != "imu" and episode.kind not in _AGAINST_ITSELF, _CONTRADICTED),

@@ -82,13 +82,16 @@ class Kinematics:
 
     def moved(self, change: Array, k: Index, late: Array) -> tuple[Array, Array]:
         """One of the changes (M, 3), and how fast it goes on (M, 3), `late` (M,) s after the keyframes k (M,)."""
-        when, late = self.when[k], late[:, None]
+        when = self.when[k]
+        within = np.clip(late, when[:, 0], when[:, 2])  # a parabola says nothing beyond its samples
+        beyond, late = (late - within)[:, None], within[:, None]
         share, slope = np.empty(when.shape), np.empty(when.shape)
         for own, one, other in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
             apart = (when[:, own] - when[:, one]) * (when[:, own] - when[:, other])
             share[:, own] = ((late[:, 0] - when[:, one]) * (late[:, 0] - when[:, other])) / apart
             slope[:, own] = (2.0 * late[:, 0] - when[:, one] - when[:, other]) / apart
-        return np.einsum("mj,mji->mi", share, change[k]), np.einsum("mj,mji->mi", slope, change[k])
+        changed, goes_on = np.einsum("mj,mji->mi", share, change[k]), np.einsum("mj,mji->mi", slope, change[k])
+        return changed + goes_on * beyond, goes_on
 
 
 def gps_readings(track: GpsTrack, t: Array, origin: tuple[float, float, float], spacing: float) -> Iterator[Readings]:
