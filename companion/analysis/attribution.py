@@ -97,13 +97,28 @@ def follows(departure: Departure, episode: Episode) -> bool:
     return kind_of(episode.kind).side != "compass" or departure.quantity != "height"
 
 
+def _cause_among(departure: Departure, found: tuple[Episode, ...]) -> Episode | None:
+    """The first episode that a departure may follow; or one that begins with it and explains as much, or far more."""
+    may = [episode for episode in found if follows(departure, episode)]
+    if not may:
+        return None
+    first = may[0]
+
+    def fits(one: Episode) -> bool:
+        begins = abs(departure.start - one.start) <= _WITHIN_S + SIGMAS * one.start_sigma
+        return one.gain > (1.0 if begins else _FAR_MORE) * first.gain
+
+    return max(filter(fits, may), key=lambda one: one.gain, default=first)
+
+
 def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], best: BestEstimate) -> list[Finding]:
     """Episodes and departures as findings: causes as errors, consequences as warnings, the harmless as information."""
     out: list[Finding] = []
     end_of_all = float(best.t[-1])
     caused: set[int] = set()
+    causes = [_cause_among(d, found) for d in departed]
     for episode in found:
-        consequences = [i for i, d in enumerate(departed) if i not in caused and follows(d, episode)]
+        consequences = [i for i, cause in enumerate(causes) if cause is episode]
         harmed = bool(consequences)
         misleads = any(departed[i].size >= _CERTAIN * departed[i].sigma for i in consequences)
         severity: Severity = "info"

@@ -232,6 +232,20 @@ def test_what_another_sensors_explanation_leaves_accuses_nobody(best: BestEstima
     assert [f.side for f in both] == ["imu", "imu"], "of one sensor both are its own"
 
 
+@pytest.mark.parametrize(
+    ("begun", "gain", "misled"), [(ONSET, 200.0, 1), (ONSET - 12.0, 200.0, 0), (ONSET - 12.0, 9e3, 1)]
+)
+def test_a_departure_follows_what_begins_with_it_or_explains_far_more(
+    flight: Flight, best: BestEstimate, begun: float, gain: float, misled: int
+) -> None:
+    weak = replace(step(ONSET - 20.0, np.inf, 0.05), gain=100.0)
+    field = np.array([0.0, 20.0, 0.0])
+    turn = Explained("compass_field", "step", begun, 0.1, np.inf, field, np.full(3, 0.2), gain)
+    departed = departures(turned(flight, 40.0), best, Limits())
+    found = findings_of(episodes(replace(best, explained=(weak, turn))), departed, best)
+    assert ["the autopilot was misled by it" in f.evidence for f in found] == [not misled, bool(misled)]
+
+
 @pytest.mark.parametrize(("bursts", "side"), [(0, "autopilot"), (5, "data")])
 def test_a_gps_that_only_a_shaken_imu_speaks_against_is_not_accused(
     flight: Flight, best: BestEstimate, bursts: int, side: str
