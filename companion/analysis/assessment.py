@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from companion.analysis.autopilot_bias import AutopilotBias, autopilot_bias
-from companion.analysis.budget import chi_square, chi_square_95, window_noise
+from companion.analysis.budget import chi_square_95, chi_square_999, window_noise
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Half, Windows, compare, windows
 from companion.analysis.correction import NO_CORRECTION, Correction
@@ -28,7 +28,7 @@ from companion.estimation import BestEstimate, other_reading, smooth, without_er
 from companion.model import Array, DataError, Flight, ImuTrack, Phase, brief
 
 _WARMS = (1.5e-3, 0.03)  # rad/s, m/s², within four minutes of flight
-_SHARED = float(np.sqrt(chi_square(3, 3.0902) / chi_square_95(3)))
+_SHARED = float(np.sqrt(chi_square_999(3) / chi_square_95(3)))  # what all windows share is allowed for so much more
 _USUAL = (0.018, 0.2)  # rad/s, m/s²: twice what 19 of 20 axes of 14 real vehicles stay below in flight
 
 

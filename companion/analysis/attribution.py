@@ -115,12 +115,11 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
     """Episodes and departures as findings: causes as errors, consequences as warnings, the harmless as information."""
     out: list[Finding] = []
     end_of_all = float(best.t[-1])
-    caused: set[int] = set()
     causes = [_cause_among(d, found) for d in departed]
     for episode in found:
-        consequences = [i for i, cause in enumerate(causes) if cause is episode]
+        consequences = [d for d, cause in zip(departed, causes, strict=True) if cause is episode]
         harmed = bool(consequences)
-        misleads = any(departed[i].size >= _CERTAIN * departed[i].sigma for i in consequences)
+        misleads = any(d.size >= _CERTAIN * d.sigma for d in consequences)
         severity: Severity = "info"
         if misleads or (is_serious(episode) and (harmed or episode.witness == "imu")):
             severity = "error"
@@ -130,9 +129,8 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
         why = _why_undecided(episode, best, found) if severity == "error" else ""
         headline = words = said(episode, best)
         misled: tuple[str, ...] = ()
-        if harmed and severity != "info":
-            caused.update(consequences)
-            worst = {d.quantity: d for d in sorted((departed[i] for i in consequences), key=lambda d: d.size)}
+        if harmed:
+            worst = {d.quantity: d for d in sorted(consequences, key=lambda d: d.size)}
             misled = tuple(str(d) for d in worst.values())
             words += "; the autopilot was misled by it: " + ", ".join(misled)
         if rival := rivals(episode):
@@ -148,7 +146,7 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
         advice = PHRASES[episode.kind][1]
         out.append(Finding(episode.kind, side, severity, episode.start, end, words, advice, headline, cause,
                            bool(why) and (harmed or not constant)))  # fmt: skip
-    own = [d for i, d in enumerate(departed) if i not in caused]
+    own = [d for d, cause in zip(departed, causes, strict=True) if cause is None]
     by_imu = min((d.start for d in own if d.as_the_imu), default=np.inf)
     return out + [_own(d, best, by_imu) for d in own]
 

@@ -22,7 +22,7 @@ ATTITUDE, VELOCITY, POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
 
 NOISE_RATE_HZ = 40.0
 
-_Z_95 = 1.6448536  # the standard normal's 95 % point
+_Z_95, _Z_999 = 1.6448536, 3.0902  # the standard normal's 95 % and 99.9 % points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,6 +148,11 @@ def chi_square(k: int, z: float) -> float:
 def chi_square_95(k: int) -> float:
     """The 95 % point."""
     return chi_square(k, _Z_95)
+
+
+def chi_square_999(k: int) -> float:
+    """The 99.9 % point."""
+    return chi_square(k, _Z_999)
 
 
 def stacked(comparison: Comparison, chosen: Windows) -> Array:

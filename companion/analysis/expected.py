@@ -12,8 +12,8 @@ from companion.analysis.budget import (
     POSITION,
     VELOCITY,
     budget,
-    chi_square,
     chi_square_95,
+    chi_square_999,
     nees,
     stacked,
 )
@@ -21,7 +21,6 @@ from companion.analysis.comparison import Comparison, Windows
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 
 _BLOCKS = {"attitude": ATTITUDE, "velocity": VELOCITY, "position": POSITION}
-_Z_999 = 3.0902
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,5 +51,5 @@ def expected_over(
         position_m=sigma.get("position"),
         shares={name: allowed.shares(block) for name, block in blocks.items()},
         inside={name: float(np.mean(value < chi_square_95(3))) for name, value in normalised.items()},
-        plausible={name: float(np.mean(value < chi_square(3, _Z_999))) for name, value in normalised.items()},
+        plausible={name: float(np.mean(value < chi_square_999(3))) for name, value in normalised.items()},
     )

@@ -10,7 +10,7 @@ from companion.analysis.compare import attitude_error
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.replay import CONTEXT, Continued, Replay
 from companion.model import Array, ImuTrack, NavState, Trajectory
-from companion.strapdown import Reckoner
+from companion.strapdown import SAME_TIME, Reckoner
 
 _SETTLED_S = 2.0  # samples older than this change no more: packets come late, and the last cubic is one-sided
 
@@ -54,10 +54,10 @@ class FreeRun:
         if replay.has_position and not self._has_position:
             self.anchor_now()  # until now it was reckoned without a velocity
         self._has_position = replay.has_position
-        end = int(np.searchsorted(track.t, replay.t[-1] + 5e-7))
+        end = int(np.searchsorted(track.t, replay.t[-1] + SAME_TIME))
         settled = self._settled or self._begin(replay)
-        at = int(np.searchsorted(track.t, settled.t - 5e-7))
-        if at >= end or abs(track.t[at] - settled.t) > 5e-7:
+        at = int(np.searchsorted(track.t, settled.t - SAME_TIME))
+        if at >= end or abs(track.t[at] - settled.t) > SAME_TIME:
             self._end("its samples are forgotten")
             return None
         steps = np.diff(track.t[at:end])
@@ -82,8 +82,8 @@ class FreeRun:
         if self._begun is None or not len(self._begun):
             return None
         begun, path = self._begun, found.path
-        at = int(np.searchsorted(begun.t, path.t[CONTEXT] - 5e-7))
-        if at >= len(begun) or abs(begun.t[at] - path.t[CONTEXT]) > 5e-7:
+        at = int(np.searchsorted(begun.t, path.t[CONTEXT] - SAME_TIME))
+        if at >= len(begun) or abs(begun.t[at] - path.t[CONTEXT]) > SAME_TIME:
             return None
         state = (a[at] for a in (begun.q_ned_frd, begun.velocity, begun.position))
         q, velocity, position = path.carry(CONTEXT, len(path.t) - 1, *state, gravity=self._gravity)
@@ -103,7 +103,7 @@ class FreeRun:
 
     def _begin(self, replay: Replay) -> NavState:
         """The autopilot's state at the last anchor of the replay."""
-        at = int(np.searchsorted(replay.t, replay.anchors[-1] - 5e-7))
+        at = int(np.searchsorted(replay.t, replay.anchors[-1] - SAME_TIME))
         self._anchor_s = float(replay.t[at])
         self._settled = NavState(self._anchor_s, replay.q_ref[at], replay.velocity_ref[at], replay.position_ref[at])
         return self._settled

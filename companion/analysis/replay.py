@@ -12,9 +12,7 @@ from companion.analysis.comparison import IntArray
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import BoolArray, Reference, reference_at
 from companion.model import Array, AttitudeTrack, DataError, Flight, ImuTrack, PositionTrack, brief, nearest
-from companion.strapdown import Preintegration, preintegrate, quaternion
-
-_SAME_S = 5e-7  # half a tick of MAVLink's finest clock
+from companion.strapdown import SAME_TIME, Preintegration, preintegrate, quaternion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,13 +159,13 @@ def go_on(
     has_position = before.has_position
     if (
         len(before.t) <= BACK
-        or before.anchors[-1] > before.t[-1 - BACK] + _SAME_S
+        or before.anchors[-1] > before.t[-1 - BACK] + SAME_TIME
         or not len(attitude)
         or (has_position and not (position is not None and len(position)))
     ):
         return None
-    first = int(np.searchsorted(imu.t, before.t[-1 - BACK] - _SAME_S))
-    if first < CONTEXT or first >= len(imu) or abs(imu.t[first] - before.t[-1 - BACK]) > _SAME_S:
+    first = int(np.searchsorted(imu.t, before.t[-1 - BACK] - SAME_TIME))
+    if first < CONTEXT or first >= len(imu) or abs(imu.t[first] - before.t[-1 - BACK]) > SAME_TIME:
         return None
     reference = reference_at(attitude, position if has_position else None, imu.t, how.limits)
     known = np.flatnonzero(reference.position_known if has_position else reference.attitude_known)

@@ -180,7 +180,7 @@ def estimate(
     for count in range(_PASSES):
         if count >= _WEIGHTS_FROM:  # the steps before are towards what is still being learned
             step = step.then(_in_priors(linear))
-        states = states.moved(step.share * linear.solution.x, step.share * linear.solution.c)
+        states = step.taken(states, linear)
         path = _carried(setup, states, path)
         moved, largest = float(np.abs(linear.solution.x[:, ATTITUDE]).max()), np.inf
         if count >= _LEARN_FROM:
@@ -200,7 +200,7 @@ def estimate(
         del linear
         linear = linearise(setup, path, states, wide, scale, weights, accepted, grown)
         step = step.then(_in_priors(linear))
-        states = states.moved(step.share * linear.solution.x, step.share * linear.solution.c)
+        states = step.taken(states, linear)
         if float(np.abs(linear.solution.x[:, ATTITUDE]).max()) < _STILL:
             break
     if not np.isfinite(states.q_ned_frd).all():
@@ -228,6 +228,10 @@ class Step:
         change = whole - before
         share = -self.share * float(before @ change) / float(change @ change)
         return Step(whole, float(np.clip(share, _SHORTEST, 1.0)))
+
+    def taken(self, states: States, linear: Linear) -> States:
+        """The states after its share of what the linear problem asks for."""
+        return states.moved(self.share * linear.solution.x, self.share * linear.solution.c)
 
 
 def _in_priors(linear: Linear) -> Array:

@@ -9,12 +9,13 @@ from companion.strapdown.gravity import normal_gravity
 from companion.strapdown.imu_model import ImuModel, Sensor, correct, quantisation_density, simulate
 from companion.strapdown.increments import Increments, attitude_at, dense_attitude, increments
 from companion.strapdown.motions import Motion
-from companion.strapdown.reckon import Preintegration, preintegrate, reckon
+from companion.strapdown.reckon import SAME_TIME, Preintegration, preintegrate, reckon
 from companion.strapdown.reckoner import Reckoner
 
 __all__ = [
     "METHODS",
     "MIDDLES",
+    "SAME_TIME",
     "ImuModel",
     "Increments",
     "Motion",

@@ -6,7 +6,7 @@ import numpy as np
 
 from companion.model import STANDARD_GRAVITY, ImuTrack, NavState, Trajectory
 from companion.strapdown._scheme import scheme_for
-from companion.strapdown.reckon import checked, run, start_index
+from companion.strapdown.reckon import SAME_TIME, checked, run, start_index
 
 
 class Reckoner:
@@ -74,7 +74,7 @@ class Reckoner:
 
         Raises ValueError if it is for another time than the newest answer's, or not a valid start.
         """
-        if abs(state.t - self._state.t) > 5e-7:
+        if abs(state.t - self._state.t) > SAME_TIME:
             raise ValueError(
                 f"the reckoning stands at {self._state.t:.6f} s; an anchor at {state.t:.6f} s does not fit"
             )

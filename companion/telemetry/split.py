@@ -180,9 +180,11 @@ def _without_steps_back(sender: Sender, clock: Clock) -> tuple[Sender, Clock, li
         return np.asarray(t < passed_again[np.searchsorted(offset, at, side="right")])
 
     sender = {n: m.select(stays(m.offset, clock.at(m.offset))) for n, m in sender.items()}
-    left_out = "what it had said of that time before is left out"
-    steps = [f"from {clock.t[i - 1]:.2f} s to {clock.t[i]:.2f} s" for i in back[:_TOLD_STEPS]]
-    notes = [f"the device clock was set back {step} without a reboot: {left_out}" for step in steps]
+    notes = [
+        f"the device clock was set back from {clock.t[i - 1]:.2f} s to {clock.t[i]:.2f} s without a reboot: "
+        "what it had said of that time before is left out"
+        for i in back[:_TOLD_STEPS]
+    ]
     if len(back) > _TOLD_STEPS:
         notes.append(f"the device clock was set back {len(back) - _TOLD_STEPS} times more: the same is done there")
     return sender, clock[stays(clock.offset, clock.t)], notes

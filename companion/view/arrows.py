@@ -9,6 +9,7 @@ from companion.model import STANDARD_GRAVITY, Array
 from companion.view import palette
 from companion.view.moment import Moment
 from companion.view.palette import Rgb
+from companion.view.visible import show
 
 LONGEST = 2.4  # spans of a drone: the arrow of the fastest instant of the flight
 SHORTEST = 0.7  # spans: shorter ones would be hidden in the drone
@@ -60,8 +61,7 @@ class Arrows:
             if visible:
                 tip = origin + vector / _norm(vector) * length * self._span
                 handle.points = np.stack([origin, tip])[None].astype(np.float32)
-            if handle.visible != visible:
-                handle.visible = visible
+            show(handle, visible)
 
 
 def _linear(colour: Rgb) -> Rgb:

@@ -9,6 +9,7 @@ from companion.model import Array
 from companion.view import palette
 from companion.view.palette import Rgb
 from companion.view.shapes import Drone
+from companion.view.visible import show
 
 GHOST_SCALE = 0.94
 """The ghost is a little smaller: where both drones coincide it is inside the solid one and does not flicker."""
@@ -77,8 +78,7 @@ class Body:
 
     @name_visible.setter
     def name_visible(self, visible: bool) -> None:
-        if self._name.visible != visible:
-            self._name.visible = visible
+        show(self._name, visible)
 
     @property
     def visible(self) -> bool:
@@ -87,8 +87,7 @@ class Body:
 
     @visible.setter
     def visible(self, visible: bool) -> None:
-        if self._place.visible != visible:
-            self._place.visible = visible
+        show(self._place, visible)
 
     def put(self, wxyz: Array, position: Array) -> None:
         """Set attitude (4,) and place (3,)."""

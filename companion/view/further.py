@@ -13,6 +13,7 @@ from companion.view import palette
 from companion.view.places import Path
 from companion.view.thin import by_shape, evenly
 from companion.view.trail import Segments
+from companion.view.visible import show
 
 Further = Literal["gps", "best"]
 SHOWN: dict[Further, bool] = {"gps": True, "best": False}
@@ -59,8 +60,7 @@ class FurtherPaths:
         for name in SHOWN:
             line = self._lines[name]
             visible = self.there[name] and self.shown[name]
-            if line.visible != visible:
-                line.visible = visible
+            show(line, visible)
 
 
 def dots(positions: Array, size: float) -> Segments:

@@ -9,6 +9,7 @@ import viser
 
 from companion.model import Array
 from companion.view.framing import Framing
+from companion.view.visible import show
 
 GREY = (90, 90, 90)
 
@@ -88,5 +89,4 @@ class _Cross:
         if self._place is None:
             return
         free = all(float(np.linalg.norm(drone - self._place)) > 1.2 * span for drone in drones)
-        if self._label.visible != free:
-            self._label.visible = free
+        show(self._label, free)

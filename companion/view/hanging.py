@@ -7,6 +7,7 @@ import viser
 
 from companion.model import Array
 from companion.view.palette import Rgb
+from companion.view.visible import show
 
 _SEEN_M, _SEEN = 0.01, 0.01  # m, and of its length: a smaller change is not sent
 
@@ -26,8 +27,7 @@ class Hanging:
 
     @visible.setter
     def visible(self, visible: bool) -> None:
-        if self._line.visible != visible:
-            self._line.visible = visible
+        show(self._line, visible)
 
     def reach(self, end: Array) -> None:
         """Draw it to `end` (3,) m NED from the drone."""

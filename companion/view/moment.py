@@ -9,6 +9,7 @@ import numpy as np
 
 from companion.analysis import Replay
 from companion.model import Array, DataError, ImuTrack
+from companion.strapdown import SAME_TIME
 from companion.view.insight import MOST, Envelope, Errors, Insight, envelope_of, errors_of
 from companion.view.thin import Indices
 
@@ -192,7 +193,6 @@ _COLUMNS = (
     "position_error",
 )
 _STALE_S = 1.0  # between the ends of two windows: longer is a stretch where none could be used
-SAME_TIME = 5e-7  # s: half a tick of MAVLink's finest clock
 
 
 def _unit(q: Array) -> Array:

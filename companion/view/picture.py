@@ -9,6 +9,7 @@ import viser
 from companion.view import events
 from companion.view.controls import listen
 from companion.view.further import SHOWN, Further
+from companion.view.visible import show
 
 FURTHER: dict[Further, tuple[str, str]] = {
     "gps": ("GPS fixes", "Positions of the GPS receiver, unfiltered"),
@@ -53,5 +54,4 @@ class PictureControls:
 
     def offer(self, name: Further, there: bool) -> None:
         """Offer one of the further paths, where there is one."""
-        if self._further[name].visible != there:
-            self._further[name].visible = there
+        show(self._further[name], there)

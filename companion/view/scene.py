@@ -22,6 +22,7 @@ from companion.view.palette import Rgb
 from companion.view.shapes import Drone
 from companion.view.tables import length
 from companion.view.trail import Trail
+from companion.view.visible import show
 
 NAME = 0.42  # spans from a drone to its name
 WORLD = "/world"
@@ -163,8 +164,7 @@ class Scene:
         roomy = moment.position_m > 1.5 * span
         self.imu.name = f"{self._label} alone" if roomy else f"{self._label} and autopilot, {apart}"
         self.autopilot.name_visible = roomy
-        if self._error_name.visible != roomy:
-            self._error_name.visible = roomy
+        show(self._error_name, roomy)
         if roomy:
             self._error_name.text = apart
             self._error_name.position = (moment.position_imu - moment.position_ref) / 2

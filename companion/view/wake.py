@@ -8,6 +8,7 @@ import viser
 from companion.model import Array
 from companion.view.palette import Rgb
 from companion.view.trail import CHUNK
+from companion.view.visible import show
 
 CHUNKS = 40
 """Lines a trail: a segment is a quarter of a second in 10 minutes, and only what is chosen is shown."""
@@ -84,8 +85,7 @@ class Wake:
             begin = end if self._before is None else self._before
             last = self._last[1]
             tip.points = np.array([[begin - end, last - end], [last - end, np.zeros(3)]], dtype=np.float32)
-        if tip.visible != fresh:
-            tip.visible = fresh
+        show(tip, fresh)
 
     def _extend(self, t: float, position: Array) -> None:
         if self._last is None or t <= self._last[0]:

@@ -10,6 +10,7 @@ from companion.model import Array
 from companion.view import palette
 from companion.view.moment import Footage
 from companion.view.scene import AUTOPILOT, IMU, WORLD
+from companion.view.visible import show
 from companion.view.wake import Wake
 
 _FARTHEST_M = 1e7  # a ball beyond that is not drawn
@@ -58,8 +59,7 @@ class Wakes:
         for wake in self._all:
             wake.reach(now)
         near = ball is not None and bool(np.abs(ball).max() < _FARTHEST_M)
-        if self._ball.visible != near:
-            self._ball.visible = near
+        show(self._ball, near)
         if near and ball is not None:
             self._ball.position = ball
 
