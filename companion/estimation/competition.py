@@ -29,6 +29,7 @@ _ONSETS = 24
 _ONSET_PRICE = 2.0 * float(np.log(_ONSETS))
 _END_PRICE = 2.0 * float(np.log(4))  # whether it lasts for 8, 16, 32 or 64 s
 _LEAST_S = {"imu": 5.0, "gps": 0.5, "compass": 2.0, "barometer": 2.0}  # what lasts for less is a shock, or a step
+_SHARPEST_S = 0.05  # 1σ of an onset, at best
 _MARGIN_S, _MARGIN = 3.0, 0.1  # s, and of the flight
 WORTH = 30.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
 _PROMISING = 10.0  # and from which on it is weighed again
@@ -85,10 +86,22 @@ def choose(problem: Problem, solution: Solution) -> Choice | None:
             break
     if not found or _net(found[0]) < _PROMISING - _ONSET_PRICE:
         return None
-    fine = sorted((_refined(problem, solution, one, grid) for one in found[:4]), key=_net, reverse=True)
-    if _net(fine[0]) < _PROMISING:
+    refined = ((_refined(problem, solution, one, grid), one) for one in found[:4])
+    (best, coarse), *fine = sorted(refined, key=lambda both: _net(both[0]), reverse=True)
+    if _net(best) < _PROMISING:
         return None
-    return _chosen(fine[0], tuple((o.kind.name, o.shape, _net(o)) for o in [*fine[1:], *found[4:]]))
+    others = tuple((o.kind.name, o.shape, _net(o)) for o in [*(one for one, _ in fine), *found[4:]])
+    i = best.best
+    return Choice(
+        kind=best.kind,
+        shape=best.shape,
+        onset=float(best.onset[i]),
+        end=float(best.end[i]),
+        onset_sigma=max(joined([best, coarse]).onset_sigma, _SHARPEST_S),
+        axis=int(best.axis[i]),
+        gain=_net(best),
+        others=others,
+    )
 
 
 def _net(one: Candidate) -> float:
@@ -133,23 +146,6 @@ def unrest(choice: Choice, problem: Problem, solution: Solution) -> float:
     return max(1.0, float(unlikely[within].mean() / max(unlikely.mean(), 1e-300))) if within.any() else 1.0
 
 
-def _chosen(first: Candidate, others: tuple[tuple[str, str, float], ...]) -> Choice:
-    likely = np.exp(0.5 * (first.gain - first.gain.max()))
-    likely /= likely.sum()
-    spread = float(np.sqrt(likely @ (first.onset - float(likely @ first.onset)) ** 2))
-    i = first.best
-    return Choice(
-        kind=first.kind,
-        shape=first.shape,
-        onset=float(first.onset[i]),
-        end=float(first.end[i]),
-        onset_sigma=max(spread, 0.05),
-        axis=int(first.axis[i]),
-        gain=_net(first),
-        others=others,
-    )
-
-
 def _comes_and_goes(kind: Kind, shape: str) -> bool:
     """Whether it is an error of the IMU, which does not show in a single reading, that ends again."""
     return shape == "pulse" and kind.side == "imu"
@@ -171,8 +167,9 @@ def _weighed(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape
     if shape == "pulse":
         begin, end = _pairs(sudden)
         return weigh(problem, solution, kind, shape, begin, end) if len(begin) else None
-    found = [grid.weighed(kind, shape, inside), weigh(problem, solution, kind, shape, sudden) if len(sudden) else None]
-    return joined([one for one in found if one is not None])
+    tried = grid.weighed(kind, shape, inside), weigh(problem, solution, kind, shape, sudden) if len(sudden) else None
+    found = [one for one in tried if one is not None]
+    return joined(found) if found else None
 
 
 def times_of_change(t: Array) -> tuple[float, float]:

@@ -42,11 +42,19 @@ class Candidate:
         """The onset with the greatest gain."""
         return int(np.argmax(self.gain))
 
+    @property
+    def onset_sigma(self) -> float:
+        """1σ of the onset about its best, s, by all times that were tried: two far apart may be nearly as likely."""
+        when, which = np.unique(self.onset, return_inverse=True)
+        most = np.full(len(when), -np.inf)  # of all its ends
+        np.maximum.at(most, which, self.gain)
+        lasts = np.gradient(when) if len(when) > 1 else np.ones(1)
+        likely = lasts * np.exp(0.5 * (most - most.max()))
+        return float(np.sqrt(likely @ (when - self.onset[self.best]) ** 2 / likely.sum()))
 
-def joined(parts: Sequence[Candidate]) -> Candidate | None:
-    """One kind and shape at the onsets of all parts; None for none."""
-    if not parts:
-        return None
+
+def joined(parts: Sequence[Candidate]) -> Candidate:
+    """One kind and shape at the onsets of all parts, one or more."""
     arrays = ("onset", "end", "gain", "size", "covariance", "axis")
     return Candidate(parts[0].kind, parts[0].shape, *(np.concatenate([getattr(p, a) for p in parts]) for a in arrays))
 

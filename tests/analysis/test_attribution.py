@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 
 from benchmarks.accuracy.answer import CAUSES
+from companion.analysis import GENERIC
 from companion.analysis.attribution import episodes, findings_of, follows
+from companion.analysis.comparison import compare
 from companion.analysis.departures import departures
 from companion.analysis.episode import PHRASES, Departure, Episode
+from companion.analysis.figures import ReferenceFigures
+from companion.analysis.finding import Finding
+from companion.analysis.findings import findings
 from companion.analysis.reference import Limits, reference_at
 from companion.estimation import KINDS, BestEstimate, Explained
 from companion.model import Flight, PositionTrack
@@ -191,6 +196,19 @@ def test_what_follows_a_fault_of_the_imu_is_its_consequence(flight: Flight, best
     assert (finding.kind, finding.side, finding.severity) == ("gyro_bias", "imu", "error")
     assert finding.cause is not None
     assert any("heading" in one for one in finding.cause.consequences)
+
+
+def test_what_comes_after_a_sensor_that_reads_nothing_is_no_earlier_faults(flight: Flight, best: BestEstimate) -> None:
+    """A small bias before it, which harmed nothing until then, is not what misled the autopilot."""
+    biased = replace(best, explained=(step(20.0, np.inf, 4e-3),))
+    away, comparison = turned(flight, 40.0), compare(flight)
+    stuck = Finding("stuck_axis", "imu", "error", ONSET, ONSET + 5.0, "reads the same", "do not fly on it")
+
+    def severity(*faults: Finding) -> str:
+        found, _ = findings(away, comparison, 0.0, GENERIC, None, ReferenceFigures(), faults, biased)
+        return next(one.severity for one in found if one.kind == "gyro_bias")
+
+    assert (severity(), severity(stuck)) == ("error", "info")
 
 
 @pytest.mark.parametrize(("kind", "side"), [("gps_position", "autopilot"), ("gps_motion", "data")])

@@ -263,3 +263,19 @@ def test_recordings(name: str, statuses: set[str], kind: str | None) -> None:
     assert not {"gyro_bias", "accel_bias"} & {f.kind for f in found.verdict.findings}
     if kind:
         assert of_kind(found, kind)
+
+
+@pytest.mark.parametrize("step", [0.0, 1e-3])
+def test_an_axis_that_is_never_still_is_stuck_when_it_is(step: float) -> None:
+    """In a steady hover nothing was to be read: the noise that every second shows has stopped."""
+    flight = flown(motions.rest(seconds(40, 50)))
+    imu, rng = flight.imu(), np.random.default_rng(6)
+    noisy = imu.gyro + 5e-3 * rng.normal(size=imu.gyro.shape)
+    shaken = imu.accel + 0.05 * rng.normal(size=imu.accel.shape)
+    steps = step or 1e-9
+    read = np.round(noisy / steps) * steps
+    held = read.copy()
+    held[700:760, 0] = held[700, 0]
+    healthy = with_imu(flight, gyro=read, gyro_step=step, accel=shaken, accel_step=0.0)
+    assert "stuck_axis" not in kinds(assess(healthy, GENERIC))
+    assert "stuck_axis" in kinds(assess(with_imu(healthy, gyro=held), GENERIC))

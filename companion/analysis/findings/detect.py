@@ -11,6 +11,7 @@ from companion.analysis.attribution import episodes, findings_of
 from companion.analysis.between_imus import parting_findings
 from companion.analysis.comparison import Comparison
 from companion.analysis.departures import departures
+from companion.analysis.episode import SIGMAS
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding, by_severity, setting
 from companion.analysis.findings.axes import axes_findings
@@ -73,8 +74,10 @@ def findings(
         tilted = float(fitted.mounting[0]), float(fitted.mounting[1])
     if best is not None:
         limits = comparison.how.limits
-        while_judged = tuple(one for one in episodes(best) if one.start < landed)
-        found += findings_of(while_judged, departures(flight, best, limits, tilted), best)
+        while_judged = tuple(one for one in episodes(best) if one.start - SIGMAS * one.start_sigma < landed)
+        departed = departures(flight, best, limits, tilted)
+        departed = tuple(one for one in departed if not _is_led_to(one.start, one.end, faults))
+        found += findings_of(while_judged, departed, best)
         found += known_biases(flight, best)
         found += parting_findings(flight, comparison.track, best)
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
@@ -124,11 +127,14 @@ def _follows(finding: Finding, found: Sequence[Finding]) -> bool:
 
     A frozen, stuck or turned sensor also looks biased, and misleads the autopilot.
     """
-    if finding.kind in _CAUSES or finding.side == "data":
-        return False
+    told_itself = finding.kind in _CAUSES or finding.side == "data"
+    return not told_itself and _is_led_to(finding.start_s, finding.end_s, found)
+
+
+def _is_led_to(start: float, end: float, found: Sequence[Finding]) -> bool:
+    """Whether what lasted so long (s) came of a sensor whose readings are none, and of nothing before that."""
     return any(
-        f.kind in _CAUSES and f.severity == "error" and f.start_s < finding.end_s and f.start_s - 2.0 < finding.start_s
-        for f in found
+        f.kind in _CAUSES and f.severity == "error" and f.start_s < end and f.start_s - 2.0 < start for f in found
     )
 
 

@@ -22,8 +22,10 @@ STUCK_S = 1.0
 _TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a step is in less than a fifth of such spans
 _STUCK_RATE_HZ = 20.0
 _MANY, _FEW = 50.0, 8.0  # steps
+_LAST_DIGIT = 2.0**-22  # of a float of 32 bits
 _NEARLY = 0.005  # of what another axis changes by from sample to sample
 _QUIETER, _FEWEST_SECONDS = 0.1, 10  # than its quietest seconds; of which there have to be so many to tell
+_SELDOM = 0.25  # of the samples of a second
 _MOVED = np.radians(1.0)  # what rests reads the same for ever: only a vehicle that moves shows a sensor that does not
 _FLAT, _EDGE = 0.003, 0.03  # of the level: a top is flat to the first, and reached in a step of the second
 _FLAT_S, _FLAT_SAMPLES = 0.02, 3
@@ -106,27 +108,41 @@ def _flat_tops(readings: Array, name: str, rate_hz: float) -> BoolArray:
 def _is_quieter_than_ever(comparison: Comparison, change: Array, stretch: slice, quietest: float) -> bool:
     """Whether an axis changes far less in a stretch of samples than in its quietest seconds.
 
-    change: (N-1,) from sample to sample. Only while the vehicle turns: at rest nothing changes, and a simulated sensor
-    has no noise of its own.
+    change: (n,) from sample to sample in the stretch. Only while the vehicle turns: at rest nothing changes, and a
+    simulated sensor has no noise of its own.
     """
     q = comparison.reference.q_ned_frd[stretch]
     away = length(quaternion.log(quaternion.multiply(q, quaternion.conjugate(q[:1]))))
-    within = float(change[stretch.start : stretch.stop - 1].mean())
-    return float(away.max()) >= _MOVED and within < _QUIETER * quietest
+    return float(away.max()) >= _MOVED and float(change.mean()) < _QUIETER * quietest
 
 
-def _quietest(change: Array, first: IntArray, last: IntArray, rate_hz: float) -> float:
-    """How little an axis changes from sample to sample in its quietest seconds; infinite where too few are left.
-
-    change: (N-1,); first, last: of the even runs, which are left out.
-    """
-    beside = np.ones(len(change), np.bool_)
+def _beside(count: int, first: IntArray, last: IntArray) -> BoolArray:
+    """(count,) which changes lie outside of the runs from first to last."""
+    beside = np.ones(count, np.bool_)
     for begin, end in zip(first, last, strict=True):
         beside[begin : end + 1] = False
+    return beside
+
+
+def _by_second(change: Array, rate_hz: float) -> Array:
+    """Changes from sample to sample (n,) as whole seconds (S, rate)."""
     block = max(1, round(STUCK_S * rate_hz))
-    left = change[beside]
-    seconds = left[: len(left) // block * block].reshape(-1, block).mean(axis=1)
+    return change[: len(change) // block * block].reshape(-1, block)
+
+
+def _quietest(change: Array, rate_hz: float) -> float:
+    """How little an axis changes from sample to sample (n,) in its quietest seconds; infinite where these are few."""
+    seconds = _by_second(change, rate_hz).mean(axis=1)
     return float(np.percentile(seconds, 5.0)) if len(seconds) >= _FEWEST_SECONDS else np.inf
+
+
+def _never_repeats(change: Array, rate_hz: float) -> bool:
+    """Whether no second of changes (n,) from sample to sample has many that are none: its noise is above its steps.
+
+    To read the same for a second is then no chance, however little the vehicle moves.
+    """
+    seconds = (_by_second(change, rate_hz) == 0).mean(axis=1)
+    return len(seconds) >= _FEWEST_SECONDS and float(seconds.max()) < _SELDOM
 
 
 def _heading_free(q: Array) -> Array:
@@ -144,8 +160,9 @@ def stuck_findings(
 ) -> Iterator[Finding]:
     """One axis that reads the same for a second or more while its neighbours go on and the vehicle moves about it.
 
-    Nothing is stuck at rest. Whole milli-units read the same for long when nothing happens: there, what the autopilot's
-    attitude says that the axis should have read has to move by ten steps, and by more than the attitude's own noise.
+    An axis whose noise shows in every second is stuck when it stops. Of others nothing is stuck at rest: whole
+    milli-units read the same for long when nothing happens. What the autopilot's attitude says that the axis should
+    have read has to move there by ten steps, and by more than the attitude's own noise.
     """
     track = comparison.track
     if track.rate_hz < _STUCK_RATE_HZ:
@@ -157,7 +174,8 @@ def stuck_findings(
             first, last = run_edges(np.asarray(same[:, axis]))
             lasted = track.t[last + 1] - track.t[first]
             even = np.flatnonzero(lasted > STUCK_S)
-            quietest = 0.0 if step else _quietest(change[:, axis], first[even], last[even], track.rate_hz)
+            left = change[_beside(len(change), first[even], last[even]), axis]
+            quietest = 0.0 if step else _quietest(left, track.rate_hz)
             for i in even:
                 stretch = slice(int(first[i]), int(last[i]) + 2)
                 beside = np.delete(same[stretch], axis, axis=1)
@@ -165,10 +183,14 @@ def stuck_findings(
                     continue
                 if not comparison.reference.attitude_known[stretch].all():
                     continue
-                if step and not _should_have_moved(comparison, autopilot, others, name, stretch, axis):
-                    continue
-                if not step and not _is_quieter_than_ever(comparison, change[:, axis], stretch, quietest):
-                    continue
+                own = change[stretch.start : stretch.stop - 1, axis]
+                # nine tenths of it: a low-pass takes its time to settle
+                flickers = np.quantile(own, 0.9) > _LAST_DIGIT * abs(readings[first[i], axis])
+                if flickers or not _never_repeats(left, track.rate_hz):
+                    if step and not _should_have_moved(comparison, autopilot, others, name, stretch, axis):
+                        continue
+                    if not step and not _is_quieter_than_ever(comparison, own, stretch, quietest):
+                        continue
                 start, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
                 yield Finding(
                     "stuck_axis",
