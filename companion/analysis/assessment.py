@@ -138,9 +138,8 @@ def assess(
         found = by_severity((_control_lost(lost), *(f for f in found if f.start_s < lost.start)))
     third = best if best is not None and _independent(best) else None
     usual = figures if third is None else in_flight(figures, third)
-    if third is not None:
-        clean = comparison.of(_unbiased(clean.track, third))
-    judged = _while_judged(windows(clean, JUDGED_S), clean.track.t, parts)
+    told = comparison.of(clean if third is None else _unbiased(clean, third))
+    judged = _while_judged(windows(told, JUDGED_S), told.track.t, parts)
     return Assessment(
         comparison=comparison,
         sets=sets,
@@ -150,7 +149,7 @@ def assess(
         measured_noise=noise,
         rests=rests(flight, track, figures),
         autopilot_bias=autopilot_bias(flight, track),
-        verdict=decide(judged, expected_over(clean, judged, usual, autopilot), found, third),
+        verdict=decide(judged, expected_over(told, judged, usual, autopilot), found, third),
         best=best,
         sensitivity=sensitivity(best),
     )

@@ -26,7 +26,7 @@ from companion.analysis.findings.witnesses import with_witnesses
 from companion.analysis.known_bias import known_biases
 from companion.analysis.phases import phases
 from companion.estimation import BestEstimate, kind_of
-from companion.model import Flight
+from companion.model import Flight, ImuTrack
 
 
 def reading_faults(
@@ -49,8 +49,8 @@ def findings(
     autopilot: ReferenceFigures,
     faults: Sequence[Finding],
     best: BestEstimate | None,
-) -> tuple[tuple[Finding, ...], Comparison]:
-    """What stands out, and the comparison with what is no fault taken out: how the IMU sits in the vehicle.
+) -> tuple[tuple[Finding, ...], ImuTrack]:
+    """What stands out, and the IMU with what is no fault taken out: how it sits in the vehicle.
 
     faults: of `reading_faults`. best: the best estimate, None where the flight allows none.
     """
@@ -67,10 +67,10 @@ def findings(
     raw = residuals(comparison)
     fitted = installation(comparison, raw, figures, autopilot, np.inf)
     found += stamp_findings(flight, comparison, lags(comparison))
-    clean, tilted = comparison, (0.0, 0.0)
+    clean, tilted = comparison.track, (0.0, 0.0)
     if fitted is not None and fitted.moved:
         found += _installed(flight, comparison, fitted)
-        clean = level(comparison, fitted)
+        clean = level(comparison.track, fitted)
         tilted = float(fitted.mounting[0]), float(fitted.mounting[1])
     if best is not None:
         limits = comparison.how.limits

@@ -18,7 +18,7 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.correction import Correction
 from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.findings.residuals import ACCEL_BIAS, GYRO_BIAS, Residuals
-from companion.model import Array
+from companion.model import Array, ImuTrack
 
 _TURNED, _LATE, _OFF = 0.1, 0.02, 0.3  # what may be expected beforehand, 1σ: rad, s, m
 _BIASED = 4.0  # times what calibration leaves: a gyro may be wrong as well
@@ -70,10 +70,9 @@ def installation(
     return Installation(mounting, fit.sigma[part], lag, lag_sigma, lever, lever_sigma)
 
 
-def level(comparison: Comparison, found: Installation) -> Comparison:
-    """The comparison with the installation taken out: the IMU turned, in time and at the body's origin."""
-    correction = Correction(mounting=found.mounting, time_offset=found.lag, lever_arm=found.lever)
-    return comparison.of(correction.apply(comparison.track))
+def level(track: ImuTrack, found: Installation) -> ImuTrack:
+    """The track with the installation taken out: the IMU turned, in time and at the body's origin."""
+    return Correction(mounting=found.mounting, time_offset=found.lag, lever_arm=found.lever).apply(track)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
