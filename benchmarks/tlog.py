@@ -95,7 +95,7 @@ def read_for_tracks(path: Path) -> int:
 
 def read_flights(path: Path) -> int:
     """All messages, and the SI tracks of the flights in them."""
-    from companion.recording import read_recording  # noqa: PLC0415  (its imports are not timed for the others)
+    from companion.app.recording import read_recording  # noqa: PLC0415  (its imports are not timed for the others)
 
     return read_recording(path).source.frames
 
@@ -199,7 +199,7 @@ def main() -> None:
 
 def next_limit(path: Path) -> None:
     """Print where the time of reading flights goes, by part: what a faster reader would have to make faster."""
-    from companion.recording import read_recording  # noqa: PLC0415
+    from companion.app.recording import read_recording  # noqa: PLC0415
 
     profile = cProfile.Profile()
     profile.runcall(read_recording, path)

@@ -1,5 +1,7 @@
 """The public names of `companion`: what a notebook imports."""
 
+from typing import TYPE_CHECKING, Any
+
 from companion import export
 from companion.analysis import (
     Assessment,
@@ -20,8 +22,10 @@ from companion.analysis import (
     replay,
     rpe,
 )
+from companion.app.examination import Examination, examine
+from companion.app.recording import open_log
+from companion.app.settings import Settings, load_settings
 from companion.estimation import BestEstimate, smooth
-from companion.examination import Examination, examine
 from companion.model import (
     AttitudeTrack,
     CompanionError,
@@ -42,10 +46,10 @@ from companion.model import (
     Vehicle,
     from_euler,
 )
-from companion.plot import plot_drift, plot_errors, plot_path
-from companion.recording import open_log
-from companion.settings import Settings, load_settings
 from companion.strapdown import quaternion, reckon
+
+if TYPE_CHECKING:
+    from companion.report import plot_drift, plot_errors, plot_path
 
 to_euler = quaternion.to_euler
 
@@ -99,3 +103,12 @@ __all__ = [
     "smooth",
     "to_euler",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """The charts, loaded when the first is asked for: the report draws them, and loads the viewer with itself."""
+    if not name.startswith("plot_") or name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from companion import report  # noqa: PLC0415
+
+    return getattr(report, name)

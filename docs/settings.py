@@ -1,4 +1,4 @@
-"""Makes docs/settings.md of config/default.toml (what a key means) and companion.settings (what it may be).
+"""Makes docs/settings.md of config/default.toml (what a key means) and companion.app.settings (what it may be).
 
 python docs/settings.py > docs/settings.md
 """
@@ -14,7 +14,7 @@ from typing import Any
 
 import msgspec
 
-from companion.settings import Settings
+from companion.app.settings import Settings
 
 DEFAULTS = Path(__file__).resolve().parent.parent / "config" / "default.toml"
 HEAD = """# Every setting

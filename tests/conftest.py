@@ -20,7 +20,7 @@ settings.register_profile("explore", deadline=None)
 settings.load_profile("steady")
 
 _REMEMBERED = (
-    ("companion.examination", "assess"),
+    ("companion.app.examination", "assess"),
     ("companion.api", "smooth"),
     ("companion.cli.smooth", "smooth"),
     ("companion.analysis.assessment", "calibrate"),

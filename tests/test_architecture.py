@@ -1,4 +1,4 @@
-"""The arrows of the house: mavlink → telemetry → model ← strapdown ← estimation ← analysis ← cli: never back up."""
+"""The house: mavlink → telemetry → model ← strapdown ← estimation ← analysis ← app ← cli, never back up."""
 
 from __future__ import annotations
 
@@ -18,79 +18,66 @@ MODULES = sorted(p for p in PACKAGE.rglob("*.py") if "data" not in p.relative_to
 GROUND = {"model"}
 MAY_IMPORT = {
     "model": set[str](),
-    "toml_file": GROUND,
-    "destination": GROUND,
-    "settings": GROUND | {"toml_file"},
-    "correction": GROUND | {"toml_file", "analysis"},
-    "sensors": GROUND | {"toml_file", "settings", "analysis"},
     "mavlink": GROUND,
     "telemetry": GROUND | {"mavlink"},
     "strapdown": GROUND,
     "estimation": GROUND | {"strapdown"},
     "analysis": GROUND | {"strapdown", "estimation"},
-    "recording": GROUND | {"mavlink", "telemetry"},
     "simulate": GROUND | {"mavlink", "strapdown"},
-    "examination": GROUND | {"settings", "sensors", "correction", "analysis"},
-    "documents": GROUND | {"recording", "estimation", "analysis", "examination"},
+    "app": set[str](),
+    "app.memory": set[str](),
+    "app.toml_file": GROUND,
+    "app.destination": GROUND,
+    "app.settings": GROUND | {"app.toml_file"},
+    "app.correction": GROUND | {"app.toml_file", "analysis"},
+    "app.sensors": GROUND | {"app.toml_file", "app.settings", "analysis"},
+    "app.recording": GROUND | {"mavlink", "telemetry"},
+    "app.examination": GROUND | {"app.settings", "app.sensors", "app.correction", "analysis"},
+    "app.live": GROUND | {"mavlink", "telemetry", "analysis"},
+    "app.running_verdict": GROUND
+    | {"mavlink", "analysis", "app.memory", "app.settings", "app.examination", "app.live"},
+    "documents": GROUND | {"estimation", "analysis", "app.recording", "app.examination"},
     "export": GROUND | {"strapdown", "estimation", "analysis"},
-    "live": GROUND | {"mavlink", "telemetry", "analysis"},
-    "memory": set[str](),
-    "running_verdict": GROUND | {"memory", "settings", "mavlink", "analysis", "examination", "live"},
     "view": GROUND | {"strapdown", "estimation", "analysis"},
     "report": GROUND
-    | {"settings", "recording", "strapdown", "estimation", "analysis", "examination", "documents", "view", "report"},
+    | {"strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination", "documents", "view"},
     "fleet": GROUND
-    | {"destination", "settings", "sensors", "mavlink", "recording", "examination", "documents", "export", "report"},
+    | {"mavlink", "app.destination", "app.settings", "app.sensors", "app.recording", "app.examination"}
+    | {"documents", "export", "report"},
     "cli": GROUND
-    | {
-        "destination",
-        "settings",
-        "sensors",
-        "correction",
-        "examination",
-        "documents",
-        "mavlink",
-        "telemetry",
-        "recording",
-        "strapdown",
-        "estimation",
-        "analysis",
-        "simulate",
-        "live",
-        "memory",
-        "running_verdict",
-        "view",
-        "report",
-        "export",
-        "fleet",
-        "cli",
-    },
+    | {"mavlink", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
+    | {"app.destination", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}
+    | {"app.live", "app.memory", "app.running_verdict", "documents", "view", "report", "export", "fleet"},
     "__main__": {"cli"},
     "__init__": {"api"},
-    "plot": GROUND | {"estimation", "analysis", "view", "report"},
-    "api": GROUND | {"settings", "recording", "strapdown", "estimation", "analysis", "examination", "export", "plot"},
+    "api": GROUND
+    | {"strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination", "export", "report"},
 }
-"""Part of the house → the other parts that it may import."""
+"""Part of the house → the other parts that it may import.
+
+A part is a package, or one module of a package whose modules are doors of their own (`ROOMS_OF_ROOMS`).
+"""
+
+ROOMS_OF_ROOMS = {"app"}
 
 LIBRARIES = {
     "model": {"numpy"},
     "strapdown": {"numpy"},
     "estimation": {"numpy", "scipy", "pygeomag"},
     "analysis": {"numpy"},
-    "settings": {"msgspec"},
     "mavlink": {"numpy", "pymavlink", "serial"},
     "simulate": {"numpy"},
     "telemetry": {"numpy", "pyulog"},
-    "recording": {"numpy"},
-    "sensors": {"msgspec"},
-    "correction": {"msgspec", "numpy"},
-    "examination": {"msgspec", "numpy"},
+    "app.settings": {"msgspec"},
+    "app.recording": {"numpy"},
+    "app.sensors": {"msgspec"},
+    "app.correction": {"msgspec", "numpy"},
+    "app.examination": {"msgspec", "numpy"},
+    "app.running_verdict": {"msgspec"},
     "documents": {"msgspec", "numpy"},
-    "running_verdict": {"msgspec"},
     "export": {"numpy", "msgspec", "pyarrow", "mcap"},
     "view": {"numpy", "viser", "rich", "msgspec", "websockets"},
     "report": {"numpy", "msgspec", "plotly"},
-    "plot": {"numpy", "plotly"},
     "fleet": {"numpy", "msgspec", "dask", "distributed", "pyarrow"},
     "cli": {"numpy", "msgspec", "rich", "shtab"},
 }
@@ -102,8 +89,15 @@ PURE = {"__future__", "collections", "dataclasses", "enum", "functools", "iterto
 IMPURE_CALLS = {"open", "print", "input", "exec", "eval", "__import__"}
 
 
-def part_of(path: Path) -> str:
-    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+def part_of(names: tuple[str, ...]) -> str:
+    """The part of `companion.<names>`."""
+    depth = 2 if names[0] in ROOMS_OF_ROOMS else 1
+    return ".".join(names[:depth])
+
+
+def part_at(path: Path) -> str:
+    *folders, file = path.relative_to(PACKAGE).with_suffix("").parts
+    return part_of((*folders, file) if file != "__init__" or not folders else tuple(folders))
 
 
 def imports(path: Path) -> Iterator[str]:
@@ -118,17 +112,18 @@ def imports(path: Path) -> Iterator[str]:
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_a_module_imports_only_what_its_part_may(path: Path) -> None:
-    part = part_of(path)
+    part = part_at(path)
     for name in imports(path):
         top, *rest = name.split(".")
         if top == "companion":
-            other = rest[0]
+            other = part_of(tuple(rest))
             if part in ("__init__", other):
                 continue
             assert other in MAY_IMPORT[part], f"{part} imports {name}, against the arrow"
-            if (PACKAGE / other).is_dir() and rest[1:]:
+            inside = rest[len(other.split(".")) :]
+            if (PACKAGE / other.replace(".", "/")).is_dir() and inside:
                 door = importlib.import_module(f"companion.{other}")
-                assert rest[1:] in [[public] for public in door.__all__], (
+                assert inside in [[public] for public in door.__all__], (
                     f"{part} reaches into {name}: use the front door"
                 )
         elif top not in sys.stdlib_module_names:
@@ -137,7 +132,7 @@ def test_a_module_imports_only_what_its_part_may(path: Path) -> None:
 
 @pytest.mark.parametrize("part", ["model", "strapdown", "estimation", "analysis"])
 def test_the_core_is_pure(part: str) -> None:
-    for path in (p for p in MODULES if part_of(p) == part):
+    for path in (p for p in MODULES if part_at(p) == part):
         standard = {name.split(".")[0] for name in imports(path)} & sys.stdlib_module_names
         assert standard <= PURE, f"{path} imports {standard - PURE}"
         calls = {
@@ -157,7 +152,18 @@ def test_a_part_of_the_core_can_be_the_first_that_is_imported(part: str) -> None
 
 
 def test_every_part_of_the_house_is_known() -> None:
-    assert {part_of(path) for path in MODULES} <= MAY_IMPORT.keys()
+    assert {part_at(path) for path in MODULES} == MAY_IMPORT.keys()
+
+
+def test_the_top_of_the_package_has_rooms_alone() -> None:
+    assert {p.name for p in PACKAGE.iterdir() if p.is_file()} == {"__init__.py", "__main__.py", "api.py", "py.typed"}
+
+
+def test_the_arrows_make_no_circle() -> None:
+    standing = dict(MAY_IMPORT)
+    while ground := {part for part, below in standing.items() if below.isdisjoint(standing.keys() - {part})}:
+        standing = {part: below for part, below in standing.items() if part not in ground}
+    assert not standing
 
 
 def test_the_core_starts_without_viser() -> None:

@@ -24,7 +24,7 @@ def test_settings_and_demo_flight_are_found_from_a_wheel(tmp_path: Path) -> None
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(installed)
     code = (
-        "import companion, companion.cli, companion.settings as s;"
+        "import companion, companion.cli, companion.app.settings as s;"
         "assert companion.__file__.startswith(r'" + str(installed) + "'), companion.__file__;"
         "assert s.load_settings(s.data_folder('config') / 'default.toml') == s.Settings();"
         "raise SystemExit(companion.cli.main(['info', 'demo']))"

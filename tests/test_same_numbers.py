@@ -1,4 +1,4 @@
-"""Terminal, JSON, export, report and page show one set of numbers: those of `companion.examination.examine`."""
+"""Terminal, JSON, export, report and page show one set of numbers: those of `companion.app.examination.examine`."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 import companion as c
+from companion.app.examination import integration_of
 from companion.cli import main
 from companion.cli.answers import Answers
-from companion.examination import integration_of
 from companion.view import ReplayChoice, palette, tables
 from companion.view.moment import footage
 from tests.recordings import BUNDLED

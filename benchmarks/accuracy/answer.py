@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from companion.analysis import Verdict
-from companion.examination import examine, unexaminable
+from companion.app.examination import examine, unexaminable
 from companion.model import Flight
 
 Side = Literal["none", "imu", "autopilot", "cannot_tell"]

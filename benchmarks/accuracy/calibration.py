@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from companion.analysis import PARTS, Comparison, Correction, ImuFigures, ReferenceFigures, calibrate, compare
+from companion.app.sensors import imu_parts, load_imu_figures
 from companion.model import STANDARD_GRAVITY, AttitudeTrack, Flight, ImuTrack, PositionTrack, Vehicle
-from companion.sensors import imu_parts, load_imu_figures
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 
 RATE_HZ, SECONDS = 100.0, 120.0

@@ -2,8 +2,8 @@
 
 Simulated flights of 10 minutes without a fault, each of another seed, motion and part of config/imu, or recordings
 without a fault, are given to the live judge as a link would, a tenth of a second at a time, with looks and judgements
-in turn (`companion.live.Pace`) by the flight's own clock, as fast as the computer can. Printed is each flight with its
-alarms as it ends, and the sum so far: it may be stopped at any time.
+in turn (`companion.app.live.Pace`) by the flight's own clock, as fast as the computer can. Printed is each flight with
+its alarms as it ends, and the sum so far: it may be stopped at any time.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.accuracy.parallel import Failed, each
+from companion.app.live import Alarm, Pace
+from companion.app.running_verdict import Assignment, judge_of
+from companion.app.sensors import load_imu_figures
+from companion.app.settings import Settings
 from companion.cli.simulate import model_of
-from companion.live import Alarm, Pace
 from companion.mavlink import Decoder, load_dialect
-from companion.running_verdict import Assignment, judge_of
-from companion.sensors import load_imu_figures
-from companion.settings import Settings
 from companion.simulate import SimulatedVehicle, fly
 
 EPOCH = 1_700_000_000.0  # s UNIX, when a simulated flight begins

@@ -29,8 +29,8 @@ from benchmarks.accuracy.faults import FAULTS, Fault
 from benchmarks.accuracy.labels import recordings
 from benchmarks.accuracy.parallel import Failed, each
 from benchmarks.accuracy.power import table
+from companion.app.recording import read_recording
 from companion.model import DataError, Flight
-from companion.recording import read_recording
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "tlogs"
 

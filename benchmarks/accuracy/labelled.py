@@ -19,8 +19,8 @@ import msgspec
 from benchmarks.accuracy.answer import Answer, answer
 from benchmarks.accuracy.labels import Label, Outcome, details, load_labels, outcome, recordings
 from benchmarks.accuracy.parallel import Failed, each
+from companion.app.recording import read_recording
 from companion.model import CompanionError
-from companion.recording import read_recording
 
 HERE = Path(__file__).resolve().parent
 SHARED = HERE.parents[2] / "shared" / "tlogs"

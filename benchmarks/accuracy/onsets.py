@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.accuracy.verdicts import Fault, flight, none
 from companion.analysis import ImuFigures, assess
-from companion.live import HORIZON_S
+from companion.app.live import HORIZON_S
 from companion.model import (
     Array,
     AttitudeTrack,

@@ -37,7 +37,7 @@ def each(
     workers: how many at once, by default as many as there are processors. timeout: seconds for one item.
     """
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["companion.examination", "companion.recording"])
+    context.set_forkserver_preload(["companion.app.examination", "companion.app.recording"])
     waiting = list(enumerate(items))[::-1]
     running: dict[Connection, _Running] = {}
     try:

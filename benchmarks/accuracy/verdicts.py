@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from benchmarks.accuracy.parallel import Failed, each
 from companion.analysis import ImuFigures, assess
+from companion.app.sensors import imu_parts, load_imu_figures
 from companion.model import (
     STANDARD_GRAVITY,
     Array,
@@ -26,7 +27,6 @@ from companion.model import (
     PositionTrack,
     Vehicle,
 )
-from companion.sensors import imu_parts, load_imu_figures
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from tests.estimation.sensed import EPOCH, PLACE, barometer_of, compass_of, gps_of
 

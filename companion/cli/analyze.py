@@ -9,13 +9,13 @@ from rich.console import Console
 from rich.markup import escape
 
 from companion.analysis import rate_warning
+from companion.app.examination import Examination, Unexamined, examine, unexaminable
+from companion.app.recording import Source
 from companion.cli import options, sensor_lines, tables, verdict_table
 from companion.cli.first_screen import first_screen
 from companion.cli.info import reference_line
 from companion.documents import analysis_document, encode, unexamined_document
-from companion.examination import Examination, Unexamined, examine, unexaminable
 from companion.model import DataError
-from companion.recording import Source
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -22,11 +22,11 @@ from companion.analysis import (
     replay_from_rest,
     trailing,
 )
-from companion.correction import load_correction
-from companion.examination import Examination, align_imu, assess_imu, examine
+from companion.app.correction import load_correction
+from companion.app.examination import Examination, align_imu, assess_imu, examine
+from companion.app.recording import Source
+from companion.app.settings import Settings
 from companion.model import DataError, Flight
-from companion.recording import Source
-from companion.settings import Settings
 
 if TYPE_CHECKING:  # viser is slow to import, and only `view` needs it
     from companion.view import Footage, Insight, Reckoning, ReplayChoice

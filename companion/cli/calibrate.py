@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from companion import destination
+from companion.app import destination
+from companion.app.correction import correction_text
+from companion.app.examination import assess_imu
 from companion.cli import options, sensor_lines, tables
-from companion.correction import correction_text
-from companion.examination import assess_imu
 from companion.model import DataError
 
 

@@ -11,11 +11,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion.analysis import Change, Contrast, DriftRow, Expected, contrast
+from companion.app.examination import Examination, examine
+from companion.app.recording import Recording
 from companion.cli import options, sensor_lines, tables
 from companion.documents import contrast_document, encode
-from companion.examination import Examination, examine
 from companion.model import DataError, SettingsError
-from companion.recording import Recording
 
 _OF_B = {
     "config": ("FILE", "settings file"),

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from companion import destination
 from companion.analysis import Replay, ape
+from companion.app import destination
+from companion.app.examination import examine
 from companion.cli import options
 from companion.documents import analysis_document
-from companion.examination import examine
 from companion.export import (
     reckoning_of,
     series_name,

@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from rich.markup import escape
 
 from companion.analysis import Assessment, Finding, rate_warning
+from companion.app.examination import Examination
 from companion.cli.options import counted
 from companion.cli.tables import SIGNS, short, status_text
-from companion.examination import Examination
 
 _MOST_LINES = 23  # and the prompt: an old terminal's window
 _WIDEST = 100

@@ -12,10 +12,10 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from companion.analysis import Item, inventory, phases, used_aiding, used_imus
+from companion.app.recording import Recording, Source
 from companion.cli import options, sensor_table, tables
 from companion.documents import encode, info_document
 from companion.model import Flight, SettingsError
-from companion.recording import Recording, Source
 
 _MOST_SHOWN = 16  # flights
 _WIDE = 1000  # columns: more than any table needs

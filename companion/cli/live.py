@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
+from companion.app.settings import Settings
 from companion.mavlink import Address, Choice, Link, NotThereError, Recorder, Session, load_key, parse_address
 from companion.model import SettingsError
-from companion.settings import Settings
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _HANGUP = getattr(signal, "SIGHUP", None)  # the terminal was closed; Windows has none

@@ -11,16 +11,16 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from companion import destination
 from companion.analysis import AxisNoise, FlightNoise, ImuNoise, RestNoise
+from companion.app import destination
+from companion.app.examination import noise_of
+from companion.app.sensors import imu_model_text
+from companion.app.settings import Settings
 from companion.cli import options, tables
 from companion.documents import encode, noise_document
 from companion.estimation import Coefficient, folded_gain, folded_onto
-from companion.examination import noise_of
 from companion.export import kalibr_text
 from companion.model import STANDARD_GRAVITY, DataError, Flight, InputError
-from companion.sensors import imu_model_text
-from companion.settings import Settings
 
 _SENSORS = (
     ("gyro", "gyro", 1e3 * float(np.degrees(1.0)), "mdps", "°/s", float(np.degrees(1.0))),

@@ -14,9 +14,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
+from companion.app.recording import Recording, Source, read_recording
+from companion.app.settings import Settings, data_folder, load_settings
 from companion.model import IMU_MESSAGES, DataError, Flight, SettingsError
-from companion.recording import Recording, Source, read_recording
-from companion.settings import Settings, data_folder, load_settings
 from companion.strapdown import METHODS, MIDDLES
 
 _SETTABLE = (

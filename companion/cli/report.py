@@ -7,9 +7,9 @@ import shlex
 import sys
 from pathlib import Path
 
-from companion import destination
+from companion.app import destination
+from companion.app.examination import examine, unexaminable
 from companion.cli import options
-from companion.examination import examine, unexaminable
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from companion.analysis import Item, inventory, used_imus
+from companion.app.recording import read_recording
+from companion.app.settings import Settings
 from companion.cli import options
 from companion.model import CompanionError, Flight
-from companion.recording import read_recording
-from companion.settings import Settings
 
 _COLUMNS = {
     "IMU": "IMU", "GPS": "GPS", "compass": "compass", "barometer": "barometer", "airspeed": "airspeed",

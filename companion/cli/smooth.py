@@ -11,15 +11,15 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from companion import destination
 from companion.analysis import AutopilotError, autopilot_error
+from companion.app import destination
+from companion.app.examination import integration_of
+from companion.app.sensors import figures_of
 from companion.cli import options, tables
 from companion.documents import encode, estimate_document
 from companion.estimation import CONSTANTS, BestEstimate, Explained, kind_of, smooth
-from companion.examination import integration_of
 from companion.export import write_estimate_tum
 from companion.model import Array, BiasTrack, Flight, InputError
-from companion.sensors import figures_of
 
 _DEGREES = float(np.degrees(1.0))
 _SHOWN: Mapping[str, tuple[str, float]] = {

@@ -9,11 +9,11 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
+from companion.app.examination import examine, unexaminable
+from companion.app.recording import read_recording
+from companion.app.settings import Settings
 from companion.cli import options, tables
-from companion.examination import examine, unexaminable
 from companion.model import CompanionError, Flight, SettingsError
-from companion.recording import read_recording
-from companion.settings import Settings
 
 _HORIZON_S = 10.0
 _OF_ONE = ("json", "full", "vehicle", "boot")

@@ -7,9 +7,9 @@ import functools
 import webbrowser
 from pathlib import Path
 
+from companion.app.examination import align_imu, integration_of
 from companion.cli import live, options
 from companion.cli.answers import Answers
-from companion.examination import align_imu, integration_of
 from companion.mavlink import is_link
 from companion.model import SettingsError
 

@@ -13,14 +13,14 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from companion.analysis import DriftRow, Integration
+from companion.app.examination import limits_of
+from companion.app.live import Attachment, Watch
+from companion.app.memory import give_back
+from companion.app.running_verdict import Assignment, RunningVerdict
+from companion.app.settings import Settings
 from companion.cli import live, options, unforeseen
-from companion.examination import limits_of
-from companion.live import Attachment, Watch
 from companion.mavlink import Clock, Recorder, Session, State
-from companion.memory import give_back
 from companion.model import CompanionError, SettingsError
-from companion.running_verdict import Assignment, RunningVerdict
-from companion.settings import Settings
 from companion.view import LONGEST_REANCHOR_S, Judgement, LinkState, LiveViewer, ReplayChoice, Seen, StreamState
 
 _MOST_SAID = 100  # sentences that the page keeps

@@ -10,10 +10,10 @@ import subprocess
 import time
 from typing import Any
 
+from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.cli import live, options
 from companion.mavlink import Recorder, Session, announce
 from companion.model import SettingsError
-from companion.running_verdict import Assignment, RunningVerdict
 
 _LINE_S = 1.0  # between two lines where nothing changes
 _QUIET_S = 10.0  # between two announcements, at least

@@ -22,11 +22,11 @@ from companion.analysis import (
     inventory,
     phases,
 )
+from companion.app.examination import Examination, Unexamined
+from companion.app.recording import Recording, Source
 from companion.documents import schema
 from companion.documents.verdict import verdict_object
-from companion.examination import Examination, Unexamined
 from companion.model import Flight, ImuTrack, SensorInUse
-from companion.recording import Recording, Source
 
 
 def encode(document: msgspec.Struct) -> str:

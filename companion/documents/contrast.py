@@ -8,11 +8,11 @@ from dataclasses import asdict
 import msgspec
 
 from companion.analysis import Change, Contrast, Finding
+from companion.app.examination import Examination
+from companion.app.recording import Source
 from companion.documents.build import analysis_document, drift_object
 from companion.documents.schema import SCHEMA, Analysis, DriftObject
 from companion.documents.verdict import FindingObject, finding_object
-from companion.examination import Examination
-from companion.recording import Source
 
 
 class ChangeObject(msgspec.Struct, frozen=True):

@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 
 from companion.analysis import AutopilotError
+from companion.app.recording import Source
 from companion.documents.build import log_object, vehicle_object
 from companion.documents.schema import SCHEMA, LogObject, VehicleObject
 from companion.estimation import CONSTANTS, BestEstimate, Residuals, kind_of
 from companion.model import BiasTrack, Flight
-from companion.recording import Source
 
 
 class WitnessObject(msgspec.Struct, frozen=True):

@@ -8,11 +8,11 @@ import msgspec
 import numpy as np
 
 from companion.analysis import AxisNoise, FlightNoise, ImuNoise, RestNoise
+from companion.app.recording import Source
 from companion.documents.build import log_object, vehicle_object
 from companion.documents.schema import SCHEMA, LogObject, VehicleObject
 from companion.estimation import AllanDeviation, Coefficient, Peak, WhiteNoise, folded_gain, folded_onto
 from companion.model import Flight
-from companion.recording import Source
 
 
 class CoefficientObject(msgspec.Struct, frozen=True):

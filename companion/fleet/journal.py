@@ -11,7 +11,7 @@ from typing import Self
 
 import msgspec
 
-from companion.destination import check, replacing
+from companion.app.destination import check, replacing
 from companion.fleet.records import LogRecord
 from companion.fleet.search import FoundLog
 from companion.model import InputError

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from companion.destination import replacing
-from companion.examination import Examination
+from companion.app.destination import replacing
+from companion.app.examination import Examination
+from companion.app.recording import Recording
+from companion.app.settings import Settings
 from companion.model import InputError
-from companion.recording import Recording
-from companion.settings import Settings
 
 _FOLDER = "reports"
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from companion.destination import replacing
+from companion.app.destination import replacing
 from companion.fleet.journal import printable
 from companion.fleet.page import fleet_html
 from companion.fleet.records import LogRecord

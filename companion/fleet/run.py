@@ -11,6 +11,7 @@ from pathlib import Path
 
 import msgspec
 
+from companion.app.settings import Settings
 from companion.fleet.cluster import examine_all, local_cluster, remote_cluster
 from companion.fleet.journal import Journal
 from companion.fleet.limits import MEMORY_GB, TIMEOUT_S
@@ -20,7 +21,6 @@ from companion.fleet.rows import Rows, rows_of
 from companion.fleet.search import FoundLog
 from companion.fleet.version import version_of
 from companion.model import InputError
-from companion.settings import Settings
 
 
 @dataclass(frozen=True, slots=True)

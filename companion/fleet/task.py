@@ -14,8 +14,10 @@ from pathlib import Path
 
 import msgspec
 
+from companion.app.examination import examine, unexaminable
+from companion.app.recording import Recording, read_recording
+from companion.app.settings import Settings
 from companion.documents import analysis_document, unexamined_document, vehicle_object
-from companion.examination import examine, unexaminable
 from companion.fleet.journal import printable
 from companion.fleet.limits import TimeUpError, limited
 from companion.fleet.records import FlightRecord, LogRecord, Plan
@@ -26,8 +28,6 @@ from companion.fleet.sensors import board_of, sensor_ids, temperatures
 from companion.fleet.tables import arrow_tables
 from companion.fleet.version import version_of
 from companion.model import CompanionError, DataError, Flight
-from companion.recording import Recording, read_recording
-from companion.settings import Settings
 
 _NO_CALENDAR_S = 4e9  # the year 2096
 

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import msgspec
 
-from companion.sensors import load_imu_figures
-from companion.settings import Settings, data_folder
+from companion.app.sensors import load_imu_figures
+from companion.app.settings import Settings, data_folder
 
 MAKING = {
-    "model", "settings", "sensors", "correction", "mavlink", "telemetry", "strapdown", "estimation", "analysis",
-    "recording", "examination", "documents", "fleet", "toml_file",
+    "model", "mavlink", "telemetry", "strapdown", "estimation", "analysis", "app.toml_file", "app.settings",
+    "app.sensors", "app.correction", "app.recording", "app.examination", "documents", "fleet",
 }  # fmt: skip
 """The parts of the program that a row comes out of."""
 
@@ -38,10 +38,9 @@ def version_of(settings: Settings, imu: str | None, imu_model: str | None) -> st
 def _program_version() -> str:
     """A digest of the source that makes the numbers, so that any change of it is noticed, released or not."""
     package = Path(str(files("companion")))
+    parts = tuple(f"{part}." for part in MAKING)
     sources = [
-        path
-        for path in sorted(package.rglob("*.py"))
-        if path.relative_to(package).parts[0].removesuffix(".py") in MAKING
+        path for path in sorted(package.rglob("*.py")) if ".".join(path.relative_to(package).parts).startswith(parts)
     ]
     digest = hashlib.sha256()
     for path in [*sources, *sorted((data_folder("config") / "imu").glob("*.toml"))]:

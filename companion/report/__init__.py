@@ -5,6 +5,7 @@ from companion.report.charts import Charts, laid_out
 from companion.report.flown import error_panels
 from companion.report.page import bare_html, report_html
 from companion.report.place import ground_track
+from companion.report.plot import plot_drift, plot_errors, plot_path
 from companion.report.section import Section
 from companion.report.sheet import sheet
 from companion.report.traces import TIME, Figure, Panel, Trace, curve, stack
@@ -22,6 +23,9 @@ __all__ = [
     "ground_track",
     "laid_out",
     "markup",
+    "plot_drift",
+    "plot_errors",
+    "plot_path",
     "report_html",
     "sheet",
     "stack",

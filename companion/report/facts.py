@@ -11,12 +11,12 @@ from pathlib import Path
 import msgspec
 
 from companion.analysis import Assessment
+from companion.app.recording import Source
+from companion.app.settings import Settings
 from companion.documents import schema
 from companion.model import Flight
-from companion.recording import Source
 from companion.report.markup import details, paragraph, table, text
 from companion.report.section import Section
-from companion.settings import Settings
 
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
 _LIBRARIES = ("mavlink-companion", "numpy", "pymavlink", "plotly", "viser")

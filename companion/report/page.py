@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import msgspec
 
+from companion.app.examination import Examination, Unexamined
+from companion.app.recording import Source
+from companion.app.settings import Settings
 from companion.documents import encode, unexamined_document
-from companion.examination import Examination, Unexamined
-from companion.recording import Source
 from companion.report import drift, facts, flown, noise, sensors, shaking
 from companion.report.charts import Charts
 from companion.report.findings import findings
@@ -15,7 +16,6 @@ from companion.report.playback import playback
 from companion.report.sheet import sheet
 from companion.report.subject import subject_of
 from companion.report.summary import bare_head, head
-from companion.settings import Settings
 from companion.view import palette
 
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from companion.analysis import Assessment, Comparison, Expectation, Replay, expected_since_anchor, replay
+from companion.app.examination import Examination
+from companion.app.recording import Source
+from companion.app.settings import Settings
 from companion.documents import FindingObject, analysis_document, schema
-from companion.examination import Examination
 from companion.model import CompanionError, Flight
-from companion.recording import Source
 from companion.report.charts import Charts
-from companion.settings import Settings
 from companion.view import palette
 
 

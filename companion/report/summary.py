@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 import numpy as np
 
 from companion.analysis import Verdict, rate_warning
+from companion.app.recording import Source
 from companion.model import Flight
-from companion.recording import Source
 from companion.report.markup import percent, short, text
 from companion.report.subject import Subject
 from companion.view import palette, worst_stretch

@@ -9,9 +9,9 @@ import pytest
 
 import companion as c
 from companion.analysis import ReferenceFigures, reported_by
-from companion.examination import autopilot_of
+from companion.app.examination import autopilot_of
+from companion.app.settings import AutopilotSettings, Settings
 from companion.model import Series
-from companion.settings import AutopilotSettings, Settings
 from companion.strapdown import motions
 from tests.flights import flight_of, seconds
 from tests.recordings import shared

@@ -13,8 +13,8 @@ from benchmarks.accuracy.cutting import cut, field_ned, gps_ned, thinned
 from benchmarks.accuracy.faults import FAULTS, Fault
 from benchmarks.accuracy.injected import Case, cases, flown, judged
 from benchmarks.accuracy.power import share, smallest_found, table
+from companion.app.recording import read_recording
 from companion.model import Flight
-from companion.recording import read_recording
 from tests.recordings import BUNDLED
 
 pytestmark = pytest.mark.slow

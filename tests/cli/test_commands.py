@@ -11,10 +11,10 @@ from typing import Any
 import msgspec
 import pytest
 
+from companion.app.examination import examine
+from companion.app.recording import read_recording
 from companion.cli import main
 from companion.documents import schema
-from companion.examination import examine
-from companion.recording import read_recording
 from tests.recordings import BUNDLED, all_shared
 from tests.tlogs import Writer
 

@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from companion.analysis import GENERIC
+from companion.app.sensors import load_imu_figures
 from companion.cli import main
-from companion.sensors import load_imu_figures
 from companion.simulate import SimulatedVehicle, fly, write_flight
 from companion.strapdown import ImuModel, Sensor
 from tests.recordings import BUNDLED, recording

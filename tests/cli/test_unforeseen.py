@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from companion.app.settings import load_settings
+from companion.app.toml_file import read_toml
 from companion.cli import main
 from companion.model import SettingsError
-from companion.settings import load_settings
-from companion.toml_file import read_toml
 from tests.recordings import BUNDLED
 
 DEMO = str(BUNDLED / "copter-demo-100hz.tlog")

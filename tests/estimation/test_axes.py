@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
+from companion.app.recording import read_recording
 from companion.estimation import other_reading, smooth
 from companion.estimation.axes import WAYS, followed
 from companion.model import Flight
-from companion.recording import read_recording
 from tests.estimation.sensed import sensed, with_imu
 from tests.recordings import BUNDLED
 

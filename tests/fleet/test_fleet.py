@@ -20,6 +20,7 @@ import numpy as np
 import psutil
 import pytest
 
+from companion.app.settings import Settings
 from companion.cli import main
 from companion.fleet import FleetRun, FoundLog, cluster, run_fleet
 from companion.fleet.limits import TIMEOUT_S, limited
@@ -30,7 +31,6 @@ from companion.fleet.tables import arrow_tables
 from companion.fleet.task import decode, examine_log
 from companion.fleet.version import version_of
 from companion.model import InputError
-from companion.settings import Settings
 from tests.fleet.conftest import copies, table, with_workers
 from tests.processes import ended
 from tests.recordings import BUNDLED

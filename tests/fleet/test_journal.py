@@ -7,12 +7,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from companion.app.settings import AutopilotSettings, Settings, ViewSettings
 from companion.fleet.journal import NAME, Journal
 from companion.fleet.records import LogRecord
 from companion.fleet.search import FoundLog
 from companion.fleet.version import MAKING, version_of
 from companion.model import InputError
-from companion.settings import AutopilotSettings, Settings, ViewSettings
 from tests.test_architecture import MAY_IMPORT
 
 LOG = FoundLog("/logs/a.tlog", 100, "1-1")
@@ -94,7 +94,7 @@ def test_the_version_follows_what_makes_the_numbers() -> None:
 
 def test_every_part_that_a_row_comes_out_of_is_in_the_version() -> None:
     parts = {"fleet"}
-    waiting = {"recording", "examination", "documents"}
+    waiting = {"app.recording", "app.examination", "documents"}
     while waiting:
         parts |= waiting
         waiting = {other for part in waiting for other in MAY_IMPORT[part]} - parts

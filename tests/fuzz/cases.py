@@ -13,13 +13,13 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.generator.mavcrc import x25crc
 
+from companion.app.correction import load_correction
+from companion.app.sensors import load_imu_figures
+from companion.app.settings import load_settings
 from companion.cli import main
-from companion.correction import load_correction
 from companion.fleet.limits import limited
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import CompanionError
-from companion.sensors import load_imu_figures
-from companion.settings import load_settings
 from companion.telemetry import Stream
 from companion.view.client_messages import accepted
 from tests.fuzz import logs

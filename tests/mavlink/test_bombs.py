@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 
 import companion as c
+from companion.app.recording import read_recording
 from companion.mavlink.compression import compression, decompressed
 from companion.mavlink.dataflash import read_dataflash
 from companion.mavlink.dataflash_text import read_dataflash_text
 from companion.model import InputError
-from companion.recording import read_recording
 
 pytestmark = pytest.mark.slow
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
+from companion.app.settings import Settings, load_settings
 from companion.cli import main
-from companion.settings import Settings, load_settings
 from tests.recordings import BUNDLED, recording
 from tests.report.pages import DEMO, Contents, report
 from tests.tlogs import Writer, resting

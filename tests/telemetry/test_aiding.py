@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from pymavlink import mavutil
 
+from companion.app.recording import open_log
 from companion.model import Flight
-from companion.recording import open_log
 from tests.recordings import recording
 from tests.tlogs import Writer
 

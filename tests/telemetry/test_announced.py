@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from companion.app.recording import open_log
 from companion.model import Flight, StatusText
-from companion.recording import open_log
 from companion.telemetry.announced import text_resets
 from tests.recordings import recording, shared
 from tests.tlogs import Writer

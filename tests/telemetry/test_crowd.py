@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from companion.app.recording import read_recording
 from companion.mavlink import DEFAULT_DIALECT, Decoder, Frames, load_dialect
-from companion.recording import read_recording
 from companion.telemetry import Stream
 from companion.telemetry.crowd import Crowd
 from companion.telemetry.split import MOST_SENDERS

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from companion.app.recording import open_log
 from companion.model import Epoch
-from companion.recording import open_log
 from companion.telemetry.epoch import gps_to_unix
 from tests.recordings import BUNDLED, recording
 from tests.tlogs import EPOCH, Writer

@@ -12,9 +12,9 @@ from companion.analysis import (
     expected_since_anchor,
     trailing,
 )
-from companion.examination import assess_imu
+from companion.app.examination import assess_imu
+from companion.app.settings import Settings
 from companion.model import Array, AttitudeTrack, DataError, Flight, ImuTrack, PositionTrack, Vehicle
-from companion.settings import Settings
 from companion.view import Footage, Insight, Reckoning, ReplayChoice, chosen_track, with_track
 
 RATE = 50.0

@@ -16,11 +16,11 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 import companion as c
+from companion.app.examination import examine
+from companion.app.recording import Source
+from companion.app.settings import Settings
 from companion.cli.answers import Answers
-from companion.examination import examine
 from companion.model import Flight
-from companion.recording import Source
-from companion.settings import Settings
 from companion.simulate import SimulatedVehicle, fly, write_flight
 from companion.view import Offer, Viewer, events, palette
 from tests.recordings import BUNDLED

@@ -1,10 +1,10 @@
 """Live is the batch in small pieces: a link heard in a thread of its own, and both poses of what it carries, now."""
 
-from companion.live.attachment import Attachment
-from companion.live.opinion import HORIZON_S, Alarm, Band, Judge, Judging, Opinion
-from companion.live.pace import Pace
-from companion.live.replay import LiveReplay, Present
-from companion.live.watch import Watch
+from companion.app.live.attachment import Attachment
+from companion.app.live.opinion import HORIZON_S, Alarm, Band, Judge, Judging, Opinion
+from companion.app.live.pace import Pace
+from companion.app.live.replay import LiveReplay, Present
+from companion.app.live.watch import Watch
 
 __all__ = [
     "HORIZON_S",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.live import LiveReplay
+from companion.app.live import LiveReplay
 from companion.simulate import Faults, SimulatedVehicle, fly, write_flight
 from companion.telemetry import Stream
 

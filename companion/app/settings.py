@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from companion.app.toml_file import read_toml
 from companion.model import InputError, SettingsError
-from companion.toml_file import read_toml
 
 Positive = Annotated[float, msgspec.Meta(gt=0, le=1e6)]  # the upper bound keeps infinity out
 NotNegative = Annotated[float, msgspec.Meta(ge=0, le=1e6)]

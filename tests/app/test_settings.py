@@ -10,9 +10,9 @@ import msgspec
 import pytest
 
 from companion.analysis import HORIZONS_S, Integration, replay
-from companion.examination import integration_of
-from companion.recording import open_log
-from companion.settings import Settings, data_folder, load_settings
+from companion.app.examination import integration_of
+from companion.app.recording import open_log
+from companion.app.settings import Settings, data_folder, load_settings
 
 DEFAULT = data_folder("config") / "default.toml"
 

@@ -10,9 +10,9 @@ from typing import Annotated, Literal
 import msgspec
 
 from companion.analysis import ImuFigures, ImuNoise, ModelFigure, SensorFigures, noise_model
+from companion.app.settings import data_folder
+from companion.app.toml_file import read_toml
 from companion.model import STANDARD_GRAVITY, Flight, InputError, SettingsError
-from companion.settings import data_folder
-from companion.toml_file import read_toml
 
 _DEGREE = math.radians(1.0)
 _SI: Mapping[str, float] = {

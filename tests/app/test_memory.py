@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from companion.memory import give_back
+from companion.app.memory import give_back
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other allocators give it back themselves")

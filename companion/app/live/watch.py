@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from companion.analysis import HORIZONS_S, DriftRow, FreeRun, FreeState, Integration, RunningDrift
-from companion.live.replay import LiveReplay, Present
+from companion.app.live.replay import LiveReplay, Present
 from companion.mavlink import Frames
 from companion.model import Flight
 from companion.telemetry import Stream

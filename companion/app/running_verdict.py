@@ -26,18 +26,18 @@ from typing import IO, Self
 import msgspec
 
 from companion.analysis import Verdict, expected_by_age
-from companion.examination import assess_imu
-from companion.live import Band, Judge, Judging, Opinion, Pace
+from companion.app.examination import assess_imu
+from companion.app.live import Band, Judge, Judging, Opinion, Pace
+from companion.app.memory import give_back
+from companion.app.settings import Settings
 from companion.mavlink import Frames
-from companion.memory import give_back
 from companion.model import Flight
-from companion.settings import Settings
 
 _TOGETHER_S = 0.1  # what arrived within it is decoded in one go, which takes a tenth of the time
 _BAND_S = 20.0  # of data between two times that what is expected is reckoned: it changes slowly
 _MOST_WAITING = 10_000  # receipts: some minutes, while the process starts or the computer sleeps
 
-_BEGIN = "import sys; sys.path[:] = sys.argv[1:]; from companion.running_verdict import work; work()"
+_BEGIN = "import sys; sys.path[:] = sys.argv[1:]; from companion.app.running_verdict import work; work()"
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from companion.analysis import Integration
-from companion.live import Attachment, Watch
+from companion.app.live import Attachment, Watch
 from companion.mavlink import Link, Packer, Session
 from companion.simulate import SimulatedVehicle
 from tests.mavlink.peers import UdpPeer, udp_peer

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from companion.analysis import Verdict
-from companion.live import HORIZON_S, Band, Judge, Opinion
+from companion.app.live import HORIZON_S, Band, Judge, Opinion
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import DataError, Flight
 from companion.simulate import Faults, SimulatedVehicle, fly

@@ -9,8 +9,8 @@ import msgspec
 import numpy as np
 
 from companion.analysis import PARTS, Calibration, Correction
+from companion.app.toml_file import read_toml
 from companion.model import InputError, SettingsError
-from companion.toml_file import read_toml
 
 _FORMAT = 2
 """1, which files without `format` have, turned the mounting the other way."""

@@ -31,10 +31,10 @@ from companion.analysis import (
     reported_by,
     siblings,
 )
-from companion.correction import load_correction
+from companion.app.correction import load_correction
+from companion.app.sensors import figures_of, load_imu_figures
+from companion.app.settings import Settings
 from companion.model import DataError, Flight, brief
-from companion.sensors import figures_of, load_imu_figures
-from companion.settings import Settings
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from companion.live.opinion import HORIZON_S, MOST_S, Judge, Opinion
+from companion.app.live.opinion import HORIZON_S, MOST_S, Judge, Opinion
 
 _LOOK_S = 0.25  # between two looks at whether something has just begun
 _PAUSE_S = 4.0  # between the begins of two judgements

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from companion.app.running_verdict import Assignment, RunningVerdict, joined
+from companion.app.settings import Settings
 from companion.mavlink import Decoder, load_dialect
-from companion.running_verdict import Assignment, RunningVerdict, joined
-from companion.settings import Settings
 from companion.simulate import Faults, SimulatedVehicle, fly
 from tests.simulated import bursts
 from tests.waiting import wait_for

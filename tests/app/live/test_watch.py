@@ -12,8 +12,8 @@ import pytest
 
 import companion as c
 from companion.analysis import Integration
-from companion.live import Attachment, Watch
-from companion.live.watch import Sighting
+from companion.app.live import Attachment, Watch
+from companion.app.live.watch import Sighting
 from companion.mavlink import Decoder, Link, Recorder, Session, load_dialect
 from companion.model import InputError
 from companion.simulate import Faults, SimulatedVehicle, fly

@@ -1,4 +1,4 @@
-"""Charts for a notebook, as plotly's own figures: those of the report. What draws them is loaded when asked for."""
+"""Charts for a notebook, as plotly's own figures: those of the report."""
 
 from __future__ import annotations
 
@@ -9,6 +9,11 @@ import numpy as np
 from companion.analysis import Assessment, Drift, Replay, expected_since_anchor
 from companion.estimation import BestEstimate
 from companion.model import DataError, Flight, InputError
+from companion.report.charts import laid_out
+from companion.report.flown import error_panels
+from companion.report.place import ground_track
+from companion.report.traces import TIME, Panel, curve, stack
+from companion.view import palette
 
 _QUANTITIES = (
     ("attitude", "deg", "attitude, °"),
@@ -22,8 +27,6 @@ def plot_errors(shown: Replay, found: Assessment | None = None) -> Any:
 
     Returns a `plotly.graph_objects.Figure`; so do the others. Raises InputError when plotly is not installed.
     """
-    from companion.report import TIME, error_panels, stack  # noqa: PLC0415  (see above)
-
     expected = None if found is None else expected_since_anchor(found, shown)
     panels = error_panels(shown, expected)
     return _figure(stack(panels, TIME), 60 + 190 * len(panels))
@@ -34,9 +37,6 @@ def plot_path(flight: Flight, shown: Replay | None = None, best: BestEstimate | 
 
     Raises DataError for a flight without a position.
     """
-    from companion.report import ground_track  # noqa: PLC0415
-    from companion.view import palette  # noqa: PLC0415
-
     figure = ground_track(flight, shown, palette.IMU, best)
     if figure is None:
         raise DataError("This flight has no position: there is no path to draw.")
@@ -45,9 +45,6 @@ def plot_path(flight: Flight, shown: Replay | None = None, best: BestEstimate | 
 
 def plot_drift(table: Drift) -> Any:
     """The drift table: median and 95 % of each error against the seconds on the IMU alone, both axes logarithmic."""
-    from companion.report import Panel, curve, stack  # noqa: PLC0415
-    from companion.view import palette  # noqa: PLC0415
-
     columns = table.to_dict()
     panels = []
     seconds = np.array(columns["horizon_s"])
@@ -66,8 +63,6 @@ def plot_drift(table: Drift) -> Any:
 
 
 def _figure(figure: Any, height: int) -> Any:
-    from companion.report import laid_out  # noqa: PLC0415
-
     try:
         from plotly import graph_objects  # noqa: PLC0415  (an extra)
     except ImportError:

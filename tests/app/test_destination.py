@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from companion import destination
+from companion.app import destination
 from companion.cli import main
 from companion.model import InputError
 from tests.recordings import BUNDLED

@@ -6,10 +6,10 @@ import lzma
 
 import pytest
 
-from companion.examination import assess_imu
-from companion.live import Judge
+from companion.app.examination import assess_imu
+from companion.app.live import Judge
+from companion.app.settings import Settings
 from companion.mavlink import DEFAULT_DIALECT, Decoder, load_dialect
-from companion.settings import Settings
 from tests.recordings import recording
 
 pytestmark = pytest.mark.slow

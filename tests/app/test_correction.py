@@ -10,7 +10,7 @@ import pytest
 
 import companion as c
 from companion.analysis import GENERIC, PARTS, ReferenceFigures, calibrate, compare
-from companion.correction import correction_text, load_correction
+from companion.app.correction import correction_text, load_correction
 from tests.recordings import BUNDLED
 
 OLD = "gyro_bias = [0.01, 0, 0]\naccel_bias = [0, 0.1, 0]\nmounting = [0.01, -0.02, 0.03]\ntime_offset = 0.012\n"

@@ -9,8 +9,8 @@ import pytest
 
 import companion as c
 from companion.analysis import Verdict
+from companion.app.live import HORIZON_S, Band, Judge
 from companion.estimation import smooth
-from companion.live import HORIZON_S, Band, Judge
 from companion.mavlink import DEFAULT_DIALECT, Decoder, load_dialect
 from companion.model import Flight
 from companion.strapdown import quaternion

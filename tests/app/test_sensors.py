@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
+from companion.app.sensors import figures_of, imu_parts
 from companion.model import Flight
-from companion.sensors import figures_of, imu_parts
 from companion.strapdown import motions
 from tests.flights import flight_of, seconds
 
