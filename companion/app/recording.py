@@ -26,7 +26,7 @@ from companion.telemetry import NEEDED, RECORDS, Bystander, dataflash_flight, fl
 class Source:
     """What was read, and what of it could not be."""
 
-    path: Path
+    path: Path  # as it is called
     format: str  # "tlog", "raw" (MAVLink without stamps), "dataflash", "dataflash text" or "ulog"
     size_bytes: int  # of the file
     frames: int  # MAVLink frames with a right checksum, or messages of an on-board log
@@ -36,6 +36,12 @@ class Source:
     skipped_bytes: int = 0  # that belong to no frame
     unknown_frames: Mapping[int, int] = field(default_factory=dict)  # message id that the dialect lacks → count
     speakers: Mapping[str, Mapping[str, int]] = field(default_factory=dict)  # SYSID:COMPID → message → count
+    kept_in: Path | None = None  # where its bytes are while the command runs, where that is not its name
+
+    @property
+    def file(self) -> Path:
+        """Where its bytes can be read."""
+        return self.kept_in or self.path
 
 
 @dataclass(frozen=True, slots=True)

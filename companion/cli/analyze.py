@@ -80,7 +80,9 @@ def _refuse(lacking: Unexamined, source: Source, *, as_json: bool) -> int:
     else:
         for line in tables.verdict_lines(lacking.verdict):
             tables.console().print(line, highlight=False)
-    options.say(f"companion: nothing was analysed. What the log has: companion info {source.path}")
+    options.say(
+        f"companion: nothing was analysed. What the log has: companion info {'-' if source.kept_in else source.path}"
+    )
     return DataError.exit_code
 
 

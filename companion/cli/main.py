@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from companion.cli import unforeseen
+from companion.cli import stdin, unforeseen
 from companion.model import CompanionError
 
 _COMMANDS = (
@@ -57,7 +57,8 @@ def _run(given: list[str]) -> int:
         print(overview())
         return 0
     arguments = parser(given[0]).parse_args(given)
-    code: int = arguments.run(arguments)
+    with stdin.kept(arguments):
+        code: int = arguments.run(arguments)
     return code
 
 

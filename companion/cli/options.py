@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -16,6 +17,7 @@ from rich.progress import Progress
 
 from companion.app.recording import Recording, Source, read_recording
 from companion.app.settings import Settings, data_folder, load_settings
+from companion.cli.stdin import STDIN
 from companion.model import IMU_MESSAGES, DataError, Flight, SettingsError
 from companion.strapdown import METHODS, MIDDLES
 
@@ -53,12 +55,13 @@ def add_command(
     takes_link: or a link. takes_several: `arguments.logs` are the logs, folders and patterns.
     """
     parser = commands.add_parser(name, help=brief, description=summary, epilog=f"example: {example}")
-    log = "a log: .tlog, ArduPilot .bin or .log, PX4 .ulg; or demo for the bundled flight"
+    log = "a log: .tlog, ArduPilot .bin or .log, PX4 .ulg; demo for the bundled flight; - for stdin"
     link = ", or a link: udpin:HOST:PORT, tcp:HOST:PORT, /dev/ttyACM0[:BAUD]" if takes_link else ""
     if takes_several:
         parser.add_argument("logs", metavar="LOG", nargs="+", help=log)
     else:
         parser.add_argument("log", metavar="LOG|LINK" if takes_link else "LOG", help=log + link)
+    parser.set_defaults(piped=None)
     add_settings(parser)
     return parser
 
@@ -68,7 +71,10 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", metavar="FILE", help="settings file; config/default.toml describes every key")
     parser.add_argument("--dialect", metavar="NAME", help="MAVLink dialect (default: ardupilotmega)")
     parser.add_argument(
-        "--max-size", type=float, metavar="GB", help="the most that a compressed log may grow to (default: 0.8)"
+        "--max-size",
+        type=float,
+        metavar="GB",
+        help="the most that a compressed log may grow to, and that stdin may have (default: 0.8)",
     )
 
 
@@ -158,11 +164,18 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
 
 def log_path(arguments: argparse.Namespace) -> Path:
     """The log that was named."""
-    return named_path(arguments.log)
+    return _path(arguments.log, arguments.piped)
 
 
-def named_path(name: str) -> Path:
-    """A log by its name; demo is the bundled one."""
+def log_paths(arguments: argparse.Namespace) -> list[str]:
+    """The logs, folders and patterns that were named."""
+    return [str(_path(name, arguments.piped)) for name in arguments.logs]
+
+
+def _path(name: str, piped: Path | None) -> Path:
+    """A log by its name; demo is the bundled one, and piped what came from stdin."""
+    if name == STDIN and piped is not None:
+        return piped
     if name == "demo" and not Path(name).exists():
         return data_folder("tlogs") / "copter-demo-100hz.tlog"
     return Path(name)
@@ -188,6 +201,8 @@ def read(arguments: argparse.Namespace, settings: Settings, *, every_message: bo
             progress=progress,
             max_size_gb=settings.log.max_size_gb,
         )
+    if path == arguments.piped:
+        recording = replace(recording, source=replace(recording.source, path=Path(STDIN), kept_in=path))
     warn_of_damage(recording.source)
     return recording
 

@@ -31,8 +31,7 @@ def print_table(arguments: argparse.Namespace) -> int:
     from companion.fleet import find_logs, short_names  # noqa: PLC0415  (not needed for one log)
 
     settings = options.settings_of(arguments)
-    named = [str(options.named_path(name)) for name in arguments.logs]
-    logs = [log.path for log in find_logs(named, dialect=settings.log.dialect).logs]
+    logs = [log.path for log in find_logs(options.log_paths(arguments), dialect=settings.log.dialect).logs]
     names, unread = short_names(logs), 0
     print(_line(_HEADINGS))
     print(_line("---" for _ in _HEADINGS))

@@ -26,8 +26,7 @@ def print_table(arguments: argparse.Namespace) -> int:
     if given := [f"--{name}" for name in _OF_ONE if getattr(arguments, name)]:
         raise SettingsError(f"{' and '.join(given)} is of one log: name one. For many logs: companion fleet.")
     settings = options.settings_of(arguments)
-    named = [str(options.named_path(name)) for name in arguments.logs]
-    logs = [log.path for log in find_logs(named, dialect=settings.log.dialect).logs]
+    logs = [log.path for log in find_logs(options.log_paths(arguments), dialect=settings.log.dialect).logs]
     names, unread, found = short_names(logs), 0, list[str]()
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for heading in ("log", "flight", "verdict", f"after {_HORIZON_S:g} s"):

@@ -77,7 +77,7 @@ def again(source: Source, settings: Settings, command: str, chosen: Sequence[tup
     rows = [
         ("companion", _versions()),
         ("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"),
-        ("log's SHA-256", _fingerprint(source.path)),
+        ("log's SHA-256", _fingerprint(source.file)),
         *chosen,
     ]
     if command:
