@@ -73,12 +73,16 @@ def test_every_public_name_has_a_docstring() -> None:
     assert all(getattr(companion, name).__doc__ for name in companion.__all__)
 
 
-def test_the_tutorial_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_tutorial_prints_what_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "tlogs").symlink_to(ROOT / "tlogs")
     monkeypatch.chdir(tmp_path)
-    runpy.run_path(str(ROOT / "docs" / "tutorial.py"), run_name="__main__")
-    assert "CONSISTENT" in capsys.readouterr().out
-    assert list(tmp_path.glob("*.parquet"))
+    script = ROOT / "docs" / "tutorial.py"
+    runpy.run_path(str(script), run_name="__main__")
+    promised = re.findall(r"^# > (.*)$", script.read_text(encoding="utf-8"), re.MULTILINE)
+    assert capsys.readouterr().out.splitlines() == promised
+    assert len(list(tmp_path.glob("*.parquet"))) == 2
 
 
 def test_every_object_shows_itself_in_five_lines() -> None:
