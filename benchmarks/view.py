@@ -17,7 +17,8 @@ import companion as c
 from companion.app.settings import Settings
 from companion.cli.answers import Answers
 from companion.simulate import SimulatedVehicle, fly, write_flight
-from companion.view import ReplayChoice, Viewer, events
+from companion.view import ReplayChoice, Viewer
+from companion.view.state import events
 
 STREAMS = {"RAW_IMU": 100.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0}
 LIMIT_S = 30.0

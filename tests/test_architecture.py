@@ -60,6 +60,27 @@ A part is a package, or one module of a package whose modules are doors of their
 
 ROOMS_OF_ROOMS = {"app"}
 
+_DRAWS = {"palette", "state"}
+VIEW_MAY_IMPORT = {
+    "palette": set[str](),
+    "state": {"palette"},
+    "server": {"palette"},
+    "panels": _DRAWS,
+    "charts": _DRAWS | {"panels"},
+    "scene": _DRAWS | {"panels"},
+    "export": _DRAWS | {"scene", "server"},
+    "saving": {"state", "export"},
+    "browsers": {"state", "panels", "scene"},
+    "viewport": _DRAWS | {"scene", "browsers"},
+    "page": {"state", "scene", "server", "viewport"},
+    "replay_controller": _DRAWS | {"scene", "charts", "panels", "viewport", "export", "saving"},
+    "live_controller": {"state", "scene", "charts", "panels", "viewport"},
+    "app": {"state", "page", "replay_controller"},
+    "live": {"state", "page", "live_controller"},
+    "__init__": _DRAWS | {"panels", "app", "export", "live"},
+}
+"""Room of the view, or a module that joins rooms → the others that it may import."""
+
 LIBRARIES = {
     "model": {"numpy"},
     "strapdown": {"numpy"},
@@ -130,6 +151,16 @@ def test_a_module_imports_only_what_its_part_may(path: Path) -> None:
             assert top in LIBRARIES.get(part, set()), f"{part} imports {name}"
 
 
+@pytest.mark.parametrize("path", sorted((PACKAGE / "view").rglob("*.py")), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_module_of_the_view_imports_only_what_its_room_may(path: Path) -> None:
+    room = path.relative_to(PACKAGE / "view").with_suffix("").parts[0]
+    for name in imports(path):
+        if name.startswith("companion.view."):
+            other = name.split(".")[2]
+            assert other in {room} | VIEW_MAY_IMPORT[room], f"{room} imports {name}, against the arrow"
+        assert not (room == "state" and name.split(".")[0] == "viser"), "what is shown knows no browser"
+
+
 @pytest.mark.parametrize("part", ["model", "strapdown", "estimation", "analysis"])
 def test_the_core_is_pure(part: str) -> None:
     for path in (p for p in MODULES if part_at(p) == part):
@@ -159,8 +190,9 @@ def test_the_top_of_the_package_has_rooms_alone() -> None:
     assert {p.name for p in PACKAGE.iterdir() if p.is_file()} == {"__init__.py", "__main__.py", "api.py", "py.typed"}
 
 
-def test_the_arrows_make_no_circle() -> None:
-    standing = dict(MAY_IMPORT)
+@pytest.mark.parametrize("arrows", [MAY_IMPORT, VIEW_MAY_IMPORT], ids=["house", "view"])
+def test_the_arrows_make_no_circle(arrows: dict[str, set[str]]) -> None:
+    standing = dict(arrows)
     while ground := {part for part, below in standing.items() if below.isdisjoint(standing.keys() - {part})}:
         standing = {part: below for part, below in standing.items() if part not in ground}
     assert not standing

@@ -18,8 +18,9 @@ import companion as c
 from companion.app.examination import integration_of
 from companion.cli import main
 from companion.cli.answers import Answers
-from companion.view import ReplayChoice, palette, tables
-from companion.view.moment import footage
+from companion.view import ReplayChoice, palette
+from companion.view.panels import verdict_tables
+from companion.view.state.sample import footage
 from tests.recordings import BUNDLED
 
 pytestmark = pytest.mark.slow
@@ -141,7 +142,7 @@ def test_the_page_in_the_browser(flight: Document) -> None:
     insight = answers.examine(opened, choice, footage(reckoning))
     found = insight.assessment
     assert found.verdict.summary == flight["verdict"]["summary"]
-    page = Cells(tables.drift_table(found.drift, found, palette.IMU, insight.horizon_s))
+    page = Cells(verdict_tables.drift_table(found.drift, found, palette.IMU, insight.horizon_s))
     for told, measured, expected in zip(flight["drift"], page.rows[1::2], page.rows[2::2], strict=True):
         assert measured[:2] == [f"{told['horizon_s']:g} s", str(told["windows"])]
         for cell, sigma, quantity in zip(measured[2:], expected[2:], QUANTITIES, strict=True):

@@ -44,15 +44,15 @@ def vehicle(seconds: float, begun: Any) -> None:
 def page(folder: str) -> None:
     """The companion's process: the command, with a note of every pose that is written."""
     from companion.cli import main  # noqa: PLC0415  (only here)
-    from companion.view.scene import Scene  # noqa: PLC0415
+    from companion.view.scene.scene import Scene  # noqa: PLC0415
 
     shown: list[tuple[float, float]] = []
     show = Scene.show
 
-    def noted(self: Scene, moment: Any, *more: Any) -> None:
-        show(self, moment, *more)
-        if not shown or shown[-1][0] != moment.t:
-            shown.append((moment.t, time.monotonic()))
+    def noted(self: Scene, sample: Any, *more: Any) -> None:
+        show(self, sample, *more)
+        if not shown or shown[-1][0] != sample.t:
+            shown.append((sample.t, time.monotonic()))
 
     Scene.show = noted  # type: ignore[method-assign]
     words = ["view", f"udpin:127.0.0.1:{LINK}", "--listen-only", "--port", str(PAGE), "-o", f"{folder}/live.tlog"]

@@ -2,17 +2,17 @@
 
 from companion.view import palette
 from companion.view.app import Viewer
-from companion.view.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, with_track
 from companion.view.export import replay_page
-from companion.view.feed import Feed, Judgement, LinkState, Seen, StreamState
-from companion.view.insight import Insight
 from companion.view.live import LiveViewer
-from companion.view.livepanel import LONGEST_REANCHOR_S
-from companion.view.marks import Mark
-from companion.view.moment import Footage, Reckoning
-from companion.view.places import best_path
-from companion.view.thin import extremes
-from companion.view.worst import Worst, worst_stretch
+from companion.view.panels.live_panel import LONGEST_REANCHOR_S
+from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, with_track
+from companion.view.state.decimation import extremes
+from companion.view.state.feed import Feed, Judgement, LinkState, Seen, StreamState
+from companion.view.state.insight import Insight
+from companion.view.state.marks import Mark
+from companion.view.state.places import best_path
+from companion.view.state.sample import Footage, Reckoning
+from companion.view.state.worst import Worst, worst_stretch
 
 __all__ = [
     "LONGEST_REANCHOR_S",

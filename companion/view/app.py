@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from companion.model import CompanionError, Flight, InputError
-from companion.view.choice import Examine, Offer, Recompute, ReplayChoice
 from companion.view.page import Page
-from companion.view.player import Player
-from companion.view.stage import Stage
-from companion.view.work import attempt
+from companion.view.replay_controller import ReplayController
+from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice
+from companion.view.state.player import Player
+from companion.view.state.work import attempt
 
 POSE_HZ = 30.0
 
 
-class Viewer(Page[Stage]):
+class Viewer(Page[ReplayController]):
     """A replay in the browser. A resource, see `Page`.
 
     The first reckoning is done in the constructor, so that a flight that cannot be shown raises there
@@ -50,7 +50,7 @@ class Viewer(Page[Stage]):
             host,
             port,
             POSE_HZ,
-            lambda server, post: Stage(server, tuple(flights), recompute, examine, also, first, film, post),
+            lambda server, post: ReplayController(server, tuple(flights), recompute, examine, also, first, film, post),
             token=token,
         )
 

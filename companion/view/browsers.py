@@ -12,11 +12,12 @@ import numpy as np
 import viser
 
 from companion.model import Array
-from companion.view import events
-from companion.view.controls import listen, write
-from companion.view.framing import CAMERA_MODES, CameraMode, Framing, Pose, camera, step_back, world
-from companion.view.moment import Moment
-from companion.view.scene import WORLD
+from companion.view.panels.controls import listen, write
+from companion.view.scene.cameras import CAMERA_MODES, Framing, Pose, camera, step_back, world
+from companion.view.scene.scene import WORLD
+from companion.view.state import events
+from companion.view.state.events import CameraMode
+from companion.view.state.sample import Sample
 
 _NARROW = 0.6  # width by height of a phone held upright; between two panels a laptop leaves 0.77
 
@@ -86,16 +87,16 @@ class Browsers:
         for browser in self._open.values():
             _stand(browser.client, browser.mode, framing)
 
-    def show(self, moment: Moment) -> None:
+    def show(self, sample: Sample) -> None:
         """Move the world where a camera follows. A world that stands still costs nothing."""
         for browser in self._open.values():
-            pose = world(browser.mode, moment)
+            pose = world(browser.mode, sample)
             if not np.array_equal(pose.position, browser.pose.position):
                 browser.world.position = pose.position
             if not np.array_equal(pose.wxyz, browser.pose.wxyz):
                 browser.world.wxyz = pose.wxyz
             browser.pose = pose
-            eye = step_back(browser.mode, browser.client.camera.position, moment)
+            eye = step_back(browser.mode, browser.client.camera.position, sample)
             if eye is not None:
                 browser.client.camera.position = eye
 

@@ -12,13 +12,13 @@ import viser
 
 from companion.model import Array, Flight
 from companion.view import palette
-from companion.view.framing import FIELD_OF_VIEW, camera, frame, readable_span
-from companion.view.moment import Footage, Reckoning, footage
 from companion.view.palette import Rgb
-from companion.view.places import home_position
-from companion.view.scene import Scene
-from companion.view.server import Address, close_server, new_token, open_server
-from companion.view.shapes import Drone, drone_for
+from companion.view.scene.cameras import FIELD_OF_VIEW, camera, frame, readable_span
+from companion.view.scene.scene import Scene
+from companion.view.scene.vehicle_shapes import Drone, drone_for
+from companion.view.server.web_server import Address, close_server, new_token, open_server
+from companion.view.state.places import home_position
+from companion.view.state.sample import Footage, Reckoning, footage
 
 FRAMES_HZ = 10.0
 MOST_FRAMES = 3000  # five minutes; a longer flight gets fewer a second, so that the page stays small
@@ -100,9 +100,9 @@ def page(
         recording = server.get_scene_serializer()
         with server.atomic():  # nobody watches this server: its thread need not be woken for each of the writes
             for t in np.arange(film.start, film.end + 0.5 * step, step):
-                moment = film.at(float(t))
-                scene.show(moment)
-                scene.annotate(moment, span, imu_above=True)
+                sample = film.at(float(t))
+                scene.show(sample)
+                scene.annotate(sample, span, imu_above=True)
                 recording.insert_sleep(step)
         return recording.as_html(dark_mode=dark)
     finally:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from companion.view.feed import Feed
-from companion.view.livestage import LOOK_HZ, LiveStage
+from companion.view.live_controller import LOOK_HZ, LiveController
 from companion.view.page import Page
+from companion.view.state.feed import Feed
 
 
-class LiveViewer(Page[LiveStage]):
+class LiveViewer(Page[LiveController]):
     """A link in the browser. A resource, see `Page`.
 
     feed: belongs to the view thread from now on. window_s: how far charts and trails reach back.
@@ -16,7 +16,9 @@ class LiveViewer(Page[LiveStage]):
     def __init__(
         self, feed: Feed, *, window_s: float = 600.0, host: str = "127.0.0.1", port: int = 8080, token: bool = False
     ) -> None:
-        super().__init__(host, port, LOOK_HZ, lambda server, post: LiveStage(server, feed, window_s, post), token=token)
+        super().__init__(
+            host, port, LOOK_HZ, lambda server, post: LiveController(server, feed, window_s, post), token=token
+        )
 
     @property
     def newest(self) -> float:

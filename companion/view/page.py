@@ -13,10 +13,10 @@ from typing import Generic, Protocol, Self, TypeVar
 
 import viser
 
-from companion.view import events
-from companion.view.outlook import Outlook
-from companion.view.scene import Scene
-from companion.view.server import close_server, find_address, open_server
+from companion.view.scene.scene import Scene
+from companion.view.server.web_server import close_server, find_address, open_server
+from companion.view.state import events
+from companion.view.viewport import Viewport
 
 _log = logging.getLogger(__name__)
 _MOST_FAILED = 10  # turns, one behind the other
@@ -34,7 +34,7 @@ class Turned(Protocol):
     def close(self) -> None:
         """End whatever works beside the view thread."""
 
-    outlook: Outlook
+    viewport: Viewport
 
 
 Behind = TypeVar("Behind", bound=Turned)
@@ -100,17 +100,17 @@ class Page(Generic[Behind]):
     @property
     def browsers(self) -> int:
         """How many pages are open."""
-        return len(self._behind.outlook.browsers)
+        return len(self._behind.viewport.browsers)
 
     @property
     def scene(self) -> Scene:
         """The world. To be read: where the drones are and how they stand."""
-        return self._behind.outlook.scene
+        return self._behind.viewport.scene
 
     @property
     def pose_updates(self) -> int:
         """How often both poses have been written since the start."""
-        return self._behind.outlook.pose_updates
+        return self._behind.viewport.pose_updates
 
     @property
     def stopped(self) -> bool:

@@ -10,7 +10,7 @@ import viser
 
 from companion.model import CompanionError
 from companion.view import export
-from companion.view.background import begin, leave
+from companion.view.state.worker import begin, leave
 
 PICTURE, PAGE, REPORT = "companion.png", "companion-replay.html", "companion-report.html"
 

@@ -114,7 +114,7 @@ def test_every_command_that_takes_a_log_takes_it(
         (b"a log", ["compare", "-", "-"], "- stands for the log on stdin, which is read once"),
         (b"a log", ["info", "-", "demo", "-"], "which is read once"),
     ],
-    ids=str,
+    ids=["empty", "terminal", "limit", "bomb", "no log", "7-Zip", "twice", "twice beside a log"],
 )
 def test_what_is_no_log_is_one_sentence(
     content: bytes | io.BytesIO, words: list[str], reason: str, piped: Piped, capsys: Captured

@@ -21,7 +21,7 @@ from companion.fleet.limits import limited
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import CompanionError
 from companion.telemetry import Stream
-from companion.view.client_messages import accepted
+from companion.view.server.client_messages import accepted
 from tests.fuzz import logs
 
 Random = np.random.Generator

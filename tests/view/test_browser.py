@@ -16,10 +16,11 @@ from playwright.sync_api import Browser, Page, expect
 
 from companion.analysis import Finding, Replay, Verdict
 from companion.model import Flight, StatusText, Vehicle
-from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, chosen_track, events, export
-from companion.view.framing import FIELD_OF_VIEW, camera, frame, screen_up
-from companion.view.plots import Plots
-from companion.view.reckoning import GYRO_UNIT
+from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, chosen_track, export
+from companion.view.charts.chart_pages import ChartPages
+from companion.view.panels.reckoning_controls import GYRO_UNIT
+from companion.view.scene.cameras import FIELD_OF_VIEW, camera, frame, screen_up
+from companion.view.state import events
 from tests.view.browsing import choose, near, new_page, next_port, open_page, shoot, until
 from tests.view.circles import BOOT, examine, make_flight, reckon, recompute
 from tests.waiting import LIMIT_S
@@ -207,13 +208,13 @@ def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
 
 
 def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
-    relayout, laid_out = Plots.relayout, list[Plots]()
+    relayout, laid_out = ChartPages.relayout, list[ChartPages]()
 
-    def counted(plots: Plots) -> None:
+    def counted(plots: ChartPages) -> None:
         relayout(plots)
         laid_out.append(plots)
 
-    monkeypatch.setattr(Plots, "relayout", counted)
+    monkeypatch.setattr(ChartPages, "relayout", counted)
     zoom = """() => Object.values(window.__viserTestpoints.uplots).map(
         p => [p.createCount, p.chart.scales.x.min, p.chart.scales.x.max])"""
     with Viewer([flight], recompute, examine, port=next_port(page)) as viewer:

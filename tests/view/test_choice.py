@@ -10,8 +10,9 @@ import pytest
 
 from companion.analysis import Integration
 from companion.model import DataError, Flight
-from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, events
-from companion.view.work import Opinion, Outcome, Work
+from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer
+from companion.view.state import events
+from companion.view.state.work import Opinion, Outcome, Work
 from tests.view.browser_messages import plain_page
 from tests.view.browsing import until
 from tests.view.circles import examine, recompute

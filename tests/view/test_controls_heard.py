@@ -16,10 +16,10 @@ from PIL import Image
 
 from companion.model import StatusText
 from companion.view import LiveViewer, Offer, ReplayChoice, Seen, Viewer
-from companion.view.client_messages import KINDS, accepted
+from companion.view.server.client_messages import KINDS, accepted
 from tests.view.browser_messages import PlainPage, Told, pack, plain_page
 from tests.view.circles import examine, make_flight, reckon, recompute
-from tests.view.test_livestage import Script
+from tests.view.test_live_controller import Script
 
 ANSWERS = {
     "GetRenderRequestMessage": "GetRenderResponseMessage",

@@ -12,9 +12,9 @@ from PIL import Image
 from companion.model import Flight
 from companion.view import ReplayChoice
 from companion.view.export import over, page, png
-from companion.view.moment import footage
 from companion.view.palette import of_imus
-from companion.view.shapes import drone_for
+from companion.view.scene.vehicle_shapes import drone_for
+from companion.view.state.sample import footage
 from tests.view.circles import recompute
 
 

@@ -1,4 +1,4 @@
-"""What the page draws and says of the analysis: the ellipsoid, home, rates and gaps, tables."""
+"""What the page draws and says of the analysis: the ellipsoid, home, rates and gaps, verdict_tables."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from companion.analysis import GENERIC, Finding, FlightNoise, Limits, Verdict, i
 from companion.estimation import imu_spectrum
 from companion.model import GpsTrack, Origin
 from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
-from companion.view import Insight, ReplayChoice, banner, tables
-from companion.view.drift_chart import drift_lines
-from companion.view.ellipsoid import semi_axes
-from companion.view.moment import footage
-from companion.view.noise_chart import noise_lines
+from companion.view import Insight, ReplayChoice
+from companion.view.charts.drift_chart import drift_lines
+from companion.view.charts.message_rates import rates
+from companion.view.charts.noise_chart import noise_lines
 from companion.view.palette import of_imus
-from companion.view.places import gps_path, home_position
-from companion.view.rates import rates
+from companion.view.panels import banner, verdict_tables
+from companion.view.scene.ellipsoid import semi_axes
+from companion.view.state.places import gps_path, home_position
+from companion.view.state.sample import footage
 from tests.flights import flight_of, seconds
 from tests.view.circles import examine, make_flight, recompute
 
@@ -103,8 +104,8 @@ def test_no_text_becomes_markup() -> None:
     found = replace(found, drift=replace(found.drift, imu=evil))
     sibling = [replace(s, imu=evil) for s in (*insight().siblings, *insight().siblings)]
     colours = of_imus([evil])
-    markup = banner.banner("imu_suspect", evil) + tables.drift_table(found.drift, found, colours[evil], 5.0)
-    markup += tables.siblings_table(sibling, colours) + tables.calibration_table(found)
+    markup = banner.banner("imu_suspect", evil) + verdict_tables.drift_table(found.drift, found, colours[evil], 5.0)
+    markup += verdict_tables.siblings_table(sibling, colours) + verdict_tables.calibration_table(found)
     assert "<img" not in markup
     assert "&lt;img" in markup
 

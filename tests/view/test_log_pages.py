@@ -22,7 +22,8 @@ from companion.app.settings import Settings
 from companion.cli.answers import Answers
 from companion.model import Flight
 from companion.simulate import SimulatedVehicle, fly, write_flight
-from companion.view import Offer, Viewer, events, palette
+from companion.view import Offer, Viewer, palette
+from companion.view.state import events
 from tests.recordings import BUNDLED
 from tests.view.browsing import choose, near, new_page, next_port, open_page, shoot, until
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from companion.analysis import replay
 from companion.model import Flight
-from companion.view import Reckoning, ReplayChoice, Viewer, chosen_track, events, with_track
+from companion.view import Reckoning, ReplayChoice, Viewer, chosen_track, with_track
+from companion.view.state import events
 from tests.view.circles import RATE, examine, make_flight
 from tests.waiting import wait_for
 

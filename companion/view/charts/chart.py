@@ -1,0 +1,209 @@
+"""One chart over time: a title in which the values at the current instant stand, lines, and a line at that instant."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+import viser
+from viser import uplot
+
+from companion.model import Array
+from companion.view import palette
+from companion.view.charts.curves import Curves, curves
+from companion.view.palette import Rgb
+
+HEIGHT = 152  # pixels
+SHARPNESS = 600  # the line at the instant is moved when it would be so small a part of the chart off
+PATIENCE = 4  # ... or when so many instants have gone by: a chart that someone has zoomed shows smaller steps
+STYLE = (  # the line at the current instant is a series: its entry in the legend would say nothing
+    "<style>.uplot .u-legend{margin:-2px 0 4px}.uplot .u-legend .u-series:last-child{display:none}"
+    # A legend shows lines as they are drawn, and not boxes: see `legend_style`.
+    ".uplot .u-legend .u-marker{width:18px!important;height:0!important;border-width:2px 0 0!important;"
+    "background:none!important;vertical-align:middle}"
+    ".uplot .u-legend .u-value{color:inherit!important}</style>"
+)
+Dash = tuple[float, ...]
+DASHED: Dash = (5.0, 4.0)
+DOTTED: Dash = (2.0, 4.0)
+_BORDERS = {DASHED: "dashed", DOTTED: "dotted"}
+_charts = itertools.count()
+
+
+Style = tuple[str, Rgb, float, Dash | None, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Line:
+    """One line of a chart."""
+
+    name: str
+    colour: Rgb
+    t: Array  # (N,) s, boot clock
+    values: Array  # (N,)
+    width: float = 1.6  # pixels
+    dash: Dash | None = None
+    said: bool = True  # whether its value stands in the title
+    fill: float = 0.0  # opacity of the area between it and zero
+
+    @property
+    def style(self) -> Style:
+        """What does not depend on the data."""
+        return self.name, self.colour, self.width, self.dash, self.fill
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawing:
+    """What one chart is to show."""
+
+    title: str
+    unit: str
+    lines: tuple[Line, ...]
+    known: tuple[Array, Array] | None = None  # times, and 0 where the autopilot's state is not known
+
+
+class Chart:
+    """Only the view thread may call it."""
+
+    def __init__(self, gui: viser.GuiApi, *, time: str = "s since boot") -> None:
+        self._time = time
+        self._heading = gui.add_html("", visible=False)
+        self._name, self._legend = f"companion-chart-{next(_charts)}", ""
+        self._drawing: Drawing | None = None
+        self._drawn = Curves(np.array([0.0, 1.0]), (np.zeros(2),), np.zeros(2))
+        self._title, self._unit, self._at, self._passed = "", "", math.nan, 0
+        self._styles: list[Style] = [("", palette.CURSOR, 1.0, None, 0.0)]
+        self._part = (0.0, 1.0)
+        self.handle = gui.add_uplot(
+            self._drawn.at(0.0),
+            self._series(),
+            scales=_scales(self._part),
+            axes=_axes(""),
+            legend=uplot.Legend(show=True, live=True),
+            cursor=uplot.Cursor(sync={"key": "time"}, drag={"x": True, "y": False}),
+            height=HEIGHT,
+            padding=(6, 14, 0, 0),
+            visible=False,
+        )
+
+    def draw(self, drawing: Drawing | None, part: tuple[float, float]) -> None:
+        """Draw something else, between two times (s, boot clock); None: nothing."""
+        self._drawing, self._part = drawing, part
+        self._heading.visible = self.handle.visible = drawing is not None
+        if drawing is None:
+            return
+        self._drawn = curves([(line.t, line.values) for line in drawing.lines], drawing.known, part)
+        if self._unit != drawing.unit:
+            self._unit = drawing.unit
+            self.handle.axes = _axes(drawing.unit)
+        styles = [line.style for line in drawing.lines]
+        if styles != self._styles:
+            self._styles = styles
+            self._legend = legend_style(self._name, [line.dash for line in drawing.lines])
+            # Series and data have to change together, or the chart has lines without points.
+            self.handle.series, self.handle.data = self._series(), self._drawn.at(part[0])
+        scales = _scales(part)
+        if self.handle.scales != scales:  # a change builds the chart anew and forgets how the user has zoomed
+            self.handle.scales = scales
+        if drawing.title != self._title:
+            self._title, self._heading.content = drawing.title, self._legend + heading(drawing.title, "")
+        self._at = math.nan  # equal to nothing: the next line is sent
+
+    def show(self, now: float, *, still: bool) -> None:
+        """Say the values at `now`, s, boot clock, and move the line there.
+
+        Moving it sends the whole chart: while the instant is not `still`, only when the eye would see it.
+        """
+        if self._drawing is None or now == self._at:
+            return
+        self._passed += 1
+        if still or self._passed >= PATIENCE or not abs(now - self._at) < (self._part[1] - self._part[0]) / SHARPNESS:
+            self._at, self._passed = now, 0
+            self.handle.data = self._drawn.at(now)
+        said = "".join(_key(line, now) for line in self._drawing.lines if line.said)
+        self._heading.content = self._legend + heading(self._drawing.title, said)
+
+    def relayout(self) -> None:
+        """Make every browser lay the chart out again, by a pixel of height.
+
+        A page whose first width and next data come in one breath shows no time axis: uplot-react 1.2 calls setSize,
+        then setData and redraw(), and redraw forgets that the axes were to be laid out again. A new size that comes
+        alone mends it, and keeps the user's zoom.
+        """
+        self.handle.height = HEIGHT + 1 if self.handle.height == HEIGHT else HEIGHT
+
+    def _series(self) -> tuple[uplot.Series, ...]:
+        return (
+            uplot.Series(label=self._time),
+            *(
+                series(name, colour, width, dash, fill=_rgba(colour, fill) if fill else None)
+                for name, colour, width, dash, fill in self._styles
+            ),
+            series("now", palette.CURSOR, 1.2, scale="now", fill="rgba(130,130,130,0.22)"),
+        )
+
+
+def series(
+    label: str,
+    colour: Rgb,
+    width: float,
+    dash: Dash | None = None,
+    *,
+    scale: str | None = None,
+    fill: str | None = None,
+    points: bool = False,
+) -> uplot.Series:
+    """A line as uPlot wants it."""
+    line = uplot.Series(label=label, stroke=palette.css(colour), width=width, points={"show": points})
+    if dash is not None:
+        line["dash"] = dash
+    if scale is not None:
+        line["scale"] = scale
+    if fill is not None:
+        line["fill"] = fill
+    return line
+
+
+def legend_style(name: str, dashes: Sequence[Dash | None]) -> str:
+    """A mark called `name`, to stand just above a chart, whose legend then shows dashes as the lines have them."""
+    rules = "".join(  # uPlot can give all markers one border: the rows are told apart by their number, the first is x
+        f"div:has(>.{name})+div .u-legend .u-series:nth-child({i}) .u-marker{{border-style:{_BORDERS[dash]}!important}}"
+        for i, dash in enumerate(dashes, start=2)
+        if dash in _BORDERS and dash is not None
+    )
+    return f'<i class="{name}"></i><style>{rules}</style>'
+
+
+def heading(title: str, said: str) -> str:
+    """The row above a chart; `said` is markup."""
+    return (
+        '<div style="padding:0 1em;font-size:0.8em;display:flex;justify-content:space-between;flex-wrap:wrap;'
+        f'font-variant-numeric:tabular-nums"><span style="font-weight:600">{title}</span><span>{said}</span></div>'
+    )
+
+
+def _scales(part: tuple[float, float]) -> dict[str, uplot.Scale]:
+    # The bounds said outright, so that the line's points never move them and a zoom stays where it is.
+    return {"x": uplot.Scale(time=False, range=part), "now": uplot.Scale(range=(0.0, 1.0))}
+
+
+def _axes(unit: str) -> tuple[uplot.Axis, ...]:
+    return (uplot.Axis(size=30, space=40), uplot.Axis(label=unit, labelSize=16, size=44, labelGap=0))
+
+
+def _rgba(colour: Rgb, opacity: float) -> str:
+    return f"rgba({','.join(map(str, colour))},{opacity})"
+
+
+def _key(line: Line, now: float) -> str:
+    value = float(np.interp(now, line.t, line.values)) if len(line.values) else 0.0
+    border = f"2px {_BORDERS.get(line.dash or (), 'solid')} {palette.css(line.colour)}"
+    return (
+        f'<span style="font-weight:600;margin-left:0.6em;white-space:nowrap"><span style="display:inline-block;'
+        f'width:18px;border-top:{border};vertical-align:middle;margin-right:0.3em"></span>'
+        f"{escape(line.name)} {value:.2f}</span>"
+    )

@@ -1,0 +1,116 @@
+"""What the charts can show of a flight: the errors, the IMU's readings, how the messages came."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from companion.model import Array, Flight
+from companion.view import palette
+from companion.view.charts.chart import DASHED, DOTTED, Drawing, Line
+from companion.view.charts.message_rates import rates
+from companion.view.palette import Rgb
+from companion.view.state.insight import Envelope, Errors
+from companion.view.state.sample import Footage
+
+AXES = ("forward", "right", "down")
+
+
+def error_drawings(film: Footage, colours: Mapping[str, Rgb]) -> list[Drawing]:
+    """How far each IMU is from the autopilot since its anchor, and how far it should be."""
+    sources = {film.source: film.errors} | {name: other.errors for name, other in film.others.items()}
+    known = (film.replay.t, film.replay.reference_valid.astype(np.float64))
+    return _errors(sources, colours, film.envelope, known, "", has_position=film.replay.has_position)
+
+
+def horizon_drawings(film: Footage, colours: Mapping[str, Rgb]) -> list[Drawing]:
+    """The error of the window that ends at each instant, and what the drift table expects of windows of that length."""
+    if film.insight is None or film.trailing is None or not len(film.trailing.t):
+        return []
+    name, horizon = film.source, film.insight.horizon_s
+    rows = zip(film.insight.assessment.drift.rows, film.insight.assessment.expected, strict=True)
+    expected = next((e for row, e in rows if row.horizon_s == horizon), None)
+    envelope = None
+    if expected is not None:
+        figures = (expected.attitude_deg, expected.velocity_mps or 0.0, expected.position_m or 0.0)
+        ends = film.trailing.t[[0, -1]]
+        envelope = Envelope(ends, *(np.full(len(ends), sigma) for sigma in figures))
+    after = f" after {horizon:g} s"
+    return _errors({name: film.trailing}, colours, envelope, None, after, has_position=film.replay.has_position)
+
+
+def reading_drawings(film: Footage, flight: Flight) -> list[Drawing]:
+    """What the IMU read, and as dotted lines what it read before it was corrected."""
+    raw = flight.imus[film.source]
+    track = film.track or raw
+
+    def lines(now: Array, before: Array) -> tuple[Line, ...]:
+        found = [Line(axis, c, track.t, v) for axis, c, v in zip(AXES, palette.AXES, now.T, strict=True)]
+        if track is not raw:
+            found += [
+                Line(f"{axis} raw", c, raw.t, v, 1.1, DOTTED, said=False)
+                for axis, c, v in zip(AXES, palette.AXES, before.T, strict=True)
+            ]
+        return tuple(found)
+
+    return [
+        Drawing("Gyro, °/s", "deg/s", lines(np.degrees(track.gyro), np.degrees(raw.gyro))),
+        Drawing("Accelerometer, m/s²", "m/s²", lines(track.accel, raw.accel)),
+    ]
+
+
+def rate_drawings(flight: Flight, colours: Mapping[str, Rgb]) -> list[Drawing]:
+    """How often each IMU and the autopilot's estimate came, and the longest holes in them."""
+    tracks: list[tuple[str, Rgb, Array, tuple[float, ...] | None]] = [
+        (name, colours[name], track.t, None) for name, track in flight.imus.items()
+    ]
+    if flight.attitude is not None:
+        tracks.append((flight.attitude.source, palette.AUTOPILOT, flight.attitude.t, None))
+    if flight.position is not None:
+        tracks.append((flight.position.source, palette.AUTOPILOT, flight.position.t, DASHED))
+    found = [(name, colour, dash, rates(t, *_span(flight))) for name, colour, t, dash in tracks]
+    return [
+        Drawing("Messages a second", "Hz", tuple(Line(n, c, r.t, r.hz, 1.6, d, said=False) for n, c, d, r in found)),
+        Drawing("Longest gap, s", "s", tuple(Line(n, c, r.t, r.gap_s, 1.6, d, said=False) for n, c, d, r in found)),
+    ]
+
+
+def _span(flight: Flight) -> tuple[float, float]:
+    return flight.start, flight.start + flight.duration
+
+
+def _errors(
+    sources: Mapping[str, Errors],
+    colours: Mapping[str, Rgb],
+    envelope: Envelope | None,
+    known: tuple[Array, Array] | None,
+    after: str,
+    *,
+    has_position: bool,
+) -> list[Drawing]:
+    first = next(iter(sources))
+
+    def lines(columns: Mapping[str, str], sigma: str) -> tuple[Line, ...]:
+        found = []
+        for source, errors in sources.items():
+            for (column, name), dash in zip(columns.items(), (None, DASHED), strict=False):
+                if column == "heading_deg" and source != first:
+                    continue
+                label = name if len(sources) == 1 else f"{source} {name}".strip()
+                said = len(sources) == 1 or dash is None  # of several, the title has room for one figure each
+                found.append(Line(label, colours[source], errors.t, getattr(errors, column), 1.7, dash, said=said))
+        if envelope is not None:
+            one = getattr(envelope, sigma)
+            found.append(Line("1σ", palette.CURSOR, envelope.t, one, 1.2, DASHED, said=False, fill=0.16))
+            found.append(Line("3σ", palette.CURSOR, envelope.t, 3 * one, 1.2, DOTTED, said=False, fill=0.12))
+        return tuple(found)
+
+    attitude = {"tilt_deg": "tilt", "heading_deg": "heading"}
+    drawings = [Drawing(f"Attitude error{after}, °", "deg", lines(attitude, "attitude_deg"), known)]
+    if has_position:
+        apart = "" if len(sources) > 1 else "apart"
+        velocity, position = lines({"velocity_mps": apart}, "velocity_mps"), lines({"position_m": apart}, "position_m")
+        drawings.append(Drawing(f"Velocity error{after}, m/s", "m/s", velocity, known))
+        drawings.append(Drawing(f"Position error{after}, m", "m", position, known))
+    return drawings

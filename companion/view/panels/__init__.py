@@ -1,0 +1,1 @@
+"""What is read and chosen beside the picture, and the timeline under it."""

@@ -1,0 +1,123 @@
+"""What lasted: flight modes, armed or not, findings, and how high it flew, as bands under the slider of time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+from itertools import pairwise
+
+import numpy as np
+
+from companion.model import Array, Flight
+from companion.view import palette
+from companion.view.state.sample import Footage
+
+HEIGHT = 34  # pixels
+PROFILE_POINTS = 200  # of the altitude
+_CHARACTER = 0.85  # per cent of the band's width that a letter takes: 5.4 of 640 pixels
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Something that lasted. The label is untrusted."""
+
+    start_s: float  # boot clock
+    end_s: float
+    label: str
+    severity: str = ""  # of a finding
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bands:
+    """All that lies under the slider."""
+
+    modes: tuple[Span, ...] = ()
+    armed: tuple[Span, ...] = ()
+    findings: tuple[Span, ...] = ()
+    height: tuple[Array, Array] | None = None  # (N,) s, boot clock, and (N,) m above the lowest
+
+
+def bands(flight: Flight, film: Footage) -> Bands:
+    """Those of a flight: modes and arming as the vehicle announced them, findings once the analysis has come."""
+    modes = _until_next([(e.t, e.text) for e in flight.events if e.kind == "mode"], film.end)
+    switched = [(e.t, e.kind) for e in flight.events if e.kind in ("armed", "disarmed")]
+    armed = [span for span in _until_next(switched, film.end) if span.label == "armed"]
+    if switched and switched[0][1] == "disarmed":  # it was armed before the log began
+        armed.insert(0, Span(film.start, switched[0][0], "armed"))
+    found = film.insight.assessment.verdict.findings if film.insight else ()
+    said = tuple(Span(f.start_s, f.end_s, f"{f.kind.replace('_', ' ')}: {f.evidence}", f.severity) for f in found)
+    height = None
+    if film.replay.has_position:
+        some = np.unique(np.linspace(0, len(film.replay.t) - 1, PROFILE_POINTS).round().astype(np.intp))
+        down = film.replay.position_ref[some, 2]
+        height = (film.replay.t[some], down.max() - down)
+    return Bands(tuple(modes), tuple(armed), said, height)
+
+
+def outside(spans: Iterable[Span], low: float, high: float) -> str:
+    """How many findings lie before or after what is replayed, in words; "" for none."""
+    spans = list(spans)
+    before, after = sum(s.end_s < low for s in spans), sum(s.start_s > high for s in spans)
+    parts = [f"{n} {where}" for n, where in ((before, "before it begins"), (after, "after it ends")) if n]
+    if not parts:
+        return ""
+    noun = "finding lies" if before + after == 1 else "findings lie"
+    return f"{before + after} {noun} outside the replay: {', '.join(parts)}."
+
+
+def markup(found: Bands, low: float, high: float) -> str:
+    """The bands between two times, as HTML of `HEIGHT` pixels; their words as text."""
+    if not high > low:
+        return ""
+
+    def place(span: Span) -> tuple[float, float]:
+        left = 100 * (max(span.start_s, low) - low) / (high - low)
+        return left, 100 * (min(span.end_s, high) - low) / (high - low) - left
+
+    rows = [_profile(found.height, low, high)]
+    for i, span in enumerate(found.modes):
+        if span.end_s > low and span.start_s < high:
+            left, width = place(span)
+            words = span.label if len(span.label) * _CHARACTER < width else ""
+            rows.append(_box(left, width, 0, 12, (*palette.MODES[i % 2], palette.MODES_OPACITY), words))
+    armed = [span for span in found.armed if span.end_s > low and span.start_s < high]
+    rows += [_box(*place(span), 12, 3, (*palette.AXES[1], 0.9)) for span in armed]
+    # The worst last: it lies on top.
+    for span in sorted(found.findings, key=lambda s: ("info", "warning", "error").index(s.severity)):
+        if span.end_s >= low and span.start_s <= high:
+            opacity = 0.25 if span.severity == "info" else 0.75
+            rows.append(_box(*place(span), 17, HEIGHT - 17, (*palette.SEVERITIES[span.severity], opacity)))
+    return (
+        f'<div class="companion-bands" style="position:relative;height:{HEIGHT}px;overflow:hidden;'
+        f'background:rgba{(*palette.BAND, palette.BAND_OPACITY)}">{"".join(rows)}</div>'
+    )
+
+
+def _until_next(changes: Sequence[tuple[float, str]], end: float) -> list[Span]:
+    """Each state lasts until the next begins; the last one to the end."""
+    ordered = sorted(changes, key=lambda change: change[0])
+    spans = [Span(t, after, label) for (t, label), (after, _) in pairwise([*ordered, (end, "")])]
+    return [span for span in spans if span.end_s > span.start_s]
+
+
+def _box(left: float, width: float, top: int, height: int, colour: tuple[int, int, int, float], text: str = "") -> str:
+    r, g, b, opacity = colour
+    return (
+        f'<div style="position:absolute;left:{left:.2f}%;width:max({width:.2f}%,3px);top:{top}px;height:{height}px;'
+        f"background:rgba({r},{g},{b},{opacity});font-size:10px;line-height:{height}px;padding-left:2px;"
+        f'box-sizing:border-box;white-space:nowrap;overflow:hidden">{escape(text)}</div>'
+    )
+
+
+def _profile(height: tuple[Array, Array] | None, low: float, high: float) -> str:
+    """The altitude as a pale hill, the highest point at the top."""
+    if height is None or height[1].max() <= 0:
+        return ""
+    x, y = 100 * (height[0] - low) / (high - low), 100 - 92 * height[1] / height[1].max()
+    points = " ".join(f"{a:.2f},{b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
+    return (
+        '<svg viewBox="0 0 100 100" preserveAspectRatio="none" '
+        'style="position:absolute;inset:0;width:100%;height:100%">'
+        f'<polygon points="{x[0]:.2f},100 {points} {x[-1]:.2f},100" fill="rgba(130,130,130,0.28)"/></svg>'
+    )

@@ -1,0 +1,115 @@
+"""What all controls have in common: a browser's change becomes an event, and our own writing does not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, Literal
+
+import viser
+
+from companion.view import palette
+from companion.view.state import events
+from companion.view.state.events import CameraMode
+
+Key = Literal[
+    "space", "arrowleft", "arrowright", "arrowup", "arrowdown", "pageup", "pagedown", "home", "end", "A", "B", "I", "O"
+] | Literal["1", "2", "3", "4", "5", "6", "7", "8", "9"]  # fmt: skip
+"""Keys that viser knows, of those that are used."""
+CAMERAS: dict[str, CameraMode] = {"Fit all": "Free", "Follow both": "Follow", "Map": "Map"}
+SIDE = 330  # width of either panel, pixels
+_STYLE = (
+    # viser 1.1 gives a phone a sheet 20em wide at the bottom right; this one is as wide as the phone.
+    '<style>@media (max-width:36em){div[style*="width: 20em"]{width:100vw !important}}'
+    # Labels are too pale for their size, and the chosen tab on dark: 4.5 to 1 is the least (WCAG 2.1, 1.4.3).
+    ':root[data-mantine-color-scheme="light"]{--mantine-color-dimmed:#5a6169!important}'
+    ':root[data-mantine-color-scheme="dark"]{--mantine-color-dimmed:#a9b1ba!important}'
+    '[data-mantine-color-scheme="dark"] [role="tab"][aria-selected="true"] *{color:#d5dce4}'
+    f':root[data-mantine-color-scheme="light"]{{--companion-trouble:{palette.css(palette.TROUBLE)}}}'
+    f':root[data-mantine-color-scheme="dark"]{{--companion-trouble:{palette.css(palette.TROUBLE_ON_DARK)}}}'
+    # viser's remark on a machine without a graphics card must not lie on the verdict.
+    '[class*="mantine-Notifications-root"]{top:110px!important}'
+    '[data-mantine-color-scheme="dark"] button[data-variant="outline"]{color:#d5dce4!important}'
+    '[class*="mantine-Slider-markLabel"]{color:inherit!important}'
+    '[class*="mantine-Notification-description"]{color:inherit!important}</style>'
+)
+
+
+def listen(handle: Any, post: events.Post, event: Callable[[], events.Event]) -> None:
+    """Post `event` when a browser changes `handle`; what this thread writes itself is no event.
+
+    `post` is called in the server's event loop and must not block.
+    """
+
+    async def changed(update: Any) -> None:
+        if update.client_id is not None:
+            post(event())
+
+    handle.on_update(changed)
+
+
+def button_row(
+    gui: viser.GuiApi, label: str, buttons: Mapping[str, events.Event], post: events.Post, hint: str
+) -> None:
+    """A row of buttons, each of which posts its event."""
+    row = gui.add_button_group(label, tuple(buttons), hint=hint)
+
+    @row.on_click
+    async def _(_: object) -> None:
+        event = buttons.get(row.value)
+        if event is not None:
+            post(event)
+
+
+def camera_row(gui: viser.GuiApi, post: events.Post) -> None:
+    """A row of buttons that move the camera of the browser in which they are pressed, and no other."""
+    row = gui.add_button_group("View", tuple(CAMERAS), hint="In this browser alone. More cameras: Picture")
+
+    @row.on_click
+    async def _(click: viser.GuiEvent[Any]) -> None:
+        mode = CAMERAS.get(row.value)
+        if mode is not None and click.client_id is not None:
+            post(events.SetCamera(click.client_id, mode))
+
+
+def listen_to_clicks(scene: viser.SceneApi, post: events.Post) -> None:
+    """A click into the picture, where no control is and nothing was dragged."""
+
+    @scene.on_click()  # type: ignore[arg-type]  # an async one runs in order: viser does not declare it
+    async def _(click: viser.SceneClickEvent) -> None:
+        post(events.PickPlace(click.client_id, click.ray_origin, click.ray_direction))
+
+
+def write(handle: Any, value: object) -> None:
+    """Set an input's value. Untyped, because viser declares the setter where mypy does not see it."""
+    handle.value = value
+
+
+def bounded(value: object, low: float, default: float, high: float) -> float:
+    """`value` within bounds, or `default` for what is no number: a browser may send anything."""
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        return default
+    return min(max(float(value), low), high)
+
+
+def command(gui: viser.GuiApi, post: events.Post, name: str, key: Key, shift: bool, event: events.Event) -> None:
+    """Keys go through the command palette, which lists them under Ctrl-K."""
+
+    @gui.add_command(name, hotkey=key, modifier="shift" if shift else None).on_trigger
+    async def _(_: object) -> None:
+        post(event)
+
+
+def dock(gui: viser.GuiApi, side: viser.PanelHandle) -> None:
+    """The main panel on the right, another on the left; on a phone one sheet as wide as it."""
+    gui.add_html(_STYLE)
+    for panel in (gui.main_panel, side):
+        panel.set_width(SIDE)
+    gui.main_panel.dock_right()
+    side.dock_left()
+    side.expand()  # on a phone, where panels are folded until somebody asks for them
+
+
+def key_of(options: Mapping[str, object], value: object) -> str:
+    """What a value is called in a list of options. Raises StopIteration for one that is not in it."""
+    return next(key for key, meaning in options.items() if meaning == value)

@@ -1,0 +1,190 @@
+"""The controls of how the IMU is reckoned. Every change becomes one event for the view thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any, TypeVar
+
+import viser
+
+from companion.model import Flight
+from companion.view import palette
+from companion.view.panels.controls import bounded, key_of, listen, write
+from companion.view.state import events
+from companion.view.state.choice import NO_BIAS, Corrected, Offer, ReplayChoice
+
+METHODS = {"RK4 (most exact)": "rk4", "Midpoint": "midpoint", "Euler (simplest)": "euler"}
+MIDDLES = {"Linear": "linear", "Cubic": "cubic"}
+JOINED = "How the readings are interpolated between two samples"
+GRAVITIES: dict[str, str | float] = {"9.80665 (standard)": "standard", "Where it flew (WGS-84)": "normal"}
+CORRECTIONS: dict[str, Corrected] = {"Uncorrected": "no", "Corrected by this flight's calibration": "flight"}
+MOST_SEGMENTS = 64
+MOST_OTHERS = 6
+GYRO_RANGE, ACCEL_RANGE = 20.0, 0.5  # mrad/s and m/s², either way
+Bias = tuple[float, float, float]
+T = TypeVar("T")
+AXES = ("forward", "right", "down")
+GYRO_UNIT, ACCEL_UNIT = (
+    "mrad/\u2060s",
+    "m/\u2060s²",
+)  # with a word joiner: a narrow label breaks before the unit, not in it
+BESIDE = f'<div style="padding:0 1em;font-size:0.8em;opacity:{palette.QUIET}">Also shown, uncorrected:</div>'
+
+
+class ReckoningControls:
+    """Built once; `load` fits them to a flight. Only the view thread may call it."""
+
+    def __init__(self, gui: viser.GuiApi, flight: Flight, offer: Offer, post: events.Post) -> None:
+        self._flight, self._post = flight, post
+        self._gravities, self._corrections = GRAVITIES, dict(CORRECTIONS)
+        if offer.correction_file is not None:
+            self._corrections[f"Corrected by {offer.correction_file}"] = "file"
+        self._horizons = {f"{h:g} s": h for h in offer.horizons_s}
+        with gui.add_folder("Dead reckoning"):
+            self._imu = gui.add_dropdown("IMU", ("none",))
+            self._beside = gui.add_html(BESIDE, visible=False)
+            self._others = [
+                gui.add_checkbox("", False, visible=False, hint="Its trajectory too, uncorrected")
+                for _ in range(MOST_OTHERS)
+            ]
+            self._names: list[str] = []
+            self._correction = gui.add_dropdown(
+                "Readings", tuple(self._corrections), hint="Remove the errors that the calibration finds"
+            )
+            self._horizon = gui.add_dropdown(
+                "Horizon", tuple(self._horizons), hint="Length of the windows of drift table and charts"
+            )
+            self._method = gui.add_dropdown("Integrator", tuple(METHODS))
+            self._middle = gui.add_dropdown("Interpolation", tuple(MIDDLES), hint=JOINED)
+            self._segments = gui.add_number(
+                "Segments", 1, min=1, max=MOST_SEGMENTS, step=1, hint="Integration steps between two samples"
+            )
+            self._gravity = gui.add_dropdown("Gravity, m/s²", tuple(GRAVITIES))
+            self._anchored = gui.add_checkbox(
+                "Re-anchor", True, hint="Restart from the autopilot's state at this interval; off: run free"
+            )
+            self._period = gui.add_number("every, s", 10.0, min=0.5, max=3600.0, step=0.5)
+            self._start = gui.add_number("from, s", 0.0, min=0.0, step=0.1, hint="Seconds since the vehicle's boot")
+            self._here = gui.add_button("Start from the instant shown", icon=viser.Icon.ANCHOR)
+        with gui.add_folder("Subtract a bias from the IMU", expand_by_default=False):
+            self._gyro = [
+                gui.add_slider(f"Gyro {axis}, {GYRO_UNIT}", -GYRO_RANGE, GYRO_RANGE, 0.1, 0.0) for axis in AXES
+            ]
+            self._accel = [
+                gui.add_slider(f"Accel {axis}, {ACCEL_UNIT}", -ACCEL_RANGE, ACCEL_RANGE, 0.005, 0.0) for axis in AXES
+            ]
+            self._reset = gui.add_button("No bias", icon=viser.Icon.RESTORE)
+        self._listen()
+
+    def load(self, flight: Flight, choice: ReplayChoice, start: float) -> None:
+        """Show a choice. start: s, boot clock, where the reckoning begins. Values set here come back as no events."""
+        self._flight = flight
+        self._imu.options = tuple(flight.imus) or ("none",)
+        if choice.imu is not None and choice.imu in flight.imus:
+            write(self._imu, choice.imu)
+        self._names = [name for name, track in flight.imus.items() if len(track) > 1 and name != choice.imu]
+        self._beside.visible = bool(self._names)
+        for i, box in enumerate(self._others):
+            box.visible = i < len(self._names)
+            if box.visible:
+                box.label = self._names[i]
+                write(box, self._names[i] in choice.others)
+        write(self._correction, key_of(self._corrections, choice.correction))
+        write(self._horizon, next((k for k, h in self._horizons.items() if h == choice.horizon_s), self._horizon.value))
+        write(self._method, key_of(METHODS, choice.how.method))
+        write(self._middle, key_of(MIDDLES, choice.how.middle))
+        write(self._segments, choice.how.segments)
+        if choice.gravity not in self._gravities.values():
+            self._gravities = GRAVITIES | {f"{choice.gravity:g}": choice.gravity}
+            self._gravity.options = tuple(self._gravities)
+        write(self._gravity, key_of(self._gravities, choice.gravity))
+        write(self._anchored, choice.reanchor_s is not None)
+        self._period.visible = choice.reanchor_s is not None
+        if choice.reanchor_s is not None:
+            write(self._period, choice.reanchor_s)
+        write(self._start, round(start if choice.start_s is None else choice.start_s, 3))
+        for slider, rate in zip(self._gyro, choice.gyro_bias, strict=True):
+            write(slider, bounded(1e3 * rate, -GYRO_RANGE, 0.0, GYRO_RANGE))
+        for slider, force in zip(self._accel, choice.accel_bias, strict=True):
+            write(slider, bounded(force, -ACCEL_RANGE, 0.0, ACCEL_RANGE))
+
+    def _listen(self) -> None:
+        """Each control changes its own part of what was asked for last: the others may still show what was before."""
+
+        def hear(handle: Any, change: Callable[[ReplayChoice, Any], ReplayChoice]) -> None:
+            listen(handle, self._post, lambda: _change(change, handle.value))
+
+        hear(self._imu, self._with_imu)
+        for i, box in enumerate(self._others):
+            hear(box, partial(self._with_other, i))
+        hear(self._correction, lambda c, name: replace(c, correction=_named(self._corrections, name, c.correction)))
+        hear(self._horizon, lambda c, name: replace(c, horizon_s=_named(self._horizons, name, c.horizon_s)))
+        hear(self._method, lambda c, name: _how(c, method=_named(METHODS, name, c.how.method)))
+        hear(self._middle, lambda c, name: _how(c, middle=_named(MIDDLES, name, c.how.middle)))
+        hear(self._segments, lambda c, count: _how(c, segments=int(bounded(count, 1, 1, MOST_SEGMENTS))))
+        hear(self._gravity, lambda c, name: replace(c, gravity=_named(self._gravities, name, c.gravity)))
+        hear(
+            self._anchored, lambda c, anchored: replace(c, reanchor_s=_period(self._period.value) if anchored else None)
+        )
+        hear(self._period, lambda c, s: c if c.reanchor_s is None else replace(c, reanchor_s=_period(s)))
+        hear(self._start, self._with_start)
+        for i, slider in enumerate(self._gyro):
+            hear(slider, partial(_with_gyro, i))
+        for i, slider in enumerate(self._accel):
+            hear(slider, partial(_with_accel, i))
+
+        @self._here.on_click
+        async def _(_: object) -> None:
+            self._post(events.StartHere())
+
+        @self._reset.on_click
+        async def _(_: object) -> None:
+            self._post(events.Change(lambda choice: replace(choice, gyro_bias=NO_BIAS, accel_bias=NO_BIAS)))
+
+    def _with_imu(self, choice: ReplayChoice, name: object) -> ReplayChoice:
+        if not isinstance(name, str) or name not in self._flight.imus:
+            return choice
+        return replace(choice, imu=name, others=tuple(other for other in choice.others if other != name))
+
+    def _with_other(self, i: int, choice: ReplayChoice, shown: object) -> ReplayChoice:
+        if i >= len(self._names) or self._names[i] == choice.imu:
+            return choice
+        others = {*choice.others} - {self._names[i]} | ({self._names[i]} if shown is True else set())
+        return replace(choice, others=tuple(name for name in self._names if name in others))
+
+    def _with_start(self, choice: ReplayChoice, seconds: object) -> ReplayChoice:
+        begin = self._flight.start
+        return replace(choice, start_s=bounded(seconds, begin, begin, begin + self._flight.duration))
+
+
+def _change(change: Callable[[ReplayChoice, Any], ReplayChoice], value: object) -> events.Change:
+    """To what a control says now. A browser may send anything: names are looked up, numbers kept in bounds."""
+    return events.Change(lambda choice: change(choice, value))
+
+
+def _named(options: Mapping[str, T], name: object, before: T) -> T:
+    return options.get(name, before) if isinstance(name, str) else before
+
+
+def _how(choice: ReplayChoice, **changes: Any) -> ReplayChoice:
+    return replace(choice, how=replace(choice.how, **changes))
+
+
+def _period(seconds: object) -> float:
+    return bounded(seconds, 0.5, 10.0, 3600.0)
+
+
+def _with_gyro(i: int, choice: ReplayChoice, value: object) -> ReplayChoice:
+    rate = 1e-3 * bounded(value, -GYRO_RANGE, 0.0, GYRO_RANGE)
+    return replace(choice, gyro_bias=_with(i, choice.gyro_bias, rate))
+
+
+def _with_accel(i: int, choice: ReplayChoice, value: object) -> ReplayChoice:
+    return replace(choice, accel_bias=_with(i, choice.accel_bias, bounded(value, -ACCEL_RANGE, 0.0, ACCEL_RANGE)))
+
+
+def _with(i: int, bias: Bias, value: float) -> Bias:
+    x, y, z = (value if i == j else other for j, other in enumerate(bias))
+    return x, y, z

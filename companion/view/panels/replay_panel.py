@@ -1,0 +1,154 @@
+"""What is read beside the picture: the verdict, the numbers of the instant, who is who."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Collection, Mapping, Sequence
+from html import escape
+
+import numpy as np
+import viser
+
+from companion.model import Flight
+from companion.view import palette
+from companion.view.palette import Rgb
+from companion.view.panels import banner, verdict_tables
+from companion.view.panels.controls import listen, write
+from companion.view.panels.picture_controls import EXTRA_PATHS
+from companion.view.panels.verdict_tables import swatch
+from companion.view.state import events
+from companion.view.state.events import ExtraPath
+from companion.view.state.sample import Footage, Sample
+
+
+class Panel:
+    """What is read first: who is who, the verdict, the numbers. Built once; `load` fits it to a flight."""
+
+    def __init__(self, gui: viser.GuiApi, flights: Sequence[Flight], post: events.Post) -> None:
+        self._flight = flights[0]
+        self._names = {id(f): f"{i + 1}: {_title(f)}" for i, f in enumerate(flights)}
+        self._banner = gui.add_html("")
+        self._pick = gui.add_dropdown("Flight", tuple(self._names.values()), visible=len(flights) > 1)
+        self._numbers = gui.add_html("")
+        self._status = gui.add_html("")
+        self._legend = gui.add_html("")
+        listen(self._pick, post, lambda: events.PickFlight(int(self._pick.value.split(":")[0]) - 1))
+
+    def load(self, flight: Flight, film: Footage) -> None:
+        """Fit it to what is shown now. Values set here come back as no events."""
+        self._flight = flight
+        self.choose_flight(flight)
+        if film.insight is not None:
+            verdict = film.insight.assessment.verdict
+            self._banner.content = banner.banner(verdict.status, verdict.summary)
+
+    def introduce(self, film: Footage, colours: Mapping[str, Rgb], extra_paths: Collection[ExtraPath]) -> None:
+        """Say who is who. extra_paths: those that are shown besides."""
+        self._legend.content = _legend(self._flight, film, colours, extra_paths)
+
+    def wait(self, text: str) -> None:
+        """There is no verdict, or not yet: why, in words. `text` may hold anything."""
+        self._banner.content = banner.waiting(text)
+
+    def choose_flight(self, flight: Flight) -> None:
+        """Say which flight is shown: another may have been asked for in vain."""
+        write(self._pick, self._names[id(flight)])
+
+    def show(self, sample: Sample, film: Footage, cell: float) -> None:
+        """Write the instant, and the side of the grid's squares (m), into the numbers."""
+        self._numbers.content = _numbers(sample, film, sample.t - self._flight.start, cell)
+
+    def status(self, text: str, *, trouble: bool = False) -> None:
+        """Say what the reckoning is doing, or why it failed. `text` may hold anything."""
+        colour = "var(--companion-trouble)" if trouble else "inherit"
+        html = f'<div style="padding:0 1em 0.5em;font-size:0.8em;color:{colour}">{escape(text)}</div>' if text else ""
+        if self._status.content != html:
+            self._status.content = html
+
+
+def identity(flight: Flight) -> str:
+    """A flight's mark, by which a browser finds again what it showed last of it: the same whenever it is opened."""
+    tracks = [(name, len(track)) for name, track in flight.imus.items()]
+    said = repr((str(flight.vehicle), flight.boot, flight.start, flight.duration, tracks))
+    return hashlib.blake2s(said.encode(), digest_size=8).hexdigest()
+
+
+def _title(flight: Flight) -> str:
+    vehicle = flight.vehicle
+    return f"vehicle {vehicle}, boot {flight.boot}, {flight.duration:.0f} s"
+
+
+def _legend(flight: Flight, film: Footage, colours: Mapping[str, Rgb], extra_paths: Collection[ExtraPath]) -> str:
+    """Who is who. Text that came from the vehicle is escaped: it is untrusted, and this is markup."""
+    vehicle, source = flight.vehicle, film.source
+    who = escape(verdict_tables.kind(vehicle))
+    line = "width:1em;height:0.25em"
+    rows = [
+        f"{swatch(colours[source])}<b>Solid: {escape(source)} alone</b>, dead-reckoned from its readings",
+        *(f"{swatch(colours[name])}{escape(name)}, likewise" for name in film.others),
+        f"{swatch(palette.AUTOPILOT, 0.6)}<b>See-through: the autopilot</b>, its own estimate",
+    ]
+    if film.replay.has_position:
+        rows.append(f"{swatch(palette.DIFFERENCE, 1.0, line)}The distance between them")
+    else:
+        rows.append("This log has no position: only the attitudes are compared.")
+    rows += [f"{mark}{EXTRA_PATHS[name][0]}" for name, mark in _EXTRA_PATHS.items() if name in extra_paths]
+    lines = "".join(f"<div>{row}</div>" for row in rows)
+    return (
+        f'<div data-companion-imu="{escape(source)}" data-companion-log="{identity(flight)}" '
+        f'style="padding:0.2em 1em;font-size:0.8em;line-height:1.5">'
+        f"<div>{who}, vehicle "
+        f"{escape(str(vehicle))}, boot {flight.boot}, {flight.duration:.0f} s</div>{lines}</div>"
+    )
+
+
+_EXTRA_PATHS: dict[ExtraPath, str] = {
+    "gps": swatch(palette.GPS, 1.0, "width:0.45em;height:0.45em;border-radius:50%;margin-left:0.25em"),
+    "best": (
+        '<span style="display:inline-block;width:1em;height:0.3em;margin-right:0.4em;vertical-align:middle;'
+        f"background:repeating-linear-gradient(90deg,{palette.css(palette.BEST)} 0 0.25em,"
+        f'{palette.css(palette.BEST_LIGHT)} 0.25em 0.5em)"></span>'
+    ),
+}
+
+
+def _times_expected(sample: Sample, film: Footage) -> tuple[str, str, str] | None:
+    """Each error divided by what is expected of it; None where nothing is expected, or not yet."""
+    if film.envelope is None:
+        return None
+    attitude, velocity, position = film.envelope.at(sample.t)
+    if attitude <= 0:
+        return None
+    first = f"{np.hypot(sample.tilt_deg, sample.heading_deg) / attitude:.1f} attitude"
+    if not film.replay.has_position or velocity <= 0 or position <= 0:
+        return "÷ expected", first, ""
+    rest = f"{sample.velocity_mps / velocity:.1f} velocity, {sample.position_m / position:.1f} position"
+    return "÷ expected", first, rest
+
+
+def _numbers(sample: Sample, film: Footage, since_start: float, cell: float) -> str:
+    has_position = film.replay.has_position
+    rows = [
+        ("Since boot", f"{sample.t:.2f} s", f"{since_start:.1f} s into the log"),
+        ("Since anchor", f"{sample.since_anchor_s:.1f} s", "" if sample.known else "autopilot silent here"),
+        ("Attitude error", f"{sample.tilt_deg:.2f}° tilt", f"{sample.heading_deg:+.2f}° heading"),
+    ]
+    if has_position:
+        rows.append(("Velocity error", f"{sample.velocity_mps:.2f} m/s", f"grid squares {cell:g} m"))
+        sigma = float(np.sqrt(np.trace(sample.covariance)))
+        rows.append(("Position error", f"{sample.position_m:.2f} m", f"expected 1σ {sigma:.2f} m" if sigma else ""))
+    if (row := _times_expected(sample, film)) is not None:
+        rows.append(row)
+    if (after := film.after_horizon(sample.t)) is not None and film.insight is not None:
+        attitude, position = after
+        said = f"{position:.2f} m" if has_position else ""
+        rows.append((f"After {film.insight.horizon_s:g} s", f"{attitude:.2f}°", said))
+    cells = "".join(
+        f'<tr><td style="opacity:{palette.QUIET}">{name}</td><td style="text-align:right;font-weight:600">{first}</td>'
+        f'<td style="text-align:right">{second}</td></tr>'
+        for name, first, second in rows
+    )
+    return (
+        '<div style="padding:0.2em 1em"><table style="width:100%;font-size:0.84em;'
+        f'font-variant-numeric:tabular-nums;border-spacing:0 0.05em">{cells}</table></div>'
+    )

@@ -1,0 +1,74 @@
+"""Arrows on demand: how fast each drone says it flies, and where gravity pulls."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from companion.model import STANDARD_GRAVITY, Array
+from companion.view import palette
+from companion.view.palette import Rgb
+from companion.view.state.sample import Sample
+from companion.view.state.visible import show
+
+LONGEST = 2.4  # spans of a drone: the arrow of the fastest instant of the flight
+SHORTEST = 0.7  # spans: shorter ones would be hidden in the drone
+STILL = 0.05  # m/s: what the autopilot's estimate wanders at rest
+GREY = (110, 110, 110)
+
+
+def arrow_length(speed: float, fastest: float) -> float:
+    """Spans of a drone that an arrow for `speed` m/s is long, where `fastest` m/s is the longest; 0 at rest."""
+    if speed < STILL:
+        return 0.0
+    return SHORTEST + (LONGEST - SHORTEST) * min(speed / max(fastest, STILL), 1.0)
+
+
+class Arrows:
+    """The velocity of both in their own colours, and gravity at the IMU's. Hidden until asked for."""
+
+    def __init__(self, scene: viser.SceneApi, root: str) -> None:
+        nothing = np.zeros((1, 2, 3))
+        self._handles = [
+            scene.add_arrows(f"{root}/{name}", nothing, _linear(colour), visible=False)
+            for name, colour in (("ref", palette.AUTOPILOT), ("imu", palette.IMU), ("gravity", GREY))
+        ]
+        self._fastest, self._span = STILL, 0.0
+        self.shown = False
+
+    def load(self, fastest: float, colour: Rgb) -> None:
+        """`fastest`: m/s, of the autopilot in this flight; `colour`: of the IMU."""
+        self._fastest = fastest
+        self._handles[1].colors = np.array(_linear(colour), dtype=np.uint8)
+
+    def resize(self, span: float) -> None:
+        """Match drones `span` m wide."""
+        if abs(span - self._span) > 0.04 * self._span:
+            self._span = span
+            for handle in self._handles:
+                handle.shaft_radius, handle.head_radius, handle.head_length = 0.03 * span, 0.09 * span, 0.22 * span
+
+    def show(self, sample: Sample, has_position: bool) -> None:
+        """Draw what holds at `sample`. Without a position there is no velocity, and only gravity is drawn."""
+        down = np.array([0.0, 0.0, STANDARD_GRAVITY])
+        vectors: list[tuple[Array, Array, float]] = [
+            (sample.position_ref, sample.velocity_ref, arrow_length(_norm(sample.velocity_ref), self._fastest)),
+            (sample.position_imu, sample.velocity_imu, arrow_length(_norm(sample.velocity_imu), self._fastest)),
+            (sample.position_imu, down, 1.3),
+        ]
+        for i, (handle, (origin, vector, length)) in enumerate(zip(self._handles, vectors, strict=True)):
+            visible = self.shown and length > 0 and (has_position or i == len(vectors) - 1)
+            if visible:
+                tip = origin + vector / _norm(vector) * length * self._span
+                handle.points = np.stack([origin, tip])[None].astype(np.float32)
+            show(handle, visible)
+
+
+def _linear(colour: Rgb) -> Rgb:
+    """`colour` as viser 1.1 wants it for arrows: it takes their colours for linear light, and orange turns yellow."""
+    r, g, b = (round(255 * (c / 255) ** 2.2) for c in colour)
+    return r, g, b
+
+
+def _norm(v: Array) -> float:
+    return float(np.linalg.norm(v))

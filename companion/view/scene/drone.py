@@ -1,0 +1,107 @@
+"""One drone on screen: a place, an attitude, a size and a name."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from companion.model import Array
+from companion.view import palette
+from companion.view.palette import Rgb
+from companion.view.scene.vehicle_shapes import Drone
+from companion.view.state.visible import show
+
+GHOST_SCALE = 0.94
+"""The ghost is a little smaller: where both drones coincide it is inside the solid one and does not flicker."""
+
+
+class Body:
+    """A drone. Only the view thread may call it."""
+
+    def __init__(self, scene: viser.SceneApi, root: str, label: str, colour: Rgb, drone: Drone, ghost: bool) -> None:
+        self._scene, self._root, self._ghost = scene, root, ghost
+        self._place = scene.add_frame(root, show_axes=False)
+        self._attitude = scene.add_frame(f"{root}/attitude", show_axes=False)
+        self._span = 0.0
+        self._meshes: list[viser.MeshHandle] = []
+        self._name = scene.add_label(f"{root}/name", label, font_screen_scale=1.1)
+        self._look: tuple[Drone, Rgb] | None = None
+        self.reshape(drone, colour)
+
+    def reshape(self, drone: Drone, colour: Rgb) -> None:
+        """Become another vehicle, or another source."""
+        if self._look == (drone, colour):
+            return
+        self._look = (drone, colour)
+        self._meshes = [
+            self._scene.add_mesh_simple(  # a node of the same name takes the place of the old one
+                f"{self._root}/attitude/{part}",
+                mesh.vertices,
+                mesh.faces,
+                color=tint,
+                opacity=0.45 if self._ghost else None,
+                flat_shading=True,
+                cast_shadow=False,
+                receive_shadow=False,
+            )
+            for part, mesh, tint in (
+                ("body", drone.body, colour),
+                ("front", drone.front, palette.mix(colour, (255, 255, 255), 0.6)),
+            )
+        ]
+        self._span = 0.0  # the next size is sent
+
+    @property
+    def wxyz(self) -> Array:
+        """The attitude on screen, NED/FRD."""
+        return np.array(self._attitude.wxyz)  # a copy: viser writes into its own
+
+    @property
+    def position(self) -> Array:
+        """The place on screen, NED m."""
+        return np.array(self._place.position)
+
+    @property
+    def name(self) -> str:
+        """What is written beside it."""
+        return self._name.text
+
+    @name.setter
+    def name(self, text: str) -> None:
+        if text != self._name.text:
+            self._name.text = text
+
+    @property
+    def name_visible(self) -> bool:
+        """Whether its name is written: not where the other drone's stands for both."""
+        return self._name.visible
+
+    @name_visible.setter
+    def name_visible(self, visible: bool) -> None:
+        show(self._name, visible)
+
+    @property
+    def visible(self) -> bool:
+        """Whether it is on screen."""
+        return self._place.visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        show(self._place, visible)
+
+    def put(self, wxyz: Array, position: Array) -> None:
+        """Set attitude (4,) and place (3,)."""
+        self._attitude.wxyz = wxyz
+        self._place.position = position
+
+    def resize(self, span: float, *, name_at: float) -> None:
+        """Draw the drone `span` m wide, its name so many spans below (above, when negative).
+
+        A change too small to see is not sent.
+        """
+        if abs(span - self._span) > 0.04 * self._span:
+            self._span = span
+            for mesh in self._meshes:
+                mesh.scale = span * (GHOST_SCALE if self._ghost else 1.0)
+        self._name.anchor = "bottom-center" if name_at < 0 else "top-center"
+        self._name.position = (0.0, 0.0, name_at * self._span)

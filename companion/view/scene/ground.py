@@ -1,0 +1,92 @@
+"""The ground below: a grid whose squares fit the camera's distance, which way north is, where the flight began."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import viser
+
+from companion.model import Array
+from companion.view.scene.cameras import Framing
+from companion.view.state.visible import show
+
+GREY = (90, 90, 90)
+
+
+class Ground:
+    """Only the view thread may call it."""
+
+    def __init__(self, scene: viser.SceneApi, root: str) -> None:
+        self._grid = scene.add_grid(f"{root}/grid", plane="xy", infinite_grid=True, shadow_opacity=0.0)
+        # Seen on a light page and on a dark one: each browser has its own.
+        self._grid.cell_color, self._grid.section_color = (172, 172, 172), (140, 140, 140)
+        self._north = scene.add_arrows(f"{root}/north", np.zeros((1, 2, 3)), GREY)
+        self._north_name = scene.add_label(f"{root}/north_name", "North", anchor="center-center")
+        self._crosses = [_Cross(scene, f"{root}/start", "Start"), _Cross(scene, f"{root}/home", "Home")]
+        self._cell = 0.0
+        self.level = 0.0  # down coordinate, m
+
+    @property
+    def cell(self) -> float:
+        """Side of the squares, m."""
+        return self._cell
+
+    def load(self, framing: Framing, start: Array | None, home: Array | None) -> None:
+        """Lay it out. start, home: NED, m, or None where they are not known; a start at home is not marked twice."""
+        self.level = framing.ground
+        self._grid.position = np.array([0.0, 0.0, framing.ground])
+        self._grid.fade_distance = 12 * framing.radius
+        self.rule(framing.cell)
+        size = 0.3 * framing.radius
+        foot = np.array([framing.low[0], (framing.centre[1] + framing.high[1]) / 2, framing.ground])
+        self._north.points = np.array([[foot, foot + np.array([size, 0.0, 0.0])]], dtype=np.float32)
+        self._north.shaft_radius, self._north.head_radius = 0.025 * size, 0.07 * size
+        self._north.head_length = 0.22 * size
+        self._north_name.position = foot + np.array([1.3 * size, 0.0, 0.0])
+        arm = 0.04 * framing.radius
+        if start is not None and home is not None and np.linalg.norm((start - home)[:2]) < 3 * arm:
+            start = None
+        for cross, place in zip(self._crosses, (start, home), strict=True):
+            cross.put(None if place is None else np.array([place[0], place[1], framing.ground]), arm)
+
+    def give_way(self, drones: Sequence[Array], span: float) -> None:
+        """Take the names of crosses away that a drone (NED, m), drawn `span` m wide, would cover."""
+        for cross in self._crosses:
+            cross.give_way(drones, span)
+
+    def sink(self, level: float) -> None:
+        """Lower it to a down coordinate, m: a vehicle has flown below it."""
+        self.level = level
+        self._grid.position = np.array([0.0, 0.0, level])
+
+    def rule(self, cell: float) -> None:
+        """Draw squares of `cell` m."""
+        if cell != self._cell:
+            self._cell = cell
+            self._grid.cell_size = cell
+            self._grid.section_size = 5 * cell
+
+
+class _Cross:
+    def __init__(self, scene: viser.SceneApi, name: str, label: str) -> None:
+        nothing = np.zeros((1, 2, 3), dtype=np.float32)
+        self._lines = scene.add_line_segments(
+            name, nothing, GREY, thickness=3.0, thickness_units="screen", visible=False
+        )
+        self._label = scene.add_label(f"{name}_name", label, anchor="top-center", visible=False)
+        self._place: Array | None = None
+
+    def put(self, place: Array | None, arm: float) -> None:
+        self._place = place
+        self._lines.visible = self._label.visible = place is not None
+        if place is not None:
+            ends = arm * np.array([[[-1, 0, 0], [1, 0, 0]], [[0, -1, 0], [0, 1, 0]]])
+            self._lines.points = (place + ends).astype(np.float32)
+            self._label.position = place
+
+    def give_way(self, drones: Sequence[Array], span: float) -> None:
+        if self._place is None:
+            return
+        free = all(float(np.linalg.norm(drone - self._place)) > 1.2 * span for drone in drones)
+        show(self._label, free)

@@ -1,0 +1,175 @@
+"""The world in three dimensions: two drones, their trails, the line between them, and the ground below."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import viser
+
+from companion.model import Array
+from companion.view import palette
+from companion.view.palette import Rgb
+from companion.view.panels.verdict_tables import length
+from companion.view.scene.arrows import Arrows
+from companion.view.scene.attached_line import AttachedLine
+from companion.view.scene.cameras import Framing
+from companion.view.scene.drone import Body
+from companion.view.scene.ellipsoid import Ellipsoid
+from companion.view.scene.extra_paths import ExtraPaths
+from companion.view.scene.ground import Ground
+from companion.view.scene.overview import Overview
+from companion.view.scene.trail import Trail
+from companion.view.scene.vehicle_shapes import Drone
+from companion.view.state.sample import Footage, Sample
+from companion.view.state.visible import show
+
+NAME = 0.42  # spans from a drone to its name
+WORLD = "/world"
+"""Everything hangs on this node. Each browser has a node of its own under this name, which moves the world for it."""
+AUTOPILOT, IMU = f"{WORLD}/autopilot", f"{WORLD}/imu"
+"""The drones' places: what hangs on them moves with them, but does not turn."""
+NEARER = 0.998
+"""The autopilot's path is thin and lies over the IMU's, which is thick, so that both are seen where they are the same.
+It is drawn as much smaller about the camera: at the same place in the picture, but nearer."""
+_NEARER = f"{WORLD}/nearer"
+
+
+class Scene:
+    """Everything that stands in the world. Only the view thread may call it."""
+
+    def __init__(self, scene: viser.SceneApi, drone: Drone) -> None:
+        scene.set_up_direction("-z")
+        scene.world_axes.visible = False
+        # Our own lights, from above and from all around: viser's wash out colours, and here colours mean something.
+        scene.configure_default_lights(enabled=False)
+        scene.configure_environment_map(None)
+        scene.add_light_ambient("/light_around", intensity=1.7)
+        scene.add_light_directional("/light_above", intensity=2.2, position=(-300.0, -500.0, -1000.0))
+        scene.add_frame(WORLD, show_axes=False)
+        self.ground = Ground(scene, WORLD)
+        self.autopilot = Body(scene, AUTOPILOT, "Autopilot", palette.AUTOPILOT, drone, ghost=True)
+        self.imu = Body(scene, IMU, "IMU alone", palette.IMU, drone, ghost=False)
+        self._nearer = scene.add_frame(_NEARER, show_axes=False)
+        self.overview = Overview(scene, f"{WORLD}/overview", _NEARER, NEARER)
+        self.extra_paths = ExtraPaths(scene, f"{WORLD}/extra")
+        self.arrows = Arrows(scene, f"{WORLD}/arrows")
+        self.expected = Ellipsoid(scene, f"{WORLD}/expected", palette.IMU)
+        self._trails = {
+            "autopilot": Trail(scene, f"{_NEARER}/trail", palette.AUTOPILOT, 2.0, scale=NEARER),
+            "imu": Trail(scene, f"{WORLD}/trail_imu", palette.IMU, 4.5),
+        }
+        self._scene, self._label = scene, "IMU"
+        self._others: list[tuple[Body, Trail]] = []
+        self._films: list[Footage] = []
+        # They hang on the drones: a browser moves what is in a place at once, but a busy one is late with new points.
+        self._error = AttachedLine(scene, f"{AUTOPILOT}/error", palette.DIFFERENCE, 4.0)
+        self._error_name = scene.add_label(
+            f"{AUTOPILOT}/error_name", "", anchor="center-center", font_screen_scale=1.1, visible=False
+        )
+        self._sticks = [AttachedLine(scene, f"{drone}/stick", (140, 140, 140), 1.0) for drone in (AUTOPILOT, IMU)]
+        self._has_position = True
+
+    @property
+    def apart(self) -> float | None:
+        """Length of the line between both drones, m; None while none is drawn."""
+        return float(np.linalg.norm(self._error.end)) if self._error.visible else None
+
+    def load(
+        self,
+        film: Footage,
+        framing: Framing,
+        drone: Drone,
+        colours: Mapping[str, Rgb] | None = None,
+        home: Array | None = None,
+        *,
+        whole: bool = True,
+    ) -> None:
+        """Lay out another reckoning. colours: of each IMU message; home: NED, m, where it is known.
+
+        whole: whether `film` is all that is flown, so that it can be drawn at once.
+        """
+        replay, source = film.replay, film.source
+        colours = colours or {}
+        colour = colours.get(source, palette.IMU)
+        self._label = source
+        self.autopilot.reshape(drone, palette.AUTOPILOT)
+        self.imu.reshape(drone, colour)
+        self.arrows.load(float(np.linalg.norm(replay.velocity_ref, axis=1).max()), colour)
+        self.expected.load(colour)
+        self._has_position = replay.has_position
+        known = replay.has_position
+        self.ground.load(framing, replay.position_ref[0] if known else None, home if known else None)
+        self._trails["autopilot"].load(replay.t, replay.position_ref, film.restarts[:0], palette.AUTOPILOT)
+        self._trails["imu"].load(replay.t, replay.position_imu, film.restarts, colour)
+        if whole:
+            self.overview.load(film, colour)
+        for line in (self._error, *self._sticks):
+            line.visible = known
+        self._error_name.visible = False
+        self.imu.name = f"{source} alone"
+        self._load_others(film, drone, colours)
+
+    def seen_from(self, eye: Array) -> None:
+        """The camera is at (3,) NED, m: see `NEARER`."""
+        place = (1.0 - NEARER) * eye
+        if np.linalg.norm(place - self._nearer.position) > 1e-4 * np.linalg.norm(eye):
+            self._nearer.position = place
+
+    def _load_others(self, film: Footage, drone: Drone, colours: Mapping[str, Rgb]) -> None:
+        """Drones and paths of the other IMUs: as many as were ever shown at once, reused."""
+        for i in range(len(self._others), len(film.others)):
+            root = f"{WORLD}/other{i}"
+            body = Body(self._scene, root, "", palette.IMUS[1], drone, ghost=False)
+            self._others.append((body, Trail(self._scene, f"{root}_trail", palette.IMUS[1], 1.8)))
+        self._films = list(film.others.values())
+        for i, (body, trail) in enumerate(self._others):
+            body.visible = i < len(film.others)
+            trail.hide()
+        for (body, trail), (name, other) in zip(self._others, film.others.items(), strict=False):
+            body.reshape(drone, colours[name])
+            body.name = name
+            trail.load(other.replay.t, other.replay.position_imu, other.restarts, colours[name])
+
+    def show(self, sample: Sample) -> None:
+        """Put both drones, and what hangs on them, where they are at `sample`."""
+        self.imu.put(sample.q_imu, sample.position_imu)
+        self.autopilot.put(sample.q_ref, sample.position_ref)
+        if self._has_position:
+            self._error.reach(sample.position_imu - sample.position_ref)
+            for stick, place in zip(self._sticks, (sample.position_ref, sample.position_imu), strict=True):
+                stick.reach(np.array([0.0, 0.0, self.ground.level - place[2]]))
+        self.arrows.show(sample, self._has_position)
+        self.expected.put(sample.position_imu)
+        for (body, _), film in zip(self._others, self._films, strict=False):
+            other = film.at(sample.t)
+            body.put(other.q_imu, other.position_imu)
+
+    def annotate(self, sample: Sample, span: float, *, imu_above: bool) -> None:
+        """What a reader needs less often than an eye: the length of the error line, the size of the drones.
+
+        The names stand outside: above the drone that is the upper one in the picture and below the other.
+        """
+        self.imu.resize(span, name_at=-NAME if imu_above else NAME)
+        self.autopilot.resize(span, name_at=NAME if imu_above else -NAME)
+        self.ground.give_way([sample.position_imu, sample.position_ref], span)
+        self.arrows.resize(span)
+        self.expected.shape(sample.covariance if self._has_position else np.zeros((3, 3)), sample.position_imu)
+        for i, (body, _) in enumerate(self._others, 2):
+            body.resize(span, name_at=1.5 * NAME * i)  # each a line lower
+        if not self._has_position:
+            return
+        # On the line when there is room between the drones, else one name for both.
+        apart = f"{length(sample.position_m)} apart"
+        roomy = sample.position_m > 1.5 * span
+        self.imu.name = f"{self._label} alone" if roomy else f"{self._label} and autopilot, {apart}"
+        self.autopilot.name_visible = roomy
+        show(self._error_name, roomy)
+        if roomy:
+            self._error_name.text = apart
+            self._error_name.position = (sample.position_imu - sample.position_ref) / 2
+
+    def trails(self, since: float, until: float) -> None:
+        """Show both paths between two times, s."""
+        for trail in (*self._trails.values(), *(trail for _, trail in self._others)):
+            trail.show(since, until)

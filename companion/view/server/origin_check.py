@@ -1,0 +1,248 @@
+"""Who may connect: a page that this server has sent, and programs; where a token is asked for, who has it.
+
+Any web page can make its visitor's browser open a WebSocket to 127.0.0.1, and a name that an attacker owns can be made
+to mean 127.0.0.1 (DNS rebinding). The first shows in the `Origin` header, the second in `Host`, and a browser lets no
+page change either. A page of viser connects to whatever server its address names (`?websocket=`) and runs what that one
+sends: no page is served under an address with a query. What an address may ask for (`?t=100&imu=RAW_IMU`) is told to
+the view thread, which looks it up, and the page is served without it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hmac
+import http
+import http.cookies
+import ipaddress
+import logging
+import socket
+import threading
+from collections.abc import Awaitable, Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import viser
+import websockets.asyncio.server
+from websockets.asyncio.server import ServerConnection
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+from companion.view.server.client_messages import MOST_PICTURE_BYTES, accepted
+from companion.view.server.document import ALIVE, REMEMBERED, dressed
+
+_log = logging.getLogger(__name__)
+_log_of_connections = logging.getLogger(f"{__name__}.connections")
+_log_of_connections.propagate = False  # a request that is none is no traceback in a terminal
+_log_of_connections.addHandler(logging.NullHandler())
+
+MOST_BROWSERS = 32
+_PROTOCOL_ERROR, _TRY_AGAIN_LATER = 1002, 1013  # WebSocket close codes
+_COOKIE_DAYS = 30
+_HEADERS = {
+    "Content-Security-Policy": "frame-ancestors 'none'",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+_patching = threading.Lock()
+
+Visited = Callable[[str, str, bool], None]
+"""Told the instant and the IMU that are asked for, "" for none, and whether a page only remembers them."""
+Handler = Callable[[ServerConnection], Awaitable[None]]
+Answer = Callable[[ServerConnection, Request], Response | None]
+
+
+def own_names(host: str) -> frozenset[str]:
+    """The names, besides plain addresses, under which a page of a server at `host` may be called."""
+    return frozenset(name.lower() for name in ("localhost", host, socket.gethostname(), socket.getfqdn()) if name)
+
+
+def is_own_page(host: str | None, origin: str | None, names: frozenset[str]) -> bool:
+    """Whether a request with these `Host` and `Origin` headers comes from a page of our own, or from a program.
+
+    An address in numbers cannot be rebound, so any is right: the port may be forwarded from another machine. Programs
+    send no `Origin`; browsers always do when they open a WebSocket.
+    """
+    if host is None:
+        return False
+    name = _name(f"//{host}")
+    if name is None or not (name in names or _is_number(name)):
+        return False
+    return origin is None or (origin.startswith(("http://", "https://")) and urlsplit(origin).netloc == host)
+
+
+@dataclass(frozen=True, slots=True)
+class OriginCheck:
+    """What is asked of whoever connects to a server at `host`. token: "" for none."""
+
+    host: str
+    token: str = ""
+    visited: Visited = lambda _t, _imu, _again: None  # what the address asked for, see `Visited`
+
+    @contextlib.contextmanager
+    def at_the_door(self) -> Iterator[None]:
+        """Guard the viser server that is made inside. Raises RuntimeError when viser makes none as it did.
+
+        viser 1.1 has no hook for requests: what it calls to open its WebSocket server is replaced meanwhile.
+        """
+        guarded: list[bool] = []
+        with _patching:
+            serve: Any = websockets.asyncio.server.serve
+
+            def guarded_serve(handler: Handler, *places: Any, process_request: Answer, **options: Any) -> Any:
+                guarded.append(True)
+                options |= {"max_size": MOST_PICTURE_BYTES + 1, "logger": _log_of_connections, "server_header": None}
+                return serve(
+                    self._heard(handler),
+                    *places,
+                    process_request=self._answered(process_request),
+                    process_response=_marked,
+                    **options,
+                )
+
+            websockets.asyncio.server.serve = guarded_serve  # type: ignore[assignment, misc]
+            try:
+                yield
+            finally:
+                websockets.asyncio.server.serve = serve  # type: ignore[misc]
+        if not guarded:
+            raise RuntimeError(f"viser {viser.__version__} opens its server in another way than 1.1: it is not guarded")
+
+    def _answered(self, answer: Answer) -> Answer:
+        """The answer to a request: a refusal, or what viser answers."""
+        names = own_names(self.host)
+
+        def answered(connection: ServerConnection, request: Request) -> Response | None:
+            headers = request.headers
+            if not is_own_page(headers.get("Host"), headers.get("Origin"), names):
+                return connection.respond(http.HTTPStatus.FORBIDDEN, "companion serves only its own page.\n")
+            query = urlsplit(request.path).query
+            given = parse_qs(query).get("token", [""])[-1]
+            cookie = f"companion-{connection.local_address[1]}"
+            if not any(self._is_right(said) for said in (given, _cookie(headers, cookie), _bearer(headers))):
+                return connection.respond(
+                    http.HTTPStatus.FORBIDDEN,
+                    "Open the whole address that companion has printed, with the token in it.\n",
+                )
+            if urlsplit(request.path).path == ALIVE:
+                return connection.respond(http.HTTPStatus.NO_CONTENT, "")
+            if urlsplit(request.path).path == REMEMBERED:
+                if headers.get("Sec-Fetch-Site") == "same-origin":  # no other site's page moves what is shown
+                    self.visited(*_asked(query), True)
+                return connection.respond(http.HTTPStatus.NO_CONTENT, "")
+            if not query or headers.get("Upgrade") == "websocket":
+                return _ours(answer(connection, request))
+            # Only what a person opens: no picture or frame of another site's page moves what is shown.
+            if headers.get("Sec-Fetch-Dest", "document") == "document":
+                self.visited(*_asked(query), False)
+            there = connection.respond(http.HTTPStatus.SEE_OTHER, "")
+            there.headers["Location"] = "./"
+            if self.token:
+                age = f"Max-Age={86400 * _COOKIE_DAYS}"
+                there.headers["Set-Cookie"] = f"{cookie}={self.token}; {age}; HttpOnly; SameSite=Lax; Path=/"
+            return there
+
+        return answered
+
+    def _is_right(self, token: str) -> bool:
+        return not self.token or hmac.compare_digest(token.encode(errors="replace"), self.token.encode())
+
+    def _heard(self, handler: Handler) -> Handler:
+        """Let viser speak with pages of its own version, of whose messages it receives those that the page sends."""
+        present: set[ServerConnection] = set()
+        speaks = f"viser-v{viser.__version__}"
+
+        async def heard(connection: ServerConnection) -> None:
+            if connection.subprotocol != speaks:
+                await connection.close(_PROTOCOL_ERROR, f"Version mismatch. Server: {viser.__version__}")
+                return
+            if len(present) >= MOST_BROWSERS:
+                await connection.close(_TRY_AGAIN_LATER, "too many pages are open")
+                return
+            present.add(connection)
+            _hear_only_what_is_accepted(connection)
+            try:
+                await handler(connection)
+            finally:
+                present.discard(connection)
+
+        return heard
+
+
+def quieten(server: viser.ViserServer) -> None:
+    """What viser's own handlers fail at is for who develops, and no traceback in a terminal."""
+    server.get_event_loop().set_exception_handler(_note)
+
+
+def _hear_only_what_is_accepted(connection: Any) -> None:
+    """Let viser receive no message but those that the page sends."""
+    receive = connection.recv
+
+    async def recv() -> bytes:
+        while True:
+            raw: bytes = await receive()
+            if accepted(raw):
+                return raw
+            _log.debug("a message of a browser was dropped (%d bytes)", len(raw))
+
+    connection.recv = recv
+
+
+def _ours(there: Response | None) -> Response | None:
+    """viser's page with what is ours in it; everything else as it is."""
+    if there is None or there.status_code != http.HTTPStatus.OK:
+        return there
+    if not there.headers.get("Content-Type", "").startswith("text/html"):
+        return there
+    there.body = dressed(bytes(there.body), there.headers.get("Content-Encoding", "identity"))
+    del there.headers["Content-Length"]
+    there.headers["Content-Length"] = str(len(there.body))
+    return there
+
+
+def _marked(_: ServerConnection, __: Request, response: Response) -> None:
+    """Every answer says that no other page may show it in a frame."""
+    for name, value in _HEADERS.items():
+        response.headers[name] = value
+
+
+def _note(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    _log.debug("in the server: %s", context.get("message"), exc_info=context.get("exception"))
+
+
+def _cookie(headers: Headers, name: str) -> str:
+    """The value of a cookie; "" when the browser sends none, or what is no cookie."""
+    try:
+        found = http.cookies.SimpleCookie("; ".join(headers.get_all("Cookie"))).get(name)
+    except http.cookies.CookieError:
+        return ""
+    return found.value if found else ""
+
+
+def _asked(query: str) -> tuple[str, str]:
+    """The instant and the IMU in an address; "" for none."""
+    asked = parse_qs(query)
+    return asked.get("t", [""])[-1], asked.get("imu", [""])[-1]
+
+
+def _bearer(headers: Headers) -> str:
+    """What a program says in `Authorization: Bearer TOKEN`."""
+    scheme, _, token = (headers.get("Authorization") or "").partition(" ")
+    return token if scheme.lower() == "bearer" else ""
+
+
+def _name(url: str) -> str | None:
+    try:
+        return urlsplit(url).hostname
+    except ValueError:
+        return None
+
+
+def _is_number(name: str) -> bool:
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True

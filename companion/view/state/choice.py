@@ -1,0 +1,78 @@
+"""What the user has chosen to be reckoned, and who answers: with the replay at once, with the analysis later."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from companion.analysis import HORIZONS_S, NO_CORRECTION, Correction, Integration, gravity_for
+from companion.model import Flight, ImuTrack
+from companion.strapdown import ImuModel, Sensor, correct
+from companion.view.state.insight import Insight
+from companion.view.state.sample import Footage, Reckoning
+
+NO_BIAS = (0.0, 0.0, 0.0)
+Corrected = Literal["no", "flight", "file"]
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayChoice:
+    """How a flight is to be reckoned."""
+
+    imu: str | None = None  # message name; None: the flight's default
+    others: tuple[str, ...] = ()  # IMUs whose trajectories are shown beside it, as they are
+    how: Integration = field(default_factory=Integration)  # but for its gravity, which may depend on the flight
+    gravity: str | float = "standard"  # "standard" (9.80665), "normal" (WGS-84 where it flew), or m/s²
+    reanchor_s: float | None = 10.0  # start again from the autopilot's state every so many s; None: run free
+    start_s: float | None = None  # s, boot clock, of the first anchor; None: as early as possible
+    horizon_s: float = 5.0  # length of the windows that "after so many seconds" speaks of
+    correction: Corrected = "no"  # take out what calibration finds in this flight, or what a file says
+    gyro_bias: tuple[float, float, float] = NO_BIAS  # rad/s, FRD, taken off the readings
+    accel_bias: tuple[float, float, float] = NO_BIAS  # m/s², FRD, taken off the readings
+
+    def integration(self, flight: Flight) -> Integration:
+        """How, for this flight. Raises DataError when it does not say where it flew and gravity has to know."""
+        return replace(self.how, gravity=gravity_for(flight, self.gravity))
+
+    @property
+    def corrects(self) -> bool:
+        """Whether the IMU's readings are changed before they are integrated."""
+        return self.correction != "no" or self.gyro_bias != NO_BIAS or self.accel_bias != NO_BIAS
+
+
+Recompute = Callable[[Flight, ReplayChoice], Reckoning]
+"""Reckons a flight as chosen. Raises CompanionError when that cannot be done. Runs in a worker thread."""
+Examine = Callable[[Flight, ReplayChoice, Footage], Insight]
+"""What the analysis says of what was reckoned. Raises CompanionError likewise. Runs in another worker thread."""
+
+
+Report = Callable[[Flight, ReplayChoice, Footage], str]
+"""The report of what is shown, as one HTML file. Raises CompanionError likewise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """What else can be chosen from."""
+
+    horizons_s: tuple[float, ...] = HORIZONS_S  # of the drift table
+    correction_file: str | None = None  # the name of one that was given
+    report: Report | None = None  # makes the report of what is shown
+
+
+def chosen_track(flight: Flight, choice: ReplayChoice, correction: Correction = NO_CORRECTION) -> ImuTrack:
+    """The readings of the chosen IMU with the correction and the chosen biases taken off."""
+    track = flight.imu(choice.imu)
+    if correction is not NO_CORRECTION:
+        track = correction.apply(track)
+    if choice.gyro_bias != NO_BIAS or choice.accel_bias != NO_BIAS:
+        gyro, accel = Sensor(bias=np.array(choice.gyro_bias)), Sensor(bias=np.array(choice.accel_bias))
+        track = correct(track, ImuModel(gyro, accel))
+    return track
+
+
+def with_track(flight: Flight, track: ImuTrack) -> Flight:
+    """The flight with other readings in place of the IMU's of the same name."""
+    return replace(flight, imus={**flight.imus, track.source: track})

@@ -1,0 +1,107 @@
+"""What the live page is given: everything that is known of a link and of the vehicle on it, as plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from companion.analysis import DriftRow, FreeState, Replay
+from companion.model import Flight
+from companion.view.state.choice import ReplayChoice
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """A vehicle now."""
+
+    flight: Flight  # its last seconds
+    imu: str  # the message that is integrated
+    replay: Replay  # since the anchor before the last; its last row is now
+    free: FreeState | None  # the IMU left alone since an anchor; None just after such a run has ended
+
+
+@dataclass(frozen=True, slots=True)
+class StreamState:
+    """One message that the vehicle is asked for."""
+
+    name: str
+    wanted_hz: float
+    received_hz: float
+    note: str = ""  # "given up", "asking"; "" when it is agreed
+
+
+@dataclass(frozen=True, slots=True)
+class LinkState:
+    """How a link stands. All text is untrusted."""
+
+    link: str
+    problem: str = ""  # why nothing is received at present; "" while frames arrive
+    streams: tuple[StreamState, ...] = ()
+    frames: int = 0
+    lost: Mapping[str, float] = field(default_factory=dict)  # vehicle → share of its frames missing by sequence
+    rejected: int = 0  # frames whose signature is missing or wrong
+    latency_ms: float | None = None  # half of the way there and back
+    clock: str = ""  # what is known of the vehicle's clock, in words
+    recording: str = ""  # file; "" for none
+    recorded_bytes: int = 0
+    recording_problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """The verdict now, by the last seconds, and on the session so far. All text is untrusted."""
+
+    status: str  # of `Verdict`, "starting" while the estimator aligns, "lost" after a loss of control; "": none yet
+    text: str
+    age_s: float = 0.0  # of the data that it rests on
+    status_so_far: str = ""  # of `Verdict`; "" while there is none
+    text_so_far: str = ""
+    expected: tuple[tuple[float, float, float, float], ...] = ()
+    """Time since an anchor, s, and 1σ of the error expected then: attitude °, velocity m/s, position m."""
+
+
+class Feed(Protocol):
+    """Where the live page looks. Everything answers at once and is called by the view thread alone."""
+
+    reanchor_s: float  # the reckoning starts again from the autopilot so often
+
+    @property
+    def choice(self) -> ReplayChoice:
+        """Which IMU is integrated, and how; a change begins the free run and the drift anew."""
+
+    def choose(self, choice: ReplayChoice) -> None:
+        """Integrate another one, or otherwise."""
+
+    @property
+    def why_not(self) -> str:
+        """Why the last look saw nothing, or the last free run ended."""
+
+    @property
+    def vehicles(self) -> Sequence[str]:
+        """Those that can be looked at."""
+
+    @property
+    def said(self) -> Sequence[str]:
+        """The last sentences for the user, the newest last."""
+
+    @property
+    def link(self) -> LinkState:
+        """How the link stands."""
+
+    @property
+    def drift(self) -> Sequence[DriftRow]:
+        """The drift since the vehicle was first heard."""
+
+    @property
+    def judgement(self) -> Judgement:
+        """The verdict now and so far."""
+
+    def look(self) -> Seen | None:
+        """The vehicle now."""
+
+    def pick(self, vehicle: str) -> None:
+        """Look at another vehicle from now on."""
+
+    def anchor_now(self) -> None:
+        """Start both reckonings again from the autopilot."""

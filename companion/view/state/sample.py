@@ -1,0 +1,206 @@
+"""A replay made ready for the eye: finite, in the units people read, and at any instant between two samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from companion.analysis import Replay
+from companion.model import Array, DataError, ImuTrack
+from companion.strapdown import SAME_TIME
+from companion.view.state.decimation import Indices
+from companion.view.state.insight import MOST, Envelope, Errors, Insight, envelope_of, errors_of
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reckoning:
+    """A replay, the readings that it was made from, and the replays of other IMUs beside it."""
+
+    replay: Replay
+    track: ImuTrack | None = None  # as it was integrated, with the chosen corrections taken off; None: not kept
+    others: Mapping[str, Replay] = field(default_factory=dict)  # by message name
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """What both say at one instant, and how far apart they are."""
+
+    t: float  # s, boot clock
+    q_imu: Array  # (4,) wxyz NED/FRD, unit length
+    position_imu: Array  # (3,) NED, m
+    q_ref: Array  # (4,)
+    position_ref: Array  # (3,) NED, m
+    tilt_deg: float  # size of the horizontal part of the attitude error
+    heading_deg: float  # its vertical part: positive when the autopilot points clockwise of the IMU, seen from above
+    velocity_mps: float
+    position_m: float
+    since_anchor_s: float
+    velocity_imu: Array  # (3,) NED, m/s
+    velocity_ref: Array  # (3,) NED, m/s, the autopilot's
+    covariance: Array  # (3, 3) of the expected position error, NED, m²; zero where nothing is expected
+    known: bool  # whether the autopilot's state is known here, or only interpolated across a hole
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footage:
+    """A replay with its errors as people read them. Everything in it is finite, every quaternion of unit length."""
+
+    replay: Replay
+    track: ImuTrack | None  # the readings, corrected as they were integrated; None: not kept
+    errors: Errors  # at the replay's times
+    restarts: Indices  # (A,) the first sample at or after each anchor: the IMU's track is broken just before it
+    others: Mapping[str, Footage]  # other IMUs of the flight, by message name
+    insight: Insight | None = None  # what the analysis says, once it has come
+    envelope: Envelope | None = None  # of the errors since the anchor
+    trailing: Errors | None = None  # over the chosen horizon, at the ends of its windows
+
+    @property
+    def source(self) -> str:
+        """The IMU message that was reckoned, or "IMU"."""
+        return self.track.source if self.track is not None else "IMU"
+
+    @property
+    def start(self) -> float:
+        """s, boot clock, of the first sample."""
+        return float(self.replay.t[0])
+
+    @property
+    def end(self) -> float:
+        """s, boot clock, of the last sample."""
+        return float(self.replay.t[-1])
+
+    def at(self, t: float) -> Sample:
+        """The instant `t`, between two samples by straight lines; beyond the ends, the first or last sample.
+
+        Across an anchor the IMU's track jumps back to the autopilot's: there the sample before is held.
+        """
+        r, errors = self.replay, self.errors
+        right = int(np.clip(np.searchsorted(r.t, t, side="right"), 1, max(len(r.t) - 1, 1)))
+        left = right - 1
+        right = min(right, len(r.t) - 1)
+        span = float(r.t[right] - r.t[left])
+        share = min(max((t - float(r.t[left])) / span, 0.0), 1.0) if span > 0 else 0.0
+        jumps = bool(np.any(self.restarts == right)) and share < 1.0
+        imu_share = 0.0 if jumps else share
+
+        def line(values: Array, s: float) -> Array:
+            return np.asarray(values[left] + s * (values[right] - values[left]), dtype=np.float64)
+
+        anchor = int(np.searchsorted(r.anchors, t, side="right")) - 1
+        return Sample(
+            t=t,
+            q_imu=_between(r.q_imu[left], r.q_imu[right], imu_share),
+            position_imu=line(r.position_imu, imu_share),
+            q_ref=_between(r.q_ref[left], r.q_ref[right], share),
+            position_ref=line(r.position_ref, share),
+            tilt_deg=float(line(errors.tilt_deg, imu_share)),
+            heading_deg=float(line(errors.heading_deg, imu_share)),
+            velocity_mps=float(line(errors.velocity_mps, imu_share)),
+            position_m=float(line(errors.position_m, imu_share)),
+            since_anchor_s=max(t - float(r.anchors[anchor]), 0.0) if anchor >= 0 else 0.0,
+            velocity_imu=line(r.velocity_imu, imu_share),
+            velocity_ref=line(r.velocity_ref, share),
+            covariance=np.zeros((3, 3)) if self.envelope is None else self.envelope.ellipsoid(t),
+            known=bool(r.reference_valid[left] and r.reference_valid[right]),
+        )
+
+    def after_horizon(self, t: float) -> tuple[float, float] | None:
+        """Attitude error (°) and position error (m) of the window of the chosen horizon that ends at `t`, s.
+
+        None before the first such window, and where it could not be used.
+        """
+        errors = self.trailing
+        if errors is None or not len(errors.t):
+            return None
+        i = int(np.searchsorted(errors.t, t + SAME_TIME, side="right")) - 1
+        if i < 0 or t - errors.t[i] > _STALE_S:
+            return None
+        return float(np.hypot(errors.tilt_deg[i], errors.heading_deg[i])), float(errors.position_m[i])
+
+    def sample_from(self, t: float, samples: int) -> float:
+        """The time, s, of the sample that lies `samples` steps after the instant `t` (before it, when negative)."""
+        here = np.searchsorted(self.replay.t, t + SAME_TIME, side="right") - 1  # the last sample that has been
+        if samples < 0 and t - self.replay.t[here] > SAME_TIME:
+            samples += 1  # between two samples, the one just before is a whole step back
+        return float(self.replay.t[int(np.clip(here + samples, 0, len(self.replay.t) - 1))])
+
+
+def footage(reckoning: Reckoning) -> Footage:
+    """The replay without the samples that a screen cannot show: non-finite ones and quaternions of no length.
+
+    Raises DataError when nothing is left.
+    """
+    others = {name: _film(replay, None) for name, replay in reckoning.others.items()}
+    return replace(_film(reckoning.replay, reckoning.track), others=others)
+
+
+def with_insight(film: Footage, insight: Insight) -> Footage:
+    """The same footage with what the analysis says of it."""
+    trailing = insight.trailing
+    return replace(
+        film,
+        insight=insight,
+        envelope=envelope_of(insight.expected) if insight.expected else None,
+        trailing=errors_of(trailing.end_s, trailing.attitude, trailing.velocity, trailing.position),
+    )
+
+
+def _film(replay: Replay, track: ImuTrack | None) -> Footage:
+    q_norms = np.minimum(np.linalg.norm(replay.q_imu, axis=1), np.linalg.norm(replay.q_ref, axis=1))
+    # A track that diverged to 1e30 m is finite here and infinite as the float32 that the browser gets.
+    good = np.isfinite(replay.t) & (q_norms > 1e-9) & (q_norms < np.inf)
+    for name in _COLUMNS:
+        good &= (np.abs(getattr(replay, name)) < MOST).all(axis=1)
+    if not good.any():
+        raise DataError(
+            f"None of the {len(replay.t)} samples of this replay is finite: there is nothing to show. "
+            "Start later, or choose another IMU."
+        )
+    clean = replay
+    if not good.all():
+        clean = replace(
+            replay,
+            t=replay.t[good],
+            **{name: getattr(replay, name)[good] for name in _COLUMNS},
+            reference_valid=replay.reference_valid[good],
+        )
+    clean = replace(
+        clean,
+        q_imu=_unit(clean.q_imu),
+        q_ref=_unit(clean.q_ref),
+        anchors=replay.anchors[np.isfinite(replay.anchors)],
+    )
+    return Footage(
+        clean,
+        track,
+        errors=errors_of(clean.t, clean.attitude_error, clean.velocity_error, clean.position_error),
+        restarts=np.searchsorted(clean.t, clean.anchors, side="left").astype(np.intp),
+        others={},
+    )
+
+
+_COLUMNS = (
+    "q_imu",
+    "velocity_imu",
+    "position_imu",
+    "q_ref",
+    "velocity_ref",
+    "position_ref",
+    "attitude_error",
+    "velocity_error",
+    "position_error",
+)
+_STALE_S = 1.0  # between the ends of two windows: longer is a stretch where none could be used
+
+
+def _unit(q: Array) -> Array:
+    return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True), dtype=np.float64)
+
+
+def _between(a: Array, b: Array, share: float) -> Array:
+    """The rotation between two neighbouring samples: a straight line in the quaternions, put back to unit length."""
+    b = -b if float(a @ b) < 0 else b
+    mixed = a + share * (b - a)
+    return _unit(mixed) if float(mixed @ mixed) > 1e-12 else a

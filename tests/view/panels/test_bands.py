@@ -1,0 +1,75 @@
+"""The bands under the slider of time: what lasted how long, and where it is drawn."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.model import Event, Flight
+from companion.view import Reckoning, ReplayChoice
+from companion.view.panels.bands import Bands, Span, bands, markup, outside
+from companion.view.state.sample import Footage, footage
+from tests.view.circles import BOOT, make_flight, reckon
+
+
+def film_of(flight: Flight) -> Footage:
+    return footage(Reckoning(reckon(flight, ReplayChoice())))
+
+
+def test_a_mode_lasts_until_the_next_and_arming_until_disarming() -> None:
+    said = (
+        Event(BOOT + 5.0, "mode", "GUIDED"),
+        Event(BOOT + 10.0, "armed", "armed"),
+        Event(BOOT + 20.0, "mode", "LAND"),
+        Event(BOOT + 40.0, "disarmed", "disarmed"),
+    )
+    flight = replace(make_flight(), events=said)
+    film = film_of(flight)
+    found = bands(flight, film)
+    assert [(s.start_s, s.end_s, s.label) for s in found.modes] == [
+        (BOOT + 5.0, BOOT + 20.0, "GUIDED"),
+        (BOOT + 20.0, film.end, "LAND"),
+    ]
+    assert [(s.start_s, s.end_s) for s in found.armed] == [(BOOT + 10.0, BOOT + 40.0)]
+    assert found.height is not None
+    assert found.height[1].min() == 0.0
+
+
+def test_what_was_armed_before_the_log_began_is_armed_from_its_start() -> None:
+    flight = replace(make_flight(), events=(Event(BOOT + 30.0, "disarmed", "disarmed"),))
+    film = film_of(flight)
+    assert [(s.start_s, s.end_s) for s in bands(flight, film).armed] == [(film.start, BOOT + 30.0)]
+
+
+@given(st.lists(st.tuples(st.floats(-50, 150), st.floats(0, 80)), max_size=20))
+def test_nothing_is_drawn_beside_the_band(spans: list[tuple[float, float]]) -> None:
+    found = tuple(Span(start, start + length, "x", "error") for start, length in spans)
+    html = markup(Bands(modes=found, armed=found, findings=found), 0.0, 100.0)
+    places = re.findall(r"left:(-?[\d.]+)%;width:max\((-?[\d.]+)%", html)
+    assert all(0 <= float(left) <= 100 and 0 <= float(left) + float(width) <= 100.01 for left, width in places)
+
+
+@pytest.mark.parametrize(
+    ("spans", "said"),
+    [
+        ([(10, 20)], ""),
+        ([(-9, -5)], "1 finding lies outside the replay: 1 before it begins."),
+        (
+            [(-9, -5), (-9, 50), (101, 120), (105, 110)],
+            "3 findings lie outside the replay: 1 before it begins, 2 after it ends.",
+        ),
+    ],
+)
+def test_findings_that_the_replay_does_not_reach_are_told(spans: list[tuple[float, float]], said: str) -> None:
+    assert outside([Span(a, b, "", "error") for a, b in spans], 0.0, 100.0) == said
+
+
+def test_names_are_text() -> None:
+    evil = "<img src=x onerror=alert(1)>"
+    html = markup(Bands(modes=(Span(0.0, 100.0, evil),)), 0.0, 100.0)
+    assert "<img" not in html
+    assert "&lt;img" in html

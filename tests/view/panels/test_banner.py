@@ -1,0 +1,57 @@
+"""The verdict above the picture."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import pytest
+
+from companion.analysis.verdict import Status
+from companion.view import palette
+from companion.view.panels.banner import COLOURS, banner, clause, waiting
+
+WHITE = (255, 255, 255)
+
+
+PANELS = (palette.LIGHT, palette.DARK)
+LEAST = 4.5  # WCAG 2.1, 1.4.3
+
+
+@pytest.mark.parametrize(
+    "colour", [*COLOURS.values(), *palette.SEVERITIES.values(), palette.BRAND, palette.BRAND_DRAWN]
+)
+def test_white_is_read_on_buttons_badges_and_banners(colour: palette.Rgb) -> None:
+    assert palette.contrast(colour, WHITE) >= LEAST
+
+
+@pytest.mark.parametrize("panel", PANELS)
+def test_words_on_panels_and_bands_are_read(panel: palette.Rgb) -> None:
+    words = palette.WORDS[panel]
+    trouble = palette.TROUBLE if panel == palette.LIGHT else palette.TROUBLE_ON_DARK
+    assert palette.contrast(words, panel) >= LEAST
+    assert palette.contrast(palette.mix(panel, words, palette.QUIET), panel) >= LEAST
+    assert palette.contrast(trouble, panel) >= LEAST
+    band = palette.mix(panel, palette.BAND, palette.BAND_OPACITY)
+    for colour in palette.MODES:
+        assert palette.contrast(words, palette.mix(band, colour, palette.MODES_OPACITY)) >= LEAST
+
+
+@pytest.mark.parametrize("status", get_args(Status))
+def test_every_status_has_a_sign_and_a_colour_on_which_white_is_read(status: str) -> None:
+    assert palette.SIGNS[status]
+    assert status in COLOURS
+    assert status.replace("_", " ").upper() in banner(status, "They agree.")
+
+
+def test_the_sentence_does_not_say_the_status_again() -> None:
+    assert clause("Suspect the IMU: stuck at 12 s.") == "stuck at 12 s."
+    assert clause("IMU and autopilot agree.") == "IMU and autopilot agree."
+
+
+def test_texts_of_the_vehicle_stay_texts() -> None:
+    assert "<img" not in banner("imu_suspect", "<img src=x>") + waiting("<img src=x>")
+
+
+def test_contrast_is_that_of_wcag() -> None:
+    assert palette.contrast((0, 0, 0), WHITE) == pytest.approx(21.0)
+    assert palette.contrast((118, 118, 118), WHITE) == pytest.approx(4.54, abs=0.01)  # the lightest grey that passes

@@ -1,0 +1,87 @@
+"""What the live page says is text, whatever a vehicle, a file name or an error message holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from html.parser import HTMLParser
+
+from companion.view import Judgement, LinkState, StreamState, palette
+from companion.view.panels import banner, live_text
+
+EVIL = "<img src=x onerror=\"document.title='owned'\"><script>alert(1)</script>"
+
+
+class _Tags(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: set[str] = set()
+        self.text = ""
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:  # noqa: ARG002  (HTMLParser's)
+        self.found.add(tag)
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def read(markup: str) -> _Tags:
+    tags = _Tags()
+    tags.feed(markup)
+    return tags
+
+
+def test_nothing_that_comes_from_outside_becomes_markup() -> None:
+    state = LinkState(
+        link=EVIL, problem=EVIL, streams=(StreamState(EVIL, 100.0, 99.0, EVIL),), frames=10, lost={EVIL: 0.1},
+        rejected=3, latency_ms=2.0, clock=EVIL, recording=EVIL, recorded_bytes=5, recording_problem="",
+    )  # fmt: skip
+    for markup in (
+        live_text.link(state, EVIL, None),
+        live_text.verdict(Judgement(EVIL, EVIL), LinkState("a"), EVIL),
+        live_text.verdict(Judgement("", EVIL), state, EVIL),
+        live_text.legend(EVIL, has_position=True),
+        live_text.health(state),
+        live_text.drift((), Judgement(EVIL, EVIL)),
+        live_text.sentences([EVIL]),
+    ):
+        tags = read(markup)
+        assert tags.found <= {"div", "span", "b", "table", "tr", "th", "td", "style"}
+        assert "<img src=x" in tags.text
+
+
+def test_the_verdict_now_is_the_banner_or_why_there_is_none() -> None:
+    def text(judgement: Judgement, problem: str = "", why_not: str = "") -> str:
+        return read(live_text.verdict(judgement, LinkState("udpin:1", problem), why_not)).text
+
+    suspect = Judgement("imu_suspect", "Suspect the IMU: stuck.", age_s=2.0)
+    assert text(suspect).endswith("✗ IMU SUSPECT – stuck.")
+    assert text(replace(suspect, age_s=7.0)).endswith("stuck. (as of 7 s ago)")
+    assert banner.COLOURS["imu_suspect"] != banner.colour_of("imu_suspect", stale=True), "and is dimmed"
+    shown = live_text.verdict(replace(suspect, age_s=7.0), LinkState("udpin:1"), "")
+    assert palette.css(banner.COLOURS["imu_suspect"]) not in shown
+    assert text(suspect, problem="silent for 7 s").endswith("silent for 7 s")
+    assert text(Judgement("", ""), why_not="no IMU messages").endswith("no IMU messages")
+    assert "No verdict yet" in text(Judgement("", ""))
+    assert "STARTING" in text(Judgement("starting", "The estimator aligns."))
+
+
+def test_the_link_says_how_it_stands() -> None:
+    def text(state: LinkState, why_not: str = "", held_s: float | None = None) -> str:
+        return read(live_text.link(state, why_not, held_s)).text
+
+    good = LinkState("udpin:1", frames=5, recording="a.tlog", recorded_bytes=2_500_000)
+    assert text(good) == "LIVE● Recording a.tlog, 2.5 MB"
+    assert text(good, held_s=3.21) == "PAUSED, 3.2 s ago● Recording a.tlog, 2.5 MB"
+    assert text(good, "no IMU messages").startswith("WAITINGno IMU messages")
+    assert text(LinkState("udpin:1", "silent for 7 s", frames=5)) == "RECONNECTINGsilent for 7 sNot recorded"
+    assert text(LinkState("udpin:1", "nothing received yet")).startswith("WAITINGnothing received yet")
+    full = LinkState("udpin:1", frames=5, recording="a.tlog", recording_problem="the disk is full")
+    assert text(full) == "LIVEthe disk is full"
+
+
+def test_losses_latency_and_what_is_dropped() -> None:
+    state = LinkState("udpin:1", frames=90, lost={"1:1": 0.1}, rejected=4, latency_ms=7.25, clock="Booted at 10:00:00")
+    text = read(live_text.health(state)).text
+    assert "90 frames, 10.00% of 1:1 lost" in text
+    assert "Latency 7.2 ms" in text
+    assert "4 frames dropped: not signed, or not with our key" in text

@@ -1,0 +1,92 @@
+"""Marks: what the vehicle said becomes ticks on the timeline, and never markup."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.model import Flight, StatusText
+from companion.view import Mark
+from companion.view.state.marks import neighbour, short, strip, text_marks
+
+HOSTILE = [
+    "<script>alert(1)</script>",
+    "<img src=x onerror=\"document.title='owned'\">",
+    '"></div><svg/onload=alert(1)>',
+    "' onmouseover='alert(1)",
+    "&lt;b&gt; &#x3C;i&#x3E;",
+    "**bold** [link](javascript:alert(1))",
+    "\x00\x1b[31m\n\r\u202e\u2028",
+]
+
+
+class Tags(HTMLParser):
+    """What a browser would make of a piece of markup: its tags, their attributes, its words."""
+
+    def __init__(self, markup: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.tags, self.attributes, self.words = set[str](), set[str](), ""
+        self.feed(markup)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        self.attributes |= {name for name, _ in attrs}
+
+    def handle_data(self, data: str) -> None:
+        self.words += data
+
+
+@given(st.text() | st.sampled_from(HOSTILE))
+def test_a_label_is_never_markup(label: str) -> None:
+    seen = Tags(strip([Mark(5.0, label, "trouble"), Mark(2.0, label, "anchor")], 0.0, 10.0, (1.0, 9.0)))
+    assert seen.tags <= {"div", "span"}
+    assert seen.attributes <= {"style", "title"}
+    assert seen.words.split() == short(label).split()
+
+
+@given(st.text())
+def test_a_short_label_is_one_printable_line(label: str) -> None:
+    assert 0 < len(short(label)) <= 60
+    assert short(label).isprintable()
+
+
+def test_what_the_vehicle_said_is_sorted_and_told_apart(flight: Flight) -> None:
+    said = [
+        (107.0, 6, "Disarming motors"),
+        (101.0, 6, "Arming motors"),
+        (102.0, 3, "EKF lane switch 1"),
+        (103.0, 6, "x"),
+    ]
+    marks = text_marks(replace(flight, texts=tuple(StatusText(*text) for text in said)))
+    assert [(mark.t, mark.kind) for mark in marks] == [
+        (101.0, "arming"),
+        (102.0, "trouble"),
+        (103.0, "text"),
+        (107.0, "arming"),
+    ]
+
+
+@given(st.lists(st.floats(0, 100)), st.floats(0, 100))
+def test_neighbours_lie_on_their_side_with_none_between(times: list[float], now: float) -> None:
+    after, before = neighbour(times, now, forward=True), neighbour(times, now, forward=False)
+    assert after is None or after > now
+    assert before is None or before < now
+    low, high = -1.0 if before is None else before, 101.0 if after is None else after
+    between = [t for t in times if low < t < high]
+    assert all(t == pytest.approx(now, abs=1.1e-6) for t in between)
+
+
+def test_marks_outside_are_left_out_and_an_instant_has_no_strip() -> None:
+    assert "far" not in strip([Mark(50.0, "far")], 0.0, 10.0)
+    assert strip([Mark(5.0, "here")], 5.0, 5.0) == ""
+
+
+def test_words_do_not_cover_one_another() -> None:
+    crowd = strip([Mark(5.0 + i / 100, f"event number {i}") for i in range(50)], 0.0, 10.0)
+    assert crowd.count("<span") == 1
+    assert crowd.count("title=") == 50
