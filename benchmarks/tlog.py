@@ -27,7 +27,8 @@ from typing import Any
 
 import numpy as np
 
-from companion.mavlink import encode, load_dialect, make_messages, read_dataflash, read_tlog
+from companion.logs import read_dataflash, read_tlog
+from companion.mavlink import encode, load_dialect, make_messages
 
 # Message -> Hz on an ArduPilot link whose IMU, attitude and position were asked for, as in our own recordings.
 MIX = {

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
-from companion.mavlink import open_port, parse_address
+from companion.links import open_port, parse_address
 from companion.simulate import Faults, Flown, SimulatedVehicle, fly, serve
 from tests.waiting import LIMIT_S
 

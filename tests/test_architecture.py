@@ -1,4 +1,4 @@
-"""The house: mavlink → telemetry → model ← strapdown ← estimation ← analysis ← app ← cli, never back up."""
+"""The house: mavlink → logs → telemetry → model ← strapdown ← estimation ← analysis ← app ← cli, never back up."""
 
 from __future__ import annotations
 
@@ -19,11 +19,13 @@ GROUND = {"model"}
 MAY_IMPORT = {
     "model": set[str](),
     "mavlink": GROUND,
-    "telemetry": GROUND | {"mavlink"},
+    "logs": GROUND | {"mavlink"},
+    "links": GROUND | {"mavlink", "logs"},
+    "telemetry": GROUND | {"mavlink", "logs"},
     "strapdown": GROUND,
     "estimation": GROUND | {"strapdown"},
     "analysis": GROUND | {"strapdown", "estimation"},
-    "simulate": GROUND | {"mavlink", "strapdown"},
+    "simulate": GROUND | {"mavlink", "links", "strapdown"},
     "app": set[str](),
     "app.memory": set[str](),
     "app.toml_file": GROUND,
@@ -31,9 +33,9 @@ MAY_IMPORT = {
     "app.settings": GROUND | {"app.toml_file"},
     "app.correction": GROUND | {"app.toml_file", "analysis"},
     "app.sensors": GROUND | {"app.toml_file", "app.settings", "analysis"},
-    "app.recording": GROUND | {"mavlink", "telemetry"},
+    "app.recording": GROUND | {"mavlink", "logs", "telemetry"},
     "app.examination": GROUND | {"app.settings", "app.sensors", "app.correction", "analysis"},
-    "app.live": GROUND | {"mavlink", "telemetry", "analysis"},
+    "app.live": GROUND | {"mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
     | {"mavlink", "analysis", "app.memory", "app.settings", "app.examination", "app.live"},
     "documents": GROUND | {"estimation", "analysis", "app.recording", "app.examination"},
@@ -42,10 +44,10 @@ MAY_IMPORT = {
     "report": GROUND
     | {"strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination", "documents", "view"},
     "fleet": GROUND
-    | {"mavlink", "app.destination", "app.settings", "app.sensors", "app.recording", "app.examination"}
+    | {"mavlink", "logs", "app.destination", "app.settings", "app.sensors", "app.recording", "app.examination"}
     | {"documents", "export", "report"},
     "cli": GROUND
-    | {"mavlink", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
+    | {"mavlink", "logs", "links", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
     | {"app.destination", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}
     | {"app.live", "app.memory", "app.running_verdict", "documents", "view", "report", "export", "fleet"},
     "__main__": {"cli"},
@@ -86,7 +88,9 @@ LIBRARIES = {
     "strapdown": {"numpy"},
     "estimation": {"numpy", "scipy", "pygeomag"},
     "analysis": {"numpy"},
-    "mavlink": {"numpy", "pymavlink", "serial"},
+    "mavlink": {"numpy", "pymavlink"},
+    "logs": {"numpy"},
+    "links": {"numpy", "serial"},
     "simulate": {"numpy"},
     "telemetry": {"numpy", "pyulog"},
     "app.settings": {"msgspec"},
@@ -196,6 +200,12 @@ def test_the_arrows_make_no_circle(arrows: dict[str, set[str]]) -> None:
     while ground := {part for part, below in standing.items() if below.isdisjoint(standing.keys() - {part})}:
         standing = {part: below for part, below in standing.items() if part not in ground}
     assert not standing
+
+
+def test_sockets_and_serial_lines_are_of_the_links_alone() -> None:
+    """But for the page's server, which looks for a free port; a fleet asks for the name of its computer."""
+    users = {part_at(p) for p in MODULES if not {"socket", "serial"}.isdisjoint(n.split(".")[0] for n in imports(p))}
+    assert users <= {"links", "view", "fleet"}
 
 
 def test_the_core_starts_without_viser() -> None:

@@ -23,7 +23,7 @@ import psutil
 from playwright.sync_api import sync_playwright
 
 import companion as c
-from companion.mavlink import open_port, parse_address
+from companion.links import open_port, parse_address
 from companion.simulate import SimulatedVehicle, fly, serve
 
 STREAMS = {"RAW_IMU": 400.0, "ATTITUDE": 100.0, "LOCAL_POSITION_NED": 50.0}

@@ -6,18 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from companion.mavlink import (
-    DEFAULT_DIALECT,
-    MOST_BYTES,
-    Contents,
-    Dialect,
-    Log,
-    load_dialect,
-    log_format,
-    read_dataflash,
-    read_dataflash_text,
-    read_tlog,
-)
+from companion.logs import MOST_BYTES, Contents, Log, log_format, read_dataflash, read_dataflash_text, read_tlog
+from companion.mavlink import DEFAULT_DIALECT, Dialect, load_dialect
 from companion.model import Flight, SettingsError
 from companion.telemetry import NEEDED, RECORDS, Bystander, dataflash_flight, flights, ulog_flight
 

@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import TextIO
 
 from companion.app.settings import Settings
-from companion.mavlink import Address, Choice, Link, NotThereError, Recorder, Session, load_key, parse_address
+from companion.links import Address, Choice, Link, NotThereError, Recorder, Session, parse_address
+from companion.mavlink import load_key
 from companion.model import SettingsError
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -258,7 +259,9 @@ class StatusLine:
         if problem := session.link.problem:
             parts.append(problem)
         if session.rates is not None:
-            parts += [f"{w.name} {w.received_hz:.0f}/{w.wanted_hz:.0f} Hz" for w in session.rates.wishes if w.count]
+            parts += [
+                f"{w.name} {w.received_hz:.0f}/{w.wanted_hz:.0f} Hz" for w in session.rates.stream_requests if w.count
+            ]
         if health.unsigned or health.wrongly_signed:
             parts.append(f"{health.unsigned + health.wrongly_signed} not signed with our key")
         several = len(session.asked) > 1

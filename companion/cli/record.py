@@ -6,7 +6,7 @@ import argparse
 import time
 
 from companion.cli import live, options
-from companion.mavlink import Recorder, Session
+from companion.links import Recorder, Session
 from companion.model import SettingsError
 
 

@@ -8,7 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from companion.cli import live, options
-from companion.mavlink import Address, Port, load_dialect, log_format, open_port, parse_address, play
+from companion.links import Address, Port, open_port, parse_address, play
+from companion.logs import log_format
+from companion.mavlink import load_dialect
 from companion.model import DataError, InputError, SettingsError
 
 _WAITING = ("udpin", "tcpin", "tcp")  # links on which somebody else has to speak or listen first

@@ -11,7 +11,7 @@ from companion.analysis import ImuFigures, SensorFigures
 from companion.app import destination
 from companion.app.sensors import ardupilot_id, load_imu_figures
 from companion.cli import live, options
-from companion.mavlink import open_port, parse_address
+from companion.links import open_port, parse_address
 from companion.model import SettingsError
 from companion.simulate import MOTIONS, PARAMETERS, Faults, SimulatedVehicle, fly, serve, write_flight
 from companion.strapdown import ImuModel, Sensor

@@ -10,7 +10,7 @@ from pathlib import Path
 from companion.app.examination import align_imu, integration_of
 from companion.cli import live, options
 from companion.cli.answers import Answers
-from companion.mavlink import is_link
+from companion.links import is_link
 from companion.model import SettingsError
 
 _HORIZON_S = 5.0  # the windows that the verdict is reached with

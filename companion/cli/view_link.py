@@ -19,14 +19,14 @@ from companion.app.memory import give_back
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.app.settings import Settings
 from companion.cli import live, options, unforeseen
-from companion.mavlink import Clock, Recorder, Session, State
+from companion.links import Clock, Recorder, RequestState, Session
 from companion.model import CompanionError, SettingsError
 from companion.view import LONGEST_REANCHOR_S, Judgement, LinkState, LiveViewer, ReplayChoice, Seen, StreamState
 
 _MOST_SAID = 100  # sentences that the page keeps
 _AGES_S = (0.5, 2.0, 5.0, 10.0, LONGEST_REANCHOR_S)  # since an anchor, at which the charts know what is expected
 _GIVE_BACK_S = 5.0  # between two times that freed memory is given back
-_NOTES = {State.FINDING: "asking", State.ASKING: "asking", State.GIVEN_UP: "given up"}
+_NOTES = {RequestState.FINDING: "asking", RequestState.ASKING: "asking", RequestState.GIVEN_UP: "given up"}
 
 
 def run(arguments: argparse.Namespace) -> int:

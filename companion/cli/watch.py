@@ -12,7 +12,7 @@ from typing import Any
 
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.cli import live, options
-from companion.mavlink import Recorder, Session, announce
+from companion.links import Recorder, Session, announce
 from companion.model import SettingsError
 
 _LINE_S = 1.0  # between two lines where nothing changes

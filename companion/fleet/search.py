@@ -9,7 +9,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.mavlink import DEFAULT_DIALECT, looks_like_a_log
+from companion.logs import looks_like_a_log
+from companion.mavlink import DEFAULT_DIALECT
 from companion.model import CompanionError, InputError
 
 _LOGS = (".tlog", ".ulg")

@@ -13,7 +13,7 @@ from companion.app.sensors import load_imu_figures
 from companion.app.settings import Settings, data_folder
 
 MAKING = {
-    "model", "mavlink", "telemetry", "strapdown", "estimation", "analysis", "app.toml_file", "app.settings",
+    "model", "mavlink", "logs", "telemetry", "strapdown", "estimation", "analysis", "app.toml_file", "app.settings",
     "app.sensors", "app.correction", "app.recording", "app.examination", "documents", "fleet",
 }  # fmt: skip
 """The parts of the program that a row comes out of."""

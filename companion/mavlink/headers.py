@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from companion.mavlink.crc import Bytes, Index, fits_some_extra, frame_crc, gather
 from companion.mavlink.dialect import Dialect
-from companion.mavlink.spans import first_come
+from companion.mavlink.overlap import first_come
 
 MAGIC_1, MAGIC_2 = 0xFE, 0xFD
 HEADER_1, HEADER_2 = 6, 10

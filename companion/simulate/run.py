@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from companion.mavlink import Port
+from companion.links import Port
 from companion.model import InputError
 from companion.simulate.vehicle import SimulatedVehicle
 

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable, Mapping
 import numpy as np
 import numpy.typing as npt
 
-from companion.mavlink import Dialect, Messages, Records, mode_name
+from companion.logs import Records
+from companion.mavlink import Dialect, Messages, mode_name
 from companion.model import Array, Event, StatusText, Vehicle
 from companion.telemetry.words import words
 

@@ -19,11 +19,11 @@ from pymavlink import mavutil
 
 import companion as c
 from companion.cli import live, main
-from companion.mavlink import parse_address
-from companion.mavlink.requests import ALLOWED_MESSAGES
+from companion.links import parse_address
+from companion.links.requests import ALLOWED_MESSAGES
 from companion.simulate import PARAMETERS, Faults
-from tests.mavlink.link import link_frames
-from tests.mavlink.peers import listener
+from tests.links.link import link_frames
+from tests.links.peers import listener
 from tests.processes import COMPANION, Process, ended, started
 from tests.simulated import flying, free_port
 from tests.waiting import LIMIT_S, wait_for

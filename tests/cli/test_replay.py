@@ -16,7 +16,8 @@ import pytest
 
 import companion
 from companion.cli import main
-from companion.mavlink import read_tlog, sockets
+from companion.links import sockets
+from companion.logs import read_tlog
 from tests.processes import COMPANION, ended, next_line, started
 from tests.recordings import BUNDLED
 from tests.simulated import free_port
@@ -230,9 +231,9 @@ def test_nothing_but_the_command_can_replay() -> None:
         names = [
             alias.name
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("companion.mavlink")
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("companion.links")
             for alias in node.names
         ]
         if "play" in names:
             users.add(str(path.relative_to(package)))
-    assert users == {"mavlink/__init__.py", "cli/replay.py"}
+    assert users == {"links/__init__.py", "cli/replay.py"}

@@ -13,7 +13,7 @@ import pytest
 
 import companion as c
 from companion.cli import main, watch
-from companion.mavlink.requests import ALLOWED_MESSAGES
+from companion.links.requests import ALLOWED_MESSAGES
 from tests.processes import COMPANION, ended, next_line, started
 from tests.simulated import flying, free_port
 from tests.waiting import wait_for

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.mavlink import Damage, Decoder, load_dialect, split_messages
-from tests.mavlink.link import link_frames, stamped, unknown_frame
+from tests.links.link import link_frames, stamped, unknown_frame
 from tests.recordings import BUNDLED, recording
 
 pytestmark = pytest.mark.slow

@@ -6,8 +6,8 @@ import re
 
 import pytest
 
+from companion.links.request_table import TABLE
 from companion.mavlink import load_dialect
-from companion.mavlink.wanted import TABLE
 from companion.model import IMU_MESSAGES
 from companion.telemetry.dataflash import RECORDS
 from companion.telemetry.dataflash.sensors import SOURCES, RecordSource

@@ -11,7 +11,7 @@ import pytest
 
 import companion as c
 from companion.analysis.compare import attitude_error, length
-from companion.mavlink import read_dataflash
+from companion.logs import read_dataflash
 from companion.model import Array, AttitudeTrack, DataError, InputError, PositionTrack, SettingsError
 from companion.strapdown import quaternion
 from tests.recordings import BUNDLED, recording, shared

@@ -13,7 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import companion as c
-from companion.mavlink import Recorder, load_dialect
+from companion.links import Recorder
+from companion.mavlink import load_dialect
 from companion.mavlink.frames import Decoder
 from companion.model import Flight, NavState
 from companion.simulate import Faults, SimulatedVehicle, fly, write_flight

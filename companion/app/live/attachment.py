@@ -6,7 +6,8 @@ import threading
 import time
 from collections import deque
 
-from companion.mavlink import Frames, Report, Session
+from companion.links import Report, Session
+from companion.mavlink import Frames
 
 _REPORT_S = 0.25
 _MOST_HELD = 6000  # receipts that nobody has fetched: a minute of a busy link

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from companion.mavlink import Records
+from companion.logs import Records
 from companion.model import ActuatorTrack, Array, ControlTrack, TruthTrack
 from companion.telemetry import convert
 from companion.telemetry.aiding import truth_track

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from companion.mavlink import Records
+from companion.logs import Records
 from companion.model import Array
 from companion.telemetry.series import Found, find
 

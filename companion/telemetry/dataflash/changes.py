@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.mavlink import Records
+from companion.logs import Records
 from companion.model import EstimatorReset, ParameterChange, ResetKind, StatusText
 from companion.telemetry import announced
 from companion.telemetry.dataflash.cores import Flew, imu_of_core, of_cores

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.mavlink import Records
+from companion.logs import Records
 from companion.model import Array, BiasTrack, DataError, SensorInUse
 from companion.telemetry import convert
 

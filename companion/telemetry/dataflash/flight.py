@@ -14,7 +14,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from companion.mavlink import Dialect, RecordLayout, Records
+from companion.logs import RecordLayout, Records
+from companion.mavlink import Dialect
 from companion.model import Array, Flight, StatusText, Vehicle
 from companion.telemetry import convert
 from companion.telemetry.aiding import Aiding

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from companion.mavlink import Records
+from companion.logs import Records
 from companion.model import Array, ImuTrack, Vehicle
 from companion.telemetry import convert
 from companion.telemetry.dataflash.rows import sources

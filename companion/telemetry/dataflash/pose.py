@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from companion.mavlink import Records
+from companion.logs import Records
 from companion.model import Array, AttitudeTrack, BiasTrack, Epoch, ImuTrack, Origin, PositionTrack
 from companion.telemetry import convert
 from companion.telemetry.dataflash.cores import Flew, of_cores

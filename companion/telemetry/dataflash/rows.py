@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from companion.mavlink import Records
+from companion.logs import Records
 from companion.model import Array
 from companion.telemetry.timestamps import ON_BOARD, left_out, off_course
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.mavlink import Records
+from companion.logs import Records
 from companion.model import Array, Series
 from companion.telemetry.dataflash.batches import batches
 from companion.telemetry.dataflash.cores import of_cores

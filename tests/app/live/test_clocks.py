@@ -8,9 +8,10 @@ import pytest
 
 from companion.analysis import Integration
 from companion.app.live import Attachment, Watch
-from companion.mavlink import Link, Packer, Session
+from companion.links import Link, Session
+from companion.mavlink import Packer
 from companion.simulate import SimulatedVehicle
-from tests.mavlink.peers import UdpPeer, udp_peer
+from tests.links.peers import UdpPeer, udp_peer
 from tests.simulated import flying
 from tests.waiting import wait_for
 

@@ -14,10 +14,11 @@ import companion as c
 from companion.analysis import Integration
 from companion.app.live import Attachment, Watch
 from companion.app.live.watch import Sighting
-from companion.mavlink import Decoder, Link, Recorder, Session, load_dialect
+from companion.links import Link, Recorder, Session
+from companion.mavlink import Decoder, load_dialect
 from companion.model import InputError
 from companion.simulate import Faults, SimulatedVehicle, fly
-from tests.mavlink.peers import serial_cable
+from tests.links.peers import serial_cable
 from tests.simulated import bursts, flying
 from tests.waiting import wait_for
 

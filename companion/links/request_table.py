@@ -1,0 +1,116 @@
+"""Which messages are asked of a vehicle, how often, and what of it a slow line carries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from companion.mavlink import Dialect
+
+Wanted = dict[str, float]
+"""Message name → Hz, the most important first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One message that is asked for."""
+
+    name: str
+    hz: float | Literal["imu", "half the imu", "attitude", "position"]
+    least_hz: float  # that a slow line leaves of it; 0: it is left out
+    autopilots: tuple[str, ...] = ()  # that have it; (): all
+    optional: bool = False  # many vehicles have no such sensor: its absence is said once, in one sentence with others
+
+    def rate(self, rates: Mapping[str, float]) -> float:
+        """Hz."""
+        return rates[self.hz] if isinstance(self.hz, str) else self.hz
+
+
+_ARDUPILOT, _PX4, _OTHER = "ARDUPILOTMEGA", "PX4", ""
+
+TABLE = (
+    # PX4 has no RAW_IMU, and HIGHRES_IMU there lacks the EKF's biases: SCALED_IMU is the independent witness.
+    Row("RAW_IMU", "imu", 10.0, (_ARDUPILOT, _OTHER)),
+    Row("SCALED_IMU", "imu", 10.0, (_PX4, _OTHER)),
+    Row("ATTITUDE", "attitude", 10.0),
+    Row("LOCAL_POSITION_NED", "position", 4.0),
+    Row("GPS_RAW_INT", 5.0, 2.0, optional=True),
+    Row("EKF_STATUS_REPORT", 2.0, 1.0, (_ARDUPILOT,), optional=True),
+    Row("ESTIMATOR_STATUS", 2.0, 1.0, (_PX4,), optional=True),
+    Row("SCALED_PRESSURE", 10.0, 2.0, optional=True),
+    Row("EXTENDED_SYS_STATE", 1.0, 1.0, optional=True),
+    Row("SCALED_IMU2", "half the imu", 5.0, optional=True),
+    Row("VIBRATION", 2.0, 1.0, optional=True),
+    Row("GLOBAL_POSITION_INT", 5.0, 1.0),
+    Row("ODOMETRY", 5.0, 0.0, (_PX4,), optional=True),  # 245 bytes: resets and variances
+    Row("GPS2_RAW", 5.0, 0.0, optional=True),
+    Row("SCALED_IMU3", "half the imu", 0.0, optional=True),
+    Row("ATTITUDE_TARGET", 5.0, 0.0, optional=True),
+    # ArduPilot's HIGHRES_IMU are floats, but perhaps of another IMU than 0, PX4's of the one that its EKF selected:
+    # with the first message beside it that shows. The same sensor twice is what a slow line goes without first.
+    Row("HIGHRES_IMU", "imu", 0.0),
+)
+"""What the analysis lives on, the most important first. A slow line takes from the last row first.
+
+Few different rates: ArduPilot keeps ten intervals for a link, and takes the nearest for a further one.
+"""
+
+OPTIONAL = frozenset(row.name for row in TABLE if row.optional)
+"""Messages that many vehicles have no sensor for."""
+
+_FRAME_BYTES = 12  # MAVLink 2: header and CRC
+_SHARE = 0.7  # of a line's bytes that we may fill: others use it too
+
+
+def wanted_from(
+    autopilot: str, *, imu_hz: float = 100.0, attitude_hz: float = 50.0, position_hz: float = 20.0
+) -> Wanted:
+    """What to ask of an autopilot (MAV_AUTOPILOT without prefix): what the analysis uses of what it may have."""
+    rates = {"imu": imu_hz, "half the imu": max(imu_hz / 2, 1.0), "attitude": attitude_hz, "position": position_hz}
+    known = autopilot if autopilot in (_ARDUPILOT, _PX4) else _OTHER
+    return {row.name: row.rate(rates) for row in TABLE if not row.autopilots or known in row.autopilots}
+
+
+def load(wanted: Mapping[str, float], dialect: Dialect) -> float:
+    """Bytes per second of the wanted messages, as MAVLink 2."""
+    return sum(hz * _size(name, dialect) for name, hz in wanted.items())
+
+
+def fit(wanted: Mapping[str, float], dialect: Dialect, bytes_per_second: float | None) -> tuple[Wanted, str]:
+    """What of it a line carries, and a sentence when that is less.
+
+    From the last row of the table to the first each message is lowered as far as is needed, to its least rate or out
+    of the list; so the IMU is the last to suffer. Where even the least rates are too much, all are lowered alike.
+    bytes_per_second: of the line; None when it has no limit that we know. What the dialect lacks is not asked for.
+    """
+    wanted = {name: hz for name, hz in wanted.items() if name in dialect.by_name}
+    needed = load(wanted, dialect)
+    if bytes_per_second is None or needed <= _SHARE * bytes_per_second:
+        return wanted, ""
+    left, over = dict(wanted), needed - _SHARE * bytes_per_second
+    for row in reversed(TABLE):
+        if row.name in left and over > 0:
+            hz, size = left[row.name], _size(row.name, dialect)
+            lowered = max(hz - over / size, min(row.least_hz, hz))
+            left[row.name] = lowered if lowered >= 1.0 else 0.0
+            over -= (hz - left[row.name]) * size
+    left = {name: hz for name, hz in left.items() if hz}
+    if over > 1e-6:
+        share = _SHARE * bytes_per_second / load(left, dialect)
+        left = {name: hz * share for name, hz in left.items()}
+    return left, (
+        f"the line carries {bytes_per_second:,.0f} bytes/s and the wanted messages need {needed:,.0f}: "
+        f"{_changes(wanted, left)}. Use a faster baud rate."
+    )
+
+
+def _size(name: str, dialect: Dialect) -> int:
+    return dialect.by_name[name].max_length + _FRAME_BYTES
+
+
+def _changes(wanted: Mapping[str, float], left: Mapping[str, float]) -> str:
+    out = [name for name in wanted if name not in left]
+    slower = [f"{name} {left[name]:.3g} of {hz:g} Hz" for name, hz in wanted.items() if left.get(name, hz) < hz]
+    parts = [f"left out: {', '.join(out)}"] if out else []
+    return "; ".join(parts + ([f"lowered: {', '.join(slower)}"] if slower else []))

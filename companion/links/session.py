@@ -1,0 +1,298 @@
+"""A companion on a link: hears vehicles, asks one of them for its IMU, records everything, leaves as it came."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.links import requests
+from companion.links.link import Link
+from companion.links.original_rates import OriginalRatesFile, original_rates_path
+from companion.links.recorder import Recorder
+from companion.links.request_table import fit, wanted_from
+from companion.links.requests import Target
+from companion.links.stream_manager import StreamManager
+from companion.links.stream_request import RequestState
+from companion.links.timesync import Clock
+from companion.links.vehicle_session import VehicleSession
+from companion.mavlink import Frames, Messages, split_messages
+from companion.model import CompanionError
+
+_log = logging.getLogger(__name__)
+_HEARTBEAT_S = 1.0
+_LEAVING_S = (0.5, 0.4, 0.3, 0.3)  # to hear that the intervals are restored, at each attempt
+_SPACING_S = 0.005  # between requests then: a burst would overrun a receive buffer
+_HEARD = (
+    "HEARTBEAT", "COMMAND_ACK", "MESSAGE_INTERVAL", "PARAM_VALUE", "AUTOPILOT_VERSION", "ATTITUDE", "SCALED_IMU",
+    "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "TIMESYNC",
+)  # fmt: skip
+"""The messages whose fields a session reads: those of requests, and those with the vehicle's clock."""
+_NO_VEHICLES = {5, 6, 18, 26, 27, 30, 31}  # MAV_TYPE: tracker, GCS, companion, gimbal, ADS-B, camera, charging station
+_MOST_VEHICLES = 64
+"""That are told apart: a sender that makes up a new one with every heartbeat must not fill the memory."""
+_NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: ground stations, cameras, companions
+
+
+@dataclass(frozen=True, slots=True)
+class Arriving:
+    """One message that is asked for."""
+
+    name: str
+    wanted_hz: float
+    received_hz: float  # over the last 5 s
+    state: RequestState
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """How a session stands: plain values, to be read in any thread."""
+
+    link: str
+    problem: str  # why nothing is received at present; "" while frames arrive
+    vehicles: tuple[str, ...]  # every autopilot heard
+    arriving: tuple[Arriving, ...]
+    frames: int
+    lost: int  # frames of the vehicles that are asked, missing by sequence
+    lost_by: Mapping[str, float]  # SYSID:COMPID of each of these → share of its frames that is missing, 0 to 1
+    unsigned: int  # frames dropped because they carry no signature
+    wrongly_signed: int  # ... because theirs is not of our key, or is repeated
+    clock: Clock | None  # of the first vehicle that is asked
+    recording: str  # file; "" for none
+    recorded_bytes: int
+    recording_problem: str
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What a session asks for."""
+
+    vehicle: str | None = None  # SYSID or SYSID:COMPID; None: the first that is heard; "all": each
+    imu_hz: float = 100.0
+    attitude_hz: float = 50.0
+    position_hz: float = 20.0
+
+
+class Session:
+    """Call `step` again and again; then `leave`. `said` collects sentences for the user.
+
+    on_frames: is given what arrives, and when (s UNIX, by a clock that is never set and only goes forward). patience_s:
+    how long a vehicle may send no IMU message before that is said. remember: keep what a vehicle sent before in the
+    user's state folder, so that it can be given back after this program was killed.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        *,
+        choice: Choice = Choice(),
+        recorder: Recorder | None = None,
+        on_frames: Callable[[Frames, float], None] | None = None,
+        patience_s: float = 10.0,
+        remember: bool = False,
+    ) -> None:
+        self.link = link
+        self.recorder = recorder
+        self.vehicles: dict[Target, str] = {}  # every autopilot heard → its MAV_AUTOPILOT without prefix
+        self.asked: dict[Target, VehicleSession] = {}  # those of them that are ours, the first first
+        self.said: list[str] = []
+        self._choice = choice
+        self.on_frames = on_frames
+        self._patience_s = patience_s
+        self._remember = remember
+        self._names = link.dialect.enum_names("MAV_AUTOPILOT")
+        self._beat = 0.0
+        self._epoch = time.time() - time.monotonic()
+        self._leaving = False
+        self._told_disk = self._told_crowd = False
+        self._excused: set[str] = set()
+
+    def step(self, timeout_s: float = 0.1) -> Frames:
+        """Receive, record and ask once. Raises InputError when the link carries no MAVLink."""
+        frames = self.link.receive(timeout_s)
+        now = time.monotonic()
+        if self.recorder is not None:
+            self.recorder.write(frames)
+            if self.recorder.problem and not self._told_disk:
+                self._told_disk = True
+                self.said.append(self.recorder.problem)
+        self.beside(lambda: self._deal_with(frames, now))
+        return frames
+
+    def beside(self, work: Callable[[], None]) -> None:
+        """Do something beside the recording: whatever breaks in it, the next frame is recorded."""
+        try:
+            work()
+        except CompanionError:
+            raise
+        except Exception as error:  # noqa: BLE001
+            self._excuse(error)
+
+    def _deal_with(self, frames: Frames, now: float) -> None:
+        if self.on_frames is not None and len(frames):
+            self.on_frames(frames, self._epoch + now)
+        if len(frames):
+            self._notice(split_messages(frames, self.link.dialect, _HEARD), now)
+        self._speak(now)
+
+    def _excuse(self, error: Exception) -> None:
+        """Say once of each kind what could not be done."""
+        kind = type(error).__name__
+        if kind not in self._excused:
+            self._excused.add(kind)
+            _log.debug("beside the recording", exc_info=error)
+            self.said.append(f"what was heard could not be dealt with ({kind}: {error}); the recording goes on")
+
+    @property
+    def lost(self) -> dict[str, float]:
+        """SYSID:COMPID of each vehicle that is asked → share of its frames that is missing by their sequence.
+
+        Of nobody else: of cameras, ground stations and other vehicles an autopilot or a router passes on a part.
+        """
+        health = self.link.health
+        shares = {}
+        for ids in self._asked_ids:
+            lost, heard = health.lost.get(ids, 0), health.heard.get(ids, 0)
+            shares[f"{ids[0]}:{ids[1]}"] = lost / (lost + heard) if heard else 0.0
+        return shares
+
+    @property
+    def _asked_ids(self) -> list[tuple[int, int]]:
+        return [(target.sysid, target.compid) for target in self.asked]
+
+    @property
+    def rates(self) -> StreamManager | None:
+        """Of the first vehicle that is asked."""
+        return next((asked.rates for asked in self.asked.values()), None)
+
+    def report(self) -> Report:
+        """How it stands."""
+        link, recorder = self.link, self.recorder
+        several = len(self.asked) > 1
+        stream_requests = [
+            (f"{asked.target} {message.name}" if several else message.name, message)
+            for asked in self.asked.values()
+            if asked.rates
+            for message in asked.rates.stream_requests
+        ]
+        first = next(iter(self.asked.values()), None)
+        return Report(
+            link=str(link.address),
+            problem=link.problem,
+            vehicles=tuple(map(str, self.vehicles)),
+            arriving=tuple(Arriving(name, w.wanted_hz, w.received_hz, w.state) for name, w in stream_requests),
+            frames=link.health.frames,
+            lost=sum(link.health.lost.get(ids, 0) for ids in self._asked_ids),
+            lost_by=self.lost,
+            unsigned=link.health.unsigned,
+            wrongly_signed=link.health.wrongly_signed,
+            clock=first.timesync.clock(time.monotonic(), time.time()) if first else None,
+            recording=str(recorder.path) if recorder else "",
+            recorded_bytes=recorder.size_bytes if recorder else 0,
+            recording_problem=recorder.problem if recorder else "",
+        )
+
+    def leave(self) -> None:
+        """Give every vehicle its intervals back; takes 1.8 s at most."""
+        self._leaving = True  # nothing is asked any more
+        asked = [one.rates for one in self.asked.values() if one.rates]
+        given_back = [request for rates in asked for request in rates.restore()]
+        if self.link.listen_only or not given_back:
+            return
+        expected = sum(request.name == "COMMAND_LONG" for request in given_back)
+        until = time.monotonic()
+        for attempt_s in _LEAVING_S:
+            before, until = self._acknowledged(), until + attempt_s
+            for request in given_back:
+                self.link.send(request)
+                self.step(_SPACING_S)
+            while self._acknowledged() - before < expected and time.monotonic() < until:
+                self.step(0.02)
+            if self._acknowledged() - before >= expected:
+                for rates in asked:
+                    rates.restored()
+                return
+        self.said.append("the vehicle has not confirmed that its message intervals are as before")
+
+    def _acknowledged(self) -> int:
+        return sum(asked.rates.confirmed for asked in self.asked.values() if asked.rates)
+
+    def _notice(self, messages: Mapping[str, Messages], now: float) -> None:
+        if "HEARTBEAT" in messages:
+            self._meet(messages["HEARTBEAT"], now)
+        for target, asked in self.asked.items():
+            before = asked.started
+            asked.signs = (target.sysid, target.compid) in self.link.health.signers
+            asked.hear(messages, now)
+            if asked.started is not None and asked.started != before:
+                self.link.restarted((asked.target.sysid, asked.target.compid), asked.started)
+            self.said += asked.said
+            asked.said.clear()
+
+    def _meet(self, beats: Messages, now: float) -> None:
+        who = np.column_stack([beats.sysid, beats.compid, beats["autopilot"], beats["type"]])
+        for sysid, compid, autopilot, kind in np.unique(who, axis=0).tolist():
+            target = Target(sysid, compid)
+            if autopilot == _NO_AUTOPILOT or kind in _NO_VEHICLES or target in self.vehicles:
+                continue
+            if len(self.vehicles) == _MOST_VEHICLES:
+                self._refuse()
+                return
+            name = self._names.get(autopilot, f"autopilot {autopilot}").removeprefix("MAV_AUTOPILOT_")
+            self.vehicles[target] = name
+            chosen = self._choice.vehicle
+            if chosen == "all" or (not self.asked and chosen in (None, str(sysid), str(target))):
+                self._take(target, name, now)
+            else:
+                self.said.append(f"vehicle {target} ({name}) is heard too; --vehicle {target} would ask it")
+
+    def _refuse(self) -> None:
+        if not self._told_crowd:
+            self._told_crowd = True
+            self.said.append(
+                f"{_MOST_VEHICLES} vehicles are heard, and more: the rest is recorded, but neither asked nor shown"
+            )
+
+    def _take(self, target: Target, name: str, now: float) -> None:
+        self.said.append(f"vehicle {target} ({name}) is heard")
+        rates = None
+        if not self.link.listen_only:
+            choice = self._choice
+            wanted = wanted_from(
+                name, imu_hz=choice.imu_hz, attitude_hz=choice.attitude_hz, position_hz=choice.position_hz
+            )
+            fitting, warning = fit(wanted, self.link.dialect, self.link.address.bytes_per_second)
+            if warning:
+                self.said.append(warning)
+            rates = StreamManager(
+                target,
+                fitting,
+                self.link.dialect,
+                own_sysid=self.link.sysid,
+                ardupilot=name != "PX4",
+                earlier=OriginalRatesFile(
+                    original_rates_path(str(self.link.address), str(target)) if self._remember else None
+                ),
+            )
+            if rates.left_behind:
+                self.said.append(
+                    f"an earlier companion on this link ended without giving vehicle {target} its message intervals "
+                    "back: they are given back when this one ends"
+                )
+        self.asked[target] = VehicleSession(target, rates, now, self._patience_s)
+
+    def _speak(self, now: float) -> None:
+        if now - self._beat >= _HEARTBEAT_S:
+            self._beat = now
+            self.link.send(requests.heartbeat())
+        if self._leaving:
+            return
+        for asked in self.asked.values():
+            for request in asked.next_requests(now):
+                self.link.send(request)
+            asked.complain(now)
+            self.said += asked.said
+            asked.said.clear()

@@ -1,0 +1,252 @@
+"""Bytes over UDP and TCP.
+
+Sockets of our own and not pymavlink's `mavutil`, although it has all of these kinds: there a second program binds a
+taken UDP port without an error and steals the packets (SO_REUSEADDR), the end of a TCP peer is never noticed by
+`tcpin`, a reconnecting `tcp` sleeps inside `recv`, failures are printed on stdout, and reads stop at the size of one
+message.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import select
+import socket
+import time
+from typing import Any
+
+from companion.links.address import Address
+from companion.links.ports import BackOff, NotThereError
+from companion.model import InputError
+
+_READ = 65_536  # bytes, taken once for all: `recv` takes so much anew for every datagram, and shreds the heap
+_AT_ONCE = 1 << 20  # bytes taken in one read: more waits in the kernel
+_BUFFER = 1 << 22  # bytes asked of the kernel, so that a busy moment loses no datagram
+_PEERS = 32  # that are remembered at most
+_PEER_S = 30.0  # a UDP peer that has been silent for longer is not answered any more
+_CONNECT_S = 3.0
+_RECONNECT_S = 0.5
+_LAST_WORDS_S = 0.5  # for the rest of a message, when closing
+
+_GONE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3, "TCP_USER_TIMEOUT": 11_000}
+"""After 11 s without a sign of the other computer (s, s, times, ms): the connection is over, and made anew."""
+
+
+class UdpPort:
+    """`udpin`: hears whoever sends to it and answers those. `udpout`: speaks first, to one peer."""
+
+    def __init__(self, address: Address) -> None:
+        family, where = _resolve(address, socket.SOCK_DGRAM)
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
+        self._fixed = where if address.kind == "udpout" else None
+        self._peers: dict[Any, float] = {}  # address → when it was heard last
+        self._heard = False  # whether anybody ever was
+        self._room = memoryview(bytearray(_READ))
+        if address.kind == "udpin":
+            _bind(self._socket, where, address)
+        self.address = self._socket.getsockname()
+
+    @property
+    def problem(self) -> str:
+        return "" if self._heard else "nobody has sent anything yet"
+
+    def wait(self, timeout_s: float) -> bool:
+        return bool(select.select([self._socket], [], [], timeout_s)[0])
+
+    def read(self) -> bytes:
+        pieces: list[bytes] = []
+        size = 0
+        while size < _AT_ONCE:
+            try:
+                count, peer = self._socket.recvfrom_into(self._room)
+            except BlockingIOError:
+                break
+            except ConnectionError:  # "port unreachable" came back for something that was sent
+                continue
+            self._peers[peer] = time.monotonic()
+            self._heard = True
+            if len(self._peers) > _PEERS:
+                self._peers.pop(min(self._peers, key=self._peers.__getitem__))
+            pieces.append(bytes(self._room[:count]))
+            size += count
+        return b"".join(pieces)
+
+    def write(self, data: bytes) -> bool:
+        now = time.monotonic()
+        self._peers = {peer: heard for peer, heard in self._peers.items() if now - heard < _PEER_S}
+        sent = False
+        for peer in [self._fixed] if self._fixed else list(self._peers):
+            with contextlib.suppress(OSError):  # a network that is down comes back, or shows as silence
+                self._socket.sendto(data, peer)
+                sent = True
+        return sent
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class TcpPort:
+    """`tcp`: connects, and again when the peer has closed. `tcpin`: waits for a peer; a new one takes the old one's
+    place."""
+
+    def __init__(self, address: Address) -> None:
+        self._address = address
+        self._listener: socket.socket | None = None
+        self._socket: socket.socket | None = None
+        self._rest = b""  # of a message that the kernel has taken a part of
+        self._room = memoryview(bytearray(_READ))
+        self._retry = BackOff()
+        family, self._where = _resolve(address, socket.SOCK_STREAM)
+        self._family = family
+        if address.kind == "tcpin":
+            self._listener = socket.socket(family, socket.SOCK_STREAM)
+            self._listener.setsockopt(
+                socket.SOL_SOCKET, socket.SO_REUSEADDR, 1
+            )  # or its own last session is in the way
+            _bind(self._listener, self._where, address)
+            self._listener.listen(1)
+            self._listener.setblocking(False)
+            self.address = self._listener.getsockname()
+        else:
+            try:
+                self._socket = self._connect(_CONNECT_S)
+            except OSError as error:
+                raise NotThereError(
+                    f"nothing answers at {address} ({_reason(error)}): start the vehicle or simulator first, and check "
+                    "host and port."
+                ) from None
+            self.address = self._socket.getsockname()
+
+    @property
+    def problem(self) -> str:
+        if self._socket is not None:
+            return ""
+        return "nobody has connected" if self._listener else "the peer has closed the connection; trying again"
+
+    def wait(self, timeout_s: float) -> bool:
+        if self._socket is None and self._listener is None:
+            if not self._retry.due():
+                time.sleep(min(timeout_s, self._retry.remaining()))
+                return False
+            try:
+                self._socket = self._connect(_RECONNECT_S)
+                self._retry = BackOff()
+            except OSError:
+                self._retry.failed()
+                return False
+        waiting = [end for end in (self._socket, self._listener) if end is not None]
+        ready = select.select(waiting, [], [], timeout_s)[0]
+        if self._listener is not None and self._listener in ready:
+            self._accept(self._listener)
+        return bool(ready)
+
+    def read(self) -> bytes:
+        pieces: list[bytes] = []
+        size = 0
+        while self._socket is not None and size < _AT_ONCE:
+            try:
+                count = self._socket.recv_into(self._room)
+            except BlockingIOError:
+                break
+            except OSError:
+                count = 0
+            if not count:
+                self._hang_up()
+                break
+            pieces.append(bytes(self._room[:count]))
+            size += count
+        return b"".join(pieces)
+
+    def write(self, data: bytes) -> bool:
+        if not self._flush():
+            return False
+        self._rest = data
+        self._flush()
+        return self._socket is not None
+
+    def close(self) -> None:
+        if self._socket is not None and self._rest:
+            with contextlib.suppress(OSError):  # the peer does not read, or has gone
+                self._socket.settimeout(_LAST_WORDS_S)
+                self._socket.sendall(self._rest)
+        self._hang_up()
+        if self._listener is not None:
+            self._listener.close()
+
+    def _connect(self, timeout_s: float) -> socket.socket:
+        end = socket.socket(self._family, socket.SOCK_STREAM)
+        try:
+            end.settimeout(timeout_s)
+            end.connect(self._where)
+        except OSError:
+            end.close()
+            raise
+        _prepare(end)
+        return end
+
+    def _accept(self, listener: socket.socket) -> None:
+        with contextlib.suppress(OSError):  # it has gone again
+            end, _ = listener.accept()
+            self._hang_up()
+            _prepare(end)
+            self._socket = end
+
+    def _flush(self) -> bool:
+        """Whether nothing is left of what was begun: half a message would spoil the next one too."""
+        if self._socket is None:
+            return False
+        try:
+            while self._rest:
+                self._rest = self._rest[self._socket.send(self._rest) :]
+        except BlockingIOError:  # the peer does not read
+            return False
+        except OSError:
+            self._hang_up()
+        return self._socket is not None
+
+    def _hang_up(self) -> None:
+        self._rest = b""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+
+def _resolve(address: Address, kind: socket.SocketKind) -> tuple[socket.AddressFamily, Any]:
+    try:
+        found = socket.getaddrinfo(address.host, address.port, type=kind)
+    except OSError as error:
+        raise NotThereError(f"the host of {address} cannot be found ({_reason(error)}): check its name.") from None
+    # "localhost" is often ::1 first, and 127.0.0.1 is where vehicles and simulators are
+    family, _, _, _, where = min(found, key=lambda one: one[0] != socket.AF_INET)
+    return family, where
+
+
+def _bind(end: socket.socket, where: Any, address: Address) -> None:
+    try:
+        end.bind(where)
+    except OSError as error:
+        end.close()
+        if error.errno == errno.EADDRINUSE:
+            raise InputError(
+                f"port {address.port} is taken: another program (a ground station?) listens at {address}. Stop it, or "
+                "let it forward to another port."
+            ) from None
+        raise NotThereError(
+            f"{address} cannot be listened at ({_reason(error)}): use an address of this computer."
+        ) from None
+
+
+def _prepare(end: socket.socket) -> None:
+    end.setblocking(False)
+    end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    # A peer that lost its power or its Wi-Fi says no farewell, and would be waited for a quarter of an hour.
+    end.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in _GONE.items():
+        if hasattr(socket, name):  # not on every system
+            end.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+
+
+def _reason(error: OSError) -> str:
+    return "no answer" if isinstance(error, TimeoutError) else error.strerror or str(error)

@@ -1,0 +1,333 @@
+"""Asks one vehicle for the messages that are wanted, watches what comes, and gives back what it found.
+
+No socket and no clock in here: messages and times go in, requests and sentences come out.
+
+What ArduPilot does to requests (GCS_Common.cpp, V4.7): an interval is cut to whole ms; one that is faster than
+floor(loop_us / 800) ms is DENIED; ten distinct intervals exist for a link, a further one silently becomes the nearest;
+all streams fall to a quarter while parameters or missions are loaded; a reboot forgets them. PX4 (v1.16) accepts
+messages that it has no source for and never sends them, and takes the nearest of its source's ticks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from companion.links import requests
+from companion.links.original_rates import OriginalRate, OriginalRatesFile, restoring
+from companion.links.reboots import Reboots
+from companion.links.request_table import OPTIONAL
+from companion.links.requests import Request, Target
+from companion.links.stream_request import (
+    ABSENT,
+    REFUSES,
+    SIGNS,
+    STREAMS,
+    WITHOUT,
+    Gathered,
+    RequestState,
+    StreamRequest,
+    slower,
+)
+from companion.links.vehicle_facts import PARAMETERS, PX4_PARAMETERS, Facts
+from companion.mavlink import Dialect, Messages
+
+_ANSWER_S = 1.0  # how long an answer may take
+_ATTEMPTS = 4  # for a request that is not answered
+_FIND_ATTEMPTS = 8  # for the present interval of what arrives: without the answer it could not be given back
+_FIND_ATTEMPTS_ABSENT = 2  # ... of what does not arrive
+_AS_OFTEN = 0.8  # of the rate that is wanted: what arrives so often, though nobody says its interval, is left alone
+_SPACING_S = 0.02  # between requests: some firmware drops what comes in one burst
+_WINDOW_S = 5.0  # over which an arriving rate is measured
+_ENOUGH = 0.6  # of the messages agreed, less their square root: fewer is "turned down"; a loss of 30 % is not
+_RETRIES = 4  # against somebody who turns a message down: no fight
+_BACK_OFF_S = 5.0  # before the second of them, doubled each time
+_SLOWEST_HZ = 5.0  # a DENIED request is lowered no further
+_SILENT_S = 3.0  # after that the vehicle, or the link to it, may have forgotten everything
+_ACCEPTED, _NOT_NOW, _DENIED, _IN_PROGRESS = 0, 1, 2, 5  # MAV_RESULT
+
+
+class StreamManager:
+    """The stream requests to one vehicle, and the parameters that are read from it. Times in s of any steady clock.
+
+    wanted: message → Hz. own_sysid: answers to others are not ours. earlier: what there was, kept beyond a kill -9.
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        wanted: Mapping[str, float],
+        dialect: Dialect,
+        *,
+        own_sysid: int,
+        ardupilot: bool = True,
+        earlier: OriginalRatesFile | None = None,
+    ) -> None:
+        self.target = target
+        self.stream_requests = [
+            StreamRequest(n, dialect.by_name[n].id, hz, hz, optional=n in OPTIONAL) for n, hz in wanted.items()
+        ]
+        self.signed = False  # whether the vehicle signs, and we have no key
+        self.said: list[str] = []  # for the user; emptied by whoever shows it
+        self.confirmed = 0  # requests for an interval that the vehicle has accepted
+        self._own = own_sysid
+        self._ardupilot = ardupilot
+        self._facts = Facts(target, PARAMETERS if ardupilot else PX4_PARAMETERS)
+        self._waiting: StreamRequest | None = (
+            None  # whose COMMAND_ACK is due: an ack names the command, not the message
+        )
+        self._answers = False  # whether it has ever answered a request for an interval
+        self._next = 0.0
+        self._reboots = Reboots()
+        self.started: float | None = None  # s, when it has last rebooted
+        self._heard: float | None = None  # s, when the vehicle was heard last
+        self._streamed: float | None = None  # s, when something that we asked for came last
+        self._restarts = 0
+        self._gathered = Gathered()
+        self._earlier = earlier or OriginalRatesFile()
+        self._ids = {name: dialect.by_name[name].id for name in self._earlier.known if name in dialect.by_name}
+        self._leftover = frozenset(self._ids) - set(wanted)  # an earlier companion was killed, and this wants less
+
+    @property
+    def left_behind(self) -> bool:
+        """Whether an earlier companion has not given everything back."""
+        return bool(self._ids)
+
+    @property
+    def settled(self) -> bool:
+        """Whether every request is agreed or given up."""
+        return all(message.state in (RequestState.WATCHING, RequestState.GIVEN_UP) for message in self.stream_requests)
+
+    def hear(self, messages: Mapping[str, Messages], now: float) -> None:
+        """Take note of what this vehicle sent, and nobody else."""
+        if not messages:
+            return
+        if self._heard is not None and now - self._heard > _SILENT_S:
+            self.said.append(f"vehicle {self.target} is back after {now - self._heard:.0f} s: asking again")
+            self._start_again()
+        self._heard = now
+        self._notice_reboot(messages, now)
+        self._facts.hear(messages)
+        self._take_answers(messages, now)
+        for message in self.stream_requests:
+            if message.name in messages:
+                message.count += len(messages[message.name])
+                self._streamed = now
+            self._measure(message, now)
+        self._notice_end(now)
+        self.said += self._gathered.sentences(now, complete=self.settled)
+
+    def next_request(self, now: float) -> Request | None:
+        """What to send now, if anything."""
+        if now < self._next or self._heard is None:
+            return None
+        if now - self._heard > _SILENT_S:
+            for message in self.stream_requests:
+                message.received_hz = 0.0
+            return None
+        request = self._ask(now) or self._find(now)  # the IMU need not wait until the last interval is known
+        if request is None and self.settled:
+            request = self._facts.next_request(now)
+        if request is not None:
+            self._next = now + _SPACING_S
+        return request
+
+    def restore(self) -> list[Request]:
+        """What gives every message that we changed the interval back that it had."""
+        left = {self._ids[name]: one for name, one in self._earlier.known.items() if name in self._leftover}
+        return restoring(self.target, self.stream_requests, left, ardupilot=self._ardupilot)
+
+    def restored(self) -> None:
+        """The vehicle has confirmed that everything is as before."""
+        self._earlier.forget()
+
+    def _find(self, now: float) -> Request | None:
+        for message in self.stream_requests:
+            if message.state is RequestState.FINDING and now >= message.due:
+                if message.attempts >= (_FIND_ATTEMPTS if message.arrives else _FIND_ATTEMPTS_ABSENT):
+                    self._found_nothing(message, now)
+                    continue
+                message.attempts, message.due = message.attempts + 1, now + _ANSWER_S
+                return requests.get_interval(self.target, message.message_id)
+        return None
+
+    def _found_nothing(self, message: StreamRequest, now: float) -> None:
+        """The vehicle does not say how often it sends a message; what arrives says something."""
+        counted = message.count / (now - message.window) if message.window is not None and now > message.window else 0.0
+        message.found_hz = max(message.received_hz, counted)
+        earlier = self._earlier.known.get(message.name)
+        if earlier is not None:
+            message.found_us, message.found_hz, message.ours = earlier.found_us, earlier.found_hz, not earlier.by_stream
+        as_often = message.found_hz >= _AS_OFTEN * message.asked_hz
+        message.move(RequestState.WATCHING if as_often and earlier is None else RequestState.ASKING, now)
+
+    def _ask(self, now: float) -> Request | None:
+        if self._waiting is not None:
+            if now < self._waiting.due:
+                return None
+            self._waiting = None
+        for message in self.stream_requests:
+            if message.state is not RequestState.ASKING or now < message.due:
+                continue
+            if message.attempts >= (_ATTEMPTS if self._answers or message is self.stream_requests[0] else 1):
+                self._refused(message, SIGNS if self.signed else "the vehicle does not answer", now)
+            if message.by_stream:
+                self._note(message)
+                message.move(RequestState.WATCHING, now)  # nobody acknowledges a stream
+                return self._ask_stream(STREAMS[message.name])
+            if message.state is RequestState.ASKING:
+                self._note(message)
+                message.ours = True
+                message.attempts, message.due, self._waiting = message.attempts + 1, now + _ANSWER_S, message
+                return requests.set_interval(self.target, message.message_id, round(1e6 / message.asked_hz))
+        return None
+
+    def _note(self, message: StreamRequest) -> None:
+        """Write down what there was, before it is changed."""
+        told = self._earlier.problem
+        one = OriginalRate(
+            message.found_us, round(message.found_hz, 1), round(1e6 / message.asked_hz), message.by_stream
+        )
+        self._earlier.note(message.name, one)
+        if self._earlier.problem != told:
+            self.said.append(self._earlier.problem)
+
+    def _ask_stream(self, stream: int) -> Request:
+        """A stream carries several messages: the fastest of them says how often."""
+        members = [
+            message.asked_hz
+            for message in self.stream_requests
+            if message.by_stream and STREAMS[message.name] == stream
+        ]
+        return requests.request_stream(self.target, stream, round(max(members)))
+
+    def _take_answers(self, messages: Mapping[str, Messages], now: float) -> None:
+        for name, found in messages.items():
+            if name == "MESSAGE_INTERVAL":
+                self._answers = True
+                for number, interval in zip(found["message_id"].tolist(), found["interval_us"].tolist(), strict=True):
+                    self._found(number, interval)
+            elif name == "COMMAND_ACK":
+                for i in range(len(found)):
+                    mine = int(found["target_system"][i]) in (0, self._own)
+                    if mine and found["command"][i] == requests.SET_MESSAGE_INTERVAL:
+                        self._answers = True
+                        self.confirmed += int(found["result"][i]) == _ACCEPTED
+                        self._answered(int(found["result"][i]), now)
+
+    def _found(self, number: int, interval: int) -> None:
+        for message in self.stream_requests:
+            if message.message_id == number and message.state is RequestState.FINDING:
+                earlier = self._earlier.known.get(message.name)
+                message.ours = earlier is not None and earlier.is_ours(interval)
+                message.found_us = earlier.found_us if earlier is not None and message.ours else interval
+                # Somebody has it as often already, e.g. PX4's onboard link its attitude: we need not take from them.
+                enough = 0 < interval <= 1e6 / message.asked_hz
+                message.move(RequestState.WATCHING if enough else RequestState.ASKING, 0.0)
+
+    def _answered(self, result: int, now: float) -> None:
+        message = self._waiting
+        if message is None or result == _IN_PROGRESS:
+            return
+        self._waiting = None
+        if result == _ACCEPTED:
+            message.move(RequestState.WATCHING, now)
+        elif result == _DENIED and not self._unknown(message) and slower(message.asked_hz) >= _SLOWEST_HZ:
+            # perhaps faster than its loop allows
+            message.asked_hz = slower(message.asked_hz)
+            message.move(RequestState.ASKING, now)
+        elif result == _NOT_NOW:
+            message.due = now + _ANSWER_S  # as if it had not answered
+        else:
+            self._refused(message, REFUSES, now)
+
+    def _unknown(self, message: StreamRequest) -> bool:
+        """Whether ArduPilot has said that it does not know a message (PX4 says the same of one that is not sent)."""
+        return self._ardupilot and message.found_us == 0
+
+    def _refused(self, message: StreamRequest, why: str, now: float) -> None:
+        if self._ardupilot and message.name in STREAMS and not message.by_stream:
+            message.by_stream, message.asked_hz = True, message.wanted_hz
+            self._gathered.add(message.name, f"{{}}: {why}; asking for its stream instead", now)
+            message.move(RequestState.ASKING, now)
+        else:
+            message.move(RequestState.GIVEN_UP, now)
+            absent = message.optional and why == REFUSES
+            self._gathered.add(message.name, ABSENT if absent else f"{{}}: {why}; given up", now)
+
+    def _measure(self, message: StreamRequest, now: float) -> None:
+        if message.window is None:
+            message.window, message.count = now, 0
+        elapsed = now - message.window
+        if elapsed < _WINDOW_S:
+            return
+        expected = message.asked_hz * elapsed
+        enough = message.count >= _ENOUGH * expected - expected**0.5
+        message.received_hz, message.window, message.count = message.count / elapsed, now, 0
+        if message.state is RequestState.GIVEN_UP and enough and message.received_hz:
+            # e.g. ArduPilot sends all streams at a quarter for as long as parameters are loaded
+            self.said.append(f"{message.name}: {message.received_hz:.0f} Hz arrive again")
+            message.retries = 0
+            message.move(RequestState.WATCHING, now)
+        if message.state is not RequestState.WATCHING:
+            return
+        if not enough:
+            self._turned_down(message, now)
+        elif message.asked_hz < message.wanted_hz and not message.retries:
+            message.retries = 1  # said once
+            self.said.append(
+                f"{message.name}: {message.wanted_hz:g} Hz is refused, {message.received_hz:.0f} Hz arrive"
+            )
+
+    def _turned_down(self, message: StreamRequest, now: float) -> None:
+        absent = message.optional and not message.received_hz
+        if absent and message.retries:
+            self._gathered.add(message.name, ABSENT, now)
+            message.move(RequestState.GIVEN_UP, now)
+            return
+        arrives = f"{message.received_hz:.1f} of {message.asked_hz:.3g} Hz arrive"
+        if message.retries >= _RETRIES:
+            nothing = WITHOUT.get(message.name, "it has no source")
+            why = (
+                "another program is probably overriding the rate, or the link is too slow"
+                if message.received_hz
+                else nothing
+            )
+            self.said.append(f"{message.name}: {arrives}: {why}; given up")
+            message.move(RequestState.GIVEN_UP, now)
+            return
+        if not absent:
+            self.said.append(f"{message.name}: {arrives}; asking again")
+        again = RequestState.ASKING if message.ours else RequestState.FINDING  # who asked for what we found has left
+        message.move(again, now + (_BACK_OFF_S * 2 ** (message.retries - 1) if message.retries else 0.0))
+        message.retries += 1
+
+    def _notice_reboot(self, messages: Mapping[str, Messages], now: float) -> None:
+        started = self._reboots.hear(messages, now)
+        if started is None:
+            return
+        self._restarts = 0
+        if self._reboots.two_clocks:
+            self.said.append(
+                f"two clocks speak as vehicle {self.target}: two vehicles with one system id, or an echo of another "
+                "time. Give each vehicle an id of its own (SYSID_THISMAV, MAV_SYSID, MAV_SYS_ID)."
+            )
+            return
+        self.started = started
+        self.said.append(f"vehicle {self.target} has rebooted: asking again")
+        self._start_again()
+
+    def _notice_end(self, now: float) -> None:
+        """A reboot shows first in that only heartbeats come any more: not even the messages with the clock."""
+        if self._streamed is None or now - self._streamed < _SILENT_S or self._restarts >= _RETRIES:
+            return
+        if any(message.state is RequestState.WATCHING for message in self.stream_requests):
+            self._restarts += 1
+            self.said.append(f"vehicle {self.target} sends nothing of what was agreed any more: asking again")
+            self._start_again()
+
+    def _start_again(self) -> None:
+        """Everything that was agreed is gone; what there was before us is what to give back all the same."""
+        self._waiting = self._streamed = None
+        for message in self.stream_requests:
+            message.asked_hz, message.retries, message.by_stream = message.wanted_hz, 0, False
+            message.move(RequestState.ASKING if message.ours else RequestState.FINDING, 0.0)

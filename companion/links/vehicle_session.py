@@ -1,0 +1,67 @@
+"""One vehicle that a session listens to, and what it is asked for."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+
+from companion.links.reboots import Reboots
+from companion.links.requests import Request, Target
+from companion.links.stream_manager import StreamManager
+from companion.links.timesync import Timesync
+from companion.mavlink import Messages
+from companion.model import IMU_MESSAGES
+
+
+class VehicleSession:
+    """Messages and times go in, requests and sentences come out. rates: None when nothing may be asked."""
+
+    def __init__(self, target: Target, rates: StreamManager | None, now: float, patience_s: float) -> None:
+        self.target = target
+        self.rates = rates
+        self.timesync = Timesync()
+        self.counts: Counter[str] = Counter()  # messages of this vehicle, by name
+        self.started: float | None = None  # s, when it has last rebooted
+        self.signs = False  # whether the vehicle signs what it sends, and we have no key
+        self.said: list[str] = []
+        self._reboots = Reboots()  # where there are no rates, which watch this too
+        self._found_at, self._patience_s = now, patience_s
+        self._told = False
+
+    def hear(self, messages: Mapping[str, Messages], now: float) -> None:
+        """Take those messages that are of this vehicle."""
+        own: dict[str, Messages] = {}
+        for name, found in messages.items():
+            mine = (found.sysid == self.target.sysid) & (found.compid == self.target.compid)
+            if mine.any():
+                own[name] = found.select(mine)
+                self.counts[name] += int(mine.sum())
+        if "TIMESYNC" in own:
+            self.timesync.hear(own["TIMESYNC"], now)
+        if self.rates is None:
+            self.started = self._reboots.hear(own, now) or self.started
+        else:
+            self.rates.signed = self.signs
+            self.rates.hear(own, now)
+            self.started = self.rates.started
+            self.said += self.rates.said
+            self.rates.said.clear()
+
+    def next_requests(self, now: float) -> list[Request]:
+        """What to send now."""
+        if self.rates is None:
+            return []
+        found = (self.rates.next_request(now), self.timesync.next_request(now))
+        return [request for request in found if request is not None]
+
+    def complain(self, now: float) -> None:
+        """Say, once, that no IMU message comes."""
+        if self._told or now - self._found_at <= self._patience_s or any(name in self.counts for name in IMU_MESSAGES):
+            return
+        self._told = True
+        how = "raise the stream rate on the vehicle: SRx_RAW_SENS, or MAVx_RAW_SENS from ArduPilot 4.7"
+        why = "--listen-only asks for none" if self.rates is None else "it was asked, and sends none"
+        if self.signs and self.rates is not None:
+            why = "it signs its messages, and obeys only requests that are signed with its key"
+            how = "give the key with --signing-key-file"
+        self.said.append(f"vehicle {self.target} sends no IMU message ({why}): {how}.")

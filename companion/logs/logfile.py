@@ -1,0 +1,167 @@
+"""Open a log file, compressed or not, and tell its format by its first bytes; every failure is one clear sentence."""
+
+from __future__ import annotations
+
+import mmap
+import re
+import stat
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO, Literal
+
+import numpy as np
+
+from companion.logs.compression import MAGIC_BYTES, compression, decompressed
+from companion.mavlink import DEFAULT_DIALECT, Bytes, Decoder, load_dialect
+from companion.model import InputError
+
+CHUNK_BYTES = 4 << 20  # large enough for NumPy's overhead to vanish, small enough for the cache
+HEAD_BYTES = 1 << 18
+MOST_BYTES = 800_000_000
+"""Of content that a compressed log may have, unless more is allowed: a few kilobytes can stand for all memory."""
+
+Format = Literal["mavlink", "dataflash", "dataflash text", "ulog"]
+
+_MAGIC: tuple[tuple[bytes, Format], ...] = ((b"\xa3\x95", "dataflash"), (b"ULog\x01\x12\x35", "ulog"))
+
+_TEXT = re.compile(rb"(?:^|\n)\s*FMT, ?\d+, ?\d+, ?\w+, ?\w+")
+_TEXT_BYTES = 4096  # in which a log in text declares its first record; older ones begin with a banner
+
+
+def open_file(path: Path) -> BinaryIO:
+    """A file opened for reading; every reason why it cannot be is an InputError."""
+    try:
+        kind = path.stat().st_mode
+        if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind):  # to open a pipe may wait for ever
+            raise InputError(
+                f"{path} is a pipe or a device, and a log is read more than once: save what comes out of it to a file, "
+                "and name that."
+            )
+        return path.open("rb")
+    except FileNotFoundError:
+        raise InputError(f"There is no file {path}: check the path.") from None
+    except IsADirectoryError:
+        raise InputError(f"{path} is a directory, not a log: name one of the files in it.") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): check its permissions.") from None
+
+
+class Contents:
+    """What is in a log file, decompressed: `chunks` reads it, and the rest says how far that has come."""
+
+    def __init__(self, path: Path, most_bytes: int = MOST_BYTES) -> None:
+        """most_bytes: of content, where it is compressed. Raises as `open_file`."""
+        self.path = path
+        self._most = most_bytes
+        with open_file(path) as file:
+            self._magic = file.read(MAGIC_BYTES)
+        self.compression = compression(self._magic)  # None for none
+        self.size_bytes = path.stat().st_size  # of the file
+        self.position = 0  # bytes of the file that have been read
+        self.content_bytes = 0  # bytes of content that have come out
+        self.trouble = ""  # why the rest of it could not be decompressed
+
+    def chunks(self, size: int = CHUNK_BYTES) -> Iterator[bytes]:
+        """The content in chunks of about `size` bytes.
+
+        A compressed file that is damaged or cut off ends where it can no longer be decompressed; `trouble` says so.
+        Raises InputError where nothing can be read, or more than is allowed.
+        """
+        with open_file(self.path) as file:
+            pieces = iter(lambda: file.read(size), b"") if self.compression is None else self._joined(file, size)
+            for chunk in pieces:
+                self.position = file.tell()
+                self.content_bytes += len(chunk)
+                if self.compression is not None and self.content_bytes > self._most:
+                    raise InputError(
+                        f"{self.path} grows to more than {self._most / 1e9:g} GB when it is decompressed, from "
+                        f"{self.size_bytes / 1e6:.1f} MB: it is no log, or a very large one. Take it as it is with "
+                        "--max-size GB, or decompress it first."
+                    )
+                yield chunk
+
+    def read(self, progress: Callable[[int], None] | None = None) -> bytes:
+        """All of it at once; `progress` is told the bytes of the file that each chunk took."""
+        return b"".join(self.watched(progress))
+
+    def watched(self, progress: Callable[[int], None] | None) -> Iterator[bytes]:
+        """The chunks, while somebody is told how far they have come in the file."""
+        told = 0
+        for chunk in self.chunks():
+            yield chunk
+            if progress is not None:
+                progress(self.position - told)
+                told = self.position
+
+    def _joined(self, file: BinaryIO, size: int) -> Iterator[bytes]:
+        pieces: list[bytes] = []
+        held = 0
+        for piece in decompressed(self.path, file, self._magic):
+            if isinstance(piece, str):
+                self.trouble = piece
+                break
+            pieces.append(piece)
+            held += len(piece)
+            if held >= size:
+                yield b"".join(pieces)
+                pieces, held = [], 0
+        if pieces:
+            yield b"".join(pieces)
+
+
+def read_head(path: Path) -> bytes:
+    """The first 256 KiB of a log, decompressed.
+
+    Raises InputError if it cannot be opened, is empty or cannot be decompressed.
+    """
+    contents = Contents(path)
+    head = next(contents.chunks(HEAD_BYTES), b"")
+    if head:
+        return head
+    if contents.size_bytes:
+        why = f" ({contents.trouble.partition(':')[0]})" if contents.trouble else ""
+        raise InputError(f"{path} is compressed, but nothing can be decompressed from it{why}: copy it again.")
+    raise InputError(f"{path} is empty (0 bytes): nothing was recorded, or the copy failed. Copy it again.")
+
+
+def log_format(path: str | Path) -> Format:
+    """What a file is by its first bytes; "mavlink" where nothing else is recognised. Raises as `read_head`."""
+    head = read_head(Path(path))
+    if b"\0" not in head[:_TEXT_BYTES] and _TEXT.search(head[:_TEXT_BYTES]):
+        return "dataflash text"
+    return next((name for magic, name in _MAGIC if head.startswith(magic)), "mavlink")
+
+
+class Mapped:
+    """All bytes of a log. `data` (M,) uint8; those of a compressed file are in memory, as there is no other way."""
+
+    def __init__(self, contents: Contents) -> None:
+        """Raises InputError as `Contents` does."""
+        self._map: mmap.mmap | None = None
+        if contents.compression is None:
+            with open_file(contents.path) as file:
+                self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        self.data: Bytes = np.frombuffer(contents.read() if self._map is None else self._map, np.uint8)
+
+    def release(self, begin: int, end: int) -> None:
+        """Those bytes were read: the system may take their memory back. They can be read again all the same."""
+        if self._map is None or not hasattr(self._map, "madvise"):  # Windows takes it back by itself
+            return
+        first, last = begin - begin % mmap.PAGESIZE, end - end % mmap.PAGESIZE
+        if last > first:
+            self._map.madvise(mmap.MADV_DONTNEED, first, last - first)
+
+
+_FEWEST_FRAMES = 3  # a right checksum happens by chance, in a large file of something else
+
+
+def looks_like_a_log(path: str | Path, *, dialect: str = DEFAULT_DIALECT) -> bool:
+    """Whether a file, compressed or not, begins as an on-board log does or has MAVLink frames in its first 256 KiB.
+
+    Raises InputError if it cannot be opened, is empty or cannot be decompressed.
+    """
+    path = Path(path)
+    if log_format(path) != "mavlink":
+        return True
+    decoder = Decoder(load_dialect(dialect), stamped=False)
+    return len(decoder.push(read_head(path))) + len(decoder.finish()) >= _FEWEST_FRAMES

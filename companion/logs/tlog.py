@@ -1,0 +1,228 @@
+"""Read telemetry logs: MAVLink 1 and 2 frames, each after an 8-byte time stamp (or, for a recorded link, without).
+
+Format: https://mavlink.io/en/file_formats/ ("tlog"): the stamp is big-endian µs since 1970, whose low two bits MAVProxy
+replaces by the number of the link.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Self
+
+import numpy as np
+
+from companion.logs.columns import Collected
+from companion.logs.logfile import CHUNK_BYTES, HEAD_BYTES, MOST_BYTES, Contents, log_format, open_file, read_head
+from companion.mavlink import (
+    DEFAULT_DIALECT,
+    MAGIC_1,
+    MAGIC_2,
+    Decoder,
+    Dialect,
+    Frames,
+    Messages,
+    encode,
+    load_dialect,
+    split_messages,
+)
+from companion.model import InputError
+
+_SAMPLE = 61  # every so many bytes of a chunk are looked at
+_FULL = 0.125  # of the bytes are magic; in a log of the shortest frames it is a twentieth
+_PIECE_BYTES = 1 << 18
+
+_OTHER_FORMATS = {
+    "dataflash": "an ArduPilot DataFlash log (.bin)",
+    "dataflash text": "an ArduPilot DataFlash log in text (.log)",
+    "ulog": "a PX4 ULog (.ulg)",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Log:
+    """A log in memory, as columns per message type."""
+
+    path: Path
+    size_bytes: int  # of the file
+    content_bytes: int  # the same, but of what it holds where it is compressed
+    trouble: str  # why the rest could not be decompressed; "" when all of it was
+    frames: int  # valid ones, of known ids
+    bad_crc_frames: int  # known ids whose CRC is wrong: damage, or a sender with another dialect
+    skipped_bytes: int  # bytes that belong to no valid frame, stamp or unknown frame
+    unknown_frames: Mapping[int, int]  # id -> frames of ids that the dialect does not have
+    first_log_time: float  # s UNIX, the first and last believable stamp in file order; NaN if there is none
+    last_log_time: float
+    messages: Mapping[str, Messages]  # by name, in order of first appearance
+    dialect: Dialect
+    kind: str = "tlog"  # "tlog", or "raw" for a stream without stamps
+
+
+def read_tlog(
+    path: str | Path,
+    *,
+    dialect: str = DEFAULT_DIALECT,
+    names: Collection[str] | None = None,
+    progress: Callable[[int], None] | None = None,
+    most_bytes: int = MOST_BYTES,
+) -> Log:
+    """Read a telemetry log, as far as it can be read.
+
+    `names`: the message types whose fields are wanted (None: all); of the others only the header columns are kept.
+    `progress` is told the bytes of the file that each chunk took.
+    A damaged log is never an error: see `Log.bad_crc_frames` and `Log.skipped_bytes`.
+
+    Raises InputError if the file cannot be opened or has no MAVLink frame in it, SettingsError for an unknown dialect.
+    """
+    path = Path(path)
+    spoken = load_dialect(dialect)
+    head = read_head(path)
+    decoder = Decoder(spoken, stamped=_is_stamped(head, spoken))
+    columns = Collected(spoken, names)
+    contents = Contents(path, most_bytes)
+    for chunk in contents.watched(progress):
+        for piece in _pieces(chunk):
+            columns.add(decoder.push(piece), contents.position / contents.size_bytes)
+    columns.add(decoder.finish(), 1.0)
+    if columns.count == 0:
+        raise InputError(_no_mavlink(path, head, dialect))
+    damage = decoder.damage
+    return Log(
+        path=path,
+        size_bytes=contents.size_bytes,
+        content_bytes=contents.content_bytes,
+        trouble=contents.trouble,
+        frames=columns.count,
+        bad_crc_frames=damage.bad_crc_frames,
+        skipped_bytes=damage.skipped_bytes,
+        unknown_frames=MappingProxyType(dict(damage.unknown_frames)),
+        first_log_time=columns.first_log_time,
+        last_log_time=columns.last_log_time,
+        messages=MappingProxyType(columns.messages()),
+        dialect=spoken,
+        kind="tlog" if decoder.stamped else "raw",
+    )
+
+
+def follow_tlog(
+    path: str | Path,
+    *,
+    dialect: str = DEFAULT_DIALECT,
+    names: Collection[str] | None = None,
+    poll_s: float = 0.05,
+    idle_s: float | None = None,
+) -> Iterator[dict[str, Messages]]:
+    """Read a log that is still being written: what is there at first, then what is added, by message name.
+
+    Looks for more every `poll_s` s; ends when nothing was added for `idle_s` s (None: never). Each message comes once,
+    in a batch with its neighbours, as soon as its last byte is in the file. A file that has become shorter is another
+    log, and read from its beginning. Raises InputError if the file cannot be opened; one that is empty or without
+    MAVLink is waited on.
+    """
+    spoken = load_dialect(dialect)
+    decoder: Decoder | None = None
+    quiet_since = time.monotonic()
+    with open_file(Path(path)) as file:
+        while idle_s is None or time.monotonic() - quiet_since < idle_s:
+            chunk = file.read(CHUNK_BYTES)
+            if not chunk and os.fstat(file.fileno()).st_size < file.tell():
+                if decoder and (batch := split_messages(decoder.finish(), spoken, names)):
+                    yield batch
+                decoder = None
+                file.seek(0)
+                continue
+            if not chunk:
+                time.sleep(poll_s)
+                continue
+            quiet_since = time.monotonic()
+            decoder = decoder or Decoder(spoken, stamped=_is_stamped(chunk, spoken))
+            if batch := split_messages(decoder.push(chunk), spoken, names):
+                yield batch
+    if decoder and (batch := split_messages(decoder.finish(), spoken, names)):
+        yield batch
+
+
+def write_tlog(path: str | Path, messages: Sequence[Messages], *, renumber: bool = False) -> None:
+    """Write messages as a tlog of MAVLink 2 frames; see `encode` for their order and `renumber`.
+
+    Raises InputError if the file cannot be written.
+    """
+    try:
+        Path(path).write_bytes(encode(messages, renumber=renumber).data)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written ({error.strerror}): choose another place.") from None
+
+
+class TlogWriter:
+    """Records the frames of a live link as they come, byte for byte (signatures and unknown extensions too)."""
+
+    def __init__(self, path: str | Path) -> None:
+        """path: a new file. Raises InputError if there is one, or it cannot be written."""
+        try:
+            self._file = Path(path).open("xb", buffering=0)  # noqa: SIM115  (closed by `close`)
+        except OSError as error:
+            raise InputError(f"{path} cannot be written ({error.strerror}): choose another place.") from None
+
+    def write(self, frames: Frames, received: float) -> None:
+        """Add frames that were received at `received` s UNIX, and hand them to the operating system at once."""
+        stamp = round(received * 1e6).to_bytes(8, "big")
+        data = b"".join(
+            stamp + frames.data[start : start + size].tobytes()
+            for start, size in zip(frames.start.tolist(), frames.size.tolist(), strict=True)
+        )
+        view = memoryview(data)
+        while view:  # a disk that is nearly full takes a part
+            view = view[self._file.write(view) :]
+
+    def cut(self, size: int) -> None:
+        """Take off what is behind so many bytes: the part of a frame that a full disk has taken."""
+        self._file.truncate(size)
+
+    @property
+    def deleted(self) -> bool:
+        """Whether the file has been removed from its folder, so that nobody can open what is written any more."""
+        return os.fstat(self._file.fileno()).st_nlink == 0
+
+    def close(self) -> None:
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _pieces(chunk: bytes) -> Iterator[bytes]:
+    """The chunk, in pieces where it is full of magic bytes: what may begin a frame takes memory until that is known."""
+    some = np.frombuffer(chunk, np.uint8)[::_SAMPLE]
+    full = np.count_nonzero((some == MAGIC_1) | (some == MAGIC_2)) > _FULL * len(some)
+    size = _PIECE_BYTES if full else len(chunk)
+    for begin in range(0, len(chunk), size):
+        yield chunk[begin : begin + size]
+
+
+def _is_stamped(beginning: bytes, dialect: Dialect) -> bool:
+    """Whether the frames of a log have time stamps before them, by the commonest distance between two of them."""
+    decoder = Decoder(dialect, stamped=True)
+    found = [decoder.push(beginning[:HEAD_BYTES]), decoder.finish()]
+    begin = np.concatenate([frames.offset for frames in found])
+    end = begin + np.concatenate([frames.size for frames in found])
+    if len(begin) == 1:
+        return bool(begin[0] > 0)
+    gaps = begin[1:] - end[:-1]
+    return int((gaps == 0).sum()) <= int((gaps == 8).sum())
+
+
+def _no_mavlink(path: Path, head: bytes, dialect: str) -> str:
+    kind = _OTHER_FORMATS.get(log_format(path))
+    if kind:
+        return f"{path} is {kind}, not a telemetry log: read it as one."
+    return (
+        f"{path} ({path.stat().st_size:,} bytes) holds no MAVLink frame of the dialect {dialect}; it begins with "
+        f"{head[:8].hex(' ').upper()}. Check that it is a telemetry log (.tlog), or try another dialect."
+    )

@@ -1,0 +1,500 @@
+"""Requests for message intervals against a simulated vehicle, in simulated time: no socket, no waiting."""
+
+from __future__ import annotations
+
+import functools
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from companion.links import StreamManager, Target
+from companion.links.original_rates import OriginalRatesFile
+from companion.links.request_table import fit, load, wanted_from
+from companion.mavlink import Decoder, Packer, load_dialect, split_messages
+from companion.simulate import Faults, SimulatedVehicle, fly
+from companion.telemetry import NEEDED
+
+pytestmark = pytest.mark.slow
+
+DIALECT = load_dialect()
+WANTED = wanted_from("ARDUPILOTMEGA")
+ABSENT = ("GPS2_RAW", "SCALED_IMU3", "ATTITUDE_TARGET")  # the simulated vehicle has no such sensors
+COMING = WANTED | dict.fromkeys(ABSENT, 0.0)
+STEP_S = 0.1  # between two looks at the link
+resting = functools.cache(functools.partial(fly, motion="rest"))
+
+
+class Conversation:
+    """A vehicle and who asks it, step by step."""
+
+    def __init__(
+        self,
+        seconds: float = 120.0,
+        wanted: dict[str, float] | None = None,
+        *,
+        vehicle: SimulatedVehicle | None = None,
+        begin: float = 0.0,
+        earlier: OriginalRatesFile | None = None,
+        **manners: Any,
+    ) -> None:
+        self.vehicle = vehicle or SimulatedVehicle(resting(seconds), **manners)
+        ardupilot = manners.get("autopilot") != "px4"
+        self.rates = StreamManager(
+            Target(1, 1), wanted or WANTED, DIALECT, own_sysid=240, ardupilot=ardupilot, earlier=earlier
+        )
+        self.sent: Counter[str] = Counter()
+        self.t = begin
+        self._packer = Packer(240, 191)
+        self._decoder = Decoder(DIALECT, stamped=False)
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / STEP_S)):
+            self.t += STEP_S
+            data = b"".join(packet for _, packet in self.vehicle.advance(self.t))
+            self.rates.hear(split_messages(self._decoder.push(data), DIALECT), self.t)
+            if request := self.rates.next_request(self.t):
+                self.sent[request.name] += 1
+                self.vehicle.receive(self._packer.pack(request.name, request.fields))
+
+    def leave(self) -> None:
+        for request in self.rates.restore():
+            self.vehicle.receive(self._packer.pack(request.name, request.fields))
+
+    def received(self) -> dict[str, float]:
+        return {message.name: message.received_hz for message in self.rates.stream_requests}
+
+    def said(self) -> str:
+        return "\n".join(self.rates.said)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[" * 5000,
+        "[]",
+        '{"RAW_IMU": 7}',
+        '{"RAW_IMU": {"found_us": "x", "found_hz": 4.0, "asked_us": 10000}}',
+        '{"RAW_IMU": {"found_us": null, "found_hz": NaN, "asked_us": 10000}}',
+        '{"RAW_IMU": {"found_us": null, "found_hz": 4.0, "asked_us": null}}',
+        '{"RAW_IMU": {"found_us": ' + "9" * 300 + ', "found_hz": 4.0, "asked_us": 10000}}',
+    ],
+)
+def test_what_a_damaged_file_says_of_before_is_not_believed(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "link.json"
+    path.write_text(text)
+    assert OriginalRatesFile(path).known == {}
+
+
+def test_a_vehicle_that_sends_nothing_is_asked_and_then_left_as_it_was() -> None:
+    talk = Conversation(streams={"ATTITUDE": 4.0})
+    talk.run(25.0)
+    assert talk.received() == pytest.approx(COMING, rel=0.05), "of a look or window one more or less"
+    assert talk.said() == (
+        "the vehicle does not send GPS2_RAW, SCALED_IMU3, ATTITUDE_TARGET: it has no such sensor, or its firmware no "
+        "such message"
+    )
+    twice = 2 * len(WANTED) + len(ABSENT)  # the interval asked and set; what is absent is asked for again
+    assert talk.sent == {"COMMAND_LONG": twice + 1, "PARAM_REQUEST_READ": 19}  # 3 known parameters, 4 unknown 4 times
+    talk.leave()
+    assert {name: talk.vehicle.interval_us(name) for name in WANTED} == dict.fromkeys(WANTED, -1) | {
+        "ATTITUDE": 250_000
+    }
+
+
+def test_a_third_of_the_packets_lost_is_not_being_turned_down() -> None:
+    talk = Conversation(faults=Faults(drop=0.3), seed=4)
+    talk.run(40.0)
+    # over 5 s, 5 messages a second or more: of fewer chance is too large a part
+    often = {name: 0.7 * hz for name, hz in COMING.items() if hz >= 5}
+    assert {name: talk.received()[name] for name in often} == pytest.approx(often, rel=0.25)
+    assert "again" not in talk.said()
+
+
+def test_what_is_too_fast_for_the_loop_is_lowered_and_said() -> None:
+    talk = Conversation(wanted={"RAW_IMU": 500.0})
+    talk.run(10.0)
+    assert talk.received()["RAW_IMU"] == pytest.approx(333.0, rel=0.03), "the fastest of a loop of 400 Hz"
+    assert "500 Hz is refused, 333 Hz arrive" in talk.said()
+
+
+def test_firmware_that_denies_intervals_is_asked_for_its_streams() -> None:
+    talk = Conversation(faults=Faults(denied=frozenset("*")), wanted={"ATTITUDE": 20.0, "HIGHRES_IMU": 20.0})
+    talk.run(15.0)
+    assert talk.received()["ATTITUDE"] == pytest.approx(20.0, rel=0.05)
+    assert "ATTITUDE: the vehicle refuses it; asking for its stream instead" in talk.said()
+    assert "HIGHRES_IMU: the vehicle refuses it; given up" in talk.said()
+    assert talk.sent["REQUEST_DATA_STREAM"] == 1
+    talk.leave()
+    assert talk.vehicle.interval_us("ATTITUDE") == -1
+
+
+def test_a_message_that_is_promised_and_never_comes_is_given_up() -> None:
+    talk = Conversation(faults=Faults(never=frozenset({"HIGHRES_IMU"})), wanted={"HIGHRES_IMU": 50.0})
+    talk.run(80.0)
+    assert talk.said().count("asking again") == 4
+    assert talk.said().endswith("HIGHRES_IMU: 0.0 of 50 Hz arrive: it has no source; given up")
+    requests = talk.sent["COMMAND_LONG"]
+    talk.run(20.0)
+    assert talk.sent["COMMAND_LONG"] == requests, "no fight"
+
+
+def test_a_position_that_comes_late_has_a_source() -> None:
+    """ArduPilot sends none before its EKF has an origin, which takes 40 s and a GPS."""
+    talk = Conversation(faults=Faults(never=frozenset({"LOCAL_POSITION_NED"})), wanted={"LOCAL_POSITION_NED": 20.0})
+    talk.run(80.0)
+    assert talk.said().endswith("the autopilot's estimate has no position yet (GPS?); given up")
+
+
+def test_who_turns_it_down_once_is_asked_again_who_insists_wins() -> None:
+    talk = Conversation(faults=Faults(turned_down=(12.0,)))
+    talk.run(30.0)
+    assert "RAW_IMU: " in talk.said()
+    assert "asking again" in talk.said()
+    often = {name: hz for name, hz in COMING.items() if hz != 1.0}  # 2 Hz are more than 1, and left alone
+    assert {name: talk.received()[name] for name in often} == pytest.approx(often, rel=0.03)
+    stubborn = Conversation(faults=Faults(turned_down=tuple(range(10, 120))), wanted={"RAW_IMU": 100.0})
+    stubborn.run(90.0)
+    assert stubborn.said().count("asking again") == 4
+    assert "another program is probably overriding the rate" in stubborn.said()
+    assert stubborn.sent["COMMAND_LONG"] < 12
+
+
+def test_what_was_given_up_and_comes_again_is_watched_again() -> None:
+    """A long download of parameters: every stream at a quarter, and back when it is over."""
+    rates = StreamManager(Target(1, 1), {"RAW_IMU": 100.0}, DIALECT, own_sysid=240)
+    packer, decoder = Packer(1, 1), Decoder(DIALECT, stamped=False)
+
+    def arrive(begin: float, end: float, hz: float) -> None:
+        for i in range(round((end - begin) * 5)):
+            now = begin + 0.2 * i
+            packets = b"".join(packer.pack("RAW_IMU", {}) for _ in range(round(hz / 5)))
+            if (request := rates.next_request(now)) is not None and request.fields.get("command") == 511:
+                packets += packer.pack("COMMAND_ACK", {"command": 511, "target_system": 240})
+            rates.hear(split_messages(decoder.push(packets), DIALECT), now)
+
+    arrive(0.0, 80.0, 25.0)
+    assert rates.said[-1].endswith("given up")
+    arrive(80.0, 100.0, 100.0)
+    assert rates.said[-1].endswith("Hz arrive again")
+
+
+def test_not_now_is_no_refusal() -> None:
+    rates = StreamManager(Target(1, 1), {"RAW_IMU": 100.0}, DIALECT, own_sysid=240)
+    packer, decoder = Packer(1, 1), Decoder(DIALECT, stamped=False)
+
+    def hear(now: float, name: str, **fields: int) -> None:
+        rates.hear(split_messages(decoder.push(packer.pack(name, fields)), DIALECT), now)
+
+    hear(0.0, "MESSAGE_INTERVAL", message_id=27, interval_us=-1)
+    assert rates.next_request(0.1) is not None
+    hear(0.2, "COMMAND_ACK", command=511, result=1, target_system=240)
+    hear(1.0, "HEARTBEAT", autopilot=3)
+    assert rates.said == []
+    again = rates.next_request(1.3)
+    assert again is not None
+    assert again.fields["command"] == 511
+
+
+def test_after_a_reboot_everything_is_asked_again() -> None:
+    talk = Conversation(faults=Faults(reboot=(20.0,)))
+    talk.run(40.0)
+    assert "vehicle 1:1 sends nothing of what was agreed any more: asking again" in talk.said()
+    assert "vehicle 1:1 has rebooted: asking again" in talk.said()
+    assert talk.received() == pytest.approx(COMING, rel=0.03)
+
+
+def test_after_a_silence_everything_is_asked_again() -> None:
+    talk = Conversation(faults=Faults(silence=((15.0, 25.0),), reboot=(16.0,)))
+    talk.run(24.0)
+    assert set(talk.received().values()) == {0.0}
+    asked = talk.sent.total()
+    talk.run(16.0)
+    assert "back after 10 s" in talk.said()
+    assert talk.sent.total() > asked
+    assert talk.received() == pytest.approx(COMING, rel=0.03)
+
+
+def test_px4_is_asked_for_its_independent_imu() -> None:
+    wanted = wanted_from("PX4")
+    assert next(iter(wanted)) == "SCALED_IMU"
+    assert {"HIGHRES_IMU", "ESTIMATOR_STATUS", "ODOMETRY"} <= wanted.keys()
+    assert not {"RAW_IMU", "EKF_STATUS_REPORT"} & wanted.keys()
+    talk = Conversation(wanted=wanted, autopilot="px4")
+    talk.run(12.0)
+    absent = dict.fromkeys((*ABSENT, "SCALED_IMU2"), 0.0)
+    assert talk.received() == pytest.approx(wanted | absent, rel=0.03)
+
+
+def test_answers_to_others_are_not_taken_for_ours() -> None:
+    rates = StreamManager(Target(1, 1), {"RAW_IMU": 100.0}, DIALECT, own_sysid=240)
+    packer, decoder = Packer(1, 1), Decoder(DIALECT, stamped=False)
+
+    def hear(now: float, name: str, **fields: int) -> None:
+        rates.hear(split_messages(decoder.push(packer.pack(name, fields)), DIALECT), now)
+
+    hear(0.0, "HEARTBEAT", autopilot=3)
+    assert rates.next_request(0.0) is not None
+    hear(0.1, "MESSAGE_INTERVAL", message_id=27, interval_us=-1)
+    assert rates.next_request(0.2) is not None
+    hear(0.3, "COMMAND_ACK", command=511, result=2, target_system=255)
+    assert not rates.settled
+    hear(0.4, "COMMAND_ACK", command=511, result=0, target_system=240)
+    assert rates.settled
+
+
+def test_two_vehicles_with_one_id_are_told_of_and_not_asked_for_ever() -> None:
+    rates = StreamManager(Target(1, 1), {"RAW_IMU": 100.0}, DIALECT, own_sysid=240)
+    packer, decoder, sent = Packer(1, 1), Decoder(DIALECT, stamped=False), 0
+    for i in range(2000):
+        packet = packer.pack("ATTITUDE", {"time_boot_ms": 1000 * (100 if i % 2 else 500) + 10 * i})
+        rates.hear(split_messages(decoder.push(packet), DIALECT), 0.01 * i)
+        sent += rates.next_request(0.01 * i) is not None
+    assert sum("two clocks speak as vehicle 1:1" in sentence for sentence in rates.said) == 1
+    assert len(rates.said) < 8
+    assert sent < 40
+
+
+@pytest.mark.parametrize("autopilot", ["ARDUPILOTMEGA", "PX4", "GENERIC"])
+@pytest.mark.parametrize("baud", [9600, 19200, 57600, 115200, 230400])
+def test_a_slow_line_is_not_asked_for_more_than_it_carries(autopilot: str, baud: int) -> None:
+    wanted = wanted_from(autopilot)
+    fitting, warning = fit(wanted, DIALECT, baud / 10)
+    assert load(fitting, DIALECT) <= 0.7 * baud / 10 + 1e-6
+    assert (fitting == wanted) == (warning == "")
+    assert list(fitting) == [name for name in wanted if name in fitting], "the most important is asked for first"
+    assert fit(wanted, DIALECT, None) == (wanted, "")
+
+
+def test_what_a_slow_line_goes_without_first() -> None:
+    """57600 baud: one message for each IMU, and the first IMU gets what the others can spare."""
+    fitting, warning = fit(WANTED, DIALECT, 5760.0)
+    assert "HIGHRES_IMU" not in fitting
+    assert fitting["RAW_IMU"] > 65.0
+    assert {"GPS_RAW_INT", "SCALED_PRESSURE", "SCALED_IMU2", "EKF_STATUS_REPORT", "VIBRATION"} <= fitting.keys()
+    assert "left out: GPS2_RAW, SCALED_IMU3, ATTITUDE_TARGET, HIGHRES_IMU" in warning
+    assert "ATTITUDE 10 of 50 Hz" in warning
+    faster, warning = fit(WANTED, DIALECT, 23_040.0)
+    assert {name for name in WANTED if faster.get(name) != WANTED[name]} == {"HIGHRES_IMU"}
+    assert "lowered: HIGHRES_IMU" in warning
+
+
+@pytest.mark.parametrize("autopilot", ["ARDUPILOTMEGA", "PX4", "GENERIC"])
+def test_ardupilot_keeps_ten_intervals_for_a_link(autopilot: str) -> None:
+    """A further one would silently become the nearest of them; streams of a ground station take some too."""
+    for imu_hz in (50.0, 100.0, 200.0, 333.0):
+        for line in (None, 5760.0, 11_520.0):
+            wanted, _ = fit(wanted_from(autopilot, imu_hz=imu_hz), DIALECT, line)
+            assert len({int(1000 / hz) for hz in wanted.values()}) <= 8
+
+
+def test_what_the_dialect_lacks_is_not_asked_for() -> None:
+    fitting, _ = fit(WANTED, load_dialect("common"), None)
+    assert set(WANTED) - set(fitting) == {"EKF_STATUS_REPORT"}
+
+
+def test_all_that_the_analysis_reads_of_a_healthy_vehicle_is_asked_for() -> None:
+    """Its witnesses: GPS, compass (in the IMU's messages), barometer, IMUs, vibration and the estimator's own state."""
+    for autopilot, own in (("ARDUPILOTMEGA", "EKF_STATUS_REPORT"), ("PX4", "ESTIMATOR_STATUS")):
+        wanted = wanted_from(autopilot)
+        needed = {"GPS_RAW_INT", "GPS2_RAW", "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE", "VIBRATION", own}
+        assert needed <= wanted.keys()
+        assert wanted.keys() <= NEEDED
+
+
+def test_a_lost_answer_never_makes_a_stream_slower() -> None:
+    """Asked for 5 Hz where somebody has 50, of a vehicle that never says so."""
+    rates = StreamManager(Target(1, 1), {"GPS_RAW_INT": 5.0, "ATTITUDE": 50.0}, DIALECT, own_sysid=240)
+    hear, sent = hearing(rates), []
+    for i in range(600):
+        hear(0.02 * i, "GPS_RAW_INT", time_usec=20_000 * i)
+        if i % 5 == 0:
+            hear(0.02 * i, "ATTITUDE", time_boot_ms=20 * i)
+        if (request := rates.next_request(0.02 * i + 0.01)) is not None:
+            sent.append((request.fields.get("command"), request.fields.get("param1")))
+        if sent and sent[-1] == (511, 30.0):
+            hear(0.02 * i, "COMMAND_ACK", command=511, target_system=240)
+    assert (511, 24.0) not in sent
+    assert (511, 30.0) in sent
+    assert sent.count((510, 30.0)) > 4, "what comes has an interval, which is to be given back"
+    assert [(r.fields["param1"], r.fields["param2"]) for r in rates.restore()] == [(30.0, 100_000.0)], "as it came"
+
+
+def test_after_a_kill_the_vehicle_gets_back_what_it_had_before_both(tmp_path: Path) -> None:
+    path = tmp_path / "state" / "link 1_1.json"
+    wanted = {"RAW_IMU": 100.0, "GPS_RAW_INT": 5.0, "HIGHRES_IMU": 100.0}
+    killed = Conversation(wanted=wanted, streams={"RAW_IMU": 4.0}, earlier=OriginalRatesFile(path))
+    killed.run(8.0)
+    assert killed.vehicle.interval_us("RAW_IMU") == 10_000
+    assert path.exists()
+    for left in ({"RAW_IMU": 50.0, "GPS_RAW_INT": 5.0}, wanted):  # this one wants less, and is killed too; then leaves
+        nxt = Conversation(wanted=left, vehicle=killed.vehicle, begin=killed.t, earlier=OriginalRatesFile(path))
+        assert nxt.rates.left_behind
+        nxt.run(8.0)
+        killed = nxt
+    killed.leave()
+    found = {name: killed.vehicle.interval_us(name) for name in wanted}
+    assert found == {"RAW_IMU": 250_000, "GPS_RAW_INT": -1, "HIGHRES_IMU": -1}
+    assert path.exists(), "until the vehicle has confirmed it"
+    killed.rates.restored()
+    assert not path.exists()
+
+
+def test_what_is_no_longer_wanted_is_given_back_too(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    killed = Conversation(wanted={"RAW_IMU": 100.0}, streams={"RAW_IMU": 4.0}, earlier=OriginalRatesFile(path))
+    killed.run(5.0)
+    nxt = Conversation(
+        wanted={"ATTITUDE": 50.0}, vehicle=killed.vehicle, begin=killed.t, earlier=OriginalRatesFile(path)
+    )
+    nxt.run(5.0)
+    nxt.leave()
+    assert (nxt.vehicle.interval_us("RAW_IMU"), nxt.vehicle.interval_us("ATTITUDE")) == (250_000, -1)
+
+
+def test_a_vehicle_that_was_set_otherwise_since_keeps_that(tmp_path: Path) -> None:
+    """It has rebooted, or a ground station has asked: its interval is not the one that the killed companion set."""
+    path = tmp_path / "a.json"
+    killed = Conversation(wanted={"RAW_IMU": 100.0}, streams={"RAW_IMU": 4.0}, earlier=OriginalRatesFile(path))
+    killed.run(5.0)
+    later = Conversation(wanted={"RAW_IMU": 100.0}, streams={"RAW_IMU": 10.0}, earlier=OriginalRatesFile(path))
+    later.run(5.0)
+    later.leave()
+    assert later.vehicle.interval_us("RAW_IMU") == 100_000
+
+
+@pytest.mark.parametrize("damage", ["", "{", "[1]", '{"RAW_IMU": 3}', '{"RAW_IMU": {"a": 1}}'])
+def test_a_damaged_file_is_none(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "a.json"
+    path.write_text(damage)
+    assert OriginalRatesFile(path).known == {}
+
+
+def test_where_nothing_can_be_kept_that_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    talk = Conversation(wanted={"RAW_IMU": 100.0}, earlier=OriginalRatesFile(tmp_path / "file" / "a.json"))
+    talk.run(8.0)
+    assert talk.said().count("if companion is killed, the vehicle keeps its rates") == 1
+    assert talk.received() == pytest.approx({"RAW_IMU": 100.0}, rel=0.03)
+
+
+def test_a_vehicle_that_signs_and_does_not_answer_is_said_to_do_so() -> None:
+    rates = StreamManager(Target(1, 1), WANTED, DIALECT, own_sysid=240)
+    rates.signed = True
+    for i in range(1000):
+        if i % 10 == 0:
+            hearing(rates)(0.1 * i, "HEARTBEAT", autopilot=3)
+        rates.next_request(0.1 * i)
+    signs = [sentence for sentence in rates.said if "signs its messages and does not answer unsigned" in sentence]
+    assert 1 <= len(signs) <= 2
+    assert "--signing-key-file" in signs[0]
+
+
+def test_who_has_it_as_often_already_keeps_it_so() -> None:
+    """PX4's onboard link sends ATTITUDE at 100 Hz to whoever flies by it: 50 Hz are enough for us, not for them."""
+    talk = Conversation(wanted={"RAW_IMU": 100.0, "ATTITUDE": 50.0}, streams={"ATTITUDE": 100.0})
+    talk.run(15.0)
+    assert talk.received() == pytest.approx({"RAW_IMU": 100.0, "ATTITUDE": 100.0}, rel=0.03)
+    talk.vehicle.reboot()
+    talk.run(15.0)
+    assert talk.received() == pytest.approx({"RAW_IMU": 100.0, "ATTITUDE": 100.0}, rel=0.03)
+    talk.leave()
+    assert (talk.vehicle.interval_us("RAW_IMU"), talk.vehicle.interval_us("ATTITUDE")) == (-1, 10_000)
+
+
+def test_when_who_had_it_as_often_leaves_it_is_asked_for_whatever_else_never_comes() -> None:
+    talk = Conversation(
+        wanted={"RAW_IMU": 100.0, "HIGHRES_IMU": 100.0},
+        faults=Faults(turned_down=(21.0,), never=frozenset({"HIGHRES_IMU"})),
+        streams={"RAW_IMU": 100.0, "HIGHRES_IMU": 100.0},
+    )
+    talk.run(31.0)
+    assert talk.received()["RAW_IMU"] == pytest.approx(100.0, rel=0.03)
+    talk.leave()
+    assert talk.vehicle.interval_us("RAW_IMU") == 500_000, "which is what there was when we asked"
+
+
+def test_an_interval_of_ours_is_never_taken_for_the_one_before_us() -> None:
+    """The vehicle did not say at first; after a silence it says what we have set."""
+    rates = StreamManager(Target(1, 1), {"RAW_IMU": 100.0}, DIALECT, own_sysid=240)
+    hear = hearing(rates)
+    hear(0.0, "HEARTBEAT", autopilot=3)
+    asked = [rates.next_request(0.1 * i) for i in range(25)]
+    assert [r.fields["command"] for r in asked if r] == [510, 510, 511]
+    hear(2.5, "COMMAND_ACK", command=511, result=0, target_system=240)
+    hear(9.0, "HEARTBEAT", autopilot=3)
+    rates.next_request(9.1)
+    hear(9.2, "MESSAGE_INTERVAL", message_id=27, interval_us=10_000)
+    assert [request.fields["param2"] for request in rates.restore()] == [0.0]
+
+
+def test_what_is_in_no_stream_of_ardupilot_is_stopped_where_its_interval_is_not_known() -> None:
+    """Asked for the default of such a message ArduPilot FAILS, and goes on sending."""
+    rates = StreamManager(Target(1, 1), {"HIGHRES_IMU": 100.0}, DIALECT, own_sysid=240)
+    hearing(rates)(0.0, "HEARTBEAT", autopilot=3)
+    assert sum(rates.next_request(0.1 * i) is not None for i in range(25)) == 3
+    assert [request.fields["param2"] for request in rates.restore()] == [-1.0]
+
+
+def test_a_message_that_ardupilot_does_not_know_is_not_asked_for_ever_slower() -> None:
+    """Each such request makes it tell every ground station "No ap_message for mavlink id (105)"."""
+    rates = StreamManager(Target(1, 1), {"HIGHRES_IMU": 100.0}, DIALECT, own_sysid=240)
+    hear = hearing(rates)
+    hear(0.0, "HEARTBEAT", autopilot=3)
+    assert rates.next_request(0.0) is not None
+    hear(0.1, "MESSAGE_INTERVAL", message_id=105, interval_us=0)
+    assert rates.next_request(0.2) is not None
+    hear(0.3, "COMMAND_ACK", command=511, result=2, target_system=240)
+    assert rates.settled
+    hear(3.0, "HEARTBEAT", autopilot=3)
+    assert rates.said == ["HIGHRES_IMU: the vehicle refuses it; given up"]
+
+
+def test_messages_of_one_stream_do_not_turn_each_other_down() -> None:
+    talk = Conversation(faults=Faults(denied=frozenset("*")))
+    talk.run(30.0)
+    assert talk.received()["LOCAL_POSITION_NED"] == pytest.approx(20.0, rel=0.05)
+    assert "overriding" not in talk.said()
+    assert "asking again" not in talk.said()
+
+
+def test_a_stream_gets_the_rate_back_that_it_had() -> None:
+    """Firmware that answers neither command: what arrived before is what there was."""
+    rates = StreamManager(Target(1, 1), {"ATTITUDE": 50.0}, DIALECT, own_sysid=240)
+    hear, asked = hearing(rates), []
+    for i in range(50):
+        hear(0.25 * i, "ATTITUDE", time_boot_ms=250 * i)
+        if (request := rates.next_request(0.25 * i + 0.1)) is not None:
+            asked.append(request.name)
+    assert "REQUEST_DATA_STREAM" in asked
+    (restored,) = rates.restore()
+    assert restored.name == "REQUEST_DATA_STREAM"
+    assert restored.fields["req_message_rate"] in (4, 5)
+
+
+def test_px4_is_never_asked_for_streams() -> None:
+    talk = Conversation(wanted={"ATTITUDE": 20.0}, faults=Faults(denied=frozenset("*")), autopilot="px4")
+    talk.run(15.0)
+    assert talk.sent["REQUEST_DATA_STREAM"] == 0
+    assert "ATTITUDE: the vehicle refuses it; given up" in talk.said()
+
+
+@pytest.mark.parametrize(("autopilot", "part"), [("ardupilot", "INS_GYR_ID"), ("px4", "CAL_GYRO0_ID")])
+def test_the_part_that_measures_is_asked_for(autopilot: str, part: str) -> None:
+    """Or the figures of a recording would be those of any IMU."""
+    talk = Conversation(autopilot=autopilot, wanted={"ATTITUDE": 20.0}, parameters={part: 1.0})
+    talk.run(20.0)
+    assert talk.vehicle.sent["PARAM_VALUE"] == 1
+
+
+def hearing(rates: StreamManager) -> Callable[..., None]:
+    """Say one message of the vehicle's to it at a time."""
+    packer, decoder = Packer(1, 1), Decoder(DIALECT, stamped=False)
+
+    def hear(now: float, name: str, **fields: int) -> None:
+        rates.hear(split_messages(decoder.push(packer.pack(name, fields)), DIALECT), now)
+
+    return hear
