@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterator, Sequence
 
 from rich.markup import escape
@@ -10,9 +9,10 @@ from rich.markup import escape
 from companion.analysis import Assessment, Finding, rate_warning
 from companion.app.examination import Examination
 from companion.cli.options import counted
-from companion.cli.tables import SIGNS, short, status_text
+from companion.cli.tables import SIGNS, short, span, status_text, wrapped
 
-_MOST_LINES = 23  # and the prompt: an old terminal's window
+_MOST_LINES = 23  # in _COLUMNS, and the prompt: an old terminal's window; one that is narrower is taller
+_COLUMNS = 80
 _WIDEST = 100
 _SHOWN_S = 10.0  # the horizon that is told
 _LABEL = 18  # columns of "Would have shown"
@@ -20,38 +20,41 @@ _ADVICES = 2
 
 
 def first_screen(examined: Examination, width: int) -> list[str]:
-    """At most 23 lines of rich markup; what does not fit is behind --full."""
+    """Lines of rich markup, at most 23 in 80 columns; what does not fit is behind --full."""
     found = examined.assessment
     width = min(width, _WIDEST)
     flight, track = examined.flight, examined.flight.imu(found.drift.imu)
     status = found.verdict.status.replace("_", " ").upper()
-    head = _wrapped(f"{status}  {found.verdict.summary}", width, 2)
+    head = wrapped(f"{status}  {found.verdict.summary}", width, 2)
     head[0] = head[0].replace(escape(status), status_text(found.verdict.status), 1)
-    head += _wrapped(
-        f"Vehicle {flight.vehicle}, boot {flight.boot}: {flight.vehicle.autopilot} {flight.vehicle.firmware} "
-        f"{flight.vehicle.type}, {flight.duration:.1f} s; {found.drift.imu} at {track.rate_hz:.1f} Hz",
+    vehicle = flight.vehicle
+    kind = " ".join(filter(None, (vehicle.autopilot, vehicle.firmware, vehicle.type)))
+    head += wrapped(
+        f"Vehicle {vehicle}, boot {flight.boot}: {kind}, {flight.duration:.1f} s; "
+        f"{found.drift.imu} at {track.rate_hz:.1f} Hz",
         width,
         2,
     )
-    rows = [*_rows(found)]
-    if warning := rate_warning(flight, track.rate_hz):
-        rows.insert(0, ("Warning", warning))
+    rows = [*_rows(found, rate_warning(flight, track.rate_hz) or "")]
     tail = [line for label, text in rows for line in _labelled(label, text, width)]
-    room = _MOST_LINES - len(head) - len(tail) - 4
+    room = max(_MOST_LINES, _MOST_LINES * _COLUMNS // width) - len(head) - len(tail) - 4
     shown = _evidence(found.verdict.findings, width, room)
     more = "Everything else, with all tables: --full"
     return [*head, "", *shown, *([""] if shown else []), *tail, "", more]
 
 
-def _rows(found: Assessment) -> Iterator[tuple[str, str]]:
+def _rows(found: Assessment, warning: str) -> Iterator[tuple[str, str]]:
+    """What is said under the evidence: label, words. warning: of a rate too low; "" for none."""
+    if warning:
+        yield "Warning", warning
     yield f"After {_SHOWN_S:g} s", _drift(found)
     could = found.sensitivity
     if could.smallest:
         yield "Would have shown", str(could)
     for words in could.not_judged:
         yield "Not judged", words
-    told = [f for f in found.verdict.findings if f.severity != "info"]
-    for i, advice in enumerate(list(dict.fromkeys(f.advice for f in told if f.advice))[:_ADVICES]):
+    told = [f.advice for f in found.verdict.findings if f.severity != "info" and f.advice and f.advice not in warning]
+    for i, advice in enumerate(list(dict.fromkeys(told))[:_ADVICES]):
         yield "" if i else "What to do", advice
 
 
@@ -73,9 +76,10 @@ def _evidence(findings: Sequence[Finding], width: int, room: int) -> list[str]:
     lines: list[str] = []
     for i, finding in enumerate(findings):
         text = _when(finding) + finding.evidence
-        own = _wrapped(text, width - 4, 0)
+        own = wrapped(text, width - 4, 0)
         if len(lines) + len(own) > room - (i + 1 < len(findings)):
-            return [*lines, f"  and {len(findings) - i} more: --full"]
+            left = len(findings) - i
+            return [*lines, f"  and {left} more: --full" if lines else f"  {counted(left, 'finding')}: --full"]
         lines.append(f"  {SIGNS[finding.severity]} {own[0]}")
         lines += [f"    {line}" for line in own[1:]]
     return lines
@@ -83,14 +87,9 @@ def _evidence(findings: Sequence[Finding], width: int, room: int) -> list[str]:
 
 def _when(finding: Finding) -> str:
     timed = finding.cause is not None and finding.headline != "" and finding.cause.onset_sigma_s is not None
-    return "" if timed else f"{finding.start_s:.1f}-{finding.end_s:.1f} s: "  # an episode's words have its time
+    return "" if timed else f"{span(finding)}: "  # an episode's words have its time
 
 
 def _labelled(label: str, text: str, width: int) -> list[str]:
-    lines = _wrapped(text, width - _LABEL, 0)
+    lines = wrapped(text, width - _LABEL, 0)
     return [f"[bold]{label:<{_LABEL}}[/]{lines[0]}", *(" " * _LABEL + line for line in lines[1:])]
-
-
-def _wrapped(text: str, width: int, hanging: int) -> list[str]:
-    lines = textwrap.wrap(text, width, subsequent_indent=" " * hanging, break_long_words=False, break_on_hyphens=False)
-    return [escape(line) for line in lines] or [""]

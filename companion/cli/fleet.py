@@ -44,7 +44,7 @@ from companion.fleet import (
     worst_ratios,
 )
 
-_NAME_WIDTH = 32  # of 80 columns
+_NAME_WIDTHS = (15, 33)  # at least, of 60 columns; at most, of 80
 _MOST = 10  # lines of each part of the summary: the page has them all
 
 
@@ -134,17 +134,17 @@ def _say_passed_over(search: Search) -> None:
 
 def _print(fleet: Fleet, seconds: float) -> None:
     console, rows = tables.console(), fleet.rows
-    rate = f", {fleet.examined / seconds:.1f} logs/s" if fleet.examined else ""
-    done = f"{fleet.examined} examined, {fleet.unchanged} unchanged ({seconds:.1f} s{rate})"
-    console.print(f"[bold]{options.counted(fleet.logs, 'log')}[/]: {done}", highlight=False)
+    done = f"{fleet.examined} examined, {fleet.unchanged} unchanged ({seconds:.1f} s{_pace(fleet.examined, seconds)})"
+    console.print(f"{options.counted(fleet.logs, 'log')}: {done}", highlight=False)
     counts = ", ".join(f"{count} {status.replace('_', ' ')}" for status, count in count_by_status(rows).items())
-    console.print(f"[bold]{options.counted(len(rows.flights), 'row')}[/]: {counts}", highlight=False)
+    for line in tables.wrapped(f"{options.counted(len(rows.flights), 'row')}: {counts}", console.width, 2):
+        console.print(line, highlight=False)
     names = short_names([row["log"] for row in rows.flights])
     ratios = worst_ratios(rows)
     if flights := by_concern(rows)[:_MOST]:
         console.print("\n[bold]Look at these first[/]")
-        shown = _table("flight", "verdict", "worst ÷ expected>", "because")
-        shown.columns[0].max_width = _NAME_WIDTH
+        shown = _table("\nflight", "\nverdict", "worst ÷\nexpected>", "\nbecause")
+        shown.columns[0].min_width, shown.columns[0].max_width = _NAME_WIDTHS
         for row in flights:
             shown.add_row(
                 escape(f"{names[row['log']]}{_which(row, rows)}"),
@@ -172,11 +172,20 @@ def _print(fleet: Fleet, seconds: float) -> None:
 
 
 def _table(*headings: str) -> Table:
-    """Headings that end in > are of numbers."""
+    """Headings that end in > are of numbers; what is text is folded in a narrow terminal, never cut."""
     shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
     for heading in headings:
-        shown.add_column(heading.removesuffix(">"), justify="right" if heading.endswith(">") else "left", no_wrap=True)
+        number = heading.endswith(">")
+        name = heading.removesuffix(">")
+        shown.add_column(name, justify="right" if number else "left", no_wrap=number, overflow="fold")
     return shown
+
+
+def _pace(logs: int, seconds: float) -> str:
+    """How fast it went, in what is more than one."""
+    if not logs:
+        return ""
+    return f", {logs / seconds:.1f} logs/s" if logs > seconds else f", {seconds / logs:.1f} s a log"
 
 
 def _first(kinds: Sequence[str]) -> str:

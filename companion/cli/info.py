@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from rich.console import Console
 from rich.markup import escape
@@ -124,32 +124,42 @@ def _summary(source: Source) -> str:
 
 def _print_flight(console: Console, flight: Flight) -> None:
     vehicle = flight.vehicle
-    console.print(
-        f"\n[bold]Vehicle {vehicle}, boot {flight.boot}[/]: {vehicle.autopilot} {vehicle.firmware} {vehicle.type}, "
-        f"{flight.duration:.1f} s (boot clock {flight.start:.1f} to {flight.start + flight.duration:.1f} s)",
-        highlight=False,
-    )
-    console.print(f"  would integrate: {imu_line(flight)}", highlight=False)
-    console.print(f"  would compare with: {reference_line(flight)}", highlight=False)
-    if used := used_imus(flight):
-        console.print(f"  estimator used: {escape(used)}", highlight=False)
-    if used := used_aiding(flight):
-        console.print(f"  aided by: {escape(used)}", highlight=False)
-    parts = ", ".join(f"{part.kind} {part.start:.1f}-{part.end:.1f} s" for part in phases(flight))
-    console.print(f"  phases: {parts}", highlight=False)
-    if announced := _announced(flight):
-        console.print(f"  announced: {announced}", highlight=False)
-    for note in flight.notes:
-        console.print(f"  note: {escape(note)}", highlight=False)
+    kind = " ".join(filter(None, (vehicle.autopilot, vehicle.firmware, vehicle.type)))
+    clock = f"boot clock {flight.start:.1f} to {flight.start + flight.duration:.1f} s"
+    named = f"Vehicle {vehicle}, boot {flight.boot}"
+    title = tables.wrapped(f"{named}: {kind}, {flight.duration:.1f} s ({clock})", console.width, 2)
+    title[0] = title[0].replace(named, f"[bold]{named}[/]", 1)
+    console.print("\n" + "\n".join(title), highlight=False)
+    _print_facts(console, _facts(flight))
     _print_sensors(console, flight)
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("message", "count", "mean Hz", "longest gap s", "duplicates"):
-        table.add_column(heading, justify="left" if heading == "message" else "right")
+    for heading in ("\nmessage", "\ncount", "\nmean Hz", "longest\ngap s", "\nduplicates"):
+        words = heading == "\nmessage"
+        table.add_column(heading, justify="left" if words else "right", overflow="fold")
     for name, stats in flight.messages.items():
         rate = "" if stats.rate_hz is None else f"{stats.rate_hz:.1f}" if stats.rate_hz < 1e4 else "burst"
         gap = "" if stats.longest_gap_s is None else f"{stats.longest_gap_s:.2f}"
         table.add_row(name, f"{stats.count}", rate, gap, f"{stats.duplicates}" if stats.duplicates else "")
     console.print(table)
+
+
+def _facts(flight: Flight) -> Iterator[tuple[str, str]]:
+    yield "would integrate", imu_line(flight)
+    yield "would compare with", reference_line(flight)
+    if used := used_imus(flight):
+        yield "estimator used", used
+    if used := used_aiding(flight):
+        yield "aided by", used
+    yield "phases", ", ".join(f"{part.kind} {part.start:.1f}-{part.end:.1f} s" for part in phases(flight))
+    if announced := _announced(flight):
+        yield "announced", announced
+    yield from (("note", note) for note in flight.notes)
+
+
+def _print_facts(console: Console, facts: Iterable[tuple[str, str]]) -> None:
+    for name, words in facts:
+        for line in tables.wrapped(f"  {name}: {words}", console.width, 4):
+            console.print(line, highlight=False)
 
 
 def _print_sensors(console: Console, flight: Flight) -> None:
@@ -160,9 +170,7 @@ def _print_sensors(console: Console, flight: Flight) -> None:
         console.print(whole)
         return
     console.print(narrow)
-    for item in items:
-        if item.about:
-            console.print(f"  {item.kind} {escape(item.source)}: {escape(item.about)}", highlight=False)
+    _print_facts(console, ((f"{item.kind} {item.source}", item.about) for item in items if item.about))
 
 
 def _sensors(items: Sequence[Item], *, with_words: bool) -> Table:

@@ -56,7 +56,7 @@ def add_command(
     """
     parser = commands.add_parser(name, help=brief, description=summary, epilog=f"example: {example}")
     log = "a log: .tlog, ArduPilot .bin or .log, PX4 .ulg; demo for the bundled flight; - for stdin"
-    link = ", or a link: udpin:HOST:PORT, tcp:HOST:PORT, /dev/ttyACM0[:BAUD]" if takes_link else ""
+    link = "; or a link: udpin:HOST:PORT, tcp:HOST:PORT, /dev/ttyACM0[:BAUD]" if takes_link else ""
     if takes_several:
         parser.add_argument("logs", metavar="LOG", nargs="+", help=log)
     else:

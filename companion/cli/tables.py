@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import textwrap
 from collections.abc import Iterator, Sequence
 
 from rich import box
@@ -9,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import Assessment, Drift, Expected, Sibling, Statistic, Verdict
+from companion.analysis import Assessment, Drift, Expected, Finding, Sibling, Statistic, Verdict
 
 _REASONS = {
     "imu_gap": "hole in the IMU",
@@ -24,6 +26,8 @@ _STATUS = {
     "autopilot_suspect": "red",
     "insufficient_data": "yellow",
 }
+_NO_BREAK = "\N{NO-BREAK SPACE}"
+_NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=(?:m|s|Hz|%|ms|m/s|m/s²|mrad/s|mrad|µT)(?![\w/]))")
 SIGNS = {"error": "[red]✗[/]", "warning": "[yellow]![/]", "info": "·"}
 
 
@@ -42,12 +46,25 @@ def verdict_lines(verdict: Verdict, *, most: int = 8) -> Iterator[str]:
     """The verdict, and the findings under it."""
     yield f"{status_text(verdict.status)}  {escape(verdict.summary)}"
     for finding in verdict.findings[:most]:
-        when = f"{finding.start_s:.1f}-{finding.end_s:.1f} s"
-        yield f"  {SIGNS[finding.severity]} {when}: {finding.kind.replace('_', ' ')}. {escape(finding.evidence)}"
+        kind = finding.kind.replace("_", " ")
+        yield f"  {SIGNS[finding.severity]} {span(finding)}: {kind}. {escape(finding.evidence)}"
         if finding.severity != "info":
             yield f"      {escape(finding.advice)}"
     if len(verdict.findings) > most:
         yield f"  and {len(verdict.findings) - most} more: --json has them all"
+
+
+def span(finding: Finding) -> str:
+    """When it was so: 57.3-81.0 s, or 57.7 s for a moment."""
+    start, end = f"{finding.start_s:.1f}", f"{finding.end_s:.1f}"
+    return f"{start} s" if start == end else f"{start}-{end} s"
+
+
+def wrapped(text: str, width: int, hanging: int) -> list[str]:
+    """Text in lines of rich markup; all but the first are indented. A number and its unit stay together."""
+    kept = _NUMBER_AND_UNIT.sub(_NO_BREAK, text)
+    lines = textwrap.wrap(kept, width, subsequent_indent=" " * hanging, break_long_words=False, break_on_hyphens=False)
+    return [escape(line.replace(_NO_BREAK, " ")) for line in lines] or [""]
 
 
 def status_text(status: str) -> str:

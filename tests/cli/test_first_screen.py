@@ -59,3 +59,17 @@ def test_a_healthy_flight_has_no_cause(capsys: Captured) -> None:
     verdict = json.loads(capsys.readouterr().out)["flights"][0]["verdict"]
     assert (verdict["status"], verdict["cause"]) == ("consistent", None)
     assert 1e-3 < verdict["detectable"]["gyro_bias"] < 20e-3
+
+
+def test_a_narrow_terminal_still_shows_what_was_found(monkeypatch: pytest.MonkeyPatch, capsys: Captured) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    assert main(["analyze", str(recording("sitl/copter-imu1-fail-100hz.tlog"))]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 60
+    assert sum(line.startswith("  ✗") for line in lines) == 2
+    assert not any(line.strip() in {"m", "m/s", "m/s²", "Hz"} for line in lines), "a number without its unit"
+
+
+def test_a_rate_that_is_too_low_is_said_once(capsys: Captured) -> None:
+    assert main(["analyze", str(BUNDLED / "copter-mission-default-rates.tlog")]) == 0
+    assert " ".join(capsys.readouterr().out.split()).count("Record the IMU at 50-200 Hz") == 1
