@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.estimation.explanations import kind_of
+from companion.estimation.iteration import estimate, start_of
 from companion.estimation.model import BestEstimate, ProcessNoise, corrected
 from companion.estimation.setup import first_guess, set_up
-from companion.estimation.smoother import estimate, start_of
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight
 from companion.strapdown import preintegrate, quaternion
 

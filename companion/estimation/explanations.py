@@ -20,6 +20,7 @@ from companion.strapdown import quaternion, skew
 _SHOCK = 10.0  # what an IMU misses in a moment it otherwise shows: a hole, readings at their end, vibration
 _MOMENTS = 4.0 * float(np.log(1000 / 24))  # both its ends are moments: of a thousand keyframes, not of 24 stretches
 _OFTEN = 8  # measurements, less than which show no change
+_GPS = ("gps_position", "gps_height", "gps_velocity", "gps_climb")
 _LIVELY = {GYRO_BIAS.start: 0.2, ACCEL_BIAS.start: 1.5}  # rad/s, m/s², root mean square
 
 
@@ -74,6 +75,7 @@ class Kind:
     serious: float = 0.0  # the size from which on it is a fault: three times what real parts change in flight
     rarity: float = 0.0  # twice the logarithm of how much more seldom it is than the others
     summed: tuple[str, ...] = ()  # witnesses that read the integral of what the others read
+    retimes: tuple[str, ...] = ()  # witnesses whose readings speak of another time: linear in nothing but small sizes
 
     def least_of(self, shape: str) -> float:
         """The smallest size that is called wrong; of what grows, at its end."""
@@ -163,7 +165,7 @@ def _motion(problem: Problem) -> Signature | None:
 def _late(problem: Problem) -> Signature | None:
     """A GPS whose fixes are late by u more: what a constant latency would change."""
     place = CONSTANTS["gps_latency"][0]
-    ones = [problem.witness(name) for name in ("gps_position", "gps_height", "gps_velocity", "gps_climb")]
+    ones = [problem.witness(name) for name in _GPS]
     return Signature(None, {one.name: one.constants[:, :, place] for one in ones if one is not None})
 
 
@@ -202,7 +204,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("gps_motion", "gps", "m/s", ("step", "pulse"), 3.0, 0.5, _motion, "gps_position", rarity=_MOMENTS,
          summed=("gps_position",)),
     Kind("gps_velocity", "gps", "m/s", ("step", "ramp", "pulse"), 5.0, 0.5, _shift("gps_velocity")),
-    Kind("gps_latency", "gps", "s", ("step", "pulse"), 0.5, 0.15, _late, "gps_position"),
+    Kind("gps_latency", "gps", "s", ("step", "pulse"), 0.5, 0.15, _late, "gps_position", retimes=_GPS),
     Kind("compass_field", "compass", "µT", ("step", "ramp", "pulse", "creep"), 30.0, 3.0, _field),
     Kind("compass_turn", "compass", "rad", ("step", "ramp"), 0.5, 0.1, _rotation),
     Kind("compass_iron", "compass", "µT", ("step",), 30.0, 4.0, _shift("compass")),

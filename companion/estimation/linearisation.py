@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from companion.estimation.competition import Choice, with_choice
+from companion.estimation.choice import Choice, with_choice
 from companion.estimation.explanations import Problem
 from companion.estimation.measurements import Kinematics, measure
 from companion.estimation.model import (

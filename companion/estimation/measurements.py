@@ -25,7 +25,7 @@ from companion.estimation.model import (
     States,
 )
 from companion.estimation.system import Index, Measurement
-from companion.model import Array, GpsTrack, ned_from_geodetic
+from companion.model import Array, GpsTrack, nearest, ned_from_geodetic
 from companion.strapdown import Preintegration, quaternion, skew
 
 MICROTESLA = 1e6
@@ -65,6 +65,21 @@ class Readings:
     value: Array  # (M, d) in the unit of UNITS
     sigma: Array  # (M, d) nominal 1σ
     sample: Index  # (M,) of the IMU, nearest in time
+    late: Array | float = 0.0  # (M,) s, by which they are known to be late beyond the constant latency
+
+    def later(self, late: Array, t: Array) -> Readings:
+        """The same where every reading is late by so much more, (M,) s: at those of the keyframes t (K,) it speaks of.
+
+        Of two that speak of one keyframe the nearer stays.
+        """
+        late = self.late + late
+        spoke = self.t - late
+        k = nearest(t, spoke)
+        nearer = np.lexsort((np.abs(t[k] - spoke), k))
+        first = np.concatenate([[True], np.diff(k[nearer]) > 0])
+        kept = nearer[first & (spoke[nearer] >= t[0]) & (spoke[nearer] <= t[-1])]
+        return Readings(self.name, self.t[kept], k[kept], self.value[kept], self.sigma[kept], self.sample[kept],
+                        late[kept])  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +172,7 @@ def _gps(one: Readings, states: States, at: Kinematics, h: Array, h_c: Array) ->
     """Where the vehicle was, or how fast, when the fix was taken."""
     k = one.keyframe
     lever = states.constant("lever_arm")
-    late = one.t - at.t[k] - states.constant("gps_latency")[0]
+    late = one.t - one.late - at.t[k] - states.constant("gps_latency")[0]
     matrix = quaternion.to_matrix(states.q_ned_frd[k])
     rows = slice(2, 3) if one.name in ("gps_height", "gps_climb") else slice(0, 2)
     if one.name in ("gps_position", "gps_height"):

@@ -7,51 +7,31 @@ estimate is made anew with what explains most, until nothing pays for itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.estimation.competition import (
-    WORTH,
-    Choice,
-    choose,
-    detectable,
-    explained,
-    gain_beside,
-    promising,
-    unrest,
-)
-from companion.estimation.learned_noise import START, believing, coloured, learn, noise_limits, outlier_weights, scatter
-from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
+from companion.estimation.choice import WORTH, Choice, explained, gain_beside, promising, unrest
+from companion.estimation.competition import choose, detectable
+from companion.estimation.iteration import Start, estimate, start_of
+from companion.estimation.learned_noise import believing, noise_limits, scatter
+from companion.estimation.linearisation import Linear
 from companion.estimation.measurements import UNITS
 from companion.estimation.model import (
     ACCEL_BIAS,
-    ATTITUDE,
-    CONSTANT_STATES,
     GYRO_BIAS,
     BestEstimate,
     Correlation,
-    ProcessNoise,
     Residuals,
     States,
 )
+from companion.estimation.retiming import Limits, retimed
 from companion.estimation.setup import Setup, first_guess, set_up
-from companion.estimation.system import (
-    measurement_residual,
-)
+from companion.estimation.system import measurement_residual
 from companion.estimation.weighing import bursts
-from companion.model import STANDARD_GRAVITY, Array, DataError, Flight
+from companion.model import STANDARD_GRAVITY, DataError, Flight
 
-_PASSES = 14
-_LEARN_FROM = 1  # the pass after which densities are learned
-_WEIGHTS_FROM = 4  # the pass after which outliers weigh less, whether or not densities have settled
-_WEIGHTED = 3  # passes with such weights, at least
-_NEAR, _SETTLED = 0.15, 0.05  # changes of the logarithm of a density
-_STILL = 1e-3  # rad
-_ALTERNATES = 0.8  # of the step before, and back: from there on Gauss-Newton goes to and fro
-_SHORTEST = 0.2  # of a step
-_FAR = (4e-3, 0.1)  # rad/s, m/s²: a bias further off than this changes the path by more than its first order
 _MOST_EXPLAINED = 6
 
 
@@ -84,21 +64,6 @@ def smooth(
         ) from error
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Start:
-    """Where an iteration begins."""
-
-    states: States
-    noise: ProcessNoise
-    scale: Mapping[str, float]
-    path: CarriedImu | None = None  # the IMU as it was carried last
-
-
-def start_of(setup: Setup, guess: States) -> Start:
-    """Where nothing is learned yet: every σ wide."""
-    return Start(guess, START, {r.name: 1.0 if r.name.startswith("rest") else 3.0 for r in setup.readings})
-
-
 def explain(setup: Setup, start: Start) -> BestEstimate:
     """The estimate with everything explained that has to be: one after the other, each time what explains most.
 
@@ -114,18 +79,27 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
         found = _explained_further(setup, start, settled, linear, accepted, shown)
         if found is None:
             break
-        choice, again, result = found
-        if choice.gain < WORTH:
-            nearly = promising(choice)
+        if found.choice.gain < WORTH:
+            nearly = promising(found.choice)
             break
-        accepted.append(choice)
-        settled, linear = again, result
+        accepted.append(found.choice)
+        setup, settled, linear = found.setup, found.settled, found.linear
     return replace(_result(setup, settled, linear, accepted, shown), promising=nearly)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tried:
+    """A choice with what it gains in the noise that is learned beside it, and the estimate with it."""
+
+    choice: Choice
+    setup: Setup
+    settled: Start
+    linear: Linear
 
 
 def _explained_further(
     setup: Setup, start: Start, settled: Start, linear: Linear, accepted: Sequence[Choice], shown: tuple[float, float]
-) -> tuple[Choice, Start, Linear] | None:
+) -> Tried | None:
     """What explains most, and the estimate with it; None where nothing promises anything.
 
     A fault of another witness that lasts for a good part of the flight is learned as noise of the IMU: it is then the
@@ -134,118 +108,54 @@ def _explained_further(
     shown: by which its readings scatter (`scatter`).
     """
     begin = replace(settled, states=start.states)
-    choice = choose(linear.problem, linear.solution)
-    first = None if choice is None else _tried(setup, begin, accepted, choice)
+    first = _best_of(setup, begin, accepted, choose(linear.problem, linear.solution))
     doubted = any(one.kind.side == "imu" for one in accepted)
-    if doubted or not (settled if first is None else first[1]).noise.contradicts(shown):
+    if doubted or not (settled if first is None else first.settled).noise.contradicts(shown):
         return first
     limits = believing(noise_limits(setup), shown)
     _, believed = estimate(setup, start, accepted, limits, white=True)
-    choice = choose(believed.problem, believed.solution)
-    if choice is None or choice.kind.side == "imu":
+    choices = choose(believed.problem, believed.solution)
+    if not choices or choices[0].kind.side == "imu":
         return first
-    second = _tried(setup, begin, accepted, choice)
-    return first if second[1].noise.contradicts(shown) else second
+    second = _best_of(setup, begin, accepted, choices, limits)
+    return first if second is None or second.settled.noise.contradicts(shown) else second
 
 
-def _tried(setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice) -> tuple[Choice, Start, Linear]:
-    """A choice with what it gains in the noise that is learned beside it, and the estimate with it."""
-    again, linear = estimate(setup, start, [*accepted, choice])
-    beside = gain_beside(choice, linear.problem, linear.solution, linear.prior)
-    gain = max(choice.gain, beside) / unrest(choice, linear.problem, linear.solution)
-    return choice.in_noise(choice.gain / gain), again, linear
+def _best_of(
+    setup: Setup, start: Start, accepted: Sequence[Choice], choices: Sequence[Choice], limits: Limits | None = None
+) -> Tried | None:
+    """That of some choices, the first of them the best at first order, which explains most; None for none."""
+    tried = [_tried(setup, start, accepted, one, limits) for one in choices]
+    if len(tried) < 2:
+        return tried[0] if tried else None
+    best = max(tried, key=_likelihood)
+    if best is tried[0]:
+        return best
+    nearer = choices[1].gain - choices[0].gain - (_likelihood(best) - _likelihood(tried[0]))
+    return replace(best, choice=best.choice.with_others(nearer))
 
 
-def estimate(
-    setup: Setup,
-    start: Start,
-    accepted: Sequence[Choice] = (),
-    limits: Mapping[str, tuple[float, float]] | None = None,
-    *,
-    white: bool = False,
-) -> tuple[Start, Linear]:
-    """The iteration with what is accepted: where it settles, and the linear problem there.
-
-    limits: of the densities of the IMU, in place of what may be learned. white: what is left over is taken for white
-    noise, however long it lasts: as it is not where something unexplained is in it.
-    """
-    states, noise, scale = start.states, start.noise, dict(start.scale)
-    weights: dict[str, Array] = {}
-    limits = limits or noise_limits(setup)
-    change: dict[str, float] = {}
-    weighted = 0
-    path = _carried(setup, states, start.path)
-    linear = linearise(setup, path, states, noise, scale, weights, accepted)
-    step = Step()
-    for count in range(_PASSES):
-        if count >= _WEIGHTS_FROM:  # the steps before are towards what is still being learned
-            step = step.then(_in_priors(linear))
-        states = step.taken(states, linear)
-        path = _carried(setup, states, path)
-        moved, largest = float(np.abs(linear.solution.x[:, ATTITUDE]).max()), np.inf
-        if count >= _LEARN_FROM:
-            noise, scale, change = learn(linear, noise, scale, limits, change)
-            largest = max(map(abs, change.values()))
-            if weighted or accepted or largest < _NEAR or count >= _WEIGHTS_FROM:
-                weights = outlier_weights(linear)
-                weighted += 1
-        if (weighted >= _WEIGHTED and largest < _SETTLED and moved < _STILL) or count == _PASSES - 1:
-            break
-        del linear  # before the next is made: of a long flight two are more than all else
-        linear = linearise(setup, path, states, noise, scale, weights, accepted)
-    grown = dict.fromkeys(coloured(linear), 1.0) if white else coloured(linear)
-    wide = replace(noise, gyro_noise=noise.gyro_noise * grown["gyro"], accel_noise=noise.accel_noise * grown["accel"])
-    step = Step()  # of another problem: nothing is undone
-    for _ in range(2):
-        del linear
-        linear = linearise(setup, path, states, wide, scale, weights, accepted, grown)
-        step = step.then(_in_priors(linear))
-        states = step.taken(states, linear)
-        if float(np.abs(linear.solution.x[:, ATTITUDE]).max()) < _STILL:
-            break
-    if not np.isfinite(states.q_ned_frd).all():
-        raise DataError(f"{setup.imu.source}: the estimate of the trajectory does not settle; the readings do not fit")
-    return Start(states, noise, scale, path), linear
+def _likelihood(one: Tried) -> float:
+    """Twice the logarithm of the likelihood at the noise that was learned, but for a constant: what fits needs less."""
+    noise, scale = one.settled.noise, one.settled.scale
+    of_imu = -6.0 * len(one.linear.variance) * float(np.log(noise.gyro_noise) + np.log(noise.accel_noise))
+    return of_imu - 2.0 * sum(m.residual.size * float(np.log(scale[m.name])) for m in one.linear.measurements)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Step:
-    """A step of Gauss-Newton, and the share of it that is taken.
-
-    Where the problem is far from linear, steps may go to and fro about the solution, and grow. A step that undoes the
-    one before is then shortened to where a straight line between the two has its zero (Irons, Tuck 1969, "A version of
-    the Aitken accelerator for computer iteration").
-    """
-
-    whole: Array | None = None  # as it would be at full length, in units of what is believed beforehand
-    share: float = 1.0
-
-    def then(self, whole: Array) -> Step:
-        """The next one, from where this one led."""
-        before = self.whole
-        if before is None or whole @ before >= -_ALTERNATES * (before @ before):
-            return Step(whole)
-        change = whole - before
-        share = -self.share * float(before @ change) / float(change @ change)
-        return Step(whole, float(np.clip(share, _SHORTEST, 1.0)))
-
-    def taken(self, states: States, linear: Linear) -> States:
-        """The states after its share of what the linear problem asks for."""
-        return states.moved(self.share * linear.solution.x, self.share * linear.solution.c)
-
-
-def _in_priors(linear: Linear) -> Array:
-    """The step that the linear problem asks for, of states and constants, in units of what is believed beforehand."""
-    states, constants = linear.solution.x / linear.prior.sigma, linear.solution.c / linear.prior.constants_sigma
-    return np.concatenate((states.ravel(), constants[:CONSTANT_STATES]))
-
-
-def _carried(setup: Setup, states: States, before: CarriedImu | None) -> CarriedImu:
-    """The IMU carried with the biases of the states; as it was before where they differ by little."""
-    bias = np.median(states.gyro_bias, axis=0), np.median(states.accel_bias, axis=0)
-    if before is not None and all(np.abs(b - c).max() < far for b, c, far in zip(bias, before.bias, _FAR, strict=True)):
-        return before
-    return carry_imu(setup, bias)
+def _tried(
+    setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice, limits: Limits | None = None
+) -> Tried:
+    """limits: of the densities of the IMU, as the choice was made with."""
+    setup, moved = retimed(setup, start, accepted, choice, limits)
+    again, linear = estimate(setup, start, [*accepted, moved])
+    beside = gain_beside(moved, linear.problem, linear.solution, linear.prior)
+    gain = max(choice.gain, beside) / unrest(moved, linear.problem, linear.solution)
+    found = (
+        moved.in_noise(choice.gain / gain)
+        if moved is choice
+        else replace(moved, gain=gain).with_others(gain - choice.gain)
+    )
+    return Tried(found, setup, again, linear)
 
 
 def _result(

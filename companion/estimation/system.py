@@ -201,6 +201,13 @@ def measurement_residual(one: Measurement, solution: Solution) -> Array:
     )
 
 
+def misfit(motion: Motion, measurements: Sequence[Measurement], solution: Solution) -> float:
+    """The sum of the squares of all that the solution leaves, each divided by its σ; priors left out."""
+    left = motion_residual(motion, solution)
+    total = float(np.einsum("ki,kij,kj->", left, motion.weight, left))
+    return total + sum(float((measurement_residual(m, solution) ** 2 * m.information).sum()) for m in measurements)
+
+
 def motion_residual_covariance(
     motion: Motion, solution: Solution, blocks: tuple[Array, Array], part: slice = _ALL
 ) -> Array:

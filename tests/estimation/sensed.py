@@ -73,10 +73,16 @@ def sensed(
     return flight, truth
 
 
-def gps_of(truth: Motion, rng: np.random.Generator, place: tuple[float, float, float]) -> GpsTrack:
-    """5 Hz, 0.4 m, 0.6 m and 0.1 m/s of white noise, LATENCY late."""
+def gps_of(
+    truth: Motion,
+    rng: np.random.Generator,
+    place: tuple[float, float, float] = PLACE,
+    *,
+    latency: float = LATENCY,
+) -> GpsTrack:
+    """5 Hz, 0.4 m, 0.6 m and 0.1 m/s of white noise."""
     t = np.arange(truth.t[0] + 0.5, truth.t[-1], 0.2)
-    then = t - LATENCY
+    then = t - latency
     count = len(t)
     position = at(then, truth.t, truth.position) + rng.normal(size=(count, 3)) * [0.4, 0.4, 0.6]
     velocity = at(then, truth.t, truth.velocity) + rng.normal(size=(count, 3)) * 0.1

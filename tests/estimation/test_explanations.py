@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from companion.estimation import KINDS, BestEstimate, Explained, kind_of, smooth
-from companion.estimation.competition import Choice, with_choice
+from companion.estimation.choice import Choice, with_choice
 from companion.estimation.explanations import Problem
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import Linear, carry_imu, linearise

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from companion.estimation import ATTITUDE, CONSTANTS, POSITION, VELOCITY, BestEstimate, smooth
+from companion.estimation.iteration import Step
 from companion.estimation.model import corrected
 from companion.estimation.setup import first_guess, set_up
-from companion.estimation.smoother import Step
 from companion.model import STANDARD_GRAVITY, Array, Flight
 from companion.strapdown import Motion, quaternion
 from tests.estimation.sensed import BIASES, LATENCY, errors, nees, sensed, with_imu

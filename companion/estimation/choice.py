@@ -1,0 +1,153 @@
+"""An explanation that was chosen: what it changes in the problem, what it gains, and what it turns out to be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.estimation.explanations import Kind, Problem, Signature
+from companion.estimation.model import ATTITUDE, CONSTANT_STATES, STATES, VELOCITY, Explained
+from companion.estimation.shapes import ENDING, SLOPED, at_work
+from companion.estimation.system import Prior, Solution
+
+SHARPEST_S = 0.05  # 1σ of an onset, at best
+ONSETS = 24
+ONSET_PRICE = 2.0 * float(np.log(ONSETS))
+_END_PRICE = 2.0 * float(np.log(4))  # whether it lasts for 8, 16, 32 or 64 s
+WORTH = 30.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
+PROMISING = 10.0  # and from which on it is weighed again
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Choice:
+    """An explanation that was accepted."""
+
+    kind: Kind
+    shape: str
+    onset: float
+    end: float  # s, of a pulse; infinite for what stays
+    onset_sigma: float
+    axis: int  # the one component that changes; -1 for all
+    gain: float
+    others: tuple[tuple[str, str, float], ...]
+    taken: float = 0.0  # of its size, what the readings have been corrected by: the rest is small, and linear
+
+    def in_noise(self, times: float) -> Choice:
+        """The same where the variance of the noise is so many times what it was chosen at."""
+        others = tuple((kind, shape, gain / times) for kind, shape, gain in self.others)
+        return replace(self, gain=self.gain / times, others=others)
+
+    def with_others(self, nearer: float) -> Choice:
+        """The same where all others gain so much more."""
+        return replace(self, others=tuple((kind, shape, gain + nearer) for kind, shape, gain in self.others))
+
+    def of(self, problem: Problem) -> Signature | None:
+        """The signature of what changes."""
+        whole = self.kind.signature(problem)
+        if whole is None or self.axis < 0:
+            return whole
+        part = slice(self.axis, self.axis + 1)
+        return Signature(
+            None if whole.motion is None else whole.motion[..., part],
+            {name: values[..., part] for name, values in whole.measurements.items()},
+        )
+
+
+def price(kind: Kind, shape: str) -> float:
+    """What choosing its times costs, and how seldom it is, as twice the logarithm of a likelihood."""
+    return ONSET_PRICE + (_END_PRICE if shape in ENDING else 0.0) + kind.rarity
+
+
+def promising(choice: Choice) -> tuple[str, ...]:
+    """The kinds of a choice that was not accepted and of its rivals that promise as much; a moment's shock is none."""
+    others = (kind for kind, _, gain in choice.others if gain >= PROMISING)
+    return tuple(dict.fromkeys(kind for kind in (choice.kind.name, *others) if not kind.endswith("_shock")))
+
+
+def gain_beside(choice: Choice, problem: Problem, solution: Solution, prior: Prior) -> float:
+    """What a choice gains in a solution whose last unknowns are its sizes, at the noise learned beside it."""
+    signature = choice.of(problem)
+    if signature is None:
+        return 0.0
+    last = slice(len(solution.c) - signature.unknowns, None)
+    size, known = solution.c[last] + choice.taken, np.linalg.inv(solution.constants_covariance[last, last])
+    paid = float(np.linalg.slogdet(known)[1] + 2.0 * np.log(prior.constants_sigma[last]).sum())
+    return float(size @ known @ size) - paid - price(choice.kind, choice.shape)
+
+
+def unrest(choice: Choice, problem: Problem, solution: Solution) -> float:
+    """How many times more the IMU scatters while a fault of it is at work than in the whole flight; at least 1.
+
+    Of a solution that has the fault in it. Noise was learned where the flight is typical: where it is rougher, as by
+    vibration or a touch of the ground, chance does as much as so much less evidence.
+    """
+    if choice.kind.side != "imu":
+        return 1.0
+    block = ATTITUDE if choice.kind.name.startswith("gyro") else VELOCITY
+    e, d = solution.disturbances
+    own = np.diagonal(d, axis1=1, axis2=2)[:, block]
+    unlikely = (e[:, block] ** 2 / np.where(own > 0.0, own, np.inf)).sum(axis=1)
+    within = (problem.t[1:] > choice.onset) & (problem.t[:-1] < choice.end)
+    return max(1.0, float(unlikely[within].mean() / max(unlikely.mean(), 1e-300))) if within.any() else 1.0
+
+
+def with_choice(problem: Problem, prior: Prior, choice: Choice) -> tuple[Problem, Prior]:
+    """The problem with the sizes of an explanation as further unknowns."""
+    signature = choice.of(problem)
+    if signature is None:
+        return problem, prior
+    onset, end = np.array([choice.onset]), np.array([choice.end])
+    motion, measurements, m = problem.motion, list(problem.measurements), signature.unknowns
+    column = np.zeros((len(problem.t) - 1, STATES, m))
+    if signature.motion is not None:
+        column = signature.motion * at_work(choice.shape, onset, end, problem.t[:-1], problem.t[1:])[0][:, None, None]
+    motion = replace(motion, constants=np.concatenate((motion.constants, column), axis=2))
+    for i, one in enumerate(measurements):
+        own = np.zeros((*one.residual.shape, m))
+        if one.name in signature.measurements:
+            shape = choice.kind.shape_at(one.name, choice.shape)
+            own = signature.measurements[one.name] * at_work(shape, onset, end, one.t, one.t)[0][:, None, None]
+        measurements[i] = replace(one, constants=np.concatenate((one.constants, own), axis=2))
+    sloped = choice.shape in SLOPED
+    lasted = max(min(float(problem.t[-1]), choice.end) - choice.onset, 1.0) if sloped else 1.0
+    return (
+        replace(problem, motion=motion, measurements=tuple(measurements)),
+        replace(
+            prior,
+            constants_residual=np.concatenate((prior.constants_residual, np.full(m, -choice.taken))),
+            constants_sigma=np.concatenate((prior.constants_sigma, np.full(m, choice.kind.prior / lasted))),
+        ),
+    )
+
+
+def explained(problem: Problem, solution: Solution, accepted: Sequence[Choice]) -> tuple[Explained, ...]:
+    """What was accepted, with its size as the solution has it; in order of time."""
+    out, at = [], CONSTANT_STATES
+    sigma = np.sqrt(np.maximum(np.diagonal(solution.constants_covariance), 0.0))
+    for choice in accepted:
+        signature = choice.of(problem)
+        if signature is None:
+            continue
+        m = signature.unknowns
+        whole = choice.kind.signature(problem)
+        width = m if choice.axis < 0 or whole is None else whole.unknowns
+        size, own = np.zeros(width), np.zeros(width)
+        place = slice(None) if choice.axis < 0 else slice(choice.axis, choice.axis + 1)
+        size[place], own[place] = solution.c[at : at + m] + choice.taken, sigma[at : at + m]
+        out.append(
+            Explained(
+                kind=choice.kind.name,
+                shape=choice.shape,
+                onset=choice.onset,
+                onset_sigma=choice.onset_sigma,
+                end=choice.end,
+                size=size,
+                sigma=own,
+                gain=choice.gain,
+                others=choice.others,
+            )
+        )
+        at += m
+    return tuple(sorted(out, key=lambda one: one.onset))

@@ -1,0 +1,92 @@
+"""Readings that come late by much: put at the times that they speak of, not corrected by a slope.
+
+Where a vehicle was a second ago is no straight line from where it is. So of a kind that moves readings in time the
+linear size is taken out of the readings, which go to other keyframes, and asked for again, until little is left. What
+it explained where the vehicle did not move says little of its onset: that is sought again with its size known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from companion.estimation.choice import SHARPEST_S, Choice
+from companion.estimation.competition import times_of_change
+from companion.estimation.iteration import Start, estimate
+from companion.estimation.linearisation import carry_imu, linearise
+from companion.estimation.setup import Setup
+from companion.estimation.shapes import at_work
+from companion.estimation.system import misfit
+from companion.model import Array
+
+_TIMES = 4  # that a size is asked for again, at most
+_LITTLE_S = 0.02  # and below which it is left
+_MUCH_S = 0.2  # from which on the onset is sought again
+_ONSETS, _FINE, _ROUNDS = 12, 7, 3
+
+Limits = Mapping[str, tuple[float, float]]
+
+
+def retimed(
+    setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice, limits: Limits | None = None
+) -> tuple[Setup, Choice]:
+    """The problem with the readings at the times that they speak of if the choice is right, and the choice so found.
+
+    Both as they are where the choice moves no readings in time. limits: of the densities of the IMU, see `estimate`.
+    """
+    if not choice.kind.retimes:
+        return setup, choice
+    moved, settled = setup, start
+    for searched in (False, True):
+        for _ in range(_TIMES):
+            settled, linear = estimate(moved, start, [*accepted, choice], limits)
+            further = float(linear.solution.c[-1])
+            if abs(further) < _LITTLE_S:
+                break
+            choice = replace(choice, taken=choice.taken + further)
+            moved = _moved(setup, choice)
+        if searched or choice.shape != "step" or abs(choice.taken) < _MUCH_S:
+            break
+        choice = _with_onset(setup, settled, accepted, choice)
+        moved = _moved(setup, choice)
+    return moved, choice
+
+
+def _moved(setup: Setup, choice: Choice) -> Setup:
+    """The readings at the times that they speak of, while the choice is at work."""
+    onset, end = np.array([choice.onset]), np.array([choice.end])
+    readings = tuple(
+        one.later(choice.taken * at_work(choice.shape, onset, end, one.t, one.t)[0], setup.t)
+        if one.name in choice.kind.retimes
+        else one
+        for one in setup.readings
+    )
+    return replace(setup, readings=readings)
+
+
+def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Choice], choice: Choice) -> Choice:
+    """The choice from when on the readings fit best, its size known, at the noise that was learned."""
+    states, path = settled.states, settled.path or carry_imu(setup, (np.zeros(3), np.zeros(3)))
+
+    def misfits(onsets: Array) -> Array:
+        found = []
+        for onset in onsets:
+            one = replace(choice, onset=float(onset))
+            linear = linearise(_moved(setup, one), path, states, settled.noise, settled.scale, {}, [*accepted, one])
+            found.append(misfit(linear.motion, linear.measurements, linear.solution))
+        return np.array(found)
+
+    first, last = times_of_change(setup.t)
+    onsets = np.linspace(first, last, _ONSETS)
+    left, step = misfits(onsets), float(onsets[1] - onsets[0])
+    for _ in range(_ROUNDS):
+        fine = np.clip(onsets[np.argmin(left)] + step * np.linspace(-1.0, 1.0, _FINE), first, last)
+        onsets, where = np.unique(np.concatenate((onsets, fine)), return_index=True)
+        left = np.concatenate((left, misfits(fine)))[where]
+        step = 2.0 * step / (_FINE - 1)
+    best = float(onsets[np.argmin(left)])
+    likely = np.exp(-0.5 * (left - left.min())) * np.gradient(onsets)
+    sigma = float(np.sqrt(likely @ (onsets - best) ** 2 / likely.sum()))
+    return replace(choice, onset=best, onset_sigma=max(sigma, SHARPEST_S))

@@ -1,0 +1,55 @@
+"""GPS fixes that come late by much more from some time on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.estimation import smooth
+from companion.estimation.measurements import Readings
+from companion.model import Flight
+from companion.strapdown import Motion
+from tests.estimation.sensed import LATENCY, errors, gps_of, sensed
+
+ONSET = 30.0
+
+
+def late_by(flight: Flight, truth: Motion, seconds: float) -> Flight:
+    """The fixes from the onset on are so much older."""
+    (gps,) = flight.gps
+    older = gps_of(truth, np.random.default_rng(8), latency=LATENCY + seconds)
+    after = gps.t >= ONSET
+    columns = {
+        name: np.where(
+            after[:, None] if getattr(gps, name).ndim > 1 else after, getattr(older, name), getattr(gps, name)
+        )
+        for name in ("latitude", "longitude", "height", "velocity")
+    }
+    return replace(flight, gps=(replace(gps, **columns),))
+
+
+@pytest.mark.parametrize("seconds", [0.4, 1.0])
+@pytest.mark.slow
+def test_fixes_that_come_late_are_put_where_the_vehicle_was(seconds: float) -> None:
+    flight, truth = sensed(70.0, seed=3)
+    found = smooth(late_by(flight, truth, seconds))
+    (late,) = found.explained
+    assert (late.kind, late.shape) == ("gps_latency", "step")
+    assert late.size[0] == pytest.approx(seconds, abs=max(4.0 * float(late.sigma[0]), 0.02))
+    assert late.onset == pytest.approx(ONSET, abs=max(3.0 * late.onset_sigma, 0.5))
+    assert np.linalg.norm(errors(found, truth)[:, 6:8], axis=1).max() < 1.0  # at 1 s and 6 m/s it was 6 m
+
+
+def test_a_late_reading_goes_to_the_keyframe_that_it_speaks_of() -> None:
+    t = 0.2 * np.arange(20.0)
+    one = Readings("gps_position", t, np.arange(20), np.column_stack([t, -t]), np.ones((20, 2)), np.zeros(20, np.intp))
+    late = one.later(np.where(t >= 2.0, 0.6, 0.0), t)
+    assert (np.diff(late.keyframe) > 0).all()  # each once
+    np.testing.assert_allclose(late.t - late.late, t[late.keyframe])
+    np.testing.assert_allclose(late.value[:, 0], late.t)  # what was read goes with it
+    back = late.later(np.where(late.t >= 2.0, -0.6, 0.0), t)
+    np.testing.assert_allclose(back.t, t[back.keyframe])
+    assert back.late == pytest.approx(0.0)
+    assert len(one.later(np.full(20, 1.0), t).t) == 15  # what speaks of the time before the first is left out
