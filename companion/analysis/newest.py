@@ -6,7 +6,7 @@ import numpy as np
 
 from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison, errors, windows
-from companion.analysis.findings.readings import STUCK_S, unchanged
+from companion.analysis.findings.readings import STOPPED_S, STUCK_S, unchanged
 from companion.model import Array, ImuTrack
 
 _NEWEST_S, _WINDOW_S = 2.5, 1.0
@@ -50,6 +50,6 @@ def _has_stopped(t: Array, readings: Array) -> bool:
         if len(moves) < 2:
             continue
         lasted = float(t[-1] - t[moves[-1]])
-        if STUCK_S < lasted < STUCK_S + _JUST_S and float(np.diff(t[moves]).max()) < 0.5 * lasted:
+        if STOPPED_S < lasted < STUCK_S + _JUST_S and float(np.diff(t[moves]).max()) < 0.5 * lasted:
             return True
     return False

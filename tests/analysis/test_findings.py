@@ -9,7 +9,7 @@ import pytest
 
 import companion as c
 from companion.analysis import GENERIC, Assessment, Finding, assess
-from companion.model import STANDARD_GRAVITY, Event, ImuTrack, Series, StatusText, Vehicle
+from companion.model import STANDARD_GRAVITY, AttitudeTrack, Event, ImuTrack, Series, StatusText, Vehicle
 from companion.strapdown import Motion, motions, quaternion
 from tests.flights import CIRCLE, LIVELY, flown, seconds, turned, with_imu
 from tests.recordings import shared
@@ -279,3 +279,17 @@ def test_an_axis_that_is_never_still_is_stuck_when_it_is(step: float) -> None:
     healthy = with_imu(flight, gyro=read, gyro_step=step, accel=shaken, accel_step=0.0)
     assert "stuck_axis" not in kinds(assess(healthy, GENERIC))
     assert "stuck_axis" in kinds(assess(with_imu(healthy, gyro=held), GENERIC))
+
+
+def test_an_axis_that_stands_still_now_is_stuck() -> None:
+    """The newest readings are newer than the newest attitude: live that is always so."""
+    flight = flown()
+    imu, attitude = flight.imu(), flight.require_attitude()
+    held = imu.gyro + 5e-3 * np.random.default_rng(7).normal(size=imu.gyro.shape)
+    held[-70:, 0] = held[-70, 0]
+    heard = slice(0, int(np.searchsorted(attitude.t, imu.t[-1] - 0.1)))
+    told = AttitudeTrack(attitude.t[heard], attitude.q_ned_frd[heard], attitude.rates[heard])
+    flight = replace(flight, attitude=told)
+    assert "stuck_axis" in kinds(assess(with_imu(flight, gyro=held), GENERIC))
+    held[-70:-15, 0] += np.linspace(0.0, 0.1, 55)
+    assert "stuck_axis" not in kinds(assess(with_imu(flight, gyro=held), GENERIC))

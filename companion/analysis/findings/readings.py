@@ -18,7 +18,8 @@ _FROZEN_S = 0.5
 _TOGETHER_S = 1.0  # shocks closer than this are one finding
 _MOMENT_S = 0.05  # a shorter end of the range is a shock, which no sensor is accused of
 _OFTEN_S = 0.15  # in all, and it is none
-STUCK_S = 1.0
+STUCK_S, STOPPED_S = 1.0, 0.5  # the second of an axis whose noise shows in every second
+_KNOWN = 0.9  # of the stretch
 _TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a step is in less than a fifth of such spans
 _STUCK_RATE_HZ = 20.0
 _MANY, _FEW = 50.0, 8.0  # steps
@@ -158,11 +159,11 @@ def unchanged(change: Array) -> BoolArray:
 def stuck_findings(
     comparison: Comparison, autopilot: ReferenceFigures, others: Sequence[ImuTrack]
 ) -> Iterator[Finding]:
-    """One axis that reads the same for a second or more while its neighbours go on and the vehicle moves about it.
+    """One axis that reads the same for half a second or more while its neighbours go on and the vehicle moves about it.
 
-    An axis whose noise shows in every second is stuck when it stops. Of others nothing is stuck at rest: whole
-    milli-units read the same for long when nothing happens. What the autopilot's attitude says that the axis should
-    have read has to move there by ten steps, and by more than the attitude's own noise.
+    An axis whose noise shows in every second is stuck when it stops. Of others it takes a second, and nothing is stuck
+    at rest: whole milli-units read the same for long when nothing happens. What the autopilot's attitude says that the
+    axis should have read has to move there by ten steps, and by more than the attitude's own noise.
     """
     track = comparison.track
     if track.rate_hz < _STUCK_RATE_HZ:
@@ -173,20 +174,22 @@ def stuck_findings(
         for axis in range(3):
             first, last = run_edges(np.asarray(same[:, axis]))
             lasted = track.t[last + 1] - track.t[first]
-            even = np.flatnonzero(lasted > STUCK_S)
+            even = np.flatnonzero(lasted > STOPPED_S)
             left = change[_beside(len(change), first[even], last[even]), axis]
+            restless = _never_repeats(left, track.rate_hz)
             quietest = 0.0 if step else _quietest(left, track.rate_hz)
             for i in even:
                 stretch = slice(int(first[i]), int(last[i]) + 2)
                 beside = np.delete(same[stretch], axis, axis=1)
                 if beside.mean(axis=0).max() > 0.8 or comparison.holes[stretch].any():
                     continue
-                if not comparison.reference.attitude_known[stretch].all():
-                    continue
                 own = change[stretch.start : stretch.stop - 1, axis]
                 # nine tenths of it: a low-pass takes its time to settle
                 flickers = np.quantile(own, 0.9) > _LAST_DIGIT * abs(readings[first[i], axis])
-                if flickers or not _never_repeats(left, track.rate_hz):
+                if flickers or not restless:
+                    # while it goes on, the newest readings are newer than the autopilot's newest attitude
+                    if lasted[i] <= STUCK_S or comparison.reference.attitude_known[stretch].mean() < _KNOWN:
+                        continue
                     if step and not _should_have_moved(comparison, autopilot, others, name, stretch, axis):
                         continue
                     if not step and not _is_quieter_than_ever(comparison, own, stretch, quietest):
