@@ -19,7 +19,7 @@ _TOGETHER_S = 1.0  # shocks closer than this are one finding
 _MOMENT_S = 0.05  # a shorter end of the range is a shock, which no sensor is accused of
 _OFTEN_S = 0.15  # in all, and it is none
 STUCK_S, STOPPED_S = 1.0, 0.5  # the second of an axis whose noise shows in every second
-_KNOWN = 0.9  # of the stretch
+_KNOWN, _BESIDE = 0.9, 0.8  # of the stretch, that is known; that another axis may stand still with it
 _TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a step is in less than a fifth of such spans
 _STUCK_RATE_HZ = 20.0
 _MANY, _FEW = 50.0, 8.0  # steps
@@ -168,44 +168,61 @@ def stuck_findings(
     track = comparison.track
     if track.rate_hz < _STUCK_RATE_HZ:
         return
-    for name, readings, step in (("gyro", track.gyro, track.gyro_step), ("accel", track.accel, track.accel_step)):
+    for name, readings in (("gyro", track.gyro), ("accel", track.accel)):
         change = np.abs(np.diff(readings, axis=0))
         same = unchanged(change)
         for axis in range(3):
-            first, last = run_edges(np.asarray(same[:, axis]))
-            lasted = track.t[last + 1] - track.t[first]
-            even = np.flatnonzero(lasted > STOPPED_S)
-            left = change[_beside(len(change), first[even], last[even]), axis]
-            restless = _never_repeats(left, track.rate_hz)
-            quietest = 0.0 if step else _quietest(left, track.rate_hz)
-            for i in even:
-                stretch = slice(int(first[i]), int(last[i]) + 2)
-                beside = np.delete(same[stretch], axis, axis=1)
-                if beside.mean(axis=0).max() > 0.8 or comparison.holes[stretch].any():
-                    continue
-                own = change[stretch.start : stretch.stop - 1, axis]
-                # nine tenths of it: a low-pass takes its time to settle
-                flickers = np.quantile(own, 0.9) > _LAST_DIGIT * abs(readings[first[i], axis])
-                if flickers or not restless:
-                    # while it goes on, the newest readings are newer than the autopilot's newest attitude
-                    if lasted[i] <= STUCK_S or comparison.reference.attitude_known[stretch].mean() < _KNOWN:
-                        continue
-                    if step and not _should_have_moved(comparison, autopilot, others, name, stretch, axis):
-                        continue
-                    if not step and not _is_quieter_than_ever(comparison, own, stretch, quietest):
-                        continue
-                start, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
+            for first, last in _stopped(comparison, autopilot, others, name, axis, change[:, axis], same):
+                start, end = float(track.t[first]), float(track.t[last])
                 yield Finding(
                     "stuck_axis",
                     "imu",
                     "error",
                     start,
                     end,
-                    f"{name} {'xyz'[axis]} reads {readings[first[i], axis]:.4g} for {lasted[i]:.1f} s while the other "
+                    f"{name} {'xyz'[axis]} reads {readings[first, axis]:.4g} for {end - start:.1f} s while the other "
                     "axes go on",
                     "The sensor or its driver has lost an axis: do not fly on it. Look at its wiring and driver.",
                     cause=Cause("stuck_axis", "imu", start, end, sensor=name, axis="xyz"[axis]),
                 )
+
+
+def _stopped(
+    comparison: Comparison,
+    autopilot: ReferenceFigures,
+    others: Sequence[ImuTrack],
+    name: str,
+    axis: int,
+    change: Array,
+    same: BoolArray,
+) -> Iterator[tuple[int, int]]:
+    """First and last sample of the stretches in which an axis is stuck.
+
+    change: (N-1,) of the axis from sample to sample; same: (N-1, 3) where the axes do not change.
+    """
+    track, known = comparison.track, comparison.reference.attitude_known
+    readings, step = (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
+    first, last = run_edges(np.asarray(same[:, axis]))
+    lasted = track.t[last + 1] - track.t[first]
+    even = np.flatnonzero(lasted > STOPPED_S)
+    left = change[_beside(len(change), first[even], last[even])]
+    restless, quietest = _never_repeats(left, track.rate_hz), 0.0 if step else _quietest(left, track.rate_hz)
+    for i in even:
+        stretch = slice(int(first[i]), int(last[i]) + 2)
+        if np.delete(same[stretch], axis, axis=1).mean(axis=0).max() > _BESIDE or comparison.holes[stretch].any():
+            continue
+        own = change[stretch.start : stretch.stop - 1]
+        # nine tenths of it: a low-pass takes its time to settle
+        flickers = np.quantile(own, 0.9) > _LAST_DIGIT * abs(readings[stretch.start, axis])
+        if flickers or not restless:
+            # while it goes on, the newest readings are newer than the autopilot's newest attitude
+            if lasted[i] <= STUCK_S or known[stretch].mean() < _KNOWN:
+                continue
+            if step and not _should_have_moved(comparison, autopilot, others, name, stretch, axis):
+                continue
+            if not step and not _is_quieter_than_ever(comparison, own, stretch, quietest):
+                continue
+        yield stretch.start, stretch.stop - 1
 
 
 def _should_have_moved(
