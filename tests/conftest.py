@@ -26,7 +26,7 @@ _REMEMBERED = (
     ("companion.analysis.assessment", "calibrate"),
     ("companion.analysis.assessment", "expected_over"),
     ("companion.analysis.envelope", "budget"),
-    ("companion.analysis.siblings", "budget"),
+    ("companion.analysis.redundant_imus", "budget"),
     ("companion.report.playback", "replay_page"),
 )
 """Pure functions that take long, in the modules that ask them."""

@@ -12,14 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis import PARTS, Comparison, Correction, ImuFigures, ReferenceFigures, calibrate, compare
-from companion.app.sensors import imu_parts, load_imu_figures
+from companion.analysis import PARTS, Comparison, Correction, ImuSpec, ReferenceSpec, calibrate, compare
+from companion.app.sensors import imu_parts, load_imu_spec
 from companion.model import STANDARD_GRAVITY, AttitudeTrack, Flight, ImuTrack, PositionTrack, Vehicle
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 
 RATE_HZ, SECONDS = 100.0, 120.0
 Random = np.random.Generator
-AUTOPILOT = ReferenceFigures()
+AUTOPILOT = ReferenceSpec()
 
 
 def motion(rng: Random) -> Motion:
@@ -39,7 +39,7 @@ def motion(rng: Random) -> Motion:
     )
 
 
-def drawn(rng: Random, figures: ImuFigures) -> Correction:
+def drawn(rng: Random, figures: ImuSpec) -> Correction:
     """What is wrong with an IMU, as the correction that would put it right."""
     return Correction(
         gyro_bias=rng.normal(0, figures.gyro.residual_bias, 3),
@@ -54,9 +54,9 @@ def drawn(rng: Random, figures: ImuFigures) -> Correction:
     )
 
 
-def flight(rng: Random) -> tuple[Flight, ImuFigures, Correction]:
+def flight(rng: Random) -> tuple[Flight, ImuSpec, Correction]:
     """A flight, the figures of its sensor, and the truth."""
-    figures = load_imu_figures(str(rng.choice(imu_parts())))
+    figures = load_imu_spec(str(rng.choice(imu_parts())))
     wrong, true = drawn(rng, figures), motion(rng)
     angular = np.gradient(true.gyro, true.t, axis=0, edge_order=2)
     felt = true.accel + np.cross(angular, wrong.lever_arm)

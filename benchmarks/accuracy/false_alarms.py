@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.accuracy.parallel import Failed, each
 from companion.app.live import Alarm, Pace
 from companion.app.running_verdict import Assignment, judge_of
-from companion.app.sensors import load_imu_figures
+from companion.app.sensors import load_imu_spec
 from companion.app.settings import Settings
 from companion.cli.simulate import model_of
 from companion.mavlink import Decoder, load_dialect
@@ -50,7 +50,7 @@ class Watched:
 
 def simulated(seed: int, seconds: float) -> Iterator[tuple[float, bytes]]:
     """A healthy flight in pieces: (s UNIX when it arrived, bytes)."""
-    model = model_of(load_imu_figures(PARTS[seed // 2 % len(PARTS)]), seed)
+    model = model_of(load_imu_spec(PARTS[seed // 2 % len(PARTS)]), seed)
     flown = fly(seconds, motion=MOTIONS[seed % len(MOTIONS)], model=model, filter_hz=20.0, seed=seed)
     vehicle = SimulatedVehicle(flown, streams=STREAMS, tell_parameters=True, seed=seed)
     for end in np.arange(PIECE_S, seconds, PIECE_S):

@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from benchmarks.accuracy.verdicts import Fault, flight, none
-from companion.analysis import ImuFigures, assess
+from companion.analysis import ImuSpec, assess
 from companion.app.live import HORIZON_S
 from companion.model import (
     Array,
@@ -148,7 +148,7 @@ def told_after(onset: Onset, seed: int) -> tuple[float, str]:
     return np.inf, blamed
 
 
-def _status(one: Flight, figures: ImuFigures) -> str:
+def _status(one: Flight, figures: ImuSpec) -> str:
     return assess(one, figures).verdict.status
 
 

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.accuracy.parallel import Failed, each
-from companion.analysis import ImuFigures, assess
-from companion.app.sensors import imu_parts, load_imu_figures
+from companion.analysis import ImuSpec, assess
+from companion.app.sensors import imu_parts, load_imu_spec
 from companion.model import (
     STANDARD_GRAVITY,
     Array,
@@ -41,7 +41,7 @@ class Fault:
     name: str
     status: str
     kinds: tuple[str, ...]
-    spoil: Callable[[Flight, ImuFigures, Random], tuple[Flight, float, float]]  # the flight, and when it is wrong
+    spoil: Callable[[Flight, ImuSpec, Random], tuple[Flight, float, float]]  # the flight, and when it is wrong
     lively: bool = False  # needs a vehicle that turns: a stuck axis of one that does not reads the truth
     fly: Callable[[Array, Random], Motion] | None = None  # a motion of its own
 
@@ -59,9 +59,9 @@ def motion(t: Array, rng: Random, *, lively: bool) -> Motion:
     )
 
 
-def flight(rng: Random, fault: Fault, rate_hz: float = RATE_HZ) -> tuple[Flight, ImuFigures]:
+def flight(rng: Random, fault: Fault, rate_hz: float = RATE_HZ) -> tuple[Flight, ImuSpec]:
     """A flight without fault, and the figures of its sensor."""
-    figures = load_imu_figures(str(rng.choice(imu_parts())))
+    figures = load_imu_spec(str(rng.choice(imu_parts())))
     t = 20.0 + np.arange(round(SECONDS * rate_hz)) / rate_hz
     true = fault.fly(t, rng) if fault.fly else motion(t, rng, lively=fault.lively)
     model = ImuModel(
@@ -109,12 +109,12 @@ def _sensor(noise: float, bias: float, scale: float, step: float, rng: Random) -
     )
 
 
-def none(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def none(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     del figures, rng
     return f, f.start, f.start + f.duration
 
 
-def gyro_bias(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def gyro_bias(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """17.5 mrad/s, twice what calibration leaves at most, about a random axis, from somewhere on."""
     del figures
     begin = rng.uniform(25, 70)
@@ -123,7 +123,7 @@ def gyro_bias(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, floa
     return _changed(f, gyro=lambda imu: imu.gyro + bias * (imu.t >= begin)[:, None]), begin, f.start + f.duration
 
 
-def stuck_axis(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def stuck_axis(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """One gyro axis holds its reading for two seconds."""
     del figures
     begin, axis = rng.uniform(25, 90), int(rng.integers(2))  # a coning motion turns evenly about its third axis
@@ -137,7 +137,7 @@ def stuck_axis(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, flo
     return _changed(f, gyro=held), begin, begin + 2
 
 
-def clipping(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def clipping(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """Shocks beyond the accelerometer's range for a tenth of a second."""
     begin, full = rng.uniform(25, 90), figures.accel.full_scale
 
@@ -148,7 +148,7 @@ def clipping(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float
     return _changed(f, accel=shaken), begin, begin + 0.1
 
 
-def gps_glitch(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def gps_glitch(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The position is 10 m off for a while."""
     del figures
     begin, angle = rng.uniform(25, 70), rng.uniform(0, 2 * np.pi)
@@ -159,7 +159,7 @@ def gps_glitch(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, flo
     return replace(f, position=replace(f.position, position=moved)), begin, end
 
 
-def yaw_reset(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def yaw_reset(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The heading steps by 15° and stays there."""
     del figures
     begin = rng.uniform(30, 90)
@@ -169,7 +169,7 @@ def yaw_reset(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, floa
     return replace(f, attitude=replace(f.attitude, q_ned_frd=q)), begin, begin
 
 
-def orientation(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def orientation(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The board is turned by 90° about a random axis."""
     del figures
     axis = int(rng.integers(3))
@@ -180,7 +180,7 @@ def orientation(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, fl
     return spoilt, f.start, f.start + f.duration
 
 
-def askew(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def askew(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The board is turned by 45° about down, as AHRS_ORIENTATION 1 is."""
     del figures, rng
     turn = quaternion.to_matrix(quaternion.exp(np.array([0, 0, np.radians(45)])))
@@ -188,14 +188,14 @@ def askew(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, f
     return spoilt, f.start, f.start + f.duration
 
 
-def clocks(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def clocks(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The IMU's clock runs 0.5 % fast, and so 0.4 s away by the end."""
     del figures, rng
     imu = f.imus["RAW_IMU"]
     return replace(f, imus={"RAW_IMU": replace(imu, t=f.start + (imu.t - f.start) * 1.005)}), f.start, f.start + SECONDS
 
 
-def attitude_drift(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def attitude_drift(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The autopilot's attitude turns away at 1°/s about some axis of the world, and stays there."""
     del figures
     begin, axis = rng.uniform(25, 70), rng.normal(size=3)
@@ -204,7 +204,7 @@ def attitude_drift(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight,
     return _turned(f, np.radians(1.0) * axis / np.linalg.norm(axis) * lasted), begin, begin + 15
 
 
-def heading_drift(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def heading_drift(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The heading turns away at 1°/s."""
     del figures
     begin = rng.uniform(25, 70)
@@ -213,14 +213,14 @@ def heading_drift(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, 
     return _turned(f, np.radians(1.0) * np.array([0, 0, 1.0]) * lasted), begin, begin + 15
 
 
-def heading_off(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def heading_off(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The heading is 25° off throughout."""
     del figures
     turn = np.radians(25) * rng.choice([-1, 1])
     return _turned(f, np.array([0, 0, turn])), f.start, f.start + f.duration
 
 
-def position_creep(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def position_creep(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The position moves by 1.5 m/s for 15 s, and the velocity does not know."""
     del figures
     begin, angle = rng.uniform(25, 70), rng.uniform(0, 2 * np.pi)
@@ -230,7 +230,7 @@ def position_creep(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight,
     return replace(f, position=replace(f.position, position=moved)), begin, begin + 15
 
 
-def trim(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def trim(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """A board trim of 2 to 6° that the log does not name."""
     del figures
     angle, about = np.radians(rng.uniform(2, 6)), rng.uniform(0, 2 * np.pi)
@@ -239,7 +239,7 @@ def trim(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, fl
     return spoilt, f.start, f.start + f.duration
 
 
-def lever_arm(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def lever_arm(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """The IMU sits 0.4 m off the body's origin."""
     del figures
     arm = rng.normal(size=3)
@@ -253,7 +253,7 @@ def lever_arm(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, floa
     return _changed(f, accel=felt), f.start, f.start + f.duration
 
 
-def vibration(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def vibration(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """Motors shake the IMU by 20 to 60 m/s² and 0.5 rad/s at 60 to 250 Hz: a 20 Hz filter leaves some, which folds."""
     del figures
     t = f.imus["RAW_IMU"].t
@@ -267,7 +267,7 @@ def vibration(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, floa
     return spoilt, f.start, f.start + f.duration
 
 
-def radio(f: Flight, figures: ImuFigures, rng: Random) -> tuple[Flight, float, float]:
+def radio(f: Flight, figures: ImuSpec, rng: Random) -> tuple[Flight, float, float]:
     """A radio loses 30 % of the packets in bursts of 0.05 to 0.55 s."""
     del figures
 

@@ -5,32 +5,32 @@ from companion.analysis.assessment import Assessment, assess
 from companion.analysis.autopilot_bias import AutopilotBias, autopilot_bias
 from companion.analysis.autopilot_error import AutopilotError, autopilot_error
 from companion.analysis.calibrate import Calibration, calibrate
-from companion.analysis.clips import Clips, clip_counts
+from companion.analysis.clipping import Clips, clip_counts
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, trailing, windows
-from companion.analysis.contrast import Change, Contrast, FigureChange, contrast
 from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correction
+from companion.analysis.difference import Change, Contrast, FigureChange, contrast
 from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, drift, drift_of
 from companion.analysis.envelope import Expectation, expected_by_age, expected_since_anchor
 from companion.analysis.expected import Expected
-from companion.analysis.figures import GENERIC, ImuFigures, ReferenceFigures, SensorFigures
 from companion.analysis.finding import Cause, Finding, by_severity
 from companion.analysis.findings import rate_warning
 from companion.analysis.free_run import FreeRun, FreeState
 from companion.analysis.gravity import gravity_for
+from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import Integration
 from companion.analysis.inventory import Item, inventory, used_aiding, used_imus
-from companion.analysis.newest import newest_stands_out
 from companion.analysis.noise import AxisNoise, FlightNoise, ImuNoise, RestNoise, imu_noise
 from companion.analysis.noise_model import ModelFigure, SensorModel, noise_model
 from companion.analysis.phases import phases
 from companion.analysis.pose_error import PoseError, Spread, ape, rpe
+from companion.analysis.recent_change import newest_stands_out
+from companion.analysis.redundant_imus import Sibling, siblings
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Continued, Replay, go_on, replay, replay_from_rest
 from companion.analysis.reported import reported_by
 from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift
 from companion.analysis.sensitivity import Sensitivity
-from companion.analysis.siblings import Sibling, siblings
 from companion.analysis.verdict import Verdict
 
 __all__ = [
@@ -61,8 +61,8 @@ __all__ = [
     "FlightNoise",
     "FreeRun",
     "FreeState",
-    "ImuFigures",
     "ImuNoise",
+    "ImuSpec",
     "Integration",
     "Item",
     "Later",
@@ -70,14 +70,14 @@ __all__ = [
     "ModelFigure",
     "PoseError",
     "Reference",
-    "ReferenceFigures",
+    "ReferenceSpec",
     "Replay",
     "Rest",
     "RestNoise",
     "RunningDrift",
     "Sensitivity",
-    "SensorFigures",
     "SensorModel",
+    "SensorSpec",
     "Sibling",
     "Spread",
     "Statistic",

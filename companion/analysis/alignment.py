@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.analysis.budget import lasting_step_error, turn_jacobian
-from companion.analysis.compare import attitude_error, length
 from companion.analysis.comparison import Comparison
-from companion.analysis.figures import ImuFigures, ReferenceFigures
+from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
+from companion.analysis.navigation_error import attitude_error, length
 from companion.analysis.rest import Rest, rests, why_none
 from companion.model import Array, DataError, Flight, ImuTrack, nearest
 from companion.strapdown import Propagation, preintegrate, propagate, quaternion
@@ -58,14 +58,12 @@ class Alignment:
         return replace(track, gyro=track.gyro - self.rest.gyro, accel=track.accel - self.accel_bias)
 
 
-def align(
-    flight: Flight, comparison: Comparison, imu: ImuFigures, autopilot: ReferenceFigures | None = None
-) -> Alignment:
+def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: ReferenceSpec | None = None) -> Alignment:
     """Align the IMU of a comparison in the flight's first rest, and reckon its attitude from there to the end.
 
     Raises DataError when the vehicle never rests.
     """
-    autopilot = autopilot or ReferenceFigures()
+    autopilot = autopilot or ReferenceSpec()
     track = comparison.track
     found = rests(flight, track, imu)
     if not found:
@@ -132,7 +130,7 @@ def _magnetic_heading(flight: Flight, rest: Rest, level: Array) -> float | None:
 
 
 def _later(
-    aligned: Alignment, comparison: Comparison, imu: ImuFigures, autopilot: ReferenceFigures
+    aligned: Alignment, comparison: Comparison, imu: ImuSpec, autopilot: ReferenceSpec
 ) -> tuple[tuple[Later, ...], list[str]]:
     track, start = aligned.freed(comparison.track), aligned.rest.last
     path = preintegrate(
@@ -175,7 +173,7 @@ def _later(
 
 
 def _covariance(
-    aligned: Alignment, track: ImuTrack, growth: Propagation, imu: ImuFigures, autopilot: ReferenceFigures
+    aligned: Alignment, track: ImuTrack, growth: Propagation, imu: ImuSpec, autopilot: ReferenceSpec
 ) -> Array:
     """(E, 3, 3) rad², of the attitude's error at the ends, the autopilot's own included."""
     bias, gyro = growth.transition[:, :3, 9:12], growth.gyro_matrix[:, :3]

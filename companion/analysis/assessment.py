@@ -15,10 +15,10 @@ from companion.analysis.comparison import Comparison, Half, Windows, compare, wi
 from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.expected import Expected, expected_over
-from companion.analysis.figures import ImuFigures, ReferenceFigures, SensorFigures
 from companion.analysis.finding import Finding, by_severity
 from companion.analysis.findings import findings, reading_faults
 from companion.analysis.findings.axes import misread_finding
+from companion.analysis.imu_spec import ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.phases import phases
 from companion.analysis.rest import Rest, rests
@@ -41,8 +41,8 @@ class Assessment:
     comparison: Comparison  # of the IMU as it was judged, corrected if that was asked for
     sets: tuple[Windows, ...]  # one for each row of the drift
     drift: Drift
-    figures: ImuFigures
-    autopilot: ReferenceFigures
+    figures: ImuSpec
+    autopilot: ReferenceSpec
     measured_noise: tuple[float, float] | None  # rad/s/√Hz, m/s²/√Hz in flight
     rests: tuple[Rest, ...]  # where the vehicle stood still
     autopilot_bias: AutopilotBias | None  # the gyro bias that the autopilot believes in
@@ -108,16 +108,16 @@ class Assessment:
 
 def assess(
     flight: Flight,
-    figures: ImuFigures,
+    figures: ImuSpec,
     *,
-    autopilot: ReferenceFigures | None = None,
+    autopilot: ReferenceSpec | None = None,
     horizons: Sequence[float] = HORIZONS_S,
     imu: str | None = None,
     how: Integration = DEFAULT,
     correction: Correction = NO_CORRECTION,
 ) -> Assessment:
     """Everything about one IMU of a flight. Raises as `drift` does."""
-    autopilot = autopilot or ReferenceFigures()
+    autopilot = autopilot or ReferenceSpec()
     track = correction.apply(flight.imu(imu))
     comparison = compare(flight, track=track, how=how)
     judged = windows(comparison, JUDGED_S)
@@ -155,7 +155,7 @@ def assess(
     )
 
 
-def _made_worse(before: Drift | None, after: Drift | None, autopilot: ReferenceFigures) -> bool:
+def _made_worse(before: Drift | None, after: Drift | None, autopilot: ReferenceSpec) -> bool:
     """Twice as far off, and further than what the autopilot itself may be off at the two ends of a window."""
     if before is None or after is None:
         return False
@@ -236,14 +236,14 @@ def _independent(best: BestEstimate) -> bool:
     return not {"gps_position", "compass"}.isdisjoint(best.residuals)
 
 
-def in_flight(figures: ImuFigures, best: BestEstimate) -> ImuFigures:
+def in_flight(figures: ImuSpec, best: BestEstimate) -> ImuSpec:
     """The part's figures with the noise that it has in this flight, over seconds, and with what is left of its bias
     where the estimated one is taken off: what is not known of it, and what changes as the part warms.
 
     All windows of the flight share one draw of it: at its 99.9 % it has to reach no further than their 95 %.
     """
 
-    def left(part: SensorFigures, noise: float, sigma: Array, warms: float) -> SensorFigures:
+    def left(part: SensorSpec, noise: float, sigma: Array, warms: float) -> SensorSpec:
         unknown = float(np.sqrt((np.median(sigma, axis=0) ** 2).mean()))
         return replace(
             part, noise_density=max(part.noise_density, noise), residual_bias=_SHARED * float(np.hypot(unknown, warms))

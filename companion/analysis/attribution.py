@@ -12,7 +12,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from companion.analysis.compare import length
 from companion.analysis.episode import (
     CLOSE,
     FAR,
@@ -27,6 +26,7 @@ from companion.analysis.episode import (
     said,
 )
 from companion.analysis.finding import Finding, Severity, Side, runs
+from companion.analysis.navigation_error import length
 from companion.estimation import (
     KINDS,
     SLOPED,

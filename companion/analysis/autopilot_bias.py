@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.compare import length
+from companion.analysis.navigation_error import length
 from companion.model import Array, Flight, ImuTrack
 
 _BLOCK_S = 1.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.compare import attitude_error, length
+from companion.analysis.navigation_error import attitude_error, length
 from companion.analysis.reference import Limits, reference_at
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
 from companion.model import Array, Flight

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.analysis.comparison import Comparison, IntArray, Windows, errors
-from companion.analysis.figures import ImuFigures, ReferenceFigures
-from companion.analysis.stamps import jitter_covariance
+from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
+from companion.analysis.timestamp_jitter import jitter_covariance
 from companion.model import Array, ImuTrack
 from companion.strapdown import Propagation, propagate
 
@@ -48,7 +48,7 @@ class Budget:
         return {name: value / total for name, value in power.items()} if total > 0 else dict.fromkeys(power, 0.0)
 
 
-def budget(comparison: Comparison, chosen: Windows, imu: ImuFigures, autopilot: ReferenceFigures) -> Budget:
+def budget(comparison: Comparison, chosen: Windows, imu: ImuSpec, autopilot: ReferenceSpec) -> Budget:
     """The budget of windows of one length. White noise is the data sheet's, or what is measured where that is more."""
     track, reference, start, end = comparison.track, comparison.reference, chosen.start, chosen.end
     growth = propagate(

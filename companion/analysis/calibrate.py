@@ -18,7 +18,7 @@ import numpy as np
 from companion.analysis.budget import Budget, budget, chi_square_95, lasting_step_error, nees, stacked, turn_jacobian
 from companion.analysis.comparison import Comparison, Half, Windows, windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS, Correction
-from companion.analysis.figures import ImuFigures, ReferenceFigures
+from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.reference import BoolArray
 from companion.model import STANDARD_GRAVITY, Array, brief
 from companion.strapdown import quaternion
@@ -64,8 +64,8 @@ class Calibration:
 
 def calibrate(
     own: Comparison,
-    imu: ImuFigures,
-    autopilot: ReferenceFigures,
+    imu: ImuSpec,
+    autopilot: ReferenceSpec,
     *,
     horizon: float = 5.0,
     half: Half | None = None,
@@ -147,7 +147,7 @@ def _given_zero(values: Array, covariance: Array, zero: BoolArray) -> tuple[Arra
     return kept, (covariance - gain @ covariance[zero]) * np.outer(rest, rest)
 
 
-def _prior(imu: ImuFigures, autopilot: ReferenceFigures) -> Array:
+def _prior(imu: ImuSpec, autopilot: ReferenceSpec) -> Array:
     """1σ (32,) of what is possible beforehand: the sensor's tolerances, then what lasts beside them.
 
     No autopilot calibrates a gyro's scale, so there it is the part's tolerance; an accelerometer's is what is left when

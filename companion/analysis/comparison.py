@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from companion.analysis.compare import attitude_error
 from companion.analysis.integration import DEFAULT, Integration
+from companion.analysis.navigation_error import attitude_error
 from companion.analysis.reference import (
     BoolArray,
     Reference,

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from companion.analysis.compare import attitude_error, length
 from companion.analysis.episode import SIGMAS, Departure
 from companion.analysis.finding import IntArray, runs
+from companion.analysis.navigation_error import attitude_error, length
 from companion.analysis.phases import phases
 from companion.analysis.reference import BoolArray, Limits, Reference, reference_at
 from companion.estimation import ATTITUDE, CONSTANTS, POSITION, VELOCITY, BestEstimate, corrected, times_of_change

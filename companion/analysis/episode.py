@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.analysis.compare import length
 from companion.analysis.finding import Cause, Side
+from companion.analysis.navigation_error import length
 from companion.estimation import BestEstimate, kind_of
 from companion.model import Array
 

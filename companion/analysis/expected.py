@@ -18,7 +18,7 @@ from companion.analysis.budget import (
     stacked,
 )
 from companion.analysis.comparison import Comparison, Windows
-from companion.analysis.figures import ImuFigures, ReferenceFigures
+from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 
 _BLOCKS = {"attitude": ATTITUDE, "velocity": VELOCITY, "position": POSITION}
 
@@ -36,7 +36,7 @@ class Expected:
 
 
 def expected_over(
-    comparison: Comparison, chosen: Windows, figures: ImuFigures, autopilot: ReferenceFigures
+    comparison: Comparison, chosen: Windows, figures: ImuSpec, autopilot: ReferenceSpec
 ) -> Expected | None:
     if not len(chosen.start):
         return None

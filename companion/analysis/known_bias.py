@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from companion.analysis.compare import length
 from companion.analysis.finding import Finding
+from companion.analysis.navigation_error import length
 from companion.estimation import BestEstimate
 from companion.model import Array, Flight
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from companion.analysis.figures import ImuFigures
+from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.reference import BoolArray, Limits
 from companion.analysis.rest import Rest, armed, rests
 from companion.estimation import (
@@ -86,7 +86,7 @@ class ImuNoise:
     imu: str
     rate_hz: float
     sampling: Sampling
-    figures: ImuFigures  # the data sheet's
+    figures: ImuSpec  # the data sheet's
     rests: tuple[RestNoise, ...]  # those of two minutes or more, else the longest if it has ten seconds
     flight: FlightNoise | None  # None where no part of the flight is long enough
     notes: tuple[str, ...]
@@ -97,7 +97,7 @@ class ImuNoise:
         return max(self.rests, key=lambda rest: rest.duration_s, default=None)
 
 
-def imu_noise(flight: Flight, imu: str, figures: ImuFigures, limits: Limits) -> ImuNoise:
+def imu_noise(flight: Flight, imu: str, figures: ImuSpec, limits: Limits) -> ImuNoise:
     """The noise of the IMU message `imu` of a flight.
 
     Raises DataError when the flight lacks it, or when it neither rests for ten seconds nor has a stretch without holes

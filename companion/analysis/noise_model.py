@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from companion.analysis.figures import SensorFigures
+from companion.analysis.imu_spec import SensorSpec
 from companion.analysis.noise import ImuNoise, RestNoise
 from companion.estimation import Coefficient
 
@@ -34,7 +34,7 @@ def noise_model(found: ImuNoise) -> tuple[SensorModel, SensorModel]:
     return _sensor(found, "gyro", found.figures.gyro), _sensor(found, "accel", found.figures.accel)
 
 
-def _sensor(found: ImuNoise, sensor: Literal["gyro", "accel"], sheet: SensorFigures) -> SensorModel:
+def _sensor(found: ImuNoise, sensor: Literal["gyro", "accel"], sheet: SensorSpec) -> SensorModel:
     rest = found.rest
     axes = [axis for axis in getattr(rest, f"{sensor}_axes") if axis is not None] if rest else []
     white = _worst([axis.white for axis in axes], sheet.noise_density, rest, found)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.compare import attitude_error, length
 from companion.analysis.comparison import IntArray
+from companion.analysis.navigation_error import attitude_error, length
 from companion.analysis.replay import Replay
 from companion.model import Array
 from companion.strapdown import quaternion

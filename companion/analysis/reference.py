@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from companion.analysis.compare import attitude_error, length
+from companion.analysis.navigation_error import attitude_error, length
 from companion.model import Array, AttitudeTrack, PositionTrack
 from companion.strapdown import quaternion
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.analysis.alignment import Alignment
-from companion.analysis.compare import attitude_error
 from companion.analysis.comparison import IntArray
 from companion.analysis.integration import DEFAULT, Integration
+from companion.analysis.navigation_error import attitude_error
 from companion.analysis.reference import BoolArray, Reference, reference_at
 from companion.model import Array, AttitudeTrack, DataError, Flight, ImuTrack, PositionTrack, brief, nearest
 from companion.strapdown import SAME_TIME, Preintegration, preintegrate, quaternion

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis.figures import ReferenceFigures
+from companion.analysis.imu_spec import ReferenceSpec
 from companion.model import Flight, of_kind
 
 _LEAST = 1e-4  # rad, m/s: nobody is more certain
 
 
-def reported_by(flight: Flight, figures: ReferenceFigures) -> ReferenceFigures:
+def reported_by(flight: Flight, figures: ReferenceSpec) -> ReferenceSpec:
     """The figures with what the vehicle reports in their place, as it is for most of the flight.
 
     Tilt, heading and velocity of LOCAL_POSITION_NED_COV, ATTITUDE_QUATERNION_COV and ODOMETRY. The variance of the

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.analysis.budget import lasting_step_error
-from companion.analysis.compare import length
-from companion.analysis.figures import ImuFigures
 from companion.analysis.finding import IntArray, run_edges
+from companion.analysis.imu_spec import ImuSpec
+from companion.analysis.navigation_error import length
 from companion.analysis.reference import BoolArray
 from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack
 
@@ -63,7 +63,7 @@ class _Blocks:
     size: int  # samples of each
 
 
-def rests(flight: Flight, track: ImuTrack, imu: ImuFigures) -> tuple[Rest, ...]:
+def rests(flight: Flight, track: ImuTrack, imu: ImuSpec) -> tuple[Rest, ...]:
     """Every stretch of three seconds or more in which the vehicle stood still, in order of time."""
     blocks = _blocks(track)
     if blocks is None:
@@ -72,7 +72,7 @@ def rests(flight: Flight, track: ImuTrack, imu: ImuFigures) -> tuple[Rest, ...]:
     return tuple(_rest(track, blocks, imu, first, last) for first, last in _stretches(still, blocks, track))
 
 
-def why_none(flight: Flight, track: ImuTrack, imu: ImuFigures) -> str:
+def why_none(flight: Flight, track: ImuTrack, imu: ImuSpec) -> str:
     """What the quietest moment of a flight without rest was like, in words."""
     blocks = _blocks(track)
     if blocks is None:
@@ -110,7 +110,7 @@ def _blocks(track: ImuTrack) -> _Blocks | None:
     )
 
 
-def _quiet(blocks: _Blocks, track: ImuTrack, imu: ImuFigures) -> BoolArray:
+def _quiet(blocks: _Blocks, track: ImuTrack, imu: ImuSpec) -> BoolArray:
     """Blocks in which the IMU is as quiet as it gets and feels gravity alone."""
     heavy = np.abs(length(blocks.accel) - STANDARD_GRAVITY)
     turning = length(blocks.gyro)
@@ -171,7 +171,7 @@ def _stretches(still: BoolArray, blocks: _Blocks, track: ImuTrack) -> Iterator[t
             yield i, j
 
 
-def _rest(track: ImuTrack, blocks: _Blocks, imu: ImuFigures, first: int, last: int) -> Rest:
+def _rest(track: ImuTrack, blocks: _Blocks, imu: ImuSpec, first: int, last: int) -> Rest:
     part = slice(int(blocks.edges[first]), int(blocks.edges[last + 1]))
     gyro, accel = track.gyro[part], track.accel[part]
     span = float(track.t[part.stop - 1] - track.t[part.start])

@@ -16,11 +16,11 @@ from companion.analysis import (
     Alignment,
     Assessment,
     Comparison,
-    ImuFigures,
     ImuNoise,
+    ImuSpec,
     Integration,
     Limits,
-    ReferenceFigures,
+    ReferenceSpec,
     Sibling,
     Verdict,
     align,
@@ -32,7 +32,7 @@ from companion.analysis import (
     siblings,
 )
 from companion.app.correction import load_correction
-from companion.app.sensors import figures_of, load_imu_figures
+from companion.app.sensors import imu_spec_of, load_imu_spec
 from companion.app.settings import Settings
 from companion.model import DataError, Flight, brief
 
@@ -221,11 +221,11 @@ def limits_of(settings: Settings) -> Limits:
     )
 
 
-def autopilot_of(settings: Settings, flight: Flight) -> ReferenceFigures:
+def autopilot_of(settings: Settings, flight: Flight) -> ReferenceSpec:
     """How far the settings, or the vehicle's own variances, let the autopilot be off."""
     given = msgspec.structs.asdict(settings.autopilot)
     reported = given.pop("reported")
-    figures = ReferenceFigures(**given)
+    figures = ReferenceSpec(**given)
     return reported_by(flight, figures) if reported else figures
 
 
@@ -233,6 +233,6 @@ def _gaps(flight: Flight, limits: Limits) -> dict[str, int]:
     return {name: int((np.diff(track.t) > limits.hole(track.t)).sum()) for name, track in flight.imus.items()}
 
 
-def _figures(flight: Flight, imu: str, imu_model: str | None) -> ImuFigures:
+def _figures(flight: Flight, imu: str, imu_model: str | None) -> ImuSpec:
     """The sensor figures that were asked for, else those of the part that the vehicle names."""
-    return load_imu_figures(imu_model) if imu_model else figures_of(flight, imu)
+    return load_imu_spec(imu_model) if imu_model else imu_spec_of(flight, imu)

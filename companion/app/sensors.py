@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from companion.analysis import ImuFigures, ImuNoise, ModelFigure, SensorFigures, noise_model
+from companion.analysis import ImuNoise, ImuSpec, ModelFigure, SensorSpec, noise_model
 from companion.app.settings import data_folder
 from companion.app.toml_file import read_toml
 from companion.model import STANDARD_GRAVITY, Flight, InputError, SettingsError
@@ -97,19 +97,19 @@ def imu_parts() -> list[str]:
     return sorted(path.stem for path in (data_folder("config") / "imu").glob("*.toml"))
 
 
-def load_imu_figures(part: str, reason: str = "asked for") -> ImuFigures:
+def load_imu_spec(part: str, reason: str = "asked for") -> ImuSpec:
     """The figures of a part of the library, or of a .toml file of the same form, in SI.
 
     Raises InputError for a part that the library does not have, SettingsError for a file that is not of that form.
     """
     found = _load(part)
-    return ImuFigures(part, _sensor(found.gyro), _sensor(found.accel), reason)
+    return ImuSpec(part, _sensor(found.gyro), _sensor(found.accel), reason)
 
 
 def imu_model_text(found: ImuNoise, origin: str) -> str:
     """The file of an IMU of its own, of the form of the library: noise as measured, the rest as its part has it.
 
-    Raises InputError and SettingsError as `load_imu_figures`.
+    Raises InputError and SettingsError as `load_imu_spec`.
     """
     base = _load(found.figures.name)
     lines = [
@@ -162,7 +162,7 @@ def ardupilot_id(part: str) -> int:
     return next((kind << 16 for kind, name in _ARDUPILOT_PARTS.items() if name == part.lower()), 0)
 
 
-def figures_of(flight: Flight, imu: str) -> ImuFigures:
+def imu_spec_of(flight: Flight, imu: str) -> ImuSpec:
     """The figures of the part that the vehicle's parameters name for this IMU message, else of generic-mems."""
     instance = flight.imus[imu].instance
     for parameter, parts, simulated in (
@@ -172,17 +172,17 @@ def figures_of(flight: Flight, imu: str) -> ImuFigures:
         identity = int(flight.parameters.get(parameter, 0))
         kind = identity >> 16 & 0xFF
         if kind in parts:
-            return load_imu_figures(parts[kind], f"{parameter} = {identity}")
+            return load_imu_spec(parts[kind], f"{parameter} = {identity}")
         if kind == simulated:
             autopilot = "ArduPilot" if parts is _ARDUPILOT_PARTS else "PX4"
-            return load_imu_figures("generic-mems", f"{parameter} is {autopilot}'s simulated IMU")
+            return load_imu_spec("generic-mems", f"{parameter} is {autopilot}'s simulated IMU")
         if identity:
-            return load_imu_figures("generic-mems", f"{parameter} = {identity} names a part that the library lacks")
-    return load_imu_figures("generic-mems", "the vehicle's parameters name no part")
+            return load_imu_spec("generic-mems", f"{parameter} = {identity} names a part that the library lacks")
+    return load_imu_spec("generic-mems", "the vehicle's parameters name no part")
 
 
-def _sensor(sensor: _Sensor) -> SensorFigures:
-    return SensorFigures(
+def _sensor(sensor: _Sensor) -> SensorSpec:
+    return SensorSpec(
         noise_density=sensor.noise_density.si,
         bias_walk=sensor.bias_walk.si,
         residual_bias=sensor.residual_bias.si,

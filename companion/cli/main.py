@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from companion.cli import stdin, unforeseen
+from companion.cli import stdin, unexpected_error
 from companion.model import CompanionError
 
 _COMMANDS = (
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"companion: the output cannot be written: {error.strerror}", file=sys.stderr)
             _write_no_more()
             return 2
-        return unforeseen.tell(error, sys.argv[1:] if argv is None else argv)
+        return unexpected_error.tell(error, sys.argv[1:] if argv is None else argv)
     return code
 
 
@@ -83,7 +83,7 @@ class _Version(argparse.Action):
     """Looks the version up when it is asked for, which takes a moment."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        print(f"companion {unforeseen.own_version()}")
+        print(f"companion {unexpected_error.own_version()}")
         parser.exit()
 
 

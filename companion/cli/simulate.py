@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.analysis import ImuFigures, SensorFigures
+from companion.analysis import ImuSpec, SensorSpec
 from companion.app import destination
-from companion.app.sensors import ardupilot_id, load_imu_figures
+from companion.app.sensors import ardupilot_id, load_imu_spec
 from companion.cli import live, options
 from companion.links import open_port, parse_address
 from companion.model import SettingsError
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
     flown = fly(
         arguments.duration,
         motion=arguments.motion,
-        model=model_of(load_imu_figures(part), arguments.seed),
+        model=model_of(load_imu_spec(part), arguments.seed),
         faults=faults,
         filter_hz=arguments.imu_filter,
         latency_s=arguments.latency,
@@ -110,11 +110,11 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def model_of(figures: ImuFigures, seed: int) -> ImuModel:
+def model_of(figures: ImuSpec, seed: int) -> ImuModel:
     """An IMU of this part: its noise and range, and biases and scales as calibration leaves them, drawn by the seed."""
     rng = np.random.default_rng(seed)
 
-    def sensor(part: SensorFigures) -> Sensor:
+    def sensor(part: SensorSpec) -> Sensor:
         return Sensor(
             noise_density=part.noise_density,
             bias_walk=part.bias_walk,

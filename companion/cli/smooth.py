@@ -14,7 +14,7 @@ from rich.table import Table
 from companion.analysis import AutopilotError, autopilot_error
 from companion.app import destination
 from companion.app.examination import integration_of
-from companion.app.sensors import figures_of
+from companion.app.sensors import imu_spec_of
 from companion.cli import options, tables
 from companion.documents import encode, estimate_document
 from companion.estimation import CONSTANTS, BestEstimate, Explained, kind_of, smooth
@@ -172,7 +172,7 @@ def _biases(best: BestEstimate, believed: BiasTrack | None) -> Table:
 
 def _noise(flight: Flight, best: BestEstimate) -> Table:
     shown = _table("", "", "N /√Hz", "data sheet", "times", "lasting")
-    sheet = figures_of(flight, best.imu.source)
+    sheet = imu_spec_of(flight, best.imu.source)
     for name, unit, factor, value, given, lasting in (
         ("gyro", "mdps", 1e3 * _DEGREES, best.noise.gyro_noise, sheet.gyro.noise_density, best.lasting[0]),
         ("accel", "mm/s²", 1e3, best.noise.accel_noise, sheet.accel.noise_density, best.lasting[1]),

@@ -18,7 +18,7 @@ from companion.app.live import Attachment, Watch
 from companion.app.memory import give_back
 from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.app.settings import Settings
-from companion.cli import live, options, unforeseen
+from companion.cli import live, options, unexpected_error
 from companion.links import Clock, Recorder, RequestState, Session
 from companion.model import CompanionError, SettingsError
 from companion.view import LONGEST_REANCHOR_S, Judgement, LinkState, LiveViewer, ReplayChoice, Seen, StreamState
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         except Exception as error:
             if recorder is None:
                 raise
-            unforeseen.tell(error, sys.argv[1:])
+            unexpected_error.tell(error, sys.argv[1:])
             live.say("The page has ended. The recording goes on; Ctrl-C ends it.")
         while recorder is not None and not told() and attachment.alive and not patience.over(link.health.frames):
             for sentence in attachment.said():

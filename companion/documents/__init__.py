@@ -2,7 +2,7 @@
 
 from companion.documents import schema
 from companion.documents.build import analysis_document, encode, info_document, unexamined_document, vehicle_object
-from companion.documents.contrast import contrast_document
+from companion.documents.difference import contrast_document
 from companion.documents.estimate import estimate_document
 from companion.documents.noise import noise_document
 from companion.documents.verdict import FindingObject

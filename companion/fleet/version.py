@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from companion.app.sensors import load_imu_figures
+from companion.app.sensors import load_imu_spec
 from companion.app.settings import Settings, data_folder
 
 MAKING = {
@@ -29,7 +29,7 @@ def version_of(settings: Settings, imu: str | None, imu_model: str | None) -> st
     known = msgspec.to_builtins(settings)
     for section in _SHOWING:
         known.pop(section, None)
-    figures = repr(load_imu_figures(imu_model)) if imu_model else None
+    figures = repr(load_imu_spec(imu_model)) if imu_model else None
     asked = msgspec.json.encode([_program_version(), known, imu, figures], order="sorted")
     return hashlib.sha256(asked).hexdigest()[:16]
 

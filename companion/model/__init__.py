@@ -18,7 +18,6 @@ from companion.model.aiding import (
     SensorInUse,
     TruthTrack,
 )
-from companion.model.brief import brief
 from companion.model.errors import CompanionError, DataError, InputError, SettingsError
 from companion.model.flight import Epoch, Flight, MessageStats, Origin, StatusText, Vehicle
 from companion.model.geodesy import (
@@ -29,7 +28,8 @@ from companion.model.geodesy import (
     ned_from_geodetic,
 )
 from companion.model.imu_messages import IMU_MESSAGES
-from companion.model.series import Event, Series, nearest, of_kind
+from companion.model.notebook_repr import brief
+from companion.model.quantities import Event, Series, nearest, of_kind
 from companion.model.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, NavState, PositionTrack, Trajectory
 
 __all__ = [

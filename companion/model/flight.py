@@ -23,10 +23,10 @@ from companion.model.aiding import (
     SensorInUse,
     TruthTrack,
 )
-from companion.model.brief import brief
 from companion.model.errors import DataError
 from companion.model.imu_messages import by_preference
-from companion.model.series import Event, Series
+from companion.model.notebook_repr import brief
+from companion.model.quantities import Event, Series
 from companion.model.tracks import Array, AttitudeTrack, ImuTrack, PositionTrack
 
 _COVERED = 0.5  # of the time, by what the samples are means over; between them lies what nobody measured

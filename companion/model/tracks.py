@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from companion.model.brief import brief
+from companion.model.notebook_repr import brief
 
 Array = npt.NDArray[np.float64]
 

@@ -8,14 +8,14 @@ from companion.app.examination import Examination, Unexamined
 from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.documents import encode, unexamined_document
-from companion.report import drift, facts, flown, noise, sensors, shaking
+from companion.report import drift, errors_over_time, noise, provenance, sensors, vibration
 from companion.report.charts import Charts
 from companion.report.findings import findings
-from companion.report.place import ground, track
+from companion.report.html_page import sheet
 from companion.report.playback import playback
-from companion.report.sheet import sheet
 from companion.report.subject import subject_of
 from companion.report.summary import bare_head, head
+from companion.report.track_and_altitude import ground, track
 from companion.view import palette
 
 
@@ -38,14 +38,14 @@ def report_html(
     first = head(subject, ground(subject.flight, subject.replay, subject.colour, charts, subject.found.best))
     sections = [
         findings(subject),
-        flown.errors(subject),
+        errors_over_time.errors(subject),
         drift.drift(subject),
         drift.budget(subject),
         sensors.calibration(subject),
         sensors.siblings(subject),
         noise.noise(subject),
-        shaking.spectra(subject),
-        shaking.shaking(subject),
+        vibration.spectra(subject),
+        vibration.shaking(subject),
         track(subject.flight, subject.replay, subject.colour, charts, subject.found.best),
     ]
     player: str | None = None
@@ -53,8 +53,10 @@ def report_html(
         section, player = playback(subject)
         sections.append(section)
     sections += [
-        facts.log_facts(source, subject.flight, subject.numbers.imu, subject.numbers.notes),
-        facts.again(source, subject.settings, command, facts.choices(subject.found, subject.examined.correction)),
+        provenance.log_facts(source, subject.flight, subject.numbers.imu, subject.numbers.notes),
+        provenance.again(
+            source, subject.settings, command, provenance.choices(subject.found, subject.examined.correction)
+        ),
     ]
     data = {"companion": encode(subject.document)}
     if player is not None:
@@ -71,8 +73,8 @@ def bare_html(found: Unexamined, source: Source, settings: Settings | None = Non
     first = bare_head(flight, source, found.verdict, ground(flight, None, palette.IMU, charts))
     sections = [
         track(flight, None, palette.IMU, charts),
-        facts.log_facts(source, flight, unexamined_document(source, found).flights[0].imu, flight.notes),
-        facts.again(source, settings or Settings(), command),
+        provenance.log_facts(source, flight, unexamined_document(source, found).flights[0].imu, flight.notes),
+        provenance.again(source, settings or Settings(), command),
     ]
     return sheet(_name(source), first, sections, charts, {})
 

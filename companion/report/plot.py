@@ -10,9 +10,9 @@ from companion.analysis import Assessment, Drift, Replay, expected_since_anchor
 from companion.estimation import BestEstimate
 from companion.model import DataError, Flight, InputError
 from companion.report.charts import laid_out
-from companion.report.flown import error_panels
-from companion.report.place import ground_track
+from companion.report.errors_over_time import error_panels
 from companion.report.traces import TIME, Panel, curve, stack
+from companion.report.track_and_altitude import ground_track
 from companion.view import palette
 
 _QUANTITIES = (

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from companion.simulate.flown import LOOP_US
+from companion.simulate.true_flight import LOOP_US
 
 Autopilot = Literal["ardupilot", "px4"]
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from companion.mavlink import MessageLayout
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack, geodetic_from_ned
-from companion.simulate.flown import Flown
+from companion.simulate.aiding_sensors import GPS_SIGMA, HOME, pressure
 from companion.simulate.status import STATUS, Fields, Steps, status_fields
-from companion.simulate.witnesses import GPS_SIGMA, HOME, pressure
+from companion.simulate.true_flight import Flown
 from companion.strapdown import quaternion
 
 _MG, _MRAD = STANDARD_GRAVITY * 1e-3, 1e-3

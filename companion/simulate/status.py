@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.simulate.flown import Flown
+from companion.simulate.true_flight import Flown
 
 Steps = npt.NDArray[np.int64]
 Fields = Mapping[str, npt.NDArray[Any] | int]

@@ -9,9 +9,9 @@ from typing import Any
 
 from companion.mavlink import Decoder, Packer, Value, load_dialect, split_messages
 from companion.simulate.faults import Channel, Faults
-from companion.simulate.flown import LOOP_US, Flown
 from companion.simulate.intervals import ACCEPTED, DENIED, Autopilot, Intervals
 from companion.simulate.measurements import STREAMS, payloads
+from companion.simulate.true_flight import LOOP_US, Flown
 
 _GET_INTERVAL, _SET_INTERVAL, _REQUEST_MESSAGE = 510, 511, 512  # MAV_CMD
 _UNSUPPORTED = 3  # MAV_RESULT

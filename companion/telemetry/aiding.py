@@ -32,7 +32,7 @@ from companion.telemetry.air_and_ground import airspeed_track, flow_track, is_co
 from companion.telemetry.convert import UNTURNED, Turns, continuous, increasing, turned_vectors
 from companion.telemetry.lazy import LazyTuple
 from companion.telemetry.outliers import HEIGHT, BoolArray, lone, lone_fields, uncontradicted
-from companion.telemetry.series import pressure_altitude
+from companion.telemetry.quantities import pressure_altitude
 
 _Track = TypeVar("_Track", GpsTrack, CompassTrack, BarometerTrack, AirspeedTrack, RangeTrack, FlowTrack)
 Found = tuple[tuple[_Track, ...], tuple[str, ...]]

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from companion.mavlink import Messages
 from companion.model import Array, EstimatorReset, ParameterChange, ResetKind, SensorInUse, StatusText
-from companion.telemetry.words import words
+from companion.telemetry.sanitize import words
 
 _RESETS: tuple[tuple[re.Pattern[str], ResetKind], ...] = (
     (re.compile(r"EKF\d (?:IMU\d )?lane switch (?P<core>\d)", re.ASCII), "lane"),

@@ -28,8 +28,8 @@ from companion.model import (
 )
 from companion.telemetry.outliers import Ranges, finite_rows, lone, lone_turns, readable, uncontradicted
 from companion.telemetry.parameters import out_of_range
+from companion.telemetry.sanitize import words
 from companion.telemetry.units import SI
-from companion.telemetry.words import words
 
 _BLOCK = 8192  # samples
 

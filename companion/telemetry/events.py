@@ -10,7 +10,7 @@ import numpy.typing as npt
 from companion.logs import Records
 from companion.mavlink import Dialect, Messages, mode_name
 from companion.model import Array, Event, StatusText, Vehicle
-from companion.telemetry.words import words
+from companion.telemetry.sanitize import words
 
 _ARMED_FLAG = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 _UNDEFINED, _ON_GROUND = 0, 1  # MAV_LANDED_STATE

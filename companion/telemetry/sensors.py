@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.mavlink import Messages
 from companion.model import IMU_MESSAGES, Array, Series
-from companion.telemetry.series import Fields, Found, Raw, find, series_of
+from companion.telemetry.quantities import Fields, Found, Raw, find, series_of
 
 _COMPASS: Fields = {f"{axis}_tesla": (f"{axis}mag", "mgauss") for axis in "xyz"}
 _THERMOMETER: Fields = {"temperature_degc": ("temperature", "cdegC")}

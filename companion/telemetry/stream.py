@@ -16,9 +16,9 @@ from companion.mavlink import DEFAULT_DIALECT, Decoder, Frames, Messages, join, 
 from companion.model import Flight, Origin
 from companion.telemetry.clock import reboots, sender_clock
 from companion.telemetry.convert import ned_between
-from companion.telemetry.crowd import Crowd
 from companion.telemetry.flights import NEEDED, flights
-from companion.telemetry.newest import NewestTracks, newest_tracks, sources
+from companion.telemetry.latest_samples import NewestTracks, newest_tracks, sources
+from companion.telemetry.sender_limit import Crowd
 from companion.telemetry.split import senders
 
 _BLOCK = 2048  # messages of a type that are joined for good

@@ -11,9 +11,9 @@ import companion as c
 from companion.analysis import (
     GENERIC,
     Alignment,
-    ImuFigures,
-    ReferenceFigures,
-    SensorFigures,
+    ImuSpec,
+    ReferenceSpec,
+    SensorSpec,
     align,
     autopilot_bias,
     compare,
@@ -58,8 +58,8 @@ def test_the_attitude_from_rest_is_the_true_one_within_its_error() -> None:
     assert found.later[-1].expected_tilt_deg == max(row.expected_tilt_deg for row in found.later)
 
 
-NOTHING = SensorFigures(1e-7, 0.0, 1e-9, 0.1, 0.0, 35.0)
-PERFECT = ReferenceFigures(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NOTHING = SensorSpec(1e-7, 0.0, 1e-9, 0.1, 0.0, 35.0)
+PERFECT = ReferenceSpec(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def test_an_accelerometer_that_is_off_leans_the_attitude_by_as_much_as_gravity_says() -> None:
@@ -70,7 +70,7 @@ def test_an_accelerometer_that_is_off_leans_the_attitude_by_as_much_as_gravity_s
 def test_a_gyro_at_rest_feels_the_earth_turn_and_takes_it_for_its_bias() -> None:
     """Of a perfect IMU that nothing else is wrong with: after a turn the Earth's rate is felt along another axis."""
     flight = flight_of(rest_then_motion())
-    found = align(flight, compare(flight), ImuFigures("perfect", NOTHING, NOTHING, "none"), PERFECT)
+    found = align(flight, compare(flight), ImuSpec("perfect", NOTHING, NOTHING, "none"), PERFECT)
     last = found.later[-1]
     assert np.radians(last.expected_tilt_deg) == pytest.approx(7.2921e-5 * last.since_s * np.sqrt(2.0), rel=0.1)
 

@@ -13,9 +13,9 @@ from companion.analysis.attribution import episodes, findings_of, follows
 from companion.analysis.comparison import compare
 from companion.analysis.departures import departures
 from companion.analysis.episode import PHRASES, Departure, Episode
-from companion.analysis.figures import ReferenceFigures
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings
+from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.reference import Limits, reference_at
 from companion.estimation import KINDS, BestEstimate, Explained
 from companion.model import Flight, PositionTrack
@@ -205,7 +205,7 @@ def test_what_comes_after_a_sensor_that_reads_nothing_is_no_earlier_faults(fligh
     stuck = Finding("stuck_axis", "imu", "error", ONSET, ONSET + 5.0, "reads the same", "do not fly on it")
 
     def severity(*faults: Finding) -> str:
-        found, _ = findings(away, comparison, 0.0, GENERIC, None, ReferenceFigures(), faults, biased)
+        found, _ = findings(away, comparison, 0.0, GENERIC, None, ReferenceSpec(), faults, biased)
         return next(one.severity for one in found if one.kind == "gyro_bias")
 
     assert (severity(), severity(stuck)) == ("error", "info")

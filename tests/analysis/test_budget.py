@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from companion.analysis import GENERIC, ReferenceFigures, compare, windows
+from companion.analysis import GENERIC, ReferenceSpec, compare, windows
 from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget, chi_square_95, nees, stacked, window_noise
 from companion.strapdown import ImuModel, Sensor, motions, simulate
 from tests.flights import flight_of, seconds
@@ -16,7 +16,7 @@ from tests.flights import flight_of, seconds
 pytestmark = pytest.mark.slow
 
 RNG = np.random.default_rng(6)
-CERTAIN = ReferenceFigures(0, 0, 1e-7, 1e-6, 1e-6, 0, 0, 0)
+CERTAIN = ReferenceSpec(0, 0, 1e-7, 1e-6, 1e-6, 0, 0, 0)
 """An autopilot that knows the truth, and an IMU that is where it should be."""
 
 FINE = replace(GENERIC, gyro=replace(GENERIC.gyro, residual_bias=GENERIC.gyro.residual_bias / 2.0))
@@ -60,7 +60,7 @@ def test_errors_of_drawn_sensors_are_as_large_as_the_budget_says(horizon: float)
 
 def test_shares_sum_to_the_total() -> None:
     comparison = compare(flight_of(MOTION))
-    allowed = budget(comparison, windows(comparison, 5.0), GENERIC, ReferenceFigures())
+    allowed = budget(comparison, windows(comparison, 5.0), GENERIC, ReferenceSpec())
     for block in (ATTITUDE, VELOCITY, POSITION):
         shares = allowed.shares(block)
         assert sum(shares.values()) == pytest.approx(1.0)
@@ -71,7 +71,7 @@ def test_shares_sum_to_the_total() -> None:
 def test_one_cause_alone_is_the_textbook() -> None:
     """At rest a gyro bias b leans gravity over: g b t³/6 in two axes; gravity off by d: d t²/2 in one."""
     comparison = compare(flight_of(motions.rest(seconds(20, 100))))
-    allowed = budget(comparison, windows(comparison, 10.0), GENERIC, ReferenceFigures())
+    allowed = budget(comparison, windows(comparison, 10.0), GENERIC, ReferenceSpec())
     fall = allowed.causes["gravity"][0]
     assert np.sqrt(fall[8, 8]) == pytest.approx(0.003 * 10**2 / 2)
     lean = allowed.causes["gyro_bias"][0]
@@ -81,7 +81,7 @@ def test_one_cause_alone_is_the_textbook() -> None:
 def test_a_coarse_rate_is_mostly_sampling() -> None:
     def share(rate: float) -> float:
         comparison = compare(flight_of(motions.coning(seconds(40, rate))))
-        return budget(comparison, windows(comparison, 5.0), GENERIC, ReferenceFigures()).shares(ATTITUDE)["sampling"]
+        return budget(comparison, windows(comparison, 5.0), GENERIC, ReferenceSpec()).shares(ATTITUDE)["sampling"]
 
     assert share(200) < 0.01
     assert share(8) > 0.9
@@ -92,7 +92,7 @@ def test_quantisation_of_a_sensor_that_reads_zero() -> None:
     flight = flight_of(motions.rest(seconds(20, 100)))
     coarse = replace(flight.imu(), gyro_step=1e-3)
     comparison = compare(flight, track=coarse)
-    allowed = budget(comparison, windows(comparison, 10.0), GENERIC, ReferenceFigures())
+    allowed = budget(comparison, windows(comparison, 10.0), GENERIC, ReferenceSpec())
     found = np.sqrt(allowed.causes["quantisation"][0][0, 0])
     assert found == pytest.approx(1e-3 / np.sqrt(3) * 10, rel=0.01)
 

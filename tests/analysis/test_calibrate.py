@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.analysis import GENERIC, PARTS, Calibration, Correction, ReferenceFigures, calibrate, compare, drift_of
+from companion.analysis import GENERIC, PARTS, Calibration, Correction, ReferenceSpec, calibrate, compare, drift_of
 from companion.model import ImuTrack
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from tests.flights import flight_of, seconds
 
 pytestmark = pytest.mark.slow
 
-CLOSE = ReferenceFigures(tilt=1e-4, heading=1e-4, attitude_noise=5e-4, velocity=0.01, position=0.02)
+CLOSE = ReferenceSpec(tilt=1e-4, heading=1e-4, attitude_noise=5e-4, velocity=0.01, position=0.02)
 
 
 def lively() -> Motion:
@@ -23,7 +23,7 @@ def lively() -> Motion:
     return motions.coning(seconds(90, 100), angle=0.5, frequency=0.15, amplitude=(6.0, 5.0, 3.0))
 
 
-def fit(motion: Motion, track: ImuTrack, figures: ReferenceFigures = CLOSE, **options: Any) -> Calibration:
+def fit(motion: Motion, track: ImuTrack, figures: ReferenceSpec = CLOSE, **options: Any) -> Calibration:
     flight = flight_of(motion)
     found = calibrate(compare(flight, track=track), GENERIC, figures, **options)
     assert found
@@ -127,7 +127,7 @@ def test_a_hover_cannot_tell_an_accelerometer_bias_from_a_tilt_or_a_scale() -> N
         gyro=Sensor(noise_density=1e-4, bias=np.array([3e-3, 0, 0])),
         accel=Sensor(noise_density=1e-3, bias=np.array([0.1, 0.0, 0.0]), matrix=np.diag([1.0, 1.0, 1.001])),
     )
-    found = fit(motion, simulate(motion.imu, model, 3), ReferenceFigures())
+    found = fit(motion, simulate(motion.imu, model, 3), ReferenceSpec())
     assert all(found.observable[PARTS["gyro_bias"]])
     assert found.observable[PARTS["accel_bias"]] == (False, False, True)
     assert found.confounded[3:5] == ("mounting_y", "mounting_x")

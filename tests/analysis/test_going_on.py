@@ -14,10 +14,10 @@ from companion.strapdown import motions
 from tests.flights import flight_of, seconds
 
 FLIGHT = flight_of(motions.coning(seconds(15, 100)))
-Newest = tuple[ImuTrack, AttitudeTrack, PositionTrack]
+LatestOnly = tuple[ImuTrack, AttitudeTrack, PositionTrack]
 
 
-def between(begin: float, end: float) -> Newest:
+def between(begin: float, end: float) -> LatestOnly:
     """The samples of these times, s."""
     imu, attitude, position = FLIGHT.imu(), FLIGHT.require_attitude(), FLIGHT.position
     assert position is not None
@@ -74,7 +74,7 @@ def test_what_does_not_join_does_not_go_on() -> None:
     kept = (imu.t < 22.1) | (imu.t > 22.4)
     hole = replace(imu, t=imu.t[kept], gyro=imu.gyro[kept], accel=imu.accel[kept])
     late = between(22.1, 22.6)
-    cases: tuple[tuple[Replay, Newest], ...] = (
+    cases: tuple[tuple[Replay, LatestOnly], ...] = (
         (anchored, (imu, attitude, position)),
         (BEFORE, (hole, attitude, position)),
         (BEFORE, late),

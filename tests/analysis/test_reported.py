@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis import ReferenceFigures, reported_by
+from companion.analysis import ReferenceSpec, reported_by
 from companion.app.examination import autopilot_of
 from companion.app.settings import AutopilotSettings, Settings
 from companion.model import Series
@@ -28,7 +28,7 @@ def variances(*values: float) -> Series:
 
 def test_variances_take_the_place_of_settings() -> None:
     flight = flight_of(motions.rest(seconds(10, 10)))
-    settings = ReferenceFigures()
+    settings = ReferenceSpec()
     assert reported_by(flight, settings) is settings
     told = replace(flight, series={"variance": variances(4, 4, 9, 1e-4, 3e-4, 2.5e-3, 0.01, 0.01, 0.04)})
     found = reported_by(told, settings)
@@ -46,12 +46,12 @@ def test_what_is_not_known_is_not_taken() -> None:
     nan, zero = float("nan"), 0.0
     part = replace(flight, series={"variance": variances(1, 1, 1, zero, zero, zero, nan, nan, nan)})
     part.series["variance"].values[0] = nan  # nothing but what is not known
-    assert reported_by(part, ReferenceFigures()) == ReferenceFigures()
+    assert reported_by(part, ReferenceSpec()) == ReferenceSpec()
 
 
 def test_px4_reports_them() -> None:
     flight = c.open_log(shared("px4/px4_square_lownoise.tlog"))[0]
-    found = reported_by(flight, ReferenceFigures())
+    found = reported_by(flight, ReferenceSpec())
     assert found.tilt == pytest.approx(0.0051, abs=5e-4)
     assert found.heading == pytest.approx(0.023, abs=2e-3)
     assert found.velocity == pytest.approx(0.09, abs=0.01)

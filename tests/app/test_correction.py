@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis import GENERIC, PARTS, ReferenceFigures, calibrate, compare
+from companion.analysis import GENERIC, PARTS, ReferenceSpec, calibrate, compare
 from companion.app.correction import correction_text, load_correction
 from tests.recordings import BUNDLED
 
@@ -18,7 +18,7 @@ OLD = "gyro_bias = [0.01, 0, 0]\naccel_bias = [0, 0.1, 0]\nmounting = [0.01, -0.
 
 def test_a_file_holds_what_the_flight_tells(tmp_path: Path) -> None:
     flight = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
-    found = calibrate(compare(flight), GENERIC, ReferenceFigures())
+    found = calibrate(compare(flight), GENERIC, ReferenceSpec())
     assert found
     every = replace(found, correction=replace(found.correction, lever_arm=np.array([0.1, -0.2, 0.3])))
     path = tmp_path / "imu.toml"

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from companion.app.sensors import figures_of, imu_parts
+from companion.app.sensors import imu_parts, imu_spec_of
 from companion.model import Flight
 from companion.strapdown import motions
 from tests.flights import flight_of, seconds
@@ -31,7 +31,7 @@ def carrying(parameters: dict[str, float], instance: int = 0) -> Flight:
 def test_each_imu_is_named_by_its_own_parameter(parameter: str, kind: int, instance: int, part: str) -> None:
     identity = float(kind << 16 | 0x1A0A)
     others = {"INS_GYR_ID": float(0x13 << 16)} if instance and parameter.startswith("INS") else {}
-    found = figures_of(carrying(others | {parameter: identity}, instance), "IMU")
+    found = imu_spec_of(carrying(others | {parameter: identity}, instance), "IMU")
     assert found.name == part
     assert parameter in found.reason
     assert part in imu_parts()
@@ -47,6 +47,6 @@ def test_each_imu_is_named_by_its_own_parameter(parameter: str, kind: int, insta
     ],
 )
 def test_otherwise_it_is_any_mems(parameters: dict[str, float], words: str) -> None:
-    found = figures_of(carrying(parameters), "IMU")
+    found = imu_spec_of(carrying(parameters), "IMU")
     assert found.name == "generic-mems"
     assert words in found.reason

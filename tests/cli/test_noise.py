@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from companion.analysis import GENERIC
-from companion.app.sensors import load_imu_figures
+from companion.app.sensors import load_imu_spec
 from companion.cli import main
 from companion.simulate import SimulatedVehicle, fly, write_flight
 from companion.strapdown import ImuModel, Sensor
@@ -94,7 +94,7 @@ def test_kalibr_and_the_imu_library_read_what_is_written(standing: str, tmp_path
     assert kalibr["accelerometer_noise_density"] == pytest.approx(ACCEL, rel=0.15)
     assert kalibr["update_rate"] == pytest.approx(50.0)
     model = tmp_path / "out" / "imu.toml"
-    figures = load_imu_figures(str(model))
+    figures = load_imu_spec(str(model))
     assert figures.gyro.noise_density == pytest.approx(kalibr["gyroscope_noise_density"], rel=1e-3)
     assert figures.accel.noise_density == pytest.approx(kalibr["accelerometer_noise_density"], rel=1e-3)
     assert figures.accel.full_scale == pytest.approx(GENERIC.accel.full_scale, rel=0.01)

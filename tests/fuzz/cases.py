@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.generator.mavcrc import x25crc
 
 from companion.app.correction import load_correction
-from companion.app.sensors import load_imu_figures
+from companion.app.sensors import load_imu_spec
 from companion.app.settings import load_settings
 from companion.cli import main
 from companion.fleet.limits import limited
@@ -110,7 +110,7 @@ def read_log(path: Path) -> None:
 
 
 def read_toml(path: Path) -> None:
-    for load in (load_settings, load_correction, lambda p: load_imu_figures(str(p))):
+    for load in (load_settings, load_correction, lambda p: load_imu_spec(str(p))):
         try:
             load(path)
         except CompanionError:

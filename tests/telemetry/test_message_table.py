@@ -12,8 +12,8 @@ from companion.model import IMU_MESSAGES
 from companion.telemetry.dataflash import RECORDS
 from companion.telemetry.dataflash.sensors import SOURCES, RecordSource
 from companion.telemetry.flights import NEEDED
+from companion.telemetry.quantities import COLUMNS
 from companion.telemetry.sensors import _SOURCES, Source  # the table itself
-from companion.telemetry.series import COLUMNS
 from companion.telemetry.units import SI
 from tests.recordings import ROOT
 

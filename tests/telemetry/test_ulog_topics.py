@@ -12,7 +12,7 @@ import pytest
 
 import companion as c
 from companion.model import STANDARD_GRAVITY, Flight
-from companion.telemetry.ulog.series import TOPIC_SERIES
+from companion.telemetry.ulog.quantities import TOPIC_SERIES
 from companion.telemetry.units import SI
 from tests.ulogs import Fields, ulog
 

@@ -12,8 +12,8 @@ from companion.analysis.between_imus import parting_findings
 from companion.analysis.comparison import Comparison
 from companion.analysis.departures import departures
 from companion.analysis.episode import SIGMAS
-from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Finding, by_severity, setting
+from companion.analysis.findings.aiding_sensors import with_witnesses
 from companion.analysis.findings.axes import axes_findings
 from companion.analysis.findings.installation import Installation, installation, level
 from companion.analysis.findings.jumps import jump_findings
@@ -22,16 +22,14 @@ from companion.analysis.findings.readings import reading_findings, stuck_finding
 from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import rate_findings, stamp_findings
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
-from companion.analysis.findings.witnesses import with_witnesses
+from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.known_bias import known_biases
 from companion.analysis.phases import phases
 from companion.estimation import BestEstimate, kind_of
 from companion.model import Flight, ImuTrack
 
 
-def reading_faults(
-    flight: Flight, comparison: Comparison, figures: ImuFigures, autopilot: ReferenceFigures
-) -> list[Finding]:
+def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec) -> list[Finding]:
     """Readings that cannot be: frozen, stuck, at the end of the range, of the wrong axes."""
     found = [*reading_findings(comparison, flight.require_attitude(), figures)]
     others = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
@@ -44,9 +42,9 @@ def findings(
     flight: Flight,
     comparison: Comparison,
     sampling_share: float,
-    figures: ImuFigures,
+    figures: ImuSpec,
     noise: tuple[float, float] | None,
-    autopilot: ReferenceFigures,
+    autopilot: ReferenceSpec,
     faults: Sequence[Finding],
     best: BestEstimate | None,
 ) -> tuple[tuple[Finding, ...], ImuTrack]:

@@ -16,8 +16,8 @@ from companion.analysis.budget import ATTITUDE, VELOCITY, turn_jacobian
 from companion.analysis.calibrate import lever_jacobian
 from companion.analysis.comparison import Comparison
 from companion.analysis.correction import Correction
-from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.findings.residuals import ACCEL_BIAS, GYRO_BIAS, Residuals
+from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.model import Array, ImuTrack
 
 _TURNED, _LATE, _OFF = 0.1, 0.02, 0.3  # what may be expected beforehand, 1σ: rad, s, m
@@ -48,7 +48,7 @@ class Installation:
 
 
 def installation(
-    comparison: Comparison, found: Residuals, imu: ImuFigures, autopilot: ReferenceFigures, trusted_until: float
+    comparison: Comparison, found: Residuals, imu: ImuSpec, autopilot: ReferenceSpec, trusted_until: float
 ) -> Installation | None:
     """Fit it; None with too few windows. trusted_until: s, from when on the autopilot's heading is known to be off."""
     if len(found) < _FEWEST:
@@ -92,8 +92,8 @@ class _Fit:
 def _turns(
     comparison: Comparison,
     found: Residuals,
-    imu: ImuFigures,
-    autopilot: ReferenceFigures,
+    imu: ImuSpec,
+    autopilot: ReferenceSpec,
 ) -> _Fit:
     """Gyro bias, mounting, lag from the turns alone."""
     growth = found.growth
@@ -110,7 +110,7 @@ def _turns(
 
 
 def _turns_and_forces(
-    comparison: Comparison, found: Residuals, imu: ImuFigures, autopilot: ReferenceFigures, trusted_until: float
+    comparison: Comparison, found: Residuals, imu: ImuSpec, autopilot: ReferenceSpec, trusted_until: float
 ) -> _Fit:
     """Gyro bias, accelerometer bias, mounting, lever arm, lag, the autopilot's attitude from turns and velocities.
 
@@ -149,7 +149,7 @@ def _turns_and_forces(
     )
 
 
-def _turn_sigma(comparison: Comparison, found: Residuals, autopilot: ReferenceFigures) -> Array:
+def _turn_sigma(comparison: Comparison, found: Residuals, autopilot: ReferenceSpec) -> Array:
     """(W,) rad, 1σ of each axis."""
     step = 0.3 * comparison.track.gyro_step * found.span[:, 0]
     noise = found.noise[:, 0] * found.span[:, 0]

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison
-from companion.analysis.figures import ImuFigures, ReferenceFigures
 from companion.analysis.finding import Cause, Finding, IntArray, run_edges, runs
+from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
+from companion.analysis.navigation_error import length
 from companion.analysis.reference import BoolArray
 from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack
 from companion.strapdown import quaternion
@@ -33,7 +33,7 @@ _FLAT_S, _FLAT_SAMPLES = 0.02, 3
 _STRONG = {"gyro": 1.0, "accel": 1.5 * STANDARD_GRAVITY}  # rad/s, m/s²: no sensor's range ends below
 
 
-def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuFigures) -> Iterator[Finding]:
+def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuSpec) -> Iterator[Finding]:
     """Readings that cannot be: frozen while the vehicle turns, at the end of the sensor's range."""
     track = comparison.track
     same = (np.diff(track.gyro, axis=0) == 0).all(axis=1) & (np.diff(track.accel, axis=0) == 0).all(axis=1)
@@ -156,9 +156,7 @@ def unchanged(change: Array) -> BoolArray:
     return np.asarray(change <= _NEARLY * np.median(change, axis=0).max())
 
 
-def stuck_findings(
-    comparison: Comparison, autopilot: ReferenceFigures, others: Sequence[ImuTrack]
-) -> Iterator[Finding]:
+def stuck_findings(comparison: Comparison, autopilot: ReferenceSpec, others: Sequence[ImuTrack]) -> Iterator[Finding]:
     """One axis that reads the same for half a second or more while its neighbours go on and the vehicle moves about it.
 
     An axis whose noise shows in every second is stuck when it stops. Of others it takes a second, and nothing is stuck
@@ -189,7 +187,7 @@ def stuck_findings(
 
 def _stopped(
     comparison: Comparison,
-    autopilot: ReferenceFigures,
+    autopilot: ReferenceSpec,
     others: Sequence[ImuTrack],
     name: str,
     axis: int,
@@ -227,7 +225,7 @@ def _stopped(
 
 def _should_have_moved(
     comparison: Comparison,
-    autopilot: ReferenceFigures,
+    autopilot: ReferenceSpec,
     others: Sequence[ImuTrack],
     name: str,
     stretch: slice,

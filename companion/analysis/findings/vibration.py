@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from companion.analysis.clips import clip_counts
+from companion.analysis.clipping import clip_counts
 from companion.analysis.comparison import Comparison
-from companion.analysis.figures import ImuFigures
 from companion.analysis.finding import Finding, Severity
+from companion.analysis.imu_spec import ImuSpec
 from companion.estimation import vibration
 from companion.model import Array, Flight, Series, of_kind
 
@@ -73,7 +73,7 @@ def _clips(series: Series) -> Iterator[Finding]:
         )
 
 
-def noise_findings(comparison: Comparison, measured: tuple[float, float], imu: ImuFigures) -> Iterator[Finding]:
+def noise_findings(comparison: Comparison, measured: tuple[float, float], imu: ImuSpec) -> Iterator[Finding]:
     """Readings far noisier than the data sheet: vibration, or a simulator that shakes."""
     track = comparison.track
     for name, density, sheet, unit in (

@@ -11,7 +11,7 @@ import numpy as np
 
 from companion.logs import Records
 from companion.model import Array
-from companion.telemetry.series import Found, find
+from companion.telemetry.quantities import Found, find
 
 NUMBERS: Mapping[str, tuple[str, ...]] = {
     "ISBH": ("N", "type", "instance", "mul", "smp_cnt", "SampleUS", "smp_rate"),

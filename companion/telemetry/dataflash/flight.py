@@ -24,7 +24,7 @@ from companion.telemetry.dataflash import aiding, batches, changes, cores, imu, 
 from companion.telemetry.dataflash.rows import with_times
 from companion.telemetry.events import dataflash_events
 from companion.telemetry.parameters import identity, known
-from companion.telemetry.words import words
+from companion.telemetry.sanitize import words
 
 _TYPES = {
     b"ArduCopter": "QUADROTOR",

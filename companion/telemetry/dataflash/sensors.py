@@ -12,7 +12,7 @@ from companion.model import Array, Series
 from companion.telemetry.dataflash.batches import batches
 from companion.telemetry.dataflash.cores import of_cores
 from companion.telemetry.dataflash.rows import sample_time, sound, sources
-from companion.telemetry.series import Fields, Found, Raw, find, series_of
+from companion.telemetry.quantities import Fields, Found, Raw, find, series_of
 
 _BLENDED = 2  # instance of GPS: the mean of the receivers, made by ArduPilot
 _SIGMAS: Fields = {

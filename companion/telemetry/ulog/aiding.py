@@ -26,7 +26,7 @@ from companion.telemetry.aiding import is_frozen, lone_air
 from companion.telemetry.air_and_ground import is_constant
 from companion.telemetry.convert import continuous, increasing
 from companion.telemetry.outliers import lone, lone_fields, uncontradicted
-from companion.telemetry.series import POLE, pressure_altitude
+from companion.telemetry.quantities import POLE, pressure_altitude
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.topics import (
     Topic,

@@ -17,9 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import Array, InputError
+from companion.telemetry.sanitize import words
 from companion.telemetry.timestamps import LONGEST_WAIT_S, ON_BOARD, left_out, off_course
 from companion.telemetry.ulog.formats import check_formats
-from companion.telemetry.words import words
 
 Topic = Mapping[str, Any]
 """Field → column (N,); elements of arrays are fields of their own: `q[0]`."""

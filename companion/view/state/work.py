@@ -11,7 +11,7 @@ from companion.model import CompanionError, Flight
 from companion.view.state.choice import Examine, Recompute, ReplayChoice
 from companion.view.state.insight import Insight
 from companion.view.state.sample import Footage, footage
-from companion.view.state.worker import Newest
+from companion.view.state.worker import LatestOnly
 
 PATIENCE_S = 1.0  # of work before it is spoken of
 
@@ -40,10 +40,10 @@ class Work:
     """
 
     def __init__(self, recompute: Recompute, examine: Examine) -> None:
-        self._reckoner: Newest[tuple[Flight, ReplayChoice], Outcome] = Newest(
+        self._reckoner: LatestOnly[tuple[Flight, ReplayChoice], Outcome] = LatestOnly(
             "reckon", lambda order: attempt(recompute, *order)
         )
-        self._examiner: Newest[Outcome, Opinion | None] = Newest("examine", lambda done: opinion(examine, done))
+        self._examiner: LatestOnly[Outcome, Opinion | None] = LatestOnly("examine", lambda done: opinion(examine, done))
         self._asked = 0.0
 
     def reckon(self, flight: Flight, choice: ReplayChoice) -> None:

@@ -36,7 +36,7 @@ def leave(running: Iterable[Future[Result]]) -> None:
     wait(list(running), _PATIENCE_S)
 
 
-class Newest(Generic[Order, Result]):
+class LatestOnly(Generic[Order, Result]):
     """One thread at a time, one place in the queue: the newest order wins, those in between are never begun."""
 
     def __init__(self, name: str, work: Callable[[Order], Result]) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from companion.model import Series
-from companion.telemetry.series import Found, Raw, find, series_of
+from companion.telemetry.quantities import Found, Raw, find, series_of
 from companion.telemetry.ulog.estimator import Version, attitude_elements
 from companion.telemetry.ulog.topics import Topic, Topics, instances, sampled
 

@@ -8,9 +8,9 @@ from companion.analysis import Expectation, Replay
 from companion.model import Array
 from companion.report import traces
 from companion.report.markup import paragraph
-from companion.report.place import regained
 from companion.report.section import Section
 from companion.report.subject import Subject
+from companion.report.track_and_altitude import regained
 from companion.view import palette
 
 

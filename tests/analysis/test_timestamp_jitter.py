@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from companion.analysis import GENERIC, ReferenceFigures, compare, windows
+from companion.analysis import GENERIC, ReferenceSpec, compare, windows
 from companion.analysis.budget import budget, nees, stacked
-from companion.analysis.stamps import stamp_jitter
+from companion.analysis.timestamp_jitter import stamp_jitter
 from companion.model import ImuTrack
 from companion.strapdown import motions
 from tests.flights import flight_of, seconds
@@ -21,7 +21,7 @@ PERFECT = replace(
     gyro=replace(GENERIC.gyro, noise_density=0.0, bias_walk=0.0, residual_bias=0.0, scale=0.0),
     accel=replace(GENERIC.accel, noise_density=0.0, bias_walk=0.0, residual_bias=0.0, scale=0.0),
 )
-CERTAIN = ReferenceFigures(0, 0, 1e-7, 1e-6, 1e-6, 0, 0, 0)
+CERTAIN = ReferenceSpec(0, 0, 1e-7, 1e-6, 1e-6, 0, 0, 0)
 
 
 def stamped(t: np.ndarray, **changes: float) -> ImuTrack:

@@ -10,7 +10,7 @@ import numpy as np
 from companion.analysis.budget import ATTITUDE, POSITION, budget, chi_square_95, nees, stacked
 from companion.analysis.comparison import Comparison, windows
 from companion.analysis.drift import DriftRow, drift_of
-from companion.analysis.figures import ImuFigures, ReferenceFigures
+from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.model import Flight
 
 _HORIZON_S = 5.0
@@ -30,18 +30,18 @@ class Sibling:
 def siblings(
     flight: Flight,
     compare_imu: Callable[[str], Comparison],
-    figures_of: Callable[[str], ImuFigures],
-    autopilot: ReferenceFigures,
+    imu_spec_of: Callable[[str], ImuSpec],
+    autopilot: ReferenceSpec,
 ) -> tuple[Sibling, ...]:
     """Every IMU of the flight with two samples or more, each by its own part's figures."""
     return tuple(
-        _sibling(compare_imu(name), figures_of(name), autopilot)
+        _sibling(compare_imu(name), imu_spec_of(name), autopilot)
         for name, track in flight.imus.items()
         if len(track) > 1
     )
 
 
-def _sibling(comparison: Comparison, figures: ImuFigures, autopilot: ReferenceFigures) -> Sibling:
+def _sibling(comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec) -> Sibling:
     chosen = windows(comparison, _HORIZON_S)
     inside: dict[str, float] = {}
     if len(chosen.start):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.analysis.compare import length
 from companion.analysis.comparison import Comparison, errors, windows
 from companion.analysis.findings.readings import STOPPED_S, STUCK_S, unchanged
+from companion.analysis.navigation_error import length
 from companion.model import Array, ImuTrack
 
 _NEWEST_S, _WINDOW_S = 2.5, 1.0

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack, SettingsError
+from companion.simulate.aiding_sensors import FIX_LATENCY_S, Witnesses, witness
 from companion.simulate.circuit import square
 from companion.simulate.faults import Faults
-from companion.simulate.witnesses import FIX_LATENCY_S, Witnesses, witness
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 
 LOOP_US = 2500

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class SensorFigures:
+class SensorSpec:
     """One three-axis sensor. Its unit u is rad/s for a gyro and m/s² for an accelerometer."""
 
     noise_density: float  # u/√Hz, white
@@ -19,17 +19,17 @@ class SensorFigures:
 
 
 @dataclass(frozen=True, slots=True)
-class ImuFigures:
+class ImuSpec:
     """The figures of an IMU, and what part they are of."""
 
     name: str
-    gyro: SensorFigures
-    accel: SensorFigures
+    gyro: SensorSpec
+    accel: SensorSpec
     reason: str = ""  # why this part is assumed
 
 
 @dataclass(frozen=True, slots=True)
-class ReferenceFigures:
+class ReferenceSpec:
     """1σ of the autopilot's own estimate at one instant, and of what relates it to the IMU. All are settings."""
 
     tilt: float = 0.005  # rad, each horizontal axis: an error that lasts, and leans gravity over
@@ -43,10 +43,10 @@ class ReferenceFigures:
     reason: str = "from the settings"  # where they come from
 
 
-GENERIC = ImuFigures(
+GENERIC = ImuSpec(
     "generic-mems",
-    SensorFigures(1.2e-4, 1.94e-5, 4.71e-3, 0.087, 1e-3, 34.9, 0.01),
-    SensorFigures(1.57e-3, 3.0e-3, 0.05, 0.49, 2e-3, 157.0, 0.02),
+    SensorSpec(1.2e-4, 1.94e-5, 4.71e-3, 0.087, 1e-3, 34.9, 0.01),
+    SensorSpec(1.57e-3, 3.0e-3, 0.05, 0.49, 2e-3, 157.0, 0.02),
     "no part is named",
 )
 """The middle of the parts in config/imu, for use without that library; there `generic-mems.toml` names the sources."""
