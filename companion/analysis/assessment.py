@@ -131,7 +131,8 @@ def assess(
     aligned = max((part.end for part in parts if part.kind == "aligning"), default=-np.inf)
     faults = [f for f in faults if f.end_s > aligned and (lost is None or f.start_s < lost.start)]
     own = replace(flight, imus={**flight.imus, track.source: track})
-    best, misread = _best(own, track.source, how.gravity, faults, lost, enough=len(judged.start) >= FEWEST_WINDOWS)
+    enough = len(_while_judged(judged, track.t, parts).start) >= FEWEST_WINDOWS
+    best, misread = _best(own, track.source, how.gravity, faults, lost, enough=enough)
     faults += misread
     found, clean = findings(flight, comparison, sampling, figures, noise, autopilot, faults, best)
     if lost is not None:
@@ -200,8 +201,8 @@ def _best(
 ) -> tuple[BestEstimate | None, list[Finding]]:
     """The best estimate, with the IMU's readings left out where they are none; None where there can be none.
 
-    And whether another way to read the axes fits far better, of a flight in control that is long enough.
-    lost: from when on nothing is judged.
+    And whether another way to read the axes fits far better, of a flight that is long enough to be judged.
+    lost: from when on nothing is.
     """
     untrusted = [(f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED]
     span = None if lost is None else (-np.inf, lost.start)
@@ -209,7 +210,7 @@ def _best(
         best = smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted)
     except DataError:
         return None, []
-    if lost is not None or not enough or not _independent(best) or any(f.kind == "axes_wrong" for f in faults):
+    if not enough or not _independent(best) or any(f.kind == "axes_wrong" for f in faults):
         return best, []
     other = other_reading(flight, best, gravity=gravity, span=span, untrusted=untrusted)
     return best, [] if other is None else [misread_finding(flight.imu(imu), other)]
