@@ -9,10 +9,11 @@ import pytest
 
 import companion as c
 from companion.analysis import GENERIC, Assessment, Finding, assess
+from companion.app.recording import read_recording
 from companion.model import STANDARD_GRAVITY, AttitudeTrack, Event, ImuTrack, Series, StatusText, Vehicle
 from companion.strapdown import Motion, motions, quaternion
 from tests.flights import CIRCLE, LIVELY, flown, seconds, turned, with_imu
-from tests.recordings import shared
+from tests.recordings import BUNDLED, shared
 
 pytestmark = pytest.mark.slow
 
@@ -293,3 +294,15 @@ def test_an_axis_that_stands_still_now_is_stuck() -> None:
     assert "stuck_axis" in kinds(assess(with_imu(flight, gyro=held), GENERIC))
     held[-70:-15, 0] += np.linspace(0.0, 0.1, 55)
     assert "stuck_axis" not in kinds(assess(with_imu(flight, gyro=held), GENERIC))
+
+
+@pytest.mark.parametrize(("crashed", "told"), [(128.0, True), (88.0, False)])
+def test_axes_are_told_of_what_was_flown_before_a_crash(crashed: float, told: bool) -> None:
+    """A mirrored gyro makes an estimator tumble. Some seconds of flight are too few to tell."""
+    flight = read_recording(BUNDLED / "copter-demo-100hz.tlog").flights[0]
+    words = StatusText(crashed, 2, "Crash: Disarming: AngErr=45>30, Accel=0.7<3.0")
+    found = assess(
+        with_imu(replace(flight, texts=(*flight.texts, words)), gyro=flight.imu().gyro * [-1.0, 1.0, 1.0]), GENERIC
+    )
+    assert ("axes_wrong" in kinds(found)) is told
+    assert "control_lost" in kinds(found, "warning")
