@@ -72,14 +72,15 @@ VIEW_MAY_IMPORT = {
     "scene": _DRAWS | {"panels"},
     "export": _DRAWS | {"scene", "server"},
     "saving": {"state", "export"},
+    "ground_map": {"state", "scene"},
     "browsers": {"state", "panels", "scene"},
     "viewport": _DRAWS | {"scene", "browsers"},
     "page": {"state", "scene", "server", "viewport"},
-    "replay_controller": _DRAWS | {"scene", "charts", "panels", "viewport", "export", "saving"},
+    "replay_controller": _DRAWS | {"scene", "charts", "panels", "viewport", "export", "saving", "ground_map"},
     "live_controller": {"state", "scene", "charts", "panels", "viewport"},
     "app": {"state", "page", "replay_controller"},
     "live": {"state", "page", "live_controller"},
-    "__init__": _DRAWS | {"panels", "app", "export", "live"},
+    "__init__": _DRAWS | {"panels", "app", "export", "ground_map", "live"},
 }
 """Room of the view, or a module that joins rooms → the others that it may import."""
 
@@ -101,7 +102,7 @@ LIBRARIES = {
     "app.running_verdict": {"msgspec"},
     "documents": {"msgspec", "numpy"},
     "export": {"numpy", "msgspec", "pyarrow", "mcap"},
-    "view": {"numpy", "viser", "rich", "msgspec", "websockets"},
+    "view": {"numpy", "viser", "rich", "msgspec", "websockets", "PIL"},
     "report": {"numpy", "msgspec", "plotly"},
     "fleet": {"numpy", "msgspec", "dask", "distributed", "pyarrow"},
     "cli": {"numpy", "msgspec", "rich", "shtab"},

@@ -70,6 +70,7 @@ class ViewSettings(_Section, frozen=True):
     port: Annotated[int, msgspec.Meta(ge=1, le=65535)] = 8080
     token: bool = False
     reanchor_s: NotNegative = 10.0
+    map_url: str = "https://tile.openstreetmap.org/{z}/{x}/{y}.png"
 
 
 class LiveSettings(_Section, frozen=True):

@@ -31,6 +31,7 @@ _SETTABLE = (
     ("view", "port", "port"),
     ("view", "token", "token"),
     ("view", "reanchor_s", "reanchor_s"),
+    ("view", "map_url", "map_url"),
 )
 """Options that are settings too: section, key, name of the option."""
 

@@ -49,6 +49,12 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
     options.add_anchor(parser)
+    parser.add_argument(
+        "--map", action="store_true", help="show a map of the ground from the start: its tiles come from the network"
+    )
+    parser.add_argument(
+        "--map-url", metavar="URL", help="server of the map's tiles, with {z}, {x} and {y} (default: OpenStreetMap's)"
+    )
     on_link = parser.add_argument_group("on a link")
     live.add_manners(on_link)
     on_link.add_argument("-o", "--output", metavar="FILE", help=live.OUTPUT)
@@ -66,6 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
             raise SettingsError("--boot chooses a flight of a log; a link shows the present one.")
         if arguments.anchor == "rest":
             raise SettingsError("--anchor rest is for a log: on a link the flight has only begun.")
+        if arguments.map or arguments.map_url:
+            raise SettingsError("--map is for a log: a link's page has no map.")
         return view_link.run(arguments)
     given = [f"--{name}" for name in _OF_LINKS if getattr(arguments, name.replace("-", "_"))]
     if given:
@@ -74,9 +82,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from companion.view import Offer, ReplayChoice, Viewer  # noqa: PLC0415  (viser is slow to import)
+    from companion.view import Offer, ReplayChoice, Viewer, check_url  # noqa: PLC0415  (viser is slow to import)
 
     settings = options.settings_of(arguments)
+    check_url(settings.view.map_url)
     rest = arguments.anchor == "rest"
     if rest and arguments.reanchor_s:
         raise SettingsError("--anchor rest is never anchored again: leave --reanchor out.")
@@ -104,6 +113,8 @@ def _replay(arguments: argparse.Namespace) -> int:
             horizons,
             Path(arguments.correction).name if arguments.correction else None,
             functools.partial(answers.report, recording.source),
+            settings.view.map_url,
+            arguments.map,
         ),
         host=settings.view.host,
         port=settings.view.port,

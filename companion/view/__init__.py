@@ -3,6 +3,7 @@
 from companion.view import palette
 from companion.view.app import Viewer
 from companion.view.export import replay_page
+from companion.view.ground_map import check_url
 from companion.view.live import LiveViewer
 from companion.view.panels.live_panel import LONGEST_REANCHOR_S
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, with_track
@@ -33,6 +34,7 @@ __all__ = [
     "Viewer",
     "Worst",
     "best_path",
+    "check_url",
     "chosen_track",
     "extremes",
     "palette",

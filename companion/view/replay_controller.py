@@ -15,6 +15,7 @@ import viser
 from companion.model import CompanionError, Flight
 from companion.view import export, palette
 from companion.view.charts.chart_pages import ChartPages
+from companion.view.ground_map import MapLayer
 from companion.view.panels.adjustments import TRAILS, Adjustments
 from companion.view.panels.bands import bands, outside
 from companion.view.panels.controls import dock, listen_to_clicks
@@ -23,7 +24,7 @@ from companion.view.panels.replay_panel import Panel
 from companion.view.panels.timeline import Timeline
 from companion.view.panels.verdict_panel import DriftTab, FindingsTab
 from companion.view.saving import PAGE, REPORT, Saver
-from companion.view.scene.cameras import Framing, frame
+from companion.view.scene.cameras import frame_of
 from companion.view.scene.picking import picked
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state import events
@@ -86,14 +87,18 @@ class ReplayController:
         bottom.expand()
         listen_to_clicks(server.scene, post)
         drone = drone_for(first.flight.vehicle.type)
-        self.viewport = Viewport(server, self._adjustments.picture, drone, _framing(film), post)
+        self.viewport = Viewport(server, self._adjustments.picture, drone, frame_of(film), post)
         self._load()
+        self._map = MapLayer(offer.map_url, self._adjustments.choose_map, self._complain)
+        if offer.map_shown:
+            self._map.show(True, self._flight, self.viewport.framing)
         self._examine_at = time.monotonic() + UNSEEN  # inf: it has been ordered
 
     def close(self) -> None:
         """End the workers."""
         self._work.close()
         self._saver.close()
+        self._map.close()
 
     def turn(self, now: float, dt: float) -> None:
         """What has been reckoned, the clock, the picture: at `now`, s of any steady clock, `dt` after the last turn."""
@@ -109,6 +114,7 @@ class ReplayController:
         said = self._saver.poll()
         if said is not None:
             self._complain(said)
+        self._map.turn(self.viewport.scene.ground.show_map)
         if now >= self._examine_at:
             self._examine()
         self.player.advance(dt)
@@ -148,6 +154,8 @@ class ReplayController:
         if isinstance(event, events.Joined) and self._examine_at < np.inf:
             self._examine_at = time.monotonic() + OPENING
         self.viewport.handle(event)
+        if isinstance(event, events.SetMap):
+            self._map.show(event.shown, self._flight, self.viewport.framing)
         if isinstance(event, events.SetPath):
             self._legend()
 
@@ -204,6 +212,7 @@ class ReplayController:
         self._examine()
         if other_flight:
             self.viewport.reframe()
+            self._map.show(self._map.shown, self._flight, self.viewport.framing)
 
     def _reckon(self, flight: Flight, choice: ReplayChoice) -> None:
         self._examine_at = np.inf  # what is shown now is soon to be replaced
@@ -231,7 +240,7 @@ class ReplayController:
     def _load(self) -> None:
         """Lay out everything that stays the same until the next reckoning."""
         self.viewport.drone = drone_for(self._flight.vehicle.type)
-        self.viewport.place(_framing(self._film))
+        self.viewport.place(frame_of(self._film))
         self._colours, self._home = palette.of_imus(self._flight.imus), home_position(self._flight)
         self.viewport.scene.load(self._film, self.viewport.framing, self.viewport.drone, self._colours, self._home)
         self._wait("Analysis in progress.")
@@ -285,10 +294,3 @@ class ReplayController:
                 self.viewport.laid_out()
         elif self._is_due("plots", now):
             self._charts.show(sample)
-
-
-def _framing(film: Footage) -> Framing:
-    framing = frame(film.replay.position_ref, film.replay.position_imu)
-    if film.replay.has_position:
-        return framing
-    return replace(framing, ground=0.5 * framing.radius)  # both hang in the air above the origin

@@ -65,6 +65,8 @@ class Viewport:
                 self.scene.arrows.shown = shown
             case events.SetPath(name, shown):
                 self.scene.extra_paths.show(name, shown)
+            case events.SetMap():
+                pass  # a replay's own, which knows where it flew
             case events.SetDark(dark):
                 self.dark = dark
                 self._theme()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from urllib.parse import urlsplit
+
 import viser
 
 from companion.model import Flight
@@ -25,7 +27,9 @@ class Adjustments:
     def __init__(self, gui: viser.GuiApi, flight: Flight, offer: Offer, post: events.Post) -> None:
         self._post = post
         self._reckoning = ReckoningControls(gui, flight, offer, post)
-        self._picture = PictureControls(gui, TRAILS, post, expects=True)
+        self._picture = PictureControls(
+            gui, TRAILS, post, expects=True, map_host=urlsplit(offer.map_url or "").hostname or ""
+        )
         self.playing = gui.add_folder("Playing")  # filled by the timeline
         with gui.add_folder("Save", expand_by_default=False):
             self._save(gui.add_button("This picture (PNG)", icon=viser.Icon.CAMERA), "picture")
@@ -46,6 +50,10 @@ class Adjustments:
     def load(self, flight: Flight, choice: ReplayChoice, start: float) -> None:
         """Fit the controls to what is shown now. Values set here come back as no events."""
         self._reckoning.load(flight, choice, start)
+
+    def choose_map(self, shown: bool) -> None:
+        """Say whether the map is shown."""
+        self._picture.choose_map(shown)
 
     def offer(self, name: ExtraPath, there: bool) -> None:
         """Offer one of the extra paths, where there is one."""

@@ -6,14 +6,14 @@ and zoom go on working while it follows, and nothing fights with the user's hand
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
 
 from companion.model import Array
 from companion.view.state.events import CameraMode
-from companion.view.state.sample import Sample
+from companion.view.state.sample import Footage, Sample
 
 CAMERA_MODES: tuple[CameraMode, ...] = get_args(CameraMode)
 
@@ -91,6 +91,12 @@ def frame(positions: Array, others: Array | None = None) -> Framing:
     radius = max(float(np.linalg.norm(high - low)) / 2, 4.0)
     distance = max(_distance(positions - (low + high) / 2), 2 * radius)
     return Framing(low, high, radius, ground, nice(radius / 4), distance)
+
+
+def frame_of(film: Footage) -> Framing:
+    """The room of a reckoning; without a position both drones hang in the air above the origin."""
+    framing = frame(film.replay.position_ref, film.replay.position_imu)
+    return framing if film.replay.has_position else replace(framing, ground=0.5 * framing.radius)
 
 
 def nice(length: float) -> float:

@@ -9,9 +9,12 @@ import viser
 
 from companion.model import Array
 from companion.view.scene.cameras import Framing
+from companion.view.state.map_tiles import MapPicture
 from companion.view.state.visible import show
 
 GREY = (90, 90, 90)
+_EAST_UP = (float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
+"""Turns viser's pictures, whose right is x and whose foot is y, so that their right is east and their foot south."""
 
 
 class Ground:
@@ -24,6 +27,9 @@ class Ground:
         self._north = scene.add_arrows(f"{root}/north", np.zeros((1, 2, 3)), GREY)
         self._north_name = scene.add_label(f"{root}/north_name", "North", anchor="center-center")
         self._crosses = [_Cross(scene, f"{root}/start", "Start"), _Cross(scene, f"{root}/home", "Home")]
+        self._map: list[viser.ImageHandle | viser.LabelHandle] = []
+        self._scene, self._root = scene, root
+        self._credited = np.zeros(3)  # where it stands whose map it is: in the first picture of the flight
         self._cell = 0.0
         self.level = 0.0  # down coordinate, m
 
@@ -38,6 +44,7 @@ class Ground:
         self._grid.position = np.array([0.0, 0.0, framing.ground])
         self._grid.fade_distance = 12 * framing.radius
         self.rule(framing.cell)
+        self._credited = np.array([framing.low[0], (framing.centre[1] + framing.low[1]) / 2, framing.ground])
         size = 0.3 * framing.radius
         foot = np.array([framing.low[0], (framing.centre[1] + framing.high[1]) / 2, framing.ground])
         self._north.points = np.array([[foot, foot + np.array([size, 0.0, 0.0])]], dtype=np.float32)
@@ -59,6 +66,30 @@ class Ground:
         """Lower it to a down coordinate, m: a vehicle has flown below it."""
         self.level = level
         self._grid.position = np.array([0.0, 0.0, level])
+
+    def show_map(self, picture: MapPicture | None) -> None:
+        """Lay a picture under the flight, at the height of its origin or below the lowest point flown; None: none."""
+        for node in self._map:
+            node.remove()
+        self._map = []
+        if picture is None:
+            return
+        down = max(0.0, self.level) + 2e-4 * float(picture.size.max())  # below the grid, which would flicker else
+        image = self._scene.add_image(
+            f"{self._root}/map",
+            picture.pixels,
+            float(picture.size[1]),
+            float(picture.size[0]),
+            format="jpeg",
+            cast_shadow=False,
+            receive_shadow=False,
+            wxyz=_EAST_UP,
+            position=(float(picture.centre[0]), float(picture.centre[1]), down),
+        )
+        credit = self._scene.add_label(
+            f"{self._root}/map_credit", picture.credit, anchor="center-center", position=self._credited
+        )
+        self._map = [image, credit]
 
     def rule(self, cell: float) -> None:
         """Draw squares of `cell` m."""

@@ -60,6 +60,8 @@ class Offer:
     horizons_s: tuple[float, ...] = HORIZONS_S  # of the drift table
     correction_file: str | None = None  # the name of one that was given
     report: Report | None = None  # makes the report of what is shown
+    map_url: str | None = None  # template of a map's tiles; None: there is no map
+    map_shown: bool = False  # from the start
 
 
 def chosen_track(flight: Flight, choice: ReplayChoice, correction: Correction = NO_CORRECTION) -> ImuTrack:

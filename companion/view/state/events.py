@@ -189,6 +189,13 @@ class SetPath:
 
 
 @dataclass(frozen=True, slots=True)
+class SetMap:
+    """Lay a map under the flight, or not: it is fetched from the network."""
+
+    shown: bool
+
+
+@dataclass(frozen=True, slots=True)
 class SetDark:
     """Dark or light page."""
 
@@ -273,7 +280,7 @@ class PickRun:
     free: bool
 
 
-Look = SetCamera | SetSize | SetRange | SetArrows | SetPath | SetDark | Joined | Left
+Look = SetCamera | SetSize | SetRange | SetArrows | SetPath | SetMap | SetDark | Joined | Left
 Goto = Step | StepSample | Jump | JumpToMark | JumpToFinding
 Move = Toggle | Seek | SeekShare | Goto | SetSpeed | SetLoop | SetBackwards | SetPart
 Live = Pause | LookBack | StepBack | SetReanchor | AnchorNow | PickVehicle | PickRun

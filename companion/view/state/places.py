@@ -7,7 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.estimation import BestEstimate
-from companion.model import ECCENTRICITY_SQUARED, SEMI_MAJOR_AXIS, Array, Flight, geodetic_from_ned
+from companion.model import (
+    ECCENTRICITY_SQUARED,
+    SEMI_MAJOR_AXIS,
+    Array,
+    Flight,
+    Origin,
+    PositionTrack,
+    geodetic_from_ned,
+)
 
 _FIX_3D = 3  # GPS_FIX_TYPE
 
@@ -58,12 +66,44 @@ def _located(flight: Flight, latitude: Array, longitude: Array, height: Array) -
     origin = flight.origin
     if origin is None or flight.position is None:
         return None
-    zero = np.zeros(3)
-    if origin.t is not None:  # the vehicle was there then; it is not the zero itself
-        zero = np.array([np.interp(origin.t, flight.position.t, column) for column in flight.position.position.T])
-    sine = 1.0 - ECCENTRICITY_SQUARED * np.sin(origin.latitude) ** 2
-    meridian = SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) / sine**1.5
-    parallel = SEMI_MAJOR_AXIS / np.sqrt(sine) * np.cos(origin.latitude)
+    zero, meridian, parallel = _scale(origin, flight.position)
     east = (longitude - origin.longitude + np.pi) % (2 * np.pi) - np.pi
     there = [(latitude - origin.latitude) * meridian, east * parallel, origin.height - height]
     return np.asarray(zero + np.stack(there, axis=1), dtype=np.float64)
+
+
+def degrees_of(flight: Flight, low: Array, high: Array) -> tuple[float, float, float, float] | None:
+    """South, west, north and east, rad, of the ground between two corners NED, m, of which south is the least north.
+
+    None where the log does not tell where it flew. The inverse of `ground_of`.
+    """
+    origin = flight.origin
+    if origin is None or flight.position is None:
+        return None
+    zero, meridian, parallel = _scale(origin, flight.position)
+    (south, north), (west, east) = (
+        origin.latitude + (np.array([low[0], high[0]]) - zero[0]) / meridian,
+        origin.longitude + (np.array([low[1], high[1]]) - zero[1]) / parallel,
+    )
+    return float(south), float(west), float(north), float(east)
+
+
+def ground_of(flight: Flight, south: float, west: float, north: float, east: float) -> tuple[Array, Array] | None:
+    """Least and most north, east (2,), m, of a piece of the world (rad) about the zero of the flight's positions."""
+    origin = flight.origin
+    if origin is None or flight.position is None:
+        return None
+    zero, meridian, parallel = _scale(origin, flight.position)
+    scale, at = np.array([meridian, parallel]), np.array([origin.latitude, origin.longitude])
+    low, high = (zero[:2] + (np.array(corner) - at) * scale for corner in ((south, west), (north, east)))
+    return low, high
+
+
+def _scale(origin: Origin, positions: PositionTrack) -> tuple[Array, float, float]:
+    """Where the origin is about the zero of the flight's positions, NED, m; m per rad along meridian and parallel."""
+    zero = np.zeros(3)
+    if origin.t is not None:  # the vehicle was there then; it is not the zero itself
+        zero = np.array([np.interp(origin.t, positions.t, column) for column in positions.position.T])
+    sine = 1.0 - ECCENTRICITY_SQUARED * np.sin(origin.latitude) ** 2
+    meridian = SEMI_MAJOR_AXIS * (1.0 - ECCENTRICITY_SQUARED) / sine**1.5
+    return zero, float(meridian), float(SEMI_MAJOR_AXIS / np.sqrt(sine) * np.cos(origin.latitude))

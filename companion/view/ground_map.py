@@ -1,0 +1,227 @@
+"""A map under the flight, for who has asked for one: tiles of a server on the network, kept on the disk for a while.
+
+Nothing is fetched before somebody asks.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import http.client
+import io
+import os
+import struct
+import sys
+import tempfile
+import time
+import urllib.error
+import urllib.request
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from companion.model import Array, CompanionError, Flight, InputError, SettingsError
+from companion.view.scene.cameras import Framing
+from companion.view.state.map_tiles import MapPicture, tiles_over
+from companion.view.state.places import degrees_of, ground_of
+from companion.view.state.worker import LatestOnly
+
+TIMEOUT_S = 20.0
+"""For all tiles together."""
+_TILE_S = 6.0
+_MOST_BYTES = 2_000_000  # of a tile
+_PIXELS = 256
+_FRESH_S = 14 * 86400.0  # a tile is asked for again then; OpenStreetMap's policy is a week at least
+_MOST_KEPT = 500  # tiles
+_LEAST_M = 80.0  # of ground on each side of a vehicle that stands still
+_KINDS = ("PNG", "JPEG", "WEBP")
+_BROKEN = (
+    OSError, ValueError, SyntaxError, EOFError, struct.error, zlib.error,
+    Image.DecompressionBombError, Image.DecompressionBombWarning,
+)  # fmt: skip
+"""What Pillow raises of a picture that is none."""
+
+Pixels = npt.NDArray[np.uint8]
+
+
+def check_url(url: str) -> None:
+    """Raises SettingsError for what is no template of tiles' addresses."""
+    parts = urlsplit(url)
+    if parts.scheme not in ("http", "https") or not parts.hostname or not all(f"{{{key}}}" in url for key in "zxy"):
+        raise SettingsError(
+            f"--map-url: needs an http or https address with {{z}}, {{x}} and {{y}} in it, got {url!r}."
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """Of which a map is asked for."""
+
+    flight: Flight
+    low: Array  # (3,) NED, m
+    high: Array
+
+
+class MapLayer:
+    """The map of a replay: fetched in a thread of its own, of which only the newest order counts.
+
+    said: told whether a map is shown or on its way; complain: told why there is none.
+    """
+
+    def __init__(self, url: str | None, said: Callable[[bool], None], complain: Callable[[str], None]) -> None:
+        self._fetcher: LatestOnly[Ground, MapPicture | CompanionError] = LatestOnly(
+            "map", lambda ground: _attempt(ground, url or "")
+        )
+        self._said, self._complain = said, complain
+        self._gone = False
+        self.shown = False
+
+    def show(self, shown: bool, flight: Flight, framing: Framing) -> None:
+        """Fetch the map of this flight, or take it away."""
+        self._gone = True
+        self._said(shown)
+        self._fetcher.forget()
+        self.shown = shown
+        if shown:
+            self._fetcher.request(Ground(flight, framing.low, framing.high))
+
+    def turn(self, lay: Callable[[MapPicture | None], None]) -> None:
+        """Lay what has come, take away what has gone."""
+        if self._gone:
+            self._gone = False
+            lay(None)
+        found = self._fetcher.poll()
+        if isinstance(found, MapPicture):
+            lay(found)
+        elif found is not None:
+            self.shown = False
+            self._said(False)
+            self._complain(str(found))
+
+    def close(self) -> None:
+        """What is under way is left alone after a moment."""
+        self._fetcher.close()
+
+
+def _attempt(ground: Ground, url: str) -> MapPicture | CompanionError:
+    try:
+        return ground_map(ground, url)
+    except CompanionError as error:
+        return error
+
+
+def ground_map(ground: Ground, url: str, *, folder: Path | None = None, timeout_s: float = TIMEOUT_S) -> MapPicture:
+    """The picture of the ground, with some around it.
+
+    url: template of the tiles' addresses; folder: where tiles are kept, None for the user's cache. Raises InputError
+    where the log does not tell where it flew, or the server does not give every tile within `timeout_s`.
+    """
+    around = max(_LEAST_M, 0.1 * float(np.max(ground.high[:2] - ground.low[:2])))
+    bounds = degrees_of(ground.flight, ground.low - around, ground.high + around)
+    if bounds is None:
+        raise InputError("No map: this log does not tell where on Earth it was flown.")
+    tiles = tiles_over(*bounds)
+    pixels = np.zeros((tiles.rows * _PIXELS, tiles.columns * _PIXELS, 3), dtype=np.uint8)
+    end, store = time.monotonic() + timeout_s, _Store(url, folder or cache_folder() / "map-tiles")
+    for row, column, x, y in tiles:
+        tile = store.tile(tiles.zoom, x, y, end)
+        pixels[row * _PIXELS : (row + 1) * _PIXELS, column * _PIXELS : (column + 1) * _PIXELS] = tile
+    store.tidy()
+    corners = ground_of(ground.flight, *tiles.corners)
+    assert corners is not None
+    low, high = corners
+    return MapPicture(pixels, (low + high) / 2, high - low, credit(url))
+
+
+def credit(url: str) -> str:
+    """Who has to be named."""
+    host = urlsplit(url).hostname or ""
+    return "© OpenStreetMap contributors" if "openstreetmap" in host else f"Map: {host}"
+
+
+def cache_folder() -> Path:
+    """Of this program, in the place that the system has for such."""
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(base) / "mavlink-companion"
+
+
+class _Store:
+    """Tiles on the disk, and from the server where they are not there or old."""
+
+    def __init__(self, url: str, folder: Path) -> None:
+        self._url, self._folder = url, folder
+        self._mark = hashlib.sha256(url.encode()).hexdigest()[:12]
+
+    def tile(self, zoom: int, x: int, y: int, end: float) -> Pixels:
+        """(256, 256, 3). end: of a monotonic clock, until when the server may take."""
+        kept = self._folder / f"{self._mark}-{zoom}-{x}-{y}"
+        with contextlib.suppress(OSError, InputError):  # not there, or spoiled: it is asked for
+            if time.time() - kept.stat().st_mtime < _FRESH_S:
+                return _decoded(kept.read_bytes())
+        data = _fetched(self._url.replace("{z}", str(zoom)).replace("{x}", str(x)).replace("{y}", str(y)), end)
+        pixels = _decoded(data)
+        with contextlib.suppress(OSError):  # without a cache it is only fetched again
+            self._folder.mkdir(parents=True, exist_ok=True)
+            handle, part = tempfile.mkstemp(dir=self._folder)
+            with os.fdopen(handle, "wb") as file:
+                file.write(data)
+            Path(part).replace(kept)
+        return pixels
+
+    def tidy(self) -> None:
+        """Let the oldest go, where there are too many."""
+        with contextlib.suppress(OSError):
+            kept = sorted(self._folder.iterdir(), key=lambda path: -path.stat().st_mtime)
+            for path in kept[_MOST_KEPT:]:
+                path.unlink(missing_ok=True)
+
+
+def _fetched(url: str, end: float) -> bytes:
+    host = urlsplit(url).hostname
+    left = end - time.monotonic()
+    if left <= 0:
+        raise InputError(f"No map: {host} is too slow. Try again: what has come is kept.")
+    asked = urllib.request.Request(url, headers={"User-Agent": _user_agent()})
+    try:
+        with urllib.request.urlopen(asked, timeout=min(_TILE_S, left)) as answer:
+            data: bytes = answer.read(_MOST_BYTES + 1)
+    except urllib.error.HTTPError as error:
+        error.close()
+        raise InputError(f"No map: {host} refuses ({error.code} {error.reason}).") from None
+    except (OSError, http.client.HTTPException, ValueError) as error:
+        reason = getattr(error, "reason", None) or error
+        raise InputError(f"No map: {host} cannot be reached ({reason}). Is this computer online?") from None
+    if len(data) > _MOST_BYTES:
+        raise InputError(f"No map: {host} sends more than a tile.")
+    return data
+
+
+def _decoded(data: bytes) -> Pixels:
+    """The picture in a tile. Raises InputError for what is none of 256 by 256 pixels."""
+    try:
+        with Image.open(io.BytesIO(data), formats=_KINDS) as picture:
+            if picture.size != (_PIXELS, _PIXELS):
+                raise InputError(f"No map: the server's tiles are not {_PIXELS} by {_PIXELS} pixels.")
+            return np.asarray(picture.convert("RGB"))
+    except _BROKEN:
+        raise InputError("No map: what the server sends is no picture.") from None
+
+
+def _user_agent() -> str:
+    try:
+        own = version("mavlink-companion")
+    except PackageNotFoundError:
+        own = "unknown"
+    return f"mavlink-companion/{own} (MAVLink telemetry companion)"

@@ -1,0 +1,214 @@
+"""The map under a flight, from a server of tiles on this machine."""
+
+from __future__ import annotations
+
+import io
+import socket
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from companion.model import Flight, InputError, Origin, SettingsError
+from companion.view.ground_map import Ground, MapLayer, cache_folder, check_url, credit, ground_map
+from companion.view.scene.cameras import frame
+from companion.view.state.map_tiles import MapPicture
+from companion.view.state.places import degrees_of, ground_of
+from tests.view.circles import make_flight
+from tests.waiting import wait_for
+
+ZERO = Origin(np.radians(47.4), np.radians(8.5), 488.0)
+
+
+class Server(ThreadingHTTPServer):
+    """Tiles whose colour says where they lie; what was asked is kept."""
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.asked: list[tuple[str, str]] = []
+        self.answer: bytes | int | None = None  # in place of a tile: this, or this status
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server_port}/{{z}}/{{x}}/{{y}}.png"
+
+
+class Handler(BaseHTTPRequestHandler):
+    server: Server
+
+    def do_GET(self) -> None:
+        self.server.asked.append((self.path, self.headers["User-Agent"]))
+        answer = self.server.answer
+        self.send_response(answer if isinstance(answer, int) else 200)
+        self.end_headers()
+        if isinstance(answer, bytes):
+            self.wfile.write(answer)
+        elif answer is None:
+            _, x, y = (int(part) for part in self.path.removesuffix(".png").split("/")[1:])
+            self.wfile.write(png((x % 256, y % 256, 7)))
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+def png(colour: tuple[int, int, int], size: int = 256) -> bytes:
+    file = io.BytesIO()
+    Image.new("RGB", (size, size), colour).save(file, "PNG")
+    return file.getvalue()
+
+
+@pytest.fixture
+def server() -> Iterator[Server]:
+    with Server() as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            yield server
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+@pytest.fixture
+def ground(flight: Flight) -> Ground:
+    assert flight.position is not None
+    positions = flight.position.position
+    return Ground(replace(flight, origin=ZERO), positions.min(axis=0), positions.max(axis=0))
+
+
+def test_the_picture_covers_the_flight_and_lies_where_the_tiles_say(
+    ground: Ground, server: Server, tmp_path: Path
+) -> None:
+    found = ground_map(ground, server.url, folder=tmp_path)
+    assert 1 <= len(server.asked) <= 16
+    low, high = found.centre - found.size / 2, found.centre + found.size / 2
+    assert (low < ground.low[:2]).all()
+    assert (high > ground.high[:2]).all()
+    height, width, _ = found.pixels.shape
+    assert width / height == pytest.approx(found.size[1] / found.size[0], rel=0.007), (
+        "Mercator keeps shapes, on a sphere"
+    )
+    x, y = found.pixels[..., 0].astype(int), found.pixels[..., 1].astype(int)
+    assert (np.diff(x, axis=1) >= 0).all(), "east is right"
+    assert (np.diff(y, axis=0) >= 0).all(), "north is up"
+
+
+def test_it_says_who_asks_and_asks_once(ground: Ground, server: Server, tmp_path: Path) -> None:
+    first = ground_map(ground, server.url, folder=tmp_path)
+    assert all(agent.startswith("mavlink-companion/") for _, agent in server.asked)
+    asked = len(server.asked)
+    again = ground_map(ground, server.url, folder=tmp_path)
+    assert len(server.asked) == asked, "it is kept on the disk"
+    assert (first.pixels == again.pixels).all()
+    for kept in tmp_path.iterdir():
+        kept.write_bytes(b"spoiled")
+    assert (ground_map(ground, server.url, folder=tmp_path).pixels == first.pixels).all()
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [
+        (503, "refuses"),
+        (b"<html>log in to the hotel's network</html>", "no picture"),
+        (png((0, 0, 0), 300), "not 256 by 256"),
+        (bytes(3_000_000), "more than a tile"),
+    ],
+    ids=["refused", "captive portal", "size", "endless"],
+)
+def test_no_map_is_one_sentence(
+    answer: bytes | int, reason: str, ground: Ground, server: Server, tmp_path: Path
+) -> None:
+    server.answer = answer
+    with pytest.raises(InputError, match=f"No map: .*{reason}"):
+        ground_map(ground, server.url, folder=tmp_path)
+    assert not list(tmp_path.iterdir()), "and nothing is kept of it"
+
+
+def test_offline_is_one_sentence(ground: Ground, tmp_path: Path) -> None:
+    with socket.socket() as nobody:
+        nobody.bind(("127.0.0.1", 0))  # and does not listen
+        url = f"http://127.0.0.1:{nobody.getsockname()[1]}/{{z}}/{{x}}/{{y}}.png"
+        with pytest.raises(InputError, match=r"cannot be reached .* online\?"):
+            ground_map(ground, url, folder=tmp_path)
+
+
+def test_a_slow_server_is_not_waited_for(ground: Ground, server: Server, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="too slow"):
+        ground_map(ground, server.url, folder=tmp_path, timeout_s=0.0)
+    assert not server.asked
+
+
+def test_a_flight_of_unknown_place_asks_nobody(flight: Flight, server: Server, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="does not tell where"):
+        ground_map(Ground(flight, np.zeros(3), np.ones(3)), server.url, folder=tmp_path)
+    assert not server.asked
+
+
+def test_degrees_and_metres_are_inverse(ground: Ground) -> None:
+    there = degrees_of(ground.flight, ground.low, ground.high)
+    assert there is not None
+    back = ground_of(ground.flight, *there)
+    assert back is not None
+    np.testing.assert_allclose(back, [ground.low[:2], ground.high[:2]], atol=1e-6)
+
+
+def test_nothing_is_asked_before_somebody_asks(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
+    flight = replace(make_flight(), origin=ZERO)
+    assert flight.position is not None
+    framing = frame(flight.position.position)
+    said: list[bool] = []
+    laid: list[MapPicture | None] = []
+    layer = MapLayer(server.url, said.append, pytest.fail)
+    layer.turn(laid.append)
+    assert not server.asked
+    layer.show(True, flight, framing)
+    wait_for(lambda: turned(layer, laid), "the map has come")
+    assert said == [True]
+    layer.show(False, flight, framing)
+    assert turned(layer, laid)[-1] is None
+    layer.close()
+
+
+def test_a_refusal_is_said_and_the_map_is_off(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
+    flight = replace(make_flight(), origin=ZERO)
+    assert flight.position is not None
+    server.answer = 404
+    said: list[bool] = []
+    why: list[str] = []
+    layer = MapLayer(server.url, said.append, why.append)
+    layer.show(True, flight, frame(flight.position.position))
+
+    def heard() -> list[str]:
+        layer.turn(lambda _: None)
+        return why
+
+    wait_for(heard, "it says why")
+    assert "refuses (404" in why[0]
+    assert (said, layer.shown) == ([True, False], False)
+    layer.close()
+
+
+def turned(layer: MapLayer, laid: list[MapPicture | None]) -> list[MapPicture | None]:
+    """What has been laid after one more turn; nothing while no picture has come."""
+    layer.turn(laid.append)
+    return laid if any(laid) else []
+
+
+def test_addresses_of_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    check_url("https://tile.openstreetmap.org/{z}/{x}/{y}.png")
+    for wrong in ("file:///{z}/{x}/{y}", "https://tiles.example/{z}/{x}", "{z}/{x}/{y}", "http:///{z}{x}{y}"):
+        with pytest.raises(SettingsError, match="--map-url"):
+            check_url(wrong)
+    assert "OpenStreetMap" in credit("https://tile.openstreetmap.org/{z}/{x}/{y}.png")
+    assert credit("https://tiles.example/{z}/{x}/{y}") == "Map: tiles.example"
+    monkeypatch.setattr("sys.platform", "darwin")
+    assert cache_folder().parts[-3:] == ("Library", "Caches", "mavlink-companion")
