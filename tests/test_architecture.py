@@ -38,18 +38,20 @@ MAY_IMPORT = {
     "app.live": GROUND | {"mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
     | {"mavlink", "analysis", "app.memory", "app.settings", "app.examination", "app.live"},
+    "present": GROUND,
     "documents": GROUND | {"estimation", "analysis", "app.recording", "app.examination"},
     "export": GROUND | {"strapdown", "estimation", "analysis"},
-    "view": GROUND | {"strapdown", "estimation", "analysis"},
+    "view": GROUND | {"strapdown", "estimation", "analysis", "present"},
     "report": GROUND
-    | {"strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination", "documents", "view"},
+    | {"strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination"}
+    | {"documents", "present", "view"},
     "fleet": GROUND
     | {"mavlink", "logs", "app.destination", "app.settings", "app.sensors", "app.recording", "app.examination"}
-    | {"documents", "export", "report"},
+    | {"documents", "present", "export", "report"},
     "cli": GROUND
     | {"mavlink", "logs", "links", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
     | {"app.destination", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}
-    | {"app.live", "app.memory", "app.running_verdict", "documents", "view", "report", "export", "fleet"},
+    | {"app.live", "app.memory", "app.running_verdict", "documents", "present", "view", "report", "export", "fleet"},
     "__main__": {"cli"},
     "__init__": {"api"},
     "api": GROUND
@@ -62,25 +64,23 @@ A part is a package, or one module of a package whose modules are doors of their
 
 ROOMS_OF_ROOMS = {"app"}
 
-_DRAWS = {"palette", "state"}
 VIEW_MAY_IMPORT = {
-    "palette": set[str](),
-    "state": {"palette"},
-    "server": {"palette"},
-    "panels": _DRAWS,
-    "charts": _DRAWS | {"panels"},
-    "scene": _DRAWS | {"panels"},
-    "export": _DRAWS | {"scene", "server"},
+    "state": set[str](),
+    "server": set[str](),
+    "panels": {"state"},
+    "charts": {"state", "panels"},
+    "scene": {"state"},
+    "export": {"state", "scene", "server"},
     "saving": {"state", "export"},
     "ground_map": {"state", "scene"},
     "browsers": {"state", "panels", "scene"},
-    "viewport": _DRAWS | {"scene", "browsers"},
+    "viewport": {"state", "scene", "browsers"},
     "page": {"state", "scene", "server", "viewport"},
-    "replay_controller": _DRAWS | {"scene", "charts", "panels", "viewport", "export", "saving", "ground_map"},
+    "replay_controller": {"state", "scene", "charts", "panels", "viewport", "export", "saving", "ground_map"},
     "live_controller": {"state", "scene", "charts", "panels", "viewport"},
     "app": {"state", "page", "replay_controller"},
     "live": {"state", "page", "live_controller"},
-    "__init__": _DRAWS | {"panels", "app", "export", "ground_map", "live"},
+    "__init__": {"state", "panels", "app", "export", "ground_map", "live"},
 }
 """Room of the view, or a module that joins rooms → the others that it may import."""
 

@@ -18,7 +18,8 @@ import companion as c
 from companion.app.examination import integration_of
 from companion.cli import main
 from companion.cli.answers import Answers
-from companion.view import ReplayChoice, palette
+from companion.present import palette
+from companion.view import ReplayChoice
 from companion.view.panels import verdict_tables
 from companion.view.state.sample import footage
 from tests.recordings import BUNDLED

@@ -16,6 +16,7 @@ from companion.app.recording import Recording
 from companion.cli import options, sensor_lines, tables
 from companion.documents import contrast_document, encode
 from companion.model import DataError, SettingsError
+from companion.present import fixed
 
 _OF_B = {
     "config": ("FILE", "settings file"),
@@ -135,7 +136,7 @@ def _drift_table(found: Contrast) -> Table:
 
 def _cell(a: DriftRow, b: DriftRow, key: str, change: Change | None) -> str:
     before, after = getattr(a, key), getattr(b, key)
-    medians = "".join(f"{'-' if s is None else tables.short(s.median):>6}" for s in (before, after))
+    medians = "".join(f"{'-' if s is None else fixed(s.median):>6}" for s in (before, after))
     if change is None:
         return f"{medians}{'-':>6} "
     star = " " if change.direction == "same" else "*"
@@ -170,7 +171,7 @@ def _budget_table(found: Contrast) -> Table:
 
 def _expected(expected: Expected | None, key: str) -> str:
     value = getattr(expected, key, None)
-    return "-" if value is None else tables.short(value)
+    return "-" if value is None else fixed(value)
 
 
 def _finding_lines(found: Contrast) -> list[str]:

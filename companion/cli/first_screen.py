@@ -9,7 +9,8 @@ from rich.markup import escape
 from companion.analysis import Assessment, Finding, rate_warning
 from companion.app.examination import Examination
 from companion.cli.options import counted
-from companion.cli.tables import SIGNS, short, span, status_text, wrapped
+from companion.cli.tables import SIGNS, span, status_text, wrapped
+from companion.present import fixed, words
 
 _MOST_LINES = 23  # in _COLUMNS, and the prompt: an old terminal's window; one that is narrower is taller
 _COLUMNS = 80
@@ -24,7 +25,7 @@ def first_screen(examined: Examination, width: int) -> list[str]:
     found = examined.assessment
     width = min(width, _WIDEST)
     flight, track = examined.flight, examined.flight.imu(found.drift.imu)
-    status = found.verdict.status.replace("_", " ").upper()
+    status = words(found.verdict.status).upper()
     head = wrapped(f"{status}  {found.verdict.summary}", width, 2)
     head[0] = head[0].replace(escape(status), status_text(found.verdict.status), 1)
     vehicle = flight.vehicle
@@ -51,8 +52,8 @@ def _rows(found: Assessment, warning: str) -> Iterator[tuple[str, str]]:
     could = found.sensitivity
     if could.smallest:
         yield "Would have shown", str(could)
-    for words in could.not_judged:
-        yield "Not judged", words
+    for why in could.not_judged:
+        yield "Not judged", why
     told = [f.advice for f in found.verdict.findings if f.severity != "info" and f.advice and f.advice not in warning]
     for i, advice in enumerate(list(dict.fromkeys(told))[:_ADVICES]):
         yield "" if i else "What to do", advice
@@ -67,7 +68,7 @@ def _drift(found: Assessment) -> str:
                 (row.velocity_mps, expected.velocity_mps, " m/s"),
                 (row.position_m, expected.position_m, " m"),
             )
-            parts = [f"{short(s.median)}{unit} ({short(e)} expected)" for s, e, unit in pairs if s and e is not None]
+            parts = [f"{fixed(s.median)}{unit} ({fixed(e)} expected)" for s, e, unit in pairs if s and e is not None]
             return f"the IMU alone is off by {', '.join(parts)}: median of {counted(row.windows, 'window')}"
     return "no window could be used"
 

@@ -43,6 +43,7 @@ from companion.fleet import (
     short_names,
     worst_ratios,
 )
+from companion.present import words
 
 _NAME_WIDTHS = (15, 33)  # at least, of 60 columns; at most, of 80
 _MOST = 10  # lines of each part of the summary: the page has them all
@@ -148,7 +149,7 @@ def _print(fleet: Fleet, seconds: float) -> None:
         for row in flights:
             shown.add_row(
                 escape(f"{names[row['log']]}{_which(row, rows)}"),
-                row["status"].replace("_", " "),
+                words(row["status"]),
                 "-" if key_of(row) not in ratios else f"{ratios[key_of(row)]:.1f}",
                 escape(_first(reasons(rows, row))),
             )
@@ -157,7 +158,7 @@ def _print(fleet: Fleet, seconds: float) -> None:
         console.print("\n[bold]Findings[/]")
         shown = _table("finding", "severity", "times>", "flights>")
         for kind, severity, times, flights_of in found[:_MOST]:
-            shown.add_row(escape(kind.replace("_", " ")), severity, str(times), str(flights_of))
+            shown.add_row(escape(words(kind)), severity, str(times), str(flights_of))
         console.print(shown)
     if failed := errors(rows):
         console.print("\n[bold]Errors[/]")
@@ -190,7 +191,7 @@ def _pace(logs: int, seconds: float) -> str:
 
 def _first(kinds: Sequence[str]) -> str:
     more = f" +{len(kinds) - 1}" if len(kinds) > 1 else ""
-    return kinds[0].replace("_", " ") + more if kinds else ""
+    return words(kinds[0]) + more if kinds else ""
 
 
 def _which(flight: Row, rows: Rows) -> str:

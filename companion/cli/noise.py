@@ -21,6 +21,7 @@ from companion.documents import encode, noise_document
 from companion.estimation import Coefficient, folded_gain, folded_onto
 from companion.export import kalibr_text
 from companion.model import STANDARD_GRAVITY, DataError, Flight, InputError
+from companion.present import fixed
 
 _SENSORS = (
     ("gyro", "gyro", 1e3 * float(np.degrees(1.0)), "mdps", "°/s", float(np.degrees(1.0))),
@@ -171,10 +172,8 @@ def _cells(axis: AxisNoise, factor: float) -> list[str]:
 def _coefficient(found: Coefficient, factor: float) -> str:
     """4.2 (4.1-4.3), or < 5 for a bound."""
     if found.value is None:
-        return f"< {tables.short(found.high * factor)}"
-    return (
-        f"{tables.short(found.value * factor)} ({tables.short(found.low * factor)}-{tables.short(found.high * factor)})"
-    )
+        return f"< {fixed(found.high * factor)}"
+    return f"{fixed(found.value * factor)} ({fixed(found.low * factor)}-{fixed(found.high * factor)})"
 
 
 def _flight_parts(noise: ImuNoise, flight: FlightNoise) -> Iterator[str | Table]:
@@ -188,16 +187,16 @@ def _flight_parts(noise: ImuNoise, flight: FlightNoise) -> Iterator[str | Table]
     for key, _, factor, unit, _, _ in _SENSORS:
         white, sheet = getattr(flight, key), getattr(noise.figures, key).noise_density
         for i, name in enumerate("xyz"):
-            value = f"{tables.short(white.sampled[i] * factor)} ± {tables.short(white.sigma[i] * factor)}"
-            value = f"< {tables.short(white.sampled[i] * factor)}" if white.hidden[i] else value
+            value = f"{fixed(white.sampled[i] * factor)} ± {fixed(white.sigma[i] * factor)}"
+            value = f"< {fixed(white.sampled[i] * factor)}" if white.hidden[i] else value
             ratio = f"{white.sampled[i] / sheet:.1f}"
-            shown.add_row(f"{key} {name}", unit, value, tables.short(sheet * factor), ratio)
+            shown.add_row(f"{key} {name}", unit, value, fixed(sheet * factor), ratio)
     yield shown
     for key, title, _, _, unit, factor in _SENSORS:
         lines = sorted(getattr(flight, f"{key}_peaks"), key=lambda peak: -peak.amplitude)[:_MOST_PEAKS]
         for peak in lines:
             other = " or ".join(f"{f:.0f}" for f in folded_onto(peak.frequency_hz, noise.rate_hz, 2))
-            size = tables.short(peak.amplitude * factor)
+            size = fixed(peak.amplitude * factor)
             yield f"Peak: {title} {'xyz'[peak.axis]} {size} {unit} at {peak.frequency_hz:.1f} Hz (or {other})"
     if not (flight.gyro_peaks or flight.accel_peaks):
         yield "Peaks: none"

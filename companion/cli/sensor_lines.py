@@ -11,8 +11,8 @@ from rich.table import Table
 
 from companion.analysis import PARTS, Alignment, Assessment, Statistic
 from companion.cli.options import counted
-from companion.cli.tables import short
 from companion.model import STANDARD_GRAVITY, Array
+from companion.present import fixed
 
 _DEGREES = float(np.degrees(1.0))
 _MDPS, _MICRO_G = 1e3 * _DEGREES, 1e6 / STANDARD_GRAVITY
@@ -51,14 +51,14 @@ def noise_lines(found: Assessment) -> Iterator[str]:
         ("", "accelerometer", accel, [r.accel_noise for r in found.rests], flying[1], _MICRO_G, "µg/√Hz"),
     )
     for label, name, sheet, resting, moving, factor, unit in rows:
-        parts = [f"{short(sheet * factor)} {unit} expected"]
+        parts = [f"{fixed(sheet * factor)} {unit} expected"]
         still = [density for density in resting if density is not None]
         if still:
-            parts.append(f"{short(min(still) * factor)} at rest")
+            parts.append(f"{fixed(min(still) * factor)} at rest")
         elif resting:
             parts.append("at rest: below quantisation")
         if moving:
-            parts.append(f"{short(moving * factor)} in flight")
+            parts.append(f"{fixed(moving * factor)} in flight")
         yield f"{label:<11}{name} {', '.join(parts)}"
 
 
@@ -67,7 +67,7 @@ def autopilot_line(found: Assessment) -> str:
     own = found.autopilot
     return (
         f"Assumed autopilot error (1σ): tilt {own.tilt * _DEGREES:.1f}°, heading {own.heading * _DEGREES:.1f}°, "
-        f"{short(own.velocity)} m/s, {short(own.position)} m ({escape(own.reason)})"
+        f"{fixed(own.velocity)} m/s, {fixed(own.position)} m ({escape(own.reason)})"
     )
 
 
@@ -141,7 +141,7 @@ def alignment_lines(found: Alignment) -> Iterator[str | Table]:
         shown.add_column(column, justify="right", no_wrap=True)
     for row in found.later:
         figures = (row.tilt_deg, row.expected_tilt_deg, row.heading_deg, row.expected_heading_deg)
-        shown.add_row(f"{row.since_s:.1f} s", *(short(value) for value in figures))
+        shown.add_row(f"{row.since_s:.1f} s", *(fixed(value) for value in figures))
     yield shown
 
 
@@ -156,4 +156,4 @@ def _plus_minus(values: Array, sigma: Array, factor: float, digits: int) -> str:
 def _pair(before: Statistic | None, after: Statistic | None) -> str:
     if before is None or after is None:
         return "-"
-    return f"{short(before.median)} → {short(after.median)}"
+    return f"{fixed(before.median)} → {fixed(after.median)}"

@@ -20,6 +20,7 @@ from companion.documents import encode, estimate_document
 from companion.estimation import CONSTANTS, BestEstimate, Explained, kind_of, smooth
 from companion.export import write_estimate_tum
 from companion.model import Array, BiasTrack, Flight, InputError
+from companion.present import fixed, words
 
 _DEGREES = float(np.degrees(1.0))
 _SHOWN: Mapping[str, tuple[str, float]] = {
@@ -126,9 +127,9 @@ def _witnesses(best: BestEstimate) -> Table:
         factor = 1e3 if left.unit == "rad/s" else 1.0
         unit = "mrad/s" if left.unit == "rad/s" else left.unit
         shown.add_row(
-            name.replace("_", " "),
+            words(name),
             f"{len(left.t)}",
-            f"{tables.short(left.rms * factor)} {unit}",
+            f"{fixed(left.rms * factor)} {unit}",
             f"{left.normalised_rms:.2f}",
             f"{best.measurement_scale[name]:.2f}",
             f"{left.doubted:.0%}",
@@ -177,7 +178,7 @@ def _noise(flight: Flight, best: BestEstimate) -> Table:
         ("gyro", "mdps", 1e3 * _DEGREES, best.noise.gyro_noise, sheet.gyro.noise_density, best.lasting[0]),
         ("accel", "mm/s²", 1e3, best.noise.accel_noise, sheet.accel.noise_density, best.lasting[1]),
     ):
-        cells = (tables.short(value * factor), tables.short(given * factor), f"{value / given:.0f}", f"{lasting:.1f}")
+        cells = (fixed(value * factor), fixed(given * factor), f"{value / given:.0f}", f"{lasting:.1f}")
         shown.add_row(name, unit, *cells)
     return shown
 
@@ -189,7 +190,7 @@ def _constants(best: BestEstimate) -> Table:
             continue
         place, _ = CONSTANTS[name]
         shown.add_row(
-            name.replace("_", " "),
+            words(name),
             unit,
             _listed(best.states.constants[place] * factor),
             _listed(best.constants_sigma[place] * factor),
@@ -205,6 +206,6 @@ def _errors(errors: Sequence[AutopilotError]) -> Table:
     shown = _table("", "", "median", "95 %", "worst", "at s", "its 1σ", left=2)
     for one in errors:
         unit, factor = _SHOWN.get(one.unit, (one.unit, 1.0))
-        numbers = (tables.short(value * factor) for value in (one.median, one.p95, one.worst))
-        shown.add_row(one.quantity, unit, *numbers, f"{one.worst_s:.1f}", tables.short(one.sigma * factor))
+        numbers = (fixed(value * factor) for value in (one.median, one.p95, one.worst))
+        shown.add_row(one.quantity, unit, *numbers, f"{one.worst_s:.1f}", fixed(one.sigma * factor))
     return shown

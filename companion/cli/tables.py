@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion.analysis import Assessment, Drift, Expected, Finding, Sibling, Statistic, Verdict
+from companion.present import QUANTITIES, STATISTICS, fixed, words
 
 _REASONS = {
     "imu_gap": "hole in the IMU",
@@ -46,7 +47,7 @@ def verdict_lines(verdict: Verdict, *, most: int = 8) -> Iterator[str]:
     """The verdict, and the findings under it."""
     yield f"{status_text(verdict.status)}  {escape(verdict.summary)}"
     for finding in verdict.findings[:most]:
-        kind = finding.kind.replace("_", " ")
+        kind = words(finding.kind)
         yield f"  {SIGNS[finding.severity]} {span(finding)}: {kind}. {escape(finding.evidence)}"
         if finding.severity != "info":
             yield f"      {escape(finding.advice)}"
@@ -69,7 +70,7 @@ def wrapped(text: str, width: int, hanging: int) -> list[str]:
 
 def status_text(status: str) -> str:
     """CONSISTENT, IMU SUSPECT, ... in its colour."""
-    return f"[bold {_STATUS[status]}]{status.replace('_', ' ').upper()}[/]"
+    return f"[bold {_STATUS[status]}]{words(status).upper()}[/]"
 
 
 def drift_table(table: Drift) -> Table:
@@ -77,13 +78,13 @@ def drift_table(table: Drift) -> Table:
     shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
     shown.add_column("\nafter", justify="right", no_wrap=True)
     shown.add_column("\nwindows", justify="right", no_wrap=True)
-    for quantity in ("attitude, °", "velocity, m/s", "position, m"):
-        shown.add_column(f"{quantity:^18}\n{_line('median', '95 %', 'worst')}", no_wrap=True)
+    for quantity in QUANTITIES:
+        shown.add_column(f"{quantity.title:^18}\n{_line(*STATISTICS.values())}", no_wrap=True)
     for row in table.rows:
         shown.add_row(
             f"{row.horizon_s:g} s",
             f"{row.windows}",
-            *(_cell(statistic) for statistic in (row.attitude_deg, row.velocity_mps, row.position_m)),
+            *(_cell(getattr(row, quantity.attribute)) for quantity in QUANTITIES),
         )
     return shown
 
@@ -92,17 +93,17 @@ def expected_table(found: Assessment) -> Table:
     """What the drift should be: 1σ, the share of windows inside the 95 % bound, and what it is made of."""
     shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
     shown.add_column("\nafter", justify="right", no_wrap=True)
-    shown.add_column(f"{'expected, 1σ':^18}\n{_line('°', 'm/s', 'm')}", no_wrap=True)
+    shown.add_column(f"{'expected, 1σ':^18}\n{_line(*(q.unit for q in QUANTITIES))}", no_wrap=True)
     shown.add_column(f"{'inside 95 %':^18}\n{_line('att.', 'vel.', 'pos.')}", no_wrap=True)
     shown.add_column("\nmostly", no_wrap=True)
     for row, expected in zip(found.drift.rows, found.expected, strict=True):
         if expected is None:
             continue
-        sigma = (expected.attitude_deg, expected.velocity_mps, expected.position_m)
-        inside = [expected.inside.get(name) for name in ("attitude", "velocity", "position")]
+        sigma = [getattr(expected, quantity.attribute) for quantity in QUANTITIES]
+        inside = [expected.inside.get(quantity.name) for quantity in QUANTITIES]
         shown.add_row(
             f"{row.horizon_s:g} s",
-            _line(*("-" if s is None else short(s) for s in sigma)),
+            _line(*("-" if s is None else fixed(s) for s in sigma)),
             _line(*("-" if s is None else f"{s:.0%}" for s in inside)),
             largest(expected),
         )
@@ -123,7 +124,7 @@ def siblings_table(others: Sequence[Sibling]) -> Table:
             escape(other.imu),
             f"{other.rate_hz:.1f}",
             f"{row.windows}",
-            *("-" if cell is None else short(cell) for cell in cells),
+            *("-" if cell is None else fixed(cell) for cell in cells),
             *("-" if share is None else f"{share:.0%}" for share in shares),
         )
     return shown
@@ -141,21 +142,15 @@ def largest(expected: Expected) -> str:
     """The largest cause of the position's budget, or of the attitude's where there is no position."""
     shares = expected.shares.get("position", expected.shares["attitude"])
     name = max(shares, key=lambda cause: shares[cause])
-    return f"{name.replace('_', ' ')} {shares[name]:.0%}"
+    return f"{words(name)} {shares[name]:.0%}"
 
 
 def _cell(statistic: Statistic | None) -> str:
     if statistic is None:
-        return _line("-", "-", "-")
-    return _line(*(short(value) for value in (statistic.median, statistic.p95, statistic.max)))
+        return _line(*("-" for _ in STATISTICS))
+    return _line(*(fixed(getattr(statistic, key)) for key in STATISTICS))
 
 
 def _line(*parts: str) -> str:
     """Three numbers under one another, whatever their length: columns within a column."""
     return "".join(f"{part:>6}" for part in parts)
-
-
-def short(value: float) -> str:
-    """Three digits, never more than three decimals: five characters, so that the tables fit into 80 columns."""
-    digits = 3 if value < 1 else 2 if value < 10 else 1 if value < 100 else 0
-    return f"{value:.{digits}f}"

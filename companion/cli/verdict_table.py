@@ -14,6 +14,7 @@ from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.cli import options, tables
 from companion.model import CompanionError, Flight, SettingsError
+from companion.present import fixed
 
 _HORIZON_S = 10.0
 _OF_ONE = ("json", "full", "vehicle", "boot")
@@ -66,8 +67,8 @@ def _judged(flight: Flight, settings: Settings, arguments: argparse.Namespace) -
     drift = ""
     for row in found.drift.rows:
         if row.horizon_s == _HORIZON_S and row.attitude_deg is not None:
-            parts = [f"{tables.short(row.attitude_deg.median)}°"]
-            parts += [f"{tables.short(row.position_m.median)} m"] if row.position_m is not None else []
+            parts = [f"{fixed(row.attitude_deg.median)}°"]
+            parts += [f"{fixed(row.position_m.median)} m"] if row.position_m is not None else []
             drift = ", ".join(parts)
     return found.verdict.status, found.verdict.summary, drift
 

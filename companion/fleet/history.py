@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from companion.fleet.rows import Row
+from companion.present import markup, words
 
 if TYPE_CHECKING:
     from companion.report import Figure
@@ -31,7 +32,7 @@ def history(rows: Sequence[Row], sensor: str, against: str, names: Mapping[str, 
 
     Only what a flight tells: values that were not observable are left out. None without any.
     """
-    from companion.report import Panel, markup, stack  # noqa: PLC0415  (brings viser, which is slow to import)
+    from companion.report import Panel, stack  # noqa: PLC0415  (brings viser, which is slow to import)
 
     unit, factor, shown = ("radps", 1e3, "mrad/s") if sensor == "gyro" else ("mps2", 1.0, "m/s²")
     usable = [row for row in rows if row.get(against) is not None]
@@ -75,7 +76,6 @@ def history(rows: Sequence[Row], sensor: str, against: str, names: Mapping[str, 
 
 def finding_bars(counted: Sequence[tuple[str, str, int, int]]) -> Figure:
     """Flights with each kind of finding, as `count_findings` gives them."""
-    from companion.report import markup  # noqa: PLC0415
 
     severities = {"error": "#e66101", "warning": "#d69100", "info": "#828282"}
     return {
@@ -84,7 +84,7 @@ def finding_bars(counted: Sequence[tuple[str, str, int, int]]) -> Figure:
                 "type": "bar",
                 "orientation": "h",
                 "name": severity,
-                "y": [markup.text(markup.words(kind)) for kind, own, _, _ in counted if own == severity],
+                "y": [markup.text(words(kind)) for kind, own, _, _ in counted if own == severity],
                 "x": [flights for _, own, _, flights in counted if own == severity],
                 "marker": {"color": colour},
                 "hovertemplate": "%{x} flights",

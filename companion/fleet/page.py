@@ -20,9 +20,10 @@ from companion.fleet.digest import (
 )
 from companion.fleet.history import MOST_SENSORS, finding_bars, history
 from companion.fleet.rows import Row, Rows
+from companion.present import markup, short, words
 
 if TYPE_CHECKING:
-    from companion.report import Charts, Section, markup
+    from companion.report import Charts, Section
 
 _WORST = 25
 _JUDGED_S = 5.0
@@ -33,7 +34,7 @@ def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
 
     Raises InputError when plotly is not installed.
     """
-    from companion.report import Charts, Section, markup, sheet  # noqa: PLC0415  (brings viser, slow to import)
+    from companion.report import Charts, Section, sheet  # noqa: PLC0415  (brings viser, slow to import)
 
     charts = Charts()
     names = short_names([row["log"] for row in rows.flights])
@@ -51,7 +52,7 @@ def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
             charts.add(finding_bars(counted), "Flights with each kind of finding.", rows=0.4 + 0.13 * len(counted))
             + markup.table(
                 ("finding", "severity", "times", "flights"),
-                [(markup.words(kind), severity, times, flights) for kind, severity, times, flights in counted],
+                [(words(kind), severity, times, flights) for kind, severity, times, flights in counted],
                 words=2,
             )
             if counted
@@ -69,11 +70,10 @@ def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
 
 
 def _head(rows: Rows) -> str:
-    from companion.report import markup  # noqa: PLC0415
 
     logs = len({row["log"] for row in rows.flights})
     cards = "".join(
-        f'<div class="card"><b>{count}</b><span>{markup.text(markup.words(status))}</span></div>'
+        f'<div class="card"><b>{count}</b><span>{markup.text(words(status))}</span></div>'
         for status, count in count_by_status(rows).items()
     )
     dates = [row["date_s"] for row in rows.flights if row.get("date_s") is not None]
@@ -87,7 +87,7 @@ def _head(rows: Rows) -> str:
 
 def _histories(rows: Rows, charts: Charts, names: dict[str, str]) -> Iterable[Section]:
     """How biases move with the date and with temperature."""
-    from companion.report import Section, markup  # noqa: PLC0415
+    from companion.report import Section  # noqa: PLC0415
 
     for against, anchor, title in (
         ("date_s", "history", "over time"),
@@ -114,7 +114,6 @@ def _flights(
     *,
     why: bool,
 ) -> str:
-    from companion.report import markup  # noqa: PLC0415
 
     ratios = worst_ratios(rows)
 
@@ -122,12 +121,12 @@ def _flights(
         drift = after.get(key_of(row), {})
         return (
             _named(row, names),
-            markup.words(status_of(row)),
-            *([", ".join(map(markup.words, reasons(rows, row)))] if why else []),
-            markup.short(ratios.get(key_of(row))),
-            markup.short(drift.get("attitude_median_deg")),
-            markup.short(drift.get("position_median_m")),
-            markup.short(row.get("rate_hz")),
+            words(status_of(row)),
+            *([", ".join(map(words, reasons(rows, row)))] if why else []),
+            short(ratios.get(key_of(row))),
+            short(drift.get("attitude_median_deg")),
+            short(drift.get("position_median_m")),
+            short(row.get("rate_hz")),
             row.get("imu") or "–",
             f"{row['vehicle']} · {row['boot']}" if row.get("vehicle") else "–",
             _date(row.get("date_s")),
@@ -147,7 +146,6 @@ def _flights(
 
 
 def _named(row: Row, names: dict[str, str]) -> markup.Link | str:
-    from companion.report import markup  # noqa: PLC0415
 
     name = names[row["log"]]
     return markup.Link(name, row["report"]) if row.get("report") else name

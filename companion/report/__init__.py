@@ -1,6 +1,6 @@
 """A flight's examination as one HTML file that needs no network, and what such pages are made of."""
 
-from companion.report import markup
+from companion.present import markup
 from companion.report.charts import Charts, laid_out
 from companion.report.errors_over_time import error_panels
 from companion.report.html_page import sheet

@@ -7,7 +7,7 @@ import gzip
 from typing import Any
 
 from companion.model import InputError
-from companion.report.markup import text
+from companion.present import text
 from companion.report.traces import Figure
 
 ROW_PX = 190

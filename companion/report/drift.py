@@ -5,13 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from companion.model import Array
+from companion.present import QUANTITIES, STATISTICS, palette, paragraph, percent, short, table, words
 from companion.report import traces
-from companion.report.markup import paragraph, percent, short, table, words
 from companion.report.section import Section
 from companion.report.subject import Subject
-from companion.view import palette
-
-_QUANTITIES = (("attitude", "attitude_deg", "°"), ("velocity", "velocity_mps", "m/s"), ("position", "position_m", "m"))
 
 _ACCEL = palette.mix(palette.IMU, (255, 225, 0), 0.6)  # of the IMU too, and not to be taken for its gyro
 _CAUSES: dict[str, tuple[palette.Rgb, float]] = {
@@ -47,9 +44,9 @@ def drift(subject: Subject) -> Section:
         reason = "No window could be used: the flight is too short." if not excluded else "No window could be used."
         return Section("drift", "Drift", "".join(paragraph(line) for line in (reason, *excluded)))
     panels = [
-        traces.Panel(f"{name}, {unit}", _measured(subject, attribute), {"type": "log", "dtick": 1})
-        for name, attribute, unit in _QUANTITIES
-        if any(getattr(row, attribute) for row in rows)
+        traces.Panel(quantity.title, _measured(subject, quantity.attribute), {"type": "log", "dtick": 1})
+        for quantity in QUANTITIES
+        if any(getattr(row, quantity.attribute) for row in rows)
     ]
     ticks = [row.horizon_s for row in rows]
     figure = traces.stack(
@@ -62,16 +59,18 @@ def drift(subject: Subject) -> Section:
     cells = []
     for row in rows:
         cells.append([f"{row.horizon_s:g} s", str(row.windows)])
-        for _, attribute, _ in _QUANTITIES:
-            statistic = getattr(row, attribute)
-            cells[-1] += [short(getattr(statistic, key, None)) for key in ("median", "p95", "max")]
-            cells[-1].append(short(getattr(row.expected, attribute, None)))
-    headings = ["after", "windows"] + ["median", "95 %", "worst", "1σ"] * len(_QUANTITIES)
-    groups = [("", 2), *((f"{name}, {unit}", 4) for name, _, unit in _QUANTITIES)]
+        for quantity in QUANTITIES:
+            statistic = getattr(row, quantity.attribute)
+            cells[-1] += [short(getattr(statistic, key, None)) for key in STATISTICS]
+            cells[-1].append(short(getattr(row.expected, quantity.attribute, None)))
+    columns = [*STATISTICS.values(), "1σ"]
+    headings = ["after", "windows"] + columns * len(QUANTITIES)
+    groups = [("", 2), *((quantity.title, len(columns)) for quantity in QUANTITIES)]
     if not subject.comparison.has_position:
         caption = "This flight has no position: attitude alone is compared."
         chart += paragraph(caption)
-        headings, groups, cells = headings[:6], groups[:2], [row[:6] for row in cells]
+        told = 2 + len(columns)
+        headings, groups, cells = headings[:told], groups[:2], [row[:told] for row in cells]
     return Section(
         "drift",
         "Drift of the IMU alone from the autopilot",
@@ -88,9 +87,7 @@ def budget(subject: Subject) -> Section:
     if not rows:
         return Section("budget", title, paragraph("Without windows there is no error to expect."))
     names = [
-        name
-        for name in ("attitude", "velocity", "position")
-        if any(name in r.expected.shares for r in rows if r.expected)
+        quantity.name for quantity in QUANTITIES if any(quantity.name in r.expected.shares for r in rows if r.expected)
     ]
     causes = list(dict.fromkeys(c for r in rows if r.expected for s in r.expected.shares.values() for c in s))
     causes.sort(key=lambda c: list(_CAUSES).index(c) if c in _CAUSES else len(_CAUSES))
@@ -124,9 +121,9 @@ def budget(subject: Subject) -> Section:
             "the budget takes it where it is more than the data sheet's."
         )
     inside = table(
-        ["after", "attitude", "velocity", "position"],
+        ["after", *(quantity.name for quantity in QUANTITIES)],
         [
-            [f"{c.horizon_s:g} s", *(percent(share) for share in (c.attitude, c.velocity, c.position))]
+            [f"{c.horizon_s:g} s", *(percent(getattr(c, quantity.name)) for quantity in QUANTITIES)]
             for c in subject.numbers.consistency
         ],
         name="inside-table",

@@ -6,12 +6,11 @@ import numpy as np
 
 from companion.analysis import Expectation, Replay
 from companion.model import Array
+from companion.present import palette, paragraph
 from companion.report import traces
-from companion.report.markup import paragraph
 from companion.report.section import Section
 from companion.report.subject import Subject
 from companion.report.track_and_altitude import regained
-from companion.view import palette
 
 
 def errors(subject: Subject) -> Section:

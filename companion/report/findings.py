@@ -9,12 +9,11 @@ import numpy as np
 from companion.analysis import Replay, errors, replay, windows
 from companion.documents import FindingObject
 from companion.model import Array, CompanionError
+from companion.present import palette, paragraph, table, text, words
 from companion.report import traces
-from companion.report.markup import paragraph, table, text, words
 from companion.report.section import Section
 from companion.report.subject import AXES, Subject
 from companion.strapdown import quaternion
-from companion.view import palette
 
 MOST_DRAWN = 12
 """Findings with a chart, the worst first; a log can have hundreds."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 
+from companion.present import text
 from companion.report.charts import Charts
-from companion.report.markup import text
 from companion.report.section import Section
 
 _POLICY = (

@@ -7,11 +7,10 @@ import numpy as np
 from companion.analysis import ImuNoise, RestNoise, imu_noise
 from companion.estimation import AllanDeviation, Coefficient
 from companion.model import STANDARD_GRAVITY, DataError
+from companion.present import palette, paragraph, short, table
 from companion.report import traces
-from companion.report.markup import paragraph, short, table
 from companion.report.section import Section
 from companion.report.subject import AXES, Subject
-from companion.view import palette
 
 _SENSORS = (
     ("gyro", "gyro", 1e3 * float(np.degrees(1.0)), "mdps/√Hz"),

@@ -8,6 +8,7 @@ from companion.app.examination import Examination, Unexamined
 from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.documents import encode, unexamined_document
+from companion.present import palette
 from companion.report import drift, errors_over_time, noise, provenance, sensors, vibration
 from companion.report.charts import Charts
 from companion.report.findings import findings
@@ -16,7 +17,6 @@ from companion.report.playback import playback
 from companion.report.subject import subject_of
 from companion.report.summary import bare_head, head
 from companion.report.track_and_altitude import ground, track
-from companion.view import palette
 
 
 def report_html(

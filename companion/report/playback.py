@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from companion.report.markup import paragraph
+from companion.present import paragraph
 from companion.report.section import Section
 from companion.report.subject import Subject
 from companion.view import Reckoning, replay_page

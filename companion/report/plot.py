@@ -9,17 +9,11 @@ import numpy as np
 from companion.analysis import Assessment, Drift, Replay, expected_since_anchor
 from companion.estimation import BestEstimate
 from companion.model import DataError, Flight, InputError
+from companion.present import QUANTITIES, palette
 from companion.report.charts import laid_out
 from companion.report.errors_over_time import error_panels
 from companion.report.traces import TIME, Panel, curve, stack
 from companion.report.track_and_altitude import ground_track
-from companion.view import palette
-
-_QUANTITIES = (
-    ("attitude", "deg", "attitude, °"),
-    ("velocity", "mps", "velocity, m/s"),
-    ("position", "m", "position, m"),
-)
 
 
 def plot_errors(shown: Replay, found: Assessment | None = None) -> Any:
@@ -48,13 +42,13 @@ def plot_drift(table: Drift) -> Any:
     columns = table.to_dict()
     panels = []
     seconds = np.array(columns["horizon_s"])
-    for name, unit, title in _QUANTITIES:
-        if np.isfinite(columns[f"{name}_median_{unit}"]).any():
+    for quantity in QUANTITIES:
+        if np.isfinite(columns[quantity.column("median")]).any():
             drawn = [
-                curve(seconds, np.array(columns[f"{name}_{part}_{unit}"]), said, palette.IMU, line=style)
+                curve(seconds, np.array(columns[quantity.column(part)]), said, palette.IMU, line=style)
                 for part, said, style in (("median", "median", {}), ("p95", "95 %", {"dash": "dot"}))
             ]
-            panels.append(Panel(title, drawn, {"type": "log", "dtick": 1}))
+            panels.append(Panel(quantity.title, drawn, {"type": "log", "dtick": 1}))
     if not panels:
         raise InputError("No window of this table could be used: there is nothing to draw.")
     ticks = [row.horizon_s for row in table.rows]

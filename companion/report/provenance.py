@@ -15,7 +15,7 @@ from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.documents import schema
 from companion.model import Flight
-from companion.report.markup import details, paragraph, table, text
+from companion.present import details, paragraph, table, text
 from companion.report.section import Section
 
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY

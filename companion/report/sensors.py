@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from companion.documents import schema
+from companion.present import palette, paragraph, percent, short, table, text, words
 from companion.report import traces
-from companion.report.markup import paragraph, percent, short, table, text, words
 from companion.report.section import Section
 from companion.report.subject import AXES, Subject
-from companion.view import palette
 
 _DEGREES = float(np.degrees(1.0))
 _XYZ = tuple(name for name, _ in AXES)

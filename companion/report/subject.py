@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from companion import present
 from companion.analysis import Assessment, Comparison, Expectation, Replay, expected_since_anchor, replay
 from companion.app.examination import Examination
 from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.documents import FindingObject, analysis_document, schema
 from companion.model import CompanionError, Flight
+from companion.present import palette
 from companion.report.charts import Charts
-from companion.view import palette
 
 
 @dataclass(frozen=True, eq=False)  # without slots: what is expected is kept
@@ -96,5 +97,5 @@ def subject_of(examined: Examination, source: Source, settings: Settings, charts
     return Subject(examined, source, settings, analysis_document(source, examined), shown, why, charts)
 
 
-AXES: tuple[tuple[str, palette.Rgb], ...] = tuple(zip(("forward", "right", "down"), palette.AXES, strict=True))
+AXES: tuple[tuple[str, palette.Rgb], ...] = tuple(zip(present.AXES, palette.AXES, strict=True))
 """The body's axes and their colours."""

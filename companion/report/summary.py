@@ -9,9 +9,9 @@ import numpy as np
 from companion.analysis import Verdict, rate_warning
 from companion.app.recording import Source
 from companion.model import Flight
-from companion.report.markup import percent, short, text
+from companion.present import palette, percent, short, text
 from companion.report.subject import Subject
-from companion.view import palette, worst_stretch
+from companion.view import worst_stretch
 
 _MEANS = {
     "consistent": "Consistent",

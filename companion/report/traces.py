@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from companion.model import Array
-from companion.view import extremes, palette
+from companion.present import palette
+from companion.view import extremes
 
 Trace = dict[str, Any]
 Figure = dict[str, Any]
@@ -19,7 +20,6 @@ TIME = "seconds since boot"
 MOST_POINTS = 1200
 """Points of a line: about one a pixel. What is thinned keeps every peak and dip."""
 
-AXES = ("forward", "right", "down")
 GREY = palette.CURSOR
 
 
@@ -68,12 +68,7 @@ def curve(x: Array, y: Array, name: str, colour: palette.Rgb, *, width: float = 
 
 def band(x: Array, y: Array, name: str, colour: palette.Rgb, opacity: float) -> Trace:
     """The area between zero and a line."""
-    return curve(x, y, name, colour, width=0, fill="tozeroy", fillcolor=rgba(colour, opacity))
-
-
-def rgba(colour: palette.Rgb, opacity: float) -> str:
-    """A colour that one can see through, as the browser writes it."""
-    return f"rgba({','.join(map(str, colour))},{opacity})"
+    return curve(x, y, name, colour, width=0, fill="tozeroy", fillcolor=palette.rgba(colour, opacity))
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +114,8 @@ def stack(panels: Sequence[Panel], x_title: str, *, spans: Sequence[tuple[float,
             "x1": b,
             "y0": 0,
             "y1": 1,
-            "fillcolor": rgba(palette.IMU, 0.12),
-            "line": {"width": 1, "color": rgba(palette.IMU, 0.35)},
+            "fillcolor": palette.rgba(palette.IMU, 0.12),
+            "line": {"width": 1, "color": palette.rgba(palette.IMU, 0.35)},
             "layer": "below",
         }
         for a, b in spans

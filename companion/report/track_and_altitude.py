@@ -10,11 +10,11 @@ import numpy as np
 from companion.analysis import Replay
 from companion.estimation import BestEstimate
 from companion.model import Array, Flight
+from companion.present import palette, paragraph, short, text
 from companion.report import traces
 from companion.report.charts import Charts
-from companion.report.markup import paragraph, short, text
 from companion.report.section import Section
-from companion.view import best_path, extremes, palette, worst_stretch
+from companion.view import best_path, extremes, worst_stretch
 
 _MOST_EVENTS = 200
 _LEAST_ROOM_M = 5.0

@@ -7,11 +7,10 @@ import numpy as np
 from companion.analysis import clip_counts
 from companion.estimation import Spectrum, imu_spectrum, vibration
 from companion.model import Array
+from companion.present import palette, paragraph, text
 from companion.report import traces
-from companion.report.markup import paragraph, text
 from companion.report.section import Section
 from companion.report.subject import AXES, Subject
-from companion.view import palette
 
 _VIBE_LIMIT = 30.0  # m/s²: ArduPilot's wiki, "Measuring Vibration": below 30 is normally fine
 _FEWEST_HZ = 20.0

@@ -1,6 +1,5 @@
 """The replay and the live link in the browser. The only package that imports viser."""
 
-from companion.view import palette
 from companion.view.app import Viewer
 from companion.view.export import replay_page
 from companion.view.ground_map import check_url
@@ -37,7 +36,6 @@ __all__ = [
     "check_url",
     "chosen_track",
     "extremes",
-    "palette",
     "replay_page",
     "with_track",
     "worst_stretch",

@@ -11,8 +11,7 @@ import numpy.typing as npt
 import viser
 
 from companion.model import Array, Flight
-from companion.view import palette
-from companion.view.palette import Rgb
+from companion.present import Rgb, palette
 from companion.view.scene.cameras import FIELD_OF_VIEW, camera, frame, readable_span
 from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import Drone, drone_for

@@ -11,10 +11,10 @@ import numpy as np
 import viser
 
 from companion.model import Array, DataError
+from companion.present import vehicle_words
 from companion.view.charts.live_charts import LiveCharts
 from companion.view.panels.controls import dock
 from companion.view.panels.live_panel import LivePanel
-from companion.view.panels.verdict_tables import kind
 from companion.view.scene.cameras import frame
 from companion.view.scene.live_trail import LiveTrails
 from companion.view.scene.vehicle_shapes import drone_for
@@ -166,7 +166,7 @@ class LiveController:
             self._lay_out(seen, film)
         self._introduced, self._stirred = now, True
         vehicle = seen.flight.vehicle
-        who = f"{kind(vehicle)}, vehicle {vehicle}, boot {seen.flight.boot}, {seen.imu}"
+        who = f"{vehicle_words(vehicle)}, vehicle {vehicle}, boot {seen.flight.boot}, {seen.imu}"
         self._panel.introduce(who, tuple(seen.flight.imus), has_position=seen.replay.has_position)
 
     def _fit(self) -> None:

@@ -13,7 +13,8 @@ import numpy as np
 import viser
 
 from companion.model import CompanionError, Flight
-from companion.view import export, palette
+from companion.present import palette
+from companion.view import export
 from companion.view.charts.chart_pages import ChartPages
 from companion.view.ground_map import MapLayer
 from companion.view.panels.adjustments import TRAILS, Adjustments

@@ -9,7 +9,7 @@ import numpy as np
 import viser
 
 from companion.model import Array
-from companion.view import palette
+from companion.present import palette
 from companion.view.browsers import Browsers
 from companion.view.scene.cameras import FIELD_OF_VIEW, Framing, camera, grid_cell, readable_span, screen_up
 from companion.view.scene.scene import Scene

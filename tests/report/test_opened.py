@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Locator, Page
 
-from companion.view import palette
+from companion.present import palette
 from tests.report.pages import DEMO, report
 from tests.report.test_page import hostile_log
 from tests.view.browsing import near, new_page, until

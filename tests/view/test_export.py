@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from companion.model import Flight
+from companion.present import of_imus
 from companion.view import ReplayChoice
 from companion.view.export import over, page, png
-from companion.view.palette import of_imus
 from companion.view.scene.vehicle_shapes import drone_for
 from companion.view.state.sample import footage
 from tests.view.circles import recompute

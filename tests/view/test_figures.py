@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from companion.analysis import GENERIC, Finding, FlightNoise, Limits, Verdict, imu_noise
 from companion.estimation import imu_spectrum
 from companion.model import GpsTrack, Origin
+from companion.present import of_imus
 from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
 from companion.view import Insight, ReplayChoice
 from companion.view.charts.drift_chart import drift_lines
 from companion.view.charts.message_rates import rates
 from companion.view.charts.noise_chart import noise_lines
-from companion.view.palette import of_imus
 from companion.view.panels import banner, verdict_tables
 from companion.view.scene.ellipsoid import semi_axes
 from companion.view.state.places import gps_path, home_position

@@ -21,8 +21,9 @@ from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.cli.answers import Answers
 from companion.model import Flight
+from companion.present import palette
 from companion.simulate import SimulatedVehicle, fly, write_flight
-from companion.view import Offer, Viewer, palette
+from companion.view import Offer, Viewer
 from companion.view.state import events
 from tests.recordings import BUNDLED
 from tests.view.browsing import choose, near, new_page, next_port, open_page, shoot, until

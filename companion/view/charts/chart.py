@@ -13,9 +13,8 @@ import viser
 from viser import uplot
 
 from companion.model import Array
-from companion.view import palette
+from companion.present import Rgb, palette
 from companion.view.charts.curves import Curves, curves
-from companion.view.palette import Rgb
 
 HEIGHT = 152  # pixels
 SHARPNESS = 600  # the line at the instant is moved when it would be so small a part of the chart off
@@ -140,7 +139,7 @@ class Chart:
         return (
             uplot.Series(label=self._time),
             *(
-                series(name, colour, width, dash, fill=_rgba(colour, fill) if fill else None)
+                series(name, colour, width, dash, fill=palette.rgba(colour, fill) if fill else None)
                 for name, colour, width, dash, fill in self._styles
             ),
             series("now", palette.CURSOR, 1.2, scale="now", fill="rgba(130,130,130,0.22)"),
@@ -193,10 +192,6 @@ def _scales(part: tuple[float, float]) -> dict[str, uplot.Scale]:
 
 def _axes(unit: str) -> tuple[uplot.Axis, ...]:
     return (uplot.Axis(size=30, space=40), uplot.Axis(label=unit, labelSize=16, size=44, labelGap=0))
-
-
-def _rgba(colour: Rgb, opacity: float) -> str:
-    return f"rgba({','.join(map(str, colour))},{opacity})"
 
 
 def _key(line: Line, now: float) -> str:

@@ -7,13 +7,12 @@ from collections.abc import Mapping
 import viser
 
 from companion.model import Flight
-from companion.view import palette
+from companion.present import Rgb, palette
 from companion.view.charts.chart import STYLE, Chart, Drawing
 from companion.view.charts.drift_chart import QUANTITIES, drift_lines, drift_styles
 from companion.view.charts.flight_charts import error_drawings, horizon_drawings, rate_drawings, reading_drawings
 from companion.view.charts.log_charts import LogCharts
 from companion.view.charts.noise_chart import STYLES, TITLES, noise_lines
-from companion.view.palette import Rgb
 from companion.view.panels.controls import listen
 from companion.view.state import events
 from companion.view.state.sample import Footage, Sample

@@ -6,10 +6,9 @@ import numpy as np
 
 from companion.analysis import Assessment
 from companion.model import Array
-from companion.view import palette
+from companion.present import Rgb, palette
 from companion.view.charts.chart import DASHED, DOTTED
 from companion.view.charts.log_charts import LineStyle
-from companion.view.palette import Rgb
 
 LEAST = 1e-6  # of any unit that is shown
 QUANTITIES = {

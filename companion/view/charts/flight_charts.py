@@ -7,14 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from companion.model import Array, Flight
-from companion.view import palette
+from companion.present import AXES, Rgb, palette
 from companion.view.charts.chart import DASHED, DOTTED, Drawing, Line
 from companion.view.charts.message_rates import rates
-from companion.view.palette import Rgb
 from companion.view.state.insight import Envelope, Errors
 from companion.view.state.sample import Footage
-
-AXES = ("forward", "right", "down")
 
 
 def error_drawings(film: Footage, colours: Mapping[str, Rgb]) -> list[Drawing]:

@@ -6,7 +6,7 @@ import numpy as np
 import viser
 
 from companion.model import Array
-from companion.view import palette
+from companion.present import palette
 from companion.view.charts.chart import DASHED, DOTTED, STYLE, Chart, Drawing, Line
 from companion.view.panels.controls import button_row
 from companion.view.state import events

@@ -10,8 +10,8 @@ import viser
 from viser import uplot
 
 from companion.model import Array
+from companion.present import Rgb
 from companion.view.charts.chart import Dash, heading, legend_style, series
-from companion.view.palette import Rgb
 
 HEIGHT = 190  # pixels
 LEAST = 1e-12  # of any unit: what a logarithm can show

@@ -7,7 +7,7 @@ import numpy as np
 from companion.analysis import AxisNoise, ImuNoise
 from companion.estimation import AllanDeviation
 from companion.model import STANDARD_GRAVITY, Array
-from companion.view import palette
+from companion.present import AXES, palette
 from companion.view.charts.chart import DASHED
 from companion.view.charts.log_charts import LineStyle
 
@@ -18,7 +18,7 @@ TITLES = (
     "Accelerometer at rest, Allan deviation, µg over s",
 )
 STYLES: tuple[LineStyle, ...] = (
-    *((name, colour, 1.5, None) for name, colour in zip(("forward", "right", "down"), palette.AXES, strict=True)),
+    *((name, colour, 1.5, None) for name, colour in zip(AXES, palette.AXES, strict=True)),
     ("data sheet", palette.CURSOR, 1.4, DASHED),
 )
 _MDPS, _MICRO_G = 1e3 * float(np.degrees(1.0)), 1e6 / STANDARD_GRAVITY

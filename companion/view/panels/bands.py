@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from companion.model import Array, Flight
-from companion.view import palette
+from companion.present import palette
 from companion.view.state.sample import Footage
 
 HEIGHT = 34  # pixels

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from companion.view import palette
-from companion.view.palette import Rgb
+from companion.present import Rgb, palette, words
 
 COLOURS: dict[str, Rgb] = {
     "consistent": palette.GOOD,
@@ -28,8 +27,9 @@ _STYLE = (  # over the picture, between the panels; on a phone the first thing o
 
 def banner(status: str, sentence: str, *, stale: bool = False) -> str:
     """The verdict as HTML. status: of `Verdict`; sentence: untrusted text. stale: it is of old data, and is dimmed."""
-    words = status.replace("_", " ").upper()
-    return _banner(f"{palette.SIGNS.get(status, '')} {words} – {clause(sentence)}", colour_of(status, stale=stale))
+    return _banner(
+        f"{palette.SIGNS.get(status, '')} {words(status).upper()} – {clause(sentence)}", colour_of(status, stale=stale)
+    )
 
 
 def colour_of(status: str, *, stale: bool = False) -> Rgb:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import viser
 
-from companion.view import palette
+from companion.present import palette
 from companion.view.state import events
 from companion.view.state.events import CameraMode
 

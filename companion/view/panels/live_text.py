@@ -7,8 +7,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from companion.analysis import DriftRow, Statistic
-from companion.view import palette
-from companion.view.palette import Rgb
+from companion.present import Rgb, palette
 from companion.view.panels import banner
 from companion.view.state.feed import Judgement, LinkState
 from companion.view.state.sample import Sample

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import viser
 
 from companion.model import Flight
-from companion.view import palette
+from companion.present import AXES, palette
 from companion.view.panels.controls import bounded, key_of, listen, write
 from companion.view.state import events
 from companion.view.state.choice import NO_BIAS, Corrected, Offer, ReplayChoice
@@ -25,7 +25,6 @@ MOST_OTHERS = 6
 GYRO_RANGE, ACCEL_RANGE = 20.0, 0.5  # mrad/s and m/s², either way
 Bias = tuple[float, float, float]
 T = TypeVar("T")
-AXES = ("forward", "right", "down")
 GYRO_UNIT, ACCEL_UNIT = (
     "mrad/\u2060s",
     "m/\u2060s²",

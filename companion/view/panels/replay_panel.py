@@ -10,9 +10,8 @@ import numpy as np
 import viser
 
 from companion.model import Flight
-from companion.view import palette
-from companion.view.palette import Rgb
-from companion.view.panels import banner, verdict_tables
+from companion.present import Rgb, palette, vehicle_words
+from companion.view.panels import banner
 from companion.view.panels.controls import listen, write
 from companion.view.panels.picture_controls import EXTRA_PATHS
 from companion.view.panels.verdict_tables import swatch
@@ -81,7 +80,7 @@ def _title(flight: Flight) -> str:
 def _legend(flight: Flight, film: Footage, colours: Mapping[str, Rgb], extra_paths: Collection[ExtraPath]) -> str:
     """Who is who. Text that came from the vehicle is escaped: it is untrusted, and this is markup."""
     vehicle, source = flight.vehicle, film.source
-    who = escape(verdict_tables.kind(vehicle))
+    who = escape(vehicle_words(vehicle))
     line = "width:1em;height:0.25em"
     rows = [
         f"{swatch(colours[source])}<b>Solid: {escape(source)} alone</b>, dead-reckoned from its readings",

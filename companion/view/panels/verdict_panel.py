@@ -8,8 +8,7 @@ from html import escape
 import viser
 
 from companion.analysis import Finding
-from companion.view import palette
-from companion.view.palette import Rgb
+from companion.present import Rgb, palette
 from companion.view.panels import verdict_tables
 from companion.view.state import events
 from companion.view.state.insight import Insight

@@ -8,9 +8,7 @@ from html import escape
 import numpy as np
 
 from companion.analysis import Assessment, Drift, Sibling, Statistic
-from companion.model import Vehicle
-from companion.view import palette
-from companion.view.palette import Rgb
+from companion.present import AXES, QUANTITIES, Rgb, palette, significant, words
 
 
 def swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:0.8em;border-radius:50%") -> str:
@@ -21,23 +19,17 @@ def swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:0
     )
 
 
-def kind(vehicle: Vehicle) -> str:
-    """What a vehicle is, in words: untrusted text."""
-    autopilot = {"ARDUPILOTMEGA": "ArduPilot"}.get(vehicle.autopilot, vehicle.autopilot)
-    return f"{autopilot} {vehicle.type.lower()}".replace("_", " ")
-
-
 def drift_table(table: Drift, expected: Assessment, colour: Rgb, horizon_s: float) -> str:
     """Measured median and 95 %, and expected 1σ, after each horizon; the chosen one stands out."""
-    head = ("after", "windows", "°", "m/s", "m")
+    head = ("after", "windows", *(q.unit for q in QUANTITIES))
     rows = []
     for row, should in zip(table.rows, expected.expected, strict=True):
         chosen = "font-weight:700" if row.horizon_s == horizon_s else ""
-        measured = (row.attitude_deg, row.velocity_mps, row.position_m)
-        sigma = (None,) * 3 if should is None else (should.attitude_deg, should.velocity_mps, should.position_m)
+        measured = [getattr(row, q.attribute) for q in QUANTITIES]
+        sigma = [getattr(should, q.attribute, None) for q in QUANTITIES]
         rows.append(_row((f"{row.horizon_s:g} s", row.windows, *(_pair(m) for m in measured)), chosen))
-        rows.append(_row(("", "", *("" if s is None else f"{figure(s)}" for s in sigma)), f"opacity:{palette.QUIET}"))
-        left = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in row.excluded.items())
+        rows.append(_row(("", "", *("" if s is None else significant(s) for s in sigma)), f"opacity:{palette.QUIET}"))
+        left = ", ".join(f"{n} {words(reason)}" for reason, n in row.excluded.items())
         if left and chosen:
             rows.append(f'<tr><td colspan="5" style="opacity:{palette.QUIET}">left out: {escape(left)}</td></tr>')
     note = "Each: median / 95 % of the windows; below it, paler, the expected 1σ."
@@ -79,29 +71,15 @@ def calibration_table(found: Assessment) -> str:
             pairs.append(f"{_median(before.position_m)} → {_median(after.position_m)} m")
         note += f" On the {after.windows} windows that it was not fitted to: median drift {', '.join(pairs)}."
     worse = "<br><b>It makes the rest of the flight worse: the errors are not constant.</b>" if found.made_worse else ""
-    return _title("Calibration") + _table(("", "forward", "right", "down"), rows) + _small(note + worse, 0.75)
-
-
-def figure(value: float) -> str:
-    """Three digits that matter, two of what is small."""
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}" if abs(value) >= 0.1 else f"{value:.2g}"
-
-
-def length(metres: float) -> str:
-    """A length as a person says it."""
-    if metres < 10:
-        return f"{metres:.2f} m"
-    if metres < 1000:
-        return f"{metres:.1f} m" if metres < 100 else f"{metres:.0f} m"
-    return f"{metres / 1000:.2f} km"
+    return _title("Calibration") + _table(("", *AXES), rows) + _small(note + worse, 0.75)
 
 
 def _pair(statistic: Statistic | None) -> str:
-    return "-" if statistic is None else f"{figure(statistic.median)} / {figure(statistic.p95)}"
+    return "-" if statistic is None else f"{significant(statistic.median)} / {significant(statistic.p95)}"
 
 
 def _median(statistic: Statistic | None) -> str:
-    return "-" if statistic is None else figure(statistic.median)
+    return "-" if statistic is None else significant(statistic.median)
 
 
 def _row(cells: Iterable[object], style: str) -> str:

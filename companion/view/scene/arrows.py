@@ -6,8 +6,7 @@ import numpy as np
 import viser
 
 from companion.model import STANDARD_GRAVITY, Array
-from companion.view import palette
-from companion.view.palette import Rgb
+from companion.present import Rgb, palette
 from companion.view.state.sample import Sample
 from companion.view.state.visible import show
 

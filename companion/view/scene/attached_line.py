@@ -6,7 +6,7 @@ import numpy as np
 import viser
 
 from companion.model import Array
-from companion.view.palette import Rgb
+from companion.present import Rgb
 from companion.view.state.visible import show
 
 _SEEN_M, _SEEN = 0.01, 0.01  # m, and of its length: a smaller change is not sent

@@ -6,8 +6,8 @@ import numpy as np
 import viser
 
 from companion.model import Array
+from companion.present import Rgb
 from companion.strapdown import quaternion
-from companion.view.palette import Rgb
 
 SIGMAS = 3.0
 MOST_M = 1e5

@@ -7,7 +7,7 @@ import numpy.typing as npt
 import viser
 
 from companion.model import Array
-from companion.view import palette
+from companion.present import palette
 from companion.view.scene.trail import Segments
 from companion.view.state.decimation import by_shape, evenly
 from companion.view.state.events import SHOWN, ExtraPath

@@ -7,8 +7,7 @@ import viser
 
 from companion.analysis import FreeState
 from companion.model import Array
-from companion.view import palette
-from companion.view.palette import Rgb
+from companion.present import Rgb, palette
 from companion.view.scene.scene import AUTOPILOT, IMU, WORLD
 from companion.view.scene.trail import CHUNK
 from companion.view.state.sample import Footage

@@ -6,9 +6,7 @@ import numpy as np
 import viser
 
 from companion.model import Array
-from companion.view import palette
-from companion.view.palette import Rgb
-from companion.view.panels.verdict_tables import length
+from companion.present import Rgb, length, palette
 from companion.view.scene.trail import Segments, segments
 from companion.view.state.decimation import Indices, by_shape
 from companion.view.state.sample import Footage

@@ -8,9 +8,7 @@ import numpy as np
 import viser
 
 from companion.model import Array
-from companion.view import palette
-from companion.view.palette import Rgb
-from companion.view.panels.verdict_tables import length
+from companion.present import Rgb, length, palette
 from companion.view.scene.arrows import Arrows
 from companion.view.scene.attached_line import AttachedLine
 from companion.view.scene.cameras import Framing

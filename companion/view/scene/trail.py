@@ -9,7 +9,7 @@ import numpy.typing as npt
 import viser
 
 from companion.model import Array
-from companion.view.palette import Rgb
+from companion.present import Rgb
 from companion.view.state.decimation import Indices, by_shape, evenly, windows
 
 CHUNK = 60

@@ -8,7 +8,7 @@ import re
 from importlib.resources import files
 from urllib.parse import quote
 
-from companion.view import palette
+from companion.present import palette
 
 ALIVE = "/companion-alive"
 """Asked for by an open page, to know whether companion is still there."""

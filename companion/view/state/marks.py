@@ -9,8 +9,7 @@ from html import escape
 from typing import Literal
 
 from companion.model import Event, Flight, StatusText
-from companion.view import palette
-from companion.view.palette import Rgb
+from companion.present import Rgb, palette
 
 MarkKind = Literal["finding", "arming", "mode", "trouble", "text", "anchor"]
 

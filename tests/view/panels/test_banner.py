@@ -7,7 +7,7 @@ from typing import get_args
 import pytest
 
 from companion.analysis.verdict import Status
-from companion.view import palette
+from companion.present import palette
 from companion.view.panels.banner import COLOURS, banner, clause, waiting
 
 WHITE = (255, 255, 255)

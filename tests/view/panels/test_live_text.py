@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from html.parser import HTMLParser
 
-from companion.view import Judgement, LinkState, StreamState, palette
+from companion.present import palette
+from companion.view import Judgement, LinkState, StreamState
 from companion.view.panels import banner, live_text
 
 EVIL = "<img src=x onerror=\"document.title='owned'\"><script>alert(1)</script>"

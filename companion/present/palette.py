@@ -71,6 +71,11 @@ def css(colour: Rgb) -> str:
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
+def rgba(colour: Rgb, opacity: float) -> str:
+    """A colour that one can see through, as the browser writes it."""
+    return f"rgba({','.join(map(str, colour))},{opacity})"
+
+
 def mix(colour: Rgb, other: Rgb, share: float) -> Rgb:
     """`colour` with a `share` (0 ... 1) of `other`."""
     r, g, b = (round(a + (c - a) * share) for a, c in zip(colour, other, strict=True))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from urllib.parse import quote
@@ -71,26 +70,6 @@ def details(summary: str, body: str) -> str:
 def paragraph(words: str, kind: str = "") -> str:
     """Escaped text as a paragraph."""
     return f'<p class="{text(kind)}">{text(words)}</p>' if kind else f"<p>{text(words)}</p>"
-
-
-def short(value: float | None) -> str:
-    """Three digits, as the terminal's tables have them; "-" for a number that does not exist."""
-    if value is None or not math.isfinite(value):
-        return "–"
-    size = abs(value)
-    if size >= 1e5 or 0 < size < 5e-4:
-        return f"{value:.2g}"
-    return f"{value:.{3 if size < 1 else 2 if size < 10 else 1 if size < 100 else 0}f}"
-
-
-def percent(share: float | None) -> str:
-    """A share as whole per cent."""
-    return "–" if share is None else f"{share:.0%}"
-
-
-def words(name: str) -> str:
-    """An identifier as people write it."""
-    return name.replace("_", " ")
 
 
 _RIGHT = ' class="number"'

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.model import Array
-from companion.view import palette
+from companion.present import palette
 
 # Machado, Oliveira and Fernandes 2009, table 1, severity 1: what a dichromat sees, in linear RGB.
 EYES = {

@@ -1,0 +1,30 @@
+"""How numbers become words, tables and colours: one definition for terminal, page and report."""
+
+from companion.present import markup, palette
+from companion.present.columns import AXES, QUANTITIES, STATISTICS, Quantity
+from companion.present.formats import fixed, length, percent, short, significant, vehicle_words, words
+from companion.present.markup import Link, details, paragraph, table, text
+from companion.present.palette import Rgb, of_imus
+
+__all__ = [
+    "AXES",
+    "QUANTITIES",
+    "STATISTICS",
+    "Link",
+    "Quantity",
+    "Rgb",
+    "details",
+    "fixed",
+    "length",
+    "markup",
+    "of_imus",
+    "palette",
+    "paragraph",
+    "percent",
+    "short",
+    "significant",
+    "table",
+    "text",
+    "vehicle_words",
+    "words",
+]

@@ -1,0 +1,35 @@
+"""What the drift tables of terminal, page and report have in common: the quantities and the columns of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+AXES = ("forward", "right", "down")
+"""Of the body (FRD), as people read them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One quantity that drifts."""
+
+    name: str  # key of the shares of a budget and of the windows inside their bound
+    attribute: str  # of a drift row and of what is expected of it; its unit is at the end
+    unit: str  # as people read it
+
+    @property
+    def title(self) -> str:
+        """With its unit."""
+        return f"{self.name}, {self.unit}"
+
+    def column(self, statistic: str) -> str:
+        """The name of a column of `Drift.to_dict`."""
+        return f"{self.name}_{statistic}_{self.attribute.removeprefix(self.name + '_')}"
+
+
+QUANTITIES = (
+    Quantity("attitude", "attitude_deg", "°"),
+    Quantity("velocity", "velocity_mps", "m/s"),
+    Quantity("position", "position_m", "m"),
+)
+STATISTICS = {"median": "median", "p95": "95 %", "max": "worst"}
+"""Statistic of the windows → heading of its column."""

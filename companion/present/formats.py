@@ -1,0 +1,59 @@
+"""Numbers and identifiers as people read them: one rule each for terminal, page and report."""
+
+from __future__ import annotations
+
+import math
+
+from companion.model import Vehicle
+
+
+def short(value: float | None) -> str:
+    """Three digits, at most three decimals: five characters from 0.0005 to 99,999, so that tables fit into 80 columns.
+
+    "–" for a number that does not exist.
+    """
+    if value is None or not math.isfinite(value):
+        return "–"
+    size = abs(value)
+    if size >= 1e5 or 0 < size < 5e-4:
+        return f"{value:.2g}"
+    return f"{value:.{_decimals(size)}f}"
+
+
+def fixed(value: float) -> str:
+    """The same where columns must not widen: what is tiny is 0.000, and every number is written."""
+    return f"{value:.{_decimals(value)}f}"
+
+
+def significant(value: float) -> str:
+    """Three digits that matter, two of what is small."""
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:#.3g}" if abs(value) >= 0.1 else f"{value:.2g}"
+
+
+def percent(share: float | None) -> str:
+    """A share as whole per cent."""
+    return "–" if share is None else f"{share:.0%}"
+
+
+def length(metres: float) -> str:
+    """A length as a person says it."""
+    if metres < 10:
+        return f"{metres:.2f} m"
+    if metres < 1000:
+        return f"{metres:.1f} m" if metres < 100 else f"{metres:.0f} m"
+    return f"{metres / 1000:.2f} km"
+
+
+def words(name: str) -> str:
+    """An identifier as people write it."""
+    return name.replace("_", " ")
+
+
+def vehicle_words(vehicle: Vehicle) -> str:
+    """What a vehicle is, in words: untrusted text."""
+    autopilot = {"ARDUPILOTMEGA": "ArduPilot"}.get(vehicle.autopilot, vehicle.autopilot)
+    return words(f"{autopilot} {vehicle.type.lower()}")
+
+
+def _decimals(size: float) -> int:
+    return 3 if size < 1 else 2 if size < 10 else 1 if size < 100 else 0
