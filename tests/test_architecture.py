@@ -71,16 +71,14 @@ VIEW_MAY_IMPORT = {
     "charts": {"state", "panels"},
     "scene": {"state"},
     "export": {"state", "scene", "server"},
-    "saving": {"state", "export"},
     "ground_map": {"state", "scene"},
     "browsers": {"state", "panels", "scene"},
     "viewport": {"state", "scene", "browsers"},
     "page": {"state", "scene", "server", "viewport"},
-    "replay_controller": {"state", "scene", "charts", "panels", "viewport", "export", "saving", "ground_map"},
+    "replay_controller": {"state", "scene", "charts", "panels", "viewport", "export", "ground_map"},
     "live_controller": {"state", "scene", "charts", "panels", "viewport"},
-    "app": {"state", "page", "replay_controller"},
-    "live": {"state", "page", "live_controller"},
-    "__init__": {"state", "panels", "app", "export", "ground_map", "live"},
+    "app": {"state", "page", "replay_controller", "live_controller"},
+    "__init__": {"state", "panels", "app", "export", "ground_map"},
 }
 """Room of the view, or a module that joins rooms → the others that it may import."""
 

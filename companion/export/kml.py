@@ -7,8 +7,7 @@ from xml.sax.saxutils import escape
 
 from companion.analysis import Replay
 from companion.estimation import BestEstimate
-from companion.export.geodesy import geodetic, places
-from companion.export.paths import COLOURS, paths
+from companion.export.paths import COLOURS, geodetic, paths, places
 from companion.model import DataError, Flight
 
 _NAMES = {"autopilot": "Autopilot (EKF)", "imu": "IMU alone", "best": "Best estimate"}

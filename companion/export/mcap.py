@@ -17,8 +17,7 @@ import numpy as np
 
 from companion.analysis import Assessment, Replay
 from companion.export import foxglove
-from companion.export.geodesy import geodetic, places
-from companion.export.paths import COLOURS, paths
+from companion.export.paths import COLOURS, geodetic, paths, places
 from companion.export.table import Table
 from companion.model import Array, Flight, InputError
 

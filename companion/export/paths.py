@@ -1,4 +1,4 @@
-"""The paths of a flight as lines for maps and 3D views: few points, one colour per source."""
+"""The paths of a flight as lines for maps and 3D views: few points, one colour per source; NED to WGS-84."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from companion.analysis import Replay
 from companion.estimation import BestEstimate
-from companion.model import Array
+from companion.model import Array, Flight, Origin, geodetic_from_ned
 
 MOST_POINTS = 5000
 """A line of more is slow to draw in Foxglove and Google Earth, and looks the same."""
@@ -31,3 +31,24 @@ def paths(shown: Replay, best: BestEstimate | None) -> dict[str, Array]:
 def _few(path: Array) -> Array:
     finite = path[np.isfinite(path).all(axis=1)]
     return finite[np.unique(np.linspace(0, len(finite) - 1, MOST_POINTS).round().astype(np.intp))]
+
+
+def geodetic(flight: Flight, position: Array) -> Array | None:
+    """Where NED positions (N, 3) m of the flight lie: latitude °, longitude °, height m above mean sea level (N, 3).
+
+    None when the flight does not know where on Earth it is. Its origin may be the zero of the positions or a fix on the
+    way (`Origin.t`): then the position at that time is where the fix was.
+    """
+    origin, track = flight.origin, flight.position
+    if origin is None or track is None:
+        return None
+    there = np.zeros(3)
+    if origin.t is not None:
+        there = np.array([np.interp(origin.t, track.t, axis) for axis in track.position.T])
+    return places(position - there, origin)
+
+
+def places(position: Array, origin: Origin) -> Array:
+    """NED positions (N, 3) m about an origin as latitude °, longitude °, height m above mean sea level: (N, 3)."""
+    place = geodetic_from_ned(position, (origin.latitude, origin.longitude, origin.height))
+    return np.column_stack([np.degrees(place[:, :2]), place[:, 2]])

@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from companion.export.table import Column, Table, quaternions, vectors
-from companion.export.times import series_name, table_name, times
+from companion.export.table import Column, Table, quaternions, series_name, table_name, times, vectors
 from companion.model import Flight, ImuTrack, Series
 
 _AIDING = ("gps", "magnetometer", "barometer")  # kinds of series

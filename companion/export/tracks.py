@@ -9,10 +9,9 @@ import numpy as np
 
 from companion.analysis import NAMES, PARTS, Assessment, Calibration, DriftRow, Replay, phases, replay
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
-from companion.export.geodesy import places
+from companion.export.paths import places
 from companion.export.sensors import imu_table, sensor_tables, series_table
-from companion.export.table import Column, Table, euler_angles, quaternions, vectors
-from companion.export.times import BOOT_CLOCK, times
+from companion.export.table import BOOT_CLOCK, Column, Table, euler_angles, quaternions, times, vectors
 from companion.model import Array, AttitudeTrack, Flight, PositionTrack
 
 _STATISTICS = ("median", "p95", "max")

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from companion.mavlink.crc import Bytes, Index, fits_some_extra, frame_crc, gather
 from companion.mavlink.dialect import Dialect
-from companion.mavlink.overlap import first_come
 
 MAGIC_1, MAGIC_2 = 0xFE, 0xFD
 HEADER_1, HEADER_2 = 6, 10
@@ -195,3 +194,22 @@ def first_uncovered(cut: Index, frames: Headers, size: int) -> int:
     index = np.searchsorted(frames.start, cut, side="right")
     covered = np.concatenate((np.zeros(1, np.int64), frames.end))[index] > cut
     return int(cut[~covered].min(initial=size))
+
+
+def first_come(start: Index, end: Index) -> npt.NDArray[np.bool_]:
+    """Mask (N,) of the spans `[start, end)`, sorted by start, that do not begin inside an earlier one of the mask."""
+    keep = np.ones(len(start), bool)
+    if not (start[1:] < end[:-1]).any():
+        return keep
+    inside = start[1:] < np.maximum.accumulate(end)[:-1]
+    involved = np.zeros(len(start), bool)
+    involved[1:] |= inside
+    involved[:-1] |= inside  # whatever overlaps, and the span before it; the rest is never looked at one by one
+    reached = 0
+    index = np.flatnonzero(involved)
+    for at, begin, stop in zip(index.tolist(), start[index].tolist(), end[index].tolist(), strict=True):
+        if begin < reached:
+            keep[at] = False
+        else:
+            reached = stop
+    return keep

@@ -3,10 +3,9 @@
 from companion.present import markup
 from companion.report.charts import Charts, laid_out
 from companion.report.errors_over_time import error_panels
-from companion.report.html_page import sheet
+from companion.report.html_page import Section, sheet
 from companion.report.page import bare_html, report_html
 from companion.report.plot import plot_drift, plot_errors, plot_path
-from companion.report.section import Section
 from companion.report.traces import TIME, Figure, Panel, Trace, curve, stack
 from companion.report.track_and_altitude import ground_track
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from companion.documents import schema
 from companion.model import Array
-from companion.present import QUANTITIES, STATISTICS, palette, paragraph, percent, short, table, words
+from companion.present import QUANTITIES, STATISTICS, details, palette, paragraph, percent, short, table, words
 from companion.report import traces
-from companion.report.section import Section
+from companion.report.html_page import Section
 from companion.report.subject import Subject
 
 _ACCEL = palette.mix(palette.IMU, (255, 225, 0), 0.6)  # of the IMU too, and not to be taken for its gyro
@@ -120,7 +123,20 @@ def budget(subject: Subject) -> Section:
             f"Noise in flight: {noise[0]:.2g} rad/s/√Hz and {noise[1]:.2g} m/s²/√Hz: "
             "the budget takes it where it is more than the data sheet's."
         )
-    inside = table(
+    return Section(
+        "budget",
+        title,
+        "".join(paragraph(line) for line in lines)
+        + chart
+        + "<h3>Windows inside their 95 % bound</h3>"
+        + _inside(subject)
+        + details("Every cause in numbers", _shares(rows, names, causes)),
+    )
+
+
+def _inside(subject: Subject) -> str:
+    """How many of the windows are inside the bound, as a table."""
+    return table(
         ["after", *(quantity.name for quantity in QUANTITIES)],
         [
             [f"{c.horizon_s:g} s", *(percent(getattr(c, quantity.name)) for quantity in QUANTITIES)]
@@ -128,7 +144,11 @@ def budget(subject: Subject) -> Section:
         ],
         name="inside-table",
     )
-    shares = table(
+
+
+def _shares(rows: Sequence[schema.DriftObject], names: Sequence[str], causes: Sequence[str]) -> str:
+    """The share of each cause, as a table."""
+    return table(
         ["cause", *(f"{name} {row.horizon_s:g} s" for name in names for row in rows)],
         [
             [
@@ -138,15 +158,6 @@ def budget(subject: Subject) -> Section:
             for c in causes
         ],
         name="shares-table",
-    )
-    return Section(
-        "budget",
-        title,
-        "".join(paragraph(line) for line in lines)
-        + chart
-        + "<h3>Windows inside their 95 % bound</h3>"
-        + inside
-        + f"<details><summary>Every cause in numbers</summary>{shares}</details>",
     )
 
 

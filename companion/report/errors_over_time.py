@@ -8,7 +8,7 @@ from companion.analysis import Expectation, Replay
 from companion.model import Array
 from companion.present import palette, paragraph
 from companion.report import traces
-from companion.report.section import Section
+from companion.report.html_page import Section
 from companion.report.subject import Subject
 from companion.report.track_and_altitude import regained
 

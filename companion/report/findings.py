@@ -11,7 +11,7 @@ from companion.documents import FindingObject
 from companion.model import Array, CompanionError
 from companion.present import palette, paragraph, table, text, words
 from companion.report import traces
-from companion.report.section import Section
+from companion.report.html_page import Section
 from companion.report.subject import AXES, Subject
 from companion.strapdown import quaternion
 

@@ -1,13 +1,13 @@
-"""The sheet that a page is written on: style, charts and data in one HTML file that asks nobody for anything."""
+"""The HTML file that a page is written to: its sections, style, charts and data, and no request to anybody."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 
 from companion.present import text
 from companion.report.charts import Charts
-from companion.report.section import Section
 
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; style-src 'unsafe-inline'; "
@@ -54,3 +54,12 @@ def _inert(json: str) -> str:
 def _own(name: str) -> str:
     """A file beside this module."""
     return (files("companion.report") / name).read_text(encoding="utf-8")
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a page."""
+
+    anchor: str
+    title: str
+    body: str  # HTML

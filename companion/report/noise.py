@@ -9,7 +9,7 @@ from companion.estimation import AllanDeviation, Coefficient
 from companion.model import STANDARD_GRAVITY, DataError
 from companion.present import palette, paragraph, short, table
 from companion.report import traces
-from companion.report.section import Section
+from companion.report.html_page import Section
 from companion.report.subject import AXES, Subject
 
 _SENSORS = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from companion.present import paragraph
-from companion.report.section import Section
+from companion.report.html_page import Section
 from companion.report.subject import Subject
 from companion.view import Reckoning, replay_page
 

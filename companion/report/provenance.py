@@ -16,7 +16,7 @@ from companion.app.settings import Settings
 from companion.documents import schema
 from companion.model import Flight
 from companion.present import details, paragraph, table, text
-from companion.report.section import Section
+from companion.report.html_page import Section
 
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
 _LIBRARIES = ("mavlink-companion", "numpy", "pymavlink", "plotly", "viser")

@@ -9,7 +9,7 @@ import numpy as np
 from companion.documents import schema
 from companion.present import palette, paragraph, percent, short, table, text, words
 from companion.report import traces
-from companion.report.section import Section
+from companion.report.html_page import Section
 from companion.report.subject import AXES, Subject
 
 _DEGREES = float(np.degrees(1.0))

@@ -9,7 +9,7 @@ from companion.estimation import Spectrum, imu_spectrum, vibration
 from companion.model import Array
 from companion.present import palette, paragraph, text
 from companion.report import traces
-from companion.report.section import Section
+from companion.report.html_page import Section
 from companion.report.subject import AXES, Subject
 
 _VIBE_LIMIT = 30.0  # m/s²: ArduPilot's wiki, "Measuring Vibration": below 30 is normally fine

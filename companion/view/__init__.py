@@ -1,9 +1,8 @@
 """The replay and the live link in the browser. The only package that imports viser."""
 
-from companion.view.app import Viewer
+from companion.view.app import LiveViewer, Viewer
 from companion.view.export import replay_page
 from companion.view.ground_map import check_url
-from companion.view.live import LiveViewer
 from companion.view.panels.live_panel import LONGEST_REANCHOR_S
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, with_track
 from companion.view.state.decimation import extremes

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import struct
+import threading
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 
 import numpy as np
 import numpy.typing as npt
 import viser
 
-from companion.model import Array, Flight
+from companion.model import Array, CompanionError, Flight
 from companion.present import Rgb, palette
 from companion.view.scene.cameras import FIELD_OF_VIEW, camera, frame, readable_span
 from companion.view.scene.scene import Scene
@@ -18,6 +20,7 @@ from companion.view.scene.vehicle_shapes import Drone, drone_for
 from companion.view.server.web_server import Address, close_server, new_token, open_server
 from companion.view.state.places import home_position
 from companion.view.state.sample import Footage, Reckoning, footage
+from companion.view.state.worker import begin, leave
 
 FRAMES_HZ = 10.0
 MOST_FRAMES = 3000  # five minutes; a longer flight gets fewer a second, so that the page stays small
@@ -106,3 +109,47 @@ def page(
         return recording.as_html(dark_mode=dark)
     finally:
         close_server(server)
+
+
+PICTURE, PAGE, REPORT = "companion.png", "companion-replay.html", "companion-report.html"
+
+
+class Saver:
+    """What is asked of it is done one at a time."""
+
+    def __init__(self) -> None:
+        self._turn = threading.Lock()
+        self._running: list[Future[str | None]] = []
+
+    def picture(self, client: viser.ClientHandle, *, dark: bool) -> None:
+        """Send the browser what it shows, as PNG."""
+        self._submit(client, PICTURE, lambda: picture(client, dark=dark))
+
+    def page(self, client: viser.ClientHandle, name: str, make: Callable[[], str]) -> None:
+        """Send the browser the page that `make` makes, as a file of this name."""
+        self._submit(client, name, lambda: make().encode())
+
+    def poll(self) -> str | None:
+        """Why something could not be saved, once, in words. An error that is none of the browser's is raised here."""
+        for done in [future for future in self._running if future.done()]:
+            self._running.remove(done)
+            trouble = done.result()
+            if trouble is not None:
+                return trouble
+        return None
+
+    def close(self) -> None:
+        """What is being made has a moment to end."""
+        leave(self._running)
+
+    def _submit(self, client: viser.ClientHandle, name: str, make: Callable[[], bytes]) -> None:
+        def work() -> str | None:
+            try:
+                with self._turn:
+                    content = make()
+                client.send_file_download(name, content, save_immediately=True)
+            except (RuntimeError, TimeoutError, CompanionError) as error:  # the browser has gone, or did not answer
+                return f"{name} could not be saved: {error}"
+            return None
+
+        self._running.append(begin("save", work))

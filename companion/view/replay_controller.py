@@ -16,6 +16,7 @@ from companion.model import CompanionError, Flight
 from companion.present import palette
 from companion.view import export
 from companion.view.charts.chart_pages import ChartPages
+from companion.view.export import PAGE, REPORT, Saver
 from companion.view.ground_map import MapLayer
 from companion.view.panels.adjustments import TRAILS, Adjustments
 from companion.view.panels.bands import bands, outside
@@ -24,7 +25,6 @@ from companion.view.panels.picture_controls import EXTRA_PATHS
 from companion.view.panels.replay_panel import Panel
 from companion.view.panels.timeline import Timeline
 from companion.view.panels.verdict_panel import DriftTab, FindingsTab
-from companion.view.saving import PAGE, REPORT, Saver
 from companion.view.scene.cameras import frame_of
 from companion.view.scene.picking import picked
 from companion.view.scene.vehicle_shapes import drone_for
@@ -33,8 +33,7 @@ from companion.view.state.cadence import Cadence
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice
 from companion.view.state.marks import Mark, text_marks
 from companion.view.state.places import best_path, gps_path, home_position
-from companion.view.state.playback import instant, move
-from companion.view.state.player import Player
+from companion.view.state.player import Player, instant, move
 from companion.view.state.sample import Footage, with_insight
 from companion.view.state.work import Opinion, Outcome, Work
 from companion.view.viewport import Viewport

@@ -10,7 +10,7 @@ import pytest
 import companion as c
 from companion.analysis import inventory
 from companion.export import tables
-from companion.export.times import table_name
+from companion.export.table import table_name
 from tests.recordings import BUNDLED
 from tests.ulogs import ulog
 

@@ -17,7 +17,7 @@ from companion.present import of_imus
 from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
 from companion.view import Insight, ReplayChoice
 from companion.view.charts.drift_chart import drift_lines
-from companion.view.charts.message_rates import rates
+from companion.view.charts.flight_charts import rates
 from companion.view.charts.noise_chart import noise_lines
 from companion.view.panels import banner, verdict_tables
 from companion.view.scene.ellipsoid import semi_axes

@@ -6,8 +6,7 @@ import pytest
 
 from companion.view import Mark, ReplayChoice
 from companion.view.state import events
-from companion.view.state.playback import move
-from companion.view.state.player import Player
+from companion.view.state.player import Player, move
 from companion.view.state.sample import footage
 from tests.view.circles import BOOT, RATE, make_flight, recompute
 
