@@ -153,7 +153,7 @@ PHRASES: Mapping[str, tuple[Callable[[Episode, BestEstimate], str], str]] = {
     "gps_velocity": (_place("the GPS velocity", "m/s"), "Look at the antenna's view of the sky and at interference."),
     "gps_motion": (_place("the GPS reports a motion that no other sensor feels: it", "m/s"), "Position and velocity go "
                    "off together: look at the receiver, and at interference or spoofing."),
-    "gps_latency": (lambda e, _: f"the GPS fixes come {e.size[0]:.2f} ± {e.sigma:.2f} s later than before", "Look at "
+    "gps_latency": (lambda e, _: f"the GPS fixes come {e.size[0]:.3f} ± {e.sigma:.3f} s later than before", "Look at "
                     "the receiver's rate and load and at the line to it; set the estimator's GPS delay."),
     "compass_field": (_turned, "Look for iron and currents near the compass and under the take-off place; calibrate it "
                       "again, or use GPS for yaw."),
