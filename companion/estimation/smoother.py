@@ -108,7 +108,7 @@ def _explained_further(
     shown: by which its readings scatter (`scatter`).
     """
     begin = replace(settled, states=start.states)
-    first = _best_of(setup, begin, accepted, choose(linear.problem, linear.solution))
+    first = best_of(setup, begin, accepted, choose(linear.problem, linear.solution))
     doubted = any(one.kind.side == "imu" for one in accepted)
     if doubted or not (settled if first is None else first.settled).noise.contradicts(shown):
         return first
@@ -117,11 +117,11 @@ def _explained_further(
     choices = choose(believed.problem, believed.solution)
     if not choices or choices[0].kind.side == "imu":
         return first
-    second = _best_of(setup, begin, accepted, choices, limits)
+    second = best_of(setup, begin, accepted, choices, limits)
     return first if second is None or second.settled.noise.contradicts(shown) else second
 
 
-def _best_of(
+def best_of(
     setup: Setup, start: Start, accepted: Sequence[Choice], choices: Sequence[Choice], limits: Limits | None = None
 ) -> Tried | None:
     """That of some choices, the first of them the best at first order, which explains most; None for none."""

@@ -7,11 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.estimation import smooth
+from companion.estimation import kind_of, smooth
+from companion.estimation.choice import Choice
+from companion.estimation.iteration import start_of
 from companion.estimation.measurements import Readings
-from companion.model import Flight
+from companion.estimation.setup import first_guess, set_up
+from companion.estimation.smoother import best_of
+from companion.model import STANDARD_GRAVITY, Flight
 from companion.strapdown import Motion
-from tests.estimation.sensed import LATENCY, errors, gps_of, sensed
+from tests.estimation.sensed import LATENCY, errors, gps_of, sensed, with_imu
 
 ONSET = 30.0
 
@@ -53,3 +57,29 @@ def test_a_late_reading_goes_to_the_keyframe_that_it_speaks_of() -> None:
     np.testing.assert_allclose(back.t, t[back.keyframe])
     assert back.late == pytest.approx(0.0)
     assert len(one.later(np.full(20, 1.0), t).t) == 15  # what speaks of the time before the first is left out
+
+
+def chosen(kind: str, gain: float, *others: tuple[str, str, float]) -> Choice:
+    return Choice(kind_of(kind), "step", ONSET, np.inf, 0.1, -1, gain, others)
+
+
+@pytest.mark.parametrize("faulty", ["gps_latency", "accel_scale"])
+@pytest.mark.slow
+def test_the_whole_estimate_decides_between_what_is_linear_and_what_is_not(faulty: str) -> None:
+    """At first order an accelerometer that reads too little may explain more of a late GPS than its latency does."""
+    flight, truth = sensed(70.0, seed=3)
+    if faulty == "gps_latency":
+        flight = late_by(flight, truth, 1.0)
+    else:
+        imu = flight.imu()
+        flight = with_imu(flight, replace(imu, accel=imu.accel * np.where(imu.t >= ONSET, 0.9, 1.0)[:, None]))
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    start = start_of(setup, first_guess(setup, flight))
+    choices = chosen("accel_scale", 400.0), chosen("gps_latency", 320.0, ("accel_scale", "step", 400.0))
+    found = best_of(setup, start, [], choices)
+    assert found is not None
+    assert found.choice.kind.name == faulty
+    if faulty == "gps_latency":
+        assert found.choice.taken == pytest.approx(1.0, abs=0.05)
+        ((_, _, gain),) = found.choice.others
+        assert gain < found.choice.gain - 100.0  # far less likely, whatever the first order says
