@@ -99,7 +99,7 @@ def _print(examined: Examination, console: Console) -> None:
         f"[bold]Vehicle {vehicle}, boot {flight.boot}[/]: {vehicle.autopilot} {vehicle.firmware} {vehicle.type}, "
         f"{flight.duration:.1f} s",
         f"IMU:       {table.imu} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
-        + (f", {gaps} holes" if gaps else ""),
+        + (f", {options.counted(gaps, 'hole')}" if gaps else ""),
         f"IMU noise model: {found.figures.name} ({escape(found.figures.reason)})",
         *sensor_lines.noise_lines(found),
         sensor_lines.autopilot_line(found),

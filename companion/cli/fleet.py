@@ -103,7 +103,9 @@ def run(arguments: argparse.Namespace) -> int:
     if fleet.complete:
         return 0
     left = fleet.logs - fleet.examined - fleet.unchanged
-    options.say(f"stopped: {left} logs are left. What is done is kept; the same command goes on from there.")
+    options.say(
+        f"stopped: {options.counted(left, 'log')} left. What is done is kept; the same command goes on from there."
+    )
     return 130
 
 

@@ -69,6 +69,10 @@ def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
     return sheet("Fleet: IMUs and autopilots", _head(rows), sections, charts, {})
 
 
+def _counted(count: int, noun: str) -> str:
+    return f"{count:,} {noun}" + "s" * (count != 1)
+
+
 def _head(rows: Rows) -> str:
 
     logs = len({row["log"] for row in rows.flights})
@@ -77,10 +81,11 @@ def _head(rows: Rows) -> str:
         for status, count in count_by_status(rows).items()
     )
     dates = [row["date_s"] for row in rows.flights if row.get("date_s") is not None]
-    span = f" · {_date(min(dates))[:10]} to {_date(max(dates))[:10]}" if dates else ""
+    days = [_date(t)[:10] for t in (min(dates), max(dates))] if dates else []
+    span = f" · {' to '.join(dict.fromkeys(days))}" if days else ""
     flights = sum(1 for row in rows.flights if row.get("vehicle"))
     return (
-        f'<header><h1>Fleet</h1><p class="quiet">{flights} flights in {logs} logs{span}</p>'
+        f'<header><h1>Fleet</h1><p class="quiet">{_counted(flights, "flight")} in {_counted(logs, "log")}{span}</p>'
         f'<div class="cards">{cards}</div></header>'
     )
 

@@ -20,6 +20,7 @@ _MEANS = {
     "insufficient_data": "Insufficient data",
 }
 
+_NO_BREAK = "\N{NO-BREAK SPACE}"  # between a number and its unit
 _SHOWN_S = 5.0  # the horizon of which the median is told
 
 
@@ -84,8 +85,8 @@ def _cards(subject: Subject) -> list[tuple[str, str]]:
     measured, expected = [], []
     for statistic, sigma, unit in (
         (row.attitude_deg, row.expected.attitude_deg if row.expected else None, "°"),
-        (row.velocity_mps, row.expected.velocity_mps if row.expected else None, " m/s"),
-        (row.position_m, row.expected.position_m if row.expected else None, " m"),
+        (row.velocity_mps, row.expected.velocity_mps if row.expected else None, f"{_NO_BREAK}m/s"),
+        (row.position_m, row.expected.position_m if row.expected else None, f"{_NO_BREAK}m"),
     ):
         if statistic is not None:
             measured.append(f"{short(statistic.median)}{unit}")

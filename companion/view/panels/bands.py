@@ -106,7 +106,7 @@ def _box(left: float, width: float, top: int, height: int, colour: tuple[int, in
     return (
         f'<div style="position:absolute;left:{left:.2f}%;width:max({width:.2f}%,3px);top:{top}px;height:{height}px;'
         f"background:rgba({r},{g},{b},{opacity});font-size:10px;line-height:{height}px;padding-left:2px;"
-        f'box-sizing:border-box;white-space:nowrap;overflow:hidden">{escape(text)}</div>'
+        f'box-sizing:border-box;white-space:nowrap;overflow:hidden;text-overflow:ellipsis">{escape(text)}</div>'
     )
 
 

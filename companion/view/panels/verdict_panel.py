@@ -85,9 +85,11 @@ class _FindingCard:
         self._button.icon = ICONS.get(finding.severity, ICONS["info"])
         self._button.color = palette.SEVERITIES[finding.severity]
         self._button.hint = finding.advice or None
+        start, end = f"{finding.start_s:.1f}", f"{finding.end_s:.1f}"
+        when = f"{start} s" if start == end else f"{start} to {end} s"
         self._evidence.content = (
             f'<div style="padding:0 1em 0.4em;font-size:0.8em;line-height:1.35">'
-            f"{escape(finding.evidence)} ({finding.start_s:.1f} to {finding.end_s:.1f} s)"
+            f"{escape(finding.evidence)} ({when})"
             + (f'<div style="opacity:0.8">{escape(finding.advice)}</div>' if finding.severity != "info" else "")
             + "</div>"
         )

@@ -58,9 +58,10 @@ class Ground:
             cross.put(None if place is None else np.array([place[0], place[1], framing.ground]), arm)
 
     def give_way(self, drones: Sequence[Array], span: float) -> None:
-        """Take the names of crosses away that a drone (NED, m), drawn `span` m wide, would cover."""
+        """Take the names away that a drone (NED, m), drawn `span` m wide, would cover."""
         for cross in self._crosses:
             cross.give_way(drones, span)
+        show(self._north_name, _free(self._north_name.position, drones, span))
 
     def sink(self, level: float) -> None:
         """Lower it to a down coordinate, m: a vehicle has flown below it."""
@@ -119,5 +120,9 @@ class _Cross:
     def give_way(self, drones: Sequence[Array], span: float) -> None:
         if self._place is None:
             return
-        free = all(float(np.linalg.norm(drone - self._place)) > 1.2 * span for drone in drones)
-        show(self._label, free)
+        show(self._label, _free(self._place, drones, span))
+
+
+def _free(place: Array, drones: Sequence[Array], span: float) -> bool:
+    """Whether a name can stand there that no drone, drawn `span` m wide, would cover."""
+    return all(float(np.linalg.norm(drone - place)) > 1.2 * span for drone in drones)
