@@ -40,7 +40,7 @@ MAY_IMPORT = {
     | {"mavlink", "analysis", "app.memory", "app.settings", "app.examination", "app.live"},
     "present": GROUND,
     "documents": GROUND | {"estimation", "analysis", "app.recording", "app.examination"},
-    "export": GROUND | {"strapdown", "estimation", "analysis"},
+    "export": GROUND | {"strapdown", "estimation", "analysis", "present"},
     "view": GROUND | {"strapdown", "estimation", "analysis", "present"},
     "report": GROUND
     | {"strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination"}

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -73,7 +73,7 @@ class Drift:
         }
         for name in ("attitude_deg", "velocity_mps", "position_m"):
             quantity, unit = name.split("_")
-            for part in ("median", "p95", "max"):
+            for part in (field.name for field in fields(Statistic)):
                 columns[f"{quantity}_{part}_{unit}"] = [
                     math.nan if (found := getattr(row, name)) is None else getattr(found, part) for row in self.rows
                 ]

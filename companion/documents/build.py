@@ -280,4 +280,4 @@ def drift_object(row: DriftRow, expected: Expected | None) -> schema.DriftObject
 def _statistic(statistic: Statistic | None) -> schema.StatisticObject | None:
     if statistic is None:
         return None
-    return schema.StatisticObject(median=statistic.median, p95=statistic.p95, max=statistic.max)
+    return schema.StatisticObject(**asdict(statistic))

@@ -13,8 +13,8 @@ from companion.export.paths import places
 from companion.export.sensors import imu_table, sensor_tables, series_table
 from companion.export.table import BOOT_CLOCK, Column, Table, euler_angles, quaternions, times, vectors
 from companion.model import Array, AttitudeTrack, Flight, PositionTrack
+from companion.present import QUANTITIES, STATISTICS
 
-_STATISTICS = ("median", "p95", "max")
 _PLACE = ("latitude_deg", "longitude_deg", "height_m")
 _PART_UNITS = {"gyro_bias": "rad/s", "accel_bias": "m/s²", "time_offset": "s", "lever_arm": "m", "gyro_scale": "",
                "accel_scale": ""}  # fmt: skip
@@ -195,13 +195,11 @@ def _drift(assessed: Assessment) -> Table:
         Column("horizon_s", np.array(table["horizon_s"]), "s"),
         *(Column(name, np.array(table[name], np.int64)) for name in ("windows", "excluded")),
     ]
-    for quantity, unit in (("attitude_deg", "°"), ("velocity_mps", "m/s"), ("position_m", "m")):
-        name, suffix = quantity.split("_")
-        for statistic in _STATISTICS:
-            key = f"{name}_{statistic}_{suffix}"
-            columns.append(Column(key, np.array(table[key]), unit))
-        values = [_or_nan(getattr(expected, quantity, None)) for expected in assessed.expected]
-        columns.append(Column(f"{name}_expected_{suffix}", np.array(values), unit, "1σ by the error budget"))
+    for quantity in QUANTITIES:
+        keys = [quantity.column(statistic) for statistic in STATISTICS]
+        columns += [Column(key, np.array(table[key]), quantity.unit) for key in keys]
+        values = np.array([_or_nan(getattr(expected, quantity.attribute, None)) for expected in assessed.expected])
+        columns.append(Column(quantity.column("expected"), values, quantity.unit, "1σ by the error budget"))
     about = {"imu": assessed.drift.imu, "method": assessed.drift.method, "middle": assessed.drift.middle}
     return Table("drift", tuple(columns), about)
 

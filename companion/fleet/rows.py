@@ -12,6 +12,7 @@ from companion.documents import schema
 from companion.fleet.journal import printable
 from companion.fleet.records import FlightRecord, LogRecord
 from companion.fleet.search import FoundLog
+from companion.present import QUANTITIES, STATISTICS
 
 Row = dict[str, Any]
 
@@ -90,15 +91,15 @@ def _drift(found: schema.AnalyzeFlight) -> Iterator[Row]:
             "windows": drift.windows,
             "windows_left_out": sum(drift.excluded.values()),
         }
-        row |= _statistic("attitude_{}_deg", drift.attitude_deg)
-        row |= _statistic("velocity_{}_mps", drift.velocity_mps)
-        row |= _statistic("position_{}_m", drift.position_m)
-        if drift.expected is not None:
-            row["attitude_expected_deg"] = drift.expected.attitude_deg
-            row["velocity_expected_mps"] = drift.expected.velocity_mps
-            row["position_expected_m"] = drift.expected.position_m
-        if (shares := inside.get(drift.horizon_s)) is not None:
-            row |= {f"{name}_inside": getattr(shares, name) for name in ("attitude", "velocity", "position")}
+        shares = inside.get(drift.horizon_s)
+        for quantity in QUANTITIES:
+            statistic = getattr(drift, quantity.attribute)
+            if statistic is not None:
+                row |= {quantity.column(key): getattr(statistic, key) for key in STATISTICS}
+            if drift.expected is not None:
+                row[quantity.column("expected")] = getattr(drift.expected, quantity.attribute)
+            if shares is not None:
+                row[f"{quantity.name}_inside"] = getattr(shares, quantity.name)
         yield row
 
 
@@ -133,12 +134,6 @@ def _calibration(flight: FlightRecord, found: schema.AnalyzeFlight) -> Iterator[
     yield row
 
 
-def _statistic(name: str, statistic: schema.StatisticObject | None) -> Row:
-    if statistic is None:
-        return {}
-    return {name.format(key): getattr(statistic, key) for key in ("median", "p95", "max")}
-
-
 def _drift_ratio(found: schema.AnalyzeFlight) -> float | None:
     """Median drift over the expected one, of the quantity where it is largest, at the horizon nearest to 5 s."""
     usable = [row for row in found.drift if row.expected is not None]
@@ -146,9 +141,5 @@ def _drift_ratio(found: schema.AnalyzeFlight) -> float | None:
         return None
     row: schema.DriftObject = min(usable, key=lambda row: abs(row.horizon_s - _JUDGED_S))
     assert row.expected is not None
-    pairs = (
-        (row.attitude_deg, row.expected.attitude_deg),
-        (row.velocity_mps, row.expected.velocity_mps),
-        (row.position_m, row.expected.position_m),
-    )
+    pairs = [(getattr(row, q.attribute), getattr(row.expected, q.attribute)) for q in QUANTITIES]
     return max((measured.median / allowed for measured, allowed in pairs if measured and allowed), default=None)

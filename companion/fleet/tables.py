@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from companion.export import harmless
 from companion.fleet.rows import Row, Rows
+from companion.present import QUANTITIES, STATISTICS
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -18,11 +19,7 @@ _OBSERVED = {
     for axis in "xyz"
     for part, kind in ((f"_{unit}", "float"), (f"_sigma_{unit}", "float"), ("_observable", "bool"))
 }
-_SPREAD = {
-    f"{name}_{part}_{unit}": "float"
-    for name, unit in (("attitude", "deg"), ("velocity", "mps"), ("position", "m"))
-    for part in ("median", "p95", "max", "expected")
-}
+_SPREAD = {quantity.column(statistic): "float" for quantity in QUANTITIES for statistic in (*STATISTICS, "expected")}
 
 COLUMNS: Mapping[str, Mapping[str, str]] = {
     "flights": {
@@ -35,7 +32,7 @@ COLUMNS: Mapping[str, Mapping[str, str]] = {
     "drift": {
         **_KEY,
         "imu": "string", "horizon_s": "float", "windows": "int", "windows_left_out": "int", **_SPREAD,
-        "attitude_inside": "float", "velocity_inside": "float", "position_inside": "float",
+        **{f"{quantity.name}_inside": "float" for quantity in QUANTITIES},
     },
     "findings": {
         **_KEY,

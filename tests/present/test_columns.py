@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 
 from companion.analysis import Drift, DriftRow, Expected, Statistic
+from companion.documents import schema
 from companion.present import QUANTITIES, STATISTICS
 
 
@@ -18,5 +19,6 @@ def test_each_quantity_is_of_the_drift_and_of_what_is_expected() -> None:
 
 def test_each_statistic_has_its_column() -> None:
     assert list(STATISTICS) == [field.name for field in fields(Statistic)]
+    assert list(STATISTICS) == list(schema.StatisticObject.__struct_fields__)
     columns = {quantity.column(statistic) for quantity in QUANTITIES for statistic in STATISTICS}
     assert columns <= Drift("", "", "", ()).to_dict().keys()
