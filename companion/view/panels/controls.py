@@ -31,7 +31,7 @@ _STYLE = (
     '[class*="mantine-Notifications-root"]{top:110px!important}'
     '[data-mantine-color-scheme="dark"] button[data-variant="outline"]{color:#d5dce4!important}'
     '[class*="mantine-Slider-markLabel"]{color:inherit!important}'
-    '@media (max-width:66em){[class*="mantine-Slider-markLabel"]{display:none}}'  # they would lie on each other
+    "@media (max-width:75em){.companion-words{display:none}}"  # of the timeline: they would lie on each other
     # The head of a panel that is folded is dimmed by viser to 2.8 to 1.
     'div[role="button"][aria-expanded="false"] p{opacity:0.8!important}'
     '[class*="mantine-Notification-description"]{color:inherit!important}</style>'

@@ -104,7 +104,8 @@ def strip(marks: Sequence[Mark], low: float, high: float, part: tuple[float, flo
             free_from = start + room
     return (
         f'<div style="position:relative;height:10px;background:rgba(130,130,130,0.12)">{"".join(ticks)}</div>'
-        f'<div style="position:relative;height:1.3em;font-size:0.72em;overflow:hidden">{"".join(words)}</div>'
+        f'<div class="companion-words" style="position:relative;height:1.3em;font-size:0.72em;overflow:hidden">'
+        f"{''.join(words)}</div>"
     )
 
 
