@@ -26,7 +26,7 @@ def link(to: Link) -> str:
 def text(value: object) -> str:
     """A value as HTML text, good in an attribute too: escaped, printable, valid in UTF-8."""
     plain = str(value).encode("utf-8", "replace").decode()
-    return html.escape("".join(c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in plain))
+    return html.escape("".join(c if c.isprintable() or c in _KEPT else "\N{REPLACEMENT CHARACTER}" for c in plain))
 
 
 def table(
@@ -72,4 +72,5 @@ def paragraph(words: str, kind: str = "") -> str:
     return f'<p class="{text(kind)}">{text(words)}</p>' if kind else f"<p>{text(words)}</p>"
 
 
+_KEPT = "\n\N{NO-BREAK SPACE}"  # neither is printable to Python
 _RIGHT = ' class="number"'
