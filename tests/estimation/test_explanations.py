@@ -17,7 +17,7 @@ from companion.estimation.linearisation import Linear, carry_imu, linearise
 from companion.estimation.scan import scan
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Prior, Solution, motion_residual, solve
-from companion.estimation.weighing import weigh
+from companion.estimation.weighing import Candidate, joined, weigh
 from companion.model import STANDARD_GRAVITY, Flight, geodetic_from_ned
 from companion.strapdown import quaternion
 from tests.estimation.sensed import PLACE, sensed, with_imu
@@ -219,3 +219,20 @@ def test_the_scan_says_what_weighing_each_onset_says(linear: Linear, name: str, 
     np.testing.assert_allclose(found.size, alone.size, rtol=1e-5, atol=1e-6 * np.abs(alone.size).max())
     np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-5, atol=1e-7 * alone.covariance.max())
     np.testing.assert_allclose(found.gain, alone.gain, rtol=1e-5, atol=1e-5)
+
+
+def tries(onset: list[float], gain: list[float]) -> Candidate:
+    count = len(onset)
+    sizes = np.zeros((count, 3)), np.zeros((count, 3, 3))
+    ends, axes = np.full(count, np.inf), np.full(count, -1)
+    return Candidate(kind_of("gyro_bias"), "step", np.array(onset), ends, np.array(gain), *sizes, axes)
+
+
+def test_an_onset_that_may_be_another_is_as_unsure() -> None:
+    near = tries([10.0, 10.2, 10.4], [0.0, 100.0, 0.0])
+    assert near.onset_sigma < 1e-6
+    both = joined([near, tries([30.0, 30.2, 30.4], [0.0, 99.9, 0.0])])
+    assert both.onset_sigma == pytest.approx(20.0 * np.sqrt(0.49), abs=0.5)
+    # a time that stands for the ten seconds around it weighs a hundred times as much as one that stands for a tenth
+    coarse = tries([0.0, 10.0, 20.0, 30.0, 30.1, 30.2], [0.0, 100.0, 0.0, 0.0, 100.1, 0.0])
+    assert coarse.onset_sigma == pytest.approx(20.1 * np.sqrt(10.0 / 10.1), rel=0.01)
