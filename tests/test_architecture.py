@@ -38,6 +38,8 @@ MAY_IMPORT = {
     "app.live": GROUND | {"mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
     | {"mavlink", "analysis", "app.memory", "app.settings", "app.examination", "app.live"},
+    "app.replay_page": GROUND
+    | {"analysis", "app.settings", "app.correction", "app.recording", "app.examination", "report", "view"},
     "present": GROUND,
     "documents": GROUND | {"estimation", "analysis", "app.recording", "app.examination"},
     "export": GROUND | {"strapdown", "estimation", "analysis", "present"},
@@ -51,7 +53,8 @@ MAY_IMPORT = {
     "cli": GROUND
     | {"mavlink", "logs", "links", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
     | {"app.destination", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}
-    | {"app.live", "app.memory", "app.running_verdict", "documents", "present", "view", "report", "export", "fleet"},
+    | {"app.live", "app.memory", "app.running_verdict", "app.replay_page"}
+    | {"documents", "present", "view", "report", "export", "fleet"},
     "__main__": {"cli"},
     "__init__": {"api"},
     "api": GROUND

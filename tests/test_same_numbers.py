@@ -16,8 +16,8 @@ import pytest
 
 import companion as c
 from companion.app.examination import integration_of
+from companion.app.replay_page import Answers
 from companion.cli import main
-from companion.cli.answers import Answers
 from companion.present import palette
 from companion.view import ReplayChoice
 from companion.view.panels import verdict_tables

@@ -137,6 +137,14 @@ def open_log(
     return list(read_recording(path, dialect=dialect, dequantise=dequantise, core=core).flights)
 
 
+def usable_samples(flight: Flight) -> int:
+    """IMU samples that there is an attitude to compare with."""
+    name = flight.default_imu
+    if name is None:
+        return 0
+    return len(flight.imus[name]) if flight.attitude is not None else 1
+
+
 def _source(log: Log) -> Source:
     speakers: dict[str, dict[str, int]] = {}
     for name, messages in log.messages.items():

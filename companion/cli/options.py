@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
-from companion.app.recording import Recording, Source, read_recording
+from companion.app.recording import Recording, Source, read_recording, usable_samples
 from companion.app.settings import Settings, data_folder, load_settings
 from companion.cli.stdin import STDIN
 from companion.model import IMU_MESSAGES, DataError, Flight, SettingsError
@@ -243,14 +243,6 @@ def choose(flights: Sequence[Flight], arguments: argparse.Namespace) -> int:
         others = "; ".join(f"--vehicle {flights[i].vehicle} --boot {flights[i].boot}" for i in matching if i != chosen)
         say(f"{len(matching)} flights: using vehicle {flight.vehicle}, boot {flight.boot}. Others: {others}")
     return chosen
-
-
-def usable_samples(flight: Flight) -> int:
-    """IMU samples that there is an attitude to compare with."""
-    name = flight.default_imu
-    if name is None:
-        return 0
-    return len(flight.imus[name]) if flight.attitude is not None else 1
 
 
 def warn_of_damage(source: Source) -> None:

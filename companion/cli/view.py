@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import functools
+import shlex
+import sys
 import webbrowser
 from pathlib import Path
 
-from companion.app.examination import align_imu, integration_of
 from companion.cli import live, options
-from companion.cli.answers import Answers
 from companion.links import is_link
 from companion.model import SettingsError
-
-_HORIZON_S = 5.0  # the windows that the verdict is reached with
 
 _OF_LINKS = ("rate", "listen-only", "signing-key-file", "wait", "output", "no-record")
 
@@ -82,43 +79,30 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from companion.view import Offer, ReplayChoice, Viewer, check_url  # noqa: PLC0415  (viser is slow to import)
+    from companion.app.replay_page import Answers, open_replay  # noqa: PLC0415  (viser is slow to import)
+    from companion.view import check_url  # noqa: PLC0415
 
     settings = options.settings_of(arguments)
     check_url(settings.view.map_url)
     rest = arguments.anchor == "rest"
     if rest and arguments.reanchor_s:
         raise SettingsError("--anchor rest is never anchored again: leave --reanchor out.")
-    answers = Answers(settings, imu_model=arguments.imu_model, correction=arguments.correction, from_rest=rest)
-    recording = options.read(arguments, settings)
-    chosen = options.choose(recording.flights, arguments)
-    if rest:  # to say at once that there is none
-        align_imu(recording.flights[chosen], settings, imu=arguments.imu, imu_model=arguments.imu_model)
-    horizons = settings.drift.horizons_s
-    start = ReplayChoice(
-        imu=arguments.imu,
-        how=integration_of(settings, recording.flights[chosen]),
-        gravity=settings.integration.gravity,
-        reanchor_s=None if rest else settings.view.reanchor_s or None,
-        horizon_s=_HORIZON_S if _HORIZON_S in horizons else horizons[len(horizons) // 2],
-        correction="file" if arguments.correction else "no",
+    answers = Answers(
+        settings,
+        imu_model=arguments.imu_model,
+        correction=arguments.correction,
+        from_rest=rest,
+        command=shlex.join(["companion", *sys.argv[1:]]),
     )
-    with Viewer(
+    recording = options.read(arguments, settings)
+    with open_replay(
+        answers,
         recording.flights,
-        answers.recompute,
-        answers.examine,
-        flight=chosen,
-        choice=start,
-        offer=Offer(
-            horizons,
-            Path(arguments.correction).name if arguments.correction else None,
-            functools.partial(answers.report, recording.source),
-            settings.view.map_url,
-            arguments.map,
-        ),
-        host=settings.view.host,
+        chosen=options.choose(recording.flights, arguments),
+        imu=arguments.imu,
+        source=recording.source,
+        map_shown=arguments.map,
         port=settings.view.port,
-        token=settings.view.token,
     ) as viewer:
         if viewer.port != settings.view.port:
             options.say(f"port {settings.view.port} is taken: using {viewer.port}")

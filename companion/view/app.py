@@ -35,6 +35,7 @@ class Viewer(Page[ReplayController]):
         offer: Offer | None = None,
         host: str = "127.0.0.1",
         port: int = 8080,
+        or_next: bool = True,
         token: bool = False,
     ) -> None:
         if not flights:
@@ -53,6 +54,7 @@ class Viewer(Page[ReplayController]):
             port,
             POSE_HZ,
             lambda server, post: ReplayController(server, tuple(flights), recompute, examine, also, first, film, post),
+            or_next=or_next,
             token=token,
         )
 

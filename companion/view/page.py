@@ -43,7 +43,8 @@ Behind = TypeVar("Behind", bound=Turned)
 class Page(Generic[Behind]):
     """A web page. A resource: close it, or use it in a `with` block.
 
-    build: makes what stands behind the page, once the server is up. token: to be asked for on 127.0.0.1 too. Raises
+    build: makes what stands behind the page, once the server is up. or_next: where the port is taken, the next that is
+    free. token: to be asked for on 127.0.0.1 too. Raises
     InputError for an address that is none.
     """
 
@@ -54,9 +55,10 @@ class Page(Generic[Behind]):
         rate_hz: float,
         build: Callable[[viser.ViserServer, events.Post], Behind],
         *,
+        or_next: bool = True,
         token: bool = False,
     ) -> None:
-        self._address = find_address(host, port, token=token)
+        self._address = find_address(host, port, or_next=or_next, token=token)
         self._events: queue.SimpleQueue[events.Event] = queue.SimpleQueue()
         self._server = open_server(self._address, lambda *asked: self._events.put(events.Visit(*asked)))
         self._address = replace(self._address, port=self._server.get_port())

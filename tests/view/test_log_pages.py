@@ -18,8 +18,8 @@ from playwright.sync_api import Browser, Page, expect
 import companion as c
 from companion.app.examination import examine
 from companion.app.recording import Source
+from companion.app.replay_page import Answers
 from companion.app.settings import Settings
-from companion.cli.answers import Answers
 from companion.model import Flight
 from companion.present import palette
 from companion.simulate import SimulatedVehicle, fly, write_flight

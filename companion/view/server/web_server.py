@@ -48,8 +48,8 @@ class Address:
         )
 
 
-def find_address(host: str, port: int, *, token: bool = False) -> Address:
-    """The first free port from `port` (0: any) upwards on `host`. Raises InputError when there is none.
+def find_address(host: str, port: int, *, or_next: bool = True, token: bool = False) -> Address:
+    """The first free port from `port` (0: any) upwards on `host`, or that one alone. Raises InputError for none.
 
     A token is made up where others than this machine can connect, and on 127.0.0.1 when it is asked for (`token`).
 
@@ -74,13 +74,14 @@ def find_address(host: str, port: int, *, token: bool = False) -> Address:
                 f"{host!r} is {address}, which is not an address of this machine. Use 127.0.0.1 for this machine "
                 "alone, 0.0.0.0 for every network that it is in, or one of its own addresses."
             )
-    for candidate in [port] if port == 0 else range(port, min(port + PORTS_TRIED, 65536)):
+    last = min(port + PORTS_TRIED, 65536) - 1 if port and or_next else port
+    for candidate in range(port, last + 1):
         if all(_bindable(family, address, candidate) for family, address in places):
             loopback = all(ipaddress.ip_address(address.split("%")[0]).is_loopback for _, address in places)
             return Address(host, candidate, loopback, new_token() if token or not loopback else "")
+    ports = f"No port from {port} to {last} can" if last > port else f"Port {port} cannot"
     raise InputError(
-        f"No port from {port} to {min(port + PORTS_TRIED, 65536) - 1} can be opened on {host}: they are taken, or not "
-        "open to you (below 1024). Choose another with --port, or 0 for any."
+        f"{ports} be opened on {host}: taken, or not open to you (below 1024). Choose another, or 0 for any."
     )
 
 

@@ -1,0 +1,217 @@
+"""The page of a replayed flight, and what it asks for: the reckoning at once, the analysis after it.
+
+The one way to that page, for the command line and for a notebook. It loads viser, which takes a second.
+"""
+
+from __future__ import annotations
+
+import functools
+import threading
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from companion.analysis import (
+    NO_CORRECTION,
+    Assessment,
+    Correction,
+    ImuNoise,
+    Integration,
+    Replay,
+    errors,
+    expected_since_anchor,
+    imu_noise,
+    replay,
+    replay_from_rest,
+    trailing,
+)
+from companion.app.correction import load_correction
+from companion.app.examination import Examination, align_imu, assess_imu, examine, integration_of
+from companion.app.recording import Source
+from companion.app.settings import Settings
+from companion.model import DataError, Flight
+from companion.view import Footage, Insight, Offer, Reckoning, ReplayChoice, Viewer, chosen_track, with_track
+
+_HORIZON_S = 5.0  # the windows that the verdict is reached with
+_SAME_S = 0.01  # the page rounds the start that it shows
+
+
+class Answers:
+    """Called from several worker threads at once.
+
+    imu_model, correction: as `examine` takes them; from_rest: reckon from where the IMU can be aligned by itself;
+    command: what a report says that it was made with. Raises InputError and SettingsError for a correction that cannot
+    be read.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        *,
+        imu_model: str | None = None,
+        correction: str | Path | None = None,
+        from_rest: bool = False,
+        command: str = "",
+    ):
+        self.settings, self.from_rest = settings, from_rest
+        self.correction_file = Path(correction).name if correction is not None else None
+        self._imu_model, self._command = imu_model, command
+        self._file = load_correction(correction) if correction is not None else None
+        self._lock = threading.Lock()
+        self._found: dict[tuple[int, str, Integration], Correction | None] = {}
+        self._last: tuple[tuple[object, ...], Examination] | None = None
+
+    def recompute(self, flight: Flight, choice: ReplayChoice) -> Reckoning:
+        """The replay of the chosen IMU, corrected as chosen, and of the others as they are."""
+        how = choice.integration(flight)
+        track = chosen_track(flight, choice, self._correction(flight, choice, how))
+        seen = with_track(flight, track)
+        others = {name: self._replay(flight, name, choice, how) for name in choice.others}
+        return Reckoning(self._replay(seen, choice.imu, choice, how), track, others)
+
+    def examine(self, flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
+        """What the analysis says of what was reckoned: the same numbers as `companion analyze`."""
+        examined = self._examination(flight, choice, film)
+        assessment = examined.assessment
+        comparison = assessment.comparison
+        return Insight(
+            assessment,
+            trailing=errors(comparison, trailing(comparison, choice.horizon_s)),
+            horizon_s=choice.horizon_s,
+            siblings=examined.siblings,
+            expected=expected_since_anchor(assessment, film.replay),
+            noise=_noise_of(flight, assessment),
+        )
+
+    def _replay(self, flight: Flight, imu: str | None, choice: ReplayChoice, how: Integration) -> Replay:
+        """From rest where that was asked for, as long as the page asks for no anchor of the autopilot's."""
+        if self.from_rest and choice.reanchor_s is None:
+            aligned = align_imu(flight, self.settings, imu=imu, imu_model=self._imu_model, how=how)
+            if choice.start_s is None or abs(choice.start_s - aligned.rest.start_s) < _SAME_S:
+                return replay_from_rest(flight, aligned, imu=imu, how=how)
+        return replay(flight, imu=imu, how=how, reanchor_s=choice.reanchor_s, start_s=choice.start_s)
+
+    def report(self, source: Source, flight: Flight, choice: ReplayChoice, film: Footage) -> str:
+        """The report of what is shown, without the playback: the page has that."""
+        from companion.report import report_html  # noqa: PLC0415  (plotly is slow to import)
+
+        examined = self._examination(flight, choice, film)
+        return report_html(examined, source, self.settings, command=self._command, with_playback=False)
+
+    def know(self, examined: Examination, choice: ReplayChoice) -> None:
+        """Take what was examined as chosen, by somebody else, for the answer."""
+        self._remember(examined.flight, choice, examined, examined.assessment.comparison.track.source)
+
+    def _examination(self, flight: Flight, choice: ReplayChoice, film: Footage) -> Examination:
+        """Everything about what was reckoned; found once, for the horizon and the anchors change nothing in it."""
+        how = choice.integration(flight)
+        last = self._last
+        if last is not None and last[0] == _key(flight, choice):
+            return last[1]
+        seen = with_track(flight, film.track) if film.track else flight
+        self._last = None  # room for the next: an hour's analysis is large
+        examined = examine(seen, self.settings, imu=choice.imu, imu_model=self._imu_model, how=how)
+        self._remember(flight, choice, examined, film.source)
+        return examined
+
+    def _remember(self, flight: Flight, choice: ReplayChoice, examined: Examination, source: str) -> None:
+        self._last = _key(flight, choice), examined
+        if not choice.corrects:
+            with self._lock:
+                self._found[id(flight), source, choice.integration(flight)] = _correction_of(examined.assessment)
+
+    def _correction(self, flight: Flight, choice: ReplayChoice, how: Integration) -> Correction:
+        """What is taken off the chosen IMU. Raises DataError when this flight tells nothing to take off."""
+        if choice.correction == "no":
+            return NO_CORRECTION
+        if choice.correction == "file":
+            return self._file or NO_CORRECTION
+        name = flight.imu(choice.imu).source
+        with self._lock:  # whoever comes first finds it out
+            key = (id(flight), name, how)
+            if key not in self._found:
+                found = assess_imu(flight, self.settings, imu=name, imu_model=self._imu_model, how=how)
+                self._found[key] = _correction_of(found)
+            correction = self._found[key]
+        if correction is None:
+            raise DataError("This flight has too few usable windows to calibrate with. Record a longer one.")
+        return correction
+
+
+def open_replay(
+    answers: Answers,
+    flights: Sequence[Flight],
+    *,
+    chosen: int = 0,
+    imu: str | None = None,
+    source: Source | None = None,
+    examined: Examination | None = None,
+    map_shown: bool = False,
+    port: int,
+    or_next: bool = True,
+) -> Viewer:
+    """Serve the page of these flights, and return when it can be opened.
+
+    chosen: index of the flight shown first; imu: the message integrated; source: the log, without which the page offers
+    no report; examined: what is known of the chosen flight already, of the IMU that it tells; port, or_next: see
+    `Viewer`. Raises DataError when the flight cannot be reckoned, InputError for an address that is none.
+    """
+    settings, flight = answers.settings, flights[chosen]
+    horizons = settings.drift.horizons_s
+    choice = ReplayChoice(
+        imu=imu,
+        how=integration_of(settings, flight),
+        gravity=settings.integration.gravity,
+        reanchor_s=None if answers.from_rest else settings.view.reanchor_s or None,
+        horizon_s=_HORIZON_S if _HORIZON_S in horizons else horizons[len(horizons) // 2],
+        correction="no" if answers.correction_file is None else "file",
+    )
+    if examined is not None:
+        choice = _as_examined(examined, choice)
+        if not choice.corrects:  # a file's correction is known as applied, and the page applies it itself
+            answers.know(examined, choice)
+    return Viewer(
+        flights,
+        answers.recompute,
+        answers.examine,
+        flight=chosen,
+        choice=choice,
+        offer=Offer(
+            horizons,
+            answers.correction_file,
+            functools.partial(answers.report, source) if source is not None else None,
+            settings.view.map_url,
+            map_shown,
+        ),
+        host=settings.view.host,
+        port=port,
+        or_next=or_next,
+        token=settings.view.token,
+    )
+
+
+def _as_examined(examined: Examination, choice: ReplayChoice) -> ReplayChoice:
+    """The IMU that was examined, integrated as it was then."""
+    comparison = examined.assessment.comparison
+    how = comparison.how
+    gravity = choice.gravity if choice.integration(examined.flight).gravity == how.gravity else how.gravity
+    return replace(choice, imu=comparison.track.source, how=how, gravity=gravity)
+
+
+def _key(flight: Flight, choice: ReplayChoice) -> tuple[object, ...]:
+    """What an examination depends on: neither the horizon nor the anchors."""
+    return (
+        id(flight), choice.imu, choice.integration(flight), choice.correction, choice.gyro_bias, choice.accel_bias
+    )  # fmt: skip
+
+
+def _noise_of(flight: Flight, found: Assessment) -> ImuNoise | None:
+    comparison = found.comparison
+    try:
+        return imu_noise(flight, comparison.track.source, found.figures, comparison.how.limits)
+    except DataError:
+        return None
+
+
+def _correction_of(found: Assessment) -> Correction | None:
+    return found.calibration.correction if found.calibration else None
