@@ -42,6 +42,7 @@ def test_fixes_that_come_late_are_put_where_the_vehicle_was(seconds: float) -> N
     (late,) = found.explained
     assert (late.kind, late.shape) == ("gps_latency", "step")
     assert late.size[0] == pytest.approx(seconds, abs=max(4.0 * float(late.sigma[0]), 0.02))
+    assert late.gain > 0.5 * (late.size[0] / late.sigma[0]) ** 2  # of all of it, not of what was left to the last pass
     assert late.onset == pytest.approx(ONSET, abs=max(3.0 * late.onset_sigma, 0.5))
     assert np.linalg.norm(errors(found, truth)[:, 6:8], axis=1).max() < 1.0  # at 1 s and 6 m/s it was 6 m
 
