@@ -11,6 +11,7 @@ from companion.estimation import kind_of, smooth
 from companion.estimation.choice import Choice
 from companion.estimation.iteration import start_of
 from companion.estimation.measurements import Readings
+from companion.estimation.retiming import retimed
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.smoother import best_of
 from companion.model import STANDARD_GRAVITY, Flight
@@ -84,3 +85,16 @@ def test_the_whole_estimate_decides_between_what_is_linear_and_what_is_not(fault
         assert found.choice.taken == pytest.approx(1.0, abs=0.05)
         ((_, _, gain),) = found.choice.others
         assert gain < found.choice.gain - 100.0  # far less likely, whatever the first order says
+
+
+@pytest.mark.slow
+def test_the_onset_is_sought_again_with_the_size_known() -> None:
+    """At first order a latency may show from where the vehicle turned, long after the fixes came late."""
+    flight, truth = sensed(70.0, seed=3)
+    setup = set_up(late_by(flight, truth, 1.0), None, STANDARD_GRAVITY, None)
+    start = start_of(setup, first_guess(setup, flight))
+    moved, found = retimed(setup, start, [], replace(chosen("gps_latency", 300.0), onset=ONSET + 6.0))
+    assert found.taken == pytest.approx(1.0, abs=0.05)
+    assert found.onset == pytest.approx(ONSET, abs=max(3.0 * found.onset_sigma, 0.5))
+    assert found.onset_sigma < 2.0
+    assert next(one for one in moved.readings if one.name == "barometer").late == 0.0
