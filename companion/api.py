@@ -23,6 +23,7 @@ from companion.analysis import (
     rpe,
 )
 from companion.app.examination import Examination, examine
+from companion.app.notebook import OpenReplay, show
 from companion.app.recording import open_log
 from companion.app.settings import Settings, load_settings
 from companion.estimation import BestEstimate, smooth
@@ -74,6 +75,7 @@ __all__ = [
     "Limits",
     "MessageStats",
     "NavState",
+    "OpenReplay",
     "Origin",
     "PoseError",
     "PositionTrack",
@@ -100,6 +102,7 @@ __all__ = [
     "reckon",
     "replay",
     "rpe",
+    "show",
     "smooth",
     "to_euler",
 ]

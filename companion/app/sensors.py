@@ -27,6 +27,9 @@ _SI: Mapping[str, float] = {
     "%": 1e-2,
 }
 
+ASKED_FOR = "asked for"
+"""Why figures are used that somebody has named, and not the vehicle."""
+
 _CALIBRATED_SCALE = 0.1
 """Part of the scale tolerance that is left after an accelerometer's six-position calibration."""
 
@@ -97,7 +100,7 @@ def imu_parts() -> list[str]:
     return sorted(path.stem for path in (data_folder("config") / "imu").glob("*.toml"))
 
 
-def load_imu_spec(part: str, reason: str = "asked for") -> ImuSpec:
+def load_imu_spec(part: str, reason: str = ASKED_FOR) -> ImuSpec:
     """The figures of a part of the library, or of a .toml file of the same form, in SI.
 
     Raises InputError for a part that the library does not have, SettingsError for a file that is not of that form.

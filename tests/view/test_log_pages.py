@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import html
 import re
 import time
@@ -18,12 +17,12 @@ from playwright.sync_api import Browser, Page, expect
 import companion as c
 from companion.app.examination import examine
 from companion.app.recording import Source
-from companion.app.replay_page import Answers
+from companion.app.replay_page import Answers, open_replay
 from companion.app.settings import Settings
 from companion.model import Flight
 from companion.present import palette
 from companion.simulate import SimulatedVehicle, fly, write_flight
-from companion.view import Offer, Viewer
+from companion.view import Viewer
 from companion.view.state import events
 from tests.recordings import BUNDLED
 from tests.view.browsing import choose, near, new_page, next_port, open_page, shoot, until
@@ -38,8 +37,7 @@ ANSWERS = Answers(Settings())  # one for all pages: what was examined last is re
 def viewing(page: Page, *flights: Flight) -> Iterator[Viewer]:
     path = BUNDLED / "copter-demo-100hz.tlog"
     source = Source(path, "tlog", path.stat().st_size, 1)
-    offer = Offer(report=functools.partial(ANSWERS.report, source))
-    with Viewer(flights, ANSWERS.recompute, ANSWERS.examine, offer=offer, port=next_port(page)) as viewer:
+    with open_replay(ANSWERS, flights, source=source, port=next_port(page)) as viewer:
         yield viewer
 
 
