@@ -225,3 +225,14 @@ def test_the_core_starts_without_viser() -> None:
 def test_modules_fit_in_a_head() -> None:
     long = {str(p.relative_to(PACKAGE)): n for p in MODULES if (n := len(p.read_text().splitlines())) > 350}
     assert not long
+
+
+def test_no_function_is_long() -> None:
+    long = {
+        f"{path.relative_to(PACKAGE)}: {node.name}": lines
+        for path in MODULES
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and (lines := (node.end_lineno or 0) - node.lineno + 1) > 60
+    }
+    assert not long

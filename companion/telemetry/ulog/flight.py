@@ -53,13 +53,7 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
     series = topic_series(topics, version, notes)
     sensed = Aiding({key: series[key] for key in series if key.partition(":")[0] in OF_SERIES})
     return Flight(
-        vehicle=Vehicle(
-            identity(parameters, "MAV_SYS_ID"),
-            identity(parameters, "MAV_COMP_ID"),
-            autopilot="PX4",
-            type=vehicle_types.get(identity(parameters, "MAV_TYPE", otherwise=-1), "UNKNOWN"),
-            firmware=_firmware(release),
-        ),
+        vehicle=_vehicle(parameters, vehicle_types, release),
         boot=1,
         start=begin,
         duration=end - begin,
@@ -91,6 +85,16 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
         imu_in_use=used,
         resets=estimator_resets(topics),
         parameter_changes=changed,
+    )
+
+
+def _vehicle(parameters: Mapping[str, float], vehicle_types: Mapping[int, str], release: object) -> Vehicle:
+    return Vehicle(
+        identity(parameters, "MAV_SYS_ID"),
+        identity(parameters, "MAV_COMP_ID"),
+        autopilot="PX4",
+        type=vehicle_types.get(identity(parameters, "MAV_TYPE", otherwise=-1), "UNKNOWN"),
+        firmware=_firmware(release),
     )
 
 
