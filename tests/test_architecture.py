@@ -40,6 +40,7 @@ MAY_IMPORT = {
     | {"mavlink", "analysis", "app.memory", "app.settings", "app.examination", "app.live"},
     "app.replay_page": GROUND
     | {"analysis", "app.settings", "app.correction", "app.recording", "app.examination", "report", "view"},
+    "app.live_page": GROUND | {"links", "analysis", "app.settings", "app.live", "app.running_verdict", "view"},
     "app.notebook": GROUND
     | {"app.settings", "app.sensors", "app.recording", "app.examination", "app.replay_page", "view"},
     "present": GROUND,
@@ -55,7 +56,7 @@ MAY_IMPORT = {
     "cli": GROUND
     | {"mavlink", "logs", "links", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
     | {"app.destination", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}
-    | {"app.live", "app.memory", "app.running_verdict", "app.replay_page"}
+    | {"app.live", "app.memory", "app.running_verdict", "app.replay_page", "app.live_page"}
     | {"documents", "present", "view", "report", "export", "fleet"},
     "__main__": {"cli"},
     "__init__": {"api"},
@@ -104,6 +105,7 @@ LIBRARIES = {
     "app.correction": {"msgspec", "numpy"},
     "app.examination": {"msgspec", "numpy"},
     "app.running_verdict": {"msgspec"},
+    "app.live_page": {"msgspec"},
     "documents": {"msgspec", "numpy"},
     "export": {"numpy", "msgspec", "pyarrow", "mcap"},
     "view": {"numpy", "viser", "rich", "msgspec", "websockets", "PIL"},

@@ -7,26 +7,20 @@ import contextlib
 import sys
 import time
 import webbrowser
-from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
-import msgspec
-
-from companion.analysis import DriftRow, Integration
+from companion.analysis import Integration
 from companion.app.examination import limits_of
-from companion.app.live import Attachment, Watch
+from companion.app.live import Attachment
+from companion.app.live_page import LiveFeed
 from companion.app.memory import give_back
-from companion.app.running_verdict import Assignment, RunningVerdict
 from companion.app.settings import Settings
 from companion.cli import live, options, unexpected_error
-from companion.links import Clock, Recorder, RequestState, Session
+from companion.links import Recorder, Session
 from companion.model import CompanionError, SettingsError
-from companion.view import LONGEST_REANCHOR_S, Judgement, LinkState, LiveViewer, ReplayChoice, Seen, StreamState
+from companion.view import LiveViewer, ReplayChoice
 
-_MOST_SAID = 100  # sentences that the page keeps
-_AGES_S = (0.5, 2.0, 5.0, 10.0, LONGEST_REANCHOR_S)  # since an anchor, at which the charts know what is expected
 _GIVE_BACK_S = 5.0  # between two times that freed memory is given back
-_NOTES = {RequestState.FINDING: "asking", RequestState.ASKING: "asking", RequestState.GIVEN_UP: "given up"}
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -72,7 +66,8 @@ def _show(
 ) -> None:
     """Serve the page until it is told to end. An error of the page is raised here."""
     with contextlib.ExitStack() as opened:
-        feed = _Feed(attachment, _choice(arguments, settings), arguments, settings)
+        vehicle = None if arguments.vehicle == "all" else arguments.vehicle
+        feed = LiveFeed(attachment, _choice(arguments, settings), vehicle, settings)
         opened.callback(feed.close)
         viewer = opened.enter_context(
             LiveViewer(
@@ -114,135 +109,3 @@ def _announce(arguments: argparse.Namespace, settings: Settings, viewer: LiveVie
     live.tell(f"Live view of {arguments.log}, {where}: {viewer.url}  (Ctrl-C ends it)")
     if arguments.open:
         webbrowser.open(viewer.url)
-
-
-def _in_words(clock: Clock) -> str:
-    booted = time.strftime("%H:%M:%S", time.localtime(clock.booted))
-    rate = "" if clock.rate_ppm is None else f", its clock runs {clock.rate_ppm:+.0f} ppm"
-    return f"Booted at {booted} by our clock{rate}"
-
-
-class _Feed:
-    """What the live page looks at, from the link's thread and the verdict's process."""
-
-    def __init__(
-        self, attachment: Attachment, choice: ReplayChoice, arguments: argparse.Namespace, settings: Settings
-    ) -> None:
-        self._said: deque[str] = deque(maxlen=_MOST_SAID)
-        self._news: deque[str] = deque()
-        self._attachment, self._choice = attachment, choice
-        self._watch = Watch(
-            dialect=settings.log.dialect,
-            dequantise=settings.log.dequantise,
-            how=choice.integration,
-            horizons=settings.drift.horizons_s,
-            imu=choice.imu,
-            vehicle=None if arguments.vehicle == "all" else arguments.vehicle,
-            reanchor_s=settings.view.reanchor_s,
-            most_reanchor_s=max(settings.view.reanchor_s, LONGEST_REANCHOR_S),
-        )
-        self._settings = settings
-        self._verdict = RunningVerdict(self._assignment(None if arguments.vehicle == "all" else arguments.vehicle))
-
-    @property
-    def said(self) -> Sequence[str]:
-        """The newest sentences. A copy, made at once: the page draws while `look` adds to them."""
-        return tuple(self._said)
-
-    @property
-    def choice(self) -> ReplayChoice:
-        return self._choice
-
-    def choose(self, choice: ReplayChoice) -> None:
-        self._choice = choice
-        self._watch.choose(choice.imu, choice.integration)
-        self._verdict.assign(self._assignment(self._vehicle))
-
-    def _assignment(self, vehicle: str | None) -> Assignment:
-        """The verdict rests on what the page reckons with."""
-        self._vehicle, how = vehicle, self._choice.how
-        chosen = msgspec.structs.replace(
-            self._settings.integration, method=how.method, middle=how.middle, segments=how.segments
-        )
-        return Assignment(
-            msgspec.structs.replace(self._settings, integration=chosen),
-            imu=self._choice.imu,
-            vehicle=vehicle,
-            ages_s=_AGES_S,
-        )
-
-    @property
-    def reanchor_s(self) -> float:
-        return self._watch.reanchor_s
-
-    @reanchor_s.setter
-    def reanchor_s(self, seconds: float) -> None:
-        self._watch.reanchor_s = seconds
-
-    @property
-    def why_not(self) -> str:
-        return self._watch.why_not
-
-    @property
-    def vehicles(self) -> Sequence[str]:
-        return self._watch.vehicles
-
-    @property
-    def link(self) -> LinkState:
-        report = self._attachment.report
-        return LinkState(
-            link=report.link,
-            problem=report.problem,
-            streams=tuple(
-                StreamState(a.name, a.wanted_hz, a.received_hz, _NOTES.get(a.state, "")) for a in report.arriving
-            ),
-            frames=report.frames,
-            lost=report.lost_by,
-            rejected=report.unsigned + report.wrongly_signed,
-            latency_ms=report.clock.latency_ms if report.clock else None,
-            clock=_in_words(report.clock) if report.clock else "",
-            recording=report.recording,
-            recorded_bytes=report.recorded_bytes,
-            recording_problem=report.recording_problem,
-        )
-
-    @property
-    def drift(self) -> Sequence[DriftRow]:
-        return self._watch.drift
-
-    @property
-    def judgement(self) -> Judgement:
-        opinion = self._verdict.opinion
-        return Judgement(opinion.status, opinion.text, self._verdict.age_s, *opinion.so_far, opinion.expected)
-
-    def look(self) -> Seen | None:
-        for sentence in self._attachment.said():
-            self._said.append(f"{time.strftime('%H:%M:%S')} {sentence}")
-            self._news.append(sentence)
-        receipts = self._attachment.fetch()
-        self._watch.hear(receipts)
-        self._verdict.hear(receipts)
-        found = self._watch.look()
-        if found is None:
-            return None
-        present = found.present
-        if (shown := str(present.flight.vehicle)) != self._vehicle:
-            self._verdict.assign(self._assignment(shown))
-        return Seen(present.flight, present.imu, present.replay, found.free)
-
-    def pick(self, vehicle: str) -> None:
-        self._watch.pick(vehicle)
-
-    def anchor_now(self) -> None:
-        self._watch.anchor_now()
-
-    def news(self) -> list[str]:
-        """The sentences that the terminal has not shown yet."""
-        found = []
-        while self._news:
-            found.append(self._news.popleft())
-        return found
-
-    def close(self) -> None:
-        """End the verdict's process."""
-        self._verdict.close()
