@@ -50,7 +50,7 @@ def decide(
         return Verdict("insufficient_data", f"This log cannot tell: {doubt}.", found)
     return Verdict(
         "consistent",
-        f"IMU and autopilot agree within the expected error ({min(expected.inside.values()):.0%} of "
+        f"IMU and autopilot agree within the expected error ({100.0 * min(expected.inside.values()):.0f} % of "
         f"{len(judged.start)} windows of {JUDGED_S:g} s inside the 95 % bound).",
         found,
     )
@@ -76,8 +76,8 @@ def _doubt(judged: Windows, expected: Expected, found: tuple[Finding, ...], best
     share = expected.inside[worst]
     if share < _CONSISTENT_SHARE:
         return (
-            f"IMU and autopilot differ in {worst} by more than expected (only {share:.0%} of {len(judged.start)} "
-            f"windows of {JUDGED_S:g} s inside the 95 % bound), and "
+            f"IMU and autopilot differ in {worst} by more than expected (only {100.0 * share:.0f} % of "
+            f"{len(judged.start)} windows of {JUDGED_S:g} s inside the 95 % bound), and "
             + ("no single cause explains it" if best is not None else "no third witness tells which is wrong")
         )
     return next((f.evidence for f in found if f.undecided), None)
