@@ -62,14 +62,14 @@ def estimate(
     limits = limits or noise_limits(setup)
     change: dict[str, float] = {}
     weighted = 0
-    path = _carried(setup, states, start.path)
+    path = carried(setup, states, start.path)
     linear = linearise(setup, path, states, noise, scale, weights, accepted)
     step = Step()
     for count in range(_PASSES):
         if count >= _WEIGHTS_FROM:  # the steps before are towards what is still being learned
             step = step.then(_in_priors(linear))
         states = step.taken(states, linear)
-        path = _carried(setup, states, path)
+        path = carried(setup, states, path)
         moved, largest = float(np.abs(linear.solution.x[:, ATTITUDE]).max()), np.inf
         if count >= _LEARN_FROM:
             noise, scale, change = learn(linear, noise, scale, limits, change)
@@ -128,8 +128,8 @@ def _in_priors(linear: Linear) -> Array:
     return np.concatenate((states.ravel(), constants[:CONSTANT_STATES]))
 
 
-def _carried(setup: Setup, states: States, before: CarriedImu | None) -> CarriedImu:
-    """The IMU carried with the biases of the states; as it was before where they differ by little."""
+def carried(setup: Setup, states: States, before: CarriedImu | None) -> CarriedImu:
+    """The IMU carried with the biases of the states; as it was before, where it was and they differ by little."""
     bias = np.median(states.gyro_bias, axis=0), np.median(states.accel_bias, axis=0)
     if before is not None and all(np.abs(b - c).max() < far for b, c, far in zip(bias, before.bias, _FAR, strict=True)):
         return before

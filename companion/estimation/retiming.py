@@ -14,11 +14,12 @@ import numpy as np
 
 from companion.estimation.choice import SHARPEST_S, Choice
 from companion.estimation.competition import times_of_change
-from companion.estimation.iteration import Start, estimate
-from companion.estimation.linearisation import carry_imu, linearise
+from companion.estimation.iteration import Start, carried, estimate
+from companion.estimation.linearisation import linearise
 from companion.estimation.setup import Setup
 from companion.estimation.shapes import at_work
 from companion.estimation.system import misfit
+from companion.estimation.weighing import spread
 from companion.model import Array
 
 _TIMES = 4  # that a size is asked for again, at most
@@ -68,7 +69,7 @@ def _moved(setup: Setup, choice: Choice) -> Setup:
 
 def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Choice], choice: Choice) -> Choice:
     """The choice from when on the readings fit best, its size known, at the noise that was learned."""
-    states, path = settled.states, settled.path or carry_imu(setup, (np.zeros(3), np.zeros(3)))
+    states, path = settled.states, carried(setup, settled.states, settled.path)
 
     def misfits(onsets: Array) -> Array:
         found = []
@@ -87,6 +88,4 @@ def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Choice], choice
         left = np.concatenate((left, misfits(fine)))[where]
         step = 2.0 * step / (_FINE - 1)
     best = float(onsets[np.argmin(left)])
-    likely = np.exp(-0.5 * (left - left.min())) * np.gradient(onsets)
-    sigma = float(np.sqrt(likely @ (onsets - best) ** 2 / likely.sum()))
-    return replace(choice, onset=best, onset_sigma=max(sigma, SHARPEST_S))
+    return replace(choice, onset=best, onset_sigma=max(spread(onsets, -left, best), SHARPEST_S))

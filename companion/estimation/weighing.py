@@ -48,9 +48,17 @@ class Candidate:
         when, which = np.unique(self.onset, return_inverse=True)
         most = np.full(len(when), -np.inf)  # of all its ends
         np.maximum.at(most, which, self.gain)
-        lasts = np.gradient(when) if len(when) > 1 else np.ones(1)
-        likely = lasts * np.exp(0.5 * (most - most.max()))
-        return float(np.sqrt(likely @ (when - self.onset[self.best]) ** 2 / likely.sum()))
+        return spread(when, most, float(self.onset[self.best]))
+
+
+def spread(when: Array, gain: Array, about: float) -> float:
+    """1σ of a time about one of those that were tried, s.
+
+    when: (T,) s, ascending; gain: (T,) twice the logarithm of the likelihood of each, but for a constant.
+    """
+    lasts = np.gradient(when) if len(when) > 1 else np.ones(1)
+    likely = lasts * np.exp(0.5 * (gain - gain.max()))
+    return float(np.sqrt(likely @ (when - about) ** 2 / likely.sum()))
 
 
 def joined(parts: Sequence[Candidate]) -> Candidate:
