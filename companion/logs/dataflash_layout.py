@@ -105,8 +105,10 @@ def _may_declare(rows: npt.NDArray[np.void]) -> npt.NDArray[np.bool_]:
     """Which bodies (N,) declare a type. Amid damage some do not: names are printable, and no record is shorter than
     its head.
     """
-    name = np.ascontiguousarray(rows["name"]).view(np.uint8).reshape(len(rows), -1)
-    letters = np.ascontiguousarray(rows["format"]).view(np.uint8).reshape(len(rows), -1)
+    name, letters = (
+        np.ascontiguousarray(rows[field]).view(np.uint8).reshape(len(rows), _FMT_BODY[field].itemsize)
+        for field in ("name", "format")
+    )
     named = _ALPHANUMERIC[name] | (np.cumsum(name == 0, axis=1) > 0)  # behind a NUL anything may stand
     plain = (letters < 128) | (np.cumsum(letters == 0, axis=1) > 0)
     return np.asarray(

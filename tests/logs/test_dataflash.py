@@ -153,6 +153,16 @@ def test_every_format_letter_and_what_the_log_says_of_units(tmp_path: Path) -> N
     assert log.skipped_bytes == 9
 
 
+def test_a_log_that_declares_nothing_has_no_messages(tmp_path: Path) -> None:
+    path = tmp_path / "declares-itself.bin"
+    path.write_bytes(
+        record(128, "BB4s16s64s", 128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns") + bytes(7)
+    )
+    log = read_dataflash(path)
+    assert set(log.messages) <= {"FMT"}
+    assert log.skipped_bytes == 7
+
+
 OLD = [
     (128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"),
     (1, 3 + 1 + 64, b"UNIT", b"bZ", b"Id,Label"),
