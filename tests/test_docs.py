@@ -138,15 +138,27 @@ def test_every_page_is_reached_from_the_readme() -> None:
     assert {f"docs/{page.name}" for page in PAGES[1:]} <= set(linked)
 
 
-def test_the_readme_shows_what_analyze_prints_now(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def samples() -> list[tuple[str, str]]:
+    """(command, output) of every "`companion ...` prints:" with a ```text block under it."""
+    pattern = r"`companion ([^`]+)` prints:\n\n```text\n(.*?)```"
+    return [found for page in PAGES for found in re.findall(pattern, page.read_text(encoding="utf-8"), re.DOTALL)]
+
+
+@pytest.mark.parametrize(("command", "sample"), samples(), ids=[command for command, _ in samples()])
+def test_a_page_shows_what_a_command_prints_now(
+    command: str, sample: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The README quotes the program's own output, letter by letter."""
+    """Letter by letter, but for spaces at the end of a line."""
+    monkeypatch.chdir(ROOT)
     monkeypatch.setenv("COLUMNS", "120")
-    assert main(["analyze", "demo"]) == 0
-    said = capsys.readouterr().out
-    assert said.count("\n") > 8
-    assert said.rstrip() in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert main(shlex.split(command)) == 0
+    said = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    assert sample.count("\n") > 8
+    assert sample.rstrip() in "\n".join(said)
+
+
+def test_the_readme_shows_a_verdict() -> None:
+    assert "analyze demo" in [command for command, _ in samples()]
 
 
 def test_the_table_of_settings_is_that_of_the_code() -> None:

@@ -97,7 +97,7 @@ def _print(flight: Flight, best: BestEstimate, errors: Sequence[AutopilotError],
         highlight=False,
     )
     for title, table in (
-        ("Witnesses", _witnesses(best)),
+        ("Measurements used", _measurements(best)),
         ("Biases (read too much)", _biases(best, believed)),
         ("Noise in flight, learned", _noise(flight, best)),
         ("Constants of the flight", _constants(best)),
@@ -121,7 +121,7 @@ def _table(*headings: str, left: int = 1) -> Table:
     return shown
 
 
-def _witnesses(best: BestEstimate) -> Table:
+def _measurements(best: BestEstimate) -> Table:
     shown = _table("", "used", "residual, rms", "in σ", "σ, times stated", "doubted")
     for name, left in best.residuals.items():
         factor = 1e3 if left.unit == "rad/s" else 1.0
