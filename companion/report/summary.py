@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import UTC, datetime
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from companion.analysis import Verdict, rate_warning
 from companion.app.recording import Source
 from companion.model import Flight
-from companion.present import palette, percent, short, text
+from companion.present import palette, short, text
 from companion.report.subject import Subject
 from companion.view import worst_stretch
 
@@ -57,7 +58,8 @@ def _title(flight: Flight, source: Source, used: str) -> str:
 
 def _banner(status: str, summary: str) -> str:
     title = f"{palette.SIGNS[status]} {text(_MEANS[status])}"
-    return f'<div class="verdict {text(status)}" id="verdict"><h2>{title}</h2><p>{text(summary)}</p></div>'
+    told = re.sub(r"(?<=\d) (?=%)", _NO_BREAK, summary)
+    return f'<div class="verdict {text(status)}" id="verdict"><h2>{title}</h2><p>{text(told)}</p></div>'
 
 
 def _date(flight: Flight) -> str:
@@ -74,8 +76,8 @@ def _date(flight: Flight) -> str:
 def _cards(subject: Subject) -> list[tuple[str, str]]:
     """The few numbers that a reader wants first: the worst, what was expected there, when; then what is usual.
 
-    How many windows are inside their bound stands here only where the verdict rests on it: beside a suspect it would
-    read as a contradiction.
+    How many windows are inside their bound is not among them: the verdict says it of the windows that it judges, which
+    are fewer than those of the drift table.
     """
     found = _worst(subject)
     rows = [row for row in subject.numbers.drift if row.windows]
@@ -94,10 +96,6 @@ def _cards(subject: Subject) -> list[tuple[str, str]]:
     found.append((f"after {row.horizon_s:g} s on the IMU alone, median of {row.windows}", ", ".join(measured)))
     if all(expected):
         found.append(("expected then, 1σ", ", ".join(expected)))
-    inside = next((c for c in subject.numbers.consistency if c.horizon_s == row.horizon_s), None)
-    if inside and subject.numbers.verdict.status == "consistent":
-        least = min(share for share in (inside.attitude, inside.velocity, inside.position) if share is not None)
-        found.append((f"of {row.windows} windows inside the 95 % bound", percent(least)))
     return found
 
 
