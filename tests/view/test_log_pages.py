@@ -188,6 +188,12 @@ def test_nothing_is_cut_off_on_a_laptop(page: Page) -> None:
         tab(page, "Drift")
         expect(page.get_by_role("row", name=re.compile(r"^30 s"))).to_be_visible()
         until(lambda: page.evaluate(OVERLAPS)["cut"] == [], "nothing cut off in the tables")
+        page.set_viewport_size({"width": 1024, "height": 768})
+        narrow = {"cut": [], "outside": [], "wide": 1024}
+        until(lambda: page.evaluate(OVERLAPS) == narrow, "nothing cut off in a narrow window")
+        widths = page.locator("canvas").evaluate_all("all => all.map(one => one.getBoundingClientRect().width)")
+        assert max(widths) > 0.4 * 1024, "the panels leave room for the picture"
+        page.set_viewport_size({"width": 1280, "height": 800})
 
 
 def test_a_phone(browser: Browser) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from companion.present import Rgb, palette, words
+from companion.view.panels.controls import NARROW, NARROW_WINDOW, SIDE
 
 COLOURS: dict[str, Rgb] = {
     "consistent": palette.GOOD,
@@ -15,12 +16,14 @@ COLOURS: dict[str, Rgb] = {
     "lost": palette.BAD,
 }
 _STYLE = (  # over the picture, between the panels; on a phone the first thing of the sheet
-    "<style>.companion-banner{position:fixed;z-index:4;top:8px;left:346px;right:346px;padding:8px 14px;"
-    "border-radius:4px;color:#fff;font-size:20px;line-height:1.25;font-weight:600;pointer-events:none;"
+    f"<style>.companion-banner{{position:fixed;z-index:4;top:8px;left:{SIDE + 16}px;right:{SIDE + 16}px}}"
+    ".companion-banner{padding:8px 14px;border-radius:4px;color:#fff;font-size:20px;line-height:1.25;font-weight:600;"
+    "pointer-events:none;"
     "box-shadow:0 1px 4px rgba(0,0,0,.3)}"
     ".companion-banner span{text-wrap:balance;display:-webkit-box;-webkit-box-orient:vertical;"
     "-webkit-line-clamp:3;overflow:hidden}"
-    "@media (max-width:1150px){.companion-banner{font-size:15px}}"
+    "@media (max-width:1150px){.companion-banner{font-size:16px}}"
+    f"{NARROW_WINDOW}{{.companion-banner{{left:{NARROW + 16}px;right:{NARROW + 16}px}}}}"
     "@media (max-width:36em){.companion-banner{position:static;margin:0 0 6px;border-radius:0;font-size:16px}"
     ".companion-banner span{-webkit-line-clamp:5}}</style>"
 )

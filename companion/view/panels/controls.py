@@ -18,9 +18,18 @@ Key = Literal[
 """Keys that viser knows, of those that are used."""
 CAMERAS: dict[str, CameraMode] = {"Fit all": "Free", "Follow both": "Follow", "Map": "Map"}
 SIDE = 330  # width of either panel, pixels
+NARROW = 284  # where the window is narrower than 75em and wider than a phone's: the picture keeps two fifths of it
+NARROW_WINDOW = "@media (min-width:36.01em) and (max-width:75em)"
+_EDGE = 4  # pixels that viser adds to a docked panel
 _STYLE = (
     # viser 1.1 gives a phone a sheet 20em wide at the bottom right; this one is as wide as the phone.
     '<style>@media (max-width:36em){div[style*="width: 20em"]{width:100vw !important}}'
+    # viser docks panels with one width for every window. Whoever drags an edge gets the width that he drags it to.
+    f'{NARROW_WINDOW}{{div[style*="width: {SIDE + _EDGE}px"]{{width:{NARROW + _EDGE}px!important}}'
+    f'div[style*="inset: 0px {SIDE + _EDGE}px;"]{{inset:0 {NARROW + _EDGE}px!important}}'
+    f'div[style*="inset: 0px {SIDE + _EDGE}px 0px"]{{right:{NARROW + _EDGE}px!important}}'
+    f'div[style*="inset: 0px 0px 0px {SIDE + _EDGE}px"]{{left:{NARROW + _EDGE}px!important}}'
+    "table{font-size:0.72em!important}}"
     # Labels are too pale for their size, and the chosen tab on dark: 4.5 to 1 is the least (WCAG 2.1, 1.4.3).
     ':root[data-mantine-color-scheme="light"]{--mantine-color-dimmed:#5a6169!important}'
     ':root[data-mantine-color-scheme="dark"]{--mantine-color-dimmed:#a9b1ba!important}'

@@ -7,7 +7,17 @@ from collections.abc import Sequence
 import viser
 
 from companion.view.panels.bands import HEIGHT, Bands, markup
-from companion.view.panels.controls import SIDE, Key, button_row, camera_row, command, listen, write
+from companion.view.panels.controls import (
+    NARROW,
+    NARROW_WINDOW,
+    SIDE,
+    Key,
+    button_row,
+    camera_row,
+    command,
+    listen,
+    write,
+)
 from companion.view.state import events
 from companion.view.state.marks import Mark, short, strip
 from companion.view.state.player import Player
@@ -16,6 +26,8 @@ WIDTH = 600  # pixels: what the panels leave of a window 1280 wide, where the br
 _STYLE = (
     # As wide as the panels leave it.
     f'<style>div[style*="width: {WIDTH}px"]:has(.companion-time){{width:calc(100vw - {2 * SIDE + 30}px)!important}}'
+    f'{NARROW_WINDOW}{{div[style*="width: {WIDTH}px"]:has(.companion-time)'
+    f"{{width:calc(100vw - {2 * NARROW + 30}px)!important;margin-left:{NARROW - SIDE}px}}}}"  # viser counts from SIDE
     # The slider is as high as the bands that lie under it: a click anywhere on them goes there.
     f"div:has(>.companion-time)+div .mantine-Slider-root{{height:{HEIGHT}px;padding:0!important}}"
     f"div:has(>.companion-time)+div .mantine-Slider-trackContainer{{height:{HEIGHT}px}}"
