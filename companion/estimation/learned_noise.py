@@ -23,6 +23,7 @@ from companion.estimation.model import (
     VELOCITY,
     ProcessNoise,
 )
+from companion.estimation.noise_density import scatter_between_samples
 from companion.estimation.setup import Setup
 from companion.estimation.system import (
     measurement_residual,
@@ -40,6 +41,11 @@ free would swallow every fault."""
 LEAST_NOISE, MOST_NOISE = (5e-5, 1e-3), (0.5, 5.0)
 """rad/s/√Hz, m/s²/√Hz: what may be learned of gyro and accelerometer."""
 
+
+_BELIEF = 1.0
+"""Readings' worth by which a density is believed beforehand to be what the spectrum shows: to a factor of two (1σ).
+A steady hover may tell nothing of the gyro's noise, and what is most likely is then none at all. A band in which the
+vehicle moves shows more, vibration folded down by the sampling less than what the integration meets."""
 
 _TRUNCATED_S = 0.2  # for so long the error of a reading that is cut to whole steps may stay the same
 _STRETCHES = 12  # of the flight
@@ -65,7 +71,7 @@ def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
         least, most = limits["accel_noise"]
         limits["accel_noise"] = (
             least,
-            float(np.clip(_WHITER * _between_samples(setup.imu.accel, setup.imu.rate_hz), least, most)),
+            float(np.clip(_WHITER * scatter_between_samples(setup.imu.accel, setup.imu.rate_hz), least, most)),
         )
     return limits
 
@@ -76,7 +82,7 @@ def scatter(setup: Setup) -> tuple[float, float]:
     By second differences, of the noisiest axis; not less than what may be learned at least.
     """
     limits, imu = noise_limits(setup), setup.imu
-    gyro, accel = (_between_samples(values, imu.rate_hz) for values in (imu.gyro, imu.accel))
+    gyro, accel = (scatter_between_samples(values, imu.rate_hz) for values in (imu.gyro, imu.accel))
     return max(gyro, limits["gyro_noise"][0]), max(accel, limits["accel_noise"][0])
 
 
@@ -88,21 +94,18 @@ def believing(limits: Mapping[str, tuple[float, float]], shown: tuple[float, flo
     }
 
 
-def _between_samples(values: Array, rate_hz: float) -> float:
-    rough = max(float(np.diff(axis, n=2).std()) for axis in values.T) / np.sqrt(6.0)  # of white noise: 1 + 4 + 1
-    return float(rough / np.sqrt(rate_hz))
-
-
 def learn(
     linear: Linear,
     noise: ProcessNoise,
     scale: Mapping[str, float],
     limits: Mapping[str, tuple[float, float]],
     before: Mapping[str, float],
+    shown: tuple[float, float],
 ) -> tuple[ProcessNoise, dict[str, float], dict[str, float]]:
     """One step of learning: densities of the process noise, the scale of every witness' σ, and the change of each.
 
-    before: the changes of the step before; changes are of the logarithm.
+    before: the changes of the step before; changes are of the logarithm. shown: the densities that the spectra of gyro
+    and accelerometer show, believed beforehand: an inverse gamma distribution of the variance.
     """
     solution = linear.solution
     usual = np.flatnonzero(linear.variance[:, 0] < 0.1)  # not across holes
@@ -118,10 +121,11 @@ def learn(
     e = (turn.swapaxes(-1, -2) @ e[:, moved, None])[..., 0]
     d = turn.swapaxes(-1, -2) @ solution.disturbances[1][usual, moved, moved] @ turn
     densities: dict[str, float] = {}
-    for cause in limits:
+    for cause, expected in zip(limits, shown, strict=True):
         own, v = MOVED[cause], linear.sums[cause][usual]
-        above = np.einsum("ki,kij,kj->k", e[:, own], v, e[:, own])
-        below = np.einsum("kij,kij->k", d[:, own, own], v) * (1.0 - count / len(e))
+        believed = _BELIEF / len(e) / noise.density(cause) ** 2
+        above = np.einsum("ki,kij,kj->k", e[:, own], v, e[:, own]) + believed * (expected / noise.density(cause)) ** 2
+        below = np.einsum("kij,kij->k", d[:, own, own], v) * (1.0 - count / len(e)) + believed
         step = _further(0.5 * np.log(_typical(above, below)), before.get(cause, 0.0))
         densities[cause] = float(np.clip(noise.density(cause) * np.exp(step), *limits[cause]))
     learned = dict(scale)

@@ -119,6 +119,28 @@ def white_noise(
     return WhiteNoise(sampled, density if known else None, sigma * total, band, hidden)
 
 
+def shown_noise(track: ImuTrack, hole_s: float) -> tuple[float, float]:
+    """Densities (rad/s/√Hz, m/s²/√Hz) of gyro and accelerometer by their spectra, all axes together.
+
+    Where no band is left to read them in, by how neighbouring samples differ.
+    """
+    gyro, accel = (white_noise(track, sensor, hole_s) for sensor in ("gyro", "accel"))
+    return (
+        scatter_between_samples(track.gyro, track.rate_hz) if gyro is None else _together(gyro.sampled),
+        scatter_between_samples(track.accel, track.rate_hz) if accel is None else _together(accel.sampled),
+    )
+
+
+def scatter_between_samples(readings: Array, rate_hz: float) -> float:
+    """Density u/√Hz of the noisiest axis of readings (N, 3), by second differences: as if they were white."""
+    rough = max(float(np.diff(axis, n=2).std()) for axis in readings.T) / np.sqrt(6.0)  # of white noise: 1 + 4 + 1
+    return float(rough / np.sqrt(rate_hz))
+
+
+def _together(densities: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(densities))))
+
+
 def confirmed_sampling(track: ImuTrack, hole_s: float) -> Sampling:
     """How a track at rest was sampled, by the log and by its spectrum.
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from companion.estimation.earth_field import EarthField, field_at
 from companion.estimation.measurements import MICROTESLA, NOMINAL, Readings, gps_readings, vector_readings
 from companion.estimation.model import CONSTANT_STATES, CONSTANTS, States
+from companion.estimation.noise_density import shown_noise
 from companion.estimation.rest import at_rest
 from companion.estimation.system import Index
 from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin, nearest
@@ -41,6 +42,7 @@ class Setup:
     gravity: float
     constants: Array  # (39,) prior means
     constants_sigma: Array  # (39,)
+    shown: tuple[float, float]  # rad/s/√Hz, m/s²/√Hz: white noise by the spectra of gyro and accelerometer
     notes: tuple[str, ...]
 
 
@@ -90,7 +92,8 @@ def set_up(
     earth = field_at(origin, flight.epoch)
     mean, sigma = _constants(earth, readings)
     gaps = np.diff(track.t)
-    hole = np.concatenate([[0], np.cumsum(gaps > max(_HOLE_S, _HOLE_PERIODS * float(np.median(gaps))))])
+    longest = max(_HOLE_S, _HOLE_PERIODS * float(np.median(gaps)))
+    hole = np.concatenate([[0], np.cumsum(gaps > longest)])
     broken = np.diff(hole[index]) > 0
     for first, last in untrusted:
         broken |= (t[1:] > first) & (t[:-1] < last)
@@ -102,7 +105,8 @@ def set_up(
         )
     if broken.any():
         notes.append(f"{int(broken.sum())} holes in {track.source}: the estimate begins anew after each")
-    return Setup(track, index, t, broken, tuple(readings), origin, gravity, mean, sigma, tuple(notes))
+    shown = shown_noise(track, longest)
+    return Setup(track, index, t, broken, tuple(readings), origin, gravity, mean, sigma, shown, tuple(notes))
 
 
 def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
