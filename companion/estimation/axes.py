@@ -1,7 +1,8 @@
 """Axes of an IMU that are mirrored or exchanged: which way to read it fits the other witnesses?
 
 A smoother that is told a wrong axis takes what contradicts it for noise, far more than the readings themselves scatter
-by. Then the IMU is read in other ways, and the one that needs the least noise is the one that is true.
+by. Then the IMU is read in other ways, and the one that makes all witnesses likeliest is the one that is true: to the
+IMU alone, axes exchanged twice are a board that is turned, which only the compass contradicts.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.estimation.explanations import kind_of
-from companion.estimation.iteration import estimate, start_of
+from companion.estimation.iteration import estimate, likelihood, start_of
 from companion.estimation.model import BestEstimate, ProcessNoise, corrected
 from companion.estimation.setup import first_guess, set_up
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight
@@ -123,22 +124,23 @@ def other_reading(
     part = _least_followed(best.t, motion) if best.t[-1] - best.t[0] > _LONGEST_S else span
     track = flight.imu(best.imu.source)
 
-    def needed(turn: tuple[Array, Array]) -> float:
+    def tried(turn: tuple[Array, Array]) -> tuple[float, float]:
+        """What it needs of noise, and how likely it makes all witnesses."""
         turned = replace(track, gyro=track.gyro @ turn[0].T, accel=track.accel @ turn[1].T)
         try:
             setup = set_up(
                 replace(flight, imus={**flight.imus, track.source: turned}), track.source, gravity, part, untrusted
             )
-            settled, _ = estimate(setup, start_of(setup, first_guess(setup, flight)))
+            settled, linear = estimate(setup, start_of(setup, first_guess(setup, flight)))
         except (DataError, np.linalg.LinAlgError):
-            return np.inf
-        return _size(settled.noise)
+            return np.inf, -np.inf
+        return _size(settled.noise), likelihood(settled, linear)
 
     with np.errstate(over="ignore", invalid="ignore"):
-        as_it_is = _size(best.noise) if part == span else needed((np.eye(3), np.eye(3)))
-        noise = {words: needed(turn) for words, turn in ways.items()}
-    words = min(noise, key=lambda name: noise[name])
-    fits = as_it_is / noise[words]
+        as_it_is = _size(best.noise) if part == span else tried((np.eye(3), np.eye(3)))[0]
+        noise = {words: tried(turn) for words, turn in ways.items()}
+    words = max(noise, key=lambda name: noise[name][1])
+    fits = as_it_is / noise[words][0]
     return Reading(words, fits) if np.isfinite(as_it_is) and fits > _CLEARLY else None
 
 

@@ -96,6 +96,13 @@ def estimate(
     return Start(states, noise, scale, path), linear
 
 
+def likelihood(settled: Start, linear: Linear) -> float:
+    """Twice the logarithm of the likelihood at the noise that was learned, but for a constant: what fits needs less."""
+    noise, scale = settled.noise, settled.scale
+    of_imu = -6.0 * len(linear.variance) * float(np.log(noise.gyro_noise) + np.log(noise.accel_noise))
+    return of_imu - 2.0 * sum(m.residual.size * float(np.log(scale[m.name])) for m in linear.measurements)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Step:
     """A step of Gauss-Newton, and the share of it that is taken.

@@ -14,7 +14,7 @@ import numpy as np
 
 from companion.estimation.choice import WORTH, Choice, explained, gain_beside, promising, unrest
 from companion.estimation.competition import choose, detectable
-from companion.estimation.iteration import Start, estimate, start_of
+from companion.estimation.iteration import Start, estimate, likelihood, start_of
 from companion.estimation.learned_noise import believing, noise_limits, scatter
 from companion.estimation.linearisation import Linear
 from companion.estimation.measurements import UNITS
@@ -128,18 +128,12 @@ def best_of(
     tried = [_tried(setup, start, accepted, one, limits) for one in choices]
     if len(tried) < 2:
         return tried[0] if tried else None
-    best = max(tried, key=_likelihood)
+    likely = [likelihood(one.settled, one.linear) for one in tried]
+    best = tried[likely.index(max(likely))]
     if best is tried[0]:
         return best
-    nearer = choices[1].gain - choices[0].gain - (_likelihood(best) - _likelihood(tried[0]))
+    nearer = choices[1].gain - choices[0].gain - (max(likely) - likely[0])
     return replace(best, choice=best.choice.with_others(nearer))
-
-
-def _likelihood(one: Tried) -> float:
-    """Twice the logarithm of the likelihood at the noise that was learned, but for a constant: what fits needs less."""
-    noise, scale = one.settled.noise, one.settled.scale
-    of_imu = -6.0 * len(one.linear.variance) * float(np.log(noise.gyro_noise) + np.log(noise.accel_noise))
-    return of_imu - 2.0 * sum(m.residual.size * float(np.log(scale[m.name])) for m in one.linear.measurements)
 
 
 def _tried(
