@@ -36,6 +36,7 @@ _HIDDEN = 0.5  # steps of noise that they hide
 _BLOCKS = 8  # of time, for the standard error
 _WINDOW = "blackmanharris"  # its side lobes are 92 dB down: noise of a ten-thousandth of the motion is seen beside it
 _VISIBLE = 300.0  # a filter's fall is fitted to 25 dB below its pass band: further down digital and analogue part ways
+_OWN = 0.5  # of what a gyro shows above 3 Hz: the rest is the vehicle, which its controller keeps turning a little
 _EFFICIENCY = 0.48  # of the median of an exponential variable beside its mean: ln²2
 
 
@@ -122,11 +123,11 @@ def white_noise(
 def shown_noise(track: ImuTrack, hole_s: float) -> tuple[float, float]:
     """Densities (rad/s/√Hz, m/s²/√Hz) of gyro and accelerometer by their spectra, all axes together.
 
-    Where no band is left to read them in, by how neighbouring samples differ.
+    Where no band is left to read them in, by how neighbouring samples differ. Not all that a gyro shows is noise.
     """
     gyro, accel = (white_noise(track, sensor, hole_s) for sensor in ("gyro", "accel"))
     return (
-        scatter_between_samples(track.gyro, track.rate_hz) if gyro is None else _together(gyro.sampled),
+        _OWN * (scatter_between_samples(track.gyro, track.rate_hz) if gyro is None else _together(gyro.sampled)),
         scatter_between_samples(track.accel, track.rate_hz) if accel is None else _together(accel.sampled),
     )
 

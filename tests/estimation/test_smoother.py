@@ -13,7 +13,7 @@ from companion.estimation.iteration import Step
 from companion.estimation.model import corrected
 from companion.estimation.setup import first_guess, set_up
 from companion.model import STANDARD_GRAVITY, Array, Flight
-from companion.strapdown import Motion, quaternion
+from companion.strapdown import ImuModel, Motion, Sensor, quaternion, simulate
 from tests.estimation.sensed import BIASES, LATENCY, errors, nees, sensed, with_imu
 
 pytestmark = pytest.mark.slow
@@ -43,6 +43,19 @@ def test_sigma_is_honest() -> None:
     for block in (ATTITUDE, VELOCITY, POSITION):
         mean = np.mean([nees(estimate, error, block) for estimate, error in found])
         assert 0.3 < mean < 6.0
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_noise_that_a_steady_hover_hardly_tells_is_not_taken_for_none(seed: int) -> None:
+    """What these flights tell of the gyro's noise is less than one reading's worth: most likely there is none."""
+    flight, truth = sensed(60.0, "rest", rate=25.0, seed=seed)
+    density = 7e-3, 0.3
+    noisy = ImuModel(gyro=Sensor(density[0]), accel=Sensor(density[1]))
+    imu = replace(simulate(truth.imu, noisy, np.random.default_rng(seed)), source="RAW_IMU")
+    best = smooth(replace(with_imu(flight, imu), events=()))
+    assert density[0] / 6.0 < best.noise.gyro_noise < 2.0 * density[0]
+    assert best.noise.accel_noise == pytest.approx(density[1], rel=0.25)
+    assert not best.explained
 
 
 def test_nothing_is_explained_where_nothing_is_wrong() -> None:
