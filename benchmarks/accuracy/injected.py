@@ -121,7 +121,7 @@ def judged(case: Case) -> list[Row]:
     flight = flown(whole)
     if flight is None:
         return []
-    known, healthy = _estimator(flight)
+    known, healthy = estimator(flight)
     slow = flight.imu().rate_hz < _SLOW_HZ
     rows = []
     for number, size, share in case.faults:
@@ -137,14 +137,14 @@ def judged(case: Case) -> list[Row]:
             if known is not None and healthy is not None and fault.sensed:
                 after = replaced(wrong, ekf.estimate(wrong, known))
                 wrong = shifted(wrong, flight, healthy, after) if slow else after
-            said: Answer | Failed = answer(_as_logged(wrong, thin=case.thin))
+            said: Answer | Failed = answer(as_logged(wrong, thin=case.thin))
         except Exception as error:  # noqa: BLE001  (a failure is a row)
             said = Failed(f"{type(error).__name__}: {error}")
         rows.append(_row(case, fault, fault.sizes[size], onset, said, began))
     return rows
 
 
-def _estimator(flight: Flight) -> tuple[ekf.SetUp | None, Flight | None]:
+def estimator(flight: Flight) -> tuple[ekf.SetUp | None, Flight | None]:
     """The EKF, and the healthy flight with its estimate; None where the flight has not what it needs."""
     try:
         known = ekf.set_up(flight)
@@ -159,7 +159,7 @@ def _untouched(case: Case, flight: Flight, healthy: Flight | None) -> list[Row]:
         if one is None:
             continue
         began = time.process_time()
-        said = answer(_as_logged(one, thin=case.thin))
+        said = answer(as_logged(one, thin=case.thin))
         results: dict[str, Result] = {"none": "clear", "cannot_tell": "cannot tell"}
         result = results.get(said.side, "false alarm")
         rows.append(_made(case, name, 0.0, result, f"{said.side} {said.cause}", None, began, cause=False))
@@ -185,7 +185,7 @@ def _made(
     return Row(case.vehicle, case.log, rate, name, size, result, said, cause, delay, time.process_time() - began)
 
 
-def _as_logged(flight: Flight, *, thin: bool) -> Flight:
+def as_logged(flight: Flight, *, thin: bool) -> Flight:
     return thinned(flight, _LOW_HZ) if thin and flight.imu().rate_hz >= _FAST_HZ else flight
 
 
