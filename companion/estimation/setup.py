@@ -89,8 +89,7 @@ def set_up(
         if good.sum() > 5 and np.ptp(one.altitude[good]) > 0:
             readings.append(vector_readings("barometer", one.t[good], one.altitude[good][:, None], t, 2 * spacing))
     readings += _rest(flight, track, t)
-    earth = field_at(origin, flight.epoch)
-    mean, sigma = _constants(earth, readings)
+    constants = _constants(field_at(origin, flight.epoch), readings)
     gaps = np.diff(track.t)
     longest = max(_HOLE_S, _HOLE_PERIODS * float(np.median(gaps)))
     hole = np.concatenate([[0], np.cumsum(gaps > longest)])
@@ -106,7 +105,7 @@ def set_up(
     if broken.any():
         notes.append(f"{int(broken.sum())} holes in {track.source}: the estimate begins anew after each")
     shown = shown_noise(track, longest)
-    return Setup(track, index, t, broken, tuple(readings), origin, gravity, mean, sigma, shown, tuple(notes))
+    return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, shown, tuple(notes))
 
 
 def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
