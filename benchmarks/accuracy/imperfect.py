@@ -64,7 +64,7 @@ def wandering(t: Array, sigma: float, lasting_s: float, random: Random, count: i
 
 
 def _gps(sigma: float, lasting_s: float, velocity: float) -> Change:
-    """Position wanders by sigma (m; half as much again in height) for lasting_s, velocity by as many m/s for 10 s."""
+    """Position wanders by sigma (m; half as much again in height) for lasting_s, velocity by as many m/s for 3 s."""
 
     def change(flight: Flight, random: Random) -> Flight:
         changed = []
@@ -76,7 +76,7 @@ def _gps(sigma: float, lasting_s: float, velocity: float) -> Change:
                     latitude=gps.latitude + away[:, 0] / _EARTH_M,
                     longitude=gps.longitude + away[:, 1] / (_EARTH_M * np.cos(gps.latitude)),
                     height=gps.height + 1.5 * away[:, 2],
-                    velocity=gps.velocity + wandering(gps.t, velocity, 10.0, random, 3),
+                    velocity=gps.velocity + wandering(gps.t, velocity, 3.0, random, 3),
                 )
             )
         return replace(flight, gps=tuple(changed))

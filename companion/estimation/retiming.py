@@ -1,7 +1,8 @@
 """Readings that come late by much: put at the times that they speak of, not corrected by a slope.
 
 Where a vehicle was a second ago is no straight line from where it is. So of a kind that moves readings in time the
-linear size is taken out of the readings, which go to other keyframes, and asked for again, until little is left. What
+linear size is taken out of the readings, which go to other keyframes, and asked for again, until little is left: where
+the readings would speak of what has not happened yet, it is not the time that is off. What
 it explained where the vehicle did not move says little of its onset: that is sought again with its size known.
 """
 
@@ -32,14 +33,15 @@ Limits = Mapping[str, tuple[float, float]]
 
 def retimed(
     setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice, limits: Limits | None = None
-) -> tuple[Setup, Choice]:
+) -> tuple[Setup, Choice] | None:
     """The problem with the readings at the times that they speak of if the choice is right, and the choice so found.
 
-    Both as they are where the choice moves no readings in time. limits: of the densities of the IMU, see `estimate`.
+    Both as they are where the choice moves no readings in time, or its size does not settle; None where readings would
+    speak of what has not happened yet. limits: of the densities of the IMU, see `estimate`.
     """
     if not choice.kind.retimes:
         return setup, choice
-    moved, settled = setup, start
+    linearly, moved, settled = choice, setup, start
     for searched in (False, True):
         for _ in range(_TIMES):
             settled, linear = estimate(moved, start, [*accepted, choice], limits)
@@ -47,7 +49,11 @@ def retimed(
             if abs(further) < _LITTLE_S:
                 break
             choice = replace(choice, taken=choice.taken + further)
+            if choice.taken < -float(settled.states.constant("gps_latency")[0]):
+                return None
             moved = _moved(setup, choice)
+        else:
+            return setup, linearly
         if searched or choice.shape != "step" or abs(choice.taken) < _MUCH_S:
             break
         choice = _with_onset(setup, settled, accepted, choice)
@@ -76,7 +82,10 @@ def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Choice], choice
         for onset in onsets:
             one = replace(choice, onset=float(onset))
             linear = linearise(_moved(setup, one), path, states, settled.noise, settled.scale, {}, [*accepted, one])
-            found.append(misfit(linear.motion, linear.measurements, linear.solution))
+            left = misfit(linear.motion, linear.measurements, linear.solution)
+            found.append(
+                left - sum(m.residual.size for m in linear.measurements)
+            )  # some may be moved out of the flight
         return np.array(found)
 
     first, last = times_of_change(setup.t)

@@ -125,7 +125,7 @@ def best_of(
     setup: Setup, start: Start, accepted: Sequence[Choice], choices: Sequence[Choice], limits: Limits | None = None
 ) -> Tried | None:
     """That of some choices, the first of them the best at first order, which explains most; None for none."""
-    tried = [_tried(setup, start, accepted, one, limits) for one in choices]
+    tried = [one for choice in choices if (one := _tried(setup, start, accepted, choice, limits)) is not None]
     if len(tried) < 2:
         return tried[0] if tried else None
     likely = [likelihood(one.settled, one.linear) for one in tried]
@@ -138,9 +138,12 @@ def best_of(
 
 def _tried(
     setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice, limits: Limits | None = None
-) -> Tried:
-    """limits: of the densities of the IMU, as the choice was made with."""
-    setup, moved = retimed(setup, start, accepted, choice, limits)
+) -> Tried | None:
+    """None for what cannot be. limits: of the densities of the IMU, as the choice was made with."""
+    possible = retimed(setup, start, accepted, choice, limits)
+    if possible is None:
+        return None
+    setup, moved = possible
     again, linear = estimate(setup, start, [*accepted, moved])
     beside = gain_beside(moved, linear.problem, linear.solution, linear.prior)
     gain = max(choice.gain, beside) / unrest(moved, linear.problem, linear.solution)

@@ -48,6 +48,14 @@ def test_fixes_that_come_late_are_put_where_the_vehicle_was(seconds: float) -> N
     assert np.linalg.norm(errors(found, truth)[:, 6:8], axis=1).max() < 1.0  # at 1 s and 6 m/s it was 6 m
 
 
+@pytest.mark.slow
+def test_no_fix_tells_of_what_has_not_happened_yet() -> None:
+    """What looks like fixes from the future, as slow errors of a velocity do, is not the time."""
+    flight, truth = sensed(70.0, seed=3)
+    found = smooth(late_by(flight, truth, -0.6))
+    assert "gps_latency" not in {one.kind for one in found.explained}
+
+
 def test_a_late_reading_goes_to_the_keyframe_that_it_speaks_of() -> None:
     t = 0.2 * np.arange(20.0)
     one = Readings("gps_position", t, np.arange(20), np.column_stack([t, -t]), np.ones((20, 2)), np.zeros(20, np.intp))
@@ -93,7 +101,9 @@ def test_the_onset_is_sought_again_with_the_size_known() -> None:
     flight, truth = sensed(70.0, seed=3)
     setup = set_up(late_by(flight, truth, 1.0), None, STANDARD_GRAVITY, None)
     start = start_of(setup, first_guess(setup, flight))
-    moved, found = retimed(setup, start, [], replace(chosen("gps_latency", 300.0), onset=ONSET + 6.0))
+    possible = retimed(setup, start, [], replace(chosen("gps_latency", 300.0), onset=ONSET + 6.0))
+    assert possible is not None
+    moved, found = possible
     assert found.taken == pytest.approx(1.0, abs=0.05)
     assert found.onset == pytest.approx(ONSET, abs=max(3.0 * found.onset_sigma, 0.5))
     assert found.onset_sigma < 2.0
