@@ -15,6 +15,7 @@ from companion.strapdown import quaternion
 
 Track = TypeVar("Track")
 
+_EARTH_M = 6_371_000.0
 _FILTER_HZ = 20.0  # ArduPilot's INS_GYRO_FILTER
 
 
@@ -112,6 +113,15 @@ def gps_ned(gps: GpsTrack, reference: GpsTrack, position: PositionTrack, latency
     ours = at(reference.t - latency, position.t, position.position)
     offset = np.nanmedian(theirs - ours, axis=0)
     return np.asarray(ned_from_geodetic(gps.latitude, gps.longitude, gps.height, origin) - offset)
+
+
+def gps_moved(gps: GpsTrack, away: Array) -> GpsTrack:
+    """A receiver whose fixes lie by so many metres (N, 2) further north and east."""
+    return replace(
+        gps,
+        latitude=gps.latitude + away[:, 0] / _EARTH_M,
+        longitude=gps.longitude + away[:, 1] / (_EARTH_M * np.cos(gps.latitude)),
+    )
 
 
 def field_ned(compass: CompassTrack, t: Array, q: Array) -> Array:

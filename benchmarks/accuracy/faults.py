@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.accuracy.cutting import at, attitude_at, every_imu
+from benchmarks.accuracy.cutting import at, attitude_at, every_imu, gps_moved
 from companion.model import Array, Flight, GpsTrack, ImuTrack
 from companion.strapdown import quaternion
 
@@ -21,7 +21,6 @@ Inject = Callable[[Flight, float, float], Flight]  # (flight, size, onset in s) 
 _RAMP_S = 40.0  # biases that grow
 _DRIFT_S = 30.0  # headings and positions that drift
 _TURN_S = 10.0  # tilts and compasses that turn
-_EARTH_M = 6_371_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,12 +163,7 @@ def _gps(course: Callable[[Array], Array], *, velocity: bool = False) -> Inject:
             told = gps.velocity.copy()
             if velocity:
                 told[1:, :2] += np.diff(away, axis=0) / np.diff(gps.t)[:, None]
-            return replace(
-                gps,
-                latitude=gps.latitude + away[:, 0] / _EARTH_M,
-                longitude=gps.longitude + away[:, 1] / (_EARTH_M * np.cos(gps.latitude)),
-                velocity=told,
-            )
+            return replace(gps_moved(gps, away), velocity=told)
 
         return replace(flight, gps=tuple(map(moved, flight.gps)))
 

@@ -18,12 +18,20 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from benchmarks.accuracy import ekf
 from benchmarks.accuracy.answer import Answer, answer
-from benchmarks.accuracy.cutting import at, attitude_at, every_imu, part
-from benchmarks.accuracy.estimated import replaced, shifted
-from benchmarks.accuracy.injected import SHARED, STANDARD, as_logged, estimator, flown, vehicle_of
-from benchmarks.accuracy.labels import recordings
+from benchmarks.accuracy.cutting import at, attitude_at, every_imu, gps_moved, part
+from benchmarks.accuracy.injected import (
+    FAST_HZ,
+    NO_LOGS,
+    STANDARD,
+    as_logged,
+    estimator,
+    flown,
+    followed,
+    is_slow,
+    logs_of,
+    vehicle_of,
+)
 from benchmarks.accuracy.parallel import Failed, each
 from companion.app.recording import read_recording
 from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack
@@ -33,10 +41,8 @@ Random = np.random.Generator
 Change = Callable[[Flight, Random], Flight]
 Result = Literal["clear", "cannot tell", "false alarm", "off indeed", "failed"]
 
-_EARTH_M = 6_371_000.0
 _SHAKES_HZ = 87.0  # a propeller's
 _OFF = (np.radians(2.0), np.radians(8.0), 1.0, 4.0)  # tilt, heading, m/s, m: an estimator in order is off by less
-_FAST_HZ, _SLOW_HZ = 95.0, 50.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,15 +76,8 @@ def _gps(sigma: float, lasting_s: float, velocity: float) -> Change:
         changed = []
         for gps in flight.gps:
             away = wandering(gps.t, sigma, lasting_s, random, 3)
-            changed.append(
-                replace(
-                    gps,
-                    latitude=gps.latitude + away[:, 0] / _EARTH_M,
-                    longitude=gps.longitude + away[:, 1] / (_EARTH_M * np.cos(gps.latitude)),
-                    height=gps.height + 1.5 * away[:, 2],
-                    velocity=gps.velocity + wandering(gps.t, velocity, 3.0, random, 3),
-                )
-            )
+            told = gps.velocity + wandering(gps.t, velocity, 3.0, random, 3)
+            changed.append(replace(gps_moved(gps, away[:, :2]), height=gps.height + 1.5 * away[:, 2], velocity=told))
         return replace(flight, gps=tuple(changed))
 
     return change
@@ -158,19 +157,27 @@ def _all(*changes: Change) -> Change:
     return change
 
 
-IMPERFECTIONS: dict[str, Change] = {
-    "GPS wanders by 1.5 m for 60 s": _gps(1.5, 60.0, 0.05),
-    "GPS wanders by 3 m for 60 s": _gps(3.0, 60.0, 0.15),
-    "GPS wanders by 1 m for 5 s": _gps(1.0, 5.0, 0.1),
-    "motors turn the compass by 5°": _compass,
-    "IMU warms": _imu(_warming),
-    "IMU not calibrated": _imu(_misaligned),
-    "IMU shaken by 2 m/s²": _imu(_shaken(2.0)),
-    "IMU shaken by 4 m/s²": _imu(_shaken(4.0)),
-    "samples and 1.5 s lost": _lossy,
-    "wind at the barometer": _barometer,
-    "all at once": _all(
-        _gps(1.5, 60.0, 0.05), _compass, _imu(_warming), _imu(_misaligned), _imu(_shaken(2.0)), _barometer
+@dataclass(frozen=True, slots=True)
+class Imperfection:
+    """One way to be imperfect."""
+
+    change: Change
+    sensed: bool = True  # the estimator has to live with it; otherwise the log alone has it
+
+
+IMPERFECTIONS: dict[str, Imperfection] = {
+    "GPS wanders by 1.5 m for 60 s": Imperfection(_gps(1.5, 60.0, 0.05)),
+    "GPS wanders by 3 m for 60 s": Imperfection(_gps(3.0, 60.0, 0.15)),
+    "GPS wanders by 1 m for 5 s": Imperfection(_gps(1.0, 5.0, 0.1)),
+    "motors turn the compass by 5°": Imperfection(_compass),
+    "IMU warms": Imperfection(_imu(_warming)),
+    "IMU not calibrated": Imperfection(_imu(_misaligned)),
+    "IMU shaken by 2 m/s²": Imperfection(_imu(_shaken(2.0))),
+    "IMU shaken by 4 m/s²": Imperfection(_imu(_shaken(4.0))),
+    "samples and 1.5 s lost": Imperfection(_lossy, sensed=False),
+    "wind at the barometer": Imperfection(_barometer),
+    "all at once": Imperfection(
+        _all(_gps(1.5, 60.0, 0.05), _compass, _imu(_warming), _imu(_misaligned), _imu(_shaken(2.0)), _barometer)
     ),
 }
 
@@ -192,16 +199,14 @@ def judged(case: Case) -> list[Row]:
         if flight is None:
             continue
         known, healthy = estimator(flight)
-        slow = flight.imu().rate_hz < _SLOW_HZ
+        slow = is_slow(flight)
         before = flight if slow or healthy is None else healthy
-        change, random = IMPERFECTIONS[case.imperfection], np.random.default_rng(case.seed)
-        if change is _lossy or known is None or healthy is None:
-            made = change(before, random)
+        imperfection, random = IMPERFECTIONS[case.imperfection], np.random.default_rng(case.seed)
+        if imperfection.sensed:
+            made = followed(imperfection.change(flight, random), flight, known, healthy)
         else:
-            felt = change(flight, random)
-            after = replaced(felt, ekf.estimate(felt, known))
-            made = shifted(felt, flight, healthy, after) if slow else after
-        for thin in [False] * (not slow) + [True] * (slow or flight.imu().rate_hz >= _FAST_HZ):
+            made = imperfection.change(before, random)
+        for thin in [False] * (not slow) + [True] * (slow or flight.imu().rate_hz >= FAST_HZ):
             said = answer(as_logged(made, thin=thin))
             result = _result(said, made, before)
             rate = "25 Hz" if thin else "full"
@@ -257,12 +262,9 @@ def main() -> int:
     parser.add_argument("--workers", type=int, help="processes, default: one for each processor")
     parser.add_argument("--json", type=Path, help="write every row there")
     chosen = parser.parse_args()
-    paths = [
-        p for one in chosen.logs or [SHARED / n for n in STANDARD] for p in (recordings(one) if one.is_dir() else [one])
-    ]
-    paths = [path for path in paths if path.exists()]
+    paths = logs_of(chosen.logs, STANDARD)
     if not paths:
-        parser.error("there is no such log. Name healthy logs or folders of them.")
+        parser.error(NO_LOGS)
     names = [chosen.only] if chosen.only else list(IMPERFECTIONS)
     todo = [Case(str(path), name, seed) for path in paths for name in names for seed in range(1, chosen.seeds + 1)]
     rows: list[Row] = []

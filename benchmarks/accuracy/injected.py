@@ -56,11 +56,13 @@ _SIMULATORS = {
     "px4": "PX4 SIH",
 }
 
+NO_LOGS = "there is no such log. Name healthy logs or folders of them."
+
 _LONGEST_S = 100.0  # of a flight that is used
 _SHORTEST_S = 25.0
 _ONSETS = (0.35, 0.5, 0.65)  # as a share of the flight
 _EARLY_S = 10.0  # what is said to have begun longer before the fault is not the fault
-_SLOW_HZ, _FAST_HZ, _LOW_HZ = 50.0, 95.0, 25.0
+_SLOW_HZ, FAST_HZ, _LOW_HZ = 50.0, 95.0, 25.0
 
 Result = Literal["found", "wrong", "missed", "cannot tell", "early", "failed", "clear", "false alarm"]
 
@@ -90,6 +92,12 @@ class Row:
     cause_right: bool
     delay_s: float | None  # of the onset that was said
     cpu_s: float
+
+
+def logs_of(asked: Sequence[Path], standard: Sequence[str]) -> list[Path]:
+    """The logs that are there: those asked for and those in the folders among them, by default the standard ones."""
+    named = asked or [SHARED / name for name in standard]
+    return [p for one in named for p in (recordings(one) if one.is_dir() else [one]) if p.exists()]
 
 
 def vehicle_of(path: Path) -> str:
@@ -122,11 +130,10 @@ def judged(case: Case) -> list[Row]:
     if flight is None:
         return []
     known, healthy = estimator(flight)
-    slow = flight.imu().rate_hz < _SLOW_HZ
     rows = []
     for number, size, share in case.faults:
         if number < 0:
-            rows += _untouched(case, flight, None if slow else healthy)
+            rows += _untouched(case, flight, None if is_slow(flight) else healthy)
             continue
         fault = FAULTS[number]
         if fault.sensed and known is None:
@@ -134,9 +141,8 @@ def judged(case: Case) -> list[Row]:
         began, onset = time.process_time(), flight.start + share * flight.duration
         try:
             wrong = fault.inject(flight, fault.sizes[size] * fault.scale, onset)
-            if known is not None and healthy is not None and fault.sensed:
-                after = replaced(wrong, ekf.estimate(wrong, known))
-                wrong = shifted(wrong, flight, healthy, after) if slow else after
+            if fault.sensed:
+                wrong = followed(wrong, flight, known, healthy)
             said: Answer | Failed = answer(as_logged(wrong, thin=case.thin))
         except Exception as error:  # noqa: BLE001  (a failure is a row)
             said = Failed(f"{type(error).__name__}: {error}")
@@ -151,6 +157,22 @@ def estimator(flight: Flight) -> tuple[ekf.SetUp | None, Flight | None]:
     except DataError:
         return None, None
     return known, replaced(flight, ekf.estimate(flight, known))
+
+
+def is_slow(flight: Flight) -> bool:
+    """Whether its IMU was logged too slowly to run a filter as good as the one on board."""
+    return flight.imu().rate_hz < _SLOW_HZ
+
+
+def followed(wrong: Flight, flight: Flight, known: ekf.SetUp | None, healthy: Flight | None) -> Flight:
+    """A flight whose sensors are wrong, with what the EKF makes of them; as it is where there is none.
+
+    flight, known, healthy: before they were, see `estimator`.
+    """
+    if known is None or healthy is None:
+        return wrong
+    after = replaced(wrong, ekf.estimate(wrong, known))
+    return shifted(wrong, flight, healthy, after) if is_slow(flight) else after
 
 
 def _untouched(case: Case, flight: Flight, healthy: Flight | None) -> list[Row]:
@@ -186,7 +208,7 @@ def _made(
 
 
 def as_logged(flight: Flight, *, thin: bool) -> Flight:
-    return thinned(flight, _LOW_HZ) if thin and flight.imu().rate_hz >= _FAST_HZ else flight
+    return thinned(flight, _LOW_HZ) if thin and flight.imu().rate_hz >= FAST_HZ else flight
 
 
 def cases(paths: Sequence[Path], *, sizes: Literal["all", "middle"]) -> list[Case]:
@@ -197,7 +219,7 @@ def cases(paths: Sequence[Path], *, sizes: Literal["all", "middle"]) -> list[Cas
             if not flight.imus:
                 continue
             rate = flight.imu().rate_hz
-            for thin in [False] * (rate >= _FAST_HZ) + [True]:
+            for thin in [False] * (rate >= FAST_HZ) + [True]:
                 chosen = [(-1, 0, 0.0)]
                 for i, fault in enumerate(FAULTS):
                     some = range(len(fault.sizes)) if sizes == "all" else [fault.middle]
@@ -218,11 +240,13 @@ def main() -> int:
     parser.add_argument("--timeout", type=float, default=1200.0, help="seconds for one flight")
     parser.add_argument("--json", type=Path, help="write every row there")
     chosen = parser.parse_args()
-    named = [SHARED / name for name in (QUICK if chosen.quick else STANDARD)]
-    paths = [p for one in chosen.logs or named for p in (recordings(one) if one.is_dir() else [one])]
-    paths = [p for p in paths if p.exists() and (not chosen.vehicle or vehicle_of(p) in chosen.vehicle)]
+    paths = [
+        p
+        for p in logs_of(chosen.logs, QUICK if chosen.quick else STANDARD)
+        if not chosen.vehicle or vehicle_of(p) in chosen.vehicle
+    ]
     if not paths:
-        parser.error("there is no such log. Name healthy logs or folders of them.")
+        parser.error(NO_LOGS)
     todo = cases(paths, sizes="middle" if chosen.quick else chosen.sizes)
     rows: list[Row] = []
     for done, (index, result) in enumerate(each(judged, todo, workers=chosen.workers, timeout=chosen.timeout), 1):

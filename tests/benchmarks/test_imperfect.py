@@ -29,7 +29,7 @@ def demo() -> Flight:
 @pytest.mark.parametrize("name", IMPERFECTIONS)
 def test_sensors_are_imperfect_and_the_recorded_estimate_stays(name: str) -> None:
     perfect, _ = sensed(30.0)
-    made, again = (IMPERFECTIONS[name](perfect, np.random.default_rng(3)) for _ in range(2))
+    made, again = (IMPERFECTIONS[name].change(perfect, np.random.default_rng(3)) for _ in range(2))
     assert made.attitude is perfect.attitude
     assert made.position is perfect.position
     imu = made.imu()
