@@ -72,7 +72,7 @@ def estimate(
         path = carried(setup, states, path)
         moved, largest = float(np.abs(linear.solution.x[:, ATTITUDE]).max()), np.inf
         if count >= _LEARN_FROM:
-            noise, scale, change = learn(linear, noise, scale, limits, change, setup.shown)
+            noise, scale, change = learn(linear, noise, scale, limits, change, setup.spectral_noise)
             largest = max(map(abs, change.values()))
             if weighted or accepted or largest < _NEAR or count >= _WEIGHTS_FROM:
                 weights = outlier_weights(linear)

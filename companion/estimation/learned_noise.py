@@ -100,12 +100,12 @@ def learn(
     scale: Mapping[str, float],
     limits: Mapping[str, tuple[float, float]],
     before: Mapping[str, float],
-    shown: tuple[float, float],
+    spectral: tuple[float, float],
 ) -> tuple[ProcessNoise, dict[str, float], dict[str, float]]:
     """One step of learning: densities of the process noise, the scale of every witness' σ, and the change of each.
 
-    before: the changes of the step before; changes are of the logarithm. shown: the densities that the spectra of gyro
-    and accelerometer show, believed beforehand: an inverse gamma distribution of the variance.
+    before: the changes of the step before; changes are of the logarithm. spectral: the densities that the spectra of
+    gyro and accelerometer show, believed beforehand: an inverse gamma distribution of the variance.
     """
     solution = linear.solution
     usual = np.flatnonzero(linear.variance[:, 0] < 0.1)  # not across holes
@@ -121,7 +121,7 @@ def learn(
     e = (turn.swapaxes(-1, -2) @ e[:, moved, None])[..., 0]
     d = turn.swapaxes(-1, -2) @ solution.disturbances[1][usual, moved, moved] @ turn
     densities: dict[str, float] = {}
-    for cause, expected in zip(limits, shown, strict=True):
+    for cause, expected in zip(limits, spectral, strict=True):
         own, v = MOVED[cause], linear.sums[cause][usual]
         believed = _BELIEF / len(e) / noise.density(cause) ** 2
         above = np.einsum("ki,kij,kj->k", e[:, own], v, e[:, own]) + believed * (expected / noise.density(cause)) ** 2

@@ -120,7 +120,7 @@ def white_noise(
     return WhiteNoise(sampled, density if known else None, sigma * total, band, hidden)
 
 
-def shown_noise(track: ImuTrack, hole_s: float) -> tuple[float, float]:
+def spectral_noise(track: ImuTrack, hole_s: float) -> tuple[float, float]:
     """Densities (rad/s/√Hz, m/s²/√Hz) of gyro and accelerometer by their spectra, all axes together.
 
     Where no band is left to read them in, by how neighbouring samples differ. Not all that a gyro shows is noise.

@@ -2,8 +2,8 @@
 
 Where a vehicle was a second ago is no straight line from where it is. So of a kind that moves readings in time the
 linear size is taken out of the readings, which go to other keyframes, and asked for again, until little is left: where
-the readings would speak of what has not happened yet, it is not the time that is off. What
-it explained where the vehicle did not move says little of its onset: that is sought again with its size known.
+the readings would speak of what has not happened yet, it is not the time that is off. What it explained where the
+vehicle did not move says little of its onset: that is sought again with its size known.
 """
 
 from __future__ import annotations
@@ -78,14 +78,13 @@ def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Choice], choice
     states, path = settled.states, carried(setup, settled.states, settled.path)
 
     def misfits(onsets: Array) -> Array:
+        """Each less what as many readings leave that fit: some may be moved out of the flight."""
         found = []
         for onset in onsets:
             one = replace(choice, onset=float(onset))
             linear = linearise(_moved(setup, one), path, states, settled.noise, settled.scale, {}, [*accepted, one])
-            left = misfit(linear.motion, linear.measurements, linear.solution)
-            found.append(
-                left - sum(m.residual.size for m in linear.measurements)
-            )  # some may be moved out of the flight
+            fitting = sum(m.residual.size for m in linear.measurements)
+            found.append(misfit(linear.motion, linear.measurements, linear.solution) - fitting)
         return np.array(found)
 
     first, last = times_of_change(setup.t)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from companion.estimation.earth_field import EarthField, field_at
 from companion.estimation.measurements import MICROTESLA, NOMINAL, Readings, gps_readings, vector_readings
 from companion.estimation.model import CONSTANT_STATES, CONSTANTS, States
-from companion.estimation.noise_density import shown_noise
+from companion.estimation.noise_density import spectral_noise
 from companion.estimation.rest import at_rest
 from companion.estimation.system import Index
 from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin, nearest
@@ -42,7 +42,9 @@ class Setup:
     gravity: float
     constants: Array  # (39,) prior means
     constants_sigma: Array  # (39,)
-    shown: tuple[float, float]  # rad/s/√Hz, m/s²/√Hz: white noise by the spectra of gyro and accelerometer
+    spectral_noise: tuple[
+        float, float
+    ]  # rad/s/√Hz, m/s²/√Hz: of the readings, by the spectra of gyro and accelerometer
     notes: tuple[str, ...]
 
 
@@ -104,8 +106,8 @@ def set_up(
         )
     if broken.any():
         notes.append(f"{int(broken.sum())} holes in {track.source}: the estimate begins anew after each")
-    shown = shown_noise(track, longest)
-    return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, shown, tuple(notes))
+    noise = spectral_noise(track, longest)
+    return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, tuple(notes))
 
 
 def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from companion.present import palette
+from companion.report import html_page
 from tests.recordings import recording
 from tests.report.pages import DEMO, report
 
@@ -39,3 +41,10 @@ def test_no_tile_contradicts_a_suspect(tmp_path: Path) -> None:
     assert times
     assert float(times[1]) > 3
     assert not any("inside" in label for label in shown), "a share of good windows would read as a contradiction"
+
+
+def test_the_style_lights_up_the_best_estimate_s_own_colour() -> None:
+    """A style sheet cannot import the palette: on dark it finds the line by its colour."""
+    style = (Path(html_page.__file__).parent / "page.css").read_text(encoding="utf-8")
+    light = "".join(f"{part:02x}" for part in palette.BEST_LIGHT)
+    assert f'[style*="stroke: rgb{palette.BEST}"] {{ stroke: #{light} !important; }}' in style
