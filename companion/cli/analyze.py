@@ -87,11 +87,11 @@ def _refuse(lacking: Unexamined, source: Source, *, as_json: bool) -> int:
 
 
 def _print(examined: Examination, console: Console) -> None:
-    flight, found = examined.flight, examined.assessment
-    table = found.drift
+    flight, assessment = examined.flight, examined.assessment
+    table = assessment.drift
     gaps = examined.gaps[table.imu]
     track, vehicle = flight.imu(table.imu), flight.vehicle
-    for line in tables.verdict_lines(found.verdict):
+    for line in tables.verdict_lines(assessment.verdict):
         console.print(line, highlight=False)
     middle = f", {table.middle} middle sample" if table.method == "rk4" else ""
     lines = [
@@ -100,11 +100,11 @@ def _print(examined: Examination, console: Console) -> None:
         f"{flight.duration:.1f} s",
         f"IMU:       {table.imu} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
         + (f", {options.counted(gaps, 'hole')}" if gaps else ""),
-        f"IMU noise model: {found.figures.name} ({escape(found.figures.reason)})",
-        *sensor_lines.noise_lines(found),
-        sensor_lines.autopilot_line(found),
+        f"IMU noise model: {assessment.figures.name} ({escape(assessment.figures.reason)})",
+        *sensor_lines.noise_lines(assessment),
+        sensor_lines.autopilot_line(assessment),
         f"Reference: {reference_line(flight)}",
-        f"Method:    {table.method}{middle}, gravity {found.comparison.how.gravity:.5f} m/s²",
+        f"Method:    {table.method}{middle}, gravity {assessment.comparison.how.gravity:.5f} m/s²",
     ]
     if examined.correction:
         lines.append(f"Corrected: by {escape(examined.correction)}")
@@ -122,12 +122,12 @@ def _print(examined: Examination, console: Console) -> None:
         console.print(f"No window could be used: {'see above' if excluded else 'the flight is too short'}.")
         return
     console.print("\n[bold]Expected drift (1σ)[/]")
-    console.print(tables.expected_table(found), no_wrap=True)
+    console.print(tables.expected_table(assessment), no_wrap=True)
     if len(examined.siblings) > 1:
         console.print("\n[bold]Every IMU after 5 s[/]")
         console.print(tables.siblings_table(examined.siblings), no_wrap=True)
     console.print()
-    for line in sensor_lines.calibration_lines(found):
+    for line in sensor_lines.calibration_lines(assessment):
         console.print(line, highlight=False)
 
 

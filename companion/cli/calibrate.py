@@ -41,19 +41,21 @@ def run(arguments: argparse.Namespace) -> int:
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings)
     flight = recording.flights[options.choose(recording.flights, arguments)]
-    found = assess_imu(flight, settings, imu=arguments.imu, imu_model=arguments.imu_model)
-    if found.calibration is None:
-        raise DataError(f"no calibration: {found.verdict.summary}")
+    assessment = assess_imu(flight, settings, imu=arguments.imu, imu_model=arguments.imu_model)
+    if assessment.calibration is None:
+        raise DataError(f"no calibration: {assessment.verdict.summary}")
     console = tables.console()
-    for line in (*tables.verdict_lines(found.verdict, most=3), "", *sensor_lines.calibration_lines(found)):
+    for line in (*tables.verdict_lines(assessment.verdict, most=3), "", *sensor_lines.calibration_lines(assessment)):
         console.print(line, highlight=False)
     if path is None:
         return 0
-    if not arguments.force and (found.verdict.status == "insufficient_data" or found.made_worse):
+    if not arguments.force and (assessment.verdict.status == "insufficient_data" or assessment.made_worse):
         raise DataError(
             "not written: this flight cannot tell the IMU's constant errors (see above). Write it all the same: --force"
         )
     with destination.replacing(path) as part:
-        part.write_text(correction_text(found.calibration, f"{arguments.log} ({found.drift.imu})"), encoding="utf-8")
+        part.write_text(
+            correction_text(assessment.calibration, f"{arguments.log} ({assessment.drift.imu})"), encoding="utf-8"
+        )
     options.say(f"written: {path}")
     return 0

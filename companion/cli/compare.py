@@ -69,12 +69,12 @@ def run(arguments: argparse.Namespace) -> int:
     second, b = _examined(of_b)
     same = Path(first.source.path).resolve() == Path(second.source.path).resolve()
     same = same and (a.flight.vehicle, a.flight.boot) == (b.flight.vehicle, b.flight.boot)
-    found = contrast(a.assessment, b.assessment, same_flight=same)
-    worse = found.worse_than(arguments.fail_on_worse) if arguments.fail_on_worse is not None else []
+    difference = contrast(a.assessment, b.assessment, same_flight=same)
+    worse = difference.worse_than(arguments.fail_on_worse) if arguments.fail_on_worse is not None else []
     if arguments.json:
-        print(encode(contrast_document(found, (first.source, a), (second.source, b), same_flight=same)))
+        print(encode(contrast_document(difference, (first.source, a), (second.source, b), same_flight=same)))
     else:
-        _print(found, (first, a), (second, b), same)
+        _print(difference, (first, a), (second, b), same)
         for horizon, quantity, change in worse:
             options.say(f"worse than allowed: {quantity} after {horizon:g} s, {_percent(change.ratio)}")
     return 1 if worse else 0
@@ -92,7 +92,9 @@ def _examined(arguments: argparse.Namespace) -> tuple[Recording, Examination]:
         raise DataError(f"{recording.source.path}: {error}") from None  # there are two logs
 
 
-def _print(found: Contrast, a: tuple[Recording, Examination], b: tuple[Recording, Examination], same: bool) -> None:
+def _print(
+    difference: Contrast, a: tuple[Recording, Examination], b: tuple[Recording, Examination], same: bool
+) -> None:
     console = tables.console()
     for name, (recording, examined) in (("A", a), ("B", b)):
         verdict, table = examined.assessment.verdict, examined.assessment.drift
@@ -106,29 +108,29 @@ def _print(found: Contrast, a: tuple[Recording, Examination], b: tuple[Recording
             highlight=False,
         )
         console.print(f"   {escape(verdict.summary)}", highlight=False)
-    if not any(row.changes for row in found.rows):
+    if not any(row.changes for row in difference.rows):
         console.print("\nNo horizon has usable windows in both: nothing to compare.")
     else:
         console.print("\n[bold]Drift: median of the windows, and how B's errors compare with A's[/]")
-        console.print(_drift_table(found), no_wrap=True)
+        console.print(_drift_table(difference), no_wrap=True)
         how = "window by window" if same else "one set of windows against the other"
         console.print(f"* larger than the spread between windows: 95 % intervals of the change, {how}")
-        for line in _significant(found):
+        for line in _significant(difference):
             console.print(line, highlight=False)
         console.print("\n[bold]Expected drift (1σ)[/]")
-        console.print(_budget_table(found), no_wrap=True)
+        console.print(_budget_table(difference), no_wrap=True)
     console.print()
-    for line in (*_finding_lines(found), *_figure_lines(found)):
+    for line in (*_finding_lines(difference), *_figure_lines(difference)):
         console.print(line, highlight=False)
 
 
-def _drift_table(found: Contrast) -> Table:
+def _drift_table(difference: Contrast) -> Table:
     shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
     shown.add_column("\nafter", justify="right", no_wrap=True)
     shown.add_column("windows\nA    B", justify="right", no_wrap=True)
     for quantity, _, unit in _QUANTITIES:
         shown.add_column(f"{f'{quantity}, {unit}':^19}\n{'A':>6}{'B':>6}{'change':>7}", no_wrap=True)
-    for row in found.rows:
+    for row in difference.rows:
         cells = (_cell(row.a, row.b, key, row.changes.get(quantity)) for quantity, key, _ in _QUANTITIES)
         shown.add_row(f"{row.a.horizon_s:g} s", f"{row.a.windows} {row.b.windows:>4}", *cells)
     return shown
@@ -143,25 +145,25 @@ def _cell(a: DriftRow, b: DriftRow, key: str, change: Change | None) -> str:
     return f"{medians}[{_COLOURS[change.direction]}]{_percent(change.ratio):>6}[/]{star}"
 
 
-def _significant(found: Contrast) -> list[str]:
+def _significant(difference: Contrast) -> list[str]:
     lines = [
         f"  {change.direction}: {quantity} after {row.a.horizon_s:g} s {_percent(change.ratio)} "
         f"({_percent(change.low)} to {_percent(change.high)})"
-        for row in found.rows
+        for row in difference.rows
         for quantity, change in row.changes.items()
         if change.direction != "same"
     ]
     return lines or ["  nothing is: what differs is no more than windows differ among themselves"]
 
 
-def _budget_table(found: Contrast) -> Table:
+def _budget_table(difference: Contrast) -> Table:
     shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
     shown.add_column("\nafter", justify="right", no_wrap=True)
     for quantity, _, unit in (_QUANTITIES[0], _QUANTITIES[2]):
         shown.add_column(f"{f'{quantity}, {unit}':^12}\n{'A':>6}{'B':>6}", no_wrap=True)
     shown.add_column("mostly\nA", no_wrap=True)
     shown.add_column("\nB", no_wrap=True)
-    for row in found.rows:
+    for row in difference.rows:
         both = (row.expected_a, row.expected_b)
         cells = ("".join(f"{_expected(e, key):>6}" for e in both) for key in ("attitude_deg", "position_m"))
         mostly = ("-" if e is None else tables.largest(e) for e in both)
@@ -174,27 +176,27 @@ def _expected(expected: Expected | None, key: str) -> str:
     return "-" if value is None else fixed(value)
 
 
-def _finding_lines(found: Contrast) -> list[str]:
+def _finding_lines(difference: Contrast) -> list[str]:
     lines = []
-    for title, several in (("only in A", found.gone), ("only in B", found.new)):
+    for title, several in (("only in A", difference.gone), ("only in B", difference.new)):
         for kind in dict.fromkeys(finding.kind for finding in several):
             evidence = [finding.evidence for finding in several if finding.kind == kind]
             more = f" (and {len(evidence) - 1} more)" if len(evidence) > 1 else ""
             lines.append(f"Finding {title}: {kind.replace('_', ' ')}. {escape(evidence[0])}{more}")
-    if found.kept:
-        lines.append(f"Findings in both: {', '.join(kind.replace('_', ' ') for kind in found.kept)}")
+    if difference.kept:
+        lines.append(f"Findings in both: {', '.join(kind.replace('_', ' ') for kind in difference.kept)}")
     return lines or ["Findings: none in either"]
 
 
-def _figure_lines(found: Contrast) -> list[str]:
-    differing = [figure for figure in found.figures if figure.differs]
+def _figure_lines(difference: Contrast) -> list[str]:
+    differing = [figure for figure in difference.figures if figure.differs]
     lines = []
     for figure in differing:
         name, unit, factor, digits = sensor_lines.figure_name(figure.name)
         a, b, sigma = (f"{value * factor:.{digits}f}" for value in (figure.a, figure.b, figure.sigma))
         lines.append(f"Calibration differs: {name} {a} → {b} {unit} (± {sigma})")
-    if not differing and found.figures:
-        lines.append(f"Calibration: none of the {len(found.figures)} figures that both tell differs (95 %)")
+    if not differing and difference.figures:
+        lines.append(f"Calibration: none of the {len(difference.figures)} figures that both tell differs (95 %)")
     return lines
 
 

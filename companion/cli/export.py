@@ -74,26 +74,26 @@ def run(arguments: argparse.Namespace) -> int:
         if kind not in {"csv", "parquet"}:
             raise
         options.say(f"only what the log has: {error}")
-        found = tables(flight)
+        contents = tables(flight)
     else:
-        found = tables(flight, shown, examined.assessment)
+        contents = tables(flight, shown, examined.assessment)
     with (destination.filling if kind in _FOLDERS else destination.replacing)(path) as place:
         match kind:
             case "tum":
                 files = write_tum(place, flight, shown, examined.assessment.best)
             case "csv":
-                files = write_csv(place, found)
+                files = write_csv(place, contents)
             case "parquet":
-                files = write_parquet(place, found)
+                files = write_parquet(place, contents)
             case "mcap":
-                series = [found[series_name(key)] for key in flight.series]
+                series = [contents[series_name(key)] for key in flight.series]
                 files = write_mcap(place, flight, shown, examined.assessment, series)
             case "kml":
                 files = write_kml(place, flight, shown, examined.assessment.best)
             case "annotations":
                 files = write_annotations(place, examined.assessment.verdict)
             case _:
-                files = write_json(place, analysis_document(recording.source, examined), found)
+                files = write_json(place, analysis_document(recording.source, examined), contents)
     names = ", ".join(file.name for file in files) if kind in _FOLDERS else ""
     print(f"written: {path}" + (f": {names}" if names else ""))
     if kind == "tum":
@@ -103,6 +103,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _ape_line(shown: Replay) -> str:
     """What evo_ape will say of the pair."""
-    found = ape(shown)
-    position = f"{found.position_m.rmse:.6f} m, " if found.position_m else ""
-    return f"APE (rmse, not aligned): {position}{found.attitude_deg.rmse:.6f}°"
+    pose_error = ape(shown)
+    position = f"{pose_error.position_m.rmse:.6f} m, " if pose_error.position_m else ""
+    return f"APE (rmse, not aligned): {position}{pose_error.attitude_deg.rmse:.6f}°"

@@ -22,47 +22,49 @@ _ADVICES = 2
 
 def first_screen(examined: Examination, width: int) -> list[str]:
     """Lines of rich markup, at most 23 in 80 columns; what does not fit is behind --full."""
-    found = examined.assessment
+    assessment = examined.assessment
     width = min(width, _WIDEST)
-    flight, track = examined.flight, examined.flight.imu(found.drift.imu)
-    status = words(found.verdict.status).upper()
-    head = wrapped(f"{status}  {found.verdict.summary}", width, 2)
-    head[0] = head[0].replace(escape(status), status_text(found.verdict.status), 1)
+    flight, track = examined.flight, examined.flight.imu(assessment.drift.imu)
+    status = words(assessment.verdict.status).upper()
+    head = wrapped(f"{status}  {assessment.verdict.summary}", width, 2)
+    head[0] = head[0].replace(escape(status), status_text(assessment.verdict.status), 1)
     vehicle = flight.vehicle
     kind = " ".join(filter(None, (vehicle.autopilot, vehicle.firmware, vehicle.type)))
     head += wrapped(
         f"Vehicle {vehicle}, boot {flight.boot}: {kind}, {flight.duration:.1f} s; "
-        f"{found.drift.imu} at {track.rate_hz:.1f} Hz",
+        f"{assessment.drift.imu} at {track.rate_hz:.1f} Hz",
         width,
         2,
     )
-    rows = [*_rows(found, rate_warning(flight, track.rate_hz) or "")]
+    rows = [*_rows(assessment, rate_warning(flight, track.rate_hz) or "")]
     tail = [line for label, text in rows for line in _labelled(label, text, width)]
     room = max(_MOST_LINES, _MOST_LINES * _COLUMNS // width) - len(head) - len(tail) - 4
-    shown = _evidence(found.verdict.findings, width, room)
+    shown = _evidence(assessment.verdict.findings, width, room)
     more = "Everything else, with all tables: --full"
     return [*head, "", *shown, *([""] if shown else []), *tail, "", more]
 
 
-def _rows(found: Assessment, warning: str) -> Iterator[tuple[str, str]]:
+def _rows(assessment: Assessment, warning: str) -> Iterator[tuple[str, str]]:
     """What is said under the evidence: label, words. warning: of a rate too low; "" for none."""
     if warning:
         yield "Warning", warning
-    yield f"After {_SHOWN_S:g} s", _drift(found)
-    could = found.sensitivity
+    yield f"After {_SHOWN_S:g} s", _drift(assessment)
+    could = assessment.sensitivity
     if could.smallest:
         yield "Would have shown", str(could)
     for why in could.not_judged:
         yield "Not judged", why
-    told = [f.advice for f in found.verdict.findings if f.severity != "info" and f.advice and f.advice not in warning]
+    told = [
+        f.advice for f in assessment.verdict.findings if f.severity != "info" and f.advice and f.advice not in warning
+    ]
     for i, advice in enumerate(list(dict.fromkeys(told))[:_ADVICES]):
         yield "" if i else "What to do", advice
 
 
-def _drift(found: Assessment) -> str:
+def _drift(assessment: Assessment) -> str:
     """Measured against expected at one horizon, in words."""
-    for i, row in enumerate(found.drift.rows):
-        if row.horizon_s == _SHOWN_S and (expected := found.expected_of(i)) is not None:
+    for i, row in enumerate(assessment.drift.rows):
+        if row.horizon_s == _SHOWN_S and (expected := assessment.expected_of(i)) is not None:
             pairs = (
                 (row.attitude_deg, expected.attitude_deg, "°"),
                 (row.velocity_mps, expected.velocity_mps, " m/s"),

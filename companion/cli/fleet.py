@@ -156,10 +156,10 @@ def _print(fleet: Fleet, seconds: float) -> None:
                 escape(_first(reasons(rows, row))),
             )
         console.print(shown)
-    if found := count_findings(rows):
+    if kinds := count_findings(rows):
         console.print("\n[bold]Findings[/]")
         shown = _table("finding", "severity", "times>", "flights>")
-        for kind, severity, times, flights_of in found[:_MOST]:
+        for kind, severity, times, flights_of in kinds[:_MOST]:
             shown.add_row(escape(words(kind)), severity, str(times), str(flights_of))
         console.print(shown)
     if failed := errors(rows):

@@ -67,15 +67,15 @@ def run(arguments: argparse.Namespace) -> int:
     flight = recording.flights[options.choose(recording.flights, arguments)]
     names = [flight.imu(arguments.imu).source] if arguments.imu else list(flight.imus)
     main = flight.imu(arguments.imu).source
-    found, refused = _all(flight, names, settings, arguments.imu_model)
-    if not found:
+    noises, refused = _all(flight, names, settings, arguments.imu_model)
+    if not noises:
         raise DataError(refused.get(main) or "; ".join(refused.values()))
     if arguments.json:
-        print(encode(noise_document(recording.source, flight, found)))
+        print(encode(noise_document(recording.source, flight, noises)))
     else:
-        _print(found, refused)
+        _print(noises, refused)
     if path is not None:
-        _write(path, next((noise for noise in found if noise.imu == main), found[0]), Path(arguments.log).name)
+        _write(path, next((noise for noise in noises if noise.imu == main), noises[0]), Path(arguments.log).name)
     return 0
 
 
@@ -83,13 +83,13 @@ def _all(
     flight: Flight, names: list[str], settings: Settings, model: str | None
 ) -> tuple[list[ImuNoise], dict[str, str]]:
     """The noise of each IMU, and why there is none."""
-    found, refused = [], {}
+    noises, refused = [], {}
     for name in names:
         try:
-            found.append(noise_of(flight, settings, imu=name, imu_model=model))
+            noises.append(noise_of(flight, settings, imu=name, imu_model=model))
         except DataError as error:
             refused[name] = str(error)
-    return found, refused
+    return noises, refused
 
 
 def _check(path: Path, *, force: bool) -> None:
@@ -103,21 +103,21 @@ def _check(path: Path, *, force: bool) -> None:
         destination.check_folder(path, force=force)
 
 
-def _write(path: Path, found: ImuNoise, origin: str) -> None:
+def _write(path: Path, noise: ImuNoise, origin: str) -> None:
     texts = {"kalibr": kalibr_text, "model": imu_model_text}
     if (kind := _FILES.get(path.suffix)) is not None:
         with destination.replacing(path) as part:
-            part.write_text(texts[kind](found, origin), encoding="utf-8")
+            part.write_text(texts[kind](noise, origin), encoding="utf-8")
     else:
         with destination.filling(path) as folder:
-            (folder / "imu.yaml").write_text(kalibr_text(found, origin), encoding="utf-8")
-            (folder / "imu.toml").write_text(imu_model_text(found, origin), encoding="utf-8")
-    options.say(f"written: {path} ({found.imu})")
+            (folder / "imu.yaml").write_text(kalibr_text(noise, origin), encoding="utf-8")
+            (folder / "imu.toml").write_text(imu_model_text(noise, origin), encoding="utf-8")
+    options.say(f"written: {path} ({noise.imu})")
 
 
-def _print(found: list[ImuNoise], refused: dict[str, str]) -> None:
+def _print(noises: list[ImuNoise], refused: dict[str, str]) -> None:
     console = tables.console()
-    for i, noise in enumerate(found):
+    for i, noise in enumerate(noises):
         console.print("\n" * (i > 0) + f"[bold]{escape(noise.imu)}[/], {noise.rate_hz:.1f} Hz", highlight=False)
         for line in _head(noise):
             console.print(line, highlight=False)
@@ -169,11 +169,11 @@ def _cells(axis: AxisNoise, factor: float) -> list[str]:
     ]
 
 
-def _coefficient(found: Coefficient, factor: float) -> str:
+def _coefficient(coefficient: Coefficient, factor: float) -> str:
     """4.2 (4.1-4.3), or < 5 for a bound."""
-    if found.value is None:
-        return f"< {fixed(found.high * factor)}"
-    return f"{fixed(found.value * factor)} ({fixed(found.low * factor)}-{fixed(found.high * factor)})"
+    if coefficient.value is None:
+        return f"< {fixed(coefficient.high * factor)}"
+    return f"{fixed(coefficient.value * factor)} ({fixed(coefficient.low * factor)}-{fixed(coefficient.high * factor)})"
 
 
 def _flight_parts(noise: ImuNoise, flight: FlightNoise) -> Iterator[str | Table]:

@@ -74,10 +74,10 @@ def run(arguments: argparse.Namespace) -> int:
 def _vehicles(arguments: argparse.Namespace, path: Path) -> set[tuple[int, int]]:
     """The autopilots in the log. Not their companion computers: what those say to an autopilot are commands."""
     vehicles = [flight.vehicle for flight in options.read(arguments, options.settings_of(arguments)).flights]
-    found = {(vehicle.sysid, vehicle.compid) for vehicle in vehicles}
-    if not found:
+    autopilots = {(vehicle.sysid, vehicle.compid) for vehicle in vehicles}
+    if not autopilots:
         raise DataError(f"no vehicle found in {path}. To send what others said in it: --everybody.")
-    return found
+    return autopilots
 
 
 def _wait(port: Port, address: Address, told: Callable[[], bool]) -> None:

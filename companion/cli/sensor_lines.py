@@ -40,15 +40,15 @@ def figure_name(name: str) -> tuple[str, str, float, int]:
     return f"{title} {axis}".strip(), unit, factor, digits
 
 
-def noise_lines(found: Assessment) -> Iterator[str]:
+def noise_lines(assessment: Assessment) -> Iterator[str]:
     """White noise by the data sheet, at rest and in flight, in the units of data sheets."""
-    flying = found.measured_noise or (0.0, 0.0)
-    if not found.rests and not any(flying):
+    flying = assessment.measured_noise or (0.0, 0.0)
+    if not assessment.rests and not any(flying):
         return
-    gyro, accel = found.figures.gyro.noise_density, found.figures.accel.noise_density
+    gyro, accel = assessment.figures.gyro.noise_density, assessment.figures.accel.noise_density
     rows = (
-        ("Noise:", "gyro", gyro, [r.gyro_noise for r in found.rests], flying[0], _MDPS, "mdps/√Hz"),
-        ("", "accelerometer", accel, [r.accel_noise for r in found.rests], flying[1], _MICRO_G, "µg/√Hz"),
+        ("Noise:", "gyro", gyro, [r.gyro_noise for r in assessment.rests], flying[0], _MDPS, "mdps/√Hz"),
+        ("", "accelerometer", accel, [r.accel_noise for r in assessment.rests], flying[1], _MICRO_G, "µg/√Hz"),
     )
     for label, name, sheet, resting, moving, factor, unit in rows:
         parts = [f"{fixed(sheet * factor)} {unit} expected"]
@@ -62,18 +62,18 @@ def noise_lines(found: Assessment) -> Iterator[str]:
         yield f"{label:<11}{name} {', '.join(parts)}"
 
 
-def autopilot_line(found: Assessment) -> str:
+def autopilot_line(assessment: Assessment) -> str:
     """How far off the autopilot's own estimate is taken to be."""
-    own = found.autopilot
+    own = assessment.autopilot
     return (
         f"Assumed autopilot error (1σ): tilt {own.tilt * _DEGREES:.1f}°, heading {own.heading * _DEGREES:.1f}°, "
         f"{fixed(own.velocity)} m/s, {fixed(own.position)} m ({escape(own.reason)})"
     )
 
 
-def calibration_lines(found: Assessment) -> Iterator[str]:
+def calibration_lines(assessment: Assessment) -> Iterator[str]:
     """The fitted errors with their standard errors, and whether they help on windows they were not fitted to."""
-    fit = found.calibration
+    fit = assessment.calibration
     if fit is None:
         return
     yield f"Calibration from {counted(fit.windows, 'window')} of {fit.horizon_s:g} s (± one standard error):"
@@ -87,7 +87,7 @@ def calibration_lines(found: Assessment) -> Iterator[str]:
         ]
         yield f"  {name:<19}{', '.join(parts)} {unit}"
         if part == "gyro_bias":
-            yield from _other_witnesses(found)
+            yield from _other_witnesses(assessment)
     untold = [name for part, (name, *_) in _CALIBRATED.items() if not fit.told(part)]
     if untold:
         yield f"  not observable     in this flight: {', '.join(untold)}"
@@ -99,47 +99,47 @@ def calibration_lines(found: Assessment) -> Iterator[str]:
     if fit.observable[place][2] and not fit.observable[PARTS["accel_scale"]][2]:
         value, sigma = fit.level_force
         yield f"  at 1 g             z reads {value:.3f} ± {sigma:.3f} m/s² too much: bias and scale together"
-    if found.corrected and found.uncorrected:
-        before, after = found.uncorrected.rows[0], found.corrected.rows[0]
+    if assessment.corrected and assessment.uncorrected:
+        before, after = assessment.uncorrected.rows[0], assessment.corrected.rows[0]
         text = f"{_pair(before.attitude_deg, after.attitude_deg)}°"
         if after.position_m:
             text += f", {_pair(before.position_m, after.position_m)} m"
         yield f"  out of sample      {counted(after.windows, 'window')} not fitted: median drift {text}"
-        if found.made_worse:
+        if assessment.made_worse:
             yield "  [yellow]It makes the rest of the flight worse: the errors are not constant. Do not use it.[/]"
 
 
-def _other_witnesses(found: Assessment) -> Iterator[str]:
+def _other_witnesses(assessment: Assessment) -> Iterator[str]:
     """The gyro bias as the rests and the autopilot have it."""
-    for rest in found.rests[:_MOST_RESTS]:
+    for rest in assessment.rests[:_MOST_RESTS]:
         bias = _plus_minus(rest.gyro, rest.gyro_sigma, 1e3, 2)
         yield f"    at rest          {bias} mrad/s ({rest.start_s:.1f}-{rest.end_s:.1f} s)"
-    if (held := found.autopilot_bias) is not None:
+    if (held := assessment.autopilot_bias) is not None:
         bias = _plus_minus(held.gyro, held.sigma, 1e3, 2)
         yield f"    the autopilot's  {bias} mrad/s ({held.start_s:.1f}-{held.end_s:.1f} s)"
 
 
-def alignment_lines(found: Alignment) -> Iterator[str | Table]:
+def alignment_lines(alignment: Alignment) -> Iterator[str | Table]:
     """How the IMU aligned itself at rest, and how far its attitude is from the autopilot's later."""
-    rest = found.rest
+    rest = alignment.rest
     yield f"\n[bold]The IMU alone, from rest[/] ({rest.start_s:.1f}-{rest.end_s:.1f} s)"
-    heading = {"nothing": "unknown: taken as north"}.get(found.heading_from, f"from the {found.heading_from}")
-    yield f"Roll and pitch from gravity (± {_degrees(found.tilt_sigma)} each), heading {heading}" + (
-        f" (± {_degrees(found.heading_sigma)})" if found.heading_from != "nothing" else ""
+    heading = {"nothing": "unknown: taken as north"}.get(alignment.heading_from, f"from the {alignment.heading_from}")
+    yield f"Roll and pitch from gravity (± {_degrees(alignment.tilt_sigma)} each), heading {heading}" + (
+        f" (± {_degrees(alignment.heading_sigma)})" if alignment.heading_from != "nothing" else ""
     )
     yield f"Gyro bias  {_plus_minus(rest.gyro, rest.gyro_sigma, 1e3, 2)} mrad/s taken off"
-    if found.magnetic_error_rad is not None:
-        declination = "declination added" if found.declination_rad else "the declination is part of it"
-        yield f"Magnetometer minus autopilot: {_degrees(found.magnetic_error_rad)} of heading ({declination})"
-    for note in found.notes:
+    if alignment.magnetic_error_rad is not None:
+        declination = "declination added" if alignment.declination_rad else "the declination is part of it"
+        yield f"Magnetometer minus autopilot: {_degrees(alignment.magnetic_error_rad)} of heading ({declination})"
+    for note in alignment.notes:
         yield f"Note:      {escape(note)}"
-    if not found.later:
+    if not alignment.later:
         yield "The autopilot's attitude is not known after the rest."
         return
     shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
     for column in ("after rest", "tilt °", "expected, 1σ", "heading °", "expected, 1σ"):
         shown.add_column(column, justify="right", no_wrap=True)
-    for row in found.later:
+    for row in alignment.later:
         figures = (row.tilt_deg, row.expected_tilt_deg, row.heading_deg, row.expected_heading_deg)
         shown.add_row(f"{row.since_s:.1f} s", *(fixed(value) for value in figures))
     yield shown

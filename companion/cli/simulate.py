@@ -128,7 +128,7 @@ def model_of(figures: ImuSpec, seed: int) -> ImuModel:
 
 def faults_of(names: list[str]) -> Faults:
     """The faults that the command line names. Raises SettingsError for one that there is not."""
-    found: dict[str, object] = {}
+    chosen: dict[str, object] = {}
     for text in names:
         name, _, when = text.partition("@")
         try:
@@ -151,5 +151,5 @@ def faults_of(names: list[str]) -> Faults:
         }
         if name not in known:
             raise SettingsError(f"there is no fault {name!r}: choose of {', '.join(known)}.")
-        found |= known[name]
-    return Faults(**found)  # type: ignore[arg-type]
+        chosen |= known[name]
+    return Faults(**chosen)  # type: ignore[arg-type]

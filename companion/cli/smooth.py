@@ -137,8 +137,8 @@ def _measurements(best: BestEstimate) -> Table:
     return shown
 
 
-def _explained(found: Sequence[Explained]) -> Iterator[str]:
-    for one in found:
+def _explained(explanations: Sequence[Explained]) -> Iterator[str]:
+    for one in explanations:
         kind = kind_of(one.kind)
         unit, factor = _SHOWN.get(kind.unit, (kind.unit, 1.0))
         unit += "/s" if one.shape == "ramp" else ""
@@ -151,7 +151,7 @@ def _explained(found: Sequence[Explained]) -> Iterator[str]:
             f"  {one.kind.replace('_', ' ')}, {one.shape}: {size} {unit} from {one.onset:.1f} ± "
             f"{one.onset_sigma:.1f}{until} s (2 ln likelihood ratio {one.gain:.0f}{second})"
         )
-    if not found:
+    if not explanations:
         yield "  nothing: they agree within their noise"
 
 

@@ -89,14 +89,14 @@ def drift_table(table: Drift) -> Table:
     return shown
 
 
-def expected_table(found: Assessment) -> Table:
+def expected_table(assessment: Assessment) -> Table:
     """What the drift should be: 1σ, the share of windows inside the 95 % bound, and what it is made of."""
     shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
     shown.add_column("\nafter", justify="right", no_wrap=True)
     shown.add_column(f"{'expected, 1σ':^18}\n{_line(*(q.unit for q in QUANTITIES))}", no_wrap=True)
     shown.add_column(f"{'inside 95 %':^18}\n{_line('att.', 'vel.', 'pos.')}", no_wrap=True)
     shown.add_column("\nmostly", no_wrap=True)
-    for row, expected in zip(found.drift.rows, found.expected, strict=True):
+    for row, expected in zip(assessment.drift.rows, assessment.expected, strict=True):
         if expected is None:
             continue
         sigma = [getattr(expected, quantity.attribute) for quantity in QUANTITIES]

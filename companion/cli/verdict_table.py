@@ -28,7 +28,7 @@ def print_table(arguments: argparse.Namespace) -> int:
         raise SettingsError(f"{' and '.join(given)} is of one log: name one. For many logs: companion fleet.")
     settings = options.settings_of(arguments)
     logs = [log.path for log in find_logs(options.log_paths(arguments), dialect=settings.log.dialect).logs]
-    names, unread, found = short_names(logs), 0, list[str]()
+    names, unread, statuses = short_names(logs), 0, list[str]()
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
     for heading in ("log", "flight", "verdict", f"after {_HORIZON_S:g} s"):
         table.add_column(heading, overflow="fold")
@@ -41,7 +41,7 @@ def print_table(arguments: argparse.Namespace) -> int:
             continue
         for flight in flights:
             status, words, drift = _judged(flight, settings, arguments)
-            found.append(status)
+            statuses.append(status)
             who = f"{flight.vehicle}, boot {flight.boot}, {flight.duration:.0f} s"
             verdict = f"{tables.status_text(status)}: {escape(words)}"
             table.add_row(escape(names[path]), who, verdict, drift)
@@ -50,7 +50,7 @@ def print_table(arguments: argparse.Namespace) -> int:
     tables.console().print(table)
     if unread:
         return 2
-    return options.exit_code(arguments.fail_on, found)
+    return options.exit_code(arguments.fail_on, statuses)
 
 
 def _judged(flight: Flight, settings: Settings, arguments: argparse.Namespace) -> tuple[str, str, str]:
@@ -59,18 +59,18 @@ def _judged(flight: Flight, settings: Settings, arguments: argparse.Namespace) -
     if lacking is not None:
         return lacking.verdict.status, lacking.verdict.summary, ""
     try:
-        found = examine(
+        examined = examine(
             flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
         ).assessment
     except CompanionError as error:
         return "insufficient_data", str(error), ""
     drift = ""
-    for row in found.drift.rows:
+    for row in examined.drift.rows:
         if row.horizon_s == _HORIZON_S and row.attitude_deg is not None:
             parts = [f"{fixed(row.attitude_deg.median)}°"]
             parts += [f"{fixed(row.position_m.median)} m"] if row.position_m is not None else []
             drift = ", ".join(parts)
-    return found.verdict.status, found.verdict.summary, drift
+    return examined.verdict.status, examined.verdict.summary, drift
 
 
 def _flights(path: str, core: int | None, settings: Settings) -> tuple[Flight, ...]:
