@@ -61,17 +61,17 @@ _UNTOLD = "not observable in this flight"
 def load_correction(path: str | Path) -> Correction:
     """Read a correction. Raises InputError when the file cannot be read, SettingsError when it is none."""
     try:
-        found = msgspec.convert(read_toml(path)[0], _File)
+        file = msgspec.convert(read_toml(path)[0], _File)
     except OSError as error:
         raise InputError(
             f"cannot read the correction {path}: {error.strerror}. Make one: companion calibrate LOG"
         ) from None
     except msgspec.ValidationError as error:
         raise SettingsError(f"{path} is no correction: {error}. Make one: companion calibrate LOG -o {path}") from None
-    vectors = {part: np.array(getattr(found, part)) for part in PARTS if part != "time_offset"}
-    if found.format == 1:
+    vectors = {part: np.array(getattr(file, part)) for part in PARTS if part != "time_offset"}
+    if file.format == 1:
         vectors["mounting"] = -vectors["mounting"]
-    return Correction(**vectors, time_offset=found.time_offset)
+    return Correction(**vectors, time_offset=file.time_offset)
 
 
 def correction_text(calibration: Calibration, origin: str) -> str:

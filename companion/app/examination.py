@@ -119,12 +119,12 @@ def _examined(
     how: Integration | None,
     anchor: str,
 ) -> Examination:
-    found = assess_imu(flight, settings, imu=imu, imu_model=imu_model, correction=correction, how=how)
-    how = found.comparison.how
+    assessment = assess_imu(flight, settings, imu=imu, imu_model=imu_model, correction=correction, how=how)
+    how = assessment.comparison.how
 
     def compare_imu(name: str) -> Comparison:
-        own = found.comparison.track.source == name and correction is None
-        return found.comparison if own else compare(flight, imu=name, how=how)
+        own = assessment.comparison.track.source == name and correction is None
+        return assessment.comparison if own else compare(flight, imu=name, how=how)
 
     def beside() -> tuple[Sibling, ...]:
         return siblings(
@@ -133,11 +133,13 @@ def _examined(
 
     return Examination(
         flight,
-        found,
+        assessment,
         beside,
         _gaps(flight, how.limits),
         str(correction) if correction is not None else None,
-        align(flight, found.comparison, found.figures, autopilot_of(settings, flight)) if anchor == "rest" else None,
+        align(flight, assessment.comparison, assessment.figures, autopilot_of(settings, flight))
+        if anchor == "rest"
+        else None,
     )
 
 

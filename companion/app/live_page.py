@@ -119,13 +119,13 @@ class LiveFeed:
         receipts = self._attachment.fetch()
         self._watch.hear(receipts)
         self._verdict.hear(receipts)
-        found = self._watch.look()
-        if found is None:
+        sighting = self._watch.look()
+        if sighting is None:
             return None
-        present = found.present
+        present = sighting.present
         if (shown := str(present.flight.vehicle)) != self._vehicle:
             self._verdict.assign(self._assignment(shown))
-        return Seen(present.flight, present.imu, present.replay, found.free)
+        return Seen(present.flight, present.imu, present.replay, sighting.free)
 
     def pick(self, vehicle: str) -> None:
         self._watch.pick(vehicle)
@@ -135,10 +135,10 @@ class LiveFeed:
 
     def news(self) -> list[str]:
         """The sentences that the terminal has not shown yet."""
-        found = []
+        sentences = []
         while self._news:
-            found.append(self._news.popleft())
-        return found
+            sentences.append(self._news.popleft())
+        return sentences
 
     def close(self) -> None:
         """End the verdict's process."""

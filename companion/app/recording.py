@@ -89,8 +89,8 @@ def read_recording(
     )
     source, messages = _source(log), dict(log.messages)
     del log  # `flights` lets go of what it has read
-    found, others = flights(messages, spoken, dequantise=dequantise)
-    return Recording(source, tuple(found), tuple(others))
+    of_log, others = flights(messages, spoken, dequantise=dequantise)
+    return Recording(source, tuple(of_log), tuple(others))
 
 
 def _read_ulog(path: Path, dialect: Dialect, progress: Callable[[int], None] | None, most_bytes: int) -> Recording:

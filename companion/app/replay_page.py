@@ -58,7 +58,7 @@ class Answers:
         self._imu_model, self._command = imu_model, command
         self._file = load_correction(correction) if correction is not None else None
         self._lock = threading.Lock()
-        self._found: dict[tuple[int, str, Integration], Correction | None] = {}
+        self._corrections: dict[tuple[int, str, Integration], Correction | None] = {}
         self._last: tuple[tuple[object, ...], Examination] | None = None
 
     def recompute(self, flight: Flight, choice: ReplayChoice) -> Reckoning:
@@ -118,7 +118,7 @@ class Answers:
         self._last = _key(flight, choice), examined
         if not choice.corrects:
             with self._lock:
-                self._found[id(flight), source, choice.integration(flight)] = _correction_of(examined.assessment)
+                self._corrections[id(flight), source, choice.integration(flight)] = _correction_of(examined.assessment)
 
     def _correction(self, flight: Flight, choice: ReplayChoice, how: Integration) -> Correction:
         """What is taken off the chosen IMU. Raises DataError when this flight tells nothing to take off."""
@@ -129,10 +129,10 @@ class Answers:
         name = flight.imu(choice.imu).source
         with self._lock:  # whoever comes first finds it out
             key = (id(flight), name, how)
-            if key not in self._found:
-                found = assess_imu(flight, self.settings, imu=name, imu_model=self._imu_model, how=how)
-                self._found[key] = _correction_of(found)
-            correction = self._found[key]
+            if key not in self._corrections:
+                assessment = assess_imu(flight, self.settings, imu=name, imu_model=self._imu_model, how=how)
+                self._corrections[key] = _correction_of(assessment)
+            correction = self._corrections[key]
         if correction is None:
             raise DataError("This flight has too few usable windows to calibrate with. Record a longer one.")
         return correction
@@ -205,13 +205,13 @@ def _key(flight: Flight, choice: ReplayChoice) -> tuple[object, ...]:
     )  # fmt: skip
 
 
-def _noise_of(flight: Flight, found: Assessment) -> ImuNoise | None:
-    comparison = found.comparison
+def _noise_of(flight: Flight, assessment: Assessment) -> ImuNoise | None:
+    comparison = assessment.comparison
     try:
-        return imu_noise(flight, comparison.track.source, found.figures, comparison.how.limits)
+        return imu_noise(flight, comparison.track.source, assessment.figures, comparison.how.limits)
     except DataError:
         return None
 
 
-def _correction_of(found: Assessment) -> Correction | None:
-    return found.calibration.correction if found.calibration else None
+def _correction_of(assessment: Assessment) -> Correction | None:
+    return assessment.calibration.correction if assessment.calibration else None

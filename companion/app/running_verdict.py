@@ -214,12 +214,15 @@ def _verdict_on(assignment: Assignment) -> Judging:
 
     def judged(flight: Flight, imu: str | None) -> tuple[Verdict, Band]:
         nonlocal band, of, made
-        found = assess_imu(flight, settings, imu=imu)
-        end, now = flight.start + flight.duration, (str(flight.vehicle), flight.boot, found.comparison.track.source)
+        assessment = assess_imu(flight, settings, imu=imu)
+        end, now = (
+            flight.start + flight.duration,
+            (str(flight.vehicle), flight.boot, assessment.comparison.track.source),
+        )
         if now != of or len(band) < len(assignment.ages_s) or end - made > _BAND_S:
             of, made = now, end
-            rows = expected_by_age(found, assignment.ages_s).tolist()
+            rows = expected_by_age(assessment, assignment.ages_s).tolist()
             band = tuple((age, attitude, velocity, position) for age, attitude, velocity, position in rows)
-        return found.verdict, band
+        return assessment.verdict, band
 
     return judged

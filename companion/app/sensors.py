@@ -105,21 +105,21 @@ def load_imu_spec(part: str, reason: str = ASKED_FOR) -> ImuSpec:
 
     Raises InputError for a part that the library does not have, SettingsError for a file that is not of that form.
     """
-    found = _load(part)
-    return ImuSpec(part, _sensor(found.gyro), _sensor(found.accel), reason)
+    file = _load(part)
+    return ImuSpec(part, _sensor(file.gyro), _sensor(file.accel), reason)
 
 
-def imu_model_text(found: ImuNoise, origin: str) -> str:
+def imu_model_text(noise: ImuNoise, origin: str) -> str:
     """The file of an IMU of its own, of the form of the library: noise as measured, the rest as its part has it.
 
     Raises InputError and SettingsError as `load_imu_spec`.
     """
-    base = _load(found.figures.name)
+    base = _load(noise.figures.name)
     lines = [
-        f"name = {_quoted(f'{found.imu} of {origin}')}",
+        f"name = {_quoted(f'{noise.imu} of {origin}')}",
         f"datasheet = {_quoted(f'noise measured; the rest is that of {base.name}')}",
     ]
-    measured = dict(zip(("gyro", "accel"), noise_model(found), strict=True))
+    measured = dict(zip(("gyro", "accel"), noise_model(noise), strict=True))
     for sensor, told in measured.items():
         part: _Sensor = getattr(base, sensor)
         for name in _Sensor.__struct_fields__:
@@ -149,15 +149,15 @@ def _quoted(text: str) -> str:
 def _load(part: str) -> _Part:
     path = Path(part) if part.endswith(".toml") else data_folder("config") / "imu" / f"{part.lower()}.toml"
     try:
-        found = msgspec.convert(read_toml(path)[0], _Part)
-        _sensor(found.gyro), _sensor(found.accel)  # units that are none
+        file = msgspec.convert(read_toml(path)[0], _Part)
+        _sensor(file.gyro), _sensor(file.accel)  # units that are none
     except OSError:
         raise InputError(
             f"no IMU model {part!r}. The library has: {', '.join(imu_parts())}; or name a .toml file of that form."
         ) from None
     except (msgspec.ValidationError, KeyError) as error:
         raise SettingsError(f"{path} does not describe an IMU: {error}. config/imu/README.md says how.") from None
-    return found
+    return file
 
 
 def ardupilot_id(part: str) -> int:

@@ -45,17 +45,17 @@ class Attachment:
 
     def fetch(self) -> list[Receipt]:
         """What has arrived since the last time. For one thread."""
-        found: list[Receipt] = []
+        fetched: list[Receipt] = []
         while self._receipts:
-            found.append(self._receipts.popleft())
-        return found
+            fetched.append(self._receipts.popleft())
+        return fetched
 
     def said(self) -> list[str]:
         """The sentences for the user since the last time. For one thread."""
-        found: list[str] = []
+        sentences: list[str] = []
         while self._said:
-            found.append(self._said.popleft())
-        return found
+            sentences.append(self._said.popleft())
+        return sentences
 
     def check(self) -> None:
         """Raise what has ended the thread, if anything: InputError where the link carries no MAVLink."""

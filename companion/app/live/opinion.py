@@ -109,12 +109,12 @@ class Judge:
         last = self._last
         flight = self._flight(self._horizon_s)
         status, text, expected = self._said(flight)
-        found = replace(last, status=status, text=text, newest=self._newest, expected=expected)
+        opinion = replace(last, status=status, text=text, newest=self._newest, expected=expected)
         if flight is not None:
-            found = replace(found, vehicle=str(flight.vehicle))
+            opinion = replace(opinion, vehicle=str(flight.vehicle))
         if status in _SUSPECT:
-            found = replace(found, alarms=_noted(last, status, text, self._newest))
-        self._last = replace(found, was_consistent=last.was_consistent or status == "consistent")
+            opinion = replace(opinion, alarms=_noted(last, status, text, self._newest))
+        self._last = replace(opinion, was_consistent=last.was_consistent or status == "consistent")
         return self._last
 
     def stirred(self) -> bool:

@@ -96,10 +96,10 @@ class LiveReplay:
         newest = self._stream.go_on(present.flight, present.imu, whole.newest - _OVERLAP_S)
         if newest is None:
             return None
-        found = go_on(present.replay, newest.imu, newest.attitude, newest.position, whole.how)
-        if found is None or found.replay.t[-1] >= present.replay.anchors[-1] + self._reanchor_s:
+        continued = go_on(present.replay, newest.imu, newest.attitude, newest.position, whole.how)
+        if continued is None or continued.replay.t[-1] >= present.replay.anchors[-1] + self._reanchor_s:
             return None
-        return Present(present.flight, present.imu, found.replay, found)
+        return Present(present.flight, present.imu, continued.replay, continued)
 
     @property
     def _asked(self) -> tuple[object, ...]:
@@ -136,8 +136,8 @@ class LiveReplay:
         return 2 * self._reanchor_s + _MARGIN_S
 
     def _choose(self) -> Flight | None:
-        found = self._stream.recent(self._span)
-        newest = {f.vehicle.sysid: f for f in found}  # the last boot of each
+        recent = self._stream.recent(self._span)
+        newest = {f.vehicle.sysid: f for f in recent}  # the last boot of each
         usable = [f for f in newest.values() if f.default_imu is not None]
         self.vehicles = tuple(str(f.vehicle) for f in usable)
         if self.vehicle is not None:
