@@ -53,13 +53,13 @@ def by_concern(rows: Rows) -> list[Row]:
 
 def worst_ratios(rows: Rows) -> dict[Key, float]:
     """Flight → its worst window's error over the expected 1σ, of the quantity and horizon where that is largest."""
-    found: dict[Key, float] = {}
+    worst: dict[Key, float] = {}
     for row in rows.drift:
         for name in _QUANTITIES:
             error, expected = row.get(name.format("max")), row.get(name.format("expected"))
             if error is not None and expected:
-                found[key_of(row)] = max(found.get(key_of(row), 0.0), error / expected)
-    return found
+                worst[key_of(row)] = max(worst.get(key_of(row), 0.0), error / expected)
+    return worst
 
 
 def errors(rows: Rows) -> list[Row]:
@@ -69,12 +69,12 @@ def errors(rows: Rows) -> list[Row]:
 
 def count_findings(rows: Rows) -> list[tuple[str, str, int, int]]:
     """(kind, severity, findings, flights) of each kind, those in most flights first."""
-    found: dict[tuple[str, str], list[Row]] = {}
+    by_kind: dict[tuple[str, str], list[Row]] = {}
     for row in rows.findings:
-        found.setdefault((row["kind"], row["severity"]), []).append(row)
+        by_kind.setdefault((row["kind"], row["severity"]), []).append(row)
     counted = [
         (kind, severity, len(of_kind), len({(row["log"], row["vehicle"], row["boot"]) for row in of_kind}))
-        for (kind, severity), of_kind in found.items()
+        for (kind, severity), of_kind in by_kind.items()
     ]
     return sorted(counted, key=lambda row: (_SEVERITIES.index(row[1]), -row[3], row[0]))
 
@@ -88,13 +88,13 @@ def reasons(rows: Rows, flight: Row) -> list[str]:
 
 def short_names(paths: Sequence[str]) -> dict[str, str]:
     """Each path by as many of its last parts as tell it from the others."""
-    found: dict[str, str] = {}
+    short: dict[str, str] = {}
     waiting, parts = sorted(set(paths)), 1
     while waiting:
         names = {path: "/".join(path.replace("\\", "/").split("/")[-parts:]) for path in waiting}
         counts = Counter(names.values())
         whole = {path for path, name in names.items() if len(name) >= len(path)}
-        found |= {path: name for path, name in names.items() if counts[name] == 1 or path in whole}
-        waiting = [path for path in waiting if path not in found]
+        short |= {path: name for path, name in names.items() if counts[name] == 1 or path in whole}
+        waiting = [path for path in waiting if path not in short]
         parts += 1
-    return found
+    return short

@@ -100,8 +100,8 @@ def _histories(rows: Rows, charts: Charts, names: dict[str, str]) -> Iterable[Se
     ):
         body = ""
         for sensor, what in (("gyro", "Gyroscope bias"), ("accel", "Accelerometer bias")):
-            if found := history(rows.calibration, sensor, against, names):
-                figure, sensors = found
+            if drawn := history(rows.calibration, sensor, against, names):
+                figure, sensors = drawn
                 most = (
                     f" The {MOST_SENSORS} of {sensors} sensors with the most flights." if sensors > MOST_SENSORS else ""
                 )

@@ -51,7 +51,7 @@ def rows_of(logs: Iterable[tuple[FoundLog, LogRecord]]) -> Rows:
             flights.append(of_log | key | _flight(flight))
             if flight.analysis is not None:
                 drift += [key | row for row in _drift(flight.analysis)]
-                findings += [key | msgspec.structs.asdict(found) for found in flight.analysis.verdict.findings]
+                findings += [key | msgspec.structs.asdict(finding) for finding in flight.analysis.verdict.findings]
                 calibration += [key | row for row in _calibration(flight, flight.analysis)]
     return Rows(tuple(flights), tuple(drift), tuple(findings), tuple(calibration))
 
@@ -70,23 +70,23 @@ def _flight(flight: FlightRecord) -> Row:
         "report": flight.report,
         "report_error": flight.report_error,
     }
-    if (found := flight.analysis) is None:
+    if (analysis := flight.analysis) is None:
         return row
     return row | {
-        "imu": found.used_imu,
-        "rate_hz": next((imu.rate_hz for imu in found.imu if imu.message == found.used_imu), None),
-        "figures": found.figures.name if found.figures else None,
-        "status": found.verdict.status,
-        "summary": found.verdict.summary,
-        "drift_ratio": _drift_ratio(found),
+        "imu": analysis.used_imu,
+        "rate_hz": next((imu.rate_hz for imu in analysis.imu if imu.message == analysis.used_imu), None),
+        "figures": analysis.figures.name if analysis.figures else None,
+        "status": analysis.verdict.status,
+        "summary": analysis.verdict.summary,
+        "drift_ratio": _drift_ratio(analysis),
     }
 
 
-def _drift(found: schema.AnalyzeFlight) -> Iterator[Row]:
-    inside = {share.horizon_s: share for share in found.consistency}
-    for drift in found.drift:
+def _drift(analysis: schema.AnalyzeFlight) -> Iterator[Row]:
+    inside = {share.horizon_s: share for share in analysis.consistency}
+    for drift in analysis.drift:
         row: Row = {
-            "imu": found.used_imu,
+            "imu": analysis.used_imu,
             "horizon_s": drift.horizon_s,
             "windows": drift.windows,
             "windows_left_out": sum(drift.excluded.values()),
@@ -103,8 +103,8 @@ def _drift(found: schema.AnalyzeFlight) -> Iterator[Row]:
         yield row
 
 
-def _calibration(flight: FlightRecord, found: schema.AnalyzeFlight) -> Iterator[Row]:
-    fit, imu = found.calibration, found.used_imu
+def _calibration(flight: FlightRecord, analysis: schema.AnalyzeFlight) -> Iterator[Row]:
+    fit, imu = analysis.calibration, analysis.used_imu
     if fit is None or imu is None:
         return
     row: Row = {
@@ -134,9 +134,9 @@ def _calibration(flight: FlightRecord, found: schema.AnalyzeFlight) -> Iterator[
     yield row
 
 
-def _drift_ratio(found: schema.AnalyzeFlight) -> float | None:
+def _drift_ratio(analysis: schema.AnalyzeFlight) -> float | None:
     """Median drift over the expected one, of the quantity where it is largest, at the horizon nearest to 5 s."""
-    usable = [row for row in found.drift if row.expected is not None]
+    usable = [row for row in analysis.drift if row.expected is not None]
     if not usable:
         return None
     row: schema.DriftObject = min(usable, key=lambda row: abs(row.horizon_s - _JUDGED_S))

@@ -56,14 +56,14 @@ def find_logs(paths: Sequence[str], *, dialect: str = DEFAULT_DIALECT) -> Search
                 walk.folder(name)
             else:
                 walk.file(name)
-    if not walk.found:
+    if not walk.logs:
         searched = ", ".join(paths)
         passed = f" Passed over: {_some([*walk.closed, *walk.no_logs])}." if walk.closed or walk.no_logs else ""
         raise InputError(
             f"no logs in {searched}: folders are searched for .tlog, .ulg, .bin, .log and compressed logs."
             f"{passed} Name the folder or the files."
         )
-    logs = tuple(sorted(walk.found.values(), key=lambda log: log.path))
+    logs = tuple(sorted(walk.logs.values(), key=lambda log: log.path))
     return Search(logs, tuple(walk.no_logs), tuple(walk.closed))
 
 
@@ -72,7 +72,7 @@ class _Walk:
 
     def __init__(self, dialect: str) -> None:
         self._dialect = dialect
-        self.found: dict[str, FoundLog] = {}  # by the path without symbolic links
+        self.logs: dict[str, FoundLog] = {}  # by the path without symbolic links
         self.no_logs: list[str] = []
         self.closed: list[str] = []
         self._been: set[tuple[int, int]] = set()  # device and inode of folders: links may run in circles
@@ -104,7 +104,7 @@ class _Walk:
                 self.no_logs.append(path)
                 return
             log = FoundLog(path, status.st_size, f"{status.st_mtime_ns}-{status.st_ctime_ns}")
-        self.found.setdefault(os.path.realpath(path), log)
+        self.logs.setdefault(os.path.realpath(path), log)
 
     def _is_log(self, path: str) -> bool:
         try:
@@ -128,10 +128,10 @@ def _expanded(path: str) -> Iterator[str]:
         return
     if not glob.has_magic(path):
         raise InputError(f"there is no file or folder {path}: check the path.")
-    found = sorted(glob.glob(path, recursive=True))  # noqa: PTH207  (of a text that may be absolute)
-    if not found:
+    matches = sorted(glob.glob(path, recursive=True))  # noqa: PTH207  (of a text that may be absolute)
+    if not matches:
         raise InputError(f"no file matches {path}: check the pattern.")
-    yield from found
+    yield from matches
 
 
 def _some(names: Sequence[str], most: int = 5) -> str:

@@ -22,12 +22,12 @@ def sensor_ids(flight: Flight, sensor: str) -> dict[str, int]:
     ArduPilot: INS_GYR_ID, INS_GYR2_ID, ..., INS_ACC_ID; PX4: CAL_GYRO0_ID, ..., CAL_ACC0_ID. The id holds the bus,
     address and type of the part (AP_InertialSensor, DevTypes): two boards of a kind have the same.
     """
-    found: dict[str, int] = {}
+    ids: dict[str, int] = {}
     for name, track in flight.imus.items():
         identity = next((flight.parameters[p] for p in _names(sensor, track.instance) if p in flight.parameters), 0.0)
         if identity and abs(identity) < _IDS:
-            found[name] = int(identity)
-    return found
+            ids[name] = int(identity)
+    return ids
 
 
 def board_of(flights: Iterable[Flight]) -> str | None:
@@ -45,14 +45,14 @@ def board_of(flights: Iterable[Flight]) -> str | None:
 
 def temperatures(flight: Flight) -> dict[str, float]:
     """IMU message → its median temperature over the flight, °C, where the log has it."""
-    found: dict[str, float] = {}
+    medians: dict[str, float] = {}
     for name in flight.imus:
         if (series := flight.series.get(f"temperature:{name}")) is not None and len(series):
             known = series["temperature_degc"]
             known = known[np.isfinite(known)]
             if len(known):
-                found[name] = float(np.median(known))
-    return found
+                medians[name] = float(np.median(known))
+    return medians
 
 
 def _names(sensor: str, instance: int) -> tuple[str, ...]:
