@@ -46,8 +46,8 @@ def info_document(recording: Recording) -> schema.Info:
 
 def analysis_document(source: Source, examined: Examination) -> schema.Analysis:
     """`companion analyze --json`."""
-    flight, found = examined.flight, examined.assessment
-    table = found.drift
+    flight, assessment = examined.flight, examined.assessment
+    table = assessment.drift
     analysed = schema.AnalyzeFlight(
         vehicle=vehicle_object(flight),
         boot=flight.boot,
@@ -57,11 +57,11 @@ def analysis_document(source: Source, examined: Examination) -> schema.Analysis:
         used_imu=table.imu,
         method=table.method,
         middle=table.middle,
-        gravity_mps2=found.comparison.how.gravity,
+        gravity_mps2=assessment.comparison.how.gravity,
         correction=examined.correction,
         notes=(*flight.notes, *table.notes),
-        drift=[drift_object(row, expected) for row, expected in zip(table.rows, found.expected, strict=True)],
-        figures=_figures(found),
+        drift=[drift_object(row, expected) for row, expected in zip(table.rows, assessment.expected, strict=True)],
+        figures=_figures(assessment),
         consistency=[
             schema.ConsistencyObject(
                 row.horizon_s,
@@ -69,27 +69,27 @@ def analysis_document(source: Source, examined: Examination) -> schema.Analysis:
                 expected.inside.get("velocity"),
                 expected.inside.get("position"),
             )
-            for row, expected in zip(table.rows, found.expected, strict=True)
+            for row, expected in zip(table.rows, assessment.expected, strict=True)
             if expected is not None
         ],
-        calibration=_calibration(found.calibration, found.uncorrected, found.corrected),
-        rests=[_rest(rest) for rest in found.rests],
-        autopilot_gyro_bias=_held(found.autopilot_bias),
+        calibration=_calibration(assessment.calibration, assessment.uncorrected, assessment.corrected),
+        rests=[_rest(rest) for rest in assessment.rests],
+        autopilot_gyro_bias=_held(assessment.autopilot_bias),
         alignment=_alignment(examined.alignment),
         imus=[_sibling(other) for other in examined.siblings],
-        verdict=verdict_object(found.verdict, found.sensitivity),
+        verdict=verdict_object(assessment.verdict, assessment.sensitivity),
     )
     return schema.Analysis(log=log_object(source), flights=[analysed])
 
 
-def unexamined_document(source: Source, found: Unexamined) -> schema.Analysis:
+def unexamined_document(source: Source, unexamined: Unexamined) -> schema.Analysis:
     """The same of a flight that cannot be examined: its verdict, and what the log has."""
-    flight = found.flight
+    flight = unexamined.flight
     bare = schema.AnalyzeFlight(
         vehicle=vehicle_object(flight),
         boot=flight.boot,
         duration_s=flight.duration,
-        imu=[_imu(flight, name, track, found.gaps[name]) for name, track in flight.imus.items()],
+        imu=[_imu(flight, name, track, unexamined.gaps[name]) for name, track in flight.imus.items()],
         reference=_reference(flight),
         used_imu=None,
         method=None,
@@ -105,7 +105,7 @@ def unexamined_document(source: Source, found: Unexamined) -> schema.Analysis:
         autopilot_gyro_bias=None,
         alignment=None,
         imus=[],
-        verdict=verdict_object(found.verdict),
+        verdict=verdict_object(unexamined.verdict),
     )
     return schema.Analysis(log=log_object(source), flights=[bare])
 
@@ -190,9 +190,9 @@ def _sibling(other: Sibling) -> schema.SiblingObject:
     )
 
 
-def _figures(found: Assessment) -> schema.FiguresObject:
-    gyro, accel = found.measured_noise or (None, None)
-    return schema.FiguresObject(found.figures.name, found.figures.reason, gyro, accel)
+def _figures(assessment: Assessment) -> schema.FiguresObject:
+    gyro, accel = assessment.measured_noise or (None, None)
+    return schema.FiguresObject(assessment.figures.name, assessment.figures.reason, gyro, accel)
 
 
 def _calibration(fit: Calibration | None, before: Drift | None, after: Drift | None) -> schema.CalibrationObject | None:
@@ -244,21 +244,21 @@ def _held(held: AutopilotBias | None) -> schema.AutopilotBiasObject | None:
     return schema.AutopilotBiasObject(held.start_s, held.end_s, tuple(held.gyro.tolist()), tuple(held.sigma.tolist()))
 
 
-def _alignment(found: Alignment | None) -> schema.AlignmentObject | None:
-    if found is None:
+def _alignment(alignment: Alignment | None) -> schema.AlignmentObject | None:
+    if alignment is None:
         return None
     return schema.AlignmentObject(
-        start_s=found.rest.start_s,
-        end_s=found.rest.end_s,
-        q_ned_frd=tuple(found.q_ned_frd.tolist()),
-        heading_from=found.heading_from,
-        tilt_sigma_rad=found.tilt_sigma,
-        heading_sigma_rad=found.heading_sigma,
-        magnetic_heading_rad=found.magnetic_rad,
-        declination_rad=found.declination_rad,
-        magnetic_minus_autopilot_rad=found.magnetic_error_rad,
-        later=[schema.LaterObject(**asdict(row)) for row in found.later],
-        notes=found.notes,
+        start_s=alignment.rest.start_s,
+        end_s=alignment.rest.end_s,
+        q_ned_frd=tuple(alignment.q_ned_frd.tolist()),
+        heading_from=alignment.heading_from,
+        tilt_sigma_rad=alignment.tilt_sigma,
+        heading_sigma_rad=alignment.heading_sigma,
+        magnetic_heading_rad=alignment.magnetic_rad,
+        declination_rad=alignment.declination_rad,
+        magnetic_minus_autopilot_rad=alignment.magnetic_error_rad,
+        later=[schema.LaterObject(**asdict(row)) for row in alignment.later],
+        notes=alignment.notes,
     )
 
 

@@ -65,7 +65,7 @@ class ContrastDocument(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def contrast_document(
-    found: Contrast, a: tuple[Source, Examination], b: tuple[Source, Examination], *, same_flight: bool
+    contrast: Contrast, a: tuple[Source, Examination], b: tuple[Source, Examination], *, same_flight: bool
 ) -> ContrastDocument:
     """Both analyses whole, and what differs."""
     return ContrastDocument(
@@ -79,10 +79,10 @@ def contrast_document(
                 drift_object(row.b, row.expected_b),
                 {quantity: _change(change) for quantity, change in row.changes.items()},
             )
-            for row in found.rows
+            for row in contrast.rows
         ],
-        findings=FindingChangesObject(_findings(found.gone), _findings(found.new), found.kept),
-        calibration=[FigureChangeObject(**asdict(f), differs=f.differs) for f in found.figures],
+        findings=FindingChangesObject(_findings(contrast.gone), _findings(contrast.new), contrast.kept),
+        calibration=[FigureChangeObject(**asdict(f), differs=f.differs) for f in contrast.figures],
     )
 
 
@@ -90,5 +90,5 @@ def _change(change: Change) -> ChangeObject:
     return ChangeObject(change.ratio, change.low, change.high, change.paired, change.direction)
 
 
-def _findings(found: tuple[Finding, ...]) -> list[FindingObject]:
-    return [finding_object(finding) for finding in found]
+def _findings(findings: tuple[Finding, ...]) -> list[FindingObject]:
+    return [finding_object(finding) for finding in findings]

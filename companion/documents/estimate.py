@@ -116,7 +116,7 @@ def estimate_document(
 ) -> EstimateDocument:
     """The document of a flight's best estimate."""
     s = best.states
-    found = EstimateFlight(
+    estimated = EstimateFlight(
         vehicle=vehicle_object(flight),
         boot=flight.boot,
         imu=best.imu.source,
@@ -159,7 +159,7 @@ def estimate_document(
         ],
         notes=best.notes,
     )
-    return EstimateDocument(log=log_object(source), flights=[found])
+    return EstimateDocument(log=log_object(source), flights=[estimated])
 
 
 def _witness(name: str, left: Residuals, best: BestEstimate) -> WitnessObject:

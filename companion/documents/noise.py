@@ -118,19 +118,19 @@ class Noise(msgspec.Struct, frozen=True, kw_only=True):
     flights: list[NoiseFlight]
 
 
-def noise_document(source: Source, flight: Flight, found: Sequence[ImuNoise]) -> Noise:
+def noise_document(source: Source, flight: Flight, noises: Sequence[ImuNoise]) -> Noise:
     """The document of a flight's IMUs."""
-    imus = [_imu(noise) for noise in found]
+    imus = [_imu(noise) for noise in noises]
     return Noise(log=log_object(source), flights=[NoiseFlight(vehicle_object(flight), flight.boot, imus)])
 
 
-def _imu(found: ImuNoise) -> ImuNoiseObject:
-    how, sheet = found.sampling, found.figures
+def _imu(noise: ImuNoise) -> ImuNoiseObject:
+    how, sheet = noise.sampling, noise.figures
     told = how.kind == "filtered"
-    share = 1.0 - 1.0 / float(folded_gain(np.zeros(1), found.rate_hz, how)[0]) if told else None
+    share = 1.0 - 1.0 / float(folded_gain(np.zeros(1), noise.rate_hz, how)[0]) if told else None
     return ImuNoiseObject(
-        message=found.imu,
-        rate_hz=found.rate_hz,
+        message=noise.imu,
+        rate_hz=noise.rate_hz,
         sampling=SamplingObject(how.kind, how.corner_hz, how.interval_s, how.source, how.confirmed, share),
         imu_model=sheet.name,
         datasheet={
@@ -139,9 +139,9 @@ def _imu(found: ImuNoise) -> ImuNoiseObject:
             "accel_white": sheet.accel.noise_density,
             "accel_walk": sheet.accel.bias_walk,
         },
-        rests=[_rest(rest) for rest in found.rests],
-        flight=_flight(found.flight, found.rate_hz) if found.flight else None,
-        notes=found.notes,
+        rests=[_rest(rest) for rest in noise.rests],
+        flight=_flight(noise.flight, noise.rate_hz) if noise.flight else None,
+        notes=noise.notes,
     )
 
 
@@ -168,16 +168,16 @@ def _axis(axis: AxisNoise) -> AxisObject:
     )
 
 
-def _coefficient(found: Coefficient) -> CoefficientObject:
-    return CoefficientObject(found.value, found.low, found.high)
+def _coefficient(coefficient: Coefficient) -> CoefficientObject:
+    return CoefficientObject(coefficient.value, coefficient.low, coefficient.high)
 
 
-def _flight(found: FlightNoise, rate: float) -> FlightObject:
+def _flight(noise: FlightNoise, rate: float) -> FlightObject:
     return FlightObject(
-        found.duration_s,
-        found.spectrum.segments,
-        _flying(found.gyro, found.gyro_peaks, rate),
-        _flying(found.accel, found.accel_peaks, rate),
+        noise.duration_s,
+        noise.spectrum.segments,
+        _flying(noise.gyro, noise.gyro_peaks, rate),
+        _flying(noise.accel, noise.accel_peaks, rate),
     )
 
 

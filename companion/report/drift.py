@@ -116,7 +116,7 @@ def budget(subject: Subject) -> Section:
         "Part of the expected mean square that each cause has; causes below 1 % everywhere are not drawn.",
         rows=len(panels),
     )
-    figures, noise = subject.found.figures, subject.found.measured_noise
+    figures, noise = subject.assessment.figures, subject.assessment.measured_noise
     lines = [f"IMU noise model: {figures.name} ({figures.reason})."]
     if noise is not None:
         lines.append(
@@ -169,7 +169,7 @@ def _measured(subject: Subject, attribute: str) -> list[traces.Trace]:
     def measured(key: str) -> Array:
         return np.array([getattr(getattr(row, attribute), key) for row in rows])
 
-    found = [
+    curves = [
         traces.curve(horizons, measured("median"), "median", palette.DIFFERENCE, width=2.5, mode="lines+markers"),
         traces.curve(
             horizons, measured("p95"), "95 %", palette.DIFFERENCE, line={"dash": "dash"}, mode="lines+markers"
@@ -181,8 +181,8 @@ def _measured(subject: Subject, attribute: str) -> list[traces.Trace]:
     expected = [(row.horizon_s, getattr(row.expected, attribute)) for row in rows if row.expected]
     known = np.array([(h, s) for h, s in expected if s is not None]).reshape(-1, 2)
     for factor, name, width in ((1.0, "expected 1σ", 2.0), (3.0, "expected 3σ", 1.0)):
-        found.append(traces.curve(known[:, 0], factor * known[:, 1], name, traces.GREY, width=width))
-    return found
+        curves.append(traces.curve(known[:, 0], factor * known[:, 1], name, traces.GREY, width=width))
+    return curves
 
 
 def _colour(cause: str) -> str:

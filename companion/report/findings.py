@@ -26,11 +26,11 @@ _DIFFERENCE_S = 1.0  # windows over which a bias is seen
 
 def findings(subject: Subject) -> Section:
     """All findings, the worst with a chart."""
-    found = sorted(subject.numbers.verdict.findings, key=lambda f: (_SEVERITIES.index(f.severity), f.start_s))
-    if not found:
+    ordered = sorted(subject.numbers.verdict.findings, key=lambda f: (_SEVERITIES.index(f.severity), f.start_s))
+    if not ordered:
         return Section("findings", "Findings", paragraph("Nothing stands out in this flight."))
-    parts = [_drawn(subject, finding) for finding in found[:MOST_DRAWN]]
-    if rest := found[MOST_DRAWN:]:
+    parts = [_drawn(subject, finding) for finding in ordered[:MOST_DRAWN]]
+    if rest := ordered[MOST_DRAWN:]:
         parts.append(paragraph(f"And {len(rest)} more, without a chart:"))
         parts.append(
             table(

@@ -23,24 +23,24 @@ def noise(subject: Subject) -> Section:
     title = "IMU noise"
     used, flight = subject.comparison.track.source, subject.flight
     try:
-        found = imu_noise(flight, used, subject.found.figures, subject.comparison.how.limits)
+        measured = imu_noise(flight, used, subject.assessment.figures, subject.comparison.how.limits)
     except DataError as error:
         return Section("noise", title, paragraph(f"Not told: {error}"))
     rows = []
     for key, name, factor, unit in _SENSORS:
         for i, (axis, _) in enumerate(AXES):
-            sheet = short(getattr(found.figures, key).noise_density * factor)
-            rows.append([f"{name} {axis}", *_cells(found, key, i, factor), sheet, unit])
+            sheet = short(getattr(measured.figures, key).noise_density * factor)
+            rows.append([f"{name} {axis}", *_cells(measured, key, i, factor), sheet, unit])
     body = table(["white noise N", "at rest", "in flight", "data sheet", ""], rows, name="noise-table", words=1)
-    if found.rest is not None:
-        body += _allan_chart(subject, found, found.rest)
-    body += "".join(paragraph(f"{note[:1].upper()}{note[1:]}.") for note in found.notes)
+    if measured.rest is not None:
+        body += _allan_chart(subject, measured, measured.rest)
+    body += "".join(paragraph(f"{note[:1].upper()}{note[1:]}.") for note in measured.notes)
     return Section("noise", title, body)
 
 
-def _cells(found: ImuNoise, key: str, axis: int, factor: float) -> tuple[str, str]:
-    resting = getattr(found.rest, f"{key}_axes")[axis] if found.rest else None
-    flying = getattr(found.flight, key) if found.flight else None
+def _cells(measured: ImuNoise, key: str, axis: int, factor: float) -> tuple[str, str]:
+    resting = getattr(measured.rest, f"{key}_axes")[axis] if measured.rest else None
+    flying = getattr(measured.flight, key) if measured.flight else None
     rest = "-" if resting is None else _interval(resting.white, factor)
     if flying is None:
         return rest, "-"
@@ -48,27 +48,29 @@ def _cells(found: ImuNoise, key: str, axis: int, factor: float) -> tuple[str, st
     return rest, f"< {value}" if flying.hidden[axis] else f"{value} ± {short(float(flying.sigma[axis]) * factor)}"
 
 
-def _interval(found: Coefficient, factor: float) -> str:
-    if found.value is None:
-        return f"< {short(found.high * factor)}"
-    return f"{short(found.value * factor)} ({short(found.low * factor)} to {short(found.high * factor)})"
+def _interval(coefficient: Coefficient, factor: float) -> str:
+    if coefficient.value is None:
+        return f"< {short(coefficient.high * factor)}"
+    return (
+        f"{short(coefficient.value * factor)} ({short(coefficient.low * factor)} to {short(coefficient.high * factor)})"
+    )
 
 
-def _allan_chart(subject: Subject, found: ImuNoise, rest: RestNoise) -> str:
+def _allan_chart(subject: Subject, measured: ImuNoise, rest: RestNoise) -> str:
     panels = [
         traces.Panel(unit, _curves(curve, sheet), {"type": "log"})
         for unit, curve, sheet in (
-            ("gyro, rad/s", rest.gyro, found.figures.gyro.noise_density),
-            ("accel, m/s²", rest.accel, found.figures.accel.noise_density),
+            ("gyro, rad/s", rest.gyro, measured.figures.gyro.noise_density),
+            ("accel, m/s²", rest.accel, measured.figures.accel.noise_density),
         )
         if (curve.deviation > 0).any()
     ]
     if not panels:
         return ""
     caption = (
-        f"Overlapping Allan deviation of {found.imu} over a rest of {rest.duration_s:.0f} s "
-        f"({rest.start_s:.0f} to {rest.end_s:.0f} s). Dashed: the white noise of {found.figures.name}, which falls as "
-        "1/√τ; where the curve turns flat is the bias instability, where it rises the random walk."
+        f"Overlapping Allan deviation of {measured.imu} over a rest of {rest.duration_s:.0f} s "
+        f"({rest.start_s:.0f} to {rest.end_s:.0f} s). Dashed: the white noise of {measured.figures.name}, which falls "
+        "as 1/√τ; where the curve turns flat is the bias instability, where it rises the random walk."
     )
     return subject.charts.add(traces.stack(panels, "averaging time τ, s", type="log"), caption, rows=3)
 

@@ -35,7 +35,7 @@ def report_html(
     """
     charts = Charts()
     subject = subject_of(examined, source, settings or Settings(), charts)
-    first = head(subject, ground(subject.flight, subject.replay, subject.colour, charts, subject.found.best))
+    first = head(subject, ground(subject.flight, subject.replay, subject.colour, charts, subject.assessment.best))
     sections = [
         findings(subject),
         errors_over_time.errors(subject),
@@ -46,7 +46,7 @@ def report_html(
         noise.noise(subject),
         vibration.spectra(subject),
         vibration.shaking(subject),
-        track(subject.flight, subject.replay, subject.colour, charts, subject.found.best),
+        track(subject.flight, subject.replay, subject.colour, charts, subject.assessment.best),
     ]
     player: str | None = None
     if with_playback:
@@ -55,7 +55,7 @@ def report_html(
     sections += [
         provenance.log_facts(source, subject.flight, subject.numbers.imu, subject.numbers.notes),
         provenance.again(
-            source, subject.settings, command, provenance.choices(subject.found, subject.examined.correction)
+            source, subject.settings, command, provenance.choices(subject.assessment, subject.examined.correction)
         ),
     ]
     data = {"companion": encode(subject.document)}
@@ -64,16 +64,16 @@ def report_html(
     return sheet(_name(source), first, sections, charts, data)
 
 
-def bare_html(found: Unexamined, source: Source, settings: Settings | None = None, *, command: str = "") -> str:
+def bare_html(unexamined: Unexamined, source: Source, settings: Settings | None = None, *, command: str = "") -> str:
     """The report of a flight that cannot be examined, as far as it goes.
 
     Raises InputError when plotly is not installed.
     """
-    charts, flight = Charts(), found.flight
-    first = bare_head(flight, source, found.verdict, ground(flight, None, palette.IMU, charts))
+    charts, flight = Charts(), unexamined.flight
+    first = bare_head(flight, source, unexamined.verdict, ground(flight, None, palette.IMU, charts))
     sections = [
         track(flight, None, palette.IMU, charts),
-        provenance.log_facts(source, flight, unexamined_document(source, found).flights[0].imu, flight.notes),
+        provenance.log_facts(source, flight, unexamined_document(source, unexamined).flights[0].imu, flight.notes),
         provenance.again(source, settings or Settings(), command),
     ]
     return sheet(_name(source), first, sections, charts, {})

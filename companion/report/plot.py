@@ -16,12 +16,12 @@ from companion.report.traces import TIME, Panel, curve, stack
 from companion.report.track_and_altitude import ground_track
 
 
-def plot_errors(shown: Replay, found: Assessment | None = None) -> Any:
+def plot_errors(shown: Replay, assessment: Assessment | None = None) -> Any:
     """How far the IMU alone is from the autopilot over time; with an assessment, beside what is expected (1σ, 3σ).
 
     Returns a `plotly.graph_objects.Figure`; so do the others. Raises InputError when plotly is not installed.
     """
-    expected = None if found is None else expected_since_anchor(found, shown)
+    expected = None if assessment is None else expected_since_anchor(assessment, shown)
     panels = error_panels(shown, expected)
     return _figure(stack(panels, TIME), 60 + 190 * len(panels))
 

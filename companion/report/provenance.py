@@ -95,26 +95,26 @@ def again(source: Source, settings: Settings, command: str, chosen: Sequence[tup
     )
 
 
-def choices(found: Assessment, correction: str | None) -> list[tuple[str, str]]:
+def choices(assessment: Assessment, correction: str | None) -> list[tuple[str, str]]:
     """How the flight was examined, as rows for `again`. correction: the file that was applied."""
-    how = found.comparison.how
+    how = assessment.comparison.how
     middle = f", {how.middle} middle sample" if how.method == "rk4" else ""
     return [
-        ("IMU", found.drift.imu),
+        ("IMU", assessment.drift.imu),
         ("integration", f"{how.method}{middle}, gravity {how.gravity:.5f} m/s²"),
-        ("sensor figures", f"{found.figures.name} ({found.figures.reason})"),
+        ("sensor figures", f"{assessment.figures.name} ({assessment.figures.reason})"),
         ("correction", correction or "none"),
     ]
 
 
 def _versions() -> str:
-    found = []
+    libraries = []
     for name in _LIBRARIES:
         try:
-            found.append(f"{name} {version(name)}")
+            libraries.append(f"{name} {version(name)}")
         except PackageNotFoundError:  # run from a checkout that was not installed
-            found.append(f"{name} (not installed)")
-    return ", ".join(found)
+            libraries.append(f"{name} (not installed)")
+    return ", ".join(libraries)
 
 
 def _fingerprint(path: Path) -> str:

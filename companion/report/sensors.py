@@ -55,7 +55,7 @@ def calibration(subject: Subject) -> Section:
             f"{_pair(fit.before.attitude_deg, fit.after.attitude_deg)}°"
             + (f", {_pair(fit.before.position_m, fit.after.position_m)} m." if fit.after.position_m else ".")
         )
-    if subject.found.made_worse:
+    if subject.assessment.made_worse:
         warning = "It makes the rest of the flight worse: the errors are not constant. Do not use it."
         gain += paragraph(warning, "warning")
     figure_of_all = _intervals(fit)
@@ -106,8 +106,8 @@ def siblings(subject: Subject) -> Section:
 
 
 def _part(fit: schema.CalibrationObject, key: str) -> schema.FigureObject:
-    found: schema.FigureObject = getattr(fit, key)
-    return found
+    figure: schema.FigureObject = getattr(fit, key)
+    return figure
 
 
 def _values(figure: schema.FigureObject, factor: float, digits: int, axes: Sequence[str]) -> str:

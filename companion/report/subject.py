@@ -34,14 +34,14 @@ class Subject:
         return self.examined.flight
 
     @property
-    def found(self) -> Assessment:
+    def assessment(self) -> Assessment:
         """The assessment of the IMU that was used."""
         return self.examined.assessment
 
     @property
     def comparison(self) -> Comparison:
         """That IMU, corrected if that was asked for, beside the autopilot."""
-        return self.found.comparison
+        return self.assessment.comparison
 
     @property
     def numbers(self) -> schema.AnalyzeFlight:
@@ -61,7 +61,7 @@ class Subject:
     @cached_property
     def expected(self) -> Expectation | None:
         """What is expected of the replay's errors, which takes a quarter of a short flight's report."""
-        return None if self.replay is None else expected_since_anchor(self.found, self.replay)
+        return None if self.replay is None else expected_since_anchor(self.assessment, self.replay)
 
     @property
     def severe(self) -> list[FindingObject]:

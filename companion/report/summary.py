@@ -79,10 +79,10 @@ def _cards(subject: Subject) -> list[tuple[str, str]]:
     How many windows are inside their bound is not among them: the verdict says it of the windows that it judges, which
     are fewer than those of the drift table.
     """
-    found = _worst(subject)
+    cards = _worst(subject)
     rows = [row for row in subject.numbers.drift if row.windows]
     if not rows:
-        return found
+        return cards
     row = min(rows, key=lambda r: abs(r.horizon_s - _SHOWN_S))
     measured, expected = [], []
     for statistic, sigma, unit in (
@@ -93,10 +93,10 @@ def _cards(subject: Subject) -> list[tuple[str, str]]:
         if statistic is not None:
             measured.append(f"{short(statistic.median)}{unit}")
             expected.append("" if sigma is None else f"{short(sigma)}{unit}")
-    found.append((f"after {row.horizon_s:g} s on the IMU alone, median of {row.windows}", ", ".join(measured)))
+    cards.append((f"after {row.horizon_s:g} s on the IMU alone, median of {row.windows}", ", ".join(measured)))
     if all(expected):
-        found.append(("expected then, 1σ", ", ".join(expected)))
-    return found
+        cards.append(("expected then, 1σ", ", ".join(expected)))
+    return cards
 
 
 def _worst(subject: Subject) -> list[tuple[str, str]]:
@@ -106,7 +106,7 @@ def _worst(subject: Subject) -> list[tuple[str, str]]:
     if shown is None or worst is None:
         return []
     alone = worst.end_s - worst.start_s
-    found = [
+    cards = [
         ("farthest apart", f"{short(worst.apart_m)} m"),
         (f"seconds since boot, {alone:.1f} s on the IMU alone", f"at {worst.end_s:.1f} s"),
     ]
@@ -114,8 +114,8 @@ def _worst(subject: Subject) -> list[tuple[str, str]]:
     if expected is not None:
         sigma = float(np.interp(worst.end_s, expected.t, expected.lengths[2]))
         if sigma > 0:
-            found.insert(1, (f"expected there, 1σ; {worst.apart_m / sigma:.1f} times that", f"{short(sigma)} m"))
-    return found
+            cards.insert(1, (f"expected there, 1σ; {worst.apart_m / sigma:.1f} times that", f"{short(sigma)} m"))
+    return cards
 
 
 def _warning(flight: Flight, rate_hz: float) -> str:

@@ -19,32 +19,36 @@ _FEWEST_HZ = 20.0
 def spectra(subject: Subject) -> Section:
     """Power spectral densities beside the sensor's own noise."""
     title = "IMU spectra"
-    comparison, figures = subject.comparison, subject.found.figures
-    found = imu_spectrum(comparison.track, comparison.how.limits.hole(comparison.track.t))
-    if found is None:
+    comparison, figures = subject.comparison, subject.assessment.figures
+    spectrum = imu_spectrum(comparison.track, comparison.how.limits.hole(comparison.track.t))
+    if spectrum is None:
         reason = "Not drawn: no stretch without a hole is long enough for a spectrum (32 samples)."
         return Section("spectra", title, paragraph(reason))
     panels = [
-        traces.Panel("gyro, rad/s/√Hz", _densities(found, found.gyro, figures.gyro.noise_density), {"type": "log"}),
-        traces.Panel("accel, m/s²/√Hz", _densities(found, found.accel, figures.accel.noise_density), {"type": "log"}),
+        traces.Panel(
+            "gyro, rad/s/√Hz", _densities(spectrum, spectrum.gyro, figures.gyro.noise_density), {"type": "log"}
+        ),
+        traces.Panel(
+            "accel, m/s²/√Hz", _densities(spectrum, spectrum.accel, figures.accel.noise_density), {"type": "log"}
+        ),
     ]
     figure = traces.stack(panels, "frequency, Hz", type="log")
     caption = (
         f"Amplitude density of {comparison.track.source} by Welch's method, two-sided as N is: mean of "
-        f"{found.segments} segments of {1 / found.frequency_hz[1]:.2g} s. Grey: the white noise of {figures.name}. "
-        f"What moves faster than {found.frequency_hz[-1]:.0f} Hz is folded into what is shown."
+        f"{spectrum.segments} segments of {1 / spectrum.frequency_hz[1]:.2g} s. Grey: the white noise of "
+        f"{figures.name}. What moves faster than {spectrum.frequency_hz[-1]:.0f} Hz is folded into what is shown."
     )
     return Section("spectra", title, subject.charts.add(figure, caption, rows=3) + _side_by_side(subject))
 
 
 def _side_by_side(subject: Subject) -> str:
     """The spectra of every IMU, all axes together; nothing where there is one IMU."""
-    found = {
+    by_imu = {
         name: spectrum
         for name, track in subject.flight.imus.items()
         if (spectrum := imu_spectrum(track, subject.comparison.how.limits.hole(track.t))) is not None
     }
-    if len(found) < 2:
+    if len(by_imu) < 2:
         return ""
 
     def lines(sensor: str) -> list[traces.Trace]:
@@ -52,7 +56,7 @@ def _side_by_side(subject: Subject) -> str:
             traces.line(
                 s.frequency_hz[1:], np.sqrt(0.5 * getattr(s, sensor)[1:].sum(axis=1)), text(name), subject.colours[name]
             )
-            for name, s in found.items()
+            for name, s in by_imu.items()
         ]
 
     panels = [
@@ -101,10 +105,10 @@ def _told(subject: Subject) -> str | None:
 def _seen(subject: Subject) -> str | None:
     """What is left of it in the samples."""
     comparison = subject.comparison
-    found = vibration(comparison.track, comparison.how.limits.hole(comparison.track.t))
-    if found is None:
+    seen = vibration(comparison.track, comparison.how.limits.hole(comparison.track.t))
+    if seen is None:
         return None
-    lines = [traces.line(found.t, found.accel[:, i], name, colour) for i, (name, colour) in enumerate(AXES)]
+    lines = [traces.line(seen.t, seen.accel[:, i], name, colour) for i, (name, colour) in enumerate(AXES)]
     figure = traces.stack([traces.Panel("above 5 Hz, m/s²", lines, {"rangemode": "tozero"})], traces.TIME)
     caption = (
         f"Specific force of {comparison.track.source} above 5 Hz, RMS of each second. ArduPilot's VIBE is the same "
@@ -113,9 +117,9 @@ def _seen(subject: Subject) -> str | None:
     return subject.charts.add(figure, caption)
 
 
-def _densities(found: Spectrum, power: Array, sheet: float) -> list[traces.Trace]:
+def _densities(spectrum: Spectrum, power: Array, sheet: float) -> list[traces.Trace]:
     used = slice(1, None)  # a logarithmic axis has no zero
-    frequency = found.frequency_hz[used]
+    frequency = spectrum.frequency_hz[used]
     lines = [
         traces.line(frequency, np.sqrt(0.5 * np.maximum(power[used, i], 1e-30)), name, colour, limit=2048)
         for i, (name, colour) in enumerate(AXES)
