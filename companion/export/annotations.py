@@ -39,14 +39,14 @@ def _lines(verdict: Verdict) -> Iterator[str]:
     """YAML, every text as a JSON string, which YAML reads as it is: nothing in it can be taken for markup."""
     yield f"# {_text(verdict.summary)}"
     yield "version: 1"
-    found = sorted(verdict.findings, key=lambda f: (f.kind, f.start_s))[:_MOST_INTERVALS]
-    if not found:
+    findings = sorted(verdict.findings, key=lambda f: (f.kind, f.start_s))[:_MOST_INTERVALS]
+    if not findings:
         yield "sources: []"
         return
     yield "sources:"
     yield '  - name: "companion"'
     yield "    annotations:"
-    kinds = [list(group) for _, group in groupby(found, key=lambda f: f.kind)]
+    kinds = [list(group) for _, group in groupby(findings, key=lambda f: f.kind)]
     for group in kinds[:_MOST_CATEGORIES]:
         kind, severity = group[0].kind, by_severity(group)[0].severity
         yield f"      - category: {json.dumps(_cut(kind.replace('_', ' '), _MOST_NAME))}"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from companion.analysis import ImuNoise, noise_model
 
 
-def kalibr_text(found: ImuNoise, origin: str) -> str:
+def kalibr_text(noise: ImuNoise, origin: str) -> str:
     """The text of imu.yaml. Kalibr's densities are those of `strapdown`: a sample at rate r has the deviation N √r."""
-    gyro, accel = noise_model(found)
-    lines = [f"# IMU noise of {found.imu} from {origin}".replace("\n", " ")]
+    gyro, accel = noise_model(noise)
+    lines = [f"# IMU noise of {noise.imu} from {origin}".replace("\n", " ")]
     for title, name, sensor, unit in (
         ("Accelerometers", "accelerometer", accel, "m/s^2"),
         ("Gyroscopes", "gyroscope", gyro, "rad/s"),
@@ -18,5 +18,5 @@ def kalibr_text(found: ImuNoise, origin: str) -> str:
             f"{name}_noise_density: {sensor.white.value:.4e}  # {unit}/sqrt(Hz): {sensor.white.source}",
             f"{name}_random_walk: {sensor.walk.value:.4e}  # {unit}/sqrt(s): {sensor.walk.source}",
         ]
-    lines += ["rostopic: /imu0  # the topic of your bag", f"update_rate: {found.rate_hz:.1f}  # Hz"]
+    lines += ["rostopic: /imu0  # the topic of your bag", f"update_rate: {noise.rate_hz:.1f}  # Hz"]
     return "\n".join(lines) + "\n"

@@ -103,13 +103,13 @@ def _topics(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Top
         messages = foxglove.readings("imu_frd", track.gyro, track.accel)
         yield Topic(f"/imu/{name}", foxglove.IMU, track.t, messages)
     texts = sorted(flight.texts, key=lambda text: text.t)
-    said = [foxglove.log(foxglove.level_of(text.severity), text.text, str(flight.vehicle)) for text in texts]
-    yield Topic("/statustext", foxglove.LOG, np.array([text.t for text in texts]), said)
+    rows = [foxglove.log(foxglove.level_of(text.severity), text.text, str(flight.vehicle)) for text in texts]
+    yield Topic("/statustext", foxglove.LOG, np.array([text.t for text in texts]), rows)
     findings = sorted(assessed.verdict.findings, key=lambda finding: finding.start_s)
-    found = [
+    rows = [
         foxglove.log(foxglove.LEVELS[f.severity], f"{f.kind.replace('_', ' ')}: {f.evidence}", f.side) for f in findings
     ]
-    yield Topic("/findings", foxglove.LOG, np.array([finding.start_s for finding in findings]), found)
+    yield Topic("/findings", foxglove.LOG, np.array([finding.start_s for finding in findings]), rows)
 
 
 def _series(table: Table) -> Topic:

@@ -22,10 +22,10 @@ def paths(shown: Replay, best: BestEstimate | None) -> dict[str, Array]:
     """
     if not shown.has_position:
         return {}
-    found = {"autopilot": shown.position_ref, "imu": shown.position_imu}
+    by_source = {"autopilot": shown.position_ref, "imu": shown.position_imu}
     if best is not None and "gps_position" in best.residuals:
-        found["best"] = best.position
-    return {name: _few(path) for name, path in found.items()}
+        by_source["best"] = best.position
+    return {name: _few(path) for name, path in by_source.items()}
 
 
 def _few(path: Array) -> Array:

@@ -41,22 +41,22 @@ def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | N
     >>> found["raw_imu"].arrow().schema.field("gyro_x_radps").metadata
     {b'unit': b'rad/s', b'frame': b'FRD'}
     """
-    found = [imu_table(flight, track) for track in flight.imus.values()]
+    parts = [imu_table(flight, track) for track in flight.imus.values()]
     if flight.attitude is not None:
-        found.append(_attitude(flight, flight.attitude))
+        parts.append(_attitude(flight, flight.attitude))
     if flight.position is not None:
-        found.append(_position(flight, flight.position))
-    found += [series_table(flight, key, series) for key, series in flight.series.items()]
-    found += list(sensor_tables(flight))
-    found += [_texts(flight), _events(flight), _phases(flight), _resets(flight)]
-    found += [_parameters(flight), _parameter_changes(flight)]
+        parts.append(_position(flight, flight.position))
+    parts += [series_table(flight, key, series) for key, series in flight.series.items()]
+    parts += list(sensor_tables(flight))
+    parts += [_texts(flight), _events(flight), _phases(flight), _resets(flight)]
+    parts += [_parameters(flight), _parameter_changes(flight)]
     if shown is not None:
-        found.append(_reckoning(flight, shown))
+        parts.append(_reckoning(flight, shown))
     if assessed is not None:
-        found += [_drift(assessed), _windows(flight, assessed.drift.rows), _findings(flight, assessed)]
-        found += [_calibration(assessed.calibration)] if assessed.calibration else []
-        found += [_best(flight, assessed.best)] if assessed.best else []
-    return {table.name: table for table in found}
+        parts += [_drift(assessed), _windows(flight, assessed.drift.rows), _findings(flight, assessed)]
+        parts += [_calibration(assessed.calibration)] if assessed.calibration else []
+        parts += [_best(flight, assessed.best)] if assessed.best else []
+    return {table.name: table for table in parts}
 
 
 def reckoning_of(flight: Flight, assessed: Assessment, reanchor_s: float | None) -> Replay:
@@ -86,12 +86,12 @@ def _position(flight: Flight, track: PositionTrack) -> Table:
 
 
 def _phases(flight: Flight) -> Table:
-    found = phases(flight)
+    spans = phases(flight)
     columns = (
-        *times(flight, np.array([part.start for part in found], np.float64), prefix="start_"),
-        *times(flight, np.array([part.end for part in found], np.float64), prefix="end_"),
-        Column("kind", np.array([part.kind for part in found], np.str_)),
-        Column("reason", np.array([part.reason for part in found], np.str_)),
+        *times(flight, np.array([part.start for part in spans], np.float64), prefix="start_"),
+        *times(flight, np.array([part.end for part in spans], np.float64), prefix="end_"),
+        Column("kind", np.array([part.kind for part in spans], np.str_)),
+        Column("reason", np.array([part.reason for part in spans], np.str_)),
     )
     return Table("phases", columns, {"source": "arming, estimator's flags, texts, motion"})
 
@@ -223,14 +223,14 @@ def _windows(flight: Flight, rows: Sequence[DriftRow]) -> Table:
 
 
 def _findings(flight: Flight, assessed: Assessment) -> Table:
-    found = assessed.verdict.findings
+    findings = assessed.verdict.findings
 
     def text(name: str) -> Column:
-        return Column(name, np.array([getattr(finding, name) for finding in found], np.str_))
+        return Column(name, np.array([getattr(finding, name) for finding in findings], np.str_))
 
     columns = (
-        *times(flight, np.array([finding.start_s for finding in found], np.float64), prefix="start_"),
-        *times(flight, np.array([finding.end_s for finding in found], np.float64), prefix="end_"),
+        *times(flight, np.array([finding.start_s for finding in findings], np.float64), prefix="start_"),
+        *times(flight, np.array([finding.end_s for finding in findings], np.float64), prefix="end_"),
         *(text(name) for name in ("kind", "side", "severity", "evidence", "advice")),
     )
     return Table("findings", columns, {"status": assessed.verdict.status, "summary": assessed.verdict.summary})

@@ -97,13 +97,13 @@ class MapLayer:
         if self._gone:
             self._gone = False
             lay(None)
-        found = self._fetcher.poll()
-        if isinstance(found, MapPicture):
-            lay(found)
-        elif found is not None:
+        answer = self._fetcher.poll()
+        if isinstance(answer, MapPicture):
+            lay(answer)
+        elif answer is not None:
             self.shown = False
             self._said(False)
-            self._complain(str(found))
+            self._complain(str(answer))
 
     def close(self) -> None:
         """What is under way is left alone after a moment."""

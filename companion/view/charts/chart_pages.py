@@ -56,8 +56,8 @@ class ChartPages:
         """Draw another reckoning, between two times (s, boot clock)."""
         self._film, self._flight, self._colours, self._part = film, flight, colours, part
         insight = film.insight
-        found = insight.assessment if insight else None
-        drifts = [None if found is None else drift_lines(found, name) for name in QUANTITIES.values()]
+        assessment = insight.assessment if insight else None
+        drifts = [None if assessment is None else drift_lines(assessment, name) for name in QUANTITIES.values()]
         self._drift.draw(drifts, drift_styles(colours.get(film.source, palette.IMU)))
         self._noise.draw(noise_lines(insight.noise if insight else None), STYLES)
         self._draw()

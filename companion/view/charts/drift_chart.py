@@ -18,10 +18,10 @@ QUANTITIES = {
 }
 
 
-def drift_lines(found: Assessment, quantity: str) -> tuple[Array, ...] | None:
+def drift_lines(assessment: Assessment, quantity: str) -> tuple[Array, ...] | None:
     """Horizons, median, 95 %, expected 1σ and 3σ of a quantity of the drift table; None with fewer than two rows."""
     rows: list[tuple[float, ...]] = []
-    for row, expected in zip(found.drift.rows, found.expected, strict=True):
+    for row, expected in zip(assessment.drift.rows, assessment.expected, strict=True):
         measured, sigma = getattr(row, quantity), getattr(expected, quantity, None)
         if measured is not None and sigma is not None:
             rows.append((row.horizon_s, measured.median, measured.p95, sigma, 3 * sigma))

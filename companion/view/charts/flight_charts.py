@@ -43,13 +43,13 @@ def reading_drawings(film: Footage, flight: Flight) -> list[Drawing]:
     track = film.track or raw
 
     def lines(now: Array, before: Array) -> tuple[Line, ...]:
-        found = [Line(axis, c, track.t, v) for axis, c, v in zip(AXES, palette.AXES, now.T, strict=True)]
+        axes = [Line(axis, c, track.t, v) for axis, c, v in zip(AXES, palette.AXES, now.T, strict=True)]
         if track is not raw:
-            found += [
+            axes += [
                 Line(f"{axis} raw", c, raw.t, v, 1.1, DOTTED, said=False)
                 for axis, c, v in zip(AXES, palette.AXES, before.T, strict=True)
             ]
-        return tuple(found)
+        return tuple(axes)
 
     return [
         Drawing("Gyro, °/s", "deg/s", lines(np.degrees(track.gyro), np.degrees(raw.gyro))),
@@ -66,10 +66,10 @@ def rate_drawings(flight: Flight, colours: Mapping[str, Rgb]) -> list[Drawing]:
         tracks.append((flight.attitude.source, palette.AUTOPILOT, flight.attitude.t, None))
     if flight.position is not None:
         tracks.append((flight.position.source, palette.AUTOPILOT, flight.position.t, DASHED))
-    found = [(name, colour, dash, rates(t, *_span(flight))) for name, colour, t, dash in tracks]
+    measured = [(name, colour, dash, rates(t, *_span(flight))) for name, colour, t, dash in tracks]
     return [
-        Drawing("Messages a second", "Hz", tuple(Line(n, c, r.t, r.hz, 1.6, d, said=False) for n, c, d, r in found)),
-        Drawing("Longest gap, s", "s", tuple(Line(n, c, r.t, r.gap_s, 1.6, d, said=False) for n, c, d, r in found)),
+        Drawing("Messages a second", "Hz", tuple(Line(n, c, r.t, r.hz, 1.6, d, said=False) for n, c, d, r in measured)),
+        Drawing("Longest gap, s", "s", tuple(Line(n, c, r.t, r.gap_s, 1.6, d, said=False) for n, c, d, r in measured)),
     ]
 
 
@@ -89,19 +89,19 @@ def _errors(
     first = next(iter(sources))
 
     def lines(columns: Mapping[str, str], sigma: str) -> tuple[Line, ...]:
-        found = []
+        drawn = []
         for source, errors in sources.items():
             for (column, name), dash in zip(columns.items(), (None, DASHED), strict=False):
                 if column == "heading_deg" and source != first:
                     continue
                 label = name if len(sources) == 1 else f"{source} {name}".strip()
                 said = len(sources) == 1 or dash is None  # of several, the title has room for one figure each
-                found.append(Line(label, colours[source], errors.t, getattr(errors, column), 1.7, dash, said=said))
+                drawn.append(Line(label, colours[source], errors.t, getattr(errors, column), 1.7, dash, said=said))
         if envelope is not None:
             one = getattr(envelope, sigma)
-            found.append(Line("1σ", palette.CURSOR, envelope.t, one, 1.2, DASHED, said=False, fill=0.16))
-            found.append(Line("3σ", palette.CURSOR, envelope.t, 3 * one, 1.2, DOTTED, said=False, fill=0.12))
-        return tuple(found)
+            drawn.append(Line("1σ", palette.CURSOR, envelope.t, one, 1.2, DASHED, said=False, fill=0.16))
+            drawn.append(Line("3σ", palette.CURSOR, envelope.t, 3 * one, 1.2, DOTTED, said=False, fill=0.12))
+        return tuple(drawn)
 
     attitude = {"tilt_deg": "tilt", "heading_deg": "heading"}
     drawings = [Drawing(f"Attitude error{after}, °", "deg", lines(attitude, "attitude_deg"), known)]

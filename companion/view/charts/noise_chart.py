@@ -25,15 +25,15 @@ _MDPS, _MICRO_G = 1e3 * float(np.degrees(1.0)), 1e6 / STANDARD_GRAVITY
 _POINTS = 200  # of a spectrum, evenly spread over the decades: the strongest bin of each
 
 
-def noise_lines(found: ImuNoise | None) -> list[tuple[Array, ...] | None]:
+def noise_lines(noise: ImuNoise | None) -> list[tuple[Array, ...] | None]:
     """For each title x, the three axes and the data sheet's white noise; None where there is nothing to show.
 
     An axis that is below quantisation at rest is drawn at its upper bound.
     """
-    if found is None:
+    if noise is None:
         return [None] * len(TITLES)
-    gyro, accel = found.figures.gyro.noise_density, found.figures.accel.noise_density
-    spectrum, rest = found.flight.spectrum if found.flight else None, found.rest
+    gyro, accel = noise.figures.gyro.noise_density, noise.figures.accel.noise_density
+    spectrum, rest = noise.flight.spectrum if noise.flight else None, noise.rest
     return [
         _spectrum(spectrum.frequency_hz, spectrum.gyro, gyro, _MDPS) if spectrum else None,
         _spectrum(spectrum.frequency_hz, spectrum.accel, accel, _MICRO_G) if spectrum else None,

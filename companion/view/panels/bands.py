@@ -45,8 +45,8 @@ def bands(flight: Flight, film: Footage) -> Bands:
     armed = [span for span in _until_next(switched, film.end) if span.label == "armed"]
     if switched and switched[0][1] == "disarmed":  # it was armed before the log began
         armed.insert(0, Span(film.start, switched[0][0], "armed"))
-    found = film.insight.assessment.verdict.findings if film.insight else ()
-    said = tuple(Span(f.start_s, f.end_s, f"{f.kind.replace('_', ' ')}: {f.evidence}", f.severity) for f in found)
+    findings = film.insight.assessment.verdict.findings if film.insight else ()
+    said = tuple(Span(f.start_s, f.end_s, f"{f.kind.replace('_', ' ')}: {f.evidence}", f.severity) for f in findings)
     height = None
     if film.replay.has_position:
         some = np.unique(np.linspace(0, len(film.replay.t) - 1, PROFILE_POINTS).round().astype(np.intp))
@@ -66,7 +66,7 @@ def outside(spans: Iterable[Span], low: float, high: float) -> str:
     return f"{before + after} {noun} outside the replay: {', '.join(parts)}."
 
 
-def markup(found: Bands, low: float, high: float) -> str:
+def markup(shown: Bands, low: float, high: float) -> str:
     """The bands between two times, as HTML of `HEIGHT` pixels; their words as text."""
     if not high > low:
         return ""
@@ -75,16 +75,16 @@ def markup(found: Bands, low: float, high: float) -> str:
         left = 100 * (max(span.start_s, low) - low) / (high - low)
         return left, 100 * (min(span.end_s, high) - low) / (high - low) - left
 
-    rows = [_profile(found.height, low, high)]
-    for i, span in enumerate(found.modes):
+    rows = [_profile(shown.height, low, high)]
+    for i, span in enumerate(shown.modes):
         if span.end_s > low and span.start_s < high:
             left, width = place(span)
             words = span.label if len(span.label) * _CHARACTER < width else ""
             rows.append(_box(left, width, 0, 12, (*palette.MODES[i % 2], palette.MODES_OPACITY), words))
-    armed = [span for span in found.armed if span.end_s > low and span.start_s < high]
+    armed = [span for span in shown.armed if span.end_s > low and span.start_s < high]
     rows += [_box(*place(span), 12, 3, (*palette.AXES[1], 0.9)) for span in armed]
     # The worst last: it lies on top.
-    for span in sorted(found.findings, key=lambda s: ("info", "warning", "error").index(s.severity)):
+    for span in sorted(shown.findings, key=lambda s: ("info", "warning", "error").index(s.severity)):
         if span.end_s >= low and span.start_s <= high:
             opacity = 0.25 if span.severity == "info" else 0.75
             rows.append(_box(*place(span), 17, HEIGHT - 17, (*palette.SEVERITIES[span.severity], opacity)))

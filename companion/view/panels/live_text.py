@@ -171,8 +171,8 @@ def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
     def line(cells: Sequence[str], tag: str, style: str) -> str:
         sides = ("left", *["right"] * (len(cells) - 1))
-        found = (f'<{tag} style="text-align:{s};{style}">{cell}</{tag}>' for s, cell in zip(sides, cells, strict=True))
-        return f"<tr>{''.join(found)}</tr>"
+        marked = (f'<{tag} style="text-align:{s};{style}">{cell}</{tag}>' for s, cell in zip(sides, cells, strict=True))
+        return f"<tr>{''.join(marked)}</tr>"
 
     body = "".join(line(row, "td", "") for row in rows)
     return (

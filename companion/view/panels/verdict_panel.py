@@ -33,16 +33,16 @@ class FindingsTab:
 
     def load(self, insight: Insight | None, outside: str) -> None:
         """Show what the analysis says; None: nothing yet. outside: which findings the replay does not reach."""
-        found = insight.assessment.verdict.findings if insight else ()
-        for row, finding in zip(self._findings, [*found, *[None] * MOST_FINDINGS], strict=False):
+        findings = insight.assessment.verdict.findings if insight else ()
+        for row, finding in zip(self._findings, [*findings, *[None] * MOST_FINDINGS], strict=False):
             row.show(finding)
-        more = len(found) - MOST_FINDINGS
+        more = len(findings) - MOST_FINDINGS
         said = [f"and {more} more, on the timeline"] if more > 0 else []
         said += [outside] if outside else []
         self._more.visible = bool(said)
         self._more.content = f'<div style="padding:0 1em;font-size:0.8em">{"<br>".join(map(escape, said))}</div>'
         if insight is not None:
-            self._status.visible = not found
+            self._status.visible = not findings
             self._status.content = '<div style="padding:0.5em 1em;font-size:0.85em">Nothing stands out.</div>'
 
 

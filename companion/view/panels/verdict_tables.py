@@ -50,9 +50,9 @@ def siblings_table(others: Sequence[Sibling], colours: Mapping[str, Rgb]) -> str
     return _title(f"Every IMU after {seconds:g} s") + _table(("", "Hz", "°", "m", "inside 95 %"), rows)
 
 
-def calibration_table(found: Assessment) -> str:
+def calibration_table(assessment: Assessment) -> str:
     """The constant errors that explain the flight best, and whether they help where they were not fitted."""
-    fit = found.calibration
+    fit = assessment.calibration
     if fit is None:
         return _title("Calibration") + _small("Too few windows to calibrate with.", 0.65)
     scale = np.array([1e3] * 3 + [1.0] * 3 + [np.degrees(1.0)] * 3 + [1e3])
@@ -64,13 +64,17 @@ def calibration_table(found: Assessment) -> str:
     lag = f"{values[9]:.1f} ± {sigma[9]:.1f}" if fit.observable[9] else "not seen"
     rows.append(_row(("lag, ms", lag, "", ""), ""))
     note = f"From {fit.windows} windows of {fit.horizon_s:g} s, ± one standard error."
-    if found.corrected and found.uncorrected:
-        before, after = found.uncorrected.rows[0], found.corrected.rows[0]
+    if assessment.corrected and assessment.uncorrected:
+        before, after = assessment.uncorrected.rows[0], assessment.corrected.rows[0]
         pairs = [f"{_median(before.attitude_deg)} → {_median(after.attitude_deg)}°"]
         if after.position_m:
             pairs.append(f"{_median(before.position_m)} → {_median(after.position_m)} m")
         note += f" On the {after.windows} windows that it was not fitted to: median drift {', '.join(pairs)}."
-    worse = "<br><b>It makes the rest of the flight worse: the errors are not constant.</b>" if found.made_worse else ""
+    worse = (
+        "<br><b>It makes the rest of the flight worse: the errors are not constant.</b>"
+        if assessment.made_worse
+        else ""
+    )
     return _title("Calibration") + _table(("", *AXES), rows) + _small(note + worse, 0.75)
 
 

@@ -89,7 +89,7 @@ def _simple(positions: Array, breaks: Indices, most: int) -> Segments:
     return segments(positions, kept, inner)[0]
 
 
-def _draw(line: viser.LineSegmentsHandle, found: Segments, colour: Rgb) -> None:
-    line.visible = len(found) > 0
-    if len(found):
-        line.points, line.colors = found, np.array(colour, dtype=np.uint8)
+def _draw(line: viser.LineSegmentsHandle, lines: Segments, colour: Rgb) -> None:
+    line.visible = len(lines) > 0
+    if len(lines):
+        line.points, line.colors = lines, np.array(colour, dtype=np.uint8)

@@ -50,15 +50,15 @@ def simplified(t: Array, positions: Array, restarts: Indices) -> list[Lines]:
     inner = restarts[(restarts > 0) & (restarts < len(t))]
     jumps = np.union1d(inner - 1, inner)  # both ends, so that a jump is a gap at its true place
     few = CHUNK * CHUNKS + 1 - len(jumps)
-    found = []
+    levels = []
     if FINE_HZ * (t[-1] - t[0]) > CHUNK * CHUNKS:
         kept = np.union1d(evenly(len(t), int(FINE_HZ * (t[-1] - t[0]))), jumps)
-        found.append(_lines(t, positions, kept, inner))
+        levels.append(_lines(t, positions, kept, inner))
     if few < CHUNK * CHUNKS / 2:
         few, inner, jumps = CHUNK * CHUNKS + 1, inner[:0], inner[:0]  # more anchors than the eye can part
     # Half by shape, for round corners in a long flight; half by time, so that the path keeps up with the drone.
     kept = np.union1d(evenly(len(t), few // 2, jumps), by_shape(positions, few // 2))
-    return [*found, _lines(t, positions, kept, inner)]
+    return [*levels, _lines(t, positions, kept, inner)]
 
 
 class Trail:
@@ -116,5 +116,5 @@ _NONE = (0, 0, 0, 0)
 
 
 def _lines(t: Array, positions: Array, kept: Indices, breaks: Indices) -> Lines:
-    found, stops = segments(positions, kept.astype(np.intp), breaks)
-    return Lines(found, t[stops])
+    points, stops = segments(positions, kept.astype(np.intp), breaks)
+    return Lines(points, t[stops])

@@ -28,10 +28,10 @@ def dressed(body: bytes, encoding: str) -> bytes:
     script = (files("companion.view.server") / "page_head.js").read_bytes()
     icon = f'<link rel="icon" href="data:image/svg+xml,{quote(_icon())}" />'.encode()
     for pattern, ours in ((_TITLE, b"<title>companion</title>"), (_ICON, icon)):
-        found = pattern.search(plain)
-        if found is None:
+        match = pattern.search(plain)
+        if match is None:
             raise RuntimeError("viser's page has no title or icon where 1.1 has it")
-        plain = plain[: found.start()] + ours + plain[found.end() :]
+        plain = plain[: match.start()] + ours + plain[match.end() :]
     plain = plain.replace(b"<head>", b"<head><script>" + script + b"</script>", 1)
     return gzip.compress(plain) if encoding == "gzip" else plain
 

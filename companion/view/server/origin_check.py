@@ -215,10 +215,10 @@ def _note(_: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
 def _cookie(headers: Headers, name: str) -> str:
     """The value of a cookie; "" when the browser sends none, or what is no cookie."""
     try:
-        found = http.cookies.SimpleCookie("; ".join(headers.get_all("Cookie"))).get(name)
+        cookie = http.cookies.SimpleCookie("; ".join(headers.get_all("Cookie"))).get(name)
     except http.cookies.CookieError:
         return ""
-    return found.value if found else ""
+    return cookie.value if cookie else ""
 
 
 def _asked(query: str) -> tuple[str, str]:

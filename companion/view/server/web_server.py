@@ -61,13 +61,13 @@ def find_address(host: str, port: int, *, or_next: bool = True, token: bool = Fa
     try:
         if not host:
             raise OSError("the name is empty")
-        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+        addresses = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError, ValueError) as error:
         raise InputError(
             f"The host {host!r} cannot be resolved ({error}). Use 127.0.0.1 for this machine alone, "
             "0.0.0.0 for every network that it is in, or one of its own addresses."
         ) from error
-    places = {(family, str(address[0])) for family, _, _, _, address in found}
+    places = {(family, str(address[0])) for family, _, _, _, address in addresses}
     for family, address in places:
         if not _bindable(family, address, 0):
             raise InputError(

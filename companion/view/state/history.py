@@ -108,9 +108,9 @@ class History:
     def positions(self) -> tuple[Array, Array] | None:
         """The autopilot's and the IMU's (N, 3) NED, m, of everything that is kept; None where there is no position."""
         rows = self._ordered(self._rows.shape[1])
-        found = rows[:, _SLICES["position_ref"]], rows[:, _SLICES["position_imu"]]
-        good = (np.abs(np.hstack(found)) < MOST).all(axis=1)
-        return (found[0][good], found[1][good]) if self._has_position and good.any() else None
+        both = rows[:, _SLICES["position_ref"]], rows[:, _SLICES["position_imu"]]
+        good = (np.abs(np.hstack(both)) < MOST).all(axis=1)
+        return (both[0][good], both[1][good]) if self._has_position and good.any() else None
 
     def past(self) -> Past:
         """Everything that is kept. Raises DataError when there is nothing finite in it."""

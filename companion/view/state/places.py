@@ -33,8 +33,8 @@ def home_position(flight: Flight) -> Array | None:
     home = flight.home
     if home is None:
         return None
-    found = _located(flight, *(np.array([x]) for x in (home.latitude, home.longitude, home.height)))
-    return None if found is None else np.asarray(found[0])
+    located = _located(flight, *(np.array([x]) for x in (home.latitude, home.longitude, home.height)))
+    return None if located is None else np.asarray(located[0])
 
 
 def gps_path(flight: Flight) -> Path | None:

@@ -157,7 +157,7 @@ def _target(
         case events.JumpToMark(index):
             return marks[index].t if 0 <= index < len(marks) else None
         case events.JumpToFinding(index):
-            found = film.insight.marks if film.insight else ()
-            return found[index].t if 0 <= index < len(found) else None
+            of_findings = film.insight.marks if film.insight else ()
+            return of_findings[index].t if 0 <= index < len(of_findings) else None
         case _:
             assert_never(event)
