@@ -100,10 +100,10 @@ def state_folder() -> Path:
 def _read(path: Path) -> dict[str, OriginalRate]:
     """What the file says; nothing where there is none or it is damaged."""
     try:
-        found = {str(name): OriginalRate(**one) for name, one in json.loads(path.read_text()).items()}
+        stored = {str(name): OriginalRate(**one) for name, one in json.loads(path.read_text()).items()}
     except (OSError, ValueError, TypeError, AttributeError, RecursionError):
         return {}
-    return {name: one for name, one in found.items() if one.is_whole}
+    return {name: one for name, one in stored.items() if one.is_whole}
 
 
 _DEFAULT, _STOP = 0, -1  # SET_MESSAGE_INTERVAL

@@ -21,9 +21,9 @@ class Reboots:
     def hear(self, messages: Mapping[str, Messages], now: float) -> float | None:
         """Take what a vehicle sent: when it has started, s of the steady clock `now`, once after it has."""
         started = None
-        for found in messages.values():
-            if "time_boot_ms" in found.layout.fields and len(found.rows):  # the session reads those it needs
-                boot_s = float(found["time_boot_ms"][-1]) * 1e-3
+        for columns in messages.values():
+            if "time_boot_ms" in columns.layout.fields and len(columns.rows):  # the session reads those it needs
+                boot_s = float(columns["time_boot_ms"][-1]) * 1e-3
                 if 0 < boot_s < self._boot_s - _REBOOT_S and not self.two_clocks:
                     self._reboots = [t for t in self._reboots if now - t < _REBOOTS_S] + [now]
                     self.two_clocks = len(self._reboots) > _MOST_REBOOTS

@@ -215,11 +215,11 @@ class TcpPort:
 
 def _resolve(address: Address, kind: socket.SocketKind) -> tuple[socket.AddressFamily, Any]:
     try:
-        found = socket.getaddrinfo(address.host, address.port, type=kind)
+        resolved = socket.getaddrinfo(address.host, address.port, type=kind)
     except OSError as error:
         raise NotThereError(f"the host of {address} cannot be found ({_reason(error)}): check its name.") from None
     # "localhost" is often ::1 first, and 127.0.0.1 is where vehicles and simulators are
-    family, _, _, _, where = min(found, key=lambda one: one[0] != socket.AF_INET)
+    family, _, _, _, where = min(resolved, key=lambda one: one[0] != socket.AF_INET)
     return family, where
 
 

@@ -201,20 +201,22 @@ class StreamManager:
         return requests.request_stream(self.target, stream, round(max(members)))
 
     def _take_answers(self, messages: Mapping[str, Messages], now: float) -> None:
-        for name, found in messages.items():
+        for name, columns in messages.items():
             if name == "MESSAGE_INTERVAL":
                 self._answers = True
-                for number, interval in zip(found["message_id"].tolist(), found["interval_us"].tolist(), strict=True):
-                    self._found(number, interval)
+                for number, interval in zip(
+                    columns["message_id"].tolist(), columns["interval_us"].tolist(), strict=True
+                ):
+                    self._take_interval(number, interval)
             elif name == "COMMAND_ACK":
-                for i in range(len(found)):
-                    mine = int(found["target_system"][i]) in (0, self._own)
-                    if mine and found["command"][i] == requests.SET_MESSAGE_INTERVAL:
+                for i in range(len(columns)):
+                    mine = int(columns["target_system"][i]) in (0, self._own)
+                    if mine and columns["command"][i] == requests.SET_MESSAGE_INTERVAL:
                         self._answers = True
-                        self.confirmed += int(found["result"][i]) == _ACCEPTED
-                        self._answered(int(found["result"][i]), now)
+                        self.confirmed += int(columns["result"][i]) == _ACCEPTED
+                        self._answered(int(columns["result"][i]), now)
 
-    def _found(self, number: int, interval: int) -> None:
+    def _take_interval(self, number: int, interval: int) -> None:
         for message in self.stream_requests:
             if message.message_id == number and message.state is RequestState.FINDING:
                 earlier = self._earlier.known.get(message.name)

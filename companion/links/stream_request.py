@@ -91,9 +91,9 @@ class Gathered:
         complete = complete and now - self._newest > _MORE_S
         if self._since is None or not (complete or now - self._since > _GATHER_S):
             return []
-        found = [why.format(", ".join(names)) for why, names in self._why.items()]
+        sentences = [why.format(", ".join(names)) for why, names in self._why.items()]
         self._why, self._since = {}, None
-        return found
+        return sentences
 
 
 def slower(hz: float) -> float:

@@ -31,10 +31,10 @@ class VehicleSession:
     def hear(self, messages: Mapping[str, Messages], now: float) -> None:
         """Take those messages that are of this vehicle."""
         own: dict[str, Messages] = {}
-        for name, found in messages.items():
-            mine = (found.sysid == self.target.sysid) & (found.compid == self.target.compid)
+        for name, columns in messages.items():
+            mine = (columns.sysid == self.target.sysid) & (columns.compid == self.target.compid)
             if mine.any():
-                own[name] = found.select(mine)
+                own[name] = columns.select(mine)
                 self.counts[name] += int(mine.sum())
         if "TIMESYNC" in own:
             self.timesync.hear(own["TIMESYNC"], now)
@@ -51,8 +51,8 @@ class VehicleSession:
         """What to send now."""
         if self.rates is None:
             return []
-        found = (self.rates.next_request(now), self.timesync.next_request(now))
-        return [request for request in found if request is not None]
+        candidates = (self.rates.next_request(now), self.timesync.next_request(now))
+        return [request for request in candidates if request is not None]
 
     def complain(self, now: float) -> None:
         """Say, once, that no IMU message comes."""

@@ -141,19 +141,19 @@ def read_dataflash(
     order = np.argsort(types, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(types[order])) + 1)
     del order
-    found: dict[str, Records] = {}
+    messages: dict[str, Records] = {}
     for index in sorted(groups, key=lambda group: int(group[0])):
         layout = layouts.get(int(types[index[0]]))
         if layout is not None:
-            key = layout.name if layout.name not in found else f"{layout.name}#{layout.type}"
+            key = layout.name if layout.name not in messages else f"{layout.name}#{layout.type}"
             wanted = names is None or layout.name in names
-            found[key] = Records(
+            messages[key] = Records(
                 layout, starts[index], np.empty(len(index), layout.dtype if wanted else _times(layout))
             )
     skipped = len(mapped.data) - int(np.bincount(types, minlength=256) @ record_lengths(formats))
     count, left_out = len(starts), {name: int((types == number).sum()) for number, name in undecoded.items()}
     del starts, groups
-    _fill(mapped, found)
+    _fill(mapped, messages)
     return DataflashLog(
         path=path,
         size_bytes=contents.size_bytes,
@@ -162,7 +162,7 @@ def read_dataflash(
         frames=count,
         skipped_bytes=skipped,
         undecoded=MappingProxyType(left_out),
-        messages=MappingProxyType(found),
+        messages=MappingProxyType(messages),
     )
 
 
@@ -172,12 +172,12 @@ def _times(layout: RecordLayout) -> np.dtype[np.void]:
     return np.dtype([(layout.clock, layout.dtype[layout.clock])] if timed else [])
 
 
-def _fill(mapped: Mapped, found: Mapping[str, Records]) -> None:
+def _fill(mapped: Mapped, messages: Mapping[str, Records]) -> None:
     """Gather the rows part by part of the file, so that no more than a part of it has to be in memory."""
-    done = dict.fromkeys(found, 0)
+    done = dict.fromkeys(messages, 0)
     for begin in range(0, len(mapped.data), _PART_BYTES):
         end = begin + _PART_BYTES
-        for name, records in found.items():
+        for name, records in messages.items():
             first, last = done[name], int(np.searchsorted(records.offset, end))
             if records.rows.dtype.itemsize:
                 rows = gather_rows(mapped.data, records.offset[first:last], records.rows.dtype)
@@ -199,16 +199,16 @@ def _find(mapped: Mapped, progress: Callable[[int], None] | None) -> tuple[Index
 def _heads(mapped: Mapped, progress: Callable[[int], None] | None) -> tuple[Index, Bytes]:
     """Every position of A3 95 that a type byte follows, and that type. Looked for in pieces that stay in cache."""
     data = mapped.data
-    found, types = [np.empty(0, np.int64)], [np.empty(0, np.uint8)]
+    places, types = [np.empty(0, np.int64)], [np.empty(0, np.uint8)]
     for begin in range(0, len(data) - 2, _SCAN_BYTES):
         end = min(begin + _SCAN_BYTES, len(data) - 2)
         place = np.flatnonzero((data[begin:end] == _HEAD_1) & (data[begin + 1 : end + 1] == _HEAD_2)) + begin
-        found.append(place)
+        places.append(place)
         types.append(data[place + 2])
         mapped.release(begin, end)
         if progress is not None:
             progress(end - begin)
-    return np.concatenate(found), np.concatenate(types)
+    return np.concatenate(places), np.concatenate(types)
 
 
 def _are_records(heads: Index, length: Index, size: int) -> npt.NDArray[np.bool_]:

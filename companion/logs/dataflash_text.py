@@ -51,7 +51,7 @@ def read_dataflash_text(
     if not declared:
         raise InputError(f"{path} begins like a DataFlash log in text, but declares no record: copy it again.")
     units = _units(lines, declared)
-    found: dict[str, Records] = {}
+    messages: dict[str, Records] = {}
     undecoded: dict[str, int] = {}
     count = 0
     for name, (rows, offsets) in lines.items():
@@ -62,7 +62,7 @@ def read_dataflash_text(
         records, left_out = _records(layout, rows, np.array(offsets, np.int64), wanted=names is None or name in names)
         count, skipped = count + len(records), skipped + left_out
         if len(records):
-            found[name] = records
+            messages[name] = records
     return DataflashLog(
         path=path,
         size_bytes=contents.size_bytes,
@@ -71,13 +71,13 @@ def read_dataflash_text(
         frames=count,
         skipped_bytes=skipped,
         undecoded=MappingProxyType(undecoded),
-        messages=MappingProxyType(found),
+        messages=MappingProxyType(messages),
     )
 
 
 def _lines(data: bytes, names: Collection[str]) -> tuple[Lines, int]:
     """The lines of these names, and the bytes of those of others but FMT."""
-    found: Lines = {}
+    lines: Lines = {}
     others = at = 0
     while at < len(data):  # line by line: a file of nothing but their ends would be a list of a hundred times its size
         end = data.find(b"\n", at)
@@ -85,28 +85,28 @@ def _lines(data: bytes, names: Collection[str]) -> tuple[Lines, int]:
         head, comma, values = data[at:end].partition(b",")
         name = head.strip().decode("ascii", "replace") if comma else ""
         if name in names:
-            rows, offsets = found.setdefault(name, ([], []))
+            rows, offsets = lines.setdefault(name, ([], []))
             rows.append(values)
             offsets.append(at)
         elif name != _FMT:
             others += len(values)
         at = end + 1
-    return found, others
+    return lines, others
 
 
 def _declarations(rows: Sequence[bytes]) -> dict[str, Declaration]:
     """By name; of several the first, as in a .bin. No more of them, and of columns, than a log can have."""
-    found: dict[str, Declaration] = {}
+    declared: dict[str, Declaration] = {}
     for row in rows:
         parts = [part.strip().decode("ascii", "replace") for part in row.split(b",", _FMT_FIELDS - 1)]
         if len(parts) < _FMT_FIELDS - 1 or not (_is_byte(parts[0]) and _is_byte(parts[1]) and parts[2].isalnum()):
             continue
-        if len(parts[3]) > _MOST_COLUMNS or len(found) == _MOST_TYPES:
+        if len(parts[3]) > _MOST_COLUMNS or len(declared) == _MOST_TYPES:
             continue
         columns = tuple(part.strip() for part in parts[4].split(",")) if len(parts) == _FMT_FIELDS else ()
         if parts[2] != _FMT:  # whose own columns some logs leave out
-            found.setdefault(parts[2], Declaration(int(parts[0]), int(parts[1]), parts[2], parts[3], columns))
-    return found
+            declared.setdefault(parts[2], Declaration(int(parts[0]), int(parts[1]), parts[2], parts[3], columns))
+    return declared
 
 
 def _units(lines: Lines, declared: Mapping[str, Declaration]) -> Units:
@@ -118,8 +118,10 @@ def _units(lines: Lines, declared: Mapping[str, Declaration]) -> Units:
             return []
         parts = (_split(row, len(one.columns)) for row in lines.get(name, ([], []))[0])
         places = [one.columns.index(column) for column in columns]
-        found = ([row[place].decode("ascii", "replace") for place in places] for row in parts if len(row) > max(places))
-        return [(int(first), *rest) for first, *rest in found if _is_byte(first)]
+        decoded = (
+            [row[place].decode("ascii", "replace") for place in places] for row in parts if len(row) > max(places)
+        )
+        return [(int(first), *rest) for first, *rest in decoded if _is_byte(first)]
 
     factors = ((number, text) for number, text in rows("MULT", "Id", "Mult"))
     return Units.told(

@@ -209,9 +209,9 @@ def _pieces(chunk: bytes) -> Iterator[bytes]:
 def _is_stamped(beginning: bytes, dialect: Dialect) -> bool:
     """Whether the frames of a log have time stamps before them, by the commonest distance between two of them."""
     decoder = Decoder(dialect, stamped=True)
-    found = [decoder.push(beginning[:HEAD_BYTES]), decoder.finish()]
-    begin = np.concatenate([frames.offset for frames in found])
-    end = begin + np.concatenate([frames.size for frames in found])
+    pieces = [decoder.push(beginning[:HEAD_BYTES]), decoder.finish()]
+    begin = np.concatenate([frames.offset for frames in pieces])
+    end = begin + np.concatenate([frames.size for frames in pieces])
     if len(begin) == 1:
         return bool(begin[0] > 0)
     gaps = begin[1:] - end[:-1]

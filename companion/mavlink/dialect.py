@@ -163,15 +163,15 @@ def _base_fields(message: Any, x25crc: Any) -> int:
     """
     types = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
     crc = x25crc(f"{message.msgname} ")
-    found = len(types)
+    base = len(types)
     for count, (field, length) in enumerate(zip(message.ordered_fieldnames, message.array_lengths, strict=True), 1):
         crc.accumulate(f"{types[field]} {field} ")
         if length:
             crc.accumulate([length])
         folded = (crc.crc & 0xFF) ^ (crc.crc >> 8)
         if folded == message.crc_extra and set(message.ordered_fieldnames[:count]) == set(message.fieldnames[:count]):
-            found = count
-    return found
+            base = count
+    return base
 
 
 def _nearest(name: str, known: Any) -> str:

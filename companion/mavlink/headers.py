@@ -81,9 +81,9 @@ def places_between(data: Bytes, low: int, size: int, taken: Headers, stamp: int)
         return None
     begin_narrow = begin[narrow]
     hit = np.flatnonzero(gather(data, begin_narrow, stamp).ravel() == MAGIC_1)
-    found = [begin_narrow[hit // stamp] + hit % stamp]
-    found += [np.flatnonzero(data[a:b] == MAGIC_1) + a for a, b in zip(begin[wide], end[wide], strict=True)]
-    return np.sort(np.concatenate(found))
+    places = [begin_narrow[hit // stamp] + hit % stamp]
+    places += [np.flatnonzero(data[a:b] == MAGIC_1) + a for a, b in zip(begin[wide], end[wide], strict=True)]
+    return np.sort(np.concatenate(places))
 
 
 def strange_headers(data: Bytes, start: Index, dialect: Dialect) -> tuple[Headers, Headers]:

@@ -84,10 +84,10 @@ def as_bytes(rows: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
 def split_messages(frames: Frames, dialect: Dialect, names: Collection[str] | None = None) -> dict[str, Messages]:
     """Frames as columns per message type. `names`: the types whose rows are gathered (None: all)."""
     times = log_time(frames.stamp)
-    found = {}
+    by_name = {}
     for layout, index in grouped(frames, dialect):
         wanted = names is None or layout.name in names
-        found[layout.name] = Messages(
+        by_name[layout.name] = Messages(
             layout=layout,
             offset=frames.offset[index],
             log_time=times[index],
@@ -97,7 +97,7 @@ def split_messages(frames: Frames, dialect: Dialect, names: Collection[str] | No
             crc=frames.crc[index],
             rows=gather_rows(frames, index, layout) if wanted else np.empty(0, layout.dtype),
         )
-    return found
+    return by_name
 
 
 def grouped(frames: Frames, dialect: Dialect) -> Iterator[tuple[MessageLayout, Index]]:

@@ -164,12 +164,12 @@ class Flight:
             name = next((own for own in self.imus if own.upper() == name.upper()), name)
         else:
             name = self.default_imu
-        found = ", ".join(f"{n} ({len(track)})" for n, track in self.imus.items()) or "none"
+        known = ", ".join(f"{n} ({len(track)})" for n, track in self.imus.items()) or "none"
         if name is None:
-            raise DataError(f"no IMU message with two samples or more (found: {found}). {self.how_to_record}.")
+            raise DataError(f"no IMU message with two samples or more (found: {known}). {self.how_to_record}.")
         if name not in self.imus:
             raise DataError(
-                f"vehicle {self.vehicle}, boot {self.boot}: no usable {name} (IMU messages and samples found: {found})."
+                f"vehicle {self.vehicle}, boot {self.boot}: no usable {name} (IMU messages and samples found: {known})."
             )
         if len(self.imus[name]) < 2:
             raise DataError(

@@ -53,16 +53,16 @@ def square(t: Array) -> Motion:
 
 
 def _moves(laps: int) -> list[_Move]:
-    found = [_Move(_REST_S, _CLIMB_S, (0.0, 0.0, -HEIGHT))]
+    moves = [_Move(_REST_S, _CLIMB_S, (0.0, 0.0, -HEIGHT))]
     now = _REST_S + _CLIMB_S + _HOVER_S
     for leg in range(4 * laps):
         north, east = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[leg % 4]
-        found.append(_Move(now, _LEG_S, (SIDE * north, SIDE * east, 0.0)))
+        moves.append(_Move(now, _LEG_S, (SIDE * north, SIDE * east, 0.0)))
         now += _LEG_S + _PAUSE_S
-        found.append(_Move(now, _TURN_S, (0.0, 0.0, 0.0), np.pi / 2))
+        moves.append(_Move(now, _TURN_S, (0.0, 0.0, 0.0), np.pi / 2))
         now += _TURN_S + _PAUSE_S
-    found.append(_Move(now + _HOVER_S, _DESCENT_S, (0.0, 0.0, HEIGHT)))
-    return found
+    moves.append(_Move(now + _HOVER_S, _DESCENT_S, (0.0, 0.0, HEIGHT)))
+    return moves
 
 
 def _flown(

@@ -62,14 +62,14 @@ class Intervals:
 
     def due(self, now_us: int) -> list[str]:
         """The messages to send now."""
-        found = []
+        due = []
         for name, stream in self._streams.items():
             if stream.interval_us and stream.due_us <= now_us:
-                found.append(name)
+                due.append(name)
                 stream.due_us += stream.interval_us
                 if stream.due_us < now_us - stream.interval_us:  # too far behind to make good
                     stream.due_us = now_us + stream.interval_us
-        return found
+        return due
 
     def schedule(self, name: str, now_us: int, count: int) -> npt.NDArray[np.int64]:
         """When a message that is sent now will be sent the next times, if nobody sets its interval: µs, (count,)."""

@@ -53,29 +53,29 @@ def _fields(name: str, flown: Flown, index: Steps, boot_us: Steps) -> Fields:
     if name == "HIGHRES_IMU":
         field = flown.witnesses.fields[0][index] / _GAUSS
         read = _columns((*_IMU, *_COMPASS), flown.imu.accel[index], flown.imu.gyro[index], field)
-        found: Fields = {**read, "fields_updated": 0x1FF}
+        columns: Fields = {**read, "fields_updated": 0x1FF}
     elif name in ("RAW_IMU", "SCALED_IMU", "SCALED_IMU2"):
         second = name == "SCALED_IMU2"
-        found = _milli(flown.second if second else flown.imu, flown.witnesses.fields[second], index)
+        columns = _milli(flown.second if second else flown.imu, flown.witnesses.fields[second], index)
     elif name == "SCALED_PRESSURE":
-        found = {"press_abs": pressure(flown.witnesses.height[index]) / _HPA, "temperature": _MILD}
+        columns = {"press_abs": pressure(flown.witnesses.height[index]) / _HPA, "temperature": _MILD}
     elif name == "ATTITUDE":
-        found = _columns((*_ANGLES, *_RATES), quaternion.to_euler(flown.q_ned_frd[index]), flown.rates[index])
+        columns = _columns((*_ANGLES, *_RATES), quaternion.to_euler(flown.q_ned_frd[index]), flown.rates[index])
     elif name == "ATTITUDE_QUATERNION":
-        found = _columns((*_QUATERNION, *_RATES), flown.q_ned_frd[index], flown.rates[index])
+        columns = _columns((*_QUATERNION, *_RATES), flown.q_ned_frd[index], flown.rates[index])
     elif name == "LOCAL_POSITION_NED":
-        found = _columns(("x", "y", "z", "vx", "vy", "vz"), flown.position[index], flown.velocity[index])
+        columns = _columns(("x", "y", "z", "vx", "vy", "vz"), flown.position[index], flown.velocity[index])
     else:
-        found = _global(flown, index)
-    return {**stamp, **found}
+        columns = _global(flown, index)
+    return {**stamp, **columns}
 
 
 def _global(flown: Flown, index: Steps) -> Fields:
     position = flown.position[index]
     place = _geodetic(position) * [1e7, 1e7, 1e3]
     names = ("lat", "lon", "alt", "relative_alt", "vx", "vy", "vz")
-    found = _columns(names, place, -position[:, 2:] * 1e3, flown.velocity[index] * 100)
-    return {**found, "hdg": _UNKNOWN}  # not known
+    columns = _columns(names, place, -position[:, 2:] * 1e3, flown.velocity[index] * 100)
+    return {**columns, "hdg": _UNKNOWN}  # not known
 
 
 def _fix(flown: Flown, index: Steps, boot_us: Steps) -> Fields:

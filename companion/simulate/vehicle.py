@@ -103,8 +103,8 @@ class SimulatedVehicle:
 
     def receive(self, data: bytes) -> None:
         """Hear what somebody sent. Answers go out with the next `advance`."""
-        found = split_messages(self._decoder.push(data), self._dialect)
-        for name, messages in found.items():
+        received = split_messages(self._decoder.push(data), self._dialect)
+        for name, messages in received.items():
             self.heard[name] += len(messages)
             for row in messages.rows:
                 self._answer(name, {field: row[field] for field in messages.layout.fields})

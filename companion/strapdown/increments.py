@@ -118,13 +118,13 @@ def chunks(
         last = min(first + CHUNK, stop)
         join = joined(imu, first, last) & scheme.looks_ahead
         if join.all():
-            found = _of_means(imu, first, last, scheme)
+            dq, dv, dp = _of_means(imu, first, last, scheme)
         else:
-            found = _increments(signal_of(imu, first, last, middle), scheme.method, scheme.segments)
+            dq, dv, dp = _increments(signal_of(imu, first, last, middle), scheme.method, scheme.segments)
         if join.any() and not join.all():
             q, v, p = _of_means(imu, first, last, scheme)
-            found = np.where(join, q, found[0]), np.where(join, v, found[1]), np.where(join, p, found[2])
-        yield first, imu.t[first + 1 : last + 1] - imu.t[first:last], found
+            dq, dv, dp = np.where(join, q, dq), np.where(join, v, dv), np.where(join, p, dp)
+        yield first, imu.t[first + 1 : last + 1] - imu.t[first:last], (dq, dv, dp)
 
 
 def _of_means(imu: ImuTrack, first: int, last: int, scheme: Scheme) -> tuple[Array, Array, Array]:
