@@ -35,7 +35,7 @@ from companion.telemetry.outliers import HEIGHT, BoolArray, lone, lone_fields, u
 from companion.telemetry.quantities import pressure_altitude
 
 _Track = TypeVar("_Track", GpsTrack, CompassTrack, BarometerTrack, AirspeedTrack, RangeTrack, FlowTrack)
-Found = tuple[tuple[_Track, ...], tuple[str, ...]]
+WithNotes = tuple[tuple[_Track, ...], tuple[str, ...]]
 """Tracks in order of instance, and what had to be left out, in words."""
 
 _CONSTANT = 20  # readings that are all the same are those of no sensor: even at rest they differ by a step
@@ -86,35 +86,35 @@ class Aiding:
         return LazyTuple(lambda: (*before, *(note for kind in kinds for note in getattr(self, kind)[1])))
 
     @cached_property
-    def _gps(self) -> Found[GpsTrack]:
+    def _gps(self) -> WithNotes[GpsTrack]:
         notes: list[str] = []
         return _each(_gps_track(one, notes) for one in of_kind(self.series, "gps")), tuple(notes)
 
     @cached_property
-    def _compasses(self) -> Found[CompassTrack]:
+    def _compasses(self) -> WithNotes[CompassTrack]:
         notes: list[str] = []
-        found = (_compass_track(one, self.turns, notes) for one in of_kind(self.series, "magnetometer"))
-        return _each(found), tuple(notes)
+        tracks = (_compass_track(one, self.turns, notes) for one in of_kind(self.series, "magnetometer"))
+        return _each(tracks), tuple(notes)
 
     @cached_property
-    def _barometers(self) -> Found[BarometerTrack]:
+    def _barometers(self) -> WithNotes[BarometerTrack]:
         notes: list[str] = []
         return _each(_barometer_track(one, notes) for one in of_kind(self.series, "barometer")), tuple(notes)
 
     @cached_property
-    def _airspeeds(self) -> Found[AirspeedTrack]:
+    def _airspeeds(self) -> WithNotes[AirspeedTrack]:
         notes: list[str] = []
-        found = [airspeed_track(one, notes) for one in of_kind(self.series, "airspeed")]
-        told = [one for one in found if one is not None and np.isfinite(one.airspeed).any()]
-        return _each(told or found), tuple(notes)
+        tracks = [airspeed_track(one, notes) for one in of_kind(self.series, "airspeed")]
+        told = [one for one in tracks if one is not None and np.isfinite(one.airspeed).any()]
+        return _each(told or tracks), tuple(notes)
 
     @cached_property
-    def _ranges(self) -> Found[RangeTrack]:
+    def _ranges(self) -> WithNotes[RangeTrack]:
         notes: list[str] = []
         return _each(range_track(one, notes) for one in of_kind(self.series, "range")), tuple(notes)
 
     @cached_property
-    def _flows(self) -> Found[FlowTrack]:
+    def _flows(self) -> WithNotes[FlowTrack]:
         notes: list[str] = []
         return _each(flow_track(one, notes) for one in of_kind(self.series, "flow")), tuple(notes)
 

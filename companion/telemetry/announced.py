@@ -43,7 +43,7 @@ _VISIBLE: Mapping[ResetKind, float] = {
 
 def text_resets(texts: Iterable[StatusText]) -> tuple[EstimatorReset, ...]:
     """Resets and lane switches in words."""
-    found: list[EstimatorReset] = []
+    resets: list[EstimatorReset] = []
     for said in texts:
         if "EKF" not in said.text:
             continue
@@ -51,10 +51,10 @@ def text_resets(texts: Iterable[StatusText]) -> tuple[EstimatorReset, ...]:
             if match := pattern.match(said.text):
                 core = match.groupdict().get("core")
                 reset = EstimatorReset(said.t, kind, said.text, None if core is None else int(core))
-                if not any(_same_switch(reset, other) for other in found):
-                    found.append(reset)
+                if not any(_same_switch(reset, other) for other in resets):
+                    resets.append(reset)
                 break
-    return tuple(found)
+    return tuple(resets)
 
 
 def odometry_resets(odometry: Messages, t: Array) -> tuple[EstimatorReset, ...]:
@@ -67,13 +67,13 @@ def odometry_resets(odometry: Messages, t: Array) -> tuple[EstimatorReset, ...]:
     sizes = _jumps(odometry, before, after, (t[after] - t[before])[:, None])
     kinds = list(sizes)
     seen = np.nan_to_num(np.column_stack([sizes[kind] / _VISIBLE[kind] for kind in kinds]))
-    found = []
+    resets = []
     for n, place in enumerate(places.tolist()):
         text = f"ODOMETRY.reset_counter {counter[place]} → {counter[place + 1]}"
         jumped = np.flatnonzero(seen[n] > 1.0)
         most = jumped if len(jumped) else [int(np.argmax(seen[n]))]
-        found += [EstimatorReset(float(t[after[n]]), kinds[k], text) for k in most]
-    return tuple(found)
+        resets += [EstimatorReset(float(t[after[n]]), kinds[k], text) for k in most]
+    return tuple(resets)
 
 
 def parameter_changes(names: Sequence[bytes], t: Array, values: Array) -> tuple[ParameterChange, ...]:
@@ -84,7 +84,7 @@ def parameter_changes(names: Sequence[bytes], t: Array, values: Array) -> tuple[
     """
     known: dict[bytes, float] = {}
     decoded: dict[bytes, str] = {}  # one that is tuned in flight changes over and over
-    found = []
+    changes = []
     for name, at, value in zip(names, t.tolist(), values.tolist(), strict=True):
         if not math.isfinite(at) or not math.isfinite(value):
             continue
@@ -93,8 +93,8 @@ def parameter_changes(names: Sequence[bytes], t: Array, values: Array) -> tuple[
         if before != value and not name.startswith(b"STAT_"):
             if name not in decoded:
                 decoded[name] = words(name)
-            found.append(ParameterChange(at, decoded[name], value))
-    return tuple(found)
+            changes.append(ParameterChange(at, decoded[name], value))
+    return tuple(changes)
 
 
 def imu_in_use(resets: Sequence[EstimatorReset], parameters: Mapping[str, float], begin: float) -> SensorInUse | None:

@@ -90,7 +90,7 @@ def ardupilot_biases(
     """
     if attitude is None or attitude.source != "ATTITUDE":
         return ()
-    found: list[BiasTrack] = []
+    biases: list[BiasTrack] = []
     for instance in sorted({track.instance for track in imus.values()}):
         candidates = [track for track in imus.values() if track.instance == instance]
         track = min(candidates, key=lambda one: (len(one) < 0.9 * max(map(len, candidates)), one.gyro_step))
@@ -100,8 +100,8 @@ def ardupilot_biases(
         rates = turned_vectors(attitude.t, attitude.rates, turns)
         gyro = track.gyro[mine] - rates[theirs] + _half_steps(track, dequantised)[mine, :3]
         difference = np.hstack([gyro, np.full(gyro.shape, np.nan)])
-        found += _track(track.t[mine], difference, f"{track.source} - ATTITUDE", instance)
-    return tuple(found)
+        biases += _track(track.t[mine], difference, f"{track.source} - ATTITUDE", instance)
+    return tuple(biases)
 
 
 def _track(t: Array, difference: Array, source: str, instance: int) -> tuple[BiasTrack, ...]:

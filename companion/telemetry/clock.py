@@ -152,14 +152,14 @@ def steps_back(clock: Clock) -> list[int]:
     After such a step the clock goes on in small steps from where it fell to; packets that merely come late or twice are
     followed by a jump back to the present.
     """
-    found = []
+    steps = []
     for i in np.flatnonzero((np.diff(clock.t) < -STEP_BACK_S) & (np.diff(clock.t) >= -REBOOT_FALL_S)) + 1:
         fall = clock.t[i - 1] - clock.t[i]
         caught_up = np.flatnonzero(clock.t[i:] > clock.t[i - 1])
         again = clock.t[i : i + (int(caught_up[0]) if len(caught_up) else len(clock.t)) + 1]
         if len(again) > 3 and np.abs(np.diff(again)).max() < fall / 2:
-            found.append(int(i))
-    return found
+            steps.append(int(i))
+    return steps
 
 
 def boot_seconds(messages: Messages, clock: Clock) -> tuple[Array, float]:

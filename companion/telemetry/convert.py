@@ -95,13 +95,13 @@ def turns(parameters: Mapping[str, float], changes: Iterable[ParameterChange]) -
     1.2 m with it. A trim that is set in flight holds from then on.
     """
     known = dict(parameters)
-    found = [(-np.inf, trim(known))]
+    trims = [(-np.inf, trim(known))]
     for change in changes if not known.keys().isdisjoint(_TRIM) else ():  # they are not looked for in vain
         if change.name in _TRIM:
             known[change.name] = change.value
-            found.append((change.t, trim(known)))
-    notes = [f"{one[1]}{f' from {t:.1f} s on' if t > -np.inf else ''}" for t, one in found if one is not None]
-    return tuple((t, None if one is None else one[0]) for t, one in found), notes
+            trims.append((change.t, trim(known)))
+    notes = [f"{one[1]}{f' from {t:.1f} s on' if t > -np.inf else ''}" for t, one in trims if one is not None]
+    return tuple((t, None if one is None else one[0]) for t, one in trims), notes
 
 
 def trim(parameters: Mapping[str, float]) -> tuple[Array, str] | None:
@@ -264,10 +264,10 @@ def continuous(q: Array, norm: Array | None = None) -> Array:
 
 def _columns(messages: Messages, *names: str) -> Array:
     """Fields side by side, (N, k)."""
-    found = np.empty((len(messages), len(names)))
+    side_by_side = np.empty((len(messages), len(names)))
     for i, name in enumerate(names):
-        found[:, i] = messages[name]
-    return found
+        side_by_side[:, i] = messages[name]
+    return side_by_side
 
 
 def _vector(messages: Messages, names: tuple[str, str, str], unit: str, dequantise: bool) -> tuple[Array, float]:

@@ -22,8 +22,8 @@ def system_epoch(system_time: Messages | None, clock: Clock) -> Epoch | None:
     """By SYSTEM_TIME, which ArduPilot and PX4 set from GPS; else by the stamps of a telemetry log."""
     if system_time is not None and len(system_time.rows) == len(system_time):
         unix, boot = (system_time[n] * s for n, s in (("time_unix_usec", 1e-6), ("time_boot_ms", 1e-3)))
-        if (found := epoch_of(unix, boot, "SYSTEM_TIME")) is not None:
-            return found
+        if (epoch := epoch_of(unix, boot, "SYSTEM_TIME")) is not None:
+            return epoch
     stamped = np.isfinite(clock.log_time)
     ahead = clock.log_time[stamped] - clock.t[stamped]
     if not len(ahead) or float(np.subtract(*np.percentile(ahead, [95, 5]))) > _STEADY_S:

@@ -60,10 +60,10 @@ def landed_events(states: Messages, t: Array) -> tuple[Event, ...]:
     """Take-offs and landings by EXTENDED_SYS_STATE at boot times t (N,) s."""
     known = np.flatnonzero(np.isfinite(t) & (states["landed_state"] != _UNDEFINED))
     aloft = states["landed_state"][known] != _ON_GROUND
-    found = [Event(float(t[known[0]]), "event", "in the air")] if len(known) and aloft[0] else []
+    events = [Event(float(t[known[0]]), "event", "in the air")] if len(known) and aloft[0] else []
     turns = (np.flatnonzero(np.diff(aloft)) + 1).tolist()
-    found += [Event(float(t[known[i]]), "event", "took off" if aloft[i] else "landed") for i in turns]
-    return tuple(found)
+    events += [Event(float(t[known[i]]), "event", "took off" if aloft[i] else "landed") for i in turns]
+    return tuple(events)
 
 
 def changes(
@@ -75,35 +75,35 @@ def changes(
     """Events where the state of arming or the mode is another than before; all (N,), in order of time."""
     if not len(t):
         return ()
-    found = [Event(float(t[0]), "armed", "armed when the log begins")] if armed[0] else []
-    found.append(Event(float(t[0]), "mode", name(int(modes[0]))))
+    events = [Event(float(t[0]), "armed", "armed when the log begins")] if armed[0] else []
+    events.append(Event(float(t[0]), "mode", name(int(modes[0]))))
     for i in (np.flatnonzero(np.diff(armed)) + 1).tolist():
         word = "armed" if armed[i] else "disarmed"
-        found.append(Event(float(t[i]), word, word))
-    found += [Event(float(t[i]), "mode", name(int(modes[i]))) for i in (np.flatnonzero(np.diff(modes)) + 1).tolist()]
-    return in_order(found)
+        events.append(Event(float(t[i]), word, word))
+    events += [Event(float(t[i]), "mode", name(int(modes[i]))) for i in (np.flatnonzero(np.diff(modes)) + 1).tolist()]
+    return in_order(events)
 
 
 def dataflash_events(records: Mapping[str, Records], vehicle: Vehicle, dialect: Dialect) -> tuple[Event, ...]:
     """MODE, ARM, EV and ERR of an ArduPilot log."""
-    found: list[Event] = []
+    events: list[Event] = []
     for t, mode in _rows(records, "MODE", "ModeNum" if _has(records, "MODE", "ModeNum") else "Mode"):
         name = mode_name(dialect, vehicle.autopilot, vehicle.type, mode)
-        if not found or found[-1].text != name:  # a log begins by repeating the present mode
-            found.append(Event(t, "mode", name))
+        if not events or events[-1].text != name:  # a log begins by repeating the present mode
+            events.append(Event(t, "mode", name))
     for t, state in _rows(records, "ARM", "ArmState"):
-        found.append(Event(t, "armed" if state else "disarmed", "armed" if state else "disarmed"))
+        events.append(Event(t, "armed" if state else "disarmed", "armed" if state else "disarmed"))
     for t, number in _rows(records, "EV", "Id"):
         if number in (_EV_ARMED, _EV_DISARMED):
             if not _has(records, "ARM", "ArmState"):  # older logs
-                found.append(Event(t, _EV[number], _EV[number]))
+                events.append(Event(t, _EV[number], _EV[number]))
         else:
-            found.append(Event(t, "event", _EV.get(number, f"event {number}")))
+            events.append(Event(t, "event", _EV.get(number, f"event {number}")))
     codes = [code for _, code in _rows(records, "ERR", "ECode")]
     for (t, subsystem), code in zip(_rows(records, "ERR", "Subsys"), codes, strict=True):
         what = _ERR.get(subsystem, f"subsystem {subsystem}")
-        found.append(Event(t, "error" if code else "event", f"{what}: error {code}" if code else f"{what}: resolved"))
-    return in_order(found)
+        events.append(Event(t, "error" if code else "event", f"{what}: error {code}" if code else f"{what}: resolved"))
+    return in_order(events)
 
 
 def status_texts(messages: Messages, t: Array) -> tuple[StatusText, ...]:

@@ -59,7 +59,7 @@ def flights(
     The messages are taken over: the dictionary is empty afterwards, and what has become a track is let go at once, so
     that a large log is not held twice.
     """
-    found: list[Flight] = []
+    every_flight: list[Flight] = []
     others: list[Bystander] = []
     speaking = senders(messages)
     messages.clear()
@@ -71,8 +71,8 @@ def flights(
             others.append(vehicle)
             continue
         parameters = found_by_others.get(vehicle.sysid, {}) if _is_ardupilot(vehicle) else {}
-        found += _boots_of(vehicle, sender, parameters, notes, dialect, dequantise)
-    return found, others
+        every_flight += _boots_of(vehicle, sender, parameters, notes, dialect, dequantise)
+    return every_flight, others
 
 
 def _parameters_of_ground_stations(speaking: Mapping[tuple[int, int], Sender]) -> dict[int, dict[str, float]]:
@@ -257,15 +257,15 @@ def _attitude(boot: Boot, seconds: dict[str, Array]) -> tuple[AttitudeTrack | No
     """The better sampled of ATTITUDE_QUATERNION and ATTITUDE; and notes."""
     names = ("ATTITUDE_QUATERNION", "ATTITUDE")
     tracks = [convert.attitude_track(boot.messages.pop(n), seconds[n]) for n in names if n in boot.messages]
-    usable = [found for found in tracks if len(found[0]) > 1]
-    return max(usable, key=lambda found: len(found[0])) if usable else (None, [])
+    usable = [track for track in tracks if len(track[0]) > 1]
+    return max(usable, key=lambda track: len(track[0])) if usable else (None, [])
 
 
 def _position(boot: Boot, seconds: dict[str, Array]) -> tuple[PositionTrack | None, list[str]]:
     """LOCAL_POSITION_NED, unless GLOBAL_POSITION_INT covers more than twice its time; and notes."""
     names = ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
     tracks = [convert.position_track(boot.messages.pop(n), seconds[n]) for n in names if n in boot.messages]
-    usable = [found for found in tracks if len(found[0]) > 1]
+    usable = [track for track in tracks if len(track[0]) > 1]
     if not usable:
         return None, []
     local, other = usable[0], usable[-1]
@@ -281,9 +281,9 @@ def _origin(boot: Boot) -> Origin | None:
 
 
 def _events(boot: Boot, seconds: dict[str, Array], dialect: Dialect) -> tuple[Event, ...]:
-    found: tuple[Event, ...] = ()
+    events: tuple[Event, ...] = ()
     if "HEARTBEAT" in boot.messages:
-        found += heartbeat_events(boot.messages["HEARTBEAT"], seconds["HEARTBEAT"], boot.vehicle, dialect)
+        events += heartbeat_events(boot.messages["HEARTBEAT"], seconds["HEARTBEAT"], boot.vehicle, dialect)
     if "EXTENDED_SYS_STATE" in boot.messages:
-        found += landed_events(boot.messages["EXTENDED_SYS_STATE"], seconds["EXTENDED_SYS_STATE"])
-    return in_order(found)
+        events += landed_events(boot.messages["EXTENDED_SYS_STATE"], seconds["EXTENDED_SYS_STATE"])
+    return in_order(events)

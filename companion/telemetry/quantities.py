@@ -66,7 +66,7 @@ POLE = math.radians(89.9)  # nobody flies there: a latitude of 90° is a receive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class RawSeries:
     """The raw columns of one source, and what makes them SI."""
 
     kind: str
@@ -77,7 +77,7 @@ class Found:
     instance: int = 0  # which sensor of its kind
 
 
-def find(
+def raw_series(
     kind: str,
     source: str,
     t: Array,
@@ -87,7 +87,7 @@ def find(
     *,
     instance: int = 0,
     notes: list[str] | None = None,
-) -> Found | None:
+) -> RawSeries | None:
     """What a source has of a kind; None when that is nothing. `column` gives a field of the source, None for none.
 
     A sensor that is zero throughout is none, and is noted.
@@ -103,37 +103,37 @@ def find(
     silent = kind in _ABSENT_IF_ZERO and not any(v.any() for v in raw.values())
     if silent and raw and len(t) and notes is not None and kind in _NOTED:
         notes.append(f"{source} left out as {kind}: it is zero throughout")
-    return None if not raw or not len(t) or silent else Found(kind, source, t, raw, factors, instance)
+    return None if not raw or not len(t) or silent else RawSeries(kind, source, t, raw, factors, instance)
 
 
-def series_of(found: Iterable[Found | None]) -> Mapping[str, Series]:
+def series_of(several: Iterable[RawSeries | None]) -> Mapping[str, Series]:
     """The series of a flight by key, in the order found, each made when it is asked for."""
     makers: dict[str, Callable[[], Series]] = {}
-    for one in found:
+    for one in several:
         if one is not None:
             alone = one.kind != "temperature" and one.kind not in makers
             makers[one.kind if alone else f"{one.kind}:{one.source}"] = partial(_series, one)
     return Lazy(makers)
 
 
-def _series(found: Found) -> Series:
-    known = COLUMNS.get(found.kind, ())
-    names = known if found.raw.keys() <= set(known) else tuple(found.raw)
-    values = np.full((len(found.t), len(names)), np.nan)
+def _series(series: RawSeries) -> Series:
+    known = COLUMNS.get(series.kind, ())
+    names = known if series.raw.keys() <= set(known) else tuple(series.raw)
+    values = np.full((len(series.t), len(names)), np.nan)
     for i, name in enumerate(names):
-        if name in found.raw:
-            values[:, i] = found.raw[name] * found.factors[name]
+        if name in series.raw:
+            values[:, i] = series.raw[name] * series.factors[name]
     columns = {name: values[:, i] for i, name in enumerate(names)}  # views: what follows changes `values`
     values[~np.isfinite(values)] = np.nan
-    if found.kind == "gps":
+    if series.kind == "gps":
         _without_unknown(columns)
-    if found.kind == "barometer" and np.isnan(columns["altitude_m"]).all():
+    if series.kind == "barometer" and np.isnan(columns["altitude_m"]).all():
         columns["altitude_m"][:] = pressure_altitude(columns["pressure_pa"])
-    good = np.isfinite(found.t) & ~np.isnan(values).all(axis=1)
-    if found.kind == "temperature":
+    good = np.isfinite(series.t) & ~np.isnan(values).all(axis=1)
+    if series.kind == "temperature":
         good &= values[:, 0] != 0.0  # MAVLink: 0 is "no thermometer", and a true 0 °C is sent as 0.01
-    keep = increasing(found.t, np.asarray(good))
-    return Series(found.t[keep], values[keep], names, found.source, found.instance)
+    keep = increasing(series.t, np.asarray(good))
+    return Series(series.t[keep], values[keep], names, series.source, series.instance)
 
 
 def _without_unknown(gps: Mapping[str, Array]) -> None:

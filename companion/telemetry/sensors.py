@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.mavlink import Messages
 from companion.model import IMU_MESSAGES, Array, Series
-from companion.telemetry.quantities import Fields, Found, Raw, find, series_of
+from companion.telemetry.quantities import Fields, Raw, RawSeries, raw_series, series_of
 
 _COMPASS: Fields = {f"{axis}_tesla": (f"{axis}mag", "mgauss") for axis in "xyz"}
 _THERMOMETER: Fields = {"temperature_degc": ("temperature", "cdegC")}
@@ -175,7 +175,7 @@ def _each(messages: Messages, t: Array, source: Source) -> Iterator[tuple[int | 
 
 def _of_messages(
     messages: Messages, t: Array, source: Source, number: int | None, px4: bool, notes: list[str]
-) -> Found | None:
+) -> RawSeries | None:
     fields = _VIBRATION_PX4 if px4 and source.kind == "vibration" else source.fields
 
     def column(field: str) -> Raw | None:
@@ -187,4 +187,4 @@ def _of_messages(
     units = messages.layout.units
     name = messages.name if number is None else f"{messages.name}[{number}]"
     told = None if fields is _PITOT else notes  # by zeros the message says that there is no such sensor
-    return find(source.kind, name, t, fields, column, units, instance=source.instance + (number or 0), notes=told)
+    return raw_series(source.kind, name, t, fields, column, units, instance=source.instance + (number or 0), notes=told)

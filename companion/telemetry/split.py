@@ -67,14 +67,14 @@ def senders(messages: Mapping[str, Messages]) -> dict[tuple[int, int], Sender]:
     for one in messages.values():
         counts.update(one.senders())
     heard = {who for who, _ in counts.most_common(MOST_SENDERS)}
-    found: dict[tuple[int, int], Sender] = {}
+    by_sender: dict[tuple[int, int], Sender] = {}
     for name, one in messages.items():
         who = one.senders()
         for sysid, compid in heard & who.keys():
             alone = len(who) == 1  # most logs have one sender of each type
             its = one if alone else one.select((one.sysid == sysid) & (one.compid == compid))
-            found.setdefault((sysid, compid), {})[name] = its
-    return found
+            by_sender.setdefault((sysid, compid), {})[name] = its
+    return by_sender
 
 
 def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect) -> tuple[Vehicle | Bystander, tuple[str, ...]]:

@@ -93,8 +93,8 @@ class Stream:
     def recent(self, seconds: float) -> list[Flight]:
         """The flights in what arrived in the last so many seconds: cheap enough for every frame of a display."""
         since = self._newest - seconds
-        found = {n: c.all() if n in _TELLING else c.since(since) for n, c in self._columns.items()}
-        return self._flights({name: messages for name, messages in found.items() if len(messages)})
+        columns = {n: c.all() if n in _TELLING else c.since(since) for n, c in self._columns.items()}
+        return self._flights({name: messages for name, messages in columns.items() if len(messages)})
 
     @property
     def newest(self) -> float:
@@ -108,8 +108,8 @@ class Stream:
         can tell (see `newest_tracks`).
         """
         columns = {name: self._columns[name] for name in sources(flight, imu) if name in self._columns}
-        found = {name: column.since(since) for name, column in columns.items()}
-        return newest_tracks(flight, imu, found, dequantise=self._dequantise)
+        newest = {name: column.since(since) for name, column in columns.items()}
+        return newest_tracks(flight, imu, newest, dequantise=self._dequantise)
 
     @property
     def messages(self) -> int:
@@ -118,11 +118,11 @@ class Stream:
 
     def _flights(self, messages: dict[str, Messages]) -> list[Flight]:
         ordered = dict(sorted(messages.items(), key=lambda item: int(item[1].offset[0])))
-        found, _ = flights(dict(ordered), self.dialect, dequantise=self._dequantise)
+        several, _ = flights(dict(ordered), self.dialect, dequantise=self._dequantise)
         if self.window_s is None and messages.keys() == self._columns.keys():
-            return found
+            return several
         earlier = {who: self._reboots_before(who, sender) for who, sender in senders(ordered).items()}
-        return [self._placed(flight, earlier[flight.vehicle.sysid, flight.vehicle.compid]) for flight in found]
+        return [self._placed(flight, earlier[flight.vehicle.sysid, flight.vehicle.compid]) for flight in several]
 
     def _reboots_before(self, who: tuple[int, int], sender: dict[str, Messages]) -> int:
         """How many times a vehicle has rebooted before these messages of it begin."""

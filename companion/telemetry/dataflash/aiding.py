@@ -94,7 +94,7 @@ def _pulses(one: Records | None, count: int) -> Array:
     if one is None:
         return np.zeros((0, count))
     names = [name for name in one.layout.fields if name != one.layout.clock and one.layout.has_numbers(name)][:count]
-    found = np.full((len(one), count), np.nan)
+    pulses = np.full((len(one), count), np.nan)
     for i, name in enumerate(names):
-        found[:, i] = one[name]
-    return found
+        pulses[:, i] = one[name]
+    return pulses

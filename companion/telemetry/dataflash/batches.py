@@ -11,7 +11,7 @@ import numpy as np
 
 from companion.logs import Records
 from companion.model import Array
-from companion.telemetry.quantities import Found, find
+from companion.telemetry.quantities import RawSeries, raw_series
 
 NUMBERS: Mapping[str, tuple[str, ...]] = {
     "ISBH": ("N", "type", "instance", "mul", "smp_cnt", "SampleUS", "smp_rate"),
@@ -23,7 +23,7 @@ _KINDS = (("accel_batch", "accelerometer", "mps2"), ("gyro_batch", "gyro", "radp
 _AXES = "xyz"
 
 
-def batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[Found | None]:
+def batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[RawSeries | None]:
     """The samples of each sensor as a series, rad/s or m/s², at the sensor's rate with holes between the batches."""
     if not {"ISBH", "ISBD"} <= records.keys():
         return
@@ -43,7 +43,7 @@ def batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[Found 
             t, values = _samples(heads.select(head[rows]), data.select(rows))
             fields = {f"{axis}_{unit}": (axis, "") for axis in _AXES}
             column = {axis: values[:, i] for i, axis in enumerate(_AXES)}.get
-            yield find(name, f"ISBD[{sensor} {instance}]", t, fields, column, instance=instance)
+            yield raw_series(name, f"ISBD[{sensor} {instance}]", t, fields, column, instance=instance)
 
 
 def _samples(heads: Records, data: Records) -> tuple[Array, Array]:

@@ -23,14 +23,14 @@ def resets(
     records: Mapping[str, Records], texts: Sequence[StatusText], parameters: Mapping[str, float], mine: Flew
 ) -> tuple[EstimatorReset, ...]:
     """All that are announced of the EKF that flew, in order of time, each once."""
-    found = [
+    announced = [
         *_by_text(texts, parameters, mine),
         *_by_event(records),
         *_by_offset(records, mine),
         *_lanes(records, mine),
     ]
     kept: list[EstimatorReset] = []
-    for one in sorted(found, key=lambda reset: reset.t):
+    for one in sorted(announced, key=lambda reset: reset.t):
         again = any(
             one.kind == other.kind
             and one.t - other.t < _SAME_S

@@ -118,9 +118,9 @@ _SELECTION = {"GPS": "GI", "compass": "MI", "barometer": "BI", "airspeed": "AI"}
 def aiding_in_use(records: Mapping[str, Records], mine: Flew) -> dict[str, SensorInUse]:
     """Which receiver, compass, barometer and airspeed sensor the core that flew used, from each change on (XKFS)."""
     one = of_cores(records, f"{mine.prefix}FS").get(mine.core)
-    found: dict[str, SensorInUse] = {}
+    in_use: dict[str, SensorInUse] = {}
     if one is None:
-        return found
+        return in_use
     for kind, column in _SELECTION.items():
         if not one.layout.has_numbers(column):
             continue
@@ -128,8 +128,8 @@ def aiding_in_use(records: Mapping[str, Records], mine: Flew) -> dict[str, Senso
         t, number = one.t[keep], one[column].astype(np.int64)[keep]
         change = np.flatnonzero(np.diff(number, prepend=-1))
         if len(t):
-            found[kind] = SensorInUse(t[change], number[change], f"{one.name}.{column}")
-    return found
+            in_use[kind] = SensorInUse(t[change], number[change], f"{one.name}.{column}")
+    return in_use
 
 
 def bias_tracks(records: Mapping[str, Records], parameters: Mapping[str, float], mine: Flew) -> tuple[BiasTrack, ...]:

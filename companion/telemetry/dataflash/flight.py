@@ -132,9 +132,9 @@ def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, 
     series, unhealthy = sensors.record_sensors(records, flew.prefix, core)
     imus, odd = imu.imu_tracks(records, flight.vehicle, flight.parameters)
     biases = cores.bias_tracks(records, flight.parameters, flew)
-    found = pose.attitude(records, flew, core, flight.parameters)
+    sampled = pose.attitude(records, flew, core, flight.parameters)
     turns, told = convert.turns(_parameters(records, first=True), flight.parameter_changes)
-    if found is None or found[2] != "ATT":
+    if sampled is None or sampled[2] != "ATT":
         turns, told = convert.UNTURNED, []
     imus = {name: convert.turned_in_time(track, turns) for name, track in imus.items()}
     biases = tuple(
@@ -148,7 +148,7 @@ def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, 
     own = next((bias for bias in biases if bias.core == core), None)
     position, astray = pose.position(records, flew, core, flight.parameters)
     sensed = Aiding(series, turns)
-    attitude = None if found is None else pose.with_rates(found, imus, own, astray)
+    attitude = None if sampled is None else pose.with_rates(sampled, imus, own, astray)
     return replace(
         flight,
         imus=imus,
@@ -163,7 +163,7 @@ def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, 
         ranges=sensed.ranges,
         flows=sensed.flows,
         biases=biases,
-        control=aiding.control(records, flight.parameters, in_imu_frame=found is not None and found[2] != "ATT"),
+        control=aiding.control(records, flight.parameters, in_imu_frame=sampled is not None and sampled[2] != "ATT"),
     )
 
 

@@ -42,12 +42,12 @@ def imu_tracks(
 
     Their records are let go: they are most of a log.
     """
-    found: dict[str, ImuTrack] = {}
+    tracks: dict[str, ImuTrack] = {}
     notes: list[str] = []
     for number, key, one in sources({name: records.pop(name) for name in _IMU if name in records}, _IMU):
         values = _vector(one, "Gyr"), _vector(one, "Acc")
-        found[key] = _track(key, number, one.t, *values, vehicle, parameters, notes)
-    filtered = {track.instance for track in found.values()}
+        tracks[key] = _track(key, number, one.t, *values, vehicle, parameters, notes)
+    filtered = {track.instance for track in tracks.values()}
     gyros, accels = (_every_sample(records, kind) for kind in ("Gyr", "Acc"))
     for number, one in gyros.items():
         if filtered and number not in filtered:
@@ -63,10 +63,10 @@ def imu_tracks(
                         "more off that of its record"
                     )
             track = _track(key, number, *_paired(one, accels[number]), vehicle, parameters, notes)
-            found[key] = replace(track, low_pass_hz=None)
+            tracks[key] = replace(track, low_pass_hz=None)
     if "ISBH" in records:
         notes.append(_batches(records["ISBH"]))
-    return {key: track for key, track in found.items() if len(track)}, notes
+    return {key: track for key, track in tracks.items() if len(track)}, notes
 
 
 def _track(
@@ -95,8 +95,8 @@ def _every_sample(records: dict[str, Records], kind: str) -> dict[int, Records]:
     """ACC or GYR of each IMU. Taken out of the records."""
     name, *older = _RAW[kind]
     own = {name: records.pop(name)} if name in records else {}
-    found = {number: one for number, _, one in sources(own, (name,))}
-    return found or {number: records.pop(old) for number, old in enumerate(older) if old in records}
+    by_number = {number: one for number, _, one in sources(own, (name,))}
+    return by_number or {number: records.pop(old) for number, old in enumerate(older) if old in records}
 
 
 def _paired(gyro: Records, accel: Records) -> tuple[Array, Array, Array]:

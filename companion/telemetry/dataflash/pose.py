@@ -56,7 +56,7 @@ def _continuous(t: Array, q: Array, source: str) -> tuple[Array, Array, str] | N
 
 
 def with_rates(
-    found: tuple[Array, Array, str], imus: Mapping[str, ImuTrack], bias: BiasTrack | None, notes: list[str]
+    sampled: tuple[Array, Array, str], imus: Mapping[str, ImuTrack], bias: BiasTrack | None, notes: list[str]
 ) -> AttitudeTrack:
     """The attitude with body rates: those of the core's own IMU less the bias that it believes.
 
@@ -64,7 +64,7 @@ def with_rates(
 
     The log has none without bias, so they are the mean of the IMU around each time. bias: None where it is not told.
     """
-    t, q, source = found
+    t, q, source = sampled
     instance = bias.imu_instance if bias is not None else None
     tracks = [track for track in imus.values() if len(track) > 1]
     track = next((one for one in tracks if one.instance == instance), tracks[0] if tracks else None)
@@ -154,9 +154,9 @@ def epoch(records: Mapping[str, Records]) -> Epoch | None:
     """By the GPS's own week and time of week, where it has a fix. Before 2015 they are called Week and TimeMS."""
     gps = records.get("GPS")
     names = (("GWk", "GMS"), ("Week", "TimeMS"))
-    found = next((n for n in names if gps is not None and gps.layout.has_numbers(*n, "Status")), None)
-    if gps is None or found is None or found[1] == gps.layout.clock:
+    dated = next((n for n in names if gps is not None and gps.layout.has_numbers(*n, "Status")), None)
+    if gps is None or dated is None or dated[1] == gps.layout.clock:
         return None
     fixed = gps["Status"] >= _FIX_3D
-    week, seconds = gps[found[0]][fixed].astype(np.float64), gps[found[1]][fixed] * 1e-3
+    week, seconds = gps[dated[0]][fixed].astype(np.float64), gps[dated[1]][fixed] * 1e-3
     return epoch_of(gps_to_unix(week, seconds), gps.t[fixed], "GPS")

@@ -12,7 +12,7 @@ from companion.model import Array, Series
 from companion.telemetry.dataflash.batches import batches
 from companion.telemetry.dataflash.cores import of_cores
 from companion.telemetry.dataflash.rows import sample_time, sound, sources
-from companion.telemetry.quantities import Fields, Found, Raw, find, series_of
+from companion.telemetry.quantities import Fields, Raw, RawSeries, raw_series, series_of
 
 _BLENDED = 2  # instance of GPS: the mean of the receivers, made by ArduPilot
 _SIGMAS: Fields = {
@@ -125,24 +125,24 @@ NEEDED = frozenset(name for source in SOURCES for name in source.names) | {
 
 def record_sensors(records: Mapping[str, Records], prefix: str, core: int) -> tuple[Mapping[str, Series], list[str]]:
     """The series of an ArduPilot log and notes; of the cores of the EKF that flew (prefix: "XK") that one first."""
-    found: list[Found | None] = []
+    parts: list[RawSeries | None] = []
     notes: list[str] = []
     for source in SOURCES:
         if source.kind in OF_CORES:
-            found += _of_ekf(records, source, prefix, core)
+            parts += _of_ekf(records, source, prefix, core)
         else:
-            found += _of_sensors(records, source, notes)
-    return series_of([*found, *batches(records, notes)]), notes
+            parts += _of_sensors(records, source, notes)
+    return series_of([*parts, *batches(records, notes)]), notes
 
 
-def _of_ekf(records: Mapping[str, Records], source: RecordSource, prefix: str, core: int) -> Iterator[Found | None]:
+def _of_ekf(records: Mapping[str, Records], source: RecordSource, prefix: str, core: int) -> Iterator[RawSeries | None]:
     for name in (name for name in source.names if name.startswith(prefix)):
         cores = of_cores(records, name)
         for number in sorted(cores, key=lambda number: (number != core, number)):
-            yield _found(cores[number], f"{name}[{number}]", source, number, [])
+            yield _raw_series(cores[number], f"{name}[{number}]", source, number, [])
 
 
-def _of_sensors(records: Mapping[str, Records], source: RecordSource, notes: list[str]) -> Iterator[Found | None]:
+def _of_sensors(records: Mapping[str, Records], source: RecordSource, notes: list[str]) -> Iterator[RawSeries | None]:
     for number, name, one in sources(records, source.names):
         if source.kind == "gps":
             if number < _BLENDED:
@@ -154,16 +154,18 @@ def _of_sensors(records: Mapping[str, Records], source: RecordSource, notes: lis
             notes.append(
                 f"{name}: {len(one) - len(whole)} of {len(one)} left out, as the driver called itself unhealthy"
             )
-        yield _found(whole, name, source, number, notes)
+        yield _raw_series(whole, name, source, number, notes)
 
 
-def _found(one: Records, name: str, source: RecordSource, number: int, notes: list[str]) -> Found | None:
+def _raw_series(one: Records, name: str, source: RecordSource, number: int, notes: list[str]) -> RawSeries | None:
     fields = source.fields
     if "Clip" in one.layout.fields:  # counts for this IMU alone; older logs have Clip0, Clip1 and Clip2
         fields = {**fields, f"clips_{number}": ("Clip", "")}
     t = sample_time(one, source.sampled) if source.sampled else one.t
     units = one.layout.units
-    return find(source.kind, name, t, fields, lambda field: _column(one, field), units, instance=number, notes=notes)
+    return raw_series(
+        source.kind, name, t, fields, lambda field: _column(one, field), units, instance=number, notes=notes
+    )
 
 
 def _column(one: Records, field: str) -> Raw | None:
@@ -177,12 +179,12 @@ def _column(one: Records, field: str) -> Raw | None:
 
 def _gps(
     records: Mapping[str, Records], one: Records, name: str, source: RecordSource, number: int, notes: list[str]
-) -> Found | None:
+) -> RawSeries | None:
     """A receiver with what GPA says of the same fix. The time is that of its sample, which GPA has as well."""
     t = one.t
     accuracy = next((own for instance, _, own in sources(records, ("GPA", "GPA2")) if instance == number), None)
     if accuracy is None or not len(accuracy):
-        return _found(one, name, source, number, notes)
+        return _raw_series(one, name, source, number, notes)
     row = np.minimum(np.searchsorted(accuracy.t, t), len(accuracy) - 1)
     paired = accuracy.t[row] == t  # they are written together, at the same microsecond
 
@@ -196,7 +198,7 @@ def _gps(
         return values
 
     sampled: Array = np.where(paired, sample_time(accuracy, "SMS")[row], t)
-    return find(
+    return raw_series(
         "gps", name, sampled, source.fields, column, {**one.layout.units, **accuracy.layout.units}, instance=number,
         notes=notes,
     )  # fmt: skip

@@ -51,14 +51,14 @@ _TRUTH_HOLE = 0.2  # s: across a longer one the truth is not interpolated
 
 def gps_tracks(topics: Topics, notes: list[str]) -> tuple[GpsTrack, ...]:
     """Each receiver that ever had a fix; the selected one first. What is left out is added to the notes."""
-    found = []
+    tracks = []
     for instance, name, topic in _sensors(topics, "vehicle_gps_position", "sensor_gps", "device_id", "device_id"):
         track = _gps(topic, name, instance, notes)
         if not len(track):
             notes.append(f"{name} left out: it never has a fix")
         elif not is_frozen(track, notes):
-            found.append(track)
-    return tuple(found)
+            tracks.append(track)
+    return tuple(tracks)
 
 
 def _gps(topic: Topic, name: str, instance: int, notes: list[str]) -> GpsTrack:
@@ -103,16 +103,16 @@ def _gps(topic: Topic, name: str, instance: int, notes: list[str]) -> GpsTrack:
 
 def compass_tracks(topics: Topics, notes: list[str]) -> tuple[CompassTrack, ...]:
     """Each magnetometer; the selected one first. PX4 before 1.8 has it in sensor_combined."""
-    found = []
+    tracks = []
     for instance, name, topic in _sensors(topics, "vehicle_magnetometer", "sensor_mag", "device_id", "device_id"):
         selected = "magnetometer_ga[0]" in topic
         field = xyz(topic, "magnetometer_ga") if selected else columns(topic, "x", "y", "z")
-        found.append(_compass(sampled(topic), field, name, instance, notes, calibrated=selected))
+        tracks.append(_compass(sampled(topic), field, name, instance, notes, calibrated=selected))
     combined = topics.get("sensor_combined", {})
-    if not found and "magnetometer_ga[0]" in combined and "magnetometer_timestamp_relative" in combined:
+    if not tracks and "magnetometer_ga[0]" in combined and "magnetometer_timestamp_relative" in combined:
         t = _relative(combined, "magnetometer_timestamp_relative")
-        found.append(_compass(t, xyz(combined, "magnetometer_ga"), "sensor_combined", 0, notes, calibrated=True))
-    return tuple(track for track in found if not _is_silent(track, track.field, notes))
+        tracks.append(_compass(t, xyz(combined, "magnetometer_ga"), "sensor_combined", 0, notes, calibrated=True))
+    return tuple(track for track in tracks if not _is_silent(track, track.field, notes))
 
 
 def _compass(t: Array, gauss: Array, name: str, instance: int, notes: list[str], *, calibrated: bool) -> CompassTrack:
@@ -125,7 +125,7 @@ def _compass(t: Array, gauss: Array, name: str, instance: int, notes: list[str],
 
 def barometer_tracks(topics: Topics, notes: list[str]) -> tuple[BarometerTrack, ...]:
     """Each barometer; the selected one first. PX4 before 1.8 has its altitude in sensor_combined."""
-    found = []
+    tracks = []
     for instance, name, topic in _sensors(topics, "vehicle_air_data", "sensor_baro", "baro_device_id", "device_id"):
         if "baro_pressure_pa" in topic:
             pressure, altitude = column(topic, "baro_pressure_pa"), column(topic, "baro_alt_meter")
@@ -134,13 +134,13 @@ def barometer_tracks(topics: Topics, notes: list[str]) -> tuple[BarometerTrack, 
             pressure, altitude, warm = (column(topic, of) for of in ("pressure", "altitude", "temperature"))
             if np.isfinite(pressure).any() and np.nanmedian(pressure) < _HECTOPASCAL:  # before PX4 1.14
                 pressure *= SI["hPa"]
-        found.append(_barometer(sampled(topic), pressure, altitude, warm, name, instance, notes))
+        tracks.append(_barometer(sampled(topic), pressure, altitude, warm, name, instance, notes))
     combined = topics.get("sensor_combined", {})
-    if not found and "baro_alt_meter" in combined and "baro_timestamp_relative" in combined:
+    if not tracks and "baro_alt_meter" in combined and "baro_timestamp_relative" in combined:
         altitude, warm = column(combined, "baro_alt_meter"), column(combined, "baro_temp_celcius")
         t = _relative(combined, "baro_timestamp_relative")
-        found.append(_barometer(t, np.full(len(t), np.nan), altitude, warm, "sensor_combined", 0, notes))
-    return tuple(track for track in found if not _is_silent(track, track.altitude, notes))
+        tracks.append(_barometer(t, np.full(len(t), np.nan), altitude, warm, "sensor_combined", 0, notes))
+    return tuple(track for track in tracks if not _is_silent(track, track.altitude, notes))
 
 
 def _barometer(

@@ -38,11 +38,11 @@ def actuator_track(topics: Topics) -> ActuatorTrack | None:
         output = np.clip(columns(topic, *(f"control[{i}]" for i in range(12))), 0.0, 1.0)
         if np.isfinite(output).any():
             return _track("actuator_motors", sampled(topic), output)
-    found = [(name, topic, _outputs(topic)) for _, name, topic in instances(topics, "actuator_outputs")]
-    found = [one for one in found if one[2].shape[1]]
-    if not found:
+    outputs = [(name, topic, _outputs(topic)) for _, name, topic in instances(topics, "actuator_outputs")]
+    outputs = [one for one in outputs if one[2].shape[1]]
+    if not outputs:
         return None
-    name, topic, output = max(found, key=lambda one: int((np.nanstd(one[2], axis=0) > 0.0).sum()))
+    name, topic, output = max(outputs, key=lambda one: int((np.nanstd(one[2], axis=0) > 0.0).sum()))
     return _track(name, seconds(topic), output)
 
 

@@ -51,17 +51,17 @@ def driver_tracks(
 ) -> list[ImuTrack]:
     """A track of each IMU that has more samples than any of the others has of it, at the gyro's times."""
     known = list(others)
-    found: list[ImuTrack] = []
+    tracks: list[ImuTrack] = []
     for of in ("sensor_gyro_fifo", "sensor_gyro"):
         gyros = list(_sensors(topics, of, "GYRO", parameters))
         accels = list(_sensors(topics, of.replace("gyro", "accel"), "ACC", parameters))
         for number, gyro in enumerate(gyros):
             instance = next((one.instance for one in known if one.device_id == gyro.device_id), number)
-            more = max((len(one) for one in [*known, *found] if one.instance == instance), default=0)
+            more = max((len(one) for one in [*known, *tracks] if one.instance == instance), default=0)
             partner = _partner(topics, gyro, accels, instance)
             if partner is not None and len(gyro.t) > more and (track := _joined(gyro, partner, notes)) is not None:
-                found.append(replace(track, instance=instance))
-    return found
+                tracks.append(replace(track, instance=instance))
+    return tracks
 
 
 def _partner(topics: Topics, gyro: _Readings, accels: list[_Readings], instance: int) -> _Readings | None:

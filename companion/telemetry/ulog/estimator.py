@@ -34,13 +34,13 @@ _RATES = (1, 15)  # since then the states are rates; before, delta angles and ve
 
 def imu_instances(topics: Topics) -> dict[int, int]:
     """Device id of a gyro → its instance, as vehicle_imu numbers them."""
-    found: dict[int, int] = {}
+    by_device: dict[int, int] = {}
     for name, field in _GYROS:
         for instance, _, topic in instances(topics, name):
             for device in np.unique(device_ids(topic, field)).tolist():
                 if device:
-                    found.setdefault(device, instance)
-    return found
+                    by_device.setdefault(device, instance)
+    return by_device
 
 
 def imu_in_use(topics: Topics, by_device: Mapping[int, int]) -> SensorInUse | None:
@@ -63,21 +63,21 @@ def bias_tracks(topics: Topics, version: Version, by_device: Mapping[int, int]) 
 
     From estimator_sensor_bias, which names the sensor; where that is not there from the state vector.
     """
-    found = [
+    tracks = [
         track
         for core, name, topic in instances(topics, "estimator_sensor_bias")
         for track in _named_biases(topic, name, core, by_device)
     ]
     for states in ("estimator_states", "estimator_status"):
-        if not found:
-            found = [
+        if not tracks:
+            tracks = [
                 _state_biases(topic, name, core, version, by_device)
                 for core, name, topic in instances(topics, states)
                 if f"states[{_ACCEL + 2}]" in topic
             ]
     first = primary_core(topics)
-    found = [track for track in found if len(track)]
-    return tuple(sorted(found, key=lambda track: (track.core != first, track.core)))
+    tracks = [track for track in tracks if len(track)]
+    return tuple(sorted(tracks, key=lambda track: (track.core != first, track.core)))
 
 
 def primary_core(topics: Topics) -> int:

@@ -152,10 +152,10 @@ def _events(topics: Topics) -> tuple[Event, ...]:
         return ()
     topic = topics["vehicle_status"]
     t = seconds(topic, "timestamp")
-    found = list(changes(t, np.asarray(topic["arming_state"]) == _ARMED, topic["nav_state"], px4_nav_state_name))
+    events = list(changes(t, np.asarray(topic["arming_state"]) == _ARMED, topic["nav_state"], px4_nav_state_name))
     failsafe = np.asarray(topic.get("failsafe", np.zeros(len(t))), np.bool_)
     turns = (np.flatnonzero(np.diff(failsafe)) + 1).tolist()
-    found += [
+    events += [
         Event(float(t[i]), *(("error", "failsafe") if failsafe[i] else ("event", "failsafe over"))) for i in turns
     ]
-    return in_order(found)
+    return in_order(events)

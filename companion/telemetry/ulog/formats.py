@@ -51,7 +51,7 @@ def _size(name: str, formats: dict[str, str], sizes: dict[str, int], depth: int)
 
 def _formats(contents: bytes) -> dict[str, str]:
     """Name → fields, of the definitions at the head of the file."""
-    found: dict[str, str] = {}
+    formats: dict[str, str] = {}
     at = _HEADER_BYTES
     while at + 3 <= len(contents):
         size, kind = int.from_bytes(contents[at : at + 2], "little"), contents[at + 2 : at + 3]
@@ -59,6 +59,6 @@ def _formats(contents: bytes) -> dict[str, str]:
             break
         if kind == b"F":
             name, _, fields = contents[at + 3 : at + 3 + size].decode("utf-8", "replace").partition(":")
-            found[name] = fields
+            formats[name] = fields
         at += 3 + size
-    return found
+    return formats

@@ -37,12 +37,12 @@ def imu_tracks(
     topics: Topics, used: SensorInUse | None, parameters: Mapping[str, float], notes: list[str]
 ) -> dict[str, ImuTrack]:
     """Every instance of vehicle_imu, sensor_combined and what the drivers logged at higher rates, by topic."""
-    found = [*_integrated(topics, notes)]
+    tracks = [*_integrated(topics, notes)]
     if "sensor_combined" in topics:
         combined = _combined(topics["sensor_combined"], notes)
         shares = np.zeros(0) if used is None else _shares(used, combined.t)
         instance = int(np.argmax(shares)) if len(shares) else 0
-        same = next((track for track in found if track.instance == instance), None)
+        same = next((track for track in tracks if track.instance == instance), None)
         if same is not None:
             combined = replace(
                 combined, device_id=same.device_id, gyro_range=same.gyro_range, accel_range=same.accel_range
@@ -52,12 +52,12 @@ def imu_tracks(
                 f"sensor_combined changes between IMUs {np.flatnonzero(shares).tolist()}; IMU {instance} has "
                 f"{100 * shares[instance]:.0f} % of it"
             )
-        found.append(replace(combined, instance=instance))
-    found += driver_tracks(topics, found, parameters, notes)
-    if not any(len(track) > 1 for track in found):
-        found += _filtered(topics, parameters, notes)
-    notes += [f"{track.source} left out: it has no readings, or zeros only" for track in found if not len(track)]
-    return {track.source: track for track in found if len(track)}
+        tracks.append(replace(combined, instance=instance))
+    tracks += driver_tracks(topics, tracks, parameters, notes)
+    if not any(len(track) > 1 for track in tracks):
+        tracks += _filtered(topics, parameters, notes)
+    notes += [f"{track.source} left out: it has no readings, or zeros only" for track in tracks if not len(track)]
+    return {track.source: track for track in tracks if len(track)}
 
 
 def _integrated(topics: Topics, notes: list[str]) -> Iterator[ImuTrack]:

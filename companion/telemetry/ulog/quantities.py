@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from companion.model import Series
-from companion.telemetry.quantities import Found, Raw, find, series_of
+from companion.telemetry.quantities import Raw, RawSeries, raw_series, series_of
 from companion.telemetry.ulog.estimator import Version, attitude_elements
 from companion.telemetry.ulog.topics import Topic, Topics, instances, sampled
 
@@ -212,7 +212,7 @@ OF_SERIES = ("airspeed", "range", "flow")
 def topic_series(topics: Topics, version: Version, notes: list[str]) -> Mapping[str, Series]:
     """The series of a PX4 log of this version; what is left out is added to the notes."""
     return series_of(
-        _found(row, name, topic, instance, notes)
+        _raw_series(row, name, topic, instance, notes)
         for row in (*TOPIC_SERIES, *_covariances(version))
         for instance, name, topic in instances(topics, row.topic)
     )
@@ -229,7 +229,7 @@ def _covariances(version: Version) -> Iterator[TopicSeries]:
         yield TopicSeries(topic, "variance", columns)
 
 
-def _found(row: TopicSeries, name: str, topic: Topic, instance: int, notes: list[str]) -> Found | None:
+def _raw_series(row: TopicSeries, name: str, topic: Topic, instance: int, notes: list[str]) -> RawSeries | None:
     fields = {
         column: next(((field, unit) for field, unit in ways if field in topic), ways[0])
         for column, ways in row.columns.items()
@@ -237,7 +237,7 @@ def _found(row: TopicSeries, name: str, topic: Topic, instance: int, notes: list
     # The thermometer is that of vehicle_imu, which is the name of the track.
     source = name.replace("_status", "") if row.kind == "temperature" else name
     told = notes if row.kind in OF_SERIES else None
-    return find(row.kind, source, sampled(topic), fields, partial(_column, topic), instance=instance, notes=told)
+    return raw_series(row.kind, source, sampled(topic), fields, partial(_column, topic), instance=instance, notes=told)
 
 
 def _column(topic: Topic, field: str) -> Raw | None:

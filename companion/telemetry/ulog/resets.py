@@ -24,13 +24,13 @@ _LEVEL = 0.1  # a jump whose tilt is a smaller share of it than this is one of t
 
 def estimator_resets(topics: Topics) -> tuple[EstimatorReset, ...]:
     """All of the instance that flies, in order of time: each at the first row that counts it."""
-    found = [*_attitude_resets(topics), *_lanes(topics)]
+    resets = [*_attitude_resets(topics), *_lanes(topics)]
     for name, counter, kind, jump, unit in _COUNTERS:
         if name in topics:
             for t, i, times in _counted(topics[name], counter):
                 size = float(np.linalg.norm(np.nan_to_num(columns(topics[name], *jump)[i])))
-                found.append(EstimatorReset(t, kind, f"{kind} reset by {size:.2f} {unit}{_often(times)}"))
-    return tuple(sorted(found, key=lambda reset: reset.t))
+                resets.append(EstimatorReset(t, kind, f"{kind} reset by {size:.2f} {unit}{_often(times)}"))
+    return tuple(sorted(resets, key=lambda reset: reset.t))
 
 
 def _attitude_resets(topics: Topics) -> Iterator[EstimatorReset]:

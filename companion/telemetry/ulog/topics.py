@@ -182,13 +182,13 @@ def _published(topics: Topics) -> Iterator[str]:
 
 def columns(topic: Topic, *fields: str) -> Array:
     """Fields side by side, (N, len(fields)), NaN for a field that is not there or not finite."""
-    found = np.full((len(topic[_DATED]), len(fields)), np.nan)
+    values = np.full((len(topic[_DATED]), len(fields)), np.nan)
     with np.errstate(invalid="ignore"):  # damage makes NaNs that signal
         for i, field in enumerate(fields):
             if field in topic:
-                found[:, i] = topic[field]
-    found[~np.isfinite(found)] = np.nan
-    return found
+                values[:, i] = topic[field]
+    values[~np.isfinite(values)] = np.nan
+    return values
 
 
 def column(topic: Topic, field: str) -> Array:
@@ -201,18 +201,18 @@ def xyz(topic: Topic, field: str) -> Array:
     return columns(topic, *(f"{field}[{i}]" for i in range(3)))
 
 
-def finite(*found: Array) -> npt.NDArray[np.bool_]:
+def finite(*arrays: Array) -> npt.NDArray[np.bool_]:
     """Rows (N,) in which every one of the arrays (N, k) is finite."""
-    return np.asarray(np.isfinite(np.hstack(found)).all(axis=1))
+    return np.asarray(np.isfinite(np.hstack(arrays)).all(axis=1))
 
 
 def flag(topic: Topic, field: str, *, default: bool) -> npt.NDArray[np.bool_]:
     """A field of truth values, (N,); `default` where the topic has none."""
-    found = topic.get(field)
-    return np.full(len(topic[_DATED]), default) if found is None else np.asarray(found, np.bool_)
+    values = topic.get(field)
+    return np.full(len(topic[_DATED]), default) if values is None else np.asarray(values, np.bool_)
 
 
 def device_ids(topic: Topic, field: str) -> npt.NDArray[np.int64]:
     """Ids of the sensor behind each row, (N,); 0 where they are not told."""
-    found = topic.get(field)
-    return np.zeros(len(topic[_DATED]), np.int64) if found is None else np.asarray(found).astype(np.int64)
+    ids = topic.get(field)
+    return np.zeros(len(topic[_DATED]), np.int64) if ids is None else np.asarray(ids).astype(np.int64)
