@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pymavlink.dialects.v20.ardupilotmega as mavlink
 import pytest
-import scipy.signal
 
 import companion as c
 from companion.cli import main
@@ -182,6 +181,8 @@ def test_the_square_ends_where_it_began_and_turns_at_its_corners() -> None:
 
 @pytest.mark.parametrize("corner_hz", [5.0, 20.0, 80.0])
 def test_the_filter_is_butterworths(corner_hz: float) -> None:
+    import scipy.signal  # noqa: PLC0415  (slow to import, and every process of the tests collects this file)
+
     readings = np.random.default_rng(0).standard_normal((4000, 3)) + [1.0, -2.0, 9.8]
     b, a = scipy.signal.butter(2, corner_hz, fs=400.0)
     state = scipy.signal.lfilter_zi(b, a)[:, None] * readings[:1]

@@ -16,6 +16,7 @@ _FEWEST, _MOST = 32, 4096  # samples of a segment
 _AT_ONCE = 128  # segments in memory, so that a day's log needs no more than a minute's
 _VIBRATION_S = 1.0  # s, over which the vibration is averaged
 _SLOW_S = 0.2  # s, the moving mean that is taken for the vehicle's own motion: 5 Hz
+_WINDOWS = {"hann": (0.5, -0.5), "blackmanharris": (0.35875, -0.48829, 0.14128, -0.01168)}  # of 1, cos x, cos 2x, ...
 _PEAK = 4.0  # times the density around it, in power: 6 dB
 _AROUND_HZ = 6.0  # what "around it" is
 _SLOWEST_PEAK_HZ = 3.0  # below it the vehicle flies, it does not vibrate
@@ -95,13 +96,16 @@ def frequencies(length: int, rate_hz: float) -> Array:
 def periodograms(values: Array, begin: IntArray, rate_hz: float, length: int, window: str = "hann") -> Array:
     """One-sided power spectral density (S, F, ...) of each of the segments of values (N, ...) that start at `begin`.
 
-    Each without its mean and under a window that SciPy knows; it integrates to the variance.
+    Each without its mean and under a window of `_WINDOWS`; it integrates to the variance. As scipy.signal.periodogram,
+    whose import would take longer than the analysis of a short log.
     """
-    from scipy import signal  # noqa: PLC0415  (slow to import, and `companion info` needs no spectrum)
-
     parts = values[begin[:, None] + np.arange(length)]
-    _, density = signal.periodogram(parts, rate_hz, window=window, detrend="constant", axis=1)
-    return np.asarray(density, dtype=np.float64)
+    phase = 2.0 * np.pi * np.arange(length) / length
+    weights = sum((a * np.cos(k * phase) for k, a in enumerate(_WINDOWS[window])), np.zeros(length))
+    flat = parts - parts.mean(axis=1, keepdims=True)
+    power = np.square(np.abs(np.fft.rfft(flat * weights.reshape(-1, *[1] * (values.ndim - 1)), axis=1)))
+    power[:, 1 : (length + 1) // 2] *= 2.0  # the negative frequencies' share: neither 0 nor half the rate has one
+    return np.asarray(power / (rate_hz * np.sum(weights**2)), dtype=np.float64)
 
 
 def peaks(spectrum: Spectrum, density: Array, most: int = 3) -> tuple[Peak, ...]:
@@ -109,7 +113,7 @@ def peaks(spectrum: Spectrum, density: Array, most: int = 3) -> tuple[Peak, ...]
 
     A line is four times as strong as the median within 6 Hz, and more than chance makes of so few segments.
     """
-    from scipy import ndimage, signal  # noqa: PLC0415  (slow to import)
+    from scipy import ndimage  # noqa: PLC0415  (slow to import)
 
     resolution = float(spectrum.frequency_hz[1])
     threshold = _PEAK * (1.0 + 6.0 / np.sqrt(max(spectrum.segments, 1)))
@@ -118,13 +122,24 @@ def peaks(spectrum: Spectrum, density: Array, most: int = 3) -> tuple[Peak, ...]
         line = density[:, axis]
         around = ndimage.median_filter(line, size=2 * round(_AROUND_HZ / resolution) + 1, mode="nearest")
         ratio = line / np.maximum(around, 1e-30)
-        tops, _ = signal.find_peaks(ratio, height=threshold, distance=max(round(1.0 / resolution), 1))
+        tops = _tops(ratio, threshold, apart=max(round(1.0 / resolution), 1))
         for top in tops[spectrum.frequency_hz[tops] >= _SLOWEST_PEAK_HZ].tolist():
             near = slice(max(top - 2, 0), top + 3)  # a line under a Hann window is four bins wide
             power = float(np.sum(np.maximum(line[near] - around[near], 0.0))) * resolution
             found.append(Peak(axis, float(spectrum.frequency_hz[top]), float(np.sqrt(power))))
     found.sort(key=lambda peak: -peak.amplitude)
     return tuple(p for i, p in enumerate(found) if sum(q.axis == p.axis for q in found[:i]) < most)
+
+
+def _tops(line: Array, least: float, apart: int) -> IntArray:
+    """Where in values (N,) local maxima of at least `least` are; of those nearer than `apart` the largest alone."""
+    inner = line[1:-1]
+    left = 1 + np.flatnonzero((inner > line[:-2]) & (inner >= line[2:]) & (inner >= least))
+    kept: list[int] = []
+    for top in left[np.argsort(-line[left], kind="stable")].tolist():
+        if all(abs(top - other) >= apart for other in kept):
+            kept.append(top)
+    return np.array(sorted(kept), np.int64)
 
 
 def folded_onto(frequency_hz: float, rate_hz: float, count: int = 3) -> tuple[float, ...]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import scipy.signal
 
 from companion.estimation import folded_onto, imu_spectrum, peaks, vibration
+from companion.estimation.spectrum import periodograms
 from companion.model import ImuTrack
 
 HOLE = 0.1
@@ -20,12 +20,26 @@ def noise(seconds: float, rate: float, density: float, seed: int = 1) -> ImuTrac
 
 
 def test_a_track_without_holes_has_scipys_spectrum() -> None:
+    import scipy.signal  # noqa: PLC0415  (slow to import, and every process of the tests collects this file)
+
     track = noise(100.0, 128.0, 1e-3)
     found = imu_spectrum(track, HOLE)
     assert found is not None
     f, density = scipy.signal.welch(track.gyro, 128.0, nperseg=512, axis=0)
     np.testing.assert_allclose(found.frequency_hz, f)
     np.testing.assert_allclose(found.gyro, density, rtol=1e-9, atol=1e-20)
+
+
+@pytest.mark.parametrize("window", ["hann", "blackmanharris"])
+@pytest.mark.parametrize("length", [32, 33])
+def test_every_window_and_length_has_scipys_periodogram(window: str, length: int) -> None:
+    import scipy.signal  # noqa: PLC0415
+
+    values = np.random.default_rng(1).normal(2.0, 1.0, (50, 3))
+    begin = np.array([0, 11])
+    parts = np.stack([values[:length], values[11 : 11 + length]])
+    _, density = scipy.signal.periodogram(parts, 40.0, window=window, detrend="constant", axis=1)
+    np.testing.assert_allclose(periodograms(values, begin, 40.0, length, window), density, rtol=1e-9, atol=1e-20)
 
 
 def test_white_noise_has_its_density_at_every_frequency() -> None:
