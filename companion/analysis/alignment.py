@@ -65,13 +65,13 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
     """
     autopilot = autopilot or ReferenceSpec()
     track = comparison.track
-    found = rests(flight, track, imu)
-    if not found:
+    at_rest = rests(flight, track, imu)
+    if not at_rest:
         raise DataError(
             f"vehicle {flight.vehicle}, boot {flight.boot}: no rest of three seconds to align {track.source} in: "
             f"{why_none(flight, track, imu)}. Use --anchor autopilot, or a log that begins before take-off."
         )
-    rest = found[0]
+    rest = at_rest[0]
     notes: list[str] = []
     f = rest.accel
     roll, pitch = np.arctan2(-f[1], -f[2]), np.arctan2(f[0], np.hypot(f[1], f[2]))

@@ -134,9 +134,9 @@ def assess(
     enough = len(_while_judged(judged, track.t, parts).start) >= FEWEST_WINDOWS
     best, misread = _best(own, track.source, how.gravity, faults, lost, enough=enough)
     faults += misread
-    found, clean = findings(flight, comparison, sampling, figures, noise, autopilot, faults, best)
+    all_findings, clean = findings(flight, comparison, sampling, figures, noise, autopilot, faults, best)
     if lost is not None:
-        found = by_severity((_control_lost(lost), *(f for f in found if f.start_s < lost.start)))
+        all_findings = by_severity((_control_lost(lost), *(f for f in all_findings if f.start_s < lost.start)))
     third = best if best is not None and _independent(best) else None
     usual = figures if third is None else in_flight(figures, third)
     told = comparison.of(clean if third is None else _unbiased(clean, third))
@@ -150,7 +150,7 @@ def assess(
         measured_noise=noise,
         rests=rests(flight, track, figures),
         autopilot_bias=autopilot_bias(flight, track),
-        verdict=decide(judged, expected_over(told, judged, usual, autopilot), found, third),
+        verdict=decide(judged, expected_over(told, judged, usual, autopilot), all_findings, third),
         best=best,
         sensitivity=sensitivity(best),
     )

@@ -43,12 +43,12 @@ _CERTAIN = 4.0  # σ of both together, from which on a departure is the autopilo
 
 def episodes(best: BestEstimate) -> tuple[Episode, ...]:
     """What was explained, kind by kind, as times with a beginning, an end and a size; in order of time."""
-    found: list[Episode] = []
+    episodes: list[Episode] = []
     for kind in KINDS:
         parts = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
         if parts:
-            found += _episodes_of(parts, kind.side, kind.least, float(best.t[-1]))
-    return tuple(sorted(found, key=lambda e: e.start))
+            episodes += _episodes_of(parts, kind.side, kind.least, float(best.t[-1]))
+    return tuple(sorted(episodes, key=lambda e: e.start))
 
 
 def _episodes_of(parts: list[Explained], witness: str, least: float, last: float) -> Iterator[Episode]:
@@ -97,9 +97,9 @@ def follows(departure: Departure, episode: Episode) -> bool:
     return kind_of(episode.kind).side != "compass" or departure.quantity != "height"
 
 
-def _cause_among(departure: Departure, found: tuple[Episode, ...]) -> Episode | None:
+def _cause_among(departure: Departure, all_episodes: tuple[Episode, ...]) -> Episode | None:
     """The first episode that a departure may follow; or one that begins with it and explains as much, or far more."""
-    may = [episode for episode in found if follows(departure, episode)]
+    may = [episode for episode in all_episodes if follows(departure, episode)]
     if not may:
         return None
     first = may[0]
@@ -111,12 +111,14 @@ def _cause_among(departure: Departure, found: tuple[Episode, ...]) -> Episode | 
     return max(filter(fits, may), key=lambda one: one.gain, default=first)
 
 
-def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], best: BestEstimate) -> list[Finding]:
+def findings_of(
+    all_episodes: tuple[Episode, ...], departed: tuple[Departure, ...], best: BestEstimate
+) -> list[Finding]:
     """Episodes and departures as findings: causes as errors, consequences as warnings, the harmless as information."""
     out: list[Finding] = []
     end_of_all = float(best.t[-1])
-    causes = [_cause_among(d, found) for d in departed]
-    for episode in found:
+    causes = [_cause_among(d, all_episodes) for d in departed]
+    for episode in all_episodes:
         consequences = [d for d, cause in zip(departed, causes, strict=True) if cause is episode]
         harmed = bool(consequences)
         misleads = any(d.size >= _CERTAIN * d.sigma for d in consequences)
@@ -126,7 +128,7 @@ def findings_of(found: tuple[Episode, ...], departed: tuple[Departure, ...], bes
         elif harmed and episode.witness == "imu":
             severity = "warning"
         side: Side = "imu" if episode.witness == "imu" else "autopilot" if harmed else "data"
-        why = _why_undecided(episode, best, found) if severity == "error" else ""
+        why = _why_undecided(episode, best, all_episodes) if severity == "error" else ""
         headline = words = said(episode, best)
         misled: tuple[str, ...] = ()
         if harmed:

@@ -44,9 +44,9 @@ class Parting:
 def partings(first: ImuTrack, second: ImuTrack, spans: Sequence[tuple[float, float]]) -> Iterator[Parting]:
     """Steps of the difference, second less first, within spans of boot time (s): at most one of each sensor."""
     for sensor in ("gyro", "accel"):
-        found = _parting(sensor, *_blocks(first, second, sensor, spans))
-        if found is not None:
-            yield found
+        parting = _parting(sensor, *_blocks(first, second, sensor, spans))
+        if parting is not None:
+            yield parting
 
 
 def _blocks(
@@ -103,15 +103,15 @@ def _parting(sensor: str, t: Array, off: Array) -> Parting | None:
 def parting_findings(flight: Flight, used: ImuTrack, best: BestEstimate) -> list[Finding]:
     """What another IMU of the flight did that the best estimate's own did not."""
     spans = [(p.start, p.end) for p in phases(flight) if p.kind == "flight"]
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for track in _others(flight, used):
-        found += [
+        findings += [
             _finding(flight, used, track, one)
             for one in partings(used, track, spans)
             if best.detectable.get(f"{one.sensor}_bias", np.inf) < float(np.linalg.norm(one.size))
             and not any(kind_of(e.kind).side == "imu" for e in best.explained)
         ]
-    return found
+    return findings
 
 
 def _others(flight: Flight, used: ImuTrack) -> list[ImuTrack]:

@@ -157,8 +157,8 @@ def chi_square_999(k: int) -> float:
 
 def stacked(comparison: Comparison, chosen: Windows) -> Array:
     """The errors of the windows in the order of a budget's covariances, (W, 9)."""
-    found = errors(comparison, chosen)
-    return np.column_stack([found.attitude, found.velocity, found.position])
+    window_errors = errors(comparison, chosen)
+    return np.column_stack([window_errors.attitude, window_errors.velocity, window_errors.position])
 
 
 def window_noise(track: ImuTrack, chosen: Windows) -> Array:

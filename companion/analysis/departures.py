@@ -77,7 +77,7 @@ def departures(
         above = (best.position - reference.position)[:, 2]
         off["height"] = np.abs(above - np.median(above[_early(known)])), best.sigma(POSITION)[:, 2]
     judging = times_of_change(t[judged])
-    found: list[Departure] = []
+    departed: list[Departure] = []
     for name, (value, sigma) in off.items():
         both = np.hypot(sigma, _TOLERANCE[name][0])
         where = (judged if name in ("tilt", "heading") else known) & (value > least_departure(name, sigma))
@@ -89,8 +89,8 @@ def departures(
                 recovers = bool(t[first] <= judging[0] and t[last] < judging[1])
                 size, own = float(value[peak]), float(both[peak])
                 felt = _imu_confirms(best, reference, name, value, peak)
-                found.append(Departure(name, float(t[first]), float(t[last]), size, own, recovers, felt))
-    return tuple(sorted(found, key=lambda d: d.start))
+                departed.append(Departure(name, float(t[first]), float(t[last]), size, own, recovers, felt))
+    return tuple(sorted(departed, key=lambda d: d.start))
 
 
 def _imu_confirms(best: BestEstimate, reference: Reference, quantity: str, value: Array, peak: int) -> bool:

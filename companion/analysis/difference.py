@@ -100,7 +100,7 @@ def contrast(a: Assessment, b: Assessment, *, same_flight: bool) -> Contrast:
         if row.horizon_s in of_b
         for changes in [_changes(row, of_b[row.horizon_s][0], same_flight)]
     )
-    kinds_a, kinds_b = ({(f.kind, f.side) for f in found.verdict.findings} for found in (a, b))
+    kinds_a, kinds_b = ({(f.kind, f.side) for f in assessment.verdict.findings} for assessment in (a, b))
     return Contrast(
         rows=rows,
         figures=_figures(a, b),
@@ -116,7 +116,7 @@ def _changes(a: DriftRow, b: DriftRow, same_flight: bool) -> dict[str, Change]:
         of_a, of_b = _pairs(a.errors.anchor_s, b.errors.anchor_s, _PAIR * a.horizon_s)
     if not len(of_a) or not len(of_b):
         return {}
-    found = {}
+    changes = {}
     for quantity in QUANTITIES:
         if quantity != "attitude" and (a.position_m is None or b.position_m is None):
             continue
@@ -125,10 +125,10 @@ def _changes(a: DriftRow, b: DriftRow, same_flight: bool) -> dict[str, Change]:
             for row, chosen in ((a, of_a), (b, of_b))
         )
         moved = shift(*logs, paired=same_flight)
-        found[quantity] = Change(
+        changes[quantity] = Change(
             float(np.exp(moved.estimate)), float(np.exp(moved.low)), float(np.exp(moved.high)), same_flight
         )
-    return found
+    return changes
 
 
 def _pairs(a: Array, b: Array, apart: float) -> tuple[IntArray, IntArray]:

@@ -75,7 +75,8 @@ class Drift:
             quantity, unit = name.split("_")
             for part in (field.name for field in fields(Statistic)):
                 columns[f"{quantity}_{part}_{unit}"] = [
-                    math.nan if (found := getattr(row, name)) is None else getattr(found, part) for row in self.rows
+                    math.nan if (statistic := getattr(row, name)) is None else getattr(statistic, part)
+                    for row in self.rows
                 ]
         return columns
 
@@ -83,8 +84,8 @@ class Drift:
         """The medians, as a notebook shows them."""
         told = []
         for row in self.rows:
-            found = ((row.attitude_deg, "°"), (row.velocity_mps, " m/s"), (row.position_m, " m"))
-            medians = ", ".join(f"{s.median:.3g}{unit}" for s, unit in found if s is not None) or "no window"
+            statistics = ((row.attitude_deg, "°"), (row.velocity_mps, " m/s"), (row.position_m, " m"))
+            medians = ", ".join(f"{s.median:.3g}{unit}" for s, unit in statistics if s is not None) or "no window"
             told.append(f"{row.horizon_s:g} s: {medians}")
         shown = [*told[:4], f"... {len(told)} horizons"] if len(told) > 5 else told
         return f"Drift of {self.imu} ({self.method}), median of the windows after " + ";\n  ".join(shown)
@@ -132,16 +133,18 @@ def drift_over(comparison: Comparison, sets: Sequence[Windows]) -> Drift:
     return Drift(comparison.track.source, comparison.how.method, comparison.how.middle, rows, comparison.path.notes)
 
 
-def drift_row(horizon_s: float, excluded: Mapping[str, int], found: WindowErrors, *, has_position: bool) -> DriftRow:
+def drift_row(
+    horizon_s: float, excluded: Mapping[str, int], window_errors: WindowErrors, *, has_position: bool
+) -> DriftRow:
     """The statistics of windows of one length."""
     return DriftRow(
         horizon_s=horizon_s,
-        windows=len(found.anchor_s),
+        windows=len(window_errors.anchor_s),
         excluded=excluded,
-        attitude_deg=_statistic(np.degrees(length(found.attitude))),
-        velocity_mps=_statistic(length(found.velocity)) if has_position else None,
-        position_m=_statistic(length(found.position)) if has_position else None,
-        errors=found,
+        attitude_deg=_statistic(np.degrees(length(window_errors.attitude))),
+        velocity_mps=_statistic(length(window_errors.velocity)) if has_position else None,
+        position_m=_statistic(length(window_errors.position)) if has_position else None,
+        errors=window_errors,
     )
 
 

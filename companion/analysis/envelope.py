@@ -35,7 +35,7 @@ class Expectation:
         return np.degrees(attitude), velocity, position
 
 
-def expected_since_anchor(found: Assessment, shown: Replay) -> Expectation | None:
+def expected_since_anchor(assessment: Assessment, shown: Replay) -> Expectation | None:
     """What the budget allows `shown` to be off by: a replay of the track that was assessed, integrated alike.
 
     None where it runs on for longer than two minutes from an anchor, has more anchors than can be worked out, or began
@@ -46,20 +46,20 @@ def expected_since_anchor(found: Assessment, shown: Replay) -> Expectation | Non
     ends = np.append(shown.anchors[1:], shown.t[-1])
     if np.max(ends - shown.anchors) > _LONGEST_S or 3 * len(shown.anchors) > _POINTS:
         return None
-    t = found.comparison.track.t
+    t = assessment.comparison.track.t
     each = min(_POINTS // len(shown.anchors), int(_SAMPLES / (0.4 * len(shown.t))))
     steps = np.linspace(0.0, 1.0, max(each, 3)) ** 1.5  # 0.4 of a tooth on average
     wanted = shown.anchors[:, None] + steps * (ends - shown.anchors)[:, None]
     start = np.repeat(nearest(t, shown.anchors), len(steps))
     end = np.maximum(nearest(t, wanted.ravel()), start)
-    allowed = budget(found.comparison, Windows(0.0, start, end, {}), found.figures, found.autopilot)
+    allowed = budget(assessment.comparison, Windows(0.0, start, end, {}), assessment.figures, assessment.autopilot)
     times = t[end].reshape(wanted.shape).copy()
     times[:-1, -1] -= 1e-6  # the last before the next anchor
     times, first = np.unique(times.ravel(), return_index=True)
     return Expectation(times, allowed.total[first])
 
 
-def expected_by_age(found: Assessment, ages_s: Sequence[float]) -> Array:
+def expected_by_age(assessment: Assessment, ages_s: Sequence[float]) -> Array:
     """What the budget allows so long after an anchor, (A, 4): s, and 1σ of the error's length: °, m/s, m.
 
     The median over the windows of each length; lengths without a window are left out, and what the flight has no
@@ -67,7 +67,9 @@ def expected_by_age(found: Assessment, ages_s: Sequence[float]) -> Array:
     """
     rows = []
     for age in ages_s:
-        one = expected_over(found.comparison, windows(found.comparison, age), found.figures, found.autopilot)
+        one = expected_over(
+            assessment.comparison, windows(assessment.comparison, age), assessment.figures, assessment.autopilot
+        )
         if one is not None:
             rows.append((age, one.attitude_deg, one.velocity_mps or 0.0, one.position_m or 0.0))
     return np.array(rows, dtype=np.float64).reshape(-1, 4)

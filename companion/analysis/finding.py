@@ -53,10 +53,10 @@ class Finding:
     undecided: bool = False  # either may be wrong: it accuses nobody, and nobody is cleared
 
 
-def by_severity(found: Iterable[Finding]) -> tuple[Finding, ...]:
+def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Errors first, then warnings, then what is only said; each in order of time."""
     order = get_args(Severity)[::-1]
-    return tuple(sorted(found, key=lambda f: (order.index(f.severity), f.start_s)))
+    return tuple(sorted(findings, key=lambda f: (order.index(f.severity), f.start_s)))
 
 
 def setting(px4: str, ardupilot: str, autopilot: str) -> str:

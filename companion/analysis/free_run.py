@@ -74,20 +74,20 @@ class FreeRun:
         self._begun, self._gravity = begun, how.gravity
         return self._beside(reckoner.state, replay)
 
-    def carry(self, found: Continued) -> FreeState | None:
+    def carry(self, continued: Continued) -> FreeState | None:
         """Where the run is at the end of a replay that went on from that which was taken last: a tenth of the work.
 
         None where a run has just ended.
         """
         if self._begun is None or not len(self._begun):
             return None
-        begun, path = self._begun, found.path
+        begun, path = self._begun, continued.path
         at = int(np.searchsorted(begun.t, path.t[CONTEXT] - SAME_TIME))
         if at >= len(begun) or abs(begun.t[at] - path.t[CONTEXT]) > SAME_TIME:
             return None
         state = (a[at] for a in (begun.q_ned_frd, begun.velocity, begun.position))
         q, velocity, position = path.carry(CONTEXT, len(path.t) - 1, *state, gravity=self._gravity)
-        return self._beside(NavState(float(path.t[-1]), q, velocity, position), found.replay)
+        return self._beside(NavState(float(path.t[-1]), q, velocity, position), continued.replay)
 
     def _beside(self, now: NavState, replay: Replay) -> FreeState:
         q_error = attitude_error(replay.q_ref[-1], now.q_ned_frd)

@@ -116,8 +116,8 @@ def imu_noise(flight: Flight, imu: str, figures: ImuSpec, limits: Limits) -> Imu
             f"{track.source} has {len(track)} samples in {track.t[-1] - track.t[0]:.1f} s: no rest of {_SHORT_S:g} s "
             f"and no stretch without a hole that is long enough for a spectrum. {flight.how_to_record}."
         )
-    found = ImuNoise(track.source, track.rate_hz, sampling, figures, resting, flying, ())
-    return replace(found, notes=tuple(_notes(found, track)))
+    noise = ImuNoise(track.source, track.rate_hz, sampling, figures, resting, flying, ())
+    return replace(noise, notes=tuple(_notes(noise, track)))
 
 
 def _chosen(still: tuple[Rest, ...]) -> list[Rest]:
@@ -167,13 +167,13 @@ def _rest_noise(track: ImuTrack, sampling: Sampling, hole: float) -> RestNoise |
 
 
 def _axis(
-    readings: Array, found: AllanDeviation, axis: int, step: float, rate: float, sampling: Sampling
+    readings: Array, allan: AllanDeviation, axis: int, step: float, rate: float, sampling: Sampling
 ) -> AxisNoise | None:
     bound = quantisation_bound(readings, step, rate, sampling)
     if bound is not None:
         return AxisNoise(Coefficient(None, 0.0, bound), None, None, hidden=True)
     shortest = _FILTER_TIMES / sampling.corner_hz if sampling.corner_hz else 0.0
-    fitted = noise_figures(found, axis, shortest, step**2 / (12.0 * rate))
+    fitted = noise_figures(allan, axis, shortest, step**2 / (12.0 * rate))
     return AxisNoise(fitted.white, fitted.instability, fitted.walk, hidden=False) if fitted else None
 
 
@@ -186,8 +186,8 @@ def _flight_noise(track: ImuTrack, sampling: Sampling, hole: float) -> FlightNoi
     return FlightNoise(seconds, spectrum, gyro, accel, peaks(spectrum, spectrum.gyro), peaks(spectrum, spectrum.accel))
 
 
-def _notes(found: ImuNoise, track: ImuTrack) -> Iterator[str]:
-    rest, flight, how = found.rest, found.flight, found.sampling
+def _notes(noise: ImuNoise, track: ImuTrack) -> Iterator[str]:
+    rest, flight, how = noise.rest, noise.flight, noise.sampling
     if rest is None:
         yield f"no rest of {_SHORT_S:g} s: N is that of the flight, vibration included; B and K are not told"
     elif rest.duration_s < LONG_S:
@@ -196,13 +196,13 @@ def _notes(found: ImuNoise, track: ImuTrack) -> Iterator[str]:
             "let the vehicle stand for 10 minutes or more, recorded"
         )
     if flight is not None and flight.gyro is None:
-        yield f"{found.rate_hz:.1f} Hz is too low to tell noise from motion in flight: 10 Hz are needed"
+        yield f"{noise.rate_hz:.1f} Hz is too low to tell noise from motion in flight: 10 Hz are needed"
     if how.confirmed is False:
         yield f"the log says a low-pass of {how.corner_hz:g} Hz, but the spectrum at rest does not show that"
     if track.bias_removed:
         yield "the estimator's bias has been taken off these readings: B and K are of both together"
     yield from _quantisation_notes(rest)
-    yield from _quiet_notes(found, track)
+    yield from _quiet_notes(noise, track)
 
 
 def _quantisation_notes(rest: RestNoise | None) -> Iterator[str]:
@@ -213,12 +213,12 @@ def _quantisation_notes(rest: RestNoise | None) -> Iterator[str]:
             yield f"{sensor} {', '.join(hidden)} at rest: below quantisation, N is an upper bound"
 
 
-def _quiet_notes(found: ImuNoise, track: ImuTrack) -> Iterator[str]:
+def _quiet_notes(noise: ImuNoise, track: ImuTrack) -> Iterator[str]:
     """Axes that never change, or change less than any sensor does."""
     for sensor, values, step in (("gyro", track.gyro, track.gyro_step), ("accel", track.accel, track.accel_step)):
-        sheet = getattr(found.figures, sensor).noise_density
+        sheet = getattr(noise.figures, sensor).noise_density
         spread = values.std(axis=0)
-        for i in np.flatnonzero(spread < _TOO_QUIET * sheet * np.sqrt(found.rate_hz)):
+        for i in np.flatnonzero(spread < _TOO_QUIET * sheet * np.sqrt(noise.rate_hz)):
             between = f"{values[:, i].min():.6g} to {values[:, i].max():.6g}" if spread[i] else f"{values[0, i]:.6g}"
             yield (
                 f"{sensor} {_AXES[i]} reads {between} throughout"

@@ -54,17 +54,17 @@ def phases(flight: Flight) -> tuple[Phase, ...]:
     takeoff = airborne[0][0] if airborne else end
     aligned, why = _aligned(flight, takeoff)
     lost = _lost(flight, airborne)
-    found = [Phase(begin, aligned, "aligning", why)] if aligned > begin else []
+    parts = [Phase(begin, aligned, "aligning", why)] if aligned > begin else []
     cuts = [aligned, *(edge for span in airborne for edge in span if edge > aligned), end]
     aloft = any(first <= aligned < last for first, last in airborne)
     for start, stop in pairwise(cuts):
         kind: PhaseKind = "flight" if aloft else "landed" if airborne and start >= airborne[-1][1] else "standing"
         if stop > start:
-            found.append(Phase(start, stop, kind, _REASONS[kind]))
+            parts.append(Phase(start, stop, kind, _REASONS[kind]))
         aloft = not aloft
     if lost is None:
-        return tuple(found)
-    before = [Phase(p.start, min(p.end, lost[0]), p.kind, p.reason) for p in found if p.start < lost[0]]
+        return tuple(parts)
+    before = [Phase(p.start, min(p.end, lost[0]), p.kind, p.reason) for p in parts if p.start < lost[0]]
     return (*before, Phase(lost[0], end, "impact", lost[1]))
 
 
@@ -92,7 +92,7 @@ def _armed(flight: Flight) -> list[Span] | None:
 def _airborne(flight: Flight, armed: list[Span] | None) -> list[Span]:
     """From first to last motion of each time armed, and no less than what the vehicle itself says."""
     said = [(e.t, e.text in ("took off", "in the air")) for e in flight.events if e.text in _TOLD]
-    found = []
+    flown = []
     for begin, end in [(flight.start, flight.start + flight.duration)] if armed is None else armed:
         moving = _moving(flight, begin, end, by_position=armed is not None)
         mine = [(t, up) for t, up in said if begin <= t <= end]
@@ -104,8 +104,8 @@ def _airborne(flight: Flight, armed: list[Span] | None) -> list[Span]:
             last = end  # it stops on its way as well
         over = flight.start + flight.duration
         whole = end >= over and last > over - _ENDING_S  # the log ends in the air
-        found.append((first, over if whole else max(last, first)))
-    return found
+        flown.append((first, over if whole else max(last, first)))
+    return flown
 
 
 _ON_THE_GROUND = ("GROUND_ROVER", "SURFACE_BOAT")

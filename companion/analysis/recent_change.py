@@ -26,11 +26,11 @@ def newest_stands_out(comparison: Comparison) -> bool:
     if _stands(comparison.track):
         return True
     chosen = windows(comparison, _WINDOW_S)
-    found = errors(comparison, chosen)
-    new = found.end_s > since
+    window_errors = errors(comparison, chosen)
+    new = window_errors.end_s > since
     if not new.any() or (~new).sum() < _FEWEST:
         return False
-    parted = [found.attitude, found.velocity] if comparison.has_position else [found.attitude]
+    parted = [window_errors.attitude, window_errors.velocity] if comparison.has_position else [window_errors.attitude]
     return any(
         float(size[new].max()) > _TIMES * float(np.percentile(size[~new], _USUAL)) for size in map(length, parted)
     )

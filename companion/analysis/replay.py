@@ -176,8 +176,8 @@ def go_on(
     path = preintegrate(imu[part], method=how.method, middle=how.middle, segments=how.segments)
     state = (a[-1 - BACK] for a in (before.q_imu, before.velocity_imu, before.position_imu))
     states = path.carry(CONTEXT, np.arange(CONTEXT, len(path.t)), *state, gravity=how.gravity)
-    found = _beside(imu.t[shown], states, reference, shown, before.anchors, has_position=has_position)
-    return Continued(found, path)
+    newest = _beside(imu.t[shown], states, reference, shown, before.anchors, has_position=has_position)
+    return Continued(newest, path)
 
 
 def _beside(

@@ -150,10 +150,10 @@ def _possible(flight: Flight, blocks: _Blocks) -> BoolArray:
 
 def armed(flight: Flight, begin: Array, end: Array) -> tuple[BoolArray, BoolArray]:
     """Whether the vehicle was armed in some of each block, and whether that is known."""
-    found = flight.armed(begin, end)
-    if found is None:
+    was_armed = flight.armed(begin, end)
+    if was_armed is None:
         return np.zeros(len(begin), np.bool_), np.full(len(begin), "HEARTBEAT" in flight.messages)
-    return found, np.ones(len(begin), np.bool_)
+    return was_armed, np.ones(len(begin), np.bool_)
 
 
 def _stretches(still: BoolArray, blocks: _Blocks, track: ImuTrack) -> Iterator[tuple[int, int]]:

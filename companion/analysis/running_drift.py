@@ -80,13 +80,13 @@ class _Table:
         if len(numbers) < 2:
             return
         self._next = int(numbers[-1])
-        found = windows(comparison, self.horizon, part)
-        self._excluded.update(found.excluded)
-        e = errors(comparison, found)
+        chosen = windows(comparison, self.horizon, part)
+        self._excluded.update(chosen.excluded)
+        e = errors(comparison, chosen)
         new = np.column_stack([e.anchor_s, e.end_s, e.attitude, e.velocity, e.position])
         self._errors = np.concatenate([self._errors, new])[-MOST_WINDOWS:]
 
     def row(self, *, has_position: bool) -> DriftRow:
         e: Array = self._errors
-        found = WindowErrors(e[:, 0], e[:, 1], e[:, 2:5], e[:, 5:8], e[:, 8:11])
-        return drift_row(self.horizon, dict(self._excluded), found, has_position=has_position)
+        window_errors = WindowErrors(e[:, 0], e[:, 1], e[:, 2:5], e[:, 5:8], e[:, 8:11])
+        return drift_row(self.horizon, dict(self._excluded), window_errors, has_position=has_position)

@@ -36,26 +36,26 @@ def sensitivity(best: BestEstimate | None) -> Sensitivity:
     """What a best estimate could have shown; without one, nothing by a third witness."""
     if best is None:
         return Sensitivity({}, ("which side is wrong: no third witness (GPS, compass, rest) is good enough here",))
-    found = {}
+    smallest = {}
     for kind in ("gyro_bias", "accel_bias"):
         if kind in best.detectable:
             sizes = [float(np.linalg.norm(e.size)) for e in best.explained if e.kind == kind and e.shape == "step"]
-            found[kind] = min([best.detectable[kind], *sizes])  # what was found can be found
+            smallest[kind] = min([best.detectable[kind], *sizes])  # what was found can be found
     lacking = []
     attitude = best.sigma(ATTITUDE)
-    found["tilt"] = _usual("tilt", attitude[:, :2].max(axis=1))
+    smallest["tilt"] = _usual("tilt", attitude[:, :2].max(axis=1))
     if best.heading_from == "first guess":
         lacking.append("heading: no compass, and GPS does not tell it")
     else:
-        found["heading"] = _usual("heading", attitude[:, 2])
+        smallest["heading"] = _usual("heading", attitude[:, 2])
     if "gps_position" in best.residuals:
-        found["position"] = _usual("position", best.sigma(POSITION)[:, :2].max(axis=1))
+        smallest["position"] = _usual("position", best.sigma(POSITION)[:, :2].max(axis=1))
     else:
         lacking.append("accelerometer bias, velocity and position: no GPS")
     for kind, (name, unit, factor, useless) in _UNITS.items():
-        if found.get(kind, 0.0) > useless:
-            lacking.append(f"{name}: none below {_figure(found.pop(kind) * factor)} {unit}".replace(" °", "°"))
-    return Sensitivity(found, tuple(lacking))
+        if smallest.get(kind, 0.0) > useless:
+            lacking.append(f"{name}: none below {_figure(smallest.pop(kind) * factor)} {unit}".replace(" °", "°"))
+    return Sensitivity(smallest, tuple(lacking))
 
 
 def _usual(quantity: str, sigma: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:

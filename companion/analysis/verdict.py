@@ -33,35 +33,35 @@ class Verdict:
 
 
 def decide(
-    judged: Windows, expected: Expected | None, found: tuple[Finding, ...], best: BestEstimate | None
+    judged: Windows, expected: Expected | None, findings: tuple[Finding, ...], best: BestEstimate | None
 ) -> Verdict:
     """The first cause in time; without one, whether IMU and autopilot agree, as far as the flight can tell."""
-    causes = sorted((f for f in found if f.severity == "error" and f.side != "data"), key=lambda f: f.start_s)
-    lacking = _lacking(judged, expected, found, bool(causes))
+    causes = sorted((f for f in findings if f.severity == "error" and f.side != "data"), key=lambda f: f.start_s)
+    lacking = _lacking(judged, expected, findings, bool(causes))
     if lacking is not None or expected is None:
-        return Verdict("insufficient_data", lacking or "This log cannot tell.", found)
+        return Verdict("insufficient_data", lacking or "This log cannot tell.", findings)
     if causes:
         first = causes[0]
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
-        return Verdict(status, f"Suspect {whom}: {_headline(first)}.", found, _cause(first))
-    doubt = _doubt(judged, expected, found, best)
+        return Verdict(status, f"Suspect {whom}: {_headline(first)}.", findings, _cause(first))
+    doubt = _doubt(judged, expected, findings, best)
     if doubt is not None:
-        return Verdict("insufficient_data", f"This log cannot tell: {doubt}.", found)
+        return Verdict("insufficient_data", f"This log cannot tell: {doubt}.", findings)
     return Verdict(
         "consistent",
         f"IMU and autopilot agree within the expected error ({100.0 * min(expected.inside.values()):.0f} % of "
         f"{len(judged.start)} windows of {JUDGED_S:g} s inside the 95 % bound).",
-        found,
+        findings,
     )
 
 
-def _lacking(judged: Windows, expected: Expected | None, found: tuple[Finding, ...], has_cause: bool) -> str | None:
+def _lacking(judged: Windows, expected: Expected | None, findings: tuple[Finding, ...], has_cause: bool) -> str | None:
     """Why nothing can be judged; None where it can."""
-    lost = next((f for f in found if f.kind == "control_lost"), None)
+    lost = next((f for f in findings if f.kind == "control_lost"), None)
     if lost is not None and not has_cause:
         return f"Loss of control: {lost.evidence}. Before it no sensor is at fault."
-    data = [f for f in found if f.side == "data" and f.severity == "error"]
+    data = [f for f in findings if f.side == "data" and f.severity == "error"]
     if data:
         return f"This log cannot tell: {data[0].evidence}."
     if expected is None or len(judged.start) < FEWEST_WINDOWS:
@@ -70,7 +70,7 @@ def _lacking(judged: Windows, expected: Expected | None, found: tuple[Finding, .
     return None
 
 
-def _doubt(judged: Windows, expected: Expected, found: tuple[Finding, ...], best: BestEstimate | None) -> str | None:
+def _doubt(judged: Windows, expected: Expected, findings: tuple[Finding, ...], best: BestEstimate | None) -> str | None:
     """What speaks against agreement although nothing explains it; None where nothing does."""
     worst = min(expected.inside, key=lambda name: expected.inside[name])
     share = expected.inside[worst]
@@ -80,7 +80,7 @@ def _doubt(judged: Windows, expected: Expected, found: tuple[Finding, ...], best
             f"{len(judged.start)} windows of {JUDGED_S:g} s inside the 95 % bound), and "
             + ("no single cause explains it" if best is not None else "no third witness tells which is wrong")
         )
-    return next((f.evidence for f in found if f.undecided), None)
+    return next((f.evidence for f in findings if f.undecided), None)
 
 
 def _headline(finding: Finding) -> str:

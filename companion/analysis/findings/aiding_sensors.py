@@ -46,12 +46,12 @@ def _speaks(text: str) -> bool:
 def _worst_ratio(estimator: Series, begin: float, end: float) -> str:
     """The estimator's worst test ratio of a time, if it rejected something: 1 and more is what it does not believe."""
     during = (estimator.t >= begin) & (estimator.t <= end)
-    found = {
+    ratios = {
         name: float(np.nanmax(estimator[column][during]))
         for column, name in _RATIOS.items()
         if column in estimator.columns and np.isfinite(estimator[column][during]).any()
     }
-    if not found:
+    if not ratios:
         return ""
-    worst = max(found, key=lambda name: found[name])
-    return f"{estimator.source}'s {worst} ratio reached {found[worst]:.1f} (1: rejected)" if found[worst] >= 1 else ""
+    worst = max(ratios, key=lambda name: ratios[name])
+    return f"{estimator.source}'s {worst} ratio reached {ratios[worst]:.1f} (1: rejected)" if ratios[worst] >= 1 else ""

@@ -117,15 +117,15 @@ def _mean(readings: Array, start: IntArray, end: IntArray) -> Array:
 
 def _rotations() -> dict[str, Array]:
     """The 24 right-handed ways to name three axes: "y -x z" takes the IMU's y as forward, its -x as right."""
-    found = {}
+    rotations = {}
     for order in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):
             matrix = np.zeros((3, 3))
             matrix[range(3), order] = signs
             if np.linalg.det(matrix) > 0:
                 names = (f"{'-' if sign < 0 else ''}{'xyz'[axis]}" for sign, axis in zip(signs, order, strict=True))
-                found[" ".join(names)] = matrix
-    return found
+                rotations[" ".join(names)] = matrix
+    return rotations
 
 
 _ROTATIONS = _rotations()

@@ -31,11 +31,11 @@ from companion.model import Flight, ImuTrack
 
 def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec) -> list[Finding]:
     """Readings that cannot be: frozen, stuck, at the end of the range, of the wrong axes."""
-    found = [*reading_findings(comparison, flight.require_attitude(), figures)]
+    faults = [*reading_findings(comparison, flight.require_attitude(), figures)]
     others = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
-    found += stuck_findings(comparison, autopilot, others)
-    found += axes_findings(comparison)
-    return found
+    faults += stuck_findings(comparison, autopilot, others)
+    faults += axes_findings(comparison)
+    return faults
 
 
 def findings(
@@ -52,22 +52,22 @@ def findings(
 
     faults: of `reading_faults`. best: the best estimate, None where the flight allows none.
     """
-    found = [*rate_findings(flight, comparison, sampling_share), *faults]
+    all_findings = [*rate_findings(flight, comparison, sampling_share), *faults]
     if flight.vehicle.autopilot == "PX4" and comparison.track.source == "HIGHRES_IMU":
-        found.append(_not_independent(comparison))
+        all_findings.append(_not_independent(comparison))
     landed = _landed(flight)
     jumps = [
         f if f.start_s < landed - _TOLD_S else replace(f, severity="info") for f in jump_findings(comparison, flight)
     ]
     if noise is not None:
-        found += noise_findings(comparison, noise, figures)
-    found += vibration_findings(comparison, flight)
+        all_findings += noise_findings(comparison, noise, figures)
+    all_findings += vibration_findings(comparison, flight)
     raw = residuals(comparison)
     fitted = installation(comparison, raw, figures, autopilot, np.inf)
-    found += stamp_findings(flight, comparison, lags(comparison))
+    all_findings += stamp_findings(flight, comparison, lags(comparison))
     clean, tilted = comparison.track, (0.0, 0.0)
     if fitted is not None and fitted.moved:
-        found += _installed(flight, comparison, fitted)
+        all_findings += _installed(flight, comparison, fitted)
         clean = level(comparison.track, fitted)
         tilted = float(fitted.mounting[0]), float(fitted.mounting[1])
     if best is not None:
@@ -75,15 +75,15 @@ def findings(
         while_judged = tuple(one for one in episodes(best) if one.start - SIGMAS * one.start_sigma < landed)
         departed = departures(flight, best, limits, tilted)
         departed = tuple(one for one in departed if not _is_led_to(one.start, one.end, faults))
-        found += findings_of(while_judged, departed, best)
-        found += known_biases(flight, best)
-        found += parting_findings(flight, comparison.track, best)
+        all_findings += findings_of(while_judged, departed, best)
+        all_findings += known_biases(flight, best)
+        all_findings += parting_findings(flight, comparison.track, best)
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
-        found = [_sudden(f, jumps) for f in found]
-        jumps = [_confirmed(f, found, best) for f in jumps]
-    found += jumps
-    found = [with_witnesses(f, flight) for f in found if not _follows(f, found)]
-    return by_severity(found), clean
+        all_findings = [_sudden(f, jumps) for f in all_findings]
+        jumps = [_confirmed(f, all_findings, best) for f in jumps]
+    all_findings += jumps
+    all_findings = [with_witnesses(f, flight) for f in all_findings if not _follows(f, all_findings)]
+    return by_severity(all_findings), clean
 
 
 def _landed(flight: Flight) -> float:
@@ -102,13 +102,13 @@ def _sudden(doubted: Finding, jumps: Sequence[Finding]) -> Finding:
     return replace(doubted, side="autopilot", severity="error")
 
 
-def _confirmed(jump: Finding, found: Sequence[Finding], best: BestEstimate) -> Finding:
+def _confirmed(jump: Finding, others: Sequence[Finding], best: BestEstimate) -> Finding:
     """A jump, as serious as the best estimate takes the autopilot to be at that time.
 
     Without GPS it knows nothing of positions: then a large jump says that the autopilot was wrong before it or is wrong
     after it, and an estimator that corrects itself accuses nobody.
     """
-    off = [f for f in found if f.side == "autopilot" and f.severity == "error"]
+    off = [f for f in others if f.side == "autopilot" and f.severity == "error"]
     if jump.severity != "error" or any(f.start_s - _NEAR_S <= jump.start_s <= f.end_s + _NEAR_S for f in off):
         return jump
     size = jump.cause.size if jump.cause is not None and jump.kind == "position_jump" else None
@@ -120,19 +120,19 @@ def _confirmed(jump: Finding, found: Sequence[Finding], best: BestEstimate) -> F
     return replace(jump, severity="info")
 
 
-def _follows(finding: Finding, found: Sequence[Finding]) -> bool:
+def _follows(finding: Finding, others: Sequence[Finding]) -> bool:
     """Whether a finding is only what another fault looks like from elsewhere.
 
     A frozen, stuck or turned sensor also looks biased, and misleads the autopilot.
     """
     told_itself = finding.kind in _CAUSES or finding.side == "data"
-    return not told_itself and _is_led_to(finding.start_s, finding.end_s, found)
+    return not told_itself and _is_led_to(finding.start_s, finding.end_s, others)
 
 
-def _is_led_to(start: float, end: float, found: Sequence[Finding]) -> bool:
+def _is_led_to(start: float, end: float, others: Sequence[Finding]) -> bool:
     """Whether what lasted so long (s) came of a sensor whose readings are none, and of nothing before that."""
     return any(
-        f.kind in _CAUSES and f.severity == "error" and f.start_s < end and f.start_s - 2.0 < start for f in found
+        f.kind in _CAUSES and f.severity == "error" and f.start_s < end and f.start_s - 2.0 < start for f in others
     )
 
 

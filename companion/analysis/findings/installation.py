@@ -48,19 +48,19 @@ class Installation:
 
 
 def installation(
-    comparison: Comparison, found: Residuals, imu: ImuSpec, autopilot: ReferenceSpec, trusted_until: float
+    comparison: Comparison, residuals: Residuals, imu: ImuSpec, autopilot: ReferenceSpec, trusted_until: float
 ) -> Installation | None:
     """Fit it; None with too few windows. trusted_until: s, from when on the autopilot's heading is known to be off."""
-    if len(found) < _FEWEST:
+    if len(residuals) < _FEWEST:
         return None
-    turning = _turns(comparison, found, imu, autopilot)
+    turning = _turns(comparison, residuals, imu, autopilot)
     lag, lag_sigma = float(turning.x[6]), float(turning.sigma[6])
     if abs(lag) < max(_LATE_LEAST, 3.0 * lag_sigma):
         lag = 0.0
     fit, part = turning, slice(3, 6)
     lever, lever_sigma = np.zeros(3), np.full(3, _OFF)
-    if comparison.has_position and (found.end < trusted_until).sum() >= _FEWEST:
-        fit, part = _turns_and_forces(comparison, found, imu, autopilot, trusted_until), slice(6, 9)
+    if comparison.has_position and (residuals.end < trusted_until).sum() >= _FEWEST:
+        fit, part = _turns_and_forces(comparison, residuals, imu, autopilot, trusted_until), slice(6, 9)
         lever, lever_sigma = fit.x[9:12], fit.sigma[9:12]
     mounting = fit.x[part]
     if not (_TURNED_LEAST < np.linalg.norm(mounting) < _TURNED_MOST and fit.certain(part, _CERTAIN_TURN)):
@@ -70,9 +70,9 @@ def installation(
     return Installation(mounting, fit.sigma[part], lag, lag_sigma, lever, lever_sigma)
 
 
-def level(track: ImuTrack, found: Installation) -> ImuTrack:
+def level(track: ImuTrack, fitted: Installation) -> ImuTrack:
     """The track with the installation taken out: the IMU turned, in time and at the body's origin."""
-    return Correction(mounting=found.mounting, time_offset=found.lag, lever_arm=found.lever).apply(track)
+    return Correction(mounting=fitted.mounting, time_offset=fitted.lag, lever_arm=fitted.lever).apply(track)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,12 +91,12 @@ class _Fit:
 
 def _turns(
     comparison: Comparison,
-    found: Residuals,
+    residuals: Residuals,
     imu: ImuSpec,
     autopilot: ReferenceSpec,
 ) -> _Fit:
     """Gyro bias, mounting, lag from the turns alone."""
-    growth = found.growth
+    growth = residuals.growth
     jacobian = np.concatenate(
         [
             growth.transition[:, ATTITUDE, GYRO_BIAS],
@@ -106,24 +106,24 @@ def _turns(
         axis=2,
     )
     prior = np.concatenate([np.full(3, _BIASED * imu.gyro.residual_bias), np.full(3, _TURNED), [_LATE]])
-    return _robust([(jacobian, found.attitude, _turn_sigma(comparison, found, autopilot))], prior)
+    return _robust([(jacobian, residuals.attitude, _turn_sigma(comparison, residuals, autopilot))], prior)
 
 
 def _turns_and_forces(
-    comparison: Comparison, found: Residuals, imu: ImuSpec, autopilot: ReferenceSpec, trusted_until: float
+    comparison: Comparison, residuals: Residuals, imu: ImuSpec, autopilot: ReferenceSpec, trusted_until: float
 ) -> _Fit:
     """Gyro bias, accelerometer bias, mounting, lever arm, lag, the autopilot's attitude from turns and velocities.
 
     Without the last, a heading that is two degrees off would look like a mounting that is.
     """
-    growth = found.growth
+    growth = residuals.growth
     rows = slice(0, 6)
     jacobian = np.concatenate(
         [
             growth.transition[:, rows, GYRO_BIAS],
             growth.transition[:, rows, ACCEL_BIAS],
             turn_jacobian(growth)[:, rows],
-            lever_jacobian(comparison, found.chosen)[:, rows],
+            lever_jacobian(comparison, residuals.chosen)[:, rows],
             growth.time_offset[:, rows, None],
             growth.transition[:, rows, ATTITUDE] - np.eye(6, 3),
         ],
@@ -138,21 +138,21 @@ def _turns_and_forces(
             [_LATE, autopilot.tilt, autopilot.tilt, _POINTED],
         ]
     )
-    speed = np.sqrt(2.0 * autopilot.velocity**2 + (found.noise[:, 1] * found.span[:, 0]) ** 2)
-    speed = np.where(found.end < trusted_until, speed, np.inf)
+    speed = np.sqrt(2.0 * autopilot.velocity**2 + (residuals.noise[:, 1] * residuals.span[:, 0]) ** 2)
+    speed = np.where(residuals.end < trusted_until, speed, np.inf)
     return _robust(
         [
-            (jacobian[:, ATTITUDE], found.attitude, _turn_sigma(comparison, found, autopilot)),
-            (jacobian[:, VELOCITY], found.velocity, speed),
+            (jacobian[:, ATTITUDE], residuals.attitude, _turn_sigma(comparison, residuals, autopilot)),
+            (jacobian[:, VELOCITY], residuals.velocity, speed),
         ],
         prior,
     )
 
 
-def _turn_sigma(comparison: Comparison, found: Residuals, autopilot: ReferenceSpec) -> Array:
+def _turn_sigma(comparison: Comparison, residuals: Residuals, autopilot: ReferenceSpec) -> Array:
     """(W,) rad, 1σ of each axis."""
-    step = 0.3 * comparison.track.gyro_step * found.span[:, 0]
-    noise = found.noise[:, 0] * found.span[:, 0]
+    step = 0.3 * comparison.track.gyro_step * residuals.span[:, 0]
+    noise = residuals.noise[:, 0] * residuals.span[:, 0]
     return np.asarray(np.sqrt(2.0 * autopilot.attitude_noise**2 + noise**2 + step**2))
 
 

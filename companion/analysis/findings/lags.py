@@ -32,12 +32,12 @@ def lags(comparison: Comparison) -> list[tuple[float, float, float]]:
         quaternion.log(quaternion.multiply(quaternion.conjugate(q[ends[0]]), q[ends[1]])) / span
         for q in (comparison.path.q, reference.q_ned_frd)
     ]
-    found = []
+    by_part = []
     for part in np.array_split(np.arange(len(grid)), _PARTS):
         lag = _best(turned[0][part], turned[1][part], np.asarray(good[part]))
         if lag is not None:
-            found.append((float(grid[part[0]]), float(grid[part[-1]]), lag))
-    return found
+            by_part.append((float(grid[part[0]]), float(grid[part[-1]]), lag))
+    return by_part
 
 
 def _best(gyro: Array, attitude: Array, good: BoolArray) -> float | None:

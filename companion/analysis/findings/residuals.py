@@ -48,7 +48,7 @@ class Residuals:
 def residuals(comparison: Comparison) -> Residuals:
     """The short windows of a comparison."""
     chosen = windows(comparison, SHORT_S)
-    found = errors(comparison, chosen)
+    window_errors = errors(comparison, chosen)
     q = comparison.reference.q_ned_frd[chosen.start]
     growth = propagate(
         comparison.track,
@@ -59,23 +59,23 @@ def residuals(comparison: Comparison) -> Residuals:
         comparison.reference.velocity[chosen.start],
         gravity=comparison.how.gravity,
     )
-    span = (found.end_s - found.anchor_s)[:, None]
+    span = (window_errors.end_s - window_errors.anchor_s)[:, None]
     bend = comparison.reference.attitude_bend
     back = quaternion.conjugate(q)
     # to first order truth minus estimate is -(bias) t: with the sign turned, and in the body, it is the bias
-    rate = -quaternion.rotate(back, found.attitude) / span
+    rate = -quaternion.rotate(back, window_errors.attitude) / span
     force = np.zeros_like(rate)
     if comparison.has_position:
         # a gyro bias leans gravity over; that is not the accelerometer's
         leaned = np.einsum("wij,wj->wi", growth.transition[:, VELOCITY, GYRO_BIAS], rate)
-        force = -quaternion.rotate(back, found.velocity - leaned) / span
+        force = -quaternion.rotate(back, window_errors.velocity - leaned) / span
     return Residuals(
         chosen=chosen,
-        begin=found.anchor_s,
-        end=found.end_s,
+        begin=window_errors.anchor_s,
+        end=window_errors.end_s,
         q_ned_frd=q,
-        attitude=found.attitude,
-        velocity=found.velocity if comparison.has_position else np.zeros_like(rate),
+        attitude=window_errors.attitude,
+        velocity=window_errors.velocity if comparison.has_position else np.zeros_like(rate),
         growth=growth,
         noise=window_noise(comparison.track, chosen) / np.sqrt(span),
         bend=(bend[chosen.start] + bend[chosen.end]) / span[:, 0],
