@@ -93,17 +93,17 @@ def _freedom_of_walk(n: float, m: NDArray[np.int64]) -> Array:
     return np.asarray((n - 2) / (m * (n - 3) ** 2) * ((n - 1) ** 2 - 3.0 * m * (n - 1) + 4.0 * m**2))
 
 
-def noise_figures(found: AllanDeviation, axis: int, shortest_s: float = 0.0, grid: float = 0.0) -> NoiseFigures | None:
+def noise_figures(allan: AllanDeviation, axis: int, shortest_s: float = 0.0, grid: float = 0.0) -> NoiseFigures | None:
     """N, B and K of an axis by weighted non-negative least squares; None where it never changes.
 
     shortest_s: τ below it are left out (a low-pass makes neighbouring samples alike); grid: what the steps of the
     readings add to N², u²/Hz.
     """
-    used = (found.tau >= shortest_s) & (found.deviation[:, axis] > 0)
+    used = (allan.tau >= shortest_s) & (allan.deviation[:, axis] > 0)
     if used.sum() < 3:
         return None
-    tau, freedom = found.tau[used], found.freedom[used]
-    variance = np.square(found.deviation[used, axis])
+    tau, freedom = allan.tau[used], allan.freedom[used]
+    variance = np.square(allan.deviation[used, axis])
     shapes = np.column_stack([1.0 / tau, np.full(len(tau), FLICKER), tau / 3.0])
     alike = _ALIKE * max(len(tau) / max(float(np.log2(tau[-1] / tau[0])), 1.0), 1.0)
     seen = [0, 1, 2]

@@ -37,28 +37,28 @@ def choose(problem: Problem, solution: Solution) -> tuple[Choice, ...]:
     That is of a kind that is linear in small sizes alone: its first order says less of it than it explains.
     """
     grid = scan(problem, solution, ONSETS + 1)
-    found: list[Candidate] = []
+    candidates: list[Candidate] = []
     for seldom in (False, True):  # what comes and goes has two times to be tried: only where no single one explains
-        found += [
+        candidates += [
             one
             for kind in KINDS
             for shape in kind.shapes
             if _comes_and_goes(kind, shape) == seldom
             and (one := _weighed(problem, solution, grid, kind, shape)) is not None
         ]
-        found.sort(key=_net, reverse=True)
-        if found and _net(found[0]) >= WORTH:
+        candidates.sort(key=_net, reverse=True)
+        if candidates and _net(candidates[0]) >= WORTH:
             break
-    if not found or _net(found[0]) < PROMISING - ONSET_PRICE:
+    if not candidates or _net(candidates[0]) < PROMISING - ONSET_PRICE:
         return ()
-    refined = ((_refined(problem, solution, one, grid), one) for one in found[:_REFINED])
+    refined = ((_refined(problem, solution, one, grid), one) for one in candidates[:_REFINED])
     fine = sorted(refined, key=lambda both: _net(both[0]), reverse=True)
     best, *others = (one for one, _ in fine)
     if _net(best) < PROMISING:
         return ()
     least = max(_UNTOLD * _net(best), WORTH)
     untold = [] if best.kind.retimes else [one for one in others if one.kind.retimes and _net(one) > least]
-    ranked = [best, *others, *found[_REFINED:]]
+    ranked = [best, *others, *candidates[_REFINED:]]
     return tuple(_chosen(one, dict(fine)[one], ranked) for one in (best, *untold[:1]))
 
 
@@ -103,8 +103,8 @@ def _weighed(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape
         begin, end = _pairs(sudden)
         return weigh(problem, solution, kind, shape, begin, end) if len(begin) else None
     tried = grid.weighed(kind, shape, inside), weigh(problem, solution, kind, shape, sudden) if len(sudden) else None
-    found = [one for one in tried if one is not None]
-    return joined(found) if found else None
+    candidates = [one for one in tried if one is not None]
+    return joined(candidates) if candidates else None
 
 
 def times_of_change(t: Array) -> tuple[float, float]:
@@ -153,7 +153,7 @@ def _moved(problem: Problem, solution: Solution, one: Candidate, reach: float) -
 
 def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
     """Kind → the smallest step in the middle of the flight that would have been called, in the kind's unit."""
-    found = {}
+    smallest = {}
     count = len(problem.t) - 1
     middle = slice(count // 4, max(count // 4 + 1, 3 * count // 4))
     _, d = solution.disturbances
@@ -163,5 +163,5 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
             continue
         known = np.maximum(np.diagonal(d[middle, block, block], axis1=1, axis2=2).min(axis=1), 1e-300)
         paid = np.log1p(known * kind.prior**2) + 2.0 * np.log(3.0) + ONSET_PRICE
-        found[name] = max(float(np.median(np.sqrt((WORTH + paid) / known))), kind.least)
-    return found
+        smallest[name] = max(float(np.median(np.sqrt((WORTH + paid) / known))), kind.least)
+    return smallest

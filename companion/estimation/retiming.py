@@ -79,13 +79,13 @@ def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Choice], choice
 
     def misfits(onsets: Array) -> Array:
         """Each less what as many readings leave that fit: some may be moved out of the flight."""
-        found = []
+        excess = []
         for onset in onsets:
             one = replace(choice, onset=float(onset))
             linear = linearise(_moved(setup, one), path, states, settled.noise, settled.scale, {}, [*accepted, one])
             fitting = sum(m.residual.size for m in linear.measurements)
-            found.append(misfit(linear.motion, linear.measurements, linear.solution) - fitting)
-        return np.array(found)
+            excess.append(misfit(linear.motion, linear.measurements, linear.solution) - fitting)
+        return np.array(excess)
 
     first, last = times_of_change(setup.t)
     onsets = np.linspace(first, last, _ONSETS)

@@ -171,9 +171,9 @@ def _compass(flight: Flight, track: ImuTrack, t: Array, spacing: float, notes: l
     good = np.isfinite(field).all(axis=1) & (np.linalg.norm(field, axis=1) > 5e-6)
     if not good.all():
         when, field = when[good], field[good]
-    found = vector_readings("compass", when, field, t, spacing)
-    sample = np.clip(np.searchsorted(track.t, found.t), 0, len(track) - 1).astype(np.intp)
-    return [replace(found, value=found.value * MICROTESLA, sample=sample)]
+    readings = vector_readings("compass", when, field, t, spacing)
+    sample = np.clip(np.searchsorted(track.t, readings.t), 0, len(track) - 1).astype(np.intp)
+    return [replace(readings, value=readings.value * MICROTESLA, sample=sample)]
 
 
 def _plausible(field: Array) -> bool:

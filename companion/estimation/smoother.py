@@ -76,14 +76,14 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
     settled, linear = estimate(setup, start)
     shown = scatter(setup)
     while len(accepted) < _MOST_EXPLAINED:
-        found = _explained_further(setup, start, settled, linear, accepted, shown)
-        if found is None:
+        further = _explained_further(setup, start, settled, linear, accepted, shown)
+        if further is None:
             break
-        if found.choice.gain < WORTH:
-            nearly = promising(found.choice)
+        if further.choice.gain < WORTH:
+            nearly = promising(further.choice)
             break
-        accepted.append(found.choice)
-        setup, settled, linear = found.setup, found.settled, found.linear
+        accepted.append(further.choice)
+        setup, settled, linear = further.setup, further.settled, further.linear
     return replace(_result(setup, settled, linear, accepted, shown), promising=nearly)
 
 
@@ -147,12 +147,12 @@ def _tried(
     again, linear = estimate(setup, start, [*accepted, moved])
     beside = gain_beside(moved, linear.problem, linear.solution, linear.prior)
     gain = max(choice.gain, beside) / unrest(moved, linear.problem, linear.solution)
-    found = (
+    final = (
         moved.in_noise(choice.gain / gain)
         if moved is choice
         else replace(moved, gain=gain).with_others(gain - choice.gain)
     )
-    return Tried(found, setup, again, linear)
+    return Tried(final, setup, again, linear)
 
 
 def _result(

@@ -117,7 +117,7 @@ def peaks(spectrum: Spectrum, density: Array, most: int = 3) -> tuple[Peak, ...]
 
     resolution = float(spectrum.frequency_hz[1])
     threshold = _PEAK * (1.0 + 6.0 / np.sqrt(max(spectrum.segments, 1)))
-    found = []
+    lines = []
     for axis in range(3):
         line = density[:, axis]
         around = ndimage.median_filter(line, size=2 * round(_AROUND_HZ / resolution) + 1, mode="nearest")
@@ -126,9 +126,9 @@ def peaks(spectrum: Spectrum, density: Array, most: int = 3) -> tuple[Peak, ...]
         for top in tops[spectrum.frequency_hz[tops] >= _SLOWEST_PEAK_HZ].tolist():
             near = slice(max(top - 2, 0), top + 3)  # a line under a Hann window is four bins wide
             power = float(np.sum(np.maximum(line[near] - around[near], 0.0))) * resolution
-            found.append(Peak(axis, float(spectrum.frequency_hz[top]), float(np.sqrt(power))))
-    found.sort(key=lambda peak: -peak.amplitude)
-    return tuple(p for i, p in enumerate(found) if sum(q.axis == p.axis for q in found[:i]) < most)
+            lines.append(Peak(axis, float(spectrum.frequency_hz[top]), float(np.sqrt(power))))
+    lines.sort(key=lambda peak: -peak.amplitude)
+    return tuple(p for i, p in enumerate(lines) if sum(q.axis == p.axis for q in lines[:i]) < most)
 
 
 def _tops(line: Array, least: float, apart: int) -> IntArray:
