@@ -111,8 +111,8 @@ def ahrs_loop(ahrs: Any) -> Callable[[Motion], End]:
     """AngularRate in closed form; attitude alone."""
 
     def run(motion: Motion) -> End:
-        found = ahrs.filters.AngularRate(motion.gyro, q0=motion.start.q_ned_frd, frequency=RATE, method="closed")
-        return np.asarray(found.Q[-1]), None
+        solved = ahrs.filters.AngularRate(motion.gyro, q0=motion.start.q_ned_frd, frequency=RATE, method="closed")
+        return np.asarray(solved.Q[-1]), None
 
     return run
 

@@ -106,10 +106,10 @@ def main() -> None:
     errors, seen = [], []
     for seed in range(parser.parse_args().flights):
         built, figures, wrong = flight(np.random.default_rng(seed))
-        found = calibrate(_compared(built, built.imu()), figures, AUTOPILOT)
-        assert found
-        errors.append((found.values - wrong.values) / found.sigma)
-        seen.append(found.observable)
+        calibration = calibrate(_compared(built, built.imu()), figures, AUTOPILOT)
+        assert calibration
+        errors.append((calibration.values - wrong.values) / calibration.sigma)
+        seen.append(calibration.observable)
     z, told = np.array(errors), np.array(seen)
     print(f"{'':22}{'observable':>12}{'within 3 σ':>12}{'rms, σ':>9}{'worst, σ':>10}")
     for part, place in PARTS.items():

@@ -12,7 +12,7 @@ from companion.model import AttitudeTrack, BiasTrack, Flight, PositionTrack
 from companion.strapdown import preintegrate, quaternion
 
 
-def replaced(flight: Flight, found: Estimate) -> Flight:
+def replaced(flight: Flight, estimate: Estimate) -> Flight:
     """The flight with the filter's estimate in place of the recorded one, at the recorded times.
 
     Between its epochs the estimate follows the IMU less its biases, as the rates do. What the recorded estimator said
@@ -21,32 +21,39 @@ def replaced(flight: Flight, found: Estimate) -> Flight:
     imu = flight.imu()
     attitude, position = flight.require_attitude(), flight.position
     assert position is not None
-    begin, end = int(found.index[0]), int(found.index[-1])
+    begin, end = int(estimate.index[0]), int(estimate.index[-1])
     samples = np.arange(begin, end + 1)
-    epoch = np.searchsorted(found.index, samples, side="right") - 1
+    epoch = np.searchsorted(estimate.index, samples, side="right") - 1
     own = imu[begin : end + 1]
-    corrected = replace(own, gyro=own.gyro - found.gyro_bias[epoch], accel=own.accel - found.accel_bias[epoch])
+    corrected = replace(own, gyro=own.gyro - estimate.gyro_bias[epoch], accel=own.accel - estimate.accel_bias[epoch])
     path = preintegrate(corrected)
     q, v, p = path.carry(
-        found.index[epoch] - begin,
+        estimate.index[epoch] - begin,
         samples - begin,
-        found.q_ned_frd[epoch],
-        found.velocity[epoch],
-        found.position[epoch],
+        estimate.q_ned_frd[epoch],
+        estimate.velocity[epoch],
+        estimate.position[epoch],
     )
     q = quaternion.continuous_sign(q)
     ta, tp = (track.t[(track.t >= own.t[0]) & (track.t <= own.t[-1])] for track in (attitude, position))
-    sigma = np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
+    sigma = np.sqrt(np.diagonal(estimate.covariance, axis1=1, axis2=2))
     return replace(
         flight,
         attitude=AttitudeTrack(ta, attitude_at(ta, own.t, q), at(ta, own.t, corrected.gyro), attitude.source),
         position=PositionTrack(tp, at(tp, own.t, p), at(tp, own.t, v), position.source),
         biases=(
             BiasTrack(
-                found.t, found.gyro_bias, found.accel_bias, sigma[:, GYRO], sigma[:, ACCEL], "EKF", 0, imu.instance
+                estimate.t,
+                estimate.gyro_bias,
+                estimate.accel_bias,
+                sigma[:, GYRO],
+                sigma[:, ACCEL],
+                "EKF",
+                0,
+                imu.instance,
             ),
         ),
-        resets=found.resets,
+        resets=estimate.resets,
         series={n: s for n, s in flight.series.items() if n.split(":")[0] not in {"variance", "estimator"}},
     )
 

@@ -104,8 +104,8 @@ def vehicle_of(path: Path) -> str:
     """Whose flight it is: by the simulator, the owner before `__`, or the folder."""
     if path.parent.name in _SIMULATORS and SHARED in path.parents:
         return _SIMULATORS[path.parent.name]
-    owner, found, _ = path.name.partition("__")
-    return owner if found else path.parent.name
+    owner, named, _ = path.name.partition("__")
+    return owner if named else path.parent.name
 
 
 def flown(flight: Flight) -> Flight | None:
@@ -213,7 +213,7 @@ def as_logged(flight: Flight, *, thin: bool) -> Flight:
 
 def cases(paths: Sequence[Path], *, sizes: Literal["all", "middle"]) -> list[Case]:
     """Every flight at its full rate and at 25 Hz, with every fault; onsets go round."""
-    found: list[Case] = []
+    every_case: list[Case] = []
     for path in paths:
         for number, flight in enumerate(read_recording(path).flights):
             if not flight.imus:
@@ -223,10 +223,10 @@ def cases(paths: Sequence[Path], *, sizes: Literal["all", "middle"]) -> list[Cas
                 chosen = [(-1, 0, 0.0)]
                 for i, fault in enumerate(FAULTS):
                     some = range(len(fault.sizes)) if sizes == "all" else [fault.middle]
-                    chosen += [(i, k, _ONSETS[(len(found) + i + k) % len(_ONSETS)]) for k in some]
+                    chosen += [(i, k, _ONSETS[(len(every_case) + i + k) % len(_ONSETS)]) for k in some]
                 halves = chosen[::2], chosen[1::2]
-                found += [Case(str(path), number, vehicle_of(path), thin, tuple(half)) for half in halves]
-    return found
+                every_case += [Case(str(path), number, vehicle_of(path), thin, tuple(half)) for half in halves]
+    return every_case
 
 
 def main() -> int:

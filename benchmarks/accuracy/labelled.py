@@ -46,14 +46,14 @@ class Row:
 
 def answers(path: Path) -> Answers:
     """What is said of each flight of a recording. A flight that the analysis fails on does not hide the others."""
-    found: Answers = {}
+    by_flight: Answers = {}
     for flight in read_recording(path).flights:
         name = f"{flight.vehicle.sysid}/{flight.boot}"
         try:
-            found[name] = answer(flight)
+            by_flight[name] = answer(flight)
         except Exception as error:  # noqa: BLE001  (a failure is a row)
-            found[name] = Failed(f"{type(error).__name__}: {error}")
-    return found
+            by_flight[name] = Failed(f"{type(error).__name__}: {error}")
+    return by_flight
 
 
 def rows(log: str, labels: Sequence[Label], said: Answers | Failed) -> list[Row]:
@@ -63,13 +63,13 @@ def rows(log: str, labels: Sequence[Label], said: Answers | Failed) -> list[Row]
         reason = said.reason if isinstance(said, Failed) else "no flight in it"
         named = [label for label in own if label.flight] or own[:1]
         return [_row(log, label.flight, label, Failed(reason)) for label in named]
-    found = []
+    outcomes = []
     for flight, what in said.items():
         label = next((label for label in own if label.flight in {"", flight}), None)
         if label is not None:
-            found.append(_row(log, flight, label, what))
+            outcomes.append(_row(log, flight, label, what))
     lacking = [label for label in own if label.flight and label.flight not in said]
-    return found + [_row(log, label.flight, label, Failed("no such flight was found")) for label in lacking]
+    return outcomes + [_row(log, label.flight, label, Failed("no such flight was found")) for label in lacking]
 
 
 def _row(log: str, flight: str, label: Label, what: Answer | Failed) -> Row:
@@ -95,20 +95,20 @@ def _row(log: str, flight: str, label: Label, what: Answer | Failed) -> Row:
 def run(folder: Path, labels: Sequence[Label], *, workers: int | None, timeout: float) -> list[Row]:
     """Every labelled recording below a folder."""
     paths = [path for path in recordings(folder) if any(label.matches(_name(path, folder)) for label in labels)]
-    found: list[Row] = []
+    outcomes: list[Row] = []
     for index, said in each(answers, paths, workers=workers, timeout=timeout):
-        found += rows(_name(paths[index], folder), labels, said)
-    return sorted(found, key=lambda row: (row.group, row.log, row.flight))
+        outcomes += rows(_name(paths[index], folder), labels, said)
+    return sorted(outcomes, key=lambda row: (row.group, row.log, row.flight))
 
 
 def _name(path: Path, folder: Path) -> str:
     return path.relative_to(folder).as_posix()
 
 
-def table(found: Iterable[Row]) -> str:
+def table(outcomes: Iterable[Row]) -> str:
     """How often each outcome came up, by group and in all, as a Markdown table."""
     counts: dict[str, Counter[Outcome]] = defaultdict(Counter)
-    for row in found:
+    for row in outcomes:
         counts[row.group][row.outcome] += 1
         counts["**all**"][row.outcome] += 1
     lines = [f"| group | flights | {' | '.join(OUTCOMES)} |", "|---" * (len(OUTCOMES) + 2) + "|"]
@@ -123,11 +123,11 @@ def wrong_reason(row: Row) -> bool:
     return not (row.details.get("cause", True) and row.details.get("onset", True))
 
 
-def detail_table(found: Iterable[Row]) -> str:
+def detail_table(outcomes: Iterable[Row]) -> str:
     """Of the faults whose side is named: how often the rest is right too."""
     right: Counter[str] = Counter()
     known: Counter[str] = Counter()
-    for row in found:
+    for row in outcomes:
         right.update(name for name, good in row.details.items() if good)
         known.update(row.details.keys())
     return ", ".join(f"{name} {right[name]} of {known[name]}" for name in known) or "none"
@@ -156,14 +156,14 @@ def main() -> int:
         labels = load_labels(chosen.labels)
     except CompanionError as error:
         parser.error(str(error))
-    found = run(chosen.folder, labels, workers=chosen.workers, timeout=chosen.timeout)
-    if not found:
+    outcomes = run(chosen.folder, labels, workers=chosen.workers, timeout=chosen.timeout)
+    if not outcomes:
         parser.error(f"no recording below {chosen.folder} is named in {chosen.labels}")
-    print(*map(_line, found), sep="\n")
-    print(f"\n{table(found)}\n\nOf the faults whose side is named, right: {detail_table(found)}")
-    print(f"Right side for a wrong reason (cause or time): {sum(map(wrong_reason, found))}")
+    print(*map(_line, outcomes), sep="\n")
+    print(f"\n{table(outcomes)}\n\nOf the faults whose side is named, right: {detail_table(outcomes)}")
+    print(f"Right side for a wrong reason (cause or time): {sum(map(wrong_reason, outcomes))}")
     if chosen.json:
-        chosen.json.write_bytes(msgspec.json.format(msgspec.json.encode(found)))
+        chosen.json.write_bytes(msgspec.json.format(msgspec.json.encode(outcomes)))
     return 0
 
 

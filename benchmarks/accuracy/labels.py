@@ -86,15 +86,15 @@ def details(label: Label, said: Answer) -> dict[str, bool]:
 
     An axis or size that is not told is not right.
     """
-    found: dict[str, bool] = {}
+    right: dict[str, bool] = {}
     if label.cause:
-        found["cause"] = said.cause in label.cause
+        right["cause"] = said.cause in label.cause
     if label.sensor:
-        found["sensor"] = said.sensor == label.sensor
+        right["sensor"] = said.sensor == label.sensor
     if label.axis:
-        found["axis"] = said.axis == label.axis
+        right["axis"] = said.axis == label.axis
     if label.onset is not None:
-        found["onset"] = said.onset is not None and abs(said.onset - label.onset) <= _IN_TIME_S
+        right["onset"] = said.onset is not None and abs(said.onset - label.onset) <= _IN_TIME_S
     if label.size is not None:
-        found["size"] = said.size is not None and abs(said.size - label.size) <= _TRUE_SIZE * label.size
-    return found
+        right["size"] = said.size is not None and abs(said.size - label.size) <= _TRUE_SIZE * label.size
+    return right

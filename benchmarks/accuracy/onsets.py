@@ -158,9 +158,9 @@ def main() -> None:
     arguments = parser.parse_args()
     print(f"{'fault':34}{'median, s':>10}{'worst, s':>10}{'limit, s':>10}   wrong side")
     for onset in ONSETS:
-        found = [told_after(onset, 1000 + seed) for seed in range(arguments.onsets)]
-        after = np.array([one for one, _ in found])
-        wrong = sum(bool(blamed) for _, blamed in found)
+        told = [told_after(onset, 1000 + seed) for seed in range(arguments.onsets)]
+        after = np.array([one for one, _ in told])
+        wrong = sum(bool(blamed) for _, blamed in told)
         print(
             f"{onset.name:34}{np.median(after):>10.1f}{after.max():>10.1f}{onset.limit_s:>10.1f}   {wrong}", flush=True
         )

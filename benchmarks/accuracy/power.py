@@ -36,13 +36,13 @@ def share(rows: Sequence[Row], result: str) -> float:
     by_vehicle: dict[str, list[bool]] = defaultdict(list)
     for row in rows:
         by_vehicle[row.vehicle].append(row.result == result)
-    return float(np.mean([np.mean(found) for found in by_vehicle.values()]))
+    return float(np.mean([np.mean(results) for results in by_vehicle.values()]))
 
 
-def smallest_found(found: Iterable[tuple[float, float]]) -> float | None:
+def smallest_found(shares: Iterable[tuple[float, float]]) -> float | None:
     """The smallest size from which on at least 95 % are found; pairs of size and share."""
     smallest = None
-    for size, part in sorted(found, reverse=True):
+    for size, part in sorted(shares, reverse=True):
         if part < _ENOUGH:
             break
         smallest = size
@@ -80,9 +80,9 @@ def _of_fault(name: str, rows: Sequence[Row], unit: str) -> str:
     by_size = ", ".join(f"{size:g}: {part:.0%}" for size, part in curve)
     smallest = smallest_found(curve)
     others = " | ".join(_percent(share(rows, result)) for result in _OTHERS)
-    found = [row for row in rows if row.result == "found"]
-    right = _percent(float(np.mean([row.cause_right for row in found]))) if found else ""
-    delays = [row.delay_s for row in found if row.delay_s is not None]
+    hits = [row for row in rows if row.result == "found"]
+    right = _percent(float(np.mean([row.cause_right for row in hits]))) if hits else ""
+    delays = [row.delay_s for row in hits if row.delay_s is not None]
     late = f"{np.median(delays):.1f}" if delays else ""
     enough = "—" if smallest is None else f"{smallest:g} {unit}"
     label = f"{name}, {unit}" if unit else name
