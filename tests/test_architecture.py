@@ -238,3 +238,27 @@ def test_no_function_is_long() -> None:
         and (lines := (node.end_lineno or 0) - node.lineno + 1) > 60
     }
     assert not long
+
+
+def bound_names(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Line and name of what a module binds: variables, parameters, attributes, functions, classes, imports."""
+    for node in ast.walk(tree):
+        match node:
+            case ast.Name(id=name, ctx=ast.Store()) | ast.Attribute(attr=name, ctx=ast.Store()):
+                yield node.lineno, name
+            case ast.arg(arg=name) | ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name):
+                yield node.lineno, name
+            case ast.ClassDef(name=name) | ast.MatchAs(name=str(name)) | ast.MatchStar(name=str(name)):
+                yield node.lineno, name
+            case ast.alias(asname=str(name)):
+                yield node.lineno, name
+
+
+def test_nothing_is_called_found() -> None:
+    """Everything has been found somewhere: a name says what it is."""
+    assert not [
+        f"{path.relative_to(PACKAGE)}:{line}"
+        for path in MODULES
+        for line, name in bound_names(ast.parse(path.read_text(encoding="utf-8")))
+        if name.lower().strip("_") == "found"
+    ]
