@@ -14,7 +14,7 @@ from benchmarks.accuracy.answer import answer
 from benchmarks.accuracy.labels import load_labels, outcome
 from companion.analysis import GENERIC, PARTS, Assessment, Finding, assess
 from companion.model import Array, Flight, Series
-from companion.strapdown import ImuModel, Motion, Sensor, motions, simulate
+from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from tests.flights import (
     CIRCLE,
     LIVELY,
@@ -226,6 +226,16 @@ def test_a_stuck_axis() -> None:
 def test_a_sensor_at_rest_is_not_frozen() -> None:
     """Whole milli-units read the same for ever at rest."""
     assert assess(flight_of(motions.rest(seconds(60, 100))), GENERIC).verdict.status == "consistent"
+
+
+def test_an_estimator_that_corrects_its_tilt_at_rest_freezes_no_sensor() -> None:
+    """It reads the same whole milli-units for ever, and the estimate turns by nine of them a second."""
+    flight = with_imu(flight_of(motions.rest(seconds(60, 100))), gyro_step=1e-3)
+    assert flight.attitude is not None
+    leaning = np.radians(1.5) * np.clip((flight.attitude.t - flight.start - 30.0) / 3.0, 0.0, 1.0)
+    tilted = quaternion.multiply(flight.attitude.q_ned_frd, quaternion.exp(leaning[:, None] * [1.0, 0.0, 0.0]))
+    found = assess(replace(flight, attitude=replace(flight.attitude, q_ned_frd=tilted)), GENERIC)
+    assert "frozen" not in [f.kind for f in found.verdict.findings]
 
 
 @pytest.mark.parametrize(

@@ -36,28 +36,7 @@ _STRONG = {"gyro": 1.0, "accel": 1.5 * STANDARD_GRAVITY}  # rad/s, m/s²: no sen
 def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuSpec) -> Iterator[Finding]:
     """Readings that cannot be: frozen while the vehicle turns, at the end of the sensor's range."""
     track = comparison.track
-    same = (np.diff(track.gyro, axis=0) == 0).all(axis=1) & (np.diff(track.accel, axis=0) == 0).all(axis=1)
-    for first, last in runs(np.asarray(same)):
-        start, end = float(track.t[first]), float(track.t[last + 1])
-        if end - start < _FROZEN_S:
-            continue
-        during = slice(*np.searchsorted(attitude.t, [start, end + 1e-9]).tolist())
-        # a vehicle at rest reads the same whole milli-units for ever: only one that moves proves a frozen sensor
-        if during.stop - during.start < 3:
-            continue
-        moved = float(np.abs(np.diff(_heading_free(attitude.q_ned_frd[during]), axis=0)).sum(axis=0).max())
-        if moved > _MOVED:
-            yield Finding(
-                "frozen",
-                "imu",
-                "error",
-                start,
-                end,
-                f"every axis reads the same for {end - start:.1f} s while the autopilot's attitude moves by "
-                f"{np.degrees(moved):.0f}°",
-                "The sensor or its bus has stopped while its messages go on: do not fly on it. Look at its "
-                "bus and power.",
-            )
+    yield from _frozen(track, attitude)
     for name, readings, full in (
         ("gyro", track.gyro, imu.gyro.full_scale),
         ("accel", track.accel, imu.accel.full_scale),
@@ -79,6 +58,38 @@ def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuSp
                 + ("; a shock does this too: no sensor is accused of a moment" if moment else ""),
                 "Damp the mounting: vibration or a shock is larger than the sensor can read.",
                 cause=Cause(f"{name}_clipping", "imu", start, end, sensor=name),
+            )
+
+
+def _frozen(track: ImuTrack, attitude: AttitudeTrack) -> Iterator[Finding]:
+    """Stretches in which no axis changes, of half a second or more, while the autopilot's attitude tilts.
+
+    A vehicle at rest reads the same whole milli-units for ever, while the estimator may still correct its tilt. So
+    where no noise shows in the readings, the attitude has to turn by many of their steps a second.
+    """
+    change = np.abs(np.diff(track.gyro, axis=0)).sum(axis=1) + np.abs(np.diff(track.accel, axis=0)).sum(axis=1)
+    first, last = run_edges(np.asarray(change == 0))
+    lasted = track.t[last + 1] - track.t[first]
+    long = np.flatnonzero(lasted >= _FROZEN_S)
+    left = change[_beside(len(change), first[long], last[long])]
+    least_rate = 0.0 if _never_repeats(left, track.rate_hz) else _MANY * track.gyro_step
+    for i in long:
+        start, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
+        during = slice(*np.searchsorted(attitude.t, [start, end + 1e-9]).tolist())
+        if during.stop - during.start < 3:
+            continue
+        moved = float(np.abs(np.diff(_heading_free(attitude.q_ned_frd[during]), axis=0)).sum(axis=0).max())
+        if moved > max(_MOVED, least_rate * (end - start)):
+            yield Finding(
+                "frozen",
+                "imu",
+                "error",
+                start,
+                end,
+                f"every axis reads the same for {end - start:.1f} s while the autopilot's attitude moves by "
+                f"{np.degrees(moved):.0f}°",
+                "The sensor or its bus has stopped while its messages go on: do not fly on it. Look at its "
+                "bus and power.",
             )
 
 
