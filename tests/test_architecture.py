@@ -30,7 +30,7 @@ MAY_IMPORT = {
     "app.memory": set[str](),
     "app.toml_file": GROUND,
     "app.destination": GROUND,
-    "app.settings": GROUND | {"app.toml_file"},
+    "app.settings": GROUND | {"strapdown", "app.toml_file"},
     "app.correction": GROUND | {"app.toml_file", "analysis"},
     "app.sensors": GROUND | {"app.toml_file", "app.settings", "analysis"},
     "app.recording": GROUND | {"mavlink", "logs", "telemetry"},

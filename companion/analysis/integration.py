@@ -12,8 +12,8 @@ from companion.model import STANDARD_GRAVITY
 class Integration:
     """One way to integrate. The analysis raises ValueError for a method or middle sample that it does not know."""
 
-    method: str = "rk4"  # euler, midpoint or rk4
-    middle: str = "cubic"  # rk4's sample in mid-step: linear or cubic
+    method: str = "rk4"  # of `strapdown.METHODS`
+    middle: str = "cubic"  # the signal between two samples: linear or cubic
     segments: int = 1  # steps between two samples
     gravity: float = STANDARD_GRAVITY  # m/s², along NED's down
     limits: Limits = field(default_factory=Limits)  # what is a hole, what is a jump

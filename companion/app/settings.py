@@ -5,17 +5,23 @@ from __future__ import annotations
 import re
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 
 from companion.app.toml_file import read_toml
 from companion.model import InputError, SettingsError
+from companion.strapdown import METHODS
 
 Positive = Annotated[float, msgspec.Meta(gt=0, le=1e6)]  # the upper bound keeps infinity out
 NotNegative = Annotated[float, msgspec.Meta(ge=0, le=1e6)]
 Small = Annotated[float, msgspec.Meta(ge=0, le=10)]
 SmallPositive = Annotated[float, msgspec.Meta(gt=0, le=10)]
+
+if TYPE_CHECKING:
+    Method = str
+else:
+    Method = Literal[tuple(METHODS)]  # whatever integrators there are
 
 
 class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -33,7 +39,7 @@ class LogSettings(_Section, frozen=True):
 class IntegrationSettings(_Section, frozen=True):
     """How the IMU is integrated."""
 
-    method: Literal["euler", "midpoint", "rk4"] = "rk4"
+    method: Method = "rk4"
     middle: Literal["linear", "cubic"] = "cubic"
     segments: Annotated[int, msgspec.Meta(ge=1, le=64)] = 1
     gravity: Literal["standard", "normal"] | Annotated[float, msgspec.Meta(ge=9.7, le=9.9)] = "standard"

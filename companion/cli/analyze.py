@@ -16,6 +16,7 @@ from companion.cli.first_screen import first_screen
 from companion.cli.info import reference_line
 from companion.documents import analysis_document, encode, unexamined_document
 from companion.model import DataError
+from companion.strapdown import METHODS
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -93,7 +94,7 @@ def _print(examined: Examination, console: Console) -> None:
     track, vehicle = flight.imu(table.imu), flight.vehicle
     for line in tables.verdict_lines(assessment.verdict):
         console.print(line, highlight=False)
-    middle = f", {table.middle} middle sample" if table.method == "rk4" else ""
+    middle = f", {table.middle} middle sample" if METHODS[table.method].looks_inside else ""
     lines = [
         "",
         f"[bold]Vehicle {vehicle}, boot {flight.boot}[/]: {vehicle.autopilot} {vehicle.firmware} {vehicle.type}, "

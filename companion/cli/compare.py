@@ -17,6 +17,7 @@ from companion.cli import options, sensor_lines, tables
 from companion.documents import contrast_document, encode
 from companion.model import DataError, SettingsError
 from companion.present import fixed
+from companion.strapdown import METHODS
 
 _OF_B = {
     "config": ("FILE", "settings file"),
@@ -99,7 +100,7 @@ def _print(
     for name, (recording, examined) in (("A", a), ("B", b)):
         verdict, table = examined.assessment.verdict, examined.assessment.drift
         flight = examined.flight
-        middle = f" {table.middle}" if table.method == "rk4" else ""
+        middle = f" {table.middle}" if METHODS[table.method].looks_inside else ""
         console.print(
             f"[bold]{name}[/]  {tables.status_text(verdict.status)}  {escape(str(recording.source.path))}, vehicle "
             f"{flight.vehicle}, boot {flight.boot}: {table.imu} {flight.imu(table.imu).rate_hz:.1f} Hz, "

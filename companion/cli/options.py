@@ -107,7 +107,7 @@ def add_integration(parser: argparse.ArgumentParser) -> None:
         "(default: depends on the autopilot, and is stated)",
     )
     parser.add_argument("--method", choices=METHODS, help="integrator (default: rk4)")
-    parser.add_argument("--middle", choices=MIDDLES, help="rk4's sample in the middle of an interval (default: cubic)")
+    parser.add_argument("--middle", choices=MIDDLES, help="the signal between two samples (default: cubic)")
 
 
 def add_figures(parser: argparse.ArgumentParser) -> None:
@@ -158,8 +158,9 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         )
         raise SettingsError(f"--{option}: {reason[:1].lower()}{reason[1:]}.") from None
     method = settings.integration.method
-    if "middle" in given and method != "rk4":
-        raise SettingsError(f"--middle is rk4's, and {method} has no sample in mid-step: leave one of them out.")
+    if "middle" in given and not METHODS[method].looks_inside:
+        others = " and ".join(name for name, one in METHODS.items() if one.looks_inside)
+        raise SettingsError(f"--middle is {others}'s, and {method} has no sample in mid-step: leave one of them out.")
     return settings
 
 

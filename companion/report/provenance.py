@@ -17,6 +17,7 @@ from companion.documents import schema
 from companion.model import Flight
 from companion.present import details, paragraph, table, text
 from companion.report.html_page import Section
+from companion.strapdown import METHODS
 
 _SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
 _LIBRARIES = ("mavlink-companion", "numpy", "pymavlink", "plotly", "viser")
@@ -98,7 +99,7 @@ def again(source: Source, settings: Settings, command: str, chosen: Sequence[tup
 def choices(assessment: Assessment, correction: str | None) -> list[tuple[str, str]]:
     """How the flight was examined, as rows for `again`. correction: the file that was applied."""
     how = assessment.comparison.how
-    middle = f", {how.middle} middle sample" if how.method == "rk4" else ""
+    middle = f", {how.middle} middle sample" if METHODS[how.method].looks_inside else ""
     return [
         ("IMU", assessment.drift.imu),
         ("integration", f"{how.method}{middle}, gravity {how.gravity:.5f} m/s²"),

@@ -1,7 +1,7 @@
 """Strapdown integration: IMU tracks in, trajectories out. The seeds, as arrays; imports tracks and NumPy alone."""
 
 from companion.strapdown import motions, quaternion
-from companion.strapdown._scheme import METHODS
+from companion.strapdown._methods import METHODS
 from companion.strapdown._signal import MIDDLES
 from companion.strapdown._window_sums import skew
 from companion.strapdown.covariance import Propagation, error_sums, propagate

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from companion.model import ImuTrack
+from companion.strapdown._methods import METHODS
 from companion.strapdown._signal import MIDDLES, UNEVEN, uneven
-
-METHODS: Final = ("euler", "midpoint", "rk4")
-"""Integrators by rising order: 1 (seed 002 §3), 2 (seed 002 §4), and 2 or 4 by the middle sample (seed 000)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +22,7 @@ class Scheme:
     @property
     def looks_ahead(self) -> bool:
         """Whether an interval needs the sample after it: where a method looks inside an interval, and by the cubic."""
-        return self.middle == "cubic" and (self.method == "rk4" or self.segments > 1)
+        return self.middle == "cubic" and (METHODS[self.method].looks_inside or self.segments > 1)
 
     def notes_on(self, imu: ImuTrack) -> tuple[str, ...]:
         """What a user must know about this scheme on this track that the numbers do not show."""

@@ -10,7 +10,7 @@ import viser
 from companion.view.panels import live_text
 from companion.view.panels.controls import Key, bounded, camera_row, command, key_of, listen, write
 from companion.view.panels.picture_controls import PictureControls
-from companion.view.panels.reckoning_controls import JOINED, METHODS, MIDDLES
+from companion.view.panels.reckoning_controls import INTEGRATORS, JOINED, MIDDLES
 from companion.view.state import events
 from companion.view.state.choice import ReplayChoice
 from companion.view.state.feed import Feed
@@ -42,7 +42,7 @@ class LivePanel:
             self._vehicle = gui.add_dropdown("Vehicle", ("none",), visible=False)
             self._imu = gui.add_dropdown("IMU", (BEST,))
             self._method = gui.add_dropdown(
-                "Integrator", tuple(METHODS), initial_value=key_of(METHODS, self._choice.how.method)
+                "Integrator", tuple(INTEGRATORS), initial_value=key_of(INTEGRATORS, self._choice.how.method)
             )
             self._middle = gui.add_dropdown(
                 "Interpolation", tuple(MIDDLES), initial_value=key_of(MIDDLES, self._choice.how.middle), hint=JOINED
@@ -116,7 +116,7 @@ class LivePanel:
         before = self._choice
         how = replace(
             before.how,
-            method=METHODS.get(self._method.value, before.how.method),
+            method=INTEGRATORS.get(self._method.value, before.how.method),
             middle=MIDDLES.get(self._middle.value, before.how.middle),
         )
         imu = self._imu.value if self._imu.value in self._imus[1:] else None

@@ -11,11 +11,12 @@ import viser
 
 from companion.model import Flight
 from companion.present import AXES, palette
+from companion.strapdown import METHODS
 from companion.view.panels.controls import bounded, key_of, listen, write
 from companion.view.state import events
 from companion.view.state.choice import NO_BIAS, Corrected, Offer, ReplayChoice
 
-METHODS = {"RK4 (most exact)": "rk4", "Midpoint": "midpoint", "Euler (simplest)": "euler"}
+INTEGRATORS = {METHODS[name].title: name for name in reversed(tuple(METHODS))}
 MIDDLES = {"Linear": "linear", "Cubic": "cubic"}
 JOINED = "How the readings are interpolated between two samples"
 GRAVITIES: dict[str, str | float] = {"9.80665 (standard)": "standard", "Where it flew (WGS-84)": "normal"}
@@ -55,7 +56,7 @@ class ReckoningControls:
             self._horizon = gui.add_dropdown(
                 "Horizon", tuple(self._horizons), hint="Length of the windows of drift table and charts"
             )
-            self._method = gui.add_dropdown("Integrator", tuple(METHODS))
+            self._method = gui.add_dropdown("Integrator", tuple(INTEGRATORS))
             self._middle = gui.add_dropdown("Interpolation", tuple(MIDDLES), hint=JOINED)
             self._segments = gui.add_number(
                 "Segments", 1, min=1, max=MOST_SEGMENTS, step=1, hint="Integration steps between two samples"
@@ -92,7 +93,7 @@ class ReckoningControls:
                 write(box, self._names[i] in choice.others)
         write(self._correction, key_of(self._corrections, choice.correction))
         write(self._horizon, next((k for k, h in self._horizons.items() if h == choice.horizon_s), self._horizon.value))
-        write(self._method, key_of(METHODS, choice.how.method))
+        write(self._method, key_of(INTEGRATORS, choice.how.method))
         write(self._middle, key_of(MIDDLES, choice.how.middle))
         write(self._segments, choice.how.segments)
         if choice.gravity not in self._gravities.values():
@@ -120,7 +121,7 @@ class ReckoningControls:
             hear(box, partial(self._with_other, i))
         hear(self._correction, lambda c, name: replace(c, correction=_named(self._corrections, name, c.correction)))
         hear(self._horizon, lambda c, name: replace(c, horizon_s=_named(self._horizons, name, c.horizon_s)))
-        hear(self._method, lambda c, name: _how(c, method=_named(METHODS, name, c.how.method)))
+        hear(self._method, lambda c, name: _how(c, method=_named(INTEGRATORS, name, c.how.method)))
         hear(self._middle, lambda c, name: _how(c, middle=_named(MIDDLES, name, c.how.middle)))
         hear(self._segments, lambda c, count: _how(c, segments=int(bounded(count, 1, 1, MOST_SEGMENTS))))
         hear(self._gravity, lambda c, name: replace(c, gravity=_named(self._gravities, name, c.gravity)))
