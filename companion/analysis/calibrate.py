@@ -35,6 +35,8 @@ _OBSERVABLE = 0.3
 _CONFOUNDED = 0.7
 """Correlation of two figures from which on the one is said not to be told apart from the other."""
 
+_NEAR = 1.0
+"""A step below this part of the standard errors leaves the derivatives as they are."""
 _STILL = 0.02
 """The fit stands still when no figure moves by more than this part of its standard error."""
 
@@ -75,7 +77,7 @@ def calibrate(
     prior = _prior(imu, autopilot)
     track = own.track
     values = np.zeros(_COUNT)
-    weight = np.ones(0)
+    weight, near = np.ones(0), False
     for _ in range(iterations):
         comparison = own.of(Correction.of(values).apply(track))
         chosen = windows(comparison, horizon)
@@ -83,17 +85,20 @@ def calibrate(
         if not len(chosen.start):
             return None
         size = 9 if comparison.has_position else 3
-        expected = budget(comparison, chosen, imu, autopilot)
-        jacobian, covariance = _jacobian(expected, comparison, chosen)[:, :size], _rest(expected)[:, :size, :size]
         error = stacked(comparison, chosen)[:, :size]
         if len(weight) != len(error):
-            weight = np.ones(len(error))
+            weight, near = np.ones(len(error)), False
+        if not near:  # the last step was long: the derivatives are others now
+            expected = budget(comparison, chosen, imu, autopilot)
+            jacobian, covariance = _jacobian(expected, comparison, chosen)[:, :size], _rest(expected)[:, :size, :size]
         step, joint = _solve(error, jacobian, covariance, weight, prior, values)
         normalised = nees(error - jacobian @ step, covariance)
         weight = np.minimum(1.0, chi_square_95(size) / np.maximum(normalised, 1e-12))
         values = values + step[:_COUNT]
-        if (np.abs(step[:_COUNT]) < _STILL * np.sqrt(np.diag(joint)[:_COUNT])).all():
+        moved = float((np.abs(step[:_COUNT]) / np.sqrt(np.diag(joint)[:_COUNT])).max())
+        if moved < _STILL:
             break
+        near = moved < _NEAR
     spread = float(np.median(normalised)) / size
     joint = joint * max(1.0, spread)
     for part, readings, each in (

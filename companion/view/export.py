@@ -24,6 +24,7 @@ from companion.view.state.worker import begin, leave
 
 FRAMES_HZ = 10.0
 MOST_FRAMES = 3000  # five minutes; a longer flight gets fewer a second, so that the page stays small
+ANNOTATED = 5  # frames, of which one has its words written: they are read, and poses are seen
 RENDER_TIMEOUT_S = 30.0
 
 Pixels = npt.NDArray[np.uint8]
@@ -101,10 +102,11 @@ def page(
         step = max(1.0 / FRAMES_HZ, duration / MOST_FRAMES)
         recording = server.get_scene_serializer()
         with server.atomic():  # nobody watches this server: its thread need not be woken for each of the writes
-            for t in np.arange(film.start, film.end + 0.5 * step, step):
+            for i, t in enumerate(np.arange(film.start, film.end + 0.5 * step, step)):
                 sample = film.at(float(t))
                 scene.show(sample)
-                scene.annotate(sample, span, imu_above=True)
+                if i % ANNOTATED == 0:
+                    scene.annotate(sample, span, imu_above=True)
                 recording.insert_sleep(step)
         return recording.as_html(dark_mode=dark)
     finally:

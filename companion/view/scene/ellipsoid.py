@@ -8,6 +8,7 @@ import viser
 from companion.model import Array
 from companion.present import Rgb
 from companion.strapdown import quaternion
+from companion.view.state.visible import show
 
 SIGMAS = 3.0
 MOST_M = 1e5
@@ -48,9 +49,12 @@ class Ellipsoid:
 
     def shape(self, covariance: Array, position: Array) -> None:
         """Take the form of `covariance` (3, 3), m²: zero hides it."""
+        if not self.shown:
+            show(self._handle, False)
+            return
         axes, turn = semi_axes(covariance)
         axes = np.clip(SIGMAS * axes, 0.0, MOST_M)
-        visible = self.shown and bool(axes.max() > 0)
+        visible = bool(axes.max() > 0)
         if visible:
             near = np.abs(axes - self._scale) <= _CHANGE * self._scale
             if not near.all() or abs(float(turn @ self._turn)) < 1 - _CHANGE**2:
