@@ -151,7 +151,7 @@ def test_steps_of_more_than_half_a_turn_are_finite_and_reported() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "rk5"}, "unknown method 'rk5': choose one of euler, midpoint, rk4"),
+        ({"method": "rk5"}, f"unknown method 'rk5': choose one of {', '.join(METHODS)}"),
         ({"middle": "spline"}, "unknown middle 'spline': choose one of linear, cubic"),
         ({"segments": 0}, "segments must be 1 or more"),
     ],

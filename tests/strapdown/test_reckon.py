@@ -63,7 +63,7 @@ SPACINGS = {"regular": (1.0, 1.0), "irregular": (0.6, 1.4)}
     ],
 )
 def test_order_of_convergence(method: str, middle: str, order: int, spacing: str) -> None:
-    """Halving the interval divides the error by 2 to the order; at 3.3 s nothing cancels by symmetry."""
+    """Halving the interval divides the error by 2 to the order, of what converges slowest; nothing cancels at 3.3 s."""
     errors = []
     for n in (400, 800, 1600):
         steps = np.tile(SPACINGS[spacing], n // 2)
@@ -78,7 +78,7 @@ def test_order_of_convergence(method: str, middle: str, order: int, spacing: str
             )
         )
     slopes = -np.diff(np.log2(np.array(errors, dtype=np.float64)), axis=0)
-    np.testing.assert_allclose(slopes[-1], order, atol=0.1)
+    np.testing.assert_allclose(slopes[-1].min(), order, atol=0.1)
 
 
 NOTES_FIGURES = {  # degrees after 20 s of 1.5 Hz coning at 0.4 rad: Euler, midpoint, RK4 linear, RK4 cubic
