@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -33,39 +34,8 @@ ASKED_FOR = "asked for"
 _CALIBRATED_SCALE = 0.1
 """Part of the scale tolerance that is left after an accelerometer's six-position calibration."""
 
-_ARDUPILOT_PARTS = {
-    0x13: "mpu-6000",
-    0x21: "mpu-6000",
-    0x16: "mpu-9250",
-    0x24: "mpu-9250",
-    0x28: "icm-20689",
-    0x2B: "bmi088",
-    0x2C: "icm-20948",
-    0x2F: "icm-20602",
-    0x31: "adis16470",
-    0x34: "icm-42688-p",
-    0x38: "bmi270",
-    0x3B: "icm-45686",
-}
-"""Device type, bits 16-23 of INS_GYR_ID and INS_ACC_ID: ArduPilot, AP_InertialSensor_Backend.h, enum DevTypes."""
-
-_ARDUPILOT_SITL = 0x2A
-
-_PX4_PARTS = {
-    0x21: "mpu-6000",
-    0x24: "mpu-9250",
-    0x26: "icm-42688-p",
-    0x28: "icm-20948",
-    0x34: "icm-45686",
-    0x37: "bmi270",
-    0x38: "icm-20602",
-    0x3C: "icm-20689",
-    0x58: "adis16470",
-    0x66: "bmi088",
-}
-"""Device type, bits 16-23 of CAL_GYROn_ID: PX4 v1.16.1, src/drivers/drv_sensor.h. Not ArduPilot's numbers."""
-
-_PX4_SIM = 0x14
+_SIMULATED = {"ardupilot": 0x2A, "px4": 0x14}
+"""The device type of the IMU of each one's simulator."""
 
 
 class _Figure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -88,11 +58,23 @@ class _Sensor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     full_scale: _Figure
 
 
+class _DeviceTypes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Bits 16-23 of an IMU's id in the parameters. The autopilots number the parts differently.
+
+    INS_GYRn_ID and INS_ACCn_ID: ArduPilot, AP_InertialSensor_Backend.h, enum DevTypes. CAL_GYROn_ID: PX4 v1.16.1,
+    src/drivers/drv_sensor.h.
+    """
+
+    ardupilot: tuple[int, ...] = ()
+    px4: tuple[int, ...] = ()
+
+
 class _Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str
     datasheet: str
     gyro: _Sensor
     accel: _Sensor
+    device_types: _DeviceTypes = _DeviceTypes()
 
 
 def imu_parts() -> list[str]:
@@ -160,27 +142,33 @@ def _load(part: str) -> _Part:
     return file
 
 
+@cache
+def _by_device_type(autopilot: str) -> Mapping[int, str]:
+    return {number: part for part in imu_parts() for number in getattr(_load(part).device_types, autopilot)}
+
+
 def ardupilot_id(part: str) -> int:
     """What INS_GYR_ID is on a board with this part; 0 for one that ArduPilot has no number for."""
-    return next((kind << 16 for kind, name in _ARDUPILOT_PARTS.items() if name == part.lower()), 0)
+    types = _load(part).device_types.ardupilot
+    return types[0] << 16 if types else 0
 
 
 def imu_spec_of(flight: Flight, imu: str) -> ImuSpec:
     """The figures of the part that the vehicle's parameters name for this IMU message, else of generic-mems."""
     instance = flight.imus[imu].instance
-    for parameter, parts, simulated in (
-        (f"INS_GYR{instance + 1 if instance else ''}_ID", _ARDUPILOT_PARTS, _ARDUPILOT_SITL),
-        (f"CAL_GYRO{instance}_ID", _PX4_PARTS, _PX4_SIM),
+    for parameter, autopilot, name in (
+        (f"INS_GYR{instance + 1 if instance else ''}_ID", "ardupilot", "ArduPilot"),
+        (f"CAL_GYRO{instance}_ID", "px4", "PX4"),
     ):
         identity = int(flight.parameters.get(parameter, 0))
         kind = identity >> 16 & 0xFF
-        if kind in parts:
-            return load_imu_spec(parts[kind], f"{parameter} = {identity}")
-        if kind == simulated:
-            autopilot = "ArduPilot" if parts is _ARDUPILOT_PARTS else "PX4"
-            return load_imu_spec("generic-mems", f"{parameter} is {autopilot}'s simulated IMU")
-        if identity:
-            return load_imu_spec("generic-mems", f"{parameter} = {identity} names a part that the library lacks")
+        if not identity:
+            continue
+        if part := _by_device_type(autopilot).get(kind):
+            return load_imu_spec(part, f"{parameter} = {identity}")
+        if kind == _SIMULATED[autopilot]:
+            return load_imu_spec("generic-mems", f"{parameter} is {name}'s simulated IMU")
+        return load_imu_spec("generic-mems", f"{parameter} = {identity} names a part that the library lacks")
     return load_imu_spec("generic-mems", "the vehicle's parameters name no part")
 
 

@@ -36,10 +36,18 @@ def test_the_library_holds_the_parts_of_common_autopilots() -> None:
     assert set(ALL) >= PARTS
 
 
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_no_two_parts_have_one_device_type(autopilot: str) -> None:
+    numbers = [n for name in ALL for n in part(name).get("device_types", {}).get(autopilot, [])]
+    assert len(numbers) > 9
+    assert len(numbers) == len(set(numbers))
+
+
 @pytest.mark.parametrize("name", ALL)
 def test_every_figure_is_plausible_and_has_a_source(name: str) -> None:
     described = part(name)
-    assert set(described) == {"name", "datasheet", "gyro", "accel"}
+    named = set() if name == "generic-mems" else {"device_types"}
+    assert set(described) == {"name", "datasheet", "gyro", "accel"} | named
     for sensor in ("gyro", "accel"):
         figures = described[sensor]
         assert set(figures) == FIGURES
