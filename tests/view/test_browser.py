@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import re
 import threading
 import time
@@ -257,11 +256,9 @@ def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight, monkeypatch: py
         until(lambda: page.evaluate(zoom)[0][1] == pytest.approx(BOOT + 40.0), "the charts of the part")
 
 
-def test_two_browsers_have_a_camera_each(browser: Browser, flight: Flight) -> None:
-    with Viewer([flight], recompute, examine, port=0) as viewer, contextlib.ExitStack() as opened:
-        pages = [opened.enter_context(new_page(browser)) for _ in range(2)]
-        for page in pages:
-            visit(page, viewer)
+def test_two_browsers_have_a_camera_each(browser: Browser, page: Page, flight: Flight) -> None:
+    with Viewer([flight], recompute, examine, port=next_port(page)) as viewer, new_page(browser) as other:
+        pages = [visit(each, viewer) for each in (other, page)]
         choose(pages[0], "Camera", "Chase")
         viewer.post(events.Seek(BOOT + 20.0))
         expect(pages[0].get_by_role("combobox", name="Camera", exact=True)).to_have_value("Chase")
@@ -302,13 +299,10 @@ def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight)
 
 
 def test_the_picture_and_the_replay_can_be_taken_along(
-    browser: Browser, flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    browser: Browser, page: Page, flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(export, "RENDER_TIMEOUT_S", LIMIT_S)  # a busy machine without a graphics card draws slowly
-    with (
-        new_page(browser, accept_downloads=True) as page,
-        Viewer([flight], recompute, examine, port=0) as viewer,
-    ):
+    with Viewer([flight], recompute, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
         page.get_by_text("Save", exact=True).click()
         with page.expect_download() as download:
@@ -319,11 +313,11 @@ def test_the_picture_and_the_replay_can_be_taken_along(
         with page.expect_download() as download:
             page.get_by_role("button", name="The 3D replay (HTML)").click()
         download.value.save_as(tmp_path / "replay.html")
-    with new_page(browser) as page:
-        page.context.set_offline(True)
-        page.goto((tmp_path / "replay.html").as_uri())
-        page.wait_for_selector("canvas")
-        until(lambda: near(shoot(page, "replay-page"), (230, 97, 1)) > 100, "the path in the page")
+    with new_page(browser) as saved:
+        saved.context.set_offline(True)
+        saved.goto((tmp_path / "replay.html").as_uri())
+        saved.wait_for_selector("canvas")
+        until(lambda: near(shoot(saved, "replay-page"), (230, 97, 1)) > 100, "the path in the page")
 
 
 def test_a_page_finds_its_way_back_to_a_server_that_was_restarted(page: Page, flight: Flight) -> None:
