@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from companion.view.charts.drift_chart import drift_lines
 from companion.view.charts.flight_charts import rates
 from companion.view.charts.noise_chart import noise_lines
 from companion.view.panels import banner, verdict_tables
-from companion.view.scene.ellipsoid import semi_axes
+from companion.view.scene.ellipsoid import Ellipsoid, semi_axes
 from companion.view.state.places import gps_path, home_position
 from companion.view.state.sample import footage
 from tests.flights import flight_of, seconds
@@ -41,6 +42,14 @@ def test_the_semi_axes_give_the_covariance_back(seed: int) -> None:
     axes, turn = semi_axes(covariance)
     corners = quaternion.rotate(np.broadcast_to(turn, (3, 4)), np.diag(axes))
     np.testing.assert_allclose(corners.T @ corners, covariance, atol=1e-9 * max(1.0, float(np.trace(covariance))))
+
+
+def test_three_standard_deviations_are_drawn() -> None:
+    handle = SimpleNamespace(visible=False)
+    drawn = Ellipsoid(SimpleNamespace(add_icosphere=lambda *_, **__: handle), "", (0, 0, 0))  # type: ignore[arg-type]
+    drawn.shown = True
+    drawn.shape(np.diag([1.0, 4.0, 25.0]), np.zeros(3))
+    assert sorted(handle.scale) == pytest.approx([3.0, 6.0, 15.0])
 
 
 def test_home_is_where_the_latitudes_say() -> None:
