@@ -11,6 +11,7 @@ _LOUDER = 2.0  # than the quietest tenth, and still quiet
 _MOST = (0.01, 0.15)  # rad/s, m/s²: a spread that nothing at rest has
 _FORCE = 1.0  # m/s², from gravity
 _MOVING_MPS = 0.5
+_LEAST_S = 2.0  # a vehicle that swings on its legs, or is carried, is as quiet where it turns round
 
 
 def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
@@ -45,4 +46,8 @@ def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, np
     calm = still.copy()
     calm[1:] &= still[:-1]
     calm[:-1] &= still[1:]
+    places = np.flatnonzero(calm)
+    for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1):
+        if len(run) and t[run[-1]] - t[run[0]] < _LEAST_S:
+            calm[run] = False
     return mean[0], spread[0] * np.sqrt(2.0 / count[:, 0]), np.asarray(calm)

@@ -228,6 +228,20 @@ def test_a_sensor_at_rest_is_not_frozen() -> None:
     assert assess(flight_of(motions.rest(seconds(60, 100))), GENERIC).verdict.status == "consistent"
 
 
+def test_no_axis_is_stuck_when_the_motors_stop_shaking_it() -> None:
+    """Whole milliradians, noisy in every second of the flight: nothing is, once what is left of the motion dies out."""
+    flight = flown()
+    imu = flight.imu()
+    noisy = imu.gyro + 4e-3 * np.random.default_rng(5).standard_normal(imu.gyro.shape)
+    stopped, left = imu.t >= imu.t[-1] - 0.8, imu.t - (imu.t[-1] - 0.8)
+    noisy[stopped] = np.exp(-left[stopped, None] / 0.1) * [-0.03, -0.15, 0.0] + [0.0, 0.0, 1e-3]
+    quiet = with_imu(flight, gyro=np.round(noisy, 3), gyro_step=1e-3)
+    assert "stuck_axis" not in [f.kind for f in assess(quiet, GENERIC).verdict.findings]
+    noisy[stopped, :2] = imu.gyro[stopped, :2] + 4e-3 * np.random.default_rng(6).standard_normal((stopped.sum(), 2))
+    stuck = with_imu(flight, gyro=np.round(noisy, 3), gyro_step=1e-3)
+    assert of_kind(assess(stuck, GENERIC), "stuck_axis").evidence.startswith("gyro z")
+
+
 def test_an_estimator_that_corrects_its_tilt_at_rest_freezes_no_sensor() -> None:
     """It reads the same whole milli-units for ever, and the estimate turns by nine of them a second."""
     flight = with_imu(flight_of(motions.rest(seconds(60, 100))), gyro_step=1e-3)

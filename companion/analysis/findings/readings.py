@@ -27,6 +27,7 @@ _LAST_DIGIT = 2.0**-22  # of a float of 32 bits
 _NEARLY = 0.005  # of what another axis changes by from sample to sample
 _QUIETER, _FEWEST_SECONDS = 0.1, 10  # than its quietest seconds; of which there have to be so many to tell
 _SELDOM = 0.25  # of the samples of a second
+_CALM = 0.25  # of what the other axes change by in half of the flight
 _MOVED = np.radians(1.0)  # what rests reads the same for ever: only a vehicle that moves shows a sensor that does not
 _FLAT, _EDGE = 0.003, 0.03  # of the level: a top is flat to the first, and reached in a step of the second
 _FLAT_S, _FLAT_SAMPLES = 0.02, 3
@@ -216,6 +217,8 @@ def _stopped(
     even = np.flatnonzero(lasted > STOPPED_S)
     left = change[_beside(len(change), first[even], last[even])]
     restless, quietest = _never_repeats(left, track.rate_hz), 0.0 if step else _quietest(left, track.rate_hz)
+    beside = np.delete(np.abs(np.diff(readings, axis=0)), axis, axis=1)
+    usual = np.median(beside, axis=0)
     for i in even:
         stretch = slice(int(first[i]), int(last[i]) + 2)
         if np.delete(same[stretch], axis, axis=1).mean(axis=0).max() > _BESIDE or comparison.holes[stretch].any():
@@ -223,7 +226,9 @@ def _stopped(
         own = change[stretch.start : stretch.stop - 1]
         # nine tenths of it: a low-pass takes its time to settle
         flickers = np.quantile(own, 0.9) > _LAST_DIGIT * abs(readings[stretch.start, axis])
-        if flickers or not restless:
+        # without the motors' shaking no axis need show any noise
+        calm = (np.median(beside[stretch.start : stretch.stop - 1], axis=0) < _CALM * usual).all()
+        if flickers or calm or not restless:
             # while it goes on, the newest readings are newer than the autopilot's newest attitude
             if lasted[i] <= STUCK_S or known[stretch].mean() < _KNOWN:
                 continue

@@ -1,0 +1,47 @@
+"""Where a vehicle is taken to stand still."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.estimation.rest import at_rest
+from companion.model import STANDARD_GRAVITY, Array, Event, Flight, ImuTrack, Vehicle
+from companion.strapdown import quaternion
+
+
+def disarmed(t: Array, gyro: Array, accel: Array) -> tuple[Flight, ImuTrack]:
+    """A vehicle whose motors are off, with a little noise on what it reads."""
+    rng = np.random.default_rng(3)
+    track = ImuTrack(
+        t, gyro + 2e-3 * rng.standard_normal((len(t), 3)), accel + 0.02 * rng.standard_normal((len(t), 3)), "RAW_IMU"
+    )
+    vehicle = Vehicle(1, 1, "ARDUPILOTMEGA", "QUADROTOR")
+    off = Event(float(t[0]), "disarmed", "disarmed")
+    return Flight(vehicle, 1, 0.0, float(t[-1]), {"RAW_IMU": track}, None, None, events=(off,)), track
+
+
+def swinging(t: Array, sweep: float, period: float) -> tuple[Array, Array]:
+    """Readings of a vehicle that leans to and fro about x by `sweep` rad."""
+    w = 2.0 * np.pi / period
+    roll = sweep * np.sin(w * t)
+    q = quaternion.exp(roll[:, None] * [1.0, 0.0, 0.0])
+    gyro = np.outer(sweep * w * np.cos(w * t), [1.0, 0.0, 0.0])
+    up = np.broadcast_to([0.0, 0.0, -STANDARD_GRAVITY], (len(t), 3))
+    return gyro, np.asarray(quaternion.rotate(quaternion.conjugate(q), up))
+
+
+def test_a_vehicle_whose_motors_are_off_rests_while_nothing_turns_it() -> None:
+    t = np.arange(0.0, 20.0, 0.01)
+    keyframes = np.arange(0.0, 20.0, 0.2)
+    gyro, accel = swinging(t, 0.0, 3.0)
+    rates, sigma, rests = at_rest(*disarmed(t, gyro, accel), keyframes)
+    assert rests[1:-1].mean() > 0.8
+    assert np.abs(rates[rests]).max() < 5.0 * sigma[rests].max()
+
+
+def test_where_a_swing_turns_round_nothing_rests() -> None:
+    """It is as quiet there as on the ground for half a second, and reads a rate that is no bias."""
+    t = np.arange(0.0, 20.0, 0.01)
+    keyframes = np.arange(0.0, 20.0, 0.2)
+    gyro, accel = swinging(t, 0.02, 4.0)
+    assert not at_rest(*disarmed(t, gyro, accel), keyframes)[2].any()
