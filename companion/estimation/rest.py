@@ -11,7 +11,8 @@ _LOUDER = 2.0  # than the quietest tenth, and still quiet
 _MOST = (0.01, 0.15)  # rad/s, m/s²: a spread that nothing at rest has
 _FORCE = 1.0  # m/s², from gravity
 _MOVING_MPS = 0.5
-_LEAST_S = 2.0  # a vehicle that swings on its legs, or is carried, is as quiet where it turns round
+_NEIGHBOURS = 5  # keyframes before and after
+_TURNED = 12.0  # standard errors of a mean force by which neighbours differ where gravity turns: noise has colours
 
 
 def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
@@ -33,8 +34,8 @@ def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, np
         mean.append(average)
         spread.append(np.sqrt(np.maximum(variance, 0.0)).max(axis=1))
     still = np.zeros(len(t), np.bool_) if armed is None else ~armed  # where nothing is said of them, motors may run
-    for own, step, most in ((spread[0], track.gyro_step, _MOST[0]), (spread[1], track.accel_step, _MOST[1])):
-        still &= own < min(most, max(_LOUDER * float(np.percentile(own, 10.0)), 0.6 * step, 0.2 * most))
+    for quiet, step, most in ((spread[0], track.gyro_step, _MOST[0]), (spread[1], track.accel_step, _MOST[1])):
+        still &= quiet < min(most, max(_LOUDER * float(np.percentile(quiet, 10.0)), 0.6 * step, 0.2 * most))
     still &= np.abs(np.linalg.norm(mean[1], axis=1) - STANDARD_GRAVITY) < _FORCE
     still &= np.linalg.norm(mean[0], axis=1) < 0.1
     for gps in flight.gps[:1]:
@@ -46,8 +47,20 @@ def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, np
     calm = still.copy()
     calm[1:] &= still[:-1]
     calm[:-1] &= still[1:]
-    places = np.flatnonzero(calm)
-    for run in np.split(places, np.flatnonzero(np.diff(places) > 1) + 1):
-        if len(run) and t[run[-1]] - t[run[0]] < _LEAST_S:
-            calm[run] = False
-    return mean[0], spread[0] * np.sqrt(2.0 / count[:, 0]), np.asarray(calm)
+    own = [values * np.sqrt(2.0 / count[:, 0]) for values in spread]
+    calm &= _change(mean[1], still) < _TURNED * own[1]  # else gravity turns
+    return mean[0], np.maximum(own[0], 0.5 * _change(mean[0], still)), np.asarray(calm)
+
+
+def _change(means: Array, still: npt.NDArray[np.bool_]) -> Array:
+    """(K,) by how much the means (K, 3) of neighbours at rest differ.
+
+    A vehicle that sways on its legs, or is carried, is as quiet for a moment as one that stands. Half of what its rate
+    changes by is how far it may be from a bias.
+    """
+    padded = np.full((len(means) + 2 * _NEIGHBOURS, 3), np.nan)
+    padded[_NEIGHBOURS : len(means) + _NEIGHBOURS][still] = means[still]
+    near = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOURS + 1, axis=0)
+    unknown = np.isnan(near)
+    highest, lowest = np.where(unknown, -np.inf, near).max(axis=2), np.where(unknown, np.inf, near).min(axis=2)
+    return np.asarray(np.subtract(highest, lowest, where=still[:, None], out=np.zeros_like(means)).max(axis=1))

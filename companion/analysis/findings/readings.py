@@ -121,12 +121,12 @@ def _flat_tops(readings: Array, name: str, rate_hz: float) -> BoolArray:
 def _is_quieter_than_ever(comparison: Comparison, change: Array, stretch: slice, quietest: float) -> bool:
     """Whether an axis changes far less in a stretch of samples than in its quietest seconds.
 
-    change: (n,) from sample to sample in the stretch. Only while the vehicle turns: at rest nothing changes, and a
-    simulated sensor has no noise of its own.
+    change: (n,) from sample to sample in the stretch. Only while the vehicle turns, for half of it or more: at rest
+    nothing changes, and a simulated sensor has no noise of its own.
     """
     q = comparison.reference.q_ned_frd[stretch]
     away = length(quaternion.log(quaternion.multiply(q, quaternion.conjugate(q[:1]))))
-    return float(away.max()) >= _MOVED and float(change.mean()) < _QUIETER * quietest
+    return float(np.median(away)) >= _MOVED and float(change.mean()) < _QUIETER * quietest
 
 
 def _beside(count: int, first: IntArray, last: IntArray) -> BoolArray:
@@ -226,8 +226,8 @@ def _stopped(
         own = change[stretch.start : stretch.stop - 1]
         # nine tenths of it: a low-pass takes its time to settle
         flickers = np.quantile(own, 0.9) > _LAST_DIGIT * abs(readings[stretch.start, axis])
-        # without the motors' shaking no axis need show any noise
-        calm = (np.median(beside[stretch.start : stretch.stop - 1], axis=0) < _CALM * usual).all()
+        # the motors shake all axes: where another one is calm too, none need show any noise
+        calm = (np.median(beside[stretch.start : stretch.stop - 1], axis=0) < _CALM * usual).any()
         if flickers or calm or not restless:
             # while it goes on, the newest readings are newer than the autopilot's newest attitude
             if lasted[i] <= STUCK_S or known[stretch].mean() < _KNOWN:
