@@ -75,6 +75,14 @@ def test_a_gyro_at_rest_feels_the_earth_turn_and_takes_it_for_its_bias() -> None
     assert np.radians(last.expected_tilt_deg) == pytest.approx(7.2921e-5 * last.since_s * np.sqrt(2.0), rel=0.1)
 
 
+def test_a_heading_taken_from_the_autopilot_is_as_unsure_as_the_autopilots_at_both_ends() -> None:
+    flight = flight_of(rest_then_motion())
+    unsure = replace(PERFECT, heading=0.1)
+    first = align(flight, compare(flight), ImuSpec("perfect", NOTHING, NOTHING, "none"), unsure).later[0]
+    assert np.radians(first.expected_heading_deg) == pytest.approx(0.1 * np.sqrt(2.0), rel=0.01)
+    assert first.expected_tilt_deg < 0.1
+
+
 def test_the_heading_of_the_magnetometer_needs_the_declination() -> None:
     flight = with_magnetometer(noisy(rest_then_motion()))
     found = aligned(flight)
