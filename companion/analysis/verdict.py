@@ -9,7 +9,7 @@ from companion.analysis.comparison import Windows
 from companion.analysis.expected import Expected
 from companion.analysis.finding import Cause, Finding
 from companion.estimation import BestEstimate
-from companion.model import brief
+from companion.model import brief, counted
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
 
@@ -51,7 +51,7 @@ def decide(
     return Verdict(
         "consistent",
         f"IMU and autopilot agree within the expected error ({100.0 * min(expected.inside.values()):.0f} % of "
-        f"{len(judged.start)} windows of {JUDGED_S:g} s inside the 95 % bound).",
+        f"{counted(len(judged.start), 'window')} of {JUDGED_S:g} s inside the 95 % bound).",
         findings,
     )
 
@@ -66,7 +66,8 @@ def _lacking(judged: Windows, expected: Expected | None, findings: tuple[Finding
         return f"This log cannot tell: {data[0].evidence}."
     if expected is None or len(judged.start) < FEWEST_WINDOWS:
         reasons = ", ".join(f"{n} {reason}" for reason, n in judged.excluded.items()) or "the flight is short"
-        return f"This log cannot tell: only {len(judged.start)} windows of {JUDGED_S:g} s can be used ({reasons})."
+        usable = counted(len(judged.start), "window")
+        return f"This log cannot tell: only {usable} of {JUDGED_S:g} s can be used ({reasons})."
     return None
 
 
@@ -77,7 +78,7 @@ def _doubt(judged: Windows, expected: Expected, findings: tuple[Finding, ...], b
     if share < _CONSISTENT_SHARE:
         return (
             f"IMU and autopilot differ in {worst} by more than expected (only {100.0 * share:.0f} % of "
-            f"{len(judged.start)} windows of {JUDGED_S:g} s inside the 95 % bound), and "
+            f"{counted(len(judged.start), 'window')} of {JUDGED_S:g} s inside the 95 % bound), and "
             + ("no single cause explains it" if best is not None else "no third witness tells which is wrong")
         )
     return next((f.evidence for f in findings if f.undecided), None)

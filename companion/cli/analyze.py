@@ -15,7 +15,7 @@ from companion.cli import options, sensor_lines, tables, verdict_table
 from companion.cli.first_screen import first_screen
 from companion.cli.info import reference_line
 from companion.documents import analysis_document, encode, unexamined_document
-from companion.model import DataError
+from companion.model import DataError, counted
 from companion.strapdown import METHODS
 
 
@@ -100,7 +100,7 @@ def _print(examined: Examination, console: Console) -> None:
         f"[bold]Vehicle {vehicle}, boot {flight.boot}[/]: {vehicle.autopilot} {vehicle.firmware} {vehicle.type}, "
         f"{flight.duration:.1f} s",
         f"IMU:       {table.imu} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
-        + (f", {options.counted(gaps, 'hole')}" if gaps else ""),
+        + (f", {counted(gaps, 'hole')}" if gaps else ""),
         f"IMU noise model: {assessment.figures.name} ({escape(assessment.figures.reason)})",
         *sensor_lines.noise_lines(assessment),
         sensor_lines.autopilot_line(assessment),

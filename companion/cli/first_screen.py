@@ -8,8 +8,8 @@ from rich.markup import escape
 
 from companion.analysis import Assessment, Finding, rate_warning
 from companion.app.examination import Examination
-from companion.cli.options import counted
 from companion.cli.tables import SIGNS, span, status_text, wrapped
+from companion.model import counted
 from companion.present import fixed, words
 
 _MOST_LINES = 23  # in _COLUMNS, and the prompt: an old terminal's window; one that is narrower is taller

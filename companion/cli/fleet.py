@@ -43,6 +43,7 @@ from companion.fleet import (
     short_names,
     worst_ratios,
 )
+from companion.model import counted
 from companion.present import words
 
 _NAME_WIDTHS = (15, 33)  # at least, of 60 columns; at most, of 80
@@ -103,9 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
     if fleet.complete:
         return 0
     left = fleet.logs - fleet.examined - fleet.unchanged
-    options.say(
-        f"stopped: {options.counted(left, 'log')} left. What is done is kept; the same command goes on from there."
-    )
+    options.say(f"stopped: {counted(left, 'log')} left. What is done is kept; the same command goes on from there.")
     return 130
 
 
@@ -138,9 +137,9 @@ def _say_passed_over(search: Search) -> None:
 def _print(fleet: Fleet, seconds: float) -> None:
     console, rows = tables.console(), fleet.rows
     done = f"{fleet.examined} examined, {fleet.unchanged} unchanged ({seconds:.1f} s{_pace(fleet.examined, seconds)})"
-    console.print(f"{options.counted(fleet.logs, 'log')}: {done}", highlight=False)
+    console.print(f"{counted(fleet.logs, 'log')}: {done}", highlight=False)
     counts = ", ".join(f"{count} {status.replace('_', ' ')}" for status, count in count_by_status(rows).items())
-    for line in tables.wrapped(f"{options.counted(len(rows.flights), 'row')}: {counts}", console.width, 2):
+    for line in tables.wrapped(f"{counted(len(rows.flights), 'row')}: {counts}", console.width, 2):
         console.print(line, highlight=False)
     names = short_names([row["log"] for row in rows.flights])
     ratios = worst_ratios(rows)

@@ -15,7 +15,7 @@ from companion.analysis import Item, inventory, phases, used_aiding, used_imus
 from companion.app.recording import Recording, Source
 from companion.cli import options, sensor_table, tables
 from companion.documents import encode, info_document
-from companion.model import Flight, SettingsError
+from companion.model import Flight, SettingsError, counted
 
 _MOST_SHOWN = 16  # flights
 _WIDE = 1000  # columns: more than any table needs
@@ -68,10 +68,10 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.verbose:
             _print_said(console, flight)
     if left := len(recording.flights) - len(flights):
-        more = options.counted(left, "more flight")
+        more = counted(left, "more flight")
         console.print(f"\n{more}, with fewer messages: --verbose or --json", highlight=False)
     if crowd := recording.crowd:
-        more = options.counted(crowd, "more sender")
+        more = counted(crowd, "more sender")
         console.print(f"\n{more}, with fewer messages than these, not looked at", highlight=False)
     if arguments.verbose or not recording.flights:
         _print_bystanders(console, recording)
@@ -191,9 +191,9 @@ def _sensors(items: Sequence[Item], *, with_words: bool) -> Table:
 def _announced(flight: Flight) -> str:
     """How many jumps and changes of parameters the vehicle announced; "" for none."""
     kinds = Counter(f"{reset.kind} {'switch' if reset.kind == 'lane' else 'reset'}" for reset in flight.resets)
-    said = [options.counted(count, kind) for kind, count in sorted(kinds.items())]
+    said = [counted(count, kind) for kind, count in sorted(kinds.items())]
     if count := len(flight.parameter_changes):
-        said.append(options.counted(count, "parameter change"))
+        said.append(counted(count, "parameter change"))
     return ", ".join(said)
 
 

@@ -263,12 +263,6 @@ def say(text: str) -> None:
     print(text, file=sys.stderr)
 
 
-def counted(count: int, noun: str) -> str:
-    """1 window, 2 windows, 1,024 switches."""
-    plural = "" if count == 1 else "es" if noun.endswith("ch") else "s"
-    return f"{count:,} {noun}{plural}"
-
-
 def _matches(flight: Flight, arguments: argparse.Namespace) -> bool:
     asked = str(arguments.vehicle) if arguments.vehicle is not None else None
     vehicle = asked is None or asked in {str(flight.vehicle), str(flight.vehicle.sysid)}

@@ -10,8 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion.analysis import PARTS, Alignment, Assessment, Statistic
-from companion.cli.options import counted
-from companion.model import STANDARD_GRAVITY, Array
+from companion.model import STANDARD_GRAVITY, Array, counted
 from companion.present import fixed
 
 _DEGREES = float(np.degrees(1.0))

@@ -10,7 +10,7 @@ from companion.analysis import Item, inventory, used_imus
 from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.cli import options
-from companion.model import CompanionError, Flight
+from companion.model import CompanionError, Flight, counted
 
 _COLUMNS = {
     "IMU": "IMU", "GPS": "GPS", "compass": "compass", "barometer": "barometer", "airspeed": "airspeed",
@@ -65,8 +65,8 @@ def _cells(name: str, flight: Flight) -> Iterable[str]:
     for kind in _COLUMNS:
         yield " ".join(_rate(item) for item in items.get(kind, []))
     yield used_imus(flight)
-    changes = options.counted(len(flight.parameter_changes), "parameter")
-    yield f"{options.counted(len(flight.resets), 'reset')}, {changes}"
+    changes = counted(len(flight.parameter_changes), "parameter")
+    yield f"{counted(len(flight.resets), 'reset')}, {changes}"
     yield str(len(flight.notes))
 
 

@@ -31,6 +31,7 @@ from companion.model.imu_messages import IMU_MESSAGES
 from companion.model.notebook_repr import brief
 from companion.model.quantities import Event, Series, nearest, of_kind
 from companion.model.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, NavState, PositionTrack, Trajectory
+from companion.model.wording import counted
 
 __all__ = [
     "ECCENTRICITY_SQUARED",
@@ -72,6 +73,7 @@ __all__ = [
     "TruthTrack",
     "Vehicle",
     "brief",
+    "counted",
     "from_euler",
     "geodetic_from_ned",
     "nearest",

@@ -25,6 +25,7 @@ from companion.model import (
     RangeTrack,
     Series,
     TruthTrack,
+    counted,
     ned_from_geodetic,
     of_kind,
 )
@@ -159,7 +160,9 @@ def _compass_track(one: Series, turns: Turns, notes: list[str]) -> CompassTrack 
     t, field = one.t, turned_vectors(one.t, one.values, turns)
     good = field.any(axis=1)  # the Earth's field is nowhere zero
     if not good.all():
-        notes.append(f"{one.source}: {(~good).sum()} samples left out as magnetometer: all of their axes are zero")
+        notes.append(
+            f"{one.source}: {counted(int((~good).sum()), 'sample')} left out as magnetometer: all axes are zero"
+        )
         t, field = t[good], field[good]
     kept = uncontradicted(f"{one.source} (magnetometer)", notes, lone_fields(t, field))
     if not kept.all():
@@ -190,7 +193,7 @@ def _gps_track(gps: Series, notes: list[str]) -> GpsTrack | None:
         notes.append(f"{gps.source} left out: it never has a fix")
         return None
     place = np.column_stack([gps["lat_rad"], gps["lon_rad"] * np.cos(gps["lat_rad"])]) * _EARTH_M
-    kept = uncontradicted(gps.source, notes, lone(place), what="fixes")
+    kept = uncontradicted(gps.source, notes, lone(place), what="fix")
     if not kept.all():
         gps = Series(gps.t[kept], gps.values[kept], gps.columns, gps.source, gps.instance)
     velocity = np.column_stack([gps[name] for name in ("vn_mps", "ve_mps", "vd_mps")])

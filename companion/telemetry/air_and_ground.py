@@ -31,7 +31,7 @@ def airspeed_track(one: Series, notes: list[str]) -> AirspeedTrack | None:
     told = indicated if np.isfinite(indicated).any() else pressure
     if is_constant(one.source, told, notes):
         return None
-    good = np.isfinite(told) & uncontradicted(one.source, notes, lone(indicated[:, None], _GUST), what="airspeeds")
+    good = np.isfinite(told) & uncontradicted(one.source, notes, lone(indicated[:, None], _GUST), what="airspeed")
     return AirspeedTrack(
         one.t[good], indicated[good], true[good], pressure[good], warm[good], one.source, one.instance
     )  # fmt: skip

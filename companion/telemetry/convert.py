@@ -23,6 +23,7 @@ from companion.model import (
     Origin,
     ParameterChange,
     PositionTrack,
+    counted,
     from_euler,
     ned_from_geodetic,
 )
@@ -60,7 +61,7 @@ def imu_track(
             notes.append(f"{name} speaks of IMUs {ids.tolist()}: only IMU {instance} is used")
     keep = increasing(t, good)
     if dropped := int((~good).sum()):
-        notes.append(f"{name}: {dropped} samples left out that are no readings or of another IMU")
+        notes.append(f"{name}: {counted(dropped, 'sample')} left out as no reading or of another IMU")
     track = ImuTrack(
         t[keep],
         gyro[keep],

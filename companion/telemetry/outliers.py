@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import STANDARD_GRAVITY, Array
+from companion.model import STANDARD_GRAVITY, Array, counted
 
 BoolArray = npt.NDArray[np.bool_]
 Ranges = tuple[float | None, float | None]
@@ -97,11 +97,11 @@ def lone_turns(t: Array, q: Array, rates: Array | None) -> BoolArray:
     return _single(off)
 
 
-def uncontradicted(name: str, notes: list[str], *astray: BoolArray, what: str = "samples") -> BoolArray:
+def uncontradicted(name: str, notes: list[str], *astray: BoolArray, what: str = "sample") -> BoolArray:
     """Which of N samples are astray in none of the ways, each (N,). What is left out is added to the notes."""
     off = np.logical_or.reduce(astray)
     if off.any():
-        notes.append(f"{name}: {off.sum()} {what} left out that those before and after contradict")
+        notes.append(f"{name}: {counted(int(off.sum()), what)} left out that those before and after contradict")
     return np.asarray(~off)
 
 

@@ -135,7 +135,7 @@ def test_a_fix_that_its_neighbours_contradict_is_left_out(tmp_path: Path) -> Non
     flight = flown(tmp_path, *(gps_at(21.0 + i, **(astray if i == 7 else {})) for i in range(15)))
     (gps,) = flight.gps
     assert len(gps) == 14
-    assert "GPS_RAW_INT: 1 fixes left out that those before and after contradict" in flight.notes
+    assert "GPS_RAW_INT: 1 fix left out that those before and after contradict" in flight.notes
 
 
 def test_a_jump_that_stays_is_not_left_out(tmp_path: Path) -> None:

@@ -170,7 +170,7 @@ def test_a_single_airspeed_that_its_neighbours_contradict_is_dropped_and_counted
     speed[30] = 300.0
     flight = made(tmp_path, TRUE | {"speed": speed})
     assert len(flight.airspeeds[0]) == N - 1
-    assert any("1 airspeeds left out that those before and after contradict" in note for note in flight.notes)
+    assert any("1 airspeed left out that those before and after contradict" in note for note in flight.notes)
 
 
 def test_a_message_with_the_speed_goes_before_one_with_the_pressure(tmp_path: Path) -> None:

@@ -233,7 +233,7 @@ def test_a_single_fix_that_its_neighbours_contradict_is_dropped_and_counted(tmp_
     lat[50] += 508.0 / 111_000
     flight = made(tmp_path, HEALTHY | {"lat": lat})
     assert len(flight.gps[0]) == N - 1
-    assert any("1 fixes left out that those before and after contradict" in note for note in flight.notes)
+    assert any("1 fix left out that those before and after contradict" in note for note in flight.notes)
 
 
 @FORMATS
@@ -248,7 +248,7 @@ def test_a_single_reading_that_its_neighbours_contradict_is_dropped_and_counted(
     track = flight.compasses[0] if name == "mag" else flight.barometers[0]
     assert len(track) == N - 1
     assert T[50] not in np.round(track.t, 3)
-    assert any("1 samples left out that those before and after contradict" in note for note in flight.notes)
+    assert any("1 sample left out that those before and after contradict" in note for note in flight.notes)
 
 
 @FORMATS
@@ -263,7 +263,7 @@ def test_an_attitude_that_turns_away_and_back_between_two_samples_is_dropped_and
     assert flight.attitude is not None
     assert len(flight.attitude) == 4 * N - 1
     np.testing.assert_allclose(np.abs(flight.attitude.q_ned_frd[:, 0]), 1.0, atol=1e-6)
-    assert any("1 samples left out that those before and after contradict" in note for note in flight.notes)
+    assert any("1 sample left out that those before and after contradict" in note for note in flight.notes)
 
 
 @FORMATS
@@ -277,7 +277,7 @@ def test_what_no_imu_can_read_is_dropped_and_counted(tmp_path: Path, made: Make,
     track = flight.imu()
     assert len(track) == 4 * N - 1
     assert np.abs(track.gyro).max() < 9.0
-    assert any("1 samples left out that are no readings" in note for note in flight.notes)
+    assert any("1 sample left out as no reading" in note for note in flight.notes)
 
 
 @FORMATS
@@ -301,4 +301,4 @@ def test_shocks_spikes_flips_and_steps_are_no_damage(tmp_path: Path, made: Make)
     assert len(flight.imu()) == len(flight.attitude) == 4 * N
     assert len(flight.barometers[0]) == len(flight.compasses[0]) == N
     assert np.abs(flight.imu().accel).max() == pytest.approx(150.0, rel=1e-3)
-    assert not [note for note in flight.notes if "contradict" in note or "no readings" in note]
+    assert not [note for note in flight.notes if "contradict" in note or "no reading" in note]

@@ -170,7 +170,7 @@ def test_impossible_readings_are_left_out_and_counted(tmp_path: Path) -> None:
     samples = sorted([*rows(1.0, of_gyro=(), of_accel=()), *bad], key=lambda row: int(str(row[1][0])))
     (flight,) = c.open_log(write_dataflash(tmp_path / "odd.bin", TYPES, samples))
     assert len(flight.imu()) == 50
-    assert "IMU[0]: 2 samples left out that are no readings of an IMU" in flight.notes
+    assert "IMU[0]: 2 samples left out as no reading of an IMU" in flight.notes
 
 
 OLD = {

@@ -126,7 +126,7 @@ def test_a_single_fix_far_from_its_neighbours_is_dropped_and_counted(read: Any) 
     lat[25] += 45_000
     flight = read({"vehicle_gps_position": gps(lat=lat)})
     assert len(flight.gps[0]) == N - 1
-    assert "vehicle_gps_position: 1 fixes left out that those before and after contradict" in flight.notes
+    assert "vehicle_gps_position: 1 fix left out that those before and after contradict" in flight.notes
 
 
 def test_a_position_that_its_neighbours_contradict_is_dropped_and_counted(read: Any) -> None:
@@ -136,7 +136,7 @@ def test_a_position_that_its_neighbours_contradict_is_dropped_and_counted(read: 
     rest = {name: full(1.0) for name in ("vx", "vy", "vz", "ref_lat", "ref_lon", "ref_alt")}
     flight = read({"vehicle_local_position": {"timestamp": T} | place | rest | valid})
     assert len(flight.position) == N - 1
-    assert "vehicle_local_position: 1 samples left out that those before and after contradict" in flight.notes
+    assert "vehicle_local_position: 1 sample left out that those before and after contradict" in flight.notes
 
 
 def test_when_rflymad_switched_a_fault_on_is_part_of_the_truth(read: Any) -> None:

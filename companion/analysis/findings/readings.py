@@ -11,7 +11,7 @@ from companion.analysis.finding import Cause, Finding, IntArray, run_edges, runs
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.navigation_error import length
 from companion.analysis.reference import BoolArray
-from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack
+from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, counted
 from companion.strapdown import quaternion
 
 _FROZEN_S = 0.5
@@ -55,7 +55,7 @@ def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuSp
                 "warning" if moment else "error",
                 start,
                 end,
-                f"{len(group)} samples at the end of the range, {np.abs(readings[group]).max():.1f}"
+                f"{counted(len(group), 'sample')} at the end of the range, {np.abs(readings[group]).max():.1f}"
                 + ("; a shock does this too: no sensor is accused of a moment" if moment else ""),
                 "Damp the mounting: vibration or a shock is larger than the sensor can read.",
                 cause=Cause(f"{name}_clipping", "imu", start, end, sensor=name),

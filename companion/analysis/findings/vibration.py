@@ -11,7 +11,7 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding, Severity
 from companion.analysis.imu_spec import ImuSpec
 from companion.estimation import vibration
-from companion.model import Array, Flight, Series, of_kind
+from companion.model import Array, Flight, Series, counted, of_kind
 
 _HIGH, _MUCH = 15.0, 30.0  # m/s²: ArduPilot's documentation calls 30 the end of what is acceptable
 _HIGH_IN_SAMPLES = 5.0  # m/s² that has come through the filter and the rate of a stream
@@ -67,7 +67,7 @@ def _clips(series: Series) -> Iterator[Finding]:
             "warning",
             clipped.start_s,
             clipped.end_s,
-            f"{clipped.readings:.0f} readings at the end of the accelerometer's range "
+            f"{counted(round(clipped.readings), 'reading')} at the end of the accelerometer's range "
             f"({series.source}, {clipped.column})",
             "Damp the mounting: what is clipped is lost, and the reckoning drifts by it.",
         )

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.logs import Records
-from companion.model import Array, ImuTrack, Vehicle
+from companion.model import Array, ImuTrack, Vehicle, counted
 from companion.telemetry import convert
 from companion.telemetry.dataflash.rows import sources
 from companion.telemetry.imu_facts import known_ranges, with_facts
@@ -82,7 +82,7 @@ def _track(
     good = np.isfinite(t) & readable(gyro, accel, known_ranges(vehicle, parameters, number))
     keep = convert.increasing(t, np.asarray(good))
     if dropped := int((~good).sum()):
-        notes.append(f"{key}: {dropped} samples left out that are no readings of an IMU")
+        notes.append(f"{key}: {counted(dropped, 'sample')} left out as no reading of an IMU")
     track = ImuTrack(t[keep], gyro[keep], accel[keep], source=key, instance=number)
     return with_facts(track, vehicle, parameters)
 

@@ -84,7 +84,7 @@ def _gps(topic: Topic, name: str, instance: int, notes: list[str]) -> GpsTrack:
     known = np.isfinite(fix) & (np.isfinite(velocity[:, :2]).all(axis=1) | np.isfinite(place[:, 0]) | (fix < _FIX_2D))
     keep = increasing(t, np.asarray(known & np.isfinite(place[:, 0]).any()))
     metres = np.column_stack([place[keep, 0], place[keep, 1] * np.cos(place[keep, 0])]) * SEMI_MAJOR_AXIS
-    keep = np.arange(len(t))[keep][uncontradicted(name, notes, lone(metres), what="fixes")]
+    keep = np.arange(len(t))[keep][uncontradicted(name, notes, lone(metres), what="fix")]
     return GpsTrack(
         t[keep],
         latitude=place[keep, 0],

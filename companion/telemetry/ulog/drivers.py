@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.model import Array, ImuTrack
+from companion.model import Array, ImuTrack, counted
 from companion.telemetry.convert import increasing
 from companion.telemetry.outliers import readable
 from companion.telemetry.timestamps import LONGEST_WAIT_S
@@ -79,7 +79,7 @@ def _joined(gyro: _Readings, accel: _Readings, notes: list[str]) -> ImuTrack | N
     force = np.column_stack([np.interp(gyro.t, accel.t, axis) for axis in accel.values.T])
     sensed = readable(gyro.values, force, ranges)
     if odd := int((~sensed).sum()):
-        notes.append(f"{gyro.name}: {odd} samples left out that are no readings of an IMU")
+        notes.append(f"{gyro.name}: {counted(odd, 'sample')} left out as no reading of an IMU")
     within = (gyro.t >= accel.t[0]) & (gyro.t <= accel.t[-1]) & sensed
     if within.sum() < 2:
         return None

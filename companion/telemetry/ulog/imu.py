@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, ImuTrack, SensorInUse
+from companion.model import Array, ImuTrack, SensorInUse, counted
 from companion.telemetry.convert import increasing
 from companion.telemetry.outliers import Ranges, readable
 from companion.telemetry.timestamps import LONGEST_WAIT_S
@@ -118,7 +118,7 @@ def _track(
     good = whole & np.isfinite(t) & (gyro.any(axis=1) | accel.any(axis=1))
     sensed = readable(gyro, accel, ranges)
     if 0 < (odd := int((good & ~sensed).sum())) < good.sum():
-        notes.append(f"{source}: {odd} samples left out that are no readings of an IMU")
+        notes.append(f"{source}: {counted(odd, 'sample')} left out as no reading of an IMU")
     keep = increasing(t, good & sensed)
     return ImuTrack(t[keep], gyro[keep], accel[keep], source=source, interval=interval[keep])
 
