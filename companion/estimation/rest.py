@@ -60,7 +60,9 @@ def _change(means: Array, still: npt.NDArray[np.bool_]) -> Array:
     """
     padded = np.full((len(means) + 2 * _NEIGHBOURS, 3), np.nan)
     padded[_NEIGHBOURS : len(means) + _NEIGHBOURS][still] = means[still]
-    near = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOURS + 1, axis=0)
-    unknown = np.isnan(near)
-    highest, lowest = np.where(unknown, -np.inf, near).max(axis=2), np.where(unknown, np.inf, near).min(axis=2)
-    return np.asarray(np.subtract(highest, lowest, where=still[:, None], out=np.zeros_like(means)).max(axis=1))
+    highest, lowest = means.copy(), means.copy()
+    for first in range(2 * _NEIGHBOURS + 1):
+        near = padded[first : first + len(means)]
+        np.fmax(highest, near, out=highest)
+        np.fmin(lowest, near, out=lowest)
+    return np.where(still, (highest - lowest).max(axis=1), 0.0)
