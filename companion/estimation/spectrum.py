@@ -113,7 +113,7 @@ def peaks(spectrum: Spectrum, density: Array, most: int = 3) -> tuple[Peak, ...]
 
     A line is four times as strong as the median within 6 Hz, and more than chance makes of so few segments.
     """
-    from scipy import ndimage  # noqa: PLC0415  (slow to import)
+    from scipy import ndimage, signal  # noqa: PLC0415  (slow to import, and no verdict needs lines)
 
     resolution = float(spectrum.frequency_hz[1])
     threshold = _PEAK * (1.0 + 6.0 / np.sqrt(max(spectrum.segments, 1)))
@@ -122,24 +122,13 @@ def peaks(spectrum: Spectrum, density: Array, most: int = 3) -> tuple[Peak, ...]
         line = density[:, axis]
         around = ndimage.median_filter(line, size=2 * round(_AROUND_HZ / resolution) + 1, mode="nearest")
         ratio = line / np.maximum(around, 1e-30)
-        tops = _tops(ratio, threshold, apart=max(round(1.0 / resolution), 1))
+        tops, _ = signal.find_peaks(ratio, height=threshold, distance=max(round(1.0 / resolution), 1))
         for top in tops[spectrum.frequency_hz[tops] >= _SLOWEST_PEAK_HZ].tolist():
             near = slice(max(top - 2, 0), top + 3)  # a line under a Hann window is four bins wide
             power = float(np.sum(np.maximum(line[near] - around[near], 0.0))) * resolution
             lines.append(Peak(axis, float(spectrum.frequency_hz[top]), float(np.sqrt(power))))
     lines.sort(key=lambda peak: -peak.amplitude)
     return tuple(p for i, p in enumerate(lines) if sum(q.axis == p.axis for q in lines[:i]) < most)
-
-
-def _tops(line: Array, least: float, apart: int) -> IntArray:
-    """Where in values (N,) local maxima of at least `least` are; of those nearer than `apart` the largest alone."""
-    inner = line[1:-1]
-    left = 1 + np.flatnonzero((inner > line[:-2]) & (inner >= line[2:]) & (inner >= least))
-    kept: list[int] = []
-    for top in left[np.argsort(-line[left], kind="stable")].tolist():
-        if all(abs(top - other) >= apart for other in kept):
-            kept.append(top)
-    return np.array(sorted(kept), np.int64)
 
 
 def folded_onto(frequency_hz: float, rate_hz: float, count: int = 3) -> tuple[float, ...]:

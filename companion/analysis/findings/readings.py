@@ -182,7 +182,7 @@ def stuck_findings(comparison: Comparison, autopilot: ReferenceSpec, others: Seq
         change = np.abs(np.diff(readings, axis=0))
         same = unchanged(change)
         for axis in range(3):
-            for first, last in _stopped(comparison, autopilot, others, name, axis, change[:, axis], same):
+            for first, last in _stopped(comparison, autopilot, others, name, axis, change, same):
                 start, end = float(track.t[first]), float(track.t[last])
                 yield Finding(
                     "stuck_axis",
@@ -208,26 +208,27 @@ def _stopped(
 ) -> Iterator[tuple[int, int]]:
     """First and last sample of the stretches in which an axis is stuck.
 
-    change: (N-1,) of the axis from sample to sample; same: (N-1, 3) where the axes do not change.
+    change: (N-1, 3) from sample to sample; same: (N-1, 3) where the axes do not change.
     """
     track, known = comparison.track, comparison.reference.attitude_known
     readings, step = (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
     first, last = run_edges(np.asarray(same[:, axis]))
     lasted = track.t[last + 1] - track.t[first]
     even = np.flatnonzero(lasted > STOPPED_S)
-    left = change[_beside(len(change), first[even], last[even])]
+    left = change[_beside(len(change), first[even], last[even]), axis]
     restless, quietest = _never_repeats(left, track.rate_hz), 0.0 if step else _quietest(left, track.rate_hz)
-    beside = np.delete(np.abs(np.diff(readings, axis=0)), axis, axis=1)
+    beside = np.delete(change, axis, axis=1)
     usual = np.median(beside, axis=0)
     for i in even:
         stretch = slice(int(first[i]), int(last[i]) + 2)
         if np.delete(same[stretch], axis, axis=1).mean(axis=0).max() > _BESIDE or comparison.holes[stretch].any():
             continue
-        own = change[stretch.start : stretch.stop - 1]
+        changes = slice(stretch.start, stretch.stop - 1)
+        own = change[changes, axis]
         # nine tenths of it: a low-pass takes its time to settle
         flickers = np.quantile(own, 0.9) > _LAST_DIGIT * abs(readings[stretch.start, axis])
         # the motors shake all axes: where another one is calm too, none need show any noise
-        calm = (np.median(beside[stretch.start : stretch.stop - 1], axis=0) < _CALM * usual).any()
+        calm = (np.median(beside[changes], axis=0) < _CALM * usual).any()
         if flickers or calm or not restless:
             # while it goes on, the newest readings are newer than the autopilot's newest attitude
             if lasted[i] <= STUCK_S or known[stretch].mean() < _KNOWN:
