@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
+from companion import estimation
 from companion.analysis.reference import BoolArray
 from companion.model import Array
 
@@ -16,6 +17,39 @@ IntArray = npt.NDArray[np.intp]
 
 Side = Literal["imu", "autopilot", "data"]
 Severity = Literal["info", "warning", "error"]
+
+KINDS: Mapping[str, str] = {
+    **{kind.name: kind.about for kind in estimation.KINDS},
+    "tilt_off": "the autopilot's tilt leaves the best estimate, and no sensor explains it",
+    "heading_off": "the same of its heading",
+    "velocity_off": "the same of its velocity",
+    "position_off": "the same of its position",
+    "height_off": "the same of its height",
+    "heading_jump": "the autopilot's heading jumps, as no gyro turned",
+    "position_jump": "the autopilot's position jumps",
+    "position_lost": "the autopilot has no position for a time",
+    "gyro_bias_known": "a steady bias of the gyro that the estimator knows and removes",
+    "accel_bias_known": "the same of the accelerometer",
+    "stuck_axis": "an axis of the IMU reads the same again and again",
+    "frozen": "the whole IMU reads the same again and again",
+    "gyro_clipping": "the gyro is at the end of its range",
+    "accel_clipping": "the accelerometer is at the end of its range",
+    "axes_wrong": "axes of the IMU are exchanged, mirrored or turned",
+    "mounting": "the IMU sits askew",
+    "lever_arm": "the IMU sits away from the point that the position speaks of",
+    "imu_lag": "the IMU lags behind the autopilot's attitude, as behind a low-pass",
+    "gyro_noise": "the gyro is far noisier than its data sheet",
+    "accel_noise": "the accelerometer is far noisier than its data sheet",
+    "vibration": "the vehicle reports strong vibration",
+    "clipping_counted": "the vehicle has counted readings at the end of the range",
+    "rate_too_low": "too few IMU samples a second to integrate",
+    "samples_missing": "IMU samples are missing",
+    "samples_irregular": "IMU samples come irregularly",
+    "clocks_diverge": "IMU and autopilot stamp with clocks that run apart",
+    "control_lost": "the vehicle was out of control, or hit something: nothing later is judged",
+    "not_independent": "the autopilot's biases are taken off these readings already: they agree with it by themselves",
+}
+"""What a finding may be of. There is no finding of anything else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +73,9 @@ class Cause:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something that stands out."""
+    """Something that stands out. Raises ValueError for a kind that is not of KINDS."""
 
-    kind: str
+    kind: str  # of KINDS
     side: Side  # whom it speaks against
     severity: Severity  # an error decides the verdict; a warning may explain it; info is said
     start_s: float  # boot clock
@@ -51,6 +85,10 @@ class Finding:
     headline: str = ""  # the evidence in one clause; "" where that is one
     cause: Cause | None = None
     undecided: bool = False  # either may be wrong: it accuses nobody, and nobody is cleared
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"{self.kind!r} is no kind of finding: add it to {__name__}.KINDS")
 
 
 def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -64,6 +64,7 @@ class Kind:
     """One row of what may be wrong."""
 
     name: str
+    about: str  # in words
     side: str  # whose it is: "imu", "gps", "compass", "barometer"
     unit: str
     shapes: tuple[str, ...]
@@ -188,27 +189,39 @@ def _rotation(problem: Problem) -> Signature | None:
 
 
 KINDS: tuple[Kind, ...] = (
-    Kind("gyro_bias", "imu", "rad/s", ("step", "ramp", "pulse"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate"),
-         serious=5e-3),
-    Kind("accel_bias", "imu", "m/s²", ("step", "ramp", "pulse"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position",
-         serious=0.3),
-    Kind("gyro_scale", "imu", "", ("step",), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position", serious=0.03),
-    Kind("accel_scale", "imu", "", ("step",), 0.3, 0.02, _scale(ACCEL_BIAS), "gps_position", serious=0.03),
-    Kind("gyro_shock", "imu", "rad", ("shock",), 0.3, 0.035, _shock(ATTITUDE), serious=np.inf, rarity=_SHOCK),
-    Kind("accel_shock", "imu", "m/s", ("shock",), 5.0, 0.5, _shock(VELOCITY), "gps_position", serious=np.inf,
+    Kind("gyro_bias", "the gyro's bias steps, grows or comes and goes",
+         "imu", "rad/s", ("step", "ramp", "pulse"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate"), serious=5e-3),
+    Kind("accel_bias", "the accelerometer's bias steps, grows or comes and goes",
+         "imu", "m/s²", ("step", "ramp", "pulse"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position", serious=0.3),
+    Kind("gyro_scale", "the gyro's scale changes",
+         "imu", "", ("step",), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position", serious=0.03),
+    Kind("accel_scale", "the accelerometer's scale changes",
+         "imu", "", ("step",), 0.3, 0.02, _scale(ACCEL_BIAS), "gps_position", serious=0.03),
+    Kind("gyro_shock", "the gyro misses a turn, all at once",
+         "imu", "rad", ("shock",), 0.3, 0.035, _shock(ATTITUDE), serious=np.inf, rarity=_SHOCK),
+    Kind("accel_shock", "the accelerometer misses a push, all at once",
+         "imu", "m/s", ("shock",), 5.0, 0.5, _shock(VELOCITY), "gps_position", serious=np.inf,
          rarity=_SHOCK),
     # two fixes of a receiver of 2.5 m CEP, minutes apart, differ by less than 11 m in 99.9 % of cases; 3 σ in height
-    Kind("gps_position", "gps", "m", ("step", "ramp", "pulse", "creep"), 50.0, 6.0, _shift("gps_position"),
-         least_slow=11.0),
-    Kind("gps_height", "gps", "m", ("step", "ramp", "pulse"), 50.0, 5.0, _shift("gps_height"), least_slow=15.0),
-    Kind("gps_motion", "gps", "m/s", ("step", "pulse"), 3.0, 0.5, _motion, "gps_position", rarity=_MOMENTS,
+    Kind("gps_position", "the GPS position jumps, creeps or is off for a time",
+         "gps", "m", ("step", "ramp", "pulse", "creep"), 50.0, 6.0, _shift("gps_position"), least_slow=11.0),
+    Kind("gps_height", "the GPS height jumps, creeps or is off for a time",
+         "gps", "m", ("step", "ramp", "pulse"), 50.0, 5.0, _shift("gps_height"), least_slow=15.0),
+    Kind("gps_motion", "GPS velocity and position move as the vehicle does not",
+         "gps", "m/s", ("step", "pulse"), 3.0, 0.5, _motion, "gps_position", rarity=_MOMENTS,
          summed=("gps_position",)),
-    Kind("gps_velocity", "gps", "m/s", ("step", "ramp", "pulse"), 5.0, 0.5, _shift("gps_velocity")),
-    Kind("gps_latency", "gps", "s", ("step", "pulse"), 0.5, 0.15, _late, "gps_position", retimes=_GPS),
-    Kind("compass_field", "compass", "µT", ("step", "ramp", "pulse", "creep"), 30.0, 3.0, _field),
-    Kind("compass_turn", "compass", "rad", ("step", "ramp"), 0.5, 0.1, _rotation),
-    Kind("compass_iron", "compass", "µT", ("step",), 30.0, 4.0, _shift("compass")),
-    Kind("barometer", "barometer", "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift("barometer")),
+    Kind("gps_velocity", "the GPS velocity is off",
+         "gps", "m/s", ("step", "ramp", "pulse"), 5.0, 0.5, _shift("gps_velocity")),
+    Kind("gps_latency", "the GPS comes later than before",
+         "gps", "s", ("step", "pulse"), 0.5, 0.15, _late, "gps_position", retimes=_GPS),
+    Kind("compass_field", "the field about the compass changes: it points elsewhere",
+         "compass", "µT", ("step", "ramp", "pulse", "creep"), 30.0, 3.0, _field),
+    Kind("compass_turn", "the compass turns in its mounting",
+         "compass", "rad", ("step", "ramp"), 0.5, 0.1, _rotation),
+    Kind("compass_iron", "a magnet or a current comes near the compass",
+         "compass", "µT", ("step",), 30.0, 4.0, _shift("compass")),
+    Kind("barometer", "the barometer jumps or creeps",
+         "barometer", "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift("barometer")),
 )  # fmt: skip
 """What may be wrong. An explanation that is not in this table does not exist."""
 

@@ -63,7 +63,7 @@ def test_one_category_a_kind_with_boot_clock_and_severity(tmp_path: Path) -> Non
 
 def test_a_hostile_text_stays_a_text(tmp_path: Path) -> None:
     evil = 'x"\n  - name: owned\x00 ' + "long " * 100
-    write_annotations(tmp_path / "a.yaml", Verdict("imu_suspect", evil, (finding("stuck", "error", -1.0, 2.0, evil),)))
+    write_annotations(tmp_path / "a.yaml", Verdict("imu_suspect", evil, (finding("frozen", "error", -1.0, 2.0, evil),)))
     (category,) = read(tmp_path / "a.yaml")
     assert category["intervals"][0]["annotation"].startswith('error: x" - name: owned long')
     assert category["intervals"][0]["start"] == "0:00.000"

@@ -195,7 +195,7 @@ def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
 
     def find(flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
         insight = examine(flight, choice, film)
-        found = Finding(f"finding {evil}", "imu", "error", BOOT + 45.0, BOOT + 46.0, f"seen {evil}", f"do {evil}")
+        found = Finding("frozen", "imu", "error", BOOT + 45.0, BOOT + 46.0, f"seen {evil}", f"do {evil}")
         verdict = Verdict("imu_suspect", f"Suspect {evil}", (found,))
         return replace(insight, assessment=replace(insight.assessment, verdict=verdict))
 
@@ -205,7 +205,7 @@ def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
         page.get_by_role("button", name="event ›").click()
         until(lambda: viewer.player.time == pytest.approx(BOOT + 10.0), "the first thing it said")
         page.get_by_role("combobox", name="Go to", exact=True).click()
-        page.get_by_role("option", name="4: 145.0 s, finding").click()
+        page.get_by_role("option", name="4: 145.0 s, frozen").click()
         until(lambda: viewer.player.time == pytest.approx(BOOT + 45.0), "the finding")
         time.sleep(0.5)
         assert page.title() != "owned"

@@ -108,7 +108,7 @@ def test_the_charts_show_the_drift_table() -> None:
 
 def test_no_text_becomes_markup() -> None:
     evil = "<img src=x onerror=alert(1)>"
-    finding = Finding(evil, "imu", "error", 1.0, 2.0, evil, evil)
+    finding = Finding("frozen", "imu", "error", 1.0, 2.0, evil, evil)
     found = replace(insight().assessment, verdict=Verdict("imu_suspect", evil, (finding,)))
     found = replace(found, drift=replace(found.drift, imu=evil))
     sibling = [replace(s, imu=evil) for s in (*insight().siblings, *insight().siblings)]
