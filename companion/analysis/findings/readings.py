@@ -250,18 +250,19 @@ def _should_have_moved(
 ) -> bool:
     """Whether something was to be read along an axis that reads the same whole steps.
 
-    In steady flight nothing changes sideways, and the autopilot, whose attitude and velocity say what was to be felt,
-    may be wrong itself: so another accelerometer decides, and without one a change of many steps is asked for.
+    In steady flight nothing changes, and the autopilot, whose attitude and velocity say what was to be felt, may be
+    wrong itself: so another IMU decides, and without one a change of many steps is asked for.
     """
     track = comparison.track
     t, step = track.t[stretch], track.gyro_step if name == "gyro" else track.accel_step
-    if name == "accel":
-        level = float(track.accel[stretch, axis].mean())
-        usual = float(np.median(track.accel[:, axis]))  # two accelerometers differ by their biases, throughout
-        felt = [o.accel[(o.t >= t[0]) & (o.t <= t[-1]), axis] - np.median(o.accel[:, axis]) + usual for o in others]
-        felt = [readings for readings in felt if len(readings) > 2]
-        if felt:
-            return any(float(np.abs(readings - level).mean()) > _FEW * step for readings in felt)
+    readings = track.gyro if name == "gyro" else track.accel
+    level = float(readings[stretch, axis].mean())
+    usual = float(np.median(readings[:, axis]))  # two sensors differ by their biases, throughout
+    theirs = [(o, (o.gyro if name == "gyro" else o.accel)[:, axis]) for o in others]
+    felt = [column[(o.t >= t[0]) & (o.t <= t[-1])] - np.median(column) + usual for o, column in theirs]
+    felt = [column for column in felt if len(column) > 2]
+    if felt:
+        return any(float(np.abs(column - level).mean()) > _FEW * step for column in felt)
     low, high = np.percentile(_should_read(comparison, name, stretch)[:, axis], [20, 80])
     lasted = float(t[-1] - t[0])
     noise = autopilot.attitude_noise * (STANDARD_GRAVITY if name == "accel" else np.sqrt(2.0) / (_TURN_PART * lasted))
@@ -273,7 +274,7 @@ def _should_read(comparison: Comparison, name: str, stretch: slice) -> Array:
     """What the autopilot's attitude says the gyro turned (rad/s), or its velocity and gravity that it felt (m/s²).
 
     Without a velocity nothing is said of the accelerometer: in steady flight a multicopter feels nothing sideways,
-    however it leans.
+    however it leans. Of the gyro nothing about the vertical: a heading turns with a compass that is wrong, too.
     """
     t, q = comparison.track.t[stretch], comparison.reference.q_ned_frd[stretch]
     if name == "accel":
@@ -285,4 +286,6 @@ def _should_read(comparison: Comparison, name: str, stretch: slice) -> Array:
         return quaternion.rotate(quaternion.conjugate(q[span // 2 : span // 2 + len(force)]), force)
     span = max(1, round(_TURN_PART * len(t)))
     turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:]))
+    down = _heading_free(q[span // 2 : span // 2 + len(turned)])
+    turned = turned - (turned * down).sum(axis=1, keepdims=True) * down
     return np.asarray(turned / (t[span:] - t[:-span])[:, None])
