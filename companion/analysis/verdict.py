@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 from companion.analysis.comparison import Windows
+from companion.analysis.episode import SIGMAS
 from companion.analysis.expected import Expected
 from companion.analysis.finding import Cause, Finding
 from companion.estimation import BestEstimate
@@ -41,7 +43,7 @@ def decide(
     if lacking is not None or expected is None:
         return Verdict("insufficient_data", lacking or "This log cannot tell.", findings)
     if causes:
-        first = causes[0]
+        first = _first(causes)
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
         return Verdict(status, f"Suspect {whom}: {_headline(first)}.", findings, _cause(first))
@@ -82,6 +84,19 @@ def _doubt(judged: Windows, expected: Expected, findings: tuple[Finding, ...], b
             + ("no single cause explains it" if best is not None else "no third witness tells which is wrong")
         )
     return next((f.evidence for f in findings if f.undecided), None)
+
+
+def _first(causes: Sequence[Finding]) -> Finding:
+    """The first cause in time; of one sensor's that may have begun together, that whose beginning is known best.
+
+    causes: in order of time. The other then takes up what the model of this one leaves.
+    """
+    first = causes[0]
+    if first.cause is None or not first.cause.onset_sigma_s or not first.cause.sensor:
+        return first
+    latest = first.start_s + SIGMAS * first.cause.onset_sigma_s
+    together = [f for f in causes if f.start_s <= latest and f.cause and f.cause.sensor == first.cause.sensor]
+    return min(together, key=lambda f: (f.cause and f.cause.onset_sigma_s) or 0.0)
 
 
 def _headline(finding: Finding) -> str:

@@ -196,7 +196,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("gyro_scale", "the gyro's scale changes",
          "imu", "", ("step",), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position", serious=0.03),
     Kind("accel_scale", "the accelerometer's scale changes",
-         "imu", "", ("step",), 0.3, 0.02, _scale(ACCEL_BIAS), "gps_position", serious=0.03),
+         "imu", "", ("step",), 0.1, 0.02, _scale(ACCEL_BIAS), "gps_position", serious=0.03),
     Kind("gyro_shock", "the gyro misses a turn, all at once",
          "imu", "rad", ("shock",), 0.3, 0.035, _shock(ATTITUDE), serious=np.inf, rarity=_SHOCK),
     Kind("accel_shock", "the accelerometer misses a push, all at once",
