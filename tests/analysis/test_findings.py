@@ -9,6 +9,9 @@ import pytest
 
 import companion as c
 from companion.analysis import GENERIC, Assessment, Finding, assess
+from companion.analysis.comparison import compare
+from companion.analysis.findings.detect import reading_faults
+from companion.analysis.imu_spec import ReferenceSpec
 from companion.app.recording import read_recording
 from companion.model import STANDARD_GRAVITY, AttitudeTrack, Event, ImuTrack, Series, StatusText, Vehicle
 from companion.strapdown import Motion, motions, quaternion
@@ -170,6 +173,24 @@ def test_a_gyro_axis_that_does_not_turn_is_not_stuck() -> None:
     quiet[:, 0] = np.where(np.arange(len(imu)) % 115 == 0, 1e-3, 0.0)
     noisy = turned(flight, rng.normal(0.0, 1e-3, (len(flight.require_attitude()), 3)))
     assert "stuck_axis" not in kinds(assess(with_imu(noisy, gyro=quiet), GENERIC))
+
+
+def test_a_heading_that_swings_alone_sticks_no_gyro() -> None:
+    """As with a compass that turns: the autopilot follows it, and only another gyro tells who is right."""
+    flight = flown(motions.rest(seconds(40, 100)))
+    imu, rng, swings = flight.imu(), np.random.default_rng(7), np.pi / 2
+    read = np.round(imu.gyro + 2e-3 * rng.normal(size=imu.gyro.shape), 3)
+    read[:, 2] = np.where(np.arange(len(imu)) % 115 == 0, 1e-3, 0.0)
+    attitude = flight.require_attitude()
+    swung = turned(flight, 0.5 * np.sin(swings * attitude.t)[:, None] * [0.0, 0.0, 1.0])
+    alone = with_imu(swung, gyro=read, gyro_step=1e-3)
+    assert not reading_faults(alone, compare(alone), GENERIC, ReferenceSpec())
+    for turns, stuck in ((0.0, set()), (1.0, {"gyro z"})):
+        rate = turns * 0.5 * swings * np.cos(swings * imu.t)[:, None] * [0.0, 0.0, 1.0]
+        other = replace(imu, source="SCALED_IMU2", instance=1, gyro=imu.gyro + rate)
+        both = replace(alone, imus={**alone.imus, other.source: other})
+        found = reading_faults(both, compare(both, imu=imu.source), GENERIC, ReferenceSpec())
+        assert {f.evidence[:6] for f in found if f.kind == "stuck_axis"} == stuck
 
 
 def test_a_simulated_gyro_without_noise_is_not_stuck_where_nothing_turns() -> None:
