@@ -191,6 +191,9 @@ def test_a_heading_that_swings_alone_sticks_no_gyro() -> None:
         both = replace(alone, imus={**alone.imus, other.source: other})
         found = reading_faults(both, compare(both, imu=imu.source), GENERIC, ReferenceSpec())
         assert {f.evidence[:6] for f in found if f.kind == "stuck_axis"} == stuck
+    stepped = with_imu(both, gyro=read + 0.02 * (imu.t > imu.t[len(imu) // 2])[:, None] * [0.0, 0.0, 1.0])
+    both = replace(stepped, imus={imu.source: stepped.imus[imu.source], "SCALED_IMU2": replace(other, gyro=imu.gyro)})
+    assert not reading_faults(both, compare(both, imu=imu.source), GENERIC, ReferenceSpec()), "a bias sticks no axis"
 
 
 def test_a_simulated_gyro_without_noise_is_not_stuck_where_nothing_turns() -> None:

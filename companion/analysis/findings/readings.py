@@ -22,7 +22,8 @@ STUCK_S, STOPPED_S = 1.0, 0.5  # the second of an axis whose noise shows in ever
 _KNOWN, _BESIDE = 0.9, 0.8  # of the stretch, that is known; that another axis may stand still with it
 _TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a step is in less than a fifth of such spans
 _STUCK_RATE_HZ = 20.0
-_MANY, _FEW = 50.0, 8.0  # steps
+_MANY, _SOME, _FEW = 50.0, 10.0, 8.0  # steps
+_FEWEST_FELT = 2  # samples of another IMU
 _LAST_DIGIT = 2.0**-22  # of a float of 32 bits
 _NEARLY = 0.005  # of what another axis changes by from sample to sample
 _QUIETER, _FEWEST_SECONDS = 0.1, 10  # than its quietest seconds; of which there have to be so many to tell
@@ -255,19 +256,31 @@ def _should_have_moved(
     """
     track = comparison.track
     t, step = track.t[stretch], track.gyro_step if name == "gyro" else track.accel_step
-    readings = track.gyro if name == "gyro" else track.accel
-    level = float(readings[stretch, axis].mean())
-    usual = float(np.median(readings[:, axis]))  # two sensors differ by their biases, throughout
-    theirs = [(o, (o.gyro if name == "gyro" else o.accel)[:, axis]) for o in others]
-    felt = [column[(o.t >= t[0]) & (o.t <= t[-1])] - np.median(column) + usual for o, column in theirs]
-    felt = [column for column in felt if len(column) > 2]
-    if felt:
-        return any(float(np.abs(column - level).mean()) > _FEW * step for column in felt)
-    low, high = np.percentile(_should_read(comparison, name, stretch)[:, axis], [20, 80])
+    meanwhile = [(o, (o.t >= t[0]) & (o.t <= t[-1])) for o in others]
+    meanwhile = [(o, during) for o, during in meanwhile if during.sum() > _FEWEST_FELT]
+    if meanwhile and name == "accel":
+        level = float(track.accel[stretch, axis].mean())
+        usual = float(np.median(track.accel[:, axis]))  # two accelerometers differ by their biases, throughout
+        felt = [o.accel[during, axis] - np.median(o.accel[:, axis]) + usual for o, during in meanwhile]
+        return any(float(np.abs(readings - level).mean()) > _FEW * step for readings in felt)
+    if meanwhile:  # what changed: a gyro's bias may step between its usual reading and this one
+        return any(_swing(_evened(o.gyro[during, axis])) >= _SOME * step for o, during in meanwhile)
     lasted = float(t[-1] - t[0])
     noise = autopilot.attitude_noise * (STANDARD_GRAVITY if name == "accel" else np.sqrt(2.0) / (_TURN_PART * lasted))
-    # not the whole range: a yaw reset is no turn
-    return bool(high - low >= max((_MANY if name == "accel" else 10.0) * step, 2 * noise))
+    swing = _swing(_should_read(comparison, name, stretch)[:, axis])
+    return swing >= max((_MANY if name == "accel" else _SOME) * step, 2 * noise)
+
+
+def _swing(readings: Array) -> float:
+    """Between what a fifth of the readings (n,) are below and a fifth above: a yaw reset is no turn."""
+    low, high = np.percentile(readings, [20, 80])
+    return float(high - low)
+
+
+def _evened(readings: Array) -> Array:
+    """Means over as much of a stretch of readings (n,) as the autopilot's turn is told over."""
+    span = max(1, round(_TURN_PART * len(readings)))
+    return np.convolve(readings, np.full(span, 1.0 / span), "valid")
 
 
 def _should_read(comparison: Comparison, name: str, stretch: slice) -> Array:
