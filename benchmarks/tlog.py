@@ -2,10 +2,10 @@
 
 A log of 100 MB with the message mix of a real link (made here, from a fixed seed) is read by each, in one run; each
 repetition is a process of its own, so that CPU and peak memory are its own, without the interpreter's start and the
-import of NumPy. CPU is the program's and the kernel's on its behalf: a reader that fills 900 MB has them made for it.
-pymavlink reads the first twentieth, which is enough to know its speed. Peers that are not installed are named and
-skipped (`pip install fasttlogparser`, which needs a C++ compiler). Then the same for an on-board log, made of a
-recording beside the project again and again, if it is there.
+import of NumPy. Speeds are by user CPU, and by all: who fills 900 MB has the kernel make them. pymavlink reads a
+twentieth, which is enough to know its speed. Peers that are not installed are named and skipped (`pip install
+fasttlogparser`, which needs a C++ compiler). Then the same for an on-board log, made of a recording beside the project
+again and again, if it is there.
 """
 
 from __future__ import annotations
@@ -145,13 +145,15 @@ RECORDING = Path(__file__).resolve().parents[2] / "shared/tlogs/dataflash/sitl__
 
 
 def measure(reader: str, path: Path) -> None:
-    """In a process of its own: print frames, CPU s, wall s and peak MB."""
+    """In a process of its own: print frames, user CPU s, all CPU s, wall s and peak MB."""
     read = (READERS | ONBOARD)[reader]
     read(_warm(path))
-    before, start = time.process_time(), time.perf_counter()
+    before, start = os.times(), time.perf_counter()
     frames = read(path)
-    cpu, wall = time.process_time() - before, time.perf_counter() - start
-    print(frames, cpu, wall, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    wall, after = time.perf_counter() - start, os.times()
+    user = after.user - before.user
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    print(frames, user, user + after.system - before.system, wall, peak)
 
 
 def _warm(path: Path) -> Path:
@@ -181,7 +183,7 @@ def main() -> None:
         for reader in ("companion: all fields", "companion: flights with SI tracks"):
             for peer in ("pymavlink", "fasttlogparser"):
                 if peer in speeds:
-                    print(f"{reader}: {speeds[reader] / speeds[peer]:.1f} x {peer}'s speed by CPU")
+                    print(f"{reader} beside {peer}: {_ratio(speeds[reader], speeds[peer])}")
         next_limit(whole)
         if not RECORDING.exists():
             print(f"{RECORDING} is not here: on-board logs are not measured")
@@ -194,7 +196,7 @@ def main() -> None:
         part.write_bytes(recording)
         speeds = compare({"companion: on-board log": whole, "pymavlink: DFReader": part}, arguments.repeats)
         print(
-            f"on-board log: {speeds['companion: on-board log'] / speeds['pymavlink: DFReader']:.1f} x DFReader's speed"
+            f"on-board log: {_ratio(speeds['companion: on-board log'], speeds['pymavlink: DFReader'])} DFReader's speed"
         )
 
 
@@ -215,19 +217,25 @@ def next_limit(path: Path) -> None:
     print(f"where the time goes (profiled): {shares}")
 
 
-def compare(logs: dict[str, Path], repeats: int) -> dict[str, float]:
-    """Print the medians of each reader, each with its log, as a table. Returns MB per second of CPU."""
-    print(f"\n{'':36}{'MB':>6}{'MB/s':>8}{'s CPU':>9}{'s wall':>9}{'peak MB':>9}{'frames':>12}")
+def compare(logs: dict[str, Path], repeats: int) -> dict[str, tuple[float, float]]:
+    """Print the medians of each reader, each with its log, as a table. Returns MB per s of user CPU, and of all."""
+    print(f"\n{'':36}{'MB':>6}{'MB/s':>8}{'s user':>9}{'s CPU':>9}{'s wall':>9}{'peak MB':>9}{'frames':>12}")
     speeds = {}
     for reader, path in logs.items():
         if importlib.util.find_spec(reader.partition(":")[0]) is None:
             print(f"{reader:36}not installed")
             continue
         megabytes = path.stat().st_size / 1e6
-        frames, cpu, wall, peak = _medians(reader, path, repeats)
-        speeds[reader] = megabytes / cpu
-        print(f"{reader:36}{megabytes:6.0f}{speeds[reader]:8.1f}{cpu:9.2f}{wall:9.2f}{peak:9.0f}{round(frames):12,}")
+        frames, user, cpu, wall, peak = _medians(reader, path, repeats)
+        speeds[reader] = megabytes / user, megabytes / cpu
+        times = f"{user:9.2f}{cpu:9.2f}{wall:9.2f}"
+        print(f"{reader:36}{megabytes:6.0f}{speeds[reader][0]:8.1f}{times}{peak:9.0f}{round(frames):12,}")
     return speeds
+
+
+def _ratio(ours: tuple[float, float], theirs: tuple[float, float]) -> str:
+    """By user CPU, and by all CPU."""
+    return f"{ours[0] / theirs[0]:.2f} x by user CPU, {ours[1] / theirs[1]:.2f} x by all CPU"
 
 
 def _medians(reader: str, path: Path, repeats: int) -> list[float]:
