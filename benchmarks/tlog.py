@@ -2,8 +2,8 @@
 
 A log of 100 MB with the message mix of a real link (made here, from a fixed seed) is read by each, in one run; each
 repetition is a process of its own, so that CPU and peak memory are its own, without the interpreter's start and the
-import of NumPy. Speeds are by user CPU, and by all: who fills 900 MB has the kernel make them. pymavlink reads a
-twentieth, which is enough to know its speed. Peers that are not installed are named and skipped (`pip install
+import of NumPy. Speeds are by user CPU, and by all: who fills 900 MB has the kernel make them. pymavlink reads
+the first twentieth, which is enough to know its speed. Peers that are not installed are named and skipped (`pip install
 fasttlogparser`, which needs a C++ compiler). Then the same for an on-board log, made of a recording beside the project
 again and again, if it is there.
 """
@@ -195,9 +195,8 @@ def main() -> None:
                 file.write(recording)
         part.write_bytes(recording)
         speeds = compare({"companion: on-board log": whole, "pymavlink: DFReader": part}, arguments.repeats)
-        print(
-            f"on-board log: {_ratio(speeds['companion: on-board log'], speeds['pymavlink: DFReader'])} DFReader's speed"
-        )
+        ratio = _ratio(speeds["companion: on-board log"], speeds["pymavlink: DFReader"])
+        print(f"on-board log beside DFReader: {ratio}")
 
 
 def next_limit(path: Path) -> None:

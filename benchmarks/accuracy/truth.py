@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +20,8 @@ from benchmarks.accuracy.labelled import HERE, SHARED
 from benchmarks.accuracy.labels import load_labels, recordings
 from benchmarks.accuracy.parallel import Failed, each
 from companion.analysis import phases
+from companion.analysis.budget import nees
+from companion.analysis.navigation_error import attitude_error, length
 from companion.api import smooth
 from companion.app.recording import read_recording
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
@@ -44,30 +45,24 @@ class Row:
 
 
 def error(truth: TruthTrack, t: Array, q_ned_frd: Array, velocity: Array, position: Array) -> Array:
-    """(N, 9) truth minus estimate: attitude (rad, NED), velocity, position. The position's mean is not judged.
+    """(N, 9) truth minus estimate: attitude (rad, NED), velocity, position about its median.
 
     Truth and estimate count positions from origins of their own.
     """
     q = attitude_at(t, truth.t, quaternion.continuous_sign(truth.q_ned_frd))
-    angle = quaternion.log(quaternion.multiply(q, quaternion.conjugate(q_ned_frd)))
-    apart = at(t, truth.t, truth.position) - position
-    return np.concatenate((angle, at(t, truth.t, truth.velocity) - velocity, apart - np.median(apart, axis=0)), axis=1)
+    velocity_off, apart = at(t, truth.t, truth.velocity) - velocity, at(t, truth.t, truth.position) - position
+    return np.concatenate((attitude_error(q, q_ned_frd), velocity_off, apart - np.median(apart, axis=0)), axis=1)
 
 
 def sizes(errors: Array) -> tuple[float, ...]:
     """95 % of tilt and heading (degrees), velocity and position."""
     columns = (
-        np.degrees(np.linalg.norm(errors[:, :2], axis=1)),
+        np.degrees(length(errors[:, :2])),
         np.degrees(np.abs(errors[:, 2])),
-        np.linalg.norm(errors[:, VELOCITY], axis=1),
-        np.linalg.norm(errors[:, POSITION], axis=1),
+        length(errors[:, VELOCITY]),
+        length(errors[:, POSITION]),
     )
     return tuple(float(np.quantile(column, 0.95)) for column in columns)
-
-
-def _nees(errors: Array, covariance: Array) -> float:
-    weighed = np.linalg.solve(covariance, errors[..., None])[..., 0]
-    return float((errors * weighed).sum(axis=1).mean() / errors.shape[1])
 
 
 def row(name: str, flight: Flight, best: BestEstimate) -> Row | None:
@@ -91,27 +86,25 @@ def row(name: str, flight: Flight, best: BestEstimate) -> Row | None:
         at(t, position.t, position.velocity),
         at(t, position.t, position.position),
     )
-    nees = tuple(_nees(ours[:, block], best.covariance[judged, block, block]) for block in BLOCKS.values())
-    return Row(name, sizes(ours), sizes(theirs), nees)
+    errors = [(ours[:, block], best.covariance[judged, block, block]) for block in BLOCKS.values()]
+    return Row(name, sizes(ours), sizes(theirs), tuple(float(nees(e, p).mean() / e.shape[1]) for e, p in errors))
 
 
 def rows(path: Path) -> list[Row]:
-    """Of each flight of a recording."""
-    return list(_rows(path))
-
-
-def _rows(path: Path) -> Iterator[Row]:
+    """Of each flight of a recording that has a truth beside it."""
+    out = []
     for flight in read_recording(path).flights:
         if flight.truth is None:
             continue
         try:
-            best = smooth(flight)
+            out.append(row(f"{path.parent.name}/{path.name}", flight, smooth(flight)))
         except CompanionError as why:
             print(f"{path.name}: {why}", file=sys.stderr)
-            continue
-        one = row(f"{path.parent.name}/{path.name}", flight, best)
-        if one is not None:
-            yield one
+    return [one for one in out if one is not None]
+
+
+def _shown(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value:.2f}"
 
 
 def main() -> int:
@@ -136,9 +129,8 @@ def main() -> int:
             print(f"{paths[index]}: {result.reason}", file=sys.stderr)
             continue
         for one in result:
-            pairs = [f"{best:.2f} / {theirs:.2f}" for best, theirs in zip(one.best, one.autopilot, strict=True)]
-            cells = [one.name, *pairs, *(f"{value:.2f}" for value in one.nees)]
-            print(f"| {' | '.join(cells).replace('nan / nan', '').replace('nan', '')} |")
+            pairs = [f"{_shown(best)} / {_shown(theirs)}" for best, theirs in zip(one.best, one.autopilot, strict=True)]
+            print(f"| {' | '.join((one.name, *pairs, *map(_shown, one.nees)))} |")
         flights += result
     if flights:
         better = sum(one.best[0] <= one.autopilot[0] for one in flights)

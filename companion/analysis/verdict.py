@@ -91,12 +91,12 @@ def _first(causes: Sequence[Finding]) -> Finding:
 
     causes: in order of time. The other then takes up what the model of this one leaves.
     """
-    first = causes[0]
-    if first.cause is None or not first.cause.onset_sigma_s or not first.cause.sensor:
-        return first
-    latest = first.start_s + SIGMAS * first.cause.onset_sigma_s
-    together = [f for f in causes if f.start_s <= latest and f.cause and f.cause.sensor == first.cause.sensor]
-    return min(together, key=lambda f: (f.cause and f.cause.onset_sigma_s) or 0.0)
+    first = _cause(causes[0])
+    if not first.sensor or not first.onset_sigma_s:
+        return causes[0]
+    latest = first.onset_s + SIGMAS * first.onset_sigma_s
+    together = [f for f in causes if f.start_s <= latest and _cause(f).sensor == first.sensor]
+    return min(together, key=lambda f: _cause(f).onset_sigma_s or 0.0)
 
 
 def _headline(finding: Finding) -> str:

@@ -195,6 +195,7 @@ KINDS: tuple[Kind, ...] = (
          "imu", "m/s²", ("step", "ramp", "pulse"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position", serious=0.3),
     Kind("gyro_scale", "the gyro's scale changes",
          "imu", "", ("step",), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position", serious=0.03),
+    # parts are sold within 0.5 to 3 % (config/imu): one that changes by more than three times that is hardly the same
     Kind("accel_scale", "the accelerometer's scale changes",
          "imu", "", ("step",), 0.1, 0.02, _scale(ACCEL_BIAS), "gps_position", serious=0.03),
     Kind("gyro_shock", "the gyro misses a turn, all at once",
