@@ -148,12 +148,11 @@ def measure(reader: str, path: Path) -> None:
     """In a process of its own: print frames, user CPU s, all CPU s, wall s and peak MB."""
     read = (READERS | ONBOARD)[reader]
     read(_warm(path))
-    before, start = os.times(), time.perf_counter()
+    before, start = resource.getrusage(resource.RUSAGE_SELF), time.perf_counter()
     frames = read(path)
-    wall, after = time.perf_counter() - start, os.times()
-    user = after.user - before.user
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(frames, user, user + after.system - before.system, wall, peak)
+    wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF)
+    user = after.ru_utime - before.ru_utime
+    print(frames, user, user + after.ru_stime - before.ru_stime, wall, after.ru_maxrss / 1024)
 
 
 def _warm(path: Path) -> Path:
