@@ -23,6 +23,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from companion.mavlink.chain import MOST, chain_of
 from companion.mavlink.crc import Bytes, Index, gather
 from companion.mavlink.dialect import Dialect
 from companion.mavlink.headers import (
@@ -120,17 +121,49 @@ class Decoder:
 
     def push(self, chunk: bytes | bytearray | memoryview | Bytes) -> Frames:
         """The frames that the bytes so far decide upon and that no earlier push gave."""
-        return self._decode(np.frombuffer(chunk, np.uint8), final=False)
+        new = np.frombuffer(chunk, np.uint8)
+        chain = self._chain_of(new)
+        return self._decode(new, final=False) if chain is None else chain
 
     def finish(self) -> Frames:
         """The frames left at the end of the stream; then `damage` is complete. Nothing can be pushed any more."""
         return self._decode(np.empty(0, np.uint8), final=True)
 
+    def _chain_of(self, chunk: Bytes) -> Frames | None:
+        """What `_decode` would give of a few frames without damage, twenty times as fast; None of anything else.
+
+        Nothing lies between them, so there is nothing to search: where two overlap, the one that begins first is meant.
+        """
+        in_step = self._chain == self._scan == self._last_end
+        if self._stamp or not in_step or len(self._carry) + len(chunk) > MOST:
+            return None
+        data, size = self._joined(chunk)
+        frames = chain_of(data[:size].tobytes(), self._scan - self._base, self.dialect)
+        if frames is None:
+            return None
+        result = self._frames(data, frames)
+        if len(frames):
+            self._last_end = self._base + int(frames.end[-1])
+            self._restart_chain(self._last_end)
+        self._keep(data[:size], self._last_end - self._base)
+        return result
+
+    def _joined(self, chunk: Bytes) -> tuple[Bytes, int]:
+        """What was carried over and the new bytes, how many, and zeros: every gather may reach beyond the end."""
+        carried = len(self._carry)
+        size = carried + len(chunk)
+        data = np.zeros(size + LONGEST, np.uint8)
+        data[:carried], data[carried:size] = self._carry, chunk
+        return data, size
+
+    def _keep(self, data: Bytes, decided: int) -> None:
+        """Carry over what is not decided, and the stamp before it."""
+        keep = max(decided - STAMP_BYTES, 0)
+        self._carry, self._scan = data[keep:].copy(), self._base + decided
+        self._base += keep
+
     def _decode(self, chunk: Bytes, *, final: bool) -> Frames:
-        size = len(self._carry) + len(chunk)
-        data = np.zeros(size + LONGEST, np.uint8)  # zeros behind, so that every gather may reach beyond the end
-        data[: len(self._carry)] = self._carry
-        data[len(self._carry) : size] = chunk
+        data, size = self._joined(chunk)
         base = self._base
 
         low = self._scan - base
@@ -162,8 +195,7 @@ class Decoder:
             self._last_end = base + int(frames.end[-1])
         if final:
             self._end_of_stream(base + size)
-        keep = max(decided - STAMP_BYTES, 0)
-        self._carry, self._base, self._scan = data[keep:size].copy(), base + keep, base + decided
+        self._keep(data[:size], decided)
         return result
 
     def _search_gaps(
