@@ -20,7 +20,7 @@ from companion.analysis import (
     replay_from_rest,
 )
 from companion.model import STANDARD_GRAVITY, AttitudeTrack, DataError, Flight, Series
-from companion.strapdown import motions, quaternion
+from companion.strapdown import ImuModel, Sensor, motions, quaternion
 from tests.analysis.test_rest import BIAS, noisy, rest_then_motion
 from tests.flights import flight_of, seconds
 from tests.recordings import BUNDLED, recording
@@ -73,6 +73,18 @@ def test_a_gyro_at_rest_feels_the_earth_turn_and_takes_it_for_its_bias() -> None
     found = align(flight, compare(flight), ImuSpec("perfect", NOTHING, NOTHING, "none"), PERFECT)
     last = found.later[-1]
     assert np.radians(last.expected_tilt_deg) == pytest.approx(7.2921e-5 * last.since_s * np.sqrt(2.0), rel=0.1)
+
+
+def test_a_gyro_that_is_noisier_at_rest_than_its_data_sheet_says_is_taken_as_it_is() -> None:
+    """σ² after t s is what white noise of density N adds, N² t, and what it left of the bias over a rest of T s."""
+    density = 3.0 * GENERIC.gyro.noise_density
+    flight = noisy(rest_then_motion(), ImuModel(gyro=Sensor(density)))
+    quiet = ImuSpec("quiet", replace(NOTHING, noise_density=1e-7), NOTHING, "none")
+    found = align(flight, compare(flight), quiet, PERFECT)
+    assert found.rest.gyro_noise == pytest.approx(density, rel=0.2)
+    one, lasted = found.later[0].since_s, found.rest.end_s - found.rest.start_s
+    expected = density * np.sqrt(one + one**2 / lasted)
+    assert np.radians(found.later[0].expected_heading_deg) == pytest.approx(expected, rel=0.2)
 
 
 def test_a_heading_taken_from_the_autopilot_is_as_unsure_as_the_autopilots_at_both_ends() -> None:

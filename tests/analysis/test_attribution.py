@@ -88,6 +88,45 @@ def test_what_begins_with_a_step_need_not_last(
     assert [d.quantity for d in departures(for_a_while, best, Limits())] == ["heading"] * departs
 
 
+def test_a_step_is_one_though_a_keyframe_lies_within_it(flight: Flight, best: BestEstimate) -> None:
+    before, within, after = best.t[np.searchsorted(best.t, ONSET) :][:3]
+    attitude = flight.require_attitude()
+    times = [before, within, after, after + 2.0, after + 2.2]
+    angle = np.radians(np.interp(attitude.t, times, [0.0, 8.0, 14.0, 14.0, 0.0]))
+    turn = quaternion.exp(angle[:, None] * np.array([0.0, 0.0, 1.0]))
+    other = replace(flight, attitude=replace(attitude, q_ned_frd=quaternion.multiply(turn, attitude.q_ned_frd)))
+    assert [d.quantity for d in departures(other, best, Limits())] == ["heading"]
+
+
+@pytest.mark.parametrize(("sigma", "departs"), [(0.0, True), (3.0, False)], ids=["known", "known to 3°"])
+def test_a_tilt_departs_by_more_than_it_is_known(
+    flight: Flight, best: BestEstimate, sigma: float, departs: bool
+) -> None:
+    attitude = flight.require_attitude()
+    lean = quaternion.exp(np.radians(6.0) * (attitude.t >= ONSET)[:, None] * np.array([1.0, 0.0, 0.0]))
+    other = replace(flight, attitude=replace(attitude, q_ned_frd=quaternion.multiply(lean, attitude.q_ned_frd)))
+    known = best.covariance.copy()
+    known[:, :2, :2] += np.radians(sigma) ** 2 * np.eye(2)
+    assert [d.quantity for d in departures(other, replace(best, covariance=known), Limits())] == ["tilt"] * departs
+
+
+@pytest.mark.parametrize(("speed", "departs"), [(0.0, True), (60.0, False)], ids=["standing", "at 60 m/s"])
+def test_a_position_may_be_off_by_what_a_late_gps_makes_of_the_speed(
+    flight: Flight, best: BestEstimate, speed: float, departs: bool
+) -> None:
+    """Each estimator assumes one latency of its GPS: they need not assume the same."""
+    north = np.array([1.0, 0.0, 0.0])
+    states = replace(
+        best.states,
+        velocity=best.velocity + speed * north,
+        position=best.position + speed * (best.t - best.t[0])[:, None] * north,
+    )
+    swift = replace(best, states=states)
+    off = 6.0 * (best.t >= ONSET)[:, None] * north
+    other = replace(flight, position=PositionTrack(best.t, swift.position + off, swift.velocity))
+    assert [d.quantity for d in departures(other, swift, Limits())] == ["position"] * departs
+
+
 @pytest.mark.parametrize(("until", "side"), [(40.0, "data"), (np.inf, "autopilot")], ids=["recovers", "stays"])
 def test_an_estimate_that_recovers_from_what_was_before_is_not_accused(
     flight: Flight, best: BestEstimate, until: float, side: str
@@ -176,6 +215,19 @@ def test_a_height_departs(flight: Flight, best: BestEstimate, metres: float, dep
     if departs:
         assert found[0].start == pytest.approx(ONSET, abs=1.0)
         assert found[0].size == pytest.approx(metres, abs=1.0)
+
+
+@pytest.mark.parametrize(("pull", "departs"), [(0.0, True), (20.0, False)], ids=["even", "at 20 m/s²"])
+def test_a_velocity_may_be_off_by_what_a_late_gps_makes_of_the_pull(
+    flight: Flight, best: BestEstimate, pull: float, departs: bool
+) -> None:
+    north = np.array([1.0, 0.0, 0.0])
+    swift = replace(
+        best, states=replace(best.states, velocity=best.velocity + pull * (best.t - best.t[0])[:, None] * north)
+    )
+    off = 2.0 * (best.t >= ONSET)[:, None] * north
+    other = replace(flight, position=PositionTrack(best.t, swift.position, swift.velocity + off))
+    assert [d.quantity for d in departures(other, swift, Limits())] == ["velocity"] * departs
 
 
 def test_a_height_that_follows_the_barometer_is_its_consequence(flight: Flight, best: BestEstimate) -> None:

@@ -145,6 +145,8 @@ def test_steps_of_more_than_half_a_turn_are_finite_and_reported() -> None:
     backwards = increments(ImuTrack(t, np.full((5, 3), 2.6), np.ones((5, 3))))  # 4.5 rad, beyond half a turn
     assert (backwards.dq[:, 0] >= 0).all()
     assert "4 of 4 intervals turn by more than π" in fast.notes[0]
+    askew = increments(ImuTrack(t, np.full((5, 3), 1.85), np.ones((5, 3))))  # 3.204 rad, about no axis of the body
+    assert "4 of 4 intervals turn by more than π" in askew.notes[0]
     assert increments(ImuTrack(t, np.full((5, 3), 1.8), np.ones((5, 3)))).notes == ()  # 3.118 rad
 
 
@@ -172,6 +174,10 @@ def test_bad_input_is_named() -> None:
         dense_attitude(track, q[:3], np.array([0.5]))
     with pytest.raises(ValueError, match="within the track"):
         attitude_at(track, q, np.array([track.t[-1] + 1.0]))
+    with pytest.raises(ValueError, match="unknown middle 'spline'"):
+        attitude_at(track, q, track.t, middle="spline")
+    with pytest.raises(ValueError, match="segments must be 1 or more"):
+        dense_attitude(track, q, np.array([0.5]), segments=0)
 
 
 def test_beside_a_hole_or_a_burst_the_line_is_taken_and_it_is_said() -> None:
