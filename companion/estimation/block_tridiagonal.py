@@ -16,6 +16,8 @@ import numpy as np
 from companion.model import Array
 
 _ROUNDING = 1e-12
+_FEW = 24  # blocks, of which LAPACK inverts one after the other sooner than a loop over their rows all of them
+_TOGETHER = 512  # blocks that stay in cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,14 +90,14 @@ def factorise(diagonal: Array, upper: Array) -> Factor:
         odd, even = d[1::2], d[0::2].copy()
         before, after = u[0::2], np.zeros_like(odd)  # couplings [k - 1, k] and [k, k + 1] of every odd k
         after[: len(u) // 2] = u[1::2]
-        inverse = _invert(odd)
+        inverse = inverses(odd)
         left, right = inverse @ before.swapaxes(-1, -2), inverse @ after
         even[: len(odd)] -= before @ left
         even[1:] -= (after.swapaxes(-1, -2) @ right)[: len(even) - 1]
         u = -(before @ right)[: len(even) - 1]
         d = even
         levels.append(_Level(inverse, left, right))
-    return Factor(levels, _invert(d), scale)
+    return Factor(levels, inverses(d), scale)
 
 
 def _scaled(blocks: Array, rows: Array, columns: Array, out: Array | None = None) -> Array:
@@ -105,14 +107,33 @@ def _scaled(blocks: Array, rows: Array, columns: Array, out: Array | None = None
     return out
 
 
-def _invert(blocks: Array) -> Array:
-    """Inverses of positive definite blocks (M, n, n), by their roots: symmetric and positive definite too."""
+def inverses(blocks: Array) -> Array:
+    """Inverses of positive definite blocks (M, n, n), by their roots: symmetric and positive definite too.
+
+    Raises numpy.linalg.LinAlgError for what is not positive definite.
+    """
     try:
         lower = np.linalg.cholesky(blocks)
     except np.linalg.LinAlgError:  # by rounding: the diagonal is about 1, and what is not observed is next to nothing
         lower = np.linalg.cholesky(blocks + _ROUNDING * np.eye(blocks.shape[-1]))
-    root = np.linalg.inv(lower)
-    return np.asarray(root.swapaxes(-1, -2) @ root, np.float64)
+    root = _lower_inverses(np.asarray(lower, np.float64))
+    return np.asarray(root.swapaxes(-1, -2) @ root)
+
+
+def _lower_inverses(lower: Array) -> Array:
+    """Inverses of lower triangular blocks (M, n, n), by forward substitution of all blocks at once."""
+    if len(lower) < _FEW:
+        return np.asarray(np.linalg.inv(lower))
+    out = np.empty_like(lower)
+    for first in range(0, len(lower), _TOGETHER):
+        rows = np.ascontiguousarray(lower[first : first + _TOGETHER].transpose(1, 2, 0))
+        inverse = np.zeros_like(rows)
+        for i, row in enumerate(rows):
+            inverse[i, i] = 1.0 / row[i]
+            if i:
+                inverse[i, :i] = np.einsum("jk,jmk->mk", row[:i] * -inverse[i, i], inverse[:i, :i])
+        out[first : first + _TOGETHER] = inverse.transpose(2, 0, 1)
+    return out
 
 
 def _interleave(even: Array, odd: Array) -> Array:

@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from companion.estimation.block_tridiagonal import inverses
 from companion.estimation.choice import Choice, with_choice
 from companion.estimation.explanations import Problem
 from companion.estimation.measurements import Kinematics, measure
@@ -224,4 +225,4 @@ def _prior(setup: Setup, states: States) -> Prior:
 def _inverse(covariance: Array) -> Array:
     scale = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     scale = scale[:, :, None] * scale[:, None, :]
-    return np.asarray(np.linalg.inv(covariance / scale) / scale)
+    return np.asarray(inverses(covariance / scale) / scale)

@@ -9,14 +9,14 @@ vehicle did not move says little of its onset: that is sought again with its siz
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from companion.estimation.choice import SHARPEST_S, Choice
 from companion.estimation.competition import times_of_change
 from companion.estimation.iteration import Start, carried, estimate
-from companion.estimation.linearisation import linearise
+from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.setup import Setup
 from companion.estimation.shapes import at_work
 from companion.estimation.system import misfit
@@ -31,16 +31,25 @@ _ONSETS, _FINE, _ROUNDS = 12, 7, 3
 Limits = Mapping[str, tuple[float, float]]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Retimed:
+    """The readings at the times that they speak of if a choice is right, and the choice so found."""
+
+    setup: Setup
+    choice: Choice
+    estimated: tuple[Start, Linear] | None = None  # of both, where that was needed to find them
+
+
 def retimed(
     setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice, limits: Limits | None = None
-) -> tuple[Setup, Choice] | None:
-    """The problem with the readings at the times that they speak of if the choice is right, and the choice so found.
+) -> Retimed | None:
+    """The problem with the readings where a choice puts them.
 
-    Both as they are where the choice moves no readings in time, or its size does not settle; None where readings would
-    speak of what has not happened yet. limits: of the densities of the IMU, see `estimate`.
+    As it is where the choice moves no readings in time, or its size does not settle; None where readings would speak of
+    what has not happened yet. limits: of the densities of the IMU, see `estimate`.
     """
     if not choice.kind.retimes:
-        return setup, choice
+        return Retimed(setup, choice)
     linearly, moved, settled = choice, setup, start
     for searched in (False, True):
         for _ in range(_TIMES):
@@ -53,12 +62,12 @@ def retimed(
                 return None
             moved = _moved(setup, choice)
         else:
-            return setup, linearly
+            return Retimed(setup, linearly)
         if searched or choice.shape != "step" or abs(choice.taken) < _MUCH_S:
             break
         choice = _with_onset(setup, settled, accepted, choice)
         moved = _moved(setup, choice)
-    return moved, choice
+    return Retimed(moved, choice, (settled, linear))
 
 
 def _moved(setup: Setup, choice: Choice) -> Setup:

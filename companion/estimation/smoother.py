@@ -143,8 +143,9 @@ def _tried(
     possible = retimed(setup, start, accepted, choice, limits)
     if possible is None:
         return None
-    setup, moved = possible
-    again, linear = estimate(setup, start, [*accepted, moved])
+    setup, moved = possible.setup, possible.choice
+    as_learned = possible.estimated if limits is None else None
+    again, linear = as_learned or estimate(setup, start, [*accepted, moved])
     beside = gain_beside(moved, linear.problem, linear.solution, linear.prior)
     gain = max(choice.gain, beside) / unrest(moved, linear.problem, linear.solution)
     final = (

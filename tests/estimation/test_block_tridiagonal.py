@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from companion.estimation.block_tridiagonal import factorise
+from companion.estimation.block_tridiagonal import factorise, inverses
 from companion.model import Array
 
 BLOCK = 4
@@ -27,7 +27,7 @@ def made(count: int) -> tuple[Array, Array, Array]:
     return blocks[index, index], blocks[index[:-1], index[1:]], whole
 
 
-@pytest.mark.parametrize("count", range(1, 31))
+@pytest.mark.parametrize("count", [*range(1, 31), 120])
 def test_solution_determinant_and_inverse_are_those_of_the_dense_matrix(count: int) -> None:
     diagonal, upper, whole = made(count)
     factor = factorise(diagonal, upper)
@@ -51,3 +51,20 @@ def test_an_unknown_that_nothing_determines_is_an_error() -> None:
     diagonal[2, 1, :] = diagonal[2, :, 1] = 0.0
     with pytest.raises(np.linalg.LinAlgError, match="not determined"):
         factorise(diagonal, upper)
+
+
+@pytest.mark.parametrize("count", [0, 1, 23, 24, 511, 513])
+def test_many_blocks_are_inverted_as_few_are(count: int) -> None:
+    root = np.random.default_rng(count).normal(size=(count, 15, 20))
+    blocks = root @ root.swapaxes(-1, -2)
+    found = inverses(blocks)
+    np.testing.assert_array_equal(found, found.swapaxes(-1, -2))
+    np.testing.assert_allclose(found @ blocks, np.broadcast_to(np.eye(15), blocks.shape), atol=1e-8)
+
+
+@pytest.mark.parametrize("count", [1, 100])
+def test_what_is_not_positive_definite_has_no_inverse(count: int) -> None:
+    blocks = np.tile(np.eye(3), (count, 1, 1))
+    blocks[-1, 2, 2] = -1.0
+    with pytest.raises(np.linalg.LinAlgError):
+        inverses(blocks)

@@ -103,7 +103,7 @@ def test_the_onset_is_sought_again_with_the_size_known() -> None:
     start = start_of(setup, first_guess(setup, flight))
     possible = retimed(setup, start, [], replace(chosen("gps_latency", 300.0), onset=ONSET + 6.0))
     assert possible is not None
-    moved, found = possible
+    moved, found = possible.setup, possible.choice
     assert found.taken == pytest.approx(1.0, abs=0.05)
     assert found.onset == pytest.approx(ONSET, abs=max(3.0 * found.onset_sigma, 0.5))
     assert found.onset_sigma < 2.0
