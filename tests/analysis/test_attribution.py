@@ -12,7 +12,7 @@ from companion.analysis import GENERIC
 from companion.analysis.attribution import episodes, findings_of, follows
 from companion.analysis.comparison import compare
 from companion.analysis.departures import departures
-from companion.analysis.episode import PHRASES, Departure, Episode
+from companion.analysis.episode import PHRASES, Departure, Episode, cause_of
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings
 from companion.analysis.imu_spec import ReferenceSpec
@@ -364,3 +364,17 @@ def test_every_kind_of_explanation_has_its_words_and_its_size() -> None:
     assert set(PHRASES) == {kind.name for kind in KINDS}
     assert set(CAUSES) >= {kind.name for kind in KINDS}
     assert all((kind.serious > 0) == (kind.side == "imu") for kind in KINDS)
+
+
+@pytest.mark.parametrize("degrees", [30.0, -20.0])
+def test_a_field_turns_clockwise_seen_from_above_where_its_angle_is_positive(
+    best: BestEstimate, degrees: float
+) -> None:
+    """As a heading grows: about down."""
+    field = best.states.constant("earth_field")
+    change = quaternion.rotate(quaternion.exp(np.radians([0.0, 0.0, degrees])), field) - field
+    episode = Episode("compass_field", "compass", ONSET, 0.1, np.inf, change[:2], 0.3, 100.0, ())
+    assert PHRASES["compass_field"][0](episode, best).startswith(f"the compass' field turns by {degrees:.0f} ± ")
+    cause = cause_of(episode, best, "autopilot", ())
+    assert cause.size == pytest.approx(np.radians(abs(degrees)))
+    assert cause.unit == "rad"

@@ -9,8 +9,11 @@ import pytest
 
 import companion as c
 from companion.analysis import GENERIC, Assessment, Finding, assess
+from companion.analysis.clipping import clip_counts
 from companion.analysis.comparison import compare
 from companion.analysis.findings.detect import reading_faults
+from companion.analysis.findings.jumps import jump_findings
+from companion.analysis.findings.lags import lags
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.app.recording import read_recording
 from companion.model import STANDARD_GRAVITY, AttitudeTrack, Event, ImuTrack, Series, StatusText, Vehicle
@@ -121,6 +124,24 @@ def test_clocks_that_do_not_run_alike() -> None:
     assert of_kind(found, "clocks_diverge")
 
 
+@pytest.mark.parametrize("late", [-0.03, 0.0, 0.05, 0.107])
+def test_a_lag_is_measured_between_the_shifts_that_are_tried(late: float) -> None:
+    flight = flown()
+    found = lags(compare(with_imu(flight, t=flight.imu().t + late)))
+    assert len(found) == 3
+    assert [lag for *_, lag in found] == pytest.approx([late] * 3, abs=3e-3)
+
+
+def test_a_step_of_the_heading_lies_between_the_two_samples_that_it_is_told_by() -> None:
+    flight, jump = flown(), 35.0
+    attitude = flight.require_attitude()
+    stepped = turned(flight, np.radians(15.0) * (attitude.t > jump)[:, None] * [0.0, 0.0, 1.0])
+    (found,) = jump_findings(compare(stepped), stepped)
+    before, after = attitude.t[attitude.t <= jump][-1], attitude.t[attitude.t > jump][0]
+    assert found.start_s == pytest.approx(before, abs=0.03)
+    assert found.end_s == pytest.approx(after, abs=0.03)
+
+
 def test_uneven_samples_are_told() -> None:
     flight, rng = flown(CIRCLE), np.random.default_rng(4)
     imu = flight.imu()
@@ -144,6 +165,14 @@ def test_the_vehicles_own_vibration_and_clip_counts() -> None:
     assert "7 readings" in clipped.evidence
     quiet = assess(flown(series={"vibration": vibration(3.0, 0.0)}), GENERIC)
     assert not {"vibration", "clipping_counted"} & {f.kind for f in quiet.verdict.findings}
+
+
+def test_clips_are_counted_from_the_last_sample_before_them_to_the_first_with_all_of_them() -> None:
+    counts = np.array([3.0, 3.0, 3.0, 5.0, 5.0, 9.0, 9.0])
+    t = 10.0 + np.arange(7.0)
+    (found,) = clip_counts(Series(t, counts[:, None], ("clips_0",), "VIBE"))
+    assert found.readings == 6.0
+    assert (found.start_s, found.end_s) == (t[counts == 3.0][-1], t[counts == 9.0][0])
 
 
 def test_an_axis_and_counts_that_the_vehicle_does_not_tell() -> None:

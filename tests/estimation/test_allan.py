@@ -56,6 +56,18 @@ def test_white_noise_is_within_five_percent_and_its_interval_holds_it(seconds: f
     assert holds(found, N) >= 0.9
 
 
+def test_what_the_steps_of_the_readings_add_is_no_noise_of_the_sensor() -> None:
+    rate, step = 100.0, 2.0 * N * 10.0  # two standard deviations of a sample
+    found = allan_deviation(np.round(readings(600.0, rate, 3, walk=0.0) / step) * step, rate)
+    assert found is not None
+    for axis in range(3):
+        plain, fit = noise_figures(found, axis), noise_figures(found, axis, grid=step**2 / (12.0 * rate))
+        assert plain is not None
+        assert fit is not None
+        assert plain.white.value == pytest.approx(N * np.sqrt(4.0 / 3.0), rel=0.03)
+        assert fit.white.value == pytest.approx(N, rel=0.03)
+
+
 def test_the_figures_are_those_of_allantools_curve() -> None:
     """N and K read off allantools' own deviation where each of them rules, within 5 %."""
     import allantools  # noqa: PLC0415

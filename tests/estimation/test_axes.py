@@ -49,3 +49,16 @@ def test_each_way_undoes_itself() -> None:
     for turns in WAYS.values():
         for turn in turns:
             assert np.array_equal(turn @ turn, np.eye(3))
+
+
+@pytest.mark.parametrize("words", WAYS)
+def test_each_way_does_what_its_words_say(words: str) -> None:
+    gyro, accel = WAYS[words]
+    named = ["xyz".index(letter) for letter in words.split() if letter in ("x", "y", "z")]
+    expected = np.eye(3)
+    if "exchanged" in words:
+        expected[named] = np.eye(3)[named[::-1]]
+    else:
+        expected[named] *= -1.0
+    assert np.array_equal(gyro, np.eye(3) if words.startswith("accelerometer") else expected)
+    assert np.array_equal(accel, np.eye(3) if words.startswith("gyro") else expected)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from companion.estimation.rest import at_rest
@@ -47,3 +49,17 @@ def test_the_rate_of_a_swing_that_turns_round_is_no_bias() -> None:
     gyro, accel = swinging(t, 0.02, 4.0)
     rates, sigma, rests = at_rest(*disarmed(t, gyro, accel), keyframes)
     assert (np.abs(rates[rests]) < 2.0 * sigma[rests, None]).all()
+
+
+def test_sigma_is_honest_for_noise_that_neighbouring_samples_share() -> None:
+    """Where means agree by chance, the scatter of the samples alone says how well they are known."""
+    t, normalised = np.arange(0.0, 3.0, 0.01), []
+    up = np.tile([0.0, 0.0, -STANDARD_GRAVITY], (300, 1))
+    for seed in range(200):
+        shared = np.random.default_rng(seed).normal(0.0, 1.5e-3, (25, 3)).repeat(2, axis=0)
+        flight, track = disarmed(t, np.zeros((300, 3)), up)
+        quiet = replace(track, gyro=np.tile(shared, (6, 1)))
+        rates, sigma, rests = at_rest(replace(flight, imus={"RAW_IMU": quiet}), quiet, np.array([0.5, 1.0, 1.5, 2.0]))
+        assert rests.all()
+        normalised.append((rates / sigma[:, None]) ** 2)
+    assert 0.5 < np.mean(normalised) < 1.2

@@ -165,6 +165,15 @@ def test_at_any_time_it_is_carried_by_the_imu() -> None:
     np.testing.assert_allclose(there[2], found.position, atol=1e-9)
 
 
+def test_between_two_samples_it_turns_on() -> None:
+    """At 0.4 rad/s a sample's own attitude is off by 0.002 rad in the middle of 10 ms, and one turned back by twice."""
+    flight, _, found = estimated("circle", 2)
+    t = flight.imu().t[500:-500:50]
+    middle, before, after = (found.at(t + part * 0.01)[0] for part in (0.499, 0.0, 1.0))
+    away = quaternion.multiply(quaternion.conjugate(quaternion.slerp(before, after, 0.499)), middle)
+    assert np.linalg.norm(quaternion.log(away), axis=1).max() < 3e-4
+
+
 def test_a_gyro_that_reads_too_much_is_corrected_towards_the_truth() -> None:
     flight, truth = sensed(120.0)
     imu = flight.imu()

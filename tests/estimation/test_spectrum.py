@@ -87,3 +87,14 @@ def test_vibration_leaves_the_flown_motion_out() -> None:
     assert found.t[0] < 1.5
     assert found.t[-1] > 28
     assert vibration(ImuTrack(t[::20], accel[::20], accel[::20]), HOLE) is None
+
+
+@pytest.mark.parametrize("begin", [9.0, 9.3, 9.75])
+def test_vibration_is_told_at_the_time_of_the_shaking(begin: float) -> None:
+    """A second of it: the mean time, by power, is its middle."""
+    t = np.arange(4000) / 200
+    accel = np.zeros((len(t), 3))
+    accel[:, 1] = np.where((t >= begin) & (t < begin + 1.0), 4.0 * np.sin(2 * np.pi * 60.0 * t), 0.0)
+    found = vibration(ImuTrack(t, np.zeros_like(accel), accel), HOLE)
+    assert found is not None
+    assert np.average(found.t, weights=found.accel[:, 1] ** 2) == pytest.approx(begin + 0.5, abs=0.02)

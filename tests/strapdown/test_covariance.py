@@ -109,6 +109,14 @@ def test_time_offset() -> None:
     assert_close(WINDOW.time_offset[0], (columns[0] + columns[1]) / 2)
 
 
+@pytest.mark.parametrize("gravity", [STANDARD_GRAVITY, 9.78])
+def test_at_rest_times_that_are_off_change_nothing_whatever_the_gravity(gravity: float) -> None:
+    t = np.linspace(0.0, 10.0, 101)
+    imu = ImuTrack(t, np.zeros((101, 3)), np.tile([0.0, 0.0, -gravity], (101, 1)))
+    still = propagate(imu, preintegrate(imu), [0], [100], quaternion.IDENTITY[None], np.zeros((1, 3)), gravity=gravity)
+    np.testing.assert_allclose(still.time_offset, 0.0, atol=1e-12)
+
+
 def test_gravity_error() -> None:
     def perturbed(g: Array) -> NavState:
         return reach_end(MOTION.imu, state_at(K), gravity=STANDARD_GRAVITY + g[0])

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.polynomial import Polynomial
 
 from companion.model import Array, ImuTrack, Trajectory
 from companion.strapdown import Reckoner, increments, motions, preintegrate, propagate, quaternion, reckon
@@ -62,6 +63,16 @@ def test_intervals_of_unequal_length_keep_order_three() -> None:
         motion = motions.coning(imu.t)
         found.append(errors(reckon(imu, motion.start), motion))
     assert (np.log2(found[0] / found[2]) / 2 > 2.9).all()
+
+
+def test_a_force_that_grows_with_the_square_of_time_is_exact_in_unequal_intervals_to_both_ends() -> None:
+    """The parabola through three means is that force itself, one-sided at the ends too."""
+    force = [Polynomial([1.0, -3.0, 40.0]), Polynomial([0.0, 5.0, -25.0]), Polynomial([-9.8, 2.0, 60.0])]
+    edges = np.array([0.0, 0.01, 0.022, 0.031, 0.045])
+    own, middle = np.diff(edges), 0.5 * (edges[1:] + edges[:-1])
+    means = np.stack([np.diff(one.integ()(edges)) / own for one in force], axis=1)
+    gained = increments(ImuTrack(middle, np.zeros((4, 3)), means, interval=own)).dv
+    np.testing.assert_allclose(gained, np.stack([np.diff(one.integ()(middle)) for one in force], axis=1), atol=1e-14)
 
 
 def test_the_rotation_over_an_interval_is_exactly_that_of_its_sample() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import companion as c
 from companion.model import STANDARD_GRAVITY
@@ -72,6 +73,28 @@ def test_a_sample_time_far_from_that_of_its_record_is_left_out(tmp_path: Path) -
     assert t[-1] - t[0] == pytest.approx(1.0, abs=0.02)
     notes = [note for note in flight.notes if "the time of the sample is 1 s and more off" in note]
     assert [note.partition(" left out")[0] for note in notes] == ["GYR[0]: 1 of 1000", "ACC[0]: 1 of 1000"]
+
+
+def test_the_desired_attitude_is_that_of_the_imu_whose_readings_the_trim_turns_into_the_vehicle(tmp_path: Path) -> None:
+    """ATT speaks of the vehicle, XKQ of the IMU."""
+    trim, wanted = (0.2, -0.1, 0.0), (10.0, -5.0, 70.0)
+
+    def said() -> Rows:
+        for name, value in zip(("AHRS_TRIM_X", "AHRS_TRIM_Y"), trim, strict=False):
+            yield "PARM", (1_000_000, name, value)
+        for k in range(50):
+            at = 1_000_000 + 20_000 * k
+            yield "IMU", (at, 0, 0.01 * k, 0.0, 0.0, 0.0, 0.0, -9.8)
+            yield "ATT", (at, wanted[0], 0.0, wanted[1], 0.0, wanted[2], 0.0)
+            yield "XKQ", (at, 0, 1.0, 0.0, 0.0, 0.0)
+
+    types = TYPES | {"XKQ": ("QBffff", "TimeUS,C,Q1,Q2,Q3,Q4")}
+    (flight,) = c.open_log(write_dataflash(tmp_path / "trimmed.bin", types, said()))
+    assert flight.control is not None
+    turn, vehicle = Rotation.from_euler("xyz", trim), Rotation.from_euler("xyz", wanted, degrees=True)
+    felt = np.array([0.3, -0.5, 0.8])
+    world = Rotation.from_quat(np.roll(flight.control.q_ned_frd[10], -1)).apply(felt)
+    np.testing.assert_allclose(world, vehicle.apply(turn.apply(felt)), atol=1e-6)
 
 
 def test_what_is_known_of_a_sensor(tmp_path: Path) -> None:

@@ -147,6 +147,26 @@ def test_when_rflymad_switched_a_fault_on_is_part_of_the_truth(read: Any) -> Non
     assert flight.truth.faults == (pytest.approx(3.1),)
 
 
+def test_the_truth_between_two_positions_is_the_cubic_of_position_and_velocity(read: Any) -> None:
+    """A path of third order in time is that cubic."""
+    t = T * 1e-6
+    powers = {"x": (1, 2, 3, -4), "y": (0, -5, 1, 2), "z": (-9, 0, 0, 1)}
+    path = {axis: np.polynomial.Polynomial(factors) for axis, factors in powers.items()}
+    place = {axis: one(t) for axis, one in path.items()} | {f"v{axis}": one.deriv()(t) for axis, one in path.items()}
+    sooner = T[:-1] + np.uint64(30_000)
+    flight = read(
+        {
+            "vehicle_attitude_groundtruth": {
+                "timestamp": sooner,
+                "q": np.tile(np.array([1, 0, 0, 0], F32), (N - 1, 1)),
+            },
+            "vehicle_local_position_groundtruth": {"timestamp": T} | place,
+        }
+    )
+    expected = np.column_stack([one(sooner * 1e-6) for one in path.values()])
+    np.testing.assert_allclose(flight.truth.position, expected, atol=1e-9)
+
+
 def test_the_driver_of_the_selected_sensor_is_no_second_one(read: Any) -> None:
     def mag(device: int) -> Fields:
         field = vectors(0.2, 0.0, 0.4)
@@ -291,6 +311,14 @@ def test_vehicle_imu_is_the_mean_over_its_interval(read: Any) -> None:
     assert track.gyro_range == pytest.approx(np.radians(2000))
     assert track.accel_range == pytest.approx(16 * STANDARD_GRAVITY)
     assert flight.default_imu == "vehicle_imu"
+
+
+def test_each_sensor_is_the_mean_over_its_own_interval(read: Any) -> None:
+    """An accelerometer that samples less often than the gyro integrates for longer."""
+    other = {"delta_velocity": vectors(0, 0, -9.8) * F32(5e-3), "delta_velocity_dt": full(5_000, np.uint32)}
+    track = read({"vehicle_imu": dict(imu(1)) | other}).imus["vehicle_imu"]
+    np.testing.assert_allclose(track.gyro[0], [0.1, -0.2, 0.3], rtol=1e-5)
+    np.testing.assert_allclose(track.accel[0], [0.0, 0.0, -9.8], rtol=1e-5)
 
 
 def test_an_imu_of_zeros_is_left_out(read: Any) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import functools
+import re
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from hypothesis import strategies as st
 
 from companion.analysis import GENERIC, Finding, FlightNoise, Limits, Verdict, imu_noise
 from companion.estimation import imu_spectrum
-from companion.model import GpsTrack, Origin
+from companion.model import STANDARD_GRAVITY, GpsTrack, Origin
 from companion.present import of_imus
 from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
 from companion.view import Insight, ReplayChoice
@@ -106,6 +108,20 @@ def test_the_charts_show_the_drift_table() -> None:
     assert lines[3] == pytest.approx([e.position_m for _, e in rows])
 
 
+def test_a_calibration_is_shown_in_the_units_of_its_rows() -> None:
+    values = np.zeros(28)
+    values[:10] = [2e-3, 0.0, 0.0, 0.4, 0.0, 0.0, 0.0, np.radians(-3.0), 0.0, 0.012]
+    fit = SimpleNamespace(
+        values=values, sigma=np.abs(values) / 2.0, observable=[True] * 28, windows=9, horizon_s=5.0, correction=None
+    )
+    found: Any = SimpleNamespace(calibration=fit, corrected=None, uncorrected=None, made_worse=False)
+    rows = dict(re.findall(r"<td>([^<]+)</td>((?:<td>[^<]*</td>)+)", verdict_tables.calibration_table(found)))
+    assert "<td>2.00 ± 1.00</td>" in rows["gyro, mrad/s"]
+    assert "<td>0.40 ± 0.20</td>" in rows["accel, m/s²"]
+    assert "<td>0.00 ± 0.00</td><td>-3.00 ± 1.50</td>" in rows["mounting, °"]
+    assert "<td>12.0 ± 6.0</td>" in rows["lag, ms"]
+
+
 def test_no_text_becomes_markup() -> None:
     evil = "<img src=x onerror=alert(1)>"
     finding = Finding("frozen", "imu", "error", 1.0, 2.0, evil, evil)
@@ -143,3 +159,12 @@ def test_the_noise_charts_are_the_spectrum_and_the_allan_deviation() -> None:
     frequency, forward, *_, sheet = in_flight
     assert frequency[0] > 0
     assert np.median(forward[frequency < 2] / sheet[0]) == pytest.approx(1.0, rel=0.2)
+    sheets = replace(
+        GENERIC,
+        gyro=replace(GENERIC.gyro, noise_density=np.radians(0.02)),
+        accel=replace(GENERIC.accel, noise_density=50e-6 * STANDARD_GRAVITY),
+    )
+    for i, chart in enumerate(noise_lines(replace(shaking, figures=sheets))):
+        assert chart is not None
+        line = chart[-1] * (np.sqrt(chart[0]) if i > 1 else 1.0)  # N/√τ is the deviation of white noise
+        np.testing.assert_allclose(line, 50.0 if i % 2 else 20.0)  # µg/√Hz, mdps/√Hz

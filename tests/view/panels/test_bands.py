@@ -73,3 +73,16 @@ def test_names_are_text() -> None:
     html = markup(Bands(modes=(Span(0.0, 100.0, evil),)), 0.0, 100.0)
     assert "<img" not in html
     assert "&lt;img" in html
+
+
+def test_the_hill_is_highest_where_the_vehicle_was() -> None:
+    flight = make_flight()
+    film = film_of(flight)
+    height = bands(flight, film).height
+    assert height is not None
+    up = -film.replay.position_ref[:, 2]
+    assert height[0][height[1].argmax()] == pytest.approx(film.replay.t[up.argmax()], abs=1.0)
+    assert height[1].max() == pytest.approx(up.max() - up.min(), abs=0.05)
+    points = re.findall(r"([\d.]+),([\d.]+)", markup(Bands(height=height), film.start, film.end))[1:-1]
+    top = min(points, key=lambda point: float(point[1]))
+    assert float(top[0]) == pytest.approx(100 * (film.replay.t[up.argmax()] - film.start) / 60.0, abs=2.0)

@@ -26,7 +26,7 @@ from companion.view.scene.cameras import (
     step_back,
     world,
 )
-from companion.view.state.sample import footage
+from companion.view.state.sample import Sample, footage
 from tests.view.circles import make_flight, quaternion, recompute
 
 FILM = footage(recompute(make_flight(), ReplayChoice()))
@@ -56,8 +56,8 @@ def test_the_grid_follows_the_camera_and_does_not_flicker(here: float, there: fl
         assert grid_cell(wobble * there, grid_cell(there, 0.0)) == grid_cell(there, 0.0)
 
 
-def test_arrows_point_along_the_velocities_and_down() -> None:
-    """In the world, which is NED: what pulls down grows along the third axis."""
+def arrows_at(sample: Sample) -> dict[str, Array]:
+    """Each arrow (3,) as it is drawn, m, where 10 m/s is the fastest and the drones are a metre wide."""
     drawn: dict[str, SimpleNamespace] = {}
 
     def add_arrows(name: str, points: Array, *_: object, **__: object) -> SimpleNamespace:
@@ -65,17 +65,29 @@ def test_arrows_point_along_the_velocities_and_down() -> None:
         return drawn[name]
 
     arrows = Arrows(SimpleNamespace(add_arrows=add_arrows), "")  # type: ignore[arg-type]
-    sample = FILM.at(FILM.replay.t[len(FILM.replay.t) // 2])
     arrows.load(10.0, (0, 0, 255))
     arrows.resize(1.0)
     arrows.shown = True
     arrows.show(sample, has_position=True)
-    along = {name.strip("/"): handle.points[0, 1] - handle.points[0, 0] for name, handle in drawn.items()}
+    return {name.strip("/"): handle.points[0, 1] - handle.points[0, 0] for name, handle in drawn.items()}
+
+
+def test_arrows_point_along_the_velocities_and_down() -> None:
+    """In the world, which is NED: what pulls down grows along the third axis."""
+    sample = FILM.at(FILM.replay.t[len(FILM.replay.t) // 2])
+    along = arrows_at(sample)
     down = along["gravity"]
     assert down[2] > 0.5
     assert abs(down[:2]).max() == 0.0
     for name, velocity in (("ref", sample.velocity_ref), ("imu", sample.velocity_imu)):
         assert along[name] @ velocity == pytest.approx(np.linalg.norm(along[name]) * np.linalg.norm(velocity), rel=1e-4)
+
+
+@pytest.mark.parametrize(("slower", "faster"), [("ref", "imu"), ("imu", "ref")])
+def test_the_arrow_of_the_faster_one_is_the_longer(slower: str, faster: str) -> None:
+    flown = {slower: np.array([0.0, 2.0, 0.0]), faster: np.array([6.0, 0.0, 0.0])}
+    along = arrows_at(replace(FILM.at(FILM.start), velocity_ref=flown["ref"], velocity_imu=flown["imu"]))
+    assert np.linalg.norm(along[faster]) > 1.5 * np.linalg.norm(along[slower])
 
 
 @given(st.floats(0.0, 100.0), st.floats(0.0, 100.0))

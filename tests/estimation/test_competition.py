@@ -1,0 +1,31 @@
+"""What would have been called."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from companion.estimation import kind_of
+from companion.estimation.choice import WORTH, price
+from companion.estimation.competition import detectable
+from companion.estimation.weighing import candidate
+
+
+@pytest.mark.parametrize("known", [(4e5, 4e5, 4e5), (3e6, 2e5, 5e5), (2e5, 9e5, 3e6)])
+def test_a_step_of_the_size_that_is_told_is_called_on_any_axis(known: tuple[float, float, float]) -> None:
+    """known: information of each axis, (rad/s)⁻²; an axis that is known worse than another decides."""
+    kind, t = kind_of("gyro_bias"), np.arange(21.0)
+    information = np.tile(np.diag(known), (20, 1, 1))
+    disturbances = np.zeros((20, 15)), np.zeros((20, 15, 15))
+    disturbances[1][:, 9:12, 9:12] = information
+    problem: Any = SimpleNamespace(t=t, witness=lambda _: None)
+    solution: Any = SimpleNamespace(disturbances=disturbances)
+    size = detectable(problem, solution)["gyro_bias"]
+    gains = []
+    for step in size * np.eye(3):
+        found = candidate(kind, "step", problem, (t[1:], np.full(20, np.inf)), information @ step, information)
+        gains.append(found.gain.max() - price(kind, "step"))
+    assert min(gains) == pytest.approx(WORTH, rel=0.02)

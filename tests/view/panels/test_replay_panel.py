@@ -1,0 +1,44 @@
+"""The numbers of the instant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from companion.view import ReplayChoice
+from companion.view.panels.replay_panel import Panel
+from companion.view.state.sample import footage
+from tests.view.circles import make_flight, recompute
+
+
+class Gui:
+    """Stands for viser's: keeps the pieces of markup in order."""
+
+    def __init__(self) -> None:
+        self.markup: list[SimpleNamespace] = []
+
+    def add_html(self, content: str) -> SimpleNamespace:
+        self.markup.append(SimpleNamespace(content=content))
+        return self.markup[-1]
+
+    def add_dropdown(self, *_: object, **__: object) -> SimpleNamespace:
+        def heard(_: Callable[..., object]) -> None:
+            pass
+
+        return SimpleNamespace(on_update=heard)
+
+
+def test_the_expected_error_is_a_length() -> None:
+    """Root mean square of a vector whose axes have 1, 2 and 2 m."""
+    flight, gui = make_flight(), Gui()
+    film = footage(recompute(flight, ReplayChoice()))
+    sample = replace(film.at(film.start + 5.0), covariance=np.diag([1.0, 4.0, 4.0]), position_m=2.5)
+    shown: Any = gui
+    Panel(shown, [flight], lambda _: None).show(sample, film, 10.0)
+    (numbers,) = (piece.content for piece in gui.markup if "Position error" in piece.content)
+    assert "expected 1σ 3.00 m" in numbers
+    assert "2.50 m" in numbers

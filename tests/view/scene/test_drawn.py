@@ -1,0 +1,78 @@
+"""Where things stand in the world, which is NED, as they are handed to the browser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from companion.strapdown import quaternion
+from companion.view import ReplayChoice
+from companion.view.scene.cameras import frame_of
+from companion.view.scene.ground import Ground
+from companion.view.scene.scene import AUTOPILOT, IMU, Scene
+from companion.view.scene.vehicle_shapes import drone_for
+from companion.view.state.map_tiles import MapPicture
+from companion.view.state.sample import footage
+from tests.view.circles import make_flight, recompute
+
+FILM = footage(recompute(make_flight(), ReplayChoice()))
+
+
+class Drawn:
+    """Stands for viser's scene: keeps what is drawn, by name."""
+
+    world_axes = SimpleNamespace()
+
+    def __init__(self) -> None:
+        self.nodes: dict[str, Any] = {}
+
+    def __getattr__(self, call: str) -> Callable[..., SimpleNamespace]:
+        def keep(name: object = "", *values: Any, **named: Any) -> SimpleNamespace:
+            node = SimpleNamespace(**({"values": values, "visible": True, "text": "", "position": np.zeros(3)} | named))
+            self.nodes[str(name)] = node
+            return node
+
+        return keep
+
+
+def test_the_arrow_to_the_north_points_north_and_lies_on_the_ground() -> None:
+    drawn: Any = Drawn()
+    framing = frame_of(FILM)
+    Ground(drawn, "").load(framing, None, None)
+    foot, tip = drawn.nodes["/north"].points[0]
+    assert tip[0] - foot[0] > 1.0
+    assert tip[1:] == pytest.approx(foot[1:])
+    assert foot[2] == pytest.approx(framing.ground)
+    assert drawn.nodes["/north_name"].position[0] > tip[0]
+
+
+def test_the_corners_of_the_map_lie_where_the_map_says() -> None:
+    """viser's picture reaches to the right along its x and to its foot along its y."""
+    drawn: Any = Drawn()
+    picture = MapPicture(np.zeros((2, 3, 3), np.uint8), np.array([100.0, -50.0]), np.array([400.0, 600.0]), "")
+    ground = Ground(drawn, "")
+    ground.sink(7.0)
+    ground.show_map(picture)
+    image = drawn.nodes["/map"]
+    _, width, height = image.values
+    for right, up in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        corner = np.array([right * width / 2, -up * height / 2, 0.0])
+        north, east, down = image.position + quaternion.rotate(np.array(image.wxyz), corner)
+        assert (north, east) == pytest.approx((100.0 + 200.0 * up, -50.0 + 300.0 * right))
+        assert 7.0 < down < 8.0, "under the grid, and hardly"
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_stick_reaches_from_each_drone_straight_to_the_ground(share: float) -> None:
+    drawn: Any = Drawn()
+    scene = Scene(drawn, drone_for("QUADROTOR"))
+    scene.load(FILM, frame_of(FILM), drone_for("QUADROTOR"))
+    sample = FILM.at(FILM.start + share * (FILM.end - FILM.start))
+    scene.show(sample)
+    for drone, place in ((AUTOPILOT, sample.position_ref), (IMU, sample.position_imu)):
+        foot = drawn.nodes[drone].position + drawn.nodes[f"{drone}/stick"].points[0, 1]
+        assert foot == pytest.approx([place[0], place[1], scene.ground.level], abs=0.02)
