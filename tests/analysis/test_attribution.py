@@ -18,17 +18,23 @@ from companion.analysis.findings import findings
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.reference import Limits, reference_at
 from companion.estimation import KINDS, BestEstimate, Explained
-from companion.model import Flight, PositionTrack
+from companion.model import Array, Flight, PositionTrack
 from companion.strapdown import quaternion
+from tests.flights import turned
 
 ONSET = 30.0
+NORTH, DOWN = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 
 
-def turned(flight: Flight, degrees: float) -> Flight:
+def headed(flight: Flight, degrees: float) -> Flight:
     """The autopilot's heading off from the onset on."""
-    attitude = flight.require_attitude()
-    turn = quaternion.exp(np.radians(degrees) * (attitude.t >= ONSET)[:, None] * np.array([0.0, 0.0, 1.0]))
-    return replace(flight, attitude=replace(attitude, q_ned_frd=quaternion.multiply(turn, attitude.q_ned_frd)))
+    return turned(flight, np.radians(degrees) * (flight.require_attitude().t >= ONSET)[:, None] * DOWN)
+
+
+def moving(best: BestEstimate, velocity: Array, position: Array) -> BestEstimate:
+    """The best estimate of a vehicle that moves by so much more, (K, 3) NED."""
+    faster = replace(best.states, velocity=best.velocity + velocity, position=best.position + position)
+    return replace(best, states=faster)
 
 
 def step(onset: float, end: float, size: float) -> Explained:
@@ -41,7 +47,7 @@ def test_an_estimate_that_agrees_does_not_depart(flight: Flight, best: BestEstim
 
 
 def test_a_departure_that_nothing_explains_is_the_autopilots(flight: Flight, best: BestEstimate) -> None:
-    found = departures(turned(flight, 40.0), best, Limits())
+    found = departures(headed(flight, 40.0), best, Limits())
     (heading,) = (d for d in found if d.quantity == "heading")
     assert heading.start == pytest.approx(ONSET, abs=1.0)
     assert np.degrees(heading.size) == pytest.approx(40.0, abs=2.0)
@@ -67,7 +73,7 @@ def test_a_heading_that_changes_is_judged_by_the_change(flight: Flight, best: Be
             ),
         ),
     )
-    (heading,) = departures(turned(flight, 20.0), doubted, Limits())
+    (heading,) = departures(headed(flight, 20.0), doubted, Limits())
     assert heading.start == pytest.approx(ONSET, abs=1.0)
     assert np.degrees([heading.size, heading.sigma]) == pytest.approx([20.0, 3.1], abs=0.5)
     whole = flight.require_attitude()
@@ -83,8 +89,7 @@ def test_what_begins_with_a_step_need_not_last(
     attitude = flight.require_attitude()
     gone = np.clip((ONSET + 2.5 - attitude.t) / rise_s, 0.0, 1.0)
     angle = 20.0 * np.clip((attitude.t - ONSET) / rise_s, 0.0, 1.0) * gone
-    turn = quaternion.exp(np.radians(angle)[:, None] * np.array([0.0, 0.0, 1.0]))
-    for_a_while = replace(flight, attitude=replace(attitude, q_ned_frd=quaternion.multiply(turn, attitude.q_ned_frd)))
+    for_a_while = turned(flight, np.radians(angle)[:, None] * DOWN)
     assert [d.quantity for d in departures(for_a_while, best, Limits())] == ["heading"] * departs
 
 
@@ -93,8 +98,7 @@ def test_a_step_is_one_though_a_keyframe_lies_within_it(flight: Flight, best: Be
     attitude = flight.require_attitude()
     times = [before, within, after, after + 2.0, after + 2.2]
     angle = np.radians(np.interp(attitude.t, times, [0.0, 8.0, 14.0, 14.0, 0.0]))
-    turn = quaternion.exp(angle[:, None] * np.array([0.0, 0.0, 1.0]))
-    other = replace(flight, attitude=replace(attitude, q_ned_frd=quaternion.multiply(turn, attitude.q_ned_frd)))
+    other = turned(flight, angle[:, None] * DOWN)
     assert [d.quantity for d in departures(other, best, Limits())] == ["heading"]
 
 
@@ -102,9 +106,8 @@ def test_a_step_is_one_though_a_keyframe_lies_within_it(flight: Flight, best: Be
 def test_a_tilt_departs_by_more_than_it_is_known(
     flight: Flight, best: BestEstimate, sigma: float, departs: bool
 ) -> None:
-    attitude = flight.require_attitude()
-    lean = quaternion.exp(np.radians(6.0) * (attitude.t >= ONSET)[:, None] * np.array([1.0, 0.0, 0.0]))
-    other = replace(flight, attitude=replace(attitude, q_ned_frd=quaternion.multiply(lean, attitude.q_ned_frd)))
+    lean = np.radians(6.0) * (flight.require_attitude().t >= ONSET)
+    other = turned(flight, lean[:, None] * [1.0, 0.0, 0.0])
     known = best.covariance.copy()
     known[:, :2, :2] += np.radians(sigma) ** 2 * np.eye(2)
     assert [d.quantity for d in departures(other, replace(best, covariance=known), Limits())] == ["tilt"] * departs
@@ -115,14 +118,9 @@ def test_a_position_may_be_off_by_what_a_late_gps_makes_of_the_speed(
     flight: Flight, best: BestEstimate, speed: float, departs: bool
 ) -> None:
     """Each estimator assumes one latency of its GPS: they need not assume the same."""
-    north = np.array([1.0, 0.0, 0.0])
-    states = replace(
-        best.states,
-        velocity=best.velocity + speed * north,
-        position=best.position + speed * (best.t - best.t[0])[:, None] * north,
-    )
-    swift = replace(best, states=states)
-    off = 6.0 * (best.t >= ONSET)[:, None] * north
+    flown_s = (best.t - best.t[0])[:, None]
+    swift = moving(best, speed * NORTH, speed * flown_s * NORTH)
+    off = 6.0 * (best.t >= ONSET)[:, None] * NORTH
     other = replace(flight, position=PositionTrack(best.t, swift.position + off, swift.velocity))
     assert [d.quantity for d in departures(other, swift, Limits())] == ["position"] * departs
 
@@ -131,9 +129,7 @@ def test_a_position_may_be_off_by_what_a_late_gps_makes_of_the_speed(
 def test_an_estimate_that_recovers_from_what_was_before_is_not_accused(
     flight: Flight, best: BestEstimate, until: float, side: str
 ) -> None:
-    attitude = flight.require_attitude()
-    turn = quaternion.exp(np.radians(40.0) * (attitude.t < until)[:, None] * np.array([0.0, 0.0, 1.0]))
-    other = replace(flight, attitude=replace(attitude, q_ned_frd=quaternion.multiply(turn, attitude.q_ned_frd)))
+    other = turned(flight, np.radians(40.0) * (flight.require_attitude().t < until)[:, None] * DOWN)
     found = [f for f in findings_of((), departures(other, best, Limits()), best) if f.kind == "heading_off"]
     assert found[0].side == side
 
@@ -159,7 +155,7 @@ def test_an_imu_that_is_known_to_sit_askew_is_no_departure(flight: Flight, best:
 def test_where_the_best_estimate_is_in_doubt_nobody_is_accused(
     flight: Flight, best: BestEstimate, doubt: dict[str, object], said: str
 ) -> None:
-    found = departures(turned(flight, 40.0), best, Limits())
+    found = departures(headed(flight, 40.0), best, Limits())
     (finding,) = (f for f in findings_of((), found, replace(best, **doubt)) if f.kind == "heading_off")  # type: ignore[arg-type]
     assert (finding.side, finding.severity) == ("data", "warning")
     assert said in finding.evidence
@@ -169,14 +165,12 @@ def test_where_the_best_estimate_is_in_doubt_nobody_is_accused(
 def test_an_estimate_that_turns_as_the_imu_does_is_not_accused(flight: Flight, best: BestEstimate, felt: bool) -> None:
     """The autopilot turns by 30° within 10 s, and the best estimate does not: which of them followed the gyro?"""
     attitude, rate = flight.require_attitude(), np.radians(3.0)
-    down = np.array([0.0, 0.0, 1.0])
-    turn = quaternion.exp(rate * np.clip(attitude.t - ONSET, 0.0, 10.0)[:, None] * down)
-    other = replace(flight, attitude=replace(attitude, q_ned_frd=quaternion.multiply(turn, attitude.q_ned_frd)))
+    other = turned(flight, rate * np.clip(attitude.t - ONSET, 0.0, 10.0)[:, None] * DOWN)
     imu = best.imu
     if felt:
         during = (imu.t >= ONSET) & (imu.t < ONSET + 10.0)
         q = reference_at(attitude, None, imu.t, Limits()).q_ned_frd
-        imu = replace(imu, gyro=imu.gyro + during[:, None] * quaternion.rotate(quaternion.conjugate(q), rate * down))
+        imu = replace(imu, gyro=imu.gyro + during[:, None] * quaternion.rotate(quaternion.conjugate(q), rate * DOWN))
     third = replace(best, imu=imu)
     found = departures(other, third, Limits())
     assert {(d.quantity, d.as_the_imu) for d in found} == {("heading", felt)}
@@ -221,11 +215,9 @@ def test_a_height_departs(flight: Flight, best: BestEstimate, metres: float, dep
 def test_a_velocity_may_be_off_by_what_a_late_gps_makes_of_the_pull(
     flight: Flight, best: BestEstimate, pull: float, departs: bool
 ) -> None:
-    north = np.array([1.0, 0.0, 0.0])
-    swift = replace(
-        best, states=replace(best.states, velocity=best.velocity + pull * (best.t - best.t[0])[:, None] * north)
-    )
-    off = 2.0 * (best.t >= ONSET)[:, None] * north
+    flown_s = (best.t - best.t[0])[:, None]
+    swift = moving(best, pull * flown_s * NORTH, 0.5 * pull * flown_s**2 * NORTH)
+    off = 2.0 * (best.t >= ONSET)[:, None] * NORTH
     other = replace(flight, position=PositionTrack(best.t, swift.position, swift.velocity + off))
     assert [d.quantity for d in departures(other, swift, Limits())] == ["velocity"] * departs
 
@@ -235,7 +227,7 @@ def test_a_height_that_follows_the_barometer_is_its_consequence(flight: Flight, 
     faulty = replace(best, explained=(off,))
     (finding,) = findings_of(episodes(faulty), departures(raised(flight, faulty, 12.0), faulty, Limits()), faulty)
     assert (finding.kind, finding.side, finding.severity) == ("barometer", "autopilot", "error")
-    (heading,) = (d for d in departures(turned(flight, 40.0), faulty, Limits()) if d.quantity == "heading")
+    (heading,) = (d for d in departures(headed(flight, 40.0), faulty, Limits()) if d.quantity == "heading")
     assert not follows(heading, episodes(faulty)[0])
     (far,) = departures(raised(flight, faulty, 60.0), faulty, Limits())
     assert not follows(far, episodes(faulty)[0])
@@ -243,7 +235,7 @@ def test_a_height_that_follows_the_barometer_is_its_consequence(flight: Flight, 
 
 def test_what_follows_a_fault_of_the_imu_is_its_consequence(flight: Flight, best: BestEstimate) -> None:
     faulty = replace(best, explained=(step(ONSET - 1.0, np.inf, 0.05),))
-    found = departures(turned(flight, 40.0), faulty, Limits())
+    found = departures(headed(flight, 40.0), faulty, Limits())
     (finding,) = findings_of(episodes(faulty), found, faulty)
     assert (finding.kind, finding.side, finding.severity) == ("gyro_bias", "imu", "error")
     assert finding.cause is not None
@@ -253,7 +245,7 @@ def test_what_follows_a_fault_of_the_imu_is_its_consequence(flight: Flight, best
 def test_what_comes_after_a_sensor_that_reads_nothing_is_no_earlier_faults(flight: Flight, best: BestEstimate) -> None:
     """A small bias before it, which harmed nothing until then, is not what misled the autopilot."""
     biased = replace(best, explained=(step(20.0, np.inf, 4e-3),))
-    away, comparison = turned(flight, 40.0), compare(flight)
+    away, comparison = headed(flight, 40.0), compare(flight)
     stuck = Finding("stuck_axis", "imu", "error", ONSET, ONSET + 5.0, "reads the same", "do not fly on it")
 
     def severity(*faults: Finding) -> str:
@@ -268,7 +260,7 @@ def test_a_gps_that_contradicts_itself_needs_no_imu(flight: Flight, best: BestEs
     noisy = replace(best.noise, accel_noise=1e3 * best.scatter[1], gyro_noise=1e3 * best.scatter[0])
     jump = Explained(kind, "step", ONSET, 0.1, np.inf, np.array([30.0, 0.0]), np.full(2, 0.3), 5000.0)
     doubted = replace(best, noise=noisy, explained=(jump,))
-    (found,) = findings_of(episodes(doubted), departures(turned(flight, 40.0), doubted, Limits()), doubted)
+    (found,) = findings_of(episodes(doubted), departures(headed(flight, 40.0), doubted, Limits()), doubted)
     assert (found.kind, found.side) == (kind, side)
 
 
@@ -278,7 +270,7 @@ def test_what_was_wrong_from_the_beginning_on_accuses_nobody(flight: Flight, bes
     (finding,) = findings_of(episodes(early), (), early)
     assert (finding.side, finding.severity, finding.undecided) == ("data", "warning", False)
     assert "from the beginning on" in finding.evidence
-    harmed = departures(turned(flight, 40.0), early, Limits())
+    harmed = departures(headed(flight, 40.0), early, Limits())
     (finding,) = findings_of(episodes(early), harmed, early)
     assert (finding.side, finding.severity, finding.undecided) == ("data", "warning", True)
 
@@ -311,7 +303,7 @@ def test_a_departure_follows_what_begins_with_it_or_explains_far_more(
     weak = replace(step(ONSET - 20.0, np.inf, 0.05), gain=100.0)
     field = np.array([0.0, 20.0, 0.0])
     turn = Explained("compass_field", "step", begun, 0.1, np.inf, field, np.full(3, 0.2), gain)
-    departed = departures(turned(flight, 40.0), best, Limits())
+    departed = departures(headed(flight, 40.0), best, Limits())
     found = findings_of(episodes(replace(best, explained=(weak, turn))), departed, best)
     assert ["the autopilot was misled by it" in f.evidence for f in found] == [not misled, bool(misled)]
 
@@ -322,7 +314,7 @@ def test_a_gps_that_only_a_shaken_imu_speaks_against_is_not_accused(
 ) -> None:
     moved = Explained("gps_motion", "step", ONSET, 0.1, np.inf, np.array([3.0, 0.0]), np.full(2, 0.1), 500.0)
     shaken = replace(best, explained=(moved,), bursts=bursts)
-    found = findings_of(episodes(shaken), departures(turned(flight, 40.0), shaken, Limits()), shaken)
+    found = findings_of(episodes(shaken), departures(headed(flight, 40.0), shaken, Limits()), shaken)
     assert found[0].kind == "gps_motion"
     assert found[0].side == side
 
