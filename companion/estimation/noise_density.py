@@ -15,6 +15,7 @@ sampling, G is 1 and N is that of the readings as they are.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Literal
 
 import numpy as np
@@ -38,6 +39,7 @@ _WINDOW = "blackmanharris"  # its side lobes are 92 dB down: noise of a ten-thou
 _VISIBLE = 300.0  # a filter's fall is fitted to 25 dB below its pass band: further down digital and analogue part ways
 _OWN = 0.5  # of what a gyro shows above 3 Hz: the rest is the vehicle, which its controller keeps turning a little
 _EFFICIENCY = 0.48  # of the median of an exponential variable beside its mean: ln²2
+_NORMAL = NormalDist()
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,8 +178,6 @@ def quantisation_bound(readings: Array, step: float, rate_hz: float, sampling: S
     """
     if step <= 0 or not len(readings):
         return None
-    from scipy.special import ndtri  # noqa: PLC0415  (slow to import)
-
     values, counts = np.unique(np.round(readings / step), return_counts=True)
     order = np.argsort(counts)[::-1]
     share = float(counts[order[0]] / len(readings))
@@ -191,7 +191,7 @@ def quantisation_bound(readings: Array, step: float, rate_hz: float, sampling: S
     wide = 2.0 if zero else 1.0
     sigma = step * float(np.std(readings / step))
     if zero or outside < 0.2:
-        sigma = 0.5 * wide * step / float(-ndtri(0.5 * min(outside, 0.7)))
+        sigma = 0.5 * wide * step / -_NORMAL.inv_cdf(0.5 * min(outside, 0.7))
     return sigma * float(np.sqrt(folded_gain(np.zeros(1), rate_hz, sampling)[0] / _bandwidth(rate_hz, sampling)))
 
 
@@ -244,10 +244,16 @@ def _band(rate: float, how: Sampling) -> tuple[float, float] | None:
 
 def _density(power: Array, gain: Array, grid: float) -> Array:
     """N (3,) before folding from one-sided densities (S, F, 3), G (F,) and what the steps of the readings add, N²."""
-    from scipy.special import gammaincinv  # noqa: PLC0415  (slow to import)
-
     typical = np.median(power, axis=0) / np.log(2.0)  # the median of an exponential variable of mean 1 is ln 2
     each = (0.5 * typical - grid) / gain[:, None]
-    freedom = max(len(power) * _EFFICIENCY, 0.5)
-    lower = float(gammaincinv(freedom, _QUIET) / freedom)
+    lower = _quiet_share(max(2.0 * len(power) * _EFFICIENCY, 1.0))
     return np.asarray(np.sqrt(np.maximum(np.quantile(each, _QUIET, axis=0) / lower, 0.0)))
+
+
+def _quiet_share(freedom: float) -> float:
+    """The quantile `_QUIET` of a χ² variable over its mean, its degrees of freedom (E. B. Wilson, M. M. Hilferty 1931).
+
+    Within 1 % from 4 degrees of freedom on, 4 % below. SciPy has it exactly, for 27 MB and 0.1 s of every verdict.
+    """
+    narrow = 2.0 / (9.0 * freedom)
+    return float((1.0 - narrow + _NORMAL.inv_cdf(_QUIET) * np.sqrt(narrow)) ** 3)
