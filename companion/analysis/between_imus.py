@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.analysis.episode import SENSORS
 from companion.analysis.finding import Cause, Finding
@@ -24,6 +25,7 @@ _FEWEST_READINGS, _FEWEST_BLOCKS = 3, 12
 _LEAST: Mapping[str, float] = {"gyro": 8e-3, "accel": 0.4}
 """rad/s, m/s²: two healthy IMUs part by less in a flight, also where vibration shifts one of them."""
 
+_TRIED = 64  # times at which a step is looked for at first
 _UNHEARD_S = 10.0  # after which one of them may have been calibrated anew
 _CERTAIN = 8.0  # σ of the difference
 _ABRUPT = 4.0  # times less is left of the difference's changes when one step is taken out
@@ -71,15 +73,21 @@ def _blocks(
     return np.asarray((names[whole] + 0.5) * width, np.float64), np.asarray(parts, np.float64).reshape(-1, 3)
 
 
+def _best_of(off: Array, at: npt.NDArray[np.int64]) -> int:
+    """Before which of the blocks `at` the differences (B, 3) step: where their two medians leave least of them."""
+    left = [sum(float(np.abs(part - np.median(part, axis=0)).sum()) for part in (off[:k], off[k:])) for k in at]
+    return int(at[int(np.argmin(left))])
+
+
 def _parting(sensor: str, t: Array, off: Array) -> Parting | None:
     """The one step that explains the differences (B, 3) at times (B,), if it is large, certain and abrupt."""
     if len(t) < _FEWEST_BLOCKS:
         return None
     at = np.arange(_FEWEST_READINGS, len(t) - _FEWEST_READINGS + 1)
-    medians = [(np.median(off[:k], axis=0), np.median(off[k:], axis=0)) for k in at]
-    left = [np.abs(off[:k] - a).sum() + np.abs(off[k:] - b).sum() for k, (a, b) in zip(at, medians, strict=True)]
-    best = int(np.argmin(left))
-    k, (before, after) = int(at[best]), medians[best]
+    apart = max(1, len(at) // _TRIED)  # a long flight is looked through in steps, and closely about the best of them
+    k = _best_of(off, at[::apart])
+    k = _best_of(off, at[np.abs(at - k) < apart])
+    before, after = np.median(off[:k], axis=0), np.median(off[k:], axis=0)
     if t[k] - t[k - 1] > _UNHEARD_S:
         return None
     size = after - before

@@ -8,7 +8,7 @@ K. Takahashi et al. (1973) for the inverse on the pattern of the matrix.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +28,12 @@ class _Level:
     left: Array  # (M, n, n) inverse times the coupling to the block before
     right: Array  # (M, n, n) and to the one after; the last is zero where there is none
 
+    def parts(self, even: int) -> Iterator[tuple[slice, slice]]:
+        """Odd blocks that stay in cache together, and the even blocks after them, of `even` in all."""
+        for first in range(0, len(self.left), _TOGETHER):
+            last = min(first + _TOGETHER, len(self.left))
+            yield slice(first, last), slice(first + 1, min(last + 1, even))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Factor:
@@ -43,15 +49,20 @@ class Factor:
         views = [x]  # every level's part of the same memory, in which first the right-hand side stands
         for level in self.levels:
             odd, even = views[-1][1::2], views[-1][0::2]
-            even[: len(odd)] -= level.left.swapaxes(-1, -2) @ odd
-            even[1:] -= (level.right.swapaxes(-1, -2) @ odd)[: len(even) - 1]
+            for part, after in level.parts(len(even)):
+                even[part] -= level.left[part].swapaxes(-1, -2) @ odd[part]
+                here = slice(part.start, part.start + after.stop - after.start)
+                even[after] -= level.right[here].swapaxes(-1, -2) @ odd[here]
             views.append(even)
         views[-1][:] = self.last @ views[-1]
         for level, view in zip(reversed(self.levels), reversed(views[:-1]), strict=True):
             odd, even = view[1::2], view[0::2]
-            odd[:] = level.inverse @ odd
-            odd -= level.left @ even[: len(odd)]
-            odd[: len(even) - 1] -= level.right[: len(even) - 1] @ even[1 : len(odd) + 1]
+            for part, after in level.parts(len(even)):
+                own = level.inverse[part] @ odd[part]
+                own -= level.left[part] @ even[part]
+                there = after.stop - after.start
+                own[:there] -= level.right[part][:there] @ even[after]
+                odd[part] = own
         x /= self.scale[..., None]
         return x
 
@@ -61,16 +72,19 @@ class Factor:
         diagonal, beside = self.last.copy(), np.zeros((0, n, n))
         for level in reversed(self.levels):
             odd, even = len(level.left), len(diagonal)
-            left, right = level.left, level.right
-            cross = np.zeros((odd, n, n))  # between the neighbours of each odd block; zero after the last
-            cross[: len(beside)] = beside
-            after = np.zeros((odd, n, n))
-            after[: even - 1] = diagonal[1 : odd + 1]
-            to_left = -(left @ diagonal[:odd] + right @ cross.swapaxes(-1, -2))
-            to_right = -(left @ cross + right @ after)
-            own = level.inverse - to_left @ left.swapaxes(-1, -2) - to_right @ right.swapaxes(-1, -2)
-            diagonal = _interleave(diagonal, own)
-            beside = _interleave(to_left.swapaxes(-1, -2), to_right[: even - 1])
+            wider, between = np.empty((odd + even, n, n)), np.empty((odd + even - 1, n, n))
+            wider[0::2] = diagonal
+            for part, after in level.parts(even):
+                left, right, there = level.left[part], level.right[part], after.stop - after.start
+                cross, next_one = np.zeros((2, *left.shape))  # the last odd block may have no neighbour after it
+                cross[:there], next_one[:there] = beside[part], diagonal[after]
+                to_left = -(left @ diagonal[part] + right @ cross.swapaxes(-1, -2))
+                to_right = -(left @ cross + right @ next_one)
+                own = level.inverse[part] - to_left @ left.swapaxes(-1, -2) - to_right @ right.swapaxes(-1, -2)
+                wider[1::2][part] = own
+                between[0::2][part] = to_left.swapaxes(-1, -2)
+                between[1::2][part] = to_right[:there]
+            diagonal, beside = wider, between
         s = self.scale
         return _scaled(diagonal, s, s, out=diagonal), _scaled(beside, s[:-1], s[1:], out=beside)
 
@@ -133,10 +147,4 @@ def _lower_inverses(lower: Array) -> Array:
             if i:
                 inverse[i, :i] = np.einsum("jk,jmk->mk", row[:i] * -inverse[i, i], inverse[:i, :i])
         out[first : first + _TOGETHER] = inverse.transpose(2, 0, 1)
-    return out
-
-
-def _interleave(even: Array, odd: Array) -> Array:
-    out = np.empty((len(even) + len(odd), *even.shape[1:]))
-    out[0::2], out[1::2] = even, odd
     return out

@@ -71,8 +71,10 @@ def px4_biases(
         return ()
     track, without = imus[selected], imus["HIGHRES_IMU"]
     mine, theirs = _pairs(track.t, without.t, _TOGETHER_S)
-    difference = np.hstack([track.gyro[mine] - without.gyro[theirs], track.accel[mine] - without.accel[theirs]])
-    difference += _half_steps(track, dequantised)[mine]
+    gyro, accel = track.gyro[mine], track.accel[mine]
+    difference = np.hstack([gyro - without.gyro[theirs], accel - without.accel[theirs]])
+    if not dequantised:
+        difference += np.hstack([_half_steps(gyro, track.gyro_step), _half_steps(accel, track.accel_step)])
     return _track(track.t[mine], difference, f"{selected} - HIGHRES_IMU", track.instance)
 
 
@@ -98,7 +100,10 @@ def ardupilot_biases(
         in_use = np.zeros(len(mine)) if used is None else _instances_at(used, track.t[mine])
         mine, theirs = mine[in_use == instance], theirs[in_use == instance]
         rates = turned_vectors(attitude.t, attitude.rates, turns)
-        gyro = track.gyro[mine] - rates[theirs] + _half_steps(track, dequantised)[mine, :3]
+        read = track.gyro[mine]
+        gyro = read - rates[theirs]
+        if not dequantised:
+            gyro += _half_steps(read, track.gyro_step)
         difference = np.hstack([gyro, np.full(gyro.shape, np.nan)])
         biases += _track(track.t[mine], difference, f"{track.source} - ATTITUDE", instance)
     return tuple(biases)
@@ -127,12 +132,9 @@ def _track(t: Array, difference: Array, source: str, instance: int) -> tuple[Bia
     )  # fmt: skip
 
 
-def _half_steps(track: ImuTrack, added: bool) -> Array:
-    """(N, 6): what whole numbers that are cut towards zero lack on average, where it has not been added already."""
-    if added:
-        return np.zeros((len(track), 6))
-    steps = np.repeat([track.gyro_step, track.accel_step], 3)
-    return np.asarray(0.5 * steps * np.sign(np.hstack([track.gyro, track.accel])))
+def _half_steps(readings: Array, step: float) -> Array:
+    """What readings (N, 3) lack on average that are cut towards zero to whole steps."""
+    return np.asarray(0.5 * step * np.sign(readings))
 
 
 def _instances_at(used: SensorInUse, t: Array) -> npt.NDArray[np.int64]:
