@@ -16,7 +16,7 @@ SHARPEST_S = 0.05  # 1σ of an onset, at best
 ONSETS = 24
 ONSET_PRICE = 2.0 * float(np.log(ONSETS))
 _END_PRICE = 2.0 * float(np.log(4))  # whether it lasts for 8, 16, 32 or 64 s
-WORTH = 30.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
+WORTH = 20.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
 PROMISING = 10.0  # and from which on it is weighed again
 
 
