@@ -138,13 +138,16 @@ def _heading_off(
 ) -> tuple[Array, Array]:
     """(K,) by how much a heading is off, rad, and 1σ of the best estimate's (K,): by itself where that is known well.
 
-    Else by its change since the beginning, or since the estimator told that it has set its heading anew.
+    Else by its change since the beginning, or since the estimator told that it has set its heading anew, and better:
+    one that is set by a compass that has turned goes further off.
     """
     sigma = best.sigma(ATTITUDE)[:, 2]
     size = np.abs(error)
     doubted = sigma > _WELL * _TOLERANCE["heading"][0]
     told = np.sort([one.t for one in resets if one.kind == "heading"])
-    part = np.searchsorted(told, best.t)
+    at = np.searchsorted(best.t, told)
+    nearer = np.abs(error[np.minimum(at + 1, len(error) - 1)]) < np.abs(error[np.maximum(at - 1, 0)])
+    part = np.searchsorted(told[nearer], best.t)
     for one in np.unique(part[doubted & judged]):
         early = _early(judged & (part == one))
         first = int(early[np.argmin(np.abs(error[early] - np.median(error[early])))])

@@ -18,7 +18,7 @@ from companion.analysis.findings import findings
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.reference import Limits, reference_at
 from companion.estimation import KINDS, BestEstimate, Explained
-from companion.model import Array, Flight, PositionTrack
+from companion.model import Array, EstimatorReset, Flight, PositionTrack
 from companion.strapdown import quaternion
 from tests.flights import turned
 
@@ -55,30 +55,45 @@ def test_a_departure_that_nothing_explains_is_the_autopilots(flight: Flight, bes
     assert (finding.side, finding.severity) == ("autopilot", "error")
 
 
-def test_a_heading_that_changes_is_judged_by_the_change(flight: Flight, best: BestEstimate) -> None:
-    """Where the whole flight may be turned, as by a compass that nobody calibrated."""
+def turned_whole(best: BestEstimate) -> BestEstimate:
+    """The whole flight may be turned by 20°, 1σ, as by a compass that nobody calibrated."""
     known = best.covariance.copy()
     known[:, 2, 2] += np.radians(20.0) ** 2
     unknown = best.correlation.constants.copy()
-    turned_whole = np.zeros((*best.correlation.border.shape[:2], 1))
-    turned_whole[:, 2] = np.radians(20.0)
-    doubted = replace(
+    whole = np.zeros((*best.correlation.border.shape[:2], 1))
+    whole[:, 2] = np.radians(20.0)
+    return replace(
         best,
         covariance=known,
         correlation=replace(
             best.correlation,
-            border=np.concatenate((best.correlation.border, turned_whole), axis=2),
+            border=np.concatenate((best.correlation.border, whole), axis=2),
             constants=np.block(
                 [[unknown, np.zeros((len(unknown), 1))], [np.zeros((1, len(unknown))), np.ones((1, 1))]]
             ),
         ),
     )
+
+
+def test_a_heading_that_changes_is_judged_by_the_change(flight: Flight, best: BestEstimate) -> None:
+    doubted = turned_whole(best)
     (heading,) = departures(headed(flight, 20.0), doubted, Limits())
     assert heading.start == pytest.approx(ONSET, abs=1.0)
     assert np.degrees([heading.size, heading.sigma]) == pytest.approx([20.0, 3.1], abs=0.5)
     whole = flight.require_attitude()
     turn = quaternion.multiply(quaternion.exp(np.array([0.0, 0.0, np.radians(20.0)])), whole.q_ned_frd)
     assert departures(replace(flight, attitude=replace(whole, q_ned_frd=turn)), doubted, Limits()) == ()
+
+
+@pytest.mark.parametrize(("before", "after"), [(20.0, 0.0), (0.0, 20.0)], ids=["mended", "set by a wrong compass"])
+def test_a_heading_that_is_set_anew_begins_anew_where_that_brings_it_nearer(
+    flight: Flight, best: BestEstimate, before: float, after: float
+) -> None:
+    later = flight.require_attitude().t >= ONSET
+    other = turned(flight, np.radians(np.where(later, after, before))[:, None] * DOWN)
+    other = replace(other, resets=(EstimatorReset(ONSET, "heading"),))
+    departed = departures(other, turned_whole(best), Limits())
+    assert [d.quantity for d in departed] == ["heading"] * (after > before)
 
 
 @pytest.mark.parametrize(("rise_s", "departs"), [(0.05, True), (4.0, False)], ids=["in a step", "little by little"])
