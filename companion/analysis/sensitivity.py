@@ -16,6 +16,8 @@ _UNITS: Mapping[str, tuple[str, str, float, float]] = {
     "tilt": ("tilt", "°", np.degrees(1.0), np.radians(20.0)),
     "heading": ("heading", "°", np.degrees(1.0), np.radians(45.0)),
     "position": ("position", "m", 1.0, 50.0),
+    "gps": ("a GPS creep", "m in 30 s", 1.0, 100.0),
+    "compass": ("a compass turn", "° in 10 s", np.degrees(1.0), np.radians(90.0)),
 }
 """What may be off → its name, unit, units in the SI one, and the size from which on it is no use to have looked."""
 
@@ -24,7 +26,7 @@ _UNITS: Mapping[str, tuple[str, str, float, float]] = {
 class Sensitivity:
     """The smallest errors that the flight would have shown, and what it could not show."""
 
-    smallest: Mapping[str, float]  # gyro_bias rad/s, accel_bias m/s², tilt and heading rad, position m
+    smallest: Mapping[str, float]  # rad/s, m/s², rad, m; of GPS and compass, that both estimates may follow, m and rad
     not_judged: tuple[str, ...]  # what could not be judged, and why, in words
 
     def __str__(self) -> str:
@@ -52,6 +54,11 @@ def sensitivity(best: BestEstimate | None) -> Sensitivity:
         smallest["position"] = _usual("position", best.sigma(POSITION)[:, :2].max(axis=1))
     else:
         lacking.append("accelerometer bias, velocity and position: no GPS")
+    if "gps_position" in best.detectable:
+        smallest["gps"] = best.detectable["gps_position"]
+    if "compass_field" in best.detectable:
+        level = float(np.linalg.norm(best.states.constant("earth_field")[:2]))
+        smallest["compass"] = float(np.arctan(best.detectable["compass_field"] / max(level, 1e-9)))
     for kind, (name, unit, factor, useless) in _UNITS.items():
         if smallest.get(kind, 0.0) > useless:
             lacking.append(f"{name}: none below {_figure(smallest.pop(kind) * factor)} {unit}".replace(" °", "°"))

@@ -23,8 +23,11 @@ from companion.model import Array
 
 _LEAST_S = {"imu": 5.0, "gps": 0.5, "compass": 2.0, "barometer": 2.0}  # what lasts for less is a shock, or a step
 _MARGIN_S, _MARGIN = 3.0, 0.1  # s, and of the flight
+_ENOUGH = 30.0  # of twice the log-likelihood ratio, for what has one time to leave no room for what has two
 _REFINED = 4  # of the best, whose times are sought further
 _UNTOLD = 0.3  # of what explains most
+CREEPS = {"gps_position": 30.0, "compass_field": 10.0}
+"""Kind of a witness → s in which it goes off evenly, for what would have been called of it."""
 _SHOCKS = {
     ("gyro_bias", "step"): GYRO_BIAS, ("accel_bias", "step"): ACCEL_BIAS,
     ("gyro_shock", "shock"): ATTITUDE, ("accel_shock", "shock"): VELOCITY,
@@ -47,7 +50,7 @@ def choose(problem: Problem, solution: Solution) -> tuple[Choice, ...]:
             and (one := _weighed(problem, solution, grid, kind, shape)) is not None
         ]
         candidates.sort(key=_net, reverse=True)
-        if candidates and _net(candidates[0]) >= WORTH:
+        if candidates and _net(candidates[0]) >= _ENOUGH:
             break
     if not candidates or _net(candidates[0]) < PROMISING - ONSET_PRICE:
         return ()
@@ -152,7 +155,10 @@ def _moved(problem: Problem, solution: Solution, one: Candidate, reach: float) -
 
 
 def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
-    """Kind → the smallest step in the middle of the flight that would have been called, in the kind's unit."""
+    """Kind → the smallest that would have been called of it in the middle of the flight, in the kind's unit.
+
+    Of an IMU's bias a step, of a witness what `CREEPS` says.
+    """
     smallest = {}
     count = len(problem.t) - 1
     middle = slice(count // 4, max(count // 4 + 1, 3 * count // 4))
@@ -162,6 +168,23 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
         if shape != "step" or not kind.has_witness(problem):
             continue
         known = np.maximum(np.diagonal(d[middle, block, block], axis1=1, axis2=2).min(axis=1), 1e-300)
-        paid = np.log1p(known * kind.prior**2) + 2.0 * np.log(3.0) + ONSET_PRICE
-        smallest[name] = max(float(np.median(np.sqrt((WORTH + paid) / known))), kind.least)
+        sizes = np.sqrt(_asked(kind, shape, known * kind.prior**2, 3) / known)
+        smallest[name] = max(float(np.median(sizes)), kind.least)
+    for name, lasts in CREEPS.items():
+        kind, onset = kind_of(name), 0.5 * (problem.t[:1] + problem.t[-1:] - lasts)
+        if onset[0] < times_of_change(problem.t)[0]:
+            continue
+        one = weigh(problem, solution, kind, "creep", onset, onset + lasts)
+        if one is not None:
+            variance = lasts**2 * float(np.diagonal(one.covariance[0]).max())
+            asked = _asked(kind, "creep", kind.prior**2 / variance, one.size.shape[1])
+            smallest[name] = max(float(np.sqrt(asked * variance)), kind.least_of("creep"))
     return smallest
+
+
+def _asked(kind: Kind, shape: str, known: Any, unknowns: int) -> Any:
+    """What a size of one of some components has to gain at first, to be worth its price.
+
+    known: by how much better it is known than beforehand, a ratio of variances.
+    """
+    return WORTH + np.log1p(known) + 2.0 * np.log(unknowns) + price(kind, shape)

@@ -170,7 +170,7 @@ class BestEstimate:
     origin: Origin | None = None  # the zero of the positions; None where no place on Earth is known
     explained: tuple[Explained, ...] = ()  # what was wrong, as far as the witnesses tell, the first in time first
     promising: tuple[str, ...] = ()  # kinds that nearly pay for themselves, the best first, and are not in the estimate
-    detectable: Mapping[str, float] = field(default_factory=dict)  # kind → smallest step that would have been found
+    detectable: Mapping[str, float] = field(default_factory=dict)  # kind → smallest that would have been called
     bursts: int = 0  # times that the IMU missed a push that neither chance nor anything explained makes
     heading_from: str = ""  # "compass", "GPS and acceleration", "first guess": which witness gives the heading
     notes: tuple[str, ...] = ()

@@ -50,7 +50,7 @@ def test_the_cause_in_numbers(capsys: Captured) -> None:
     assert (cause["kind"], cause["side"], cause["sensor"], cause["unit"]) == ("gyro_bias", "imu", "gyro", "rad/s")
     assert cause["size"] == pytest.approx(18.9e-3, abs=3e-3)
     assert cause["onset_s"] == pytest.approx(57.3, abs=3.0)
-    assert verdict["detectable"].keys() == {"gyro_bias", "accel_bias", "tilt", "heading", "position"}
+    assert verdict["detectable"].keys() == {"gyro_bias", "accel_bias", "tilt", "heading", "position", "gps", "compass"}
     assert verdict["not_judged"] == []
 
 

@@ -21,7 +21,7 @@ def test_a_step_of_the_size_that_is_told_is_called_on_any_axis(known: tuple[floa
     information = np.tile(np.diag(known), (20, 1, 1))
     disturbances = np.zeros((20, 15)), np.zeros((20, 15, 15))
     disturbances[1][:, 9:12, 9:12] = information
-    problem: Any = SimpleNamespace(t=t, witness=lambda _: None)
+    problem: Any = SimpleNamespace(t=t, witness=lambda _: None, told_often=lambda _: None)
     solution: Any = SimpleNamespace(disturbances=disturbances)
     size = detectable(problem, solution)["gyro_bias"]
     gains = []

@@ -11,6 +11,7 @@ import pytest
 
 from companion.estimation import KINDS, BestEstimate, Explained, kind_of, smooth
 from companion.estimation.choice import Choice, with_choice
+from companion.estimation.competition import CREEPS
 from companion.estimation.explanations import Problem
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import Linear, carry_imu, linearise
@@ -109,6 +110,28 @@ def test_an_injected_fault_is_found(fault: str) -> None:
     assert largest.gain > 30.0
     assert np.linalg.norm(largest.size) == pytest.approx(size, rel=0.25)
     assert abs(largest.onset - ONSET) < max(4.0 * largest.onset_sigma, 2.0)
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.5, False), (1.6, True)])
+def test_what_would_have_shown_shows(share: float, told: bool) -> None:
+    """A GPS that creeps away within 30 s and a field that turns within 10 s, by shares of what is said to be enough."""
+    flight, _ = sensed(60.0)
+    enough = smooth(flight).detectable
+    assert set(CREEPS) <= enough.keys()
+    (gps,), (compass,) = flight.gps, flight.compasses
+    q, middle = flight.require_attitude(), 30.0
+    gone = np.clip((gps.t - middle + 15.0) / 30.0, 0.0, 1.0) * share * enough["gps_position"]
+    away = replace(flight, gps=(replace(gps, latitude=gps.latitude + gone / 6.37e6),))
+    i = np.clip(np.searchsorted(q.t, compass.t), 0, len(q) - 1)
+    more = np.clip((compass.t - middle + 5.0) / 10.0, 0.0, 1.0)[:, None] * [
+        0.0,
+        1e-6 * share * enough["compass_field"],
+        0.0,
+    ]
+    field = compass.field + quaternion.rotate(quaternion.conjugate(q.q_ned_frd[i]), more)
+    turned = replace(flight, compasses=(replace(compass, field=field),))
+    for kind, wrong in (("gps_position", away), ("compass_field", turned)):
+        assert (kind in {one.kind for one in smooth(wrong).explained}) == told
 
 
 def test_a_compass_that_turns_has_its_axis() -> None:
