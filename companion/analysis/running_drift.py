@@ -69,10 +69,12 @@ class _Table:
         self._excluded: Counter[str] = Counter()
         self._errors = np.zeros((0, 11))
         self._next: int | None = None  # edge of the grid
+        self._row: dict[bool, DriftRow] = {}  # as it was made last, with a position and without
 
     def begin(self, excluded: dict[str, int]) -> None:
         self._excluded = Counter(excluded)
         self._errors, self._next = np.zeros((0, 11)), None
+        self._row.clear()
 
     def take(self, comparison: Comparison, part: Part) -> None:
         part = replace(part, first=self._next)
@@ -80,6 +82,7 @@ class _Table:
         if len(numbers) < 2:
             return
         self._next = int(numbers[-1])
+        self._row.clear()
         chosen = windows(comparison, self.horizon, part)
         self._excluded.update(chosen.excluded)
         e = errors(comparison, chosen)
@@ -87,6 +90,11 @@ class _Table:
         self._errors = np.concatenate([self._errors, new])[-MOST_WINDOWS:]
 
     def row(self, *, has_position: bool) -> DriftRow:
+        if has_position not in self._row:  # a page asks for it more often than it changes
+            self._row[has_position] = self._made(has_position=has_position)
+        return self._row[has_position]
+
+    def _made(self, *, has_position: bool) -> DriftRow:
         e: Array = self._errors
         window_errors = WindowErrors(e[:, 0], e[:, 1], e[:, 2:5], e[:, 5:8], e[:, 8:11])
         return drift_row(self.horizon, dict(self._excluded), window_errors, has_position=has_position)

@@ -3,7 +3,7 @@
 from companion.mavlink.crc import Bytes, Index, gather
 from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, MessageLayout, dialect_names, enum_names, load_dialect
 from companion.mavlink.encode import encode, make_messages
-from companion.mavlink.frames import Damage, Decoder, Frames
+from companion.mavlink.frames import Damage, Decoder, Frames, together
 from companion.mavlink.headers import HEADER_1, MAGIC_1, MAGIC_2, first_come
 from companion.mavlink.messages import Messages, as_bytes, gather_rows, grouped, join, log_time, split_messages
 from companion.mavlink.modes import mode_name, px4_nav_state_name
@@ -43,4 +43,5 @@ __all__ = [
     "mode_name",
     "px4_nav_state_name",
     "split_messages",
+    "together",
 ]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import companion as c
 from companion.links import Recorder
-from companion.mavlink import load_dialect
+from companion.mavlink import load_dialect, together
 from companion.mavlink.frames import Decoder
 from companion.model import Flight, NavState
 from companion.simulate import Faults, SimulatedVehicle, fly, write_flight
@@ -196,3 +196,20 @@ def test_what_was_recorded_is_what_was_live(tmp_path: Path) -> None:
     assert_same(live.attitude, recorded.attitude)
     assert_same(live.position, recorded.position)
     assert_same(c.drift(live, horizons=(1, 5)).rows, c.drift(recorded, horizons=(1, 5)).rows)
+
+
+@pytest.mark.parametrize("at_once", [1, 3, 1000])
+def test_receipts_taken_together_are_those_taken_one_by_one(at_once: int) -> None:
+    """Frames of many pieces of a link as one, each with its own time of arrival."""
+    vehicle = SimulatedVehicle(fly(8.0, seed=3), streams=STREAMS, faults=BAD, seed=3)
+    decoder, receipts = Decoder(load_dialect(), stamped=False), []
+    for end in np.arange(0.02, 8.0, 0.02):
+        received = 1.7e9 + float(end) + 1.3e-7
+        receipts.append((decoder.push(b"".join(packet for _, packet in vehicle.advance(end))), received))
+    one_by_one, as_one = Stream(window_s=60.0), Stream(window_s=60.0)
+    for frames, received in receipts:
+        one_by_one.add(frames, received)
+    for first in range(0, len(receipts), at_once):
+        as_one.add(together(receipts[first : first + at_once]))
+    assert_same(as_one.flights(), one_by_one.flights())
+    assert as_one.newest == one_by_one.newest

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from companion.analysis import HORIZONS_S, DriftRow, FreeRun, FreeState, Integration, RunningDrift
 from companion.app.live.replay import LiveReplay, Present
-from companion.mavlink import Frames
+from companion.mavlink import Frames, together
 from companion.model import Flight
 from companion.telemetry import Stream
 
@@ -96,10 +96,10 @@ class Watch:
         self._replay.anchor_now()
         self._free.anchor_now()
 
-    def hear(self, receipts: Iterable[tuple[Frames, float]]) -> None:
-        """Take what has arrived."""
-        for frames, received in receipts:
-            self._stream.add(frames, received)
+    def hear(self, receipts: Sequence[tuple[Frames, float]]) -> None:
+        """Take what has arrived, with when: s UNIX."""
+        if receipts:
+            self._stream.add(together(receipts))
 
     def look(self) -> Sighting | None:
         """Both poses now; None, with the reason in `why_not`."""

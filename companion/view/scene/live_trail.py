@@ -62,11 +62,8 @@ class LiveTrail:
 
     def show(self, since: float, until: float) -> None:
         """Show what lies between two times, s."""
-        for i, line in enumerate(self._lines[:-1]):
-            ends = self._ends[i]
-            full = int(np.isfinite(ends).sum())
-            a = int(np.searchsorted(ends[:full], since))
-            b = int(np.searchsorted(ends[:full], until, side="right"))
+        first, last = (self._ends < since).sum(axis=1).tolist(), (self._ends <= until).sum(axis=1).tolist()
+        for i, (line, a, b) in enumerate(zip(self._lines[:-1], first, last, strict=True)):
             key = (a, b, self._uses[i]) if b > a else (0, 0, 0)
             if key == self._shown[i]:
                 continue

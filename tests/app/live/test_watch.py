@@ -70,7 +70,7 @@ def hearing(*vehicles: SimulatedVehicle) -> Iterator[tuple[Watch, Callable[[floa
 
     def seen_at(until: float) -> Sighting | None:
         sent = sorted(packets for vehicle in vehicles for packets in bursts(vehicle, until))
-        watching.hear((decoder.push(data), t) for t, data in sent)
+        watching.hear([(decoder.push(data), t) for t, data in sent])
         seen = watching.look()
         watching.judge()
         return seen
