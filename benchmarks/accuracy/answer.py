@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from companion.analysis import Verdict
@@ -68,12 +69,16 @@ class Answer:
     end: float | None = None  # s
     size: float | None = None  # SI; None where it is not told
     summary: str = ""
+    smallest: Mapping[str, float] = field(default_factory=dict)  # that it would have shown, SI; not judged is missing
 
 
 def answer(flight: Flight) -> Answer:
     """What a user with default settings is told about a flight. Raises whatever the analysis raises."""
     lacking = unexaminable(flight)
-    return read_verdict(lacking.verdict if lacking else examine(flight).assessment.verdict)
+    if lacking:
+        return read_verdict(lacking.verdict)
+    assessment = examine(flight).assessment
+    return replace(read_verdict(assessment.verdict), smallest=assessment.sensitivity.smallest)
 
 
 def read_verdict(verdict: Verdict) -> Answer:

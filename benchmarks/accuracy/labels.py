@@ -12,7 +12,7 @@ import msgspec
 from benchmarks.accuracy.answer import Answer
 from companion.model import InputError
 
-Outcome = Literal["right", "cannot tell", "false alarm", "inverted", "missed", "unread"]
+Outcome = Literal["right", "cannot tell", "not shown", "false alarm", "inverted", "missed", "unread"]
 
 RECORDINGS = (".tlog", ".bin", ".ulg", ".log", ".raw")
 PACKED = (".xz", ".gz", ".zst", ".bz2")
@@ -35,6 +35,7 @@ class Label(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     end: float | None = None
     size: float | None = None
     accept: tuple[str, ...] = ()
+    hidden: dict[str, float] = {}
     what: str = ""
 
     def matches(self, log: str) -> bool:
@@ -78,7 +79,12 @@ def outcome(label: Label, said: Answer | None) -> Outcome:
         return "cannot tell" if said.side == "cannot_tell" else "right"
     if said.side in {"imu", "autopilot"}:
         return "inverted" if label.truth in {"imu", "autopilot"} else "false alarm"
-    return "missed"
+    return "not shown" if said.side == "none" and label.hidden and _is_below(label, said) else "missed"
+
+
+def _is_below(label: Label, said: Answer) -> bool:
+    """Whether the verdict says that it would not have shown a fault of this size, or that it did not judge it."""
+    return all(said.smallest.get(quantity, float("inf")) > size for quantity, size in label.hidden.items())
 
 
 def details(label: Label, said: Answer) -> dict[str, bool]:

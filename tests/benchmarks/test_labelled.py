@@ -50,6 +50,19 @@ def test_an_accepted_answer_is_no_fault_and_cannot_tell_is_counted_apart() -> No
     assert outcome(label, Answer("imu", "gyro_bias")) == "inverted"
 
 
+@pytest.mark.parametrize(
+    ("smallest", "expected"),
+    [({"tilt": 0.06}, "not shown"), ({"tilt": 0.06, "position": 40.0}, "not shown"),
+     ({"tilt": 0.02}, "missed"), ({"tilt": 0.06, "position": 4.0}, "missed")],
+)  # fmt: skip
+def test_a_fault_below_what_the_verdict_says_would_have_shown_is_counted_apart(
+    smallest: dict[str, float], expected: Outcome
+) -> None:
+    label = Label("a", "autopilot", hidden={"tilt": 0.04, "position": 12.0})
+    assert outcome(label, Answer("none", smallest=smallest)) == expected
+    assert outcome(label, Answer("imu", smallest=smallest)) == "inverted"
+
+
 def test_the_details_that_a_label_has_are_compared() -> None:
     label = Label("a", "imu", cause=("gyro_bias",), sensor="gyro", onset=100.0, size=0.02)
     good = Answer("imu", "gyro_bias", "gyro", onset=104.0, size=0.021)
