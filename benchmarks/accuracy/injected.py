@@ -211,8 +211,8 @@ def as_logged(flight: Flight, *, thin: bool) -> Flight:
     return thinned(flight, _LOW_HZ) if thin and flight.imu().rate_hz >= FAST_HZ else flight
 
 
-def cases(paths: Sequence[Path], *, sizes: Literal["all", "middle"]) -> list[Case]:
-    """Every flight at its full rate and at 25 Hz, with every fault; onsets go round."""
+def cases(paths: Sequence[Path], *, sizes: Literal["all", "middle"], shift: int = 0) -> list[Case]:
+    """Every flight at its full rate and at 25 Hz, with every fault; onsets go round, from another one with `shift`."""
     every_case: list[Case] = []
     for path in paths:
         for number, flight in enumerate(read_recording(path).flights):
@@ -223,7 +223,7 @@ def cases(paths: Sequence[Path], *, sizes: Literal["all", "middle"]) -> list[Cas
                 chosen = [(-1, 0, 0.0)]
                 for i, fault in enumerate(FAULTS):
                     some = range(len(fault.sizes)) if sizes == "all" else [fault.middle]
-                    chosen += [(i, k, _ONSETS[(len(every_case) + i + k) % len(_ONSETS)]) for k in some]
+                    chosen += [(i, k, _ONSETS[(len(every_case) + i + k + shift) % len(_ONSETS)]) for k in some]
                 halves = chosen[::2], chosen[1::2]
                 every_case += [Case(str(path), number, vehicle_of(path), thin, tuple(half)) for half in halves]
     return every_case
@@ -235,6 +235,7 @@ def main() -> int:
     parser.add_argument("logs", nargs="*", type=Path, help="healthy logs, or folders of them")
     parser.add_argument("--quick", action="store_true", help="three flights and one size of each fault")
     parser.add_argument("--sizes", choices=("all", "middle"), default="all", help="of each fault (default: all)")
+    parser.add_argument("--shift", type=int, default=0, help="1 or 2: each fault at another of the three onsets")
     parser.add_argument("--vehicle", action="append", help="only this one; may be repeated")
     parser.add_argument("--workers", type=int, help="processes, default: one for each processor")
     parser.add_argument("--timeout", type=float, default=1200.0, help="seconds for one flight")
@@ -247,7 +248,7 @@ def main() -> int:
     ]
     if not paths:
         parser.error(NO_LOGS)
-    todo = cases(paths, sizes="middle" if chosen.quick else chosen.sizes)
+    todo = cases(paths, sizes="middle" if chosen.quick else chosen.sizes, shift=chosen.shift)
     rows: list[Row] = []
     for done, (index, result) in enumerate(each(judged, todo, workers=chosen.workers, timeout=chosen.timeout), 1):
         name = Path(todo[index].log).name

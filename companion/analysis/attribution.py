@@ -21,6 +21,7 @@ from companion.analysis.episode import (
     Departure,
     Episode,
     cause_of,
+    gain_of,
     rival_of_another,
     rivals,
     said,
@@ -79,6 +80,7 @@ def _episodes_of(parts: list[Explained], witness: str, least: float, last: float
             float(np.linalg.norm(along * cause.sigma)) * max(float(lasted), 1.0),
             cause.gain,
             cause.others,
+            any(part.seconded for part in before),
         )
 
 
@@ -184,6 +186,8 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
     noisy = best.contradicted
     other = _is_left_of(episode, others)
     rival = rival_of_another(episode, FAR if noisy else CLOSE)
+    passing_gyro = episode.kind.startswith("gyro") and np.isfinite(episode.end)
+    gyro_or_compass = episode.witness == "compass" and gain_of(episode, "gyro") > _HALF * episode.gain
     reasons = (
         (episode.kind.endswith("_shock"),
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment"),
@@ -192,6 +196,10 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
          f"{_named(other)} explains as much at that time, or far more: one may be what the other leaves"),
         (episode.kind in _BY_THE_IMU_ALONE and best.bursts >= _BURSTS,
          "the IMU is shaken in bursts that look the same: it cannot be told which of them is wrong"),
+        (passing_gyro and not episode.seconded,
+         "only the compass speaks against the gyro, and it ends again: it cannot be told which of the two is wrong"),
+        (gyro_or_compass and "gps_position" not in best.residuals,
+         "without GPS only the gyro speaks against the compass: it cannot be told which of the two is wrong"),
         (noisy and episode.witness != "imu" and episode.kind not in _AGAINST_ITSELF, _CONTRADICTED),
         (rival is not None, f"{_named(rival)} explains it nearly as well: it cannot be told which of them is wrong"),
     )  # fmt: skip

@@ -11,7 +11,16 @@ from companion.analysis.finding import IntArray, runs
 from companion.analysis.navigation_error import attitude_error, length
 from companion.analysis.phases import phases
 from companion.analysis.reference import BoolArray, Limits, Reference, reference_at
-from companion.estimation import ATTITUDE, CONSTANTS, POSITION, VELOCITY, BestEstimate, corrected, times_of_change
+from companion.estimation import (
+    ATTITUDE,
+    CONSTANTS,
+    POSITION,
+    VELOCITY,
+    BestEstimate,
+    corrected,
+    kind_of,
+    times_of_change,
+)
 from companion.model import Array, EstimatorReset, Flight
 from companion.strapdown import preintegrate, quaternion
 
@@ -138,16 +147,17 @@ def _heading_off(
 ) -> tuple[Array, Array]:
     """(K,) by how much a heading is off, rad, and 1σ of the best estimate's (K,): by itself where that is known well.
 
-    Else by its change since the beginning, or since the estimator told that it has set its heading anew, and better:
-    one that is set by a compass that has turned goes further off.
+    Else by its change since the beginning, or since the estimator told that it has set its heading anew: but not where
+    it did so by a compass that is known to have turned, and its heading is further off since.
     """
     sigma = best.sigma(ATTITUDE)[:, 2]
     size = np.abs(error)
     doubted = sigma > _WELL * _TOLERANCE["heading"][0]
     told = np.sort([one.t for one in resets if one.kind == "heading"])
+    turned = min((one.onset for one in best.explained if kind_of(one.kind).side == "compass"), default=np.inf)
     at = np.searchsorted(best.t, told)
-    nearer = np.abs(error[np.minimum(at + 1, len(error) - 1)]) < np.abs(error[np.maximum(at - 1, 0)])
-    part = np.searchsorted(told[nearer], best.t)
+    further = np.abs(error[np.minimum(at + 1, len(error) - 1)]) > np.abs(error[np.maximum(at - 1, 0)])
+    part = np.searchsorted(told[~(further & (told > turned))], best.t)
     for one in np.unique(part[doubted & judged]):
         early = _early(judged & (part == one))
         first = int(early[np.argmin(np.abs(error[early] - np.median(error[early])))])

@@ -33,6 +33,7 @@ class Episode:
     sigma: float  # 1σ of its length
     gain: float  # twice the log-likelihood ratio
     others: tuple[tuple[str, str, float], ...]  # the next best explanations and their gains
+    seconded: bool = True  # of a gyro: whether anything but the compass speaks against it
 
     @property
     def magnitude(self) -> float:
@@ -176,6 +177,11 @@ def rival_of_another(episode: Episode, within: float) -> str | None:
     side = kind_of(episode.kind).side
     rival = _rival(replace(episode, others=tuple(o for o in episode.others if kind_of(o[0]).side != side)))
     return rival[0] if rival is not None and rival[1] < within else None
+
+
+def gain_of(episode: Episode, sensor: str) -> float:
+    """The best gain of an explanation by another sensor, whose kinds begin with its name; 0 where there is none."""
+    return max((gain for kind, _, gain in episode.others if kind.startswith(sensor)), default=0.0)
 
 
 def _rival(episode: Episode) -> tuple[str, float] | None:

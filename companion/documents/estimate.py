@@ -49,6 +49,7 @@ class ExplainedObject(msgspec.Struct, frozen=True):
     unit: str
     gain: float
     others: list[RivalObject]
+    seconded: bool  # of a gyro: whether more than the compass speaks against it
 
 
 class BiasObject(msgspec.Struct, frozen=True):
@@ -138,6 +139,7 @@ def estimate_document(
                 kind_of(one.kind).unit,
                 one.gain,
                 [RivalObject(*other) for other in one.others],
+                one.seconded,
             )
             for one in best.explained
         ],

@@ -16,6 +16,7 @@ SHARPEST_S = 0.05  # 1σ of an onset, at best
 ONSETS = 24
 ONSET_PRICE = 2.0 * float(np.log(ONSETS))
 _END_PRICE = 2.0 * float(np.log(4))  # whether it lasts for 8, 16, 32 or 64 s
+_PASSING = 2.0 * float(np.log(1000))  # an IMU's bias that comes and goes, beside a field that a vehicle flies past
 WORTH = 20.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
 PROMISING = 10.0  # and from which on it is weighed again
 
@@ -32,6 +33,7 @@ class Choice:
     axis: int  # the one component that changes; -1 for all
     gain: float
     others: tuple[tuple[str, str, float], ...]
+    seconded: bool = True  # of a gyro: whether anything but the compass speaks against it
     taken: float = 0.0  # of its size, what the readings have been corrected by: the rest is small, and linear
 
     def in_noise(self, times: float) -> Choice:
@@ -57,7 +59,8 @@ class Choice:
 
 def price(kind: Kind, shape: str) -> float:
     """What choosing its times costs, and how seldom it is, as twice the logarithm of a likelihood."""
-    return ONSET_PRICE + (_END_PRICE if shape in ENDING else 0.0) + kind.rarity
+    passing = _PASSING if kind.side == "imu" and shape == "pulse" else 0.0
+    return ONSET_PRICE + (_END_PRICE if shape in ENDING else 0.0) + kind.rarity + passing
 
 
 def promising(choice: Choice) -> tuple[str, ...]:
@@ -66,14 +69,17 @@ def promising(choice: Choice) -> tuple[str, ...]:
     return tuple(dict.fromkeys(kind for kind in (choice.kind.name, *others) if not kind.endswith("_shock")))
 
 
-def gain_beside(choice: Choice, problem: Problem, solution: Solution, prior: Prior) -> float:
-    """What a choice gains in a solution whose last unknowns are its sizes, at the noise learned beside it."""
+def gain_beside(choice: Choice, problem: Problem, solution: Solution, prior: Prior, after: int = 0) -> float:
+    """What a choice gains in a solution in which its sizes are unknowns, at the noise learned beside it.
+
+    after: how many unknowns of later choices follow them.
+    """
     signature = choice.of(problem)
     if signature is None:
         return 0.0
-    last = slice(len(solution.c) - signature.unknowns, None)
-    size, known = solution.c[last] + choice.taken, np.linalg.inv(solution.constants_covariance[last, last])
-    paid = float(np.linalg.slogdet(known)[1] + 2.0 * np.log(prior.constants_sigma[last]).sum())
+    own = slice(len(solution.c) - after - signature.unknowns, len(solution.c) - after)
+    size, known = solution.c[own] + choice.taken, np.linalg.inv(solution.constants_covariance[own, own])
+    paid = float(np.linalg.slogdet(known)[1] + 2.0 * np.log(prior.constants_sigma[own]).sum())
     return float(size @ known @ size) - paid - price(choice.kind, choice.shape)
 
 
@@ -147,6 +153,7 @@ def explained(problem: Problem, solution: Solution, accepted: Sequence[Choice]) 
                 sigma=own,
                 gain=choice.gain,
                 others=choice.others,
+                seconded=choice.seconded,
             )
         )
         at += m

@@ -23,7 +23,6 @@ from companion.model import Array
 
 _LEAST_S = {"imu": 5.0, "gps": 0.5, "compass": 2.0, "barometer": 2.0}  # what lasts for less is a shock, or a step
 _MARGIN_S, _MARGIN = 3.0, 0.1  # s, and of the flight
-_ENOUGH = 30.0  # of twice the log-likelihood ratio, for what has one time to leave no room for what has two
 _REFINED = 4  # of the best, whose times are sought further
 _UNTOLD = 0.3  # of what explains most
 CREEPS = {"gps_position": 30.0, "compass_field": 10.0}
@@ -40,18 +39,8 @@ def choose(problem: Problem, solution: Solution) -> tuple[Choice, ...]:
     That is of a kind that is linear in small sizes alone: its first order says less of it than it explains.
     """
     grid = scan(problem, solution, ONSETS + 1)
-    candidates: list[Candidate] = []
-    for seldom in (False, True):  # what comes and goes has two times to be tried: only where no single one explains
-        candidates += [
-            one
-            for kind in KINDS
-            for shape in kind.shapes
-            if _comes_and_goes(kind, shape) == seldom
-            and (one := _weighed(problem, solution, grid, kind, shape)) is not None
-        ]
-        candidates.sort(key=_net, reverse=True)
-        if candidates and _net(candidates[0]) >= _ENOUGH:
-            break
+    weighed = (_weighed(problem, solution, grid, kind, shape) for kind in KINDS for shape in kind.shapes)
+    candidates = sorted((one for one in weighed if one is not None), key=_net, reverse=True)
     if not candidates or _net(candidates[0]) < PROMISING - ONSET_PRICE:
         return ()
     refined = ((_refined(problem, solution, one, grid), one) for one in candidates[:_REFINED])

@@ -101,6 +101,7 @@ class Explained:
     sigma: Array  # (m,)
     gain: float  # twice the logarithm of the likelihood ratio to the same without it, the price of its unknowns paid
     others: tuple[tuple[str, str, float], ...] = ()  # (kind, shape, gain) of the next best explanations in its place
+    seconded: bool = True  # of a gyro: whether it would promise something without the compass
 
 
 @dataclass(frozen=True, slots=True)

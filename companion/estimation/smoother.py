@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.estimation.choice import WORTH, Choice, explained, gain_beside, promising, unrest
+from companion.estimation.choice import PROMISING, WORTH, Choice, explained, gain_beside, promising, unrest
 from companion.estimation.competition import choose, detectable
 from companion.estimation.iteration import Start, estimate, likelihood, start_of
 from companion.estimation.learned_noise import believing, noise_limits, scatter
@@ -28,7 +28,7 @@ from companion.estimation.model import (
 )
 from companion.estimation.retiming import Limits, retimed
 from companion.estimation.setup import Setup, first_guess, set_up
-from companion.estimation.system import measurement_residual
+from companion.estimation.system import measurement_residual, solve
 from companion.estimation.weighing import bursts
 from companion.model import STANDARD_GRAVITY, DataError, Flight
 
@@ -84,7 +84,27 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
             break
         accepted.append(further.choice)
         setup, settled, linear = further.setup, further.settled, further.linear
-    return replace(_result(setup, settled, linear, accepted, shown), promising=nearly)
+    return replace(_result(setup, settled, linear, _seconded(linear, accepted), shown), promising=nearly)
+
+
+def _seconded(linear: Linear, accepted: Sequence[Choice]) -> list[Choice]:
+    """What was accepted, and of each of the gyro's whether it would promise something without the compass.
+
+    About the vertical gyro and compass may be the only two: which of them is wrong, neither says.
+    """
+    problem = linear.problem
+    others = tuple(one for one in problem.measurements if one.name != "compass")
+    gyros = [one for one in accepted if one.kind.name.startswith("gyro")]
+    if not gyros or len(others) == len(problem.measurements):
+        return list(accepted)
+    without = solve(len(problem.t), problem.motion, others, linear.prior)
+    judged, after = [], 0
+    for one in reversed(accepted):
+        seconded = one not in gyros or gain_beside(one, problem, without, linear.prior, after) > PROMISING
+        judged.append(replace(one, seconded=seconded))
+        signature = one.of(problem)
+        after += 0 if signature is None else signature.unknowns
+    return judged[::-1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

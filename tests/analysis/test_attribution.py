@@ -85,15 +85,18 @@ def test_a_heading_that_changes_is_judged_by_the_change(flight: Flight, best: Be
     assert departures(replace(flight, attitude=replace(whole, q_ned_frd=turn)), doubted, Limits()) == ()
 
 
-@pytest.mark.parametrize(("before", "after"), [(20.0, 0.0), (0.0, 20.0)], ids=["mended", "set by a wrong compass"])
-def test_a_heading_that_is_set_anew_begins_anew_where_that_brings_it_nearer(
-    flight: Flight, best: BestEstimate, before: float, after: float
+@pytest.mark.parametrize(("before", "after"), [(20.0, 0.0), (0.0, 20.0)], ids=["nearer", "further off"])
+@pytest.mark.parametrize("compass", [True, False], ids=["turned", "in order"])
+def test_a_heading_that_is_set_anew_begins_anew_unless_a_turned_compass_sets_it(
+    flight: Flight, best: BestEstimate, before: float, after: float, compass: bool
 ) -> None:
     later = flight.require_attitude().t >= ONSET
     other = turned(flight, np.radians(np.where(later, after, before))[:, None] * DOWN)
     other = replace(other, resets=(EstimatorReset(ONSET, "heading"),))
-    departed = departures(other, turned_whole(best), Limits())
-    assert [d.quantity for d in departed] == ["heading"] * (after > before)
+    field = Explained("compass_field", "step", ONSET - 5.0, 0.1, np.inf, np.array([0.0, 8.0]), np.full(2, 0.1), 100.0)
+    known = replace(turned_whole(best), explained=(field,) * compass)
+    departed = departures(other, known, Limits())
+    assert [d.quantity for d in departed] == ["heading"] * (compass and after > before)
 
 
 @pytest.mark.parametrize(("rise_s", "departs"), [(0.05, True), (4.0, False)], ids=["in a step", "little by little"])
@@ -331,6 +334,37 @@ def test_a_gps_that_only_a_shaken_imu_speaks_against_is_not_accused(
     shaken = replace(best, explained=(moved,), bursts=bursts)
     found = findings_of(episodes(shaken), departures(headed(flight, 40.0), shaken, Limits()), shaken)
     assert found[0].kind == "gps_motion"
+    assert found[0].side == side
+
+
+@pytest.mark.parametrize(
+    ("end", "seconded", "side"),
+    [(50.0, True, "imu"), (50.0, False, "data"), (np.inf, False, "imu")],
+    ids=["GPS agrees", "the compass alone", "to the end"],
+)
+def test_a_gyro_that_is_off_for_a_while_is_accused_by_more_than_a_compass(
+    best: BestEstimate, end: float, seconded: bool, side: str
+) -> None:
+    (found,) = findings_of(
+        episodes(replace(best, explained=(replace(step(ONSET, end, 0.05), seconded=seconded),))), (), best
+    )
+    assert (found.side, found.undecided) == (side, side == "data")
+
+
+@pytest.mark.parametrize(
+    ("gps", "share", "side"), [(True, 0.9, "autopilot"), (False, 0.9, "data"), (False, 0.1, "autopilot")]
+)
+def test_a_compass_that_only_a_gyro_speaks_against_is_not_accused(
+    flight: Flight, best: BestEstimate, gps: bool, share: float, side: str
+) -> None:
+    rival = ("gyro_bias", "pulse", share * 500.0)
+    field, sigma = np.array([0.0, 20.0]), np.full(2, 0.2)
+    turn = Explained("compass_field", "creep", ONSET, 0.1, ONSET + 1.0, field, sigma, 500.0, (rival,))
+    known = replace(best, explained=(turn,))
+    if not gps:
+        known = replace(known, residuals={n: r for n, r in best.residuals.items() if not n.startswith("gps")})
+    found = findings_of(episodes(known), departures(headed(flight, 40.0), best, Limits()), known)
+    assert found[0].kind == "compass_field"
     assert found[0].side == side
 
 

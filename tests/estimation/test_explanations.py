@@ -163,6 +163,24 @@ def test_a_bias_that_comes_and_goes_has_its_times_and_its_size(gps: bool) -> Non
     assert min(abs(one.onset - ONSET) for one in explained) < 2.0
 
 
+@pytest.mark.parametrize("wrong", ["gyro", "compass"])
+def test_whether_more_than_the_compass_speaks_against_a_gyro_is_known(wrong: str) -> None:
+    """A field that turns evenly looks like a gyro; on a banked circle gravity knows which of the two it was."""
+    flight, _ = sensed(90.0, "circle")
+    imu, (compass,), q = flight.imu(), flight.compasses, flight.require_attitude()
+    if wrong == "gyro":
+        too_much = ((imu.t >= 40.0) & (imu.t < 50.0))[:, None] * np.array([0.0, 0.0, 0.08])
+        flight = with_imu(flight, replace(imu, gyro=imu.gyro + too_much))
+    else:
+        i = np.clip(np.searchsorted(q.t, compass.t), 0, len(q) - 1)
+        turn = np.clip((compass.t - 40.0) / 10.0, 0.0, 1.0)[:, None] * np.array([0.0, 0.0, np.radians(45.0)])
+        world = quaternion.rotate(quaternion.exp(turn), quaternion.rotate(q.q_ned_frd[i], compass.field))
+        field = quaternion.rotate(quaternion.conjugate(q.q_ned_frd[i]), world)
+        flight = replace(flight, compasses=(replace(compass, field=field),))
+    largest = max(smooth(replace(flight, gps=())).explained, key=lambda one: one.gain)
+    assert (largest.kind, largest.shape, largest.seconded) == ("gyro_bias", "pulse", wrong == "gyro")
+
+
 @pytest.fixture(scope="module")
 def linear() -> Linear:
     """The linear problem of a short flight, as it stands before anything is explained."""
