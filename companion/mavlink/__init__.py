@@ -3,9 +3,18 @@
 from companion.mavlink.crc import Bytes, Index, gather
 from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, MessageLayout, dialect_names, enum_names, load_dialect
 from companion.mavlink.encode import encode, make_messages
-from companion.mavlink.frames import Damage, Decoder, Frames, together
+from companion.mavlink.frames import Damage, Decoder, Frames
 from companion.mavlink.headers import HEADER_1, MAGIC_1, MAGIC_2, first_come
-from companion.mavlink.messages import Messages, as_bytes, gather_rows, grouped, join, log_time, split_messages
+from companion.mavlink.messages import (
+    Messages,
+    as_bytes,
+    gather_rows,
+    grouped,
+    join,
+    log_time,
+    split_messages,
+    together,
+)
 from companion.mavlink.modes import mode_name, px4_nav_state_name
 from companion.mavlink.pack import Packer, Value
 from companion.mavlink.signing import Verifier, is_signed, load_key

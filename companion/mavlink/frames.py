@@ -17,8 +17,8 @@ Frame formats: https://mavlink.io/en/guide/serialization.html
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -80,26 +80,6 @@ class Frames:
         """Those of a mask."""
         columns = ("start", "payload", "size", "length", "offset", "stamp", "id", "sysid", "compid", "seq", "crc")
         return replace(self, **{name: getattr(self, name)[index] for name in columns})
-
-
-def together(receipts: Sequence[tuple[Frames, float]]) -> Frames:
-    """Frames that were received one after the other as one, stamped with when each was: pairs with s UNIX, one or more.
-
-    What is made of frames costs by the call: of those of a twentieth of a second less than half.
-    """
-    pieces = [frames for frames, _ in receipts]
-    shift = np.cumsum([0, *(len(piece.data) for piece in pieces[:-1])])
-    columns = {
-        one.name: np.concatenate([getattr(piece, one.name) for piece in pieces])
-        for one in fields(Frames)
-        if one.name not in ("start", "payload", "stamp")
-    }
-    return Frames(
-        **columns,
-        start=np.concatenate([piece.start + by for piece, by in zip(pieces, shift, strict=True)]),
-        payload=np.concatenate([piece.payload + by for piece, by in zip(pieces, shift, strict=True)]),
-        stamp=np.repeat(np.array([round(t * 1e6) for _, t in receipts], np.uint64), [len(p) for p in pieces]),
-    )
 
 
 @dataclass(slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -79,6 +79,26 @@ class Messages:
 def as_bytes(rows: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
     """Rows as plain items of bytes: NumPy copies those whole, but structured ones field by field, ten times slower."""
     return rows.view(np.dtype((np.void, rows.dtype.itemsize)))
+
+
+def together(receipts: Sequence[tuple[Frames, float]]) -> Frames:
+    """Frames that were received one after the other as one, stamped with when each was: pairs with s UNIX, one or more.
+
+    What is made of frames costs by the call: of those of a twentieth of a second less than half.
+    """
+    pieces = [frames for frames, _ in receipts]
+    shift = np.cumsum([0, *(len(piece.data) for piece in pieces[:-1])])
+    columns = {
+        one.name: np.concatenate([getattr(piece, one.name) for piece in pieces])
+        for one in fields(Frames)
+        if one.name not in ("start", "payload", "stamp")
+    }
+    return Frames(
+        **columns,
+        start=np.concatenate([piece.start + by for piece, by in zip(pieces, shift, strict=True)]),
+        payload=np.concatenate([piece.payload + by for piece, by in zip(pieces, shift, strict=True)]),
+        stamp=np.repeat(np.array([round(t * 1e6) for _, t in receipts], np.uint64), [len(p) for p in pieces]),
+    )
 
 
 def split_messages(frames: Frames, dialect: Dialect, names: Collection[str] | None = None) -> dict[str, Messages]:
