@@ -29,3 +29,10 @@ def test_a_step_of_the_size_that_is_told_is_called_on_any_axis(known: tuple[floa
         found = candidate(kind, "step", problem, (t[1:], np.full(20, np.inf)), information @ step, information)
         gains.append(found.gain.max() - price(kind, "step"))
     assert min(gains) == pytest.approx(WORTH, rel=0.02)
+
+
+@pytest.mark.parametrize("imu", ["gyro_bias", "accel_bias"])
+def test_an_imu_that_errs_for_a_while_is_far_more_seldom_than_a_field_flown_past(imu: str) -> None:
+    odds = price(kind_of(imu), "pulse") - price(kind_of("compass_field"), "creep")
+    assert odds > 2.0 * np.log(100.0)
+    assert price(kind_of(imu), "step") < price(kind_of("compass_field"), "creep"), "what stays is no rarer"
