@@ -38,3 +38,14 @@ def test_of_one_sensors_causes_that_may_have_begun_together_the_surest_time_coun
     assert verdict.summary == f"Suspect the IMU: {first} seen."
     assert verdict.cause is not None
     assert verdict.cause.kind == first
+
+
+@pytest.mark.parametrize("share", [0.5, 0.9])
+def test_what_cannot_be_told_is_said_rather_than_that_nothing_explains_it(share: float) -> None:
+    judged: Any = SimpleNamespace(start=range(5), excluded={})
+    expected: Any = SimpleNamespace(inside={"attitude": share})
+    seen = Finding("gyro_bias", "data", "warning", 10.0, 20.0, "gyro or compass", "", undecided=True)
+    verdict = decide(judged, expected, (seen,), None)
+    assert (verdict.status, verdict.summary) == ("insufficient_data", "This log cannot tell: gyro or compass.")
+    nothing = decide(judged, expected, (), None)
+    assert nothing.status == ("insufficient_data" if share < 0.7 else "consistent")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from companion.estimation import kind_of
-from companion.estimation.choice import WORTH, price
+from companion.estimation.choice import WORTH, gain_beside, price
 from companion.estimation.competition import detectable
 from companion.estimation.weighing import candidate
 
@@ -36,3 +36,16 @@ def test_an_imu_that_errs_for_a_while_is_far_more_seldom_than_a_field_flown_past
     odds = price(kind_of(imu), "pulse") - price(kind_of("compass_field"), "creep")
     assert odds > 2.0 * np.log(100.0)
     assert price(kind_of(imu), "step") < price(kind_of("compass_field"), "creep"), "what stays is no rarer"
+
+
+def test_what_a_choice_gains_is_read_at_its_own_unknowns() -> None:
+    """Of three that were accepted, with 2, 3 and 1 unknowns, the second."""
+    problem: Any = None
+    choice: Any = SimpleNamespace(
+        of=lambda _: SimpleNamespace(unknowns=3), taken=0.0, kind=kind_of("gyro_bias"), shape="step"
+    )
+    c, sigma, prior = np.array([9.0, 9.0, 0.02, 0.0, -0.01, 9.0]), 1e-3, 0.03
+    solution: Any = SimpleNamespace(c=c, constants_covariance=np.diag(np.full(6, sigma**2)))
+    beside: Any = SimpleNamespace(constants_sigma=np.full(6, prior))
+    expected = (0.02**2 + 0.01**2) / sigma**2 - 6.0 * np.log(prior / sigma) - price(choice.kind, "step")
+    assert gain_beside(choice, problem, solution, beside, after=1) == pytest.approx(expected)
