@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.analysis.departures import least_departure
-from companion.estimation import ATTITUDE, POSITION, BestEstimate
+from companion.estimation import ATTITUDE, CREEPS, POSITION, BestEstimate
 
 _UNITS: Mapping[str, tuple[str, str, float, float]] = {
     "gyro_bias": ("gyro bias", "mrad/s", 1e3, 0.1),
@@ -16,8 +16,8 @@ _UNITS: Mapping[str, tuple[str, str, float, float]] = {
     "tilt": ("tilt", "°", np.degrees(1.0), np.radians(20.0)),
     "heading": ("heading", "°", np.degrees(1.0), np.radians(45.0)),
     "position": ("position", "m", 1.0, 50.0),
-    "gps": ("a GPS creep", "m in 30 s", 1.0, 100.0),
-    "compass": ("a compass turn", "° in 10 s", np.degrees(1.0), np.radians(90.0)),
+    "gps": ("a GPS creep", f"m in {CREEPS['gps_position']:g} s", 1.0, 100.0),
+    "compass": ("a compass turn", f"° in {CREEPS['compass_field']:g} s", np.degrees(1.0), np.radians(90.0)),
 }
 """What may be off → its name, unit, units in the SI one, and the size from which on it is no use to have looked."""
 

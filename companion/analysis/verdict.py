@@ -76,15 +76,17 @@ def _lacking(judged: Windows, expected: Expected | None, findings: tuple[Finding
 def _doubt(judged: Windows, expected: Expected, findings: tuple[Finding, ...], best: BestEstimate | None) -> str | None:
     """What speaks against agreement: what cannot be told, or what nothing explains; None where nothing does."""
     undecided = next((f.evidence for f in findings if f.undecided), None)
+    if undecided is not None:
+        return undecided
     worst = min(expected.inside, key=lambda name: expected.inside[name])
     share = expected.inside[worst]
-    if share < _CONSISTENT_SHARE and undecided is None:
+    if share < _CONSISTENT_SHARE:
         return (
             f"IMU and autopilot differ in {worst} by more than expected (only {100.0 * share:.0f} % of "
             f"{counted(len(judged.start), 'window')} of {JUDGED_S:g} s inside the 95 % bound), and "
             + ("no single cause explains it" if best is not None else "no third witness tells which is wrong")
         )
-    return undecided
+    return None
 
 
 def _first(causes: Sequence[Finding]) -> Finding:

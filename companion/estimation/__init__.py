@@ -2,7 +2,7 @@
 
 from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures
 from companion.estimation.axes import Reading, other_reading
-from companion.estimation.competition import times_of_change
+from companion.estimation.competition import CREEPS, times_of_change
 from companion.estimation.explanations import KINDS, Kind, kind_of
 from companion.estimation.model import (
     ATTITUDE,
@@ -42,6 +42,7 @@ from companion.estimation.spectrum import (
 __all__ = [
     "ATTITUDE",
     "CONSTANTS",
+    "CREEPS",
     "KINDS",
     "POSITION",
     "SLOPED",

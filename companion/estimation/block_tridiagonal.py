@@ -28,11 +28,12 @@ class _Level:
     left: Array  # (M, n, n) inverse times the coupling to the block before
     right: Array  # (M, n, n) and to the one after; the last is zero where there is none
 
-    def parts(self, even: int) -> Iterator[tuple[slice, slice]]:
-        """Odd blocks that stay in cache together, and the even blocks after them, of `even` in all."""
+    def parts(self, even: int) -> Iterator[tuple[slice, slice, slice]]:
+        """Odd blocks that stay in cache together, those with a block after them, and these, of `even` in all."""
         for first in range(0, len(self.left), _TOGETHER):
             last = min(first + _TOGETHER, len(self.left))
-            yield slice(first, last), slice(first + 1, min(last + 1, even))
+            joined = min(last, even - 1)
+            yield slice(first, last), slice(first, joined), slice(first + 1, joined + 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,20 +50,17 @@ class Factor:
         views = [x]  # every level's part of the same memory, in which first the right-hand side stands
         for level in self.levels:
             odd, even = views[-1][1::2], views[-1][0::2]
-            for part, after in level.parts(len(even)):
+            for part, joined, after in level.parts(len(even)):
                 even[part] -= level.left[part].swapaxes(-1, -2) @ odd[part]
-                here = slice(part.start, part.start + after.stop - after.start)
-                even[after] -= level.right[here].swapaxes(-1, -2) @ odd[here]
+                even[after] -= level.right[joined].swapaxes(-1, -2) @ odd[joined]
             views.append(even)
         views[-1][:] = self.last @ views[-1]
         for level, view in zip(reversed(self.levels), reversed(views[:-1]), strict=True):
             odd, even = view[1::2], view[0::2]
-            for part, after in level.parts(len(even)):
-                own = level.inverse[part] @ odd[part]
-                own -= level.left[part] @ even[part]
-                there = after.stop - after.start
-                own[:there] -= level.right[part][:there] @ even[after]
-                odd[part] = own
+            for part, joined, after in level.parts(len(even)):
+                odd[part] = level.inverse[part] @ odd[part]
+                odd[part] -= level.left[part] @ even[part]
+                odd[joined] -= level.right[joined] @ even[after]
         x /= self.scale[..., None]
         return x
 
@@ -74,16 +72,16 @@ class Factor:
             odd, even = len(level.left), len(diagonal)
             wider, between = np.empty((odd + even, n, n)), np.empty((odd + even - 1, n, n))
             wider[0::2] = diagonal
-            for part, after in level.parts(even):
-                left, right, there = level.left[part], level.right[part], after.stop - after.start
+            for part, joined, after in level.parts(even):
+                left, right, there = level.left[part], level.right[part], joined.stop - joined.start
                 cross, next_one = np.zeros((2, *left.shape))  # the last odd block may have no neighbour after it
-                cross[:there], next_one[:there] = beside[part], diagonal[after]
+                cross[:there], next_one[:there] = beside[joined], diagonal[after]
                 to_left = -(left @ diagonal[part] + right @ cross.swapaxes(-1, -2))
                 to_right = -(left @ cross + right @ next_one)
                 own = level.inverse[part] - to_left @ left.swapaxes(-1, -2) - to_right @ right.swapaxes(-1, -2)
                 wider[1::2][part] = own
                 between[0::2][part] = to_left.swapaxes(-1, -2)
-                between[1::2][part] = to_right[:there]
+                between[1::2][joined] = to_right[:there]
             diagonal, beside = wider, between
         s = self.scale
         return _scaled(diagonal, s, s, out=diagonal), _scaled(beside, s[:-1], s[1:], out=beside)

@@ -57,9 +57,14 @@ class Choice:
         )
 
 
+def comes_and_goes(kind: Kind, shape: str) -> bool:
+    """Whether it is an error of the IMU, which does not show in a single reading, that ends again."""
+    return shape == "pulse" and kind.side == "imu"
+
+
 def price(kind: Kind, shape: str) -> float:
     """What choosing its times costs, and how seldom it is, as twice the logarithm of a likelihood."""
-    passing = _PASSING if kind.side == "imu" and shape == "pulse" else 0.0
+    passing = _PASSING if comes_and_goes(kind, shape) else 0.0
     return ONSET_PRICE + (_END_PRICE if shape in ENDING else 0.0) + kind.rarity + passing
 
 

@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.estimation.choice import ONSET_PRICE, ONSETS, PROMISING, SHARPEST_S, WORTH, Choice, price
+from companion.estimation.choice import (
+    ONSET_PRICE,
+    ONSETS,
+    PROMISING,
+    SHARPEST_S,
+    WORTH,
+    Choice,
+    comes_and_goes,
+    price,
+)
 from companion.estimation.explanations import KINDS, Kind, Problem, kind_of
 from companion.estimation.model import (
     ACCEL_BIAS,
@@ -73,11 +82,6 @@ def _net(one: Candidate) -> float:
     return float(one.gain.max()) - price(one.kind, one.shape)
 
 
-def _comes_and_goes(kind: Kind, shape: str) -> bool:
-    """Whether it is an error of the IMU, which does not show in a single reading, that ends again."""
-    return shape == "pulse" and kind.side == "imu"
-
-
 def _weighed(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape: str) -> Candidate | None:
     """A kind and shape at the onsets of the grid, and where its witnesses step."""
     if not kind.has_witness(problem):
@@ -86,7 +90,7 @@ def _weighed(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape
         return weigh_shocks(problem, solution, kind, shape, _SHOCKS[kind.name, shape])
     first, last = times_of_change(problem.t)
     inside = np.flatnonzero((grid.cuts >= first) & (grid.cuts <= last))
-    if shape == "creep" or _comes_and_goes(kind, shape):
+    if shape == "creep" or comes_and_goes(kind, shape):
         return grid.weighed(kind, shape, *_pairs(inside))
     if shape == "ramp" or kind.side == "imu":
         return grid.weighed(kind, shape, inside)
@@ -120,7 +124,7 @@ def _refined(problem: Problem, solution: Solution, one: Candidate, grid: Scan) -
     """The candidate at onsets around its best."""
     t, near, step = problem.t, float(one.onset[one.best]), float(np.diff(grid.cuts).max())
     from_pushes = bool(one.kind.summed) and one.shape == "pulse"
-    if one.shape == "creep" or from_pushes or _comes_and_goes(one.kind, one.shape):
+    if one.shape == "creep" or from_pushes or comes_and_goes(one.kind, one.shape):
         for part in (1.0, 0.3, 0.09):
             one = _moved(problem, solution, one, part * (0.5 if from_pushes else step))
         return one
