@@ -210,7 +210,7 @@ def judged(case: Case) -> list[Row]:
             said = answer(as_logged(made, thin=thin))
             result = _result(said, made, before)
             rate = "25 Hz" if thin else "full"
-            words = said.summary if result in ("false alarm", "off indeed") else said.side
+            words = said.side if result == "clear" else said.summary
             path = Path(case.log)
             rows.append(Row(vehicle_of(path), path.name, rate, case.imperfection, case.seed, result, words))
     return rows

@@ -189,6 +189,7 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
     passing_gyro = episode.kind.startswith("gyro") and np.isfinite(episode.end)
     gyro_or_compass = episode.witness == "compass" and gain_of(episode, "gyro") > _HALF * episode.gain
     reasons = (
+        (episode.kind.endswith("_unrest"), "shaking does this: no sensor is blamed for its noise"),
         (episode.kind.endswith("_shock"),
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment"),
         (episode.magnitude < SIGMAS * episode.sigma, "its size is hardly more than its σ"),

@@ -148,6 +148,11 @@ PHRASES: Mapping[str, tuple[Callable[[Episode, BestEstimate], str], str]] = {
                    "A shock, strong vibration or lost samples: look at the mounting and the log's holes."),
     "accel_shock": (lambda e, _: f"the accelerometer misses a push of {e.magnitude:.1f} ± {e.sigma:.1f} m/s",
                     "A shock, strong vibration or lost samples: look at the mounting and the log's holes."),
+    "gyro_unrest": (lambda e, _: f"the gyro scatters {e.magnitude:.1f} times more than in the rest of the flight",
+                    "Vibration: look at propellers, motors and the mounting; log the IMU faster than it shakes."),
+    "accel_unrest": (lambda e, _: f"the accelerometer scatters {e.magnitude:.1f} times more than in the rest of the "
+                     "flight", "Vibration: look at propellers, motors and the mounting; log the IMU faster than it "
+                     "shakes."),
     "gps_position": (_place("the GPS position", "m"), "Look at the antenna's view of the sky, its cable and at "
                      "interference; a receiver of a second band helps."),
     "gps_height": (_place("the GPS height", "m"), "Usual under trees and beside walls; fly on the barometer."),

@@ -188,6 +188,10 @@ def _rotation(problem: Problem) -> Signature | None:
     return Signature(None, {"compass": of_matrix @ skew(np.eye(3)).reshape(3, 9).T})
 
 
+def _in_its_noise(_: Problem) -> None:
+    """No error of any size: what it changes is the noise (`unrest`)."""
+
+
 KINDS: tuple[Kind, ...] = (
     Kind("gyro_bias", "the gyro's bias steps, grows or comes and goes",
          "imu", "rad/s", ("step", "ramp", "pulse"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate"), serious=5e-3),
@@ -203,6 +207,10 @@ KINDS: tuple[Kind, ...] = (
     Kind("accel_shock", "the accelerometer misses a push, all at once",
          "imu", "m/s", ("shock",), 5.0, 0.5, _shock(VELOCITY), "gps_position", serious=np.inf,
          rarity=_SHOCK),
+    Kind("gyro_unrest", "the gyro scatters more for a while",
+         "imu", "", (), 3.0, 1.2, _in_its_noise, serious=np.inf),
+    Kind("accel_unrest", "the accelerometer scatters more for a while",
+         "imu", "", (), 3.0, 1.2, _in_its_noise, serious=np.inf),
     # two fixes of a receiver of 2.5 m CEP, minutes apart, differ by less than 11 m in 99.9 % of cases; 3 σ in height
     Kind("gps_position", "the GPS position jumps, creeps or is off for a time",
          "gps", "m", ("step", "ramp", "pulse", "creep"), 50.0, 6.0, _shift("gps_position"), least_slow=11.0),

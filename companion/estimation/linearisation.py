@@ -55,6 +55,7 @@ MOVED: Mapping[str, slice] = {
     "gyro_noise": slice(0, 9), "accel_noise": slice(3, 9), "gyro_walk": slice(0, 12), "accel_walk": slice(3, 15),
 }  # fmt: skip
 """Cause of process noise → the states that it moves; of all others the sums are zero, and are not kept."""
+RESTLESS = ("gyro_noise", "accel_noise")  # causes that may be larger than usual for a time: columns of Setup.restless
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,9 +117,9 @@ def linearise(
 ) -> Linear:
     """The linear problem about the states, solved. The sizes of what is accepted follow the constants."""
     turn = _turn(setup, path, states)
-    covariance = np.tile(np.diag(_FLOOR), (len(path.transition), 1, 1))
+    covariance, sums = np.tile(np.diag(_FLOOR), (len(path.transition), 1, 1)), _sums(setup, path)
     for cause, own in MOVED.items():
-        covariance[:, own, own] += noise.density(cause) ** 2 * path.sums[cause]
+        covariance[:, own, own] += noise.density(cause) ** 2 * sums[cause]
     if setup.broken.any():
         lasted = np.diff(setup.t)[setup.broken][:, None]
         unheard = np.minimum(lasted / _ANEW_S, 1.0)
@@ -145,9 +146,14 @@ def linearise(
     for choice in accepted:
         problem, prior = with_choice(problem, prior, choice)
     solution = solve(len(setup.t), problem.motion, problem.measurements, prior)
-    return Linear(
-        states, problem.motion, problem.measurements, prior, solution, problem, turned, path.sums, variance, noise
-    )
+    return Linear(states, problem.motion, problem.measurements, prior, solution, problem, turned, sums, variance, noise)
+
+
+def _sums(setup: Setup, path: CarriedImu) -> Mapping[str, Array]:
+    """Cause → (K-1, n, n) per squared density, larger where the IMU is restless."""
+    times = dict(zip(RESTLESS, setup.restless.T, strict=True))
+    larger = {cause: value[:, None, None] ** 2 * path.sums[cause] for cause, value in times.items() if value.max() > 1}
+    return {**path.sums, **larger}
 
 
 def _turn(setup: Setup, path: CarriedImu, states: States) -> Array:

@@ -46,6 +46,7 @@ class Setup:
         float, float
     ]  # rad/s/√Hz, m/s²/√Hz: of the readings, by the spectra of gyro and accelerometer
     notes: tuple[str, ...]
+    restless: Array  # (K-1, 2) times by which the noise of gyro and accelerometer is larger than usual there
 
 
 def set_up(
@@ -107,7 +108,19 @@ def set_up(
     if broken.any():
         notes.append(f"{int(broken.sum())} holes in {track.source}: the estimate begins anew after each")
     noise = spectral_noise(track, longest)
-    return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, tuple(notes))
+    return Setup(
+        track,
+        index,
+        t,
+        broken,
+        tuple(readings),
+        origin,
+        gravity,
+        *constants,
+        noise,
+        tuple(notes),
+        np.ones((len(index) - 1, 2)),
+    )
 
 
 def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:

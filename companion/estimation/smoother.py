@@ -23,12 +23,14 @@ from companion.estimation.model import (
     GYRO_BIAS,
     BestEstimate,
     Correlation,
+    Explained,
     Residuals,
     States,
 )
 from companion.estimation.retiming import Limits, retimed
 from companion.estimation.setup import Setup, first_guess, set_up
 from companion.estimation.system import measurement_residual, solve
+from companion.estimation.unrest import restless, with_unrest
 from companion.estimation.weighing import bursts
 from companion.model import STANDARD_GRAVITY, DataError, Flight
 
@@ -72,19 +74,28 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
     to another heading.
     """
     accepted: list[Choice] = []
+    unrest: list[Explained] = []
     nearly: tuple[str, ...] = ()
     settled, linear = estimate(setup, start)
     shown = scatter(setup)
-    while len(accepted) < _MOST_EXPLAINED:
+    while len(accepted) + len(unrest) < _MOST_EXPLAINED:
         further = _explained_further(setup, start, settled, linear, accepted, shown)
         if further is None:
             break
         if further.choice.gain < WORTH:
             nearly = promising(further.choice)
             break
+        if (larger := restless(linear, further.choice.gain)) is not None:
+            unrest.append(larger.explained(further.choice))
+            setup = with_unrest(setup, larger)
+            settled, linear = estimate(setup, replace(settled, states=start.states), accepted)
+            continue
         accepted.append(further.choice)
         setup, settled, linear = further.setup, further.settled, further.linear
-    return replace(_result(setup, settled, linear, _seconded(linear, accepted), shown), promising=nearly)
+    best = _result(setup, settled, linear, _seconded(linear, accepted), shown)
+    return replace(
+        best, promising=nearly, explained=tuple(sorted((*best.explained, *unrest), key=lambda one: one.onset))
+    )
 
 
 def _seconded(linear: Linear, accepted: Sequence[Choice]) -> list[Choice]:
