@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack
+from companion.model import STANDARD_GRAVITY, Array, Flight, GpsTrack, ImuTrack, ned_from_geodetic
 
 _LOUDER = 2.0  # than the quietest tenth, and still quiet
 _MOST = (0.01, 0.15)  # rad/s, m/s²: a spread that nothing at rest has
 _FORCE = 1.0  # m/s², from gravity
 _MOVING_MPS = 0.5
+_DRIFTED, _AGREES = 1.0, 0.5  # m by the GPS velocity, and the part of it by which the position may say otherwise
 _NEIGHBOURS = 5  # keyframes before and after
 _TURNED = 12.0  # standard errors of a mean force by which neighbours differ where gravity turns: noise has colours
 
@@ -43,6 +44,7 @@ def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, np
         good = np.isfinite(speed) & (gps.fix_type >= 3)
         if good.sum() > 1:
             still &= np.interp(t, gps.t[good], speed[good]) < _MOVING_MPS
+            still &= ~_drifting(gps, good, t, still)
     # the neighbours have to rest too: nothing begins or ends here
     calm = still.copy()
     calm[1:] &= still[:-1]
@@ -50,6 +52,30 @@ def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, np
     own = [values * np.sqrt(2.0 / count[:, 0]) for values in spread]
     calm &= _change(mean[1], still) < _TURNED * own[1]  # else gravity turns
     return mean[0], np.maximum(own[0], 0.5 * _change(mean[0], still)), np.asarray(calm)
+
+
+def _drifting(
+    gps: GpsTrack, good: npt.NDArray[np.bool_], t: Array, still: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.bool_]:
+    """(K,) where what an IMU takes for rest is a steady motion, as a boat's: the GPS moves by what its velocity says.
+
+    A receiver at rest wanders too, and not as its velocity says. good: its fixes; still: (K,) by the IMU at t (K,).
+    """
+    when, velocity = gps.t[good], gps.velocity[good, :2]
+    latitude, longitude = gps.latitude[good], gps.longitude[good]
+    level = np.zeros(len(when))
+    place = ned_from_geodetic(latitude, longitude, level, (float(latitude[0]), float(longitude[0]), 0.0))[:, :2]
+    steps = 0.5 * (velocity[1:] + velocity[:-1]) * np.diff(when)[:, None]
+    path = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8))).reshape(-1, 2)
+    ends = np.clip(np.searchsorted(when, t[edges - [0, 1]]), 0, len(when) - 1)
+    told, seen = (both[ends[:, 1]] - both[ends[:, 0]] for both in (path, place))
+    far = np.linalg.norm(told, axis=1)
+    drifts = (far > _DRIFTED) & (np.linalg.norm(seen - told, axis=1) < _AGREES * far)
+    out = np.zeros(len(t), np.bool_)
+    for first, last in edges[drifts].tolist():
+        out[first:last] = True
+    return out
 
 
 def _change(means: Array, still: npt.NDArray[np.bool_]) -> Array:

@@ -30,11 +30,12 @@ from companion.estimation.model import (
 from companion.estimation.retiming import Limits, retimed
 from companion.estimation.setup import Setup, first_guess, set_up
 from companion.estimation.system import measurement_residual, solve
-from companion.estimation.unrest import restless, with_unrest
+from companion.estimation.unrest import Unrest, louder, restless, with_unrest
 from companion.estimation.weighing import bursts
 from companion.model import STANDARD_GRAVITY, DataError, Flight
 
 _MOST_EXPLAINED = 6
+_LOUDER = 4  # times that the noise of a restless time is corrected
 
 
 def smooth(
@@ -86,9 +87,8 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
             nearly = promising(further.choice)
             break
         if (larger := restless(linear, further.choice.gain)) is not None:
+            setup, settled, linear, larger = _calmed(setup, replace(settled, states=start.states), accepted, larger)
             unrest.append(larger.explained(further.choice))
-            setup = with_unrest(setup, larger)
-            settled, linear = estimate(setup, replace(settled, states=start.states), accepted)
             continue
         accepted.append(further.choice)
         setup, settled, linear = further.setup, further.settled, further.linear
@@ -96,6 +96,18 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
     return replace(
         best, promising=nearly, explained=tuple(sorted((*best.explained, *unrest), key=lambda one: one.onset))
     )
+
+
+def _calmed(setup: Setup, start: Start, accepted: Sequence[Choice], one: Unrest) -> tuple[Setup, Start, Linear, Unrest]:
+    """The estimate with a time in which the IMU scatters more, and by how much it does beside the noise of the rest."""
+    more, times = one, 1.0
+    for _ in range(_LOUDER):
+        setup, times = with_unrest(setup, more), times * more.times
+        settled, linear = estimate(setup, start, accepted)
+        more = replace(one, times=louder(linear, one))
+        if more.times == 1.0:
+            break
+    return setup, settled, linear, replace(one, times=times)
 
 
 def _seconded(linear: Linear, accepted: Sequence[Choice]) -> list[Choice]:

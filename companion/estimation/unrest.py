@@ -23,6 +23,7 @@ _BLOCKS = (ATTITUDE, VELOCITY)
 _CUTS = 96  # between which it may begin and end
 _PRICE = 4.0 * float(np.log(_CUTS))  # of both
 _TIMES = (1.0, 1.4, 2.0, 2.8)  # what is tried, of what the scatter alone says
+_LOUDER = 2.0  # twice the logarithm of the likelihood ratio, for which its size is corrected
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +53,14 @@ def restless(linear: Linear, least: float) -> Unrest | None:
     weighed = (replace(one, gain=_evidence(linear, one) - usual - _PRICE) for one in tried)
     best = max(weighed, key=lambda one: one.gain, default=None)
     return best if best is not None and best.gain > least else None
+
+
+def louder(linear: Linear, one: Unrest) -> float:
+    """By how much larger its noise is yet, in a problem that has it: what else is noise was learned with it before."""
+    usual = evidence(linear.solution, linear.measurements, linear.prior)
+    more = {times: _evidence(linear, replace(one, times=times)) - usual for times in _TIMES[1:]}
+    best = max(more, key=lambda times: more[times])
+    return best if more[best] > _LOUDER else 1.0
 
 
 def with_unrest(setup: Setup, one: Unrest) -> Setup:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from companion.estimation.rest import at_rest
 from companion.model import STANDARD_GRAVITY, Array, Event, Flight, ImuTrack, Vehicle
-from companion.strapdown import quaternion
+from companion.strapdown import motions, quaternion
+from tests.estimation.sensed import PLACE, gps_of
 
 
 def disarmed(t: Array, gyro: Array, accel: Array) -> tuple[Flight, ImuTrack]:
@@ -63,3 +65,19 @@ def test_sigma_is_honest_for_noise_that_neighbouring_samples_share() -> None:
         assert rests.all()
         normalised.append((rates / sigma[:, None]) ** 2)
     assert 0.5 < np.mean(normalised) < 1.2
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.15])
+def test_a_boat_that_drifts_does_not_rest(speed: float) -> None:
+    """Its IMU is as quiet as on the ground. A receiver at rest wanders too, and not as its velocity says."""
+    t, keyframes = np.arange(0.0, 30.0, 0.01), np.arange(1.0, 29.0, 0.2)
+    flight, track = disarmed(t, *swinging(t, 0.0, 3.0))
+    motion = motions.rest(t)
+    drift = np.array([speed, -0.5 * speed, 0.0])
+    gps = gps_of(
+        replace(motion, position=motion.position + t[:, None] * drift, velocity=motion.velocity + drift),
+        np.random.default_rng(2),
+        PLACE,
+    )
+    _, _, rests = at_rest(replace(flight, gps=(gps,)), track, keyframes)
+    assert rests[1:-1].mean() > 0.8 if speed == 0.0 else not rests.any()

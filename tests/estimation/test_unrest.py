@@ -1,0 +1,98 @@
+"""A time in which the IMU scatters more is told from a fault, by the likelihood of both."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.estimation import kind_of, smooth
+from companion.estimation.competition import choose
+from companion.estimation.iteration import estimate, start_of
+from companion.estimation.linearisation import Linear, linearise
+from companion.estimation.setup import Setup, first_guess, set_up
+from companion.estimation.system import evidence
+from companion.estimation.unrest import restless, with_unrest
+from companion.model import STANDARD_GRAVITY, Flight
+from tests.estimation.sensed import NOISE, sensed, with_imu
+from tests.estimation.test_explanations import FAULTS
+
+pytestmark = pytest.mark.slow
+
+BEGIN, END = 48.0, 72.0
+TIMES = 40.0
+
+
+def made(flight: Flight) -> tuple[Setup, Linear]:
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    return setup, estimate(setup, start_of(setup, first_guess(setup, flight)))[1]
+
+
+def noisy(sensor: str) -> Flight:
+    """A flight with one sensor's white noise forty times as large for a while."""
+    flight, _ = sensed()
+    imu, column = flight.imu(), ("gyro", "accel").index(sensor)
+    more = np.random.default_rng(3).normal(0.0, TIMES * NOISE[column] * 10.0, (len(imu), 3))  # √(100 Hz)
+    more *= ((imu.t >= BEGIN) & (imu.t < END))[:, None]
+    changed = replace(imu, gyro=imu.gyro + more) if sensor == "gyro" else replace(imu, accel=imu.accel + more)
+    return with_imu(flight, changed)
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_the_time_of_larger_noise_is_found_and_believed(sensor: str) -> None:
+    setup, linear = made(noisy(sensor))
+    found = restless(linear, 0.0)
+    assert found is not None
+    assert found.sensor == sensor
+    assert found.begin == pytest.approx(BEGIN, abs=2.5)
+    assert found.end == pytest.approx(END, abs=2.5)
+    assert 1.5 < found.times < TIMES  # the noise of the rest was learned with it, and is too large yet
+    assert restless(linear, found.gain) is None  # what explains as much is no worse
+    calmer = with_unrest(setup, found)
+    within = (setup.t[:-1] > BEGIN + 2.5) & (setup.t[1:] < END - 2.5)
+    own, other = calmer.restless.T if sensor == "gyro" else calmer.restless.T[::-1]
+    assert (own[within] == found.times).all()
+    assert (other == 1.0).all()
+
+
+def test_what_is_gained_is_gained_in_the_problem_with_it() -> None:
+    """A law: the noise being larger is worth what the evidence of the problem with that noise says."""
+    setup, linear = made(noisy("accel"))
+    found = restless(linear, 0.0)
+    assert found is not None
+    start = start_of(setup, linear.states)
+    path = estimate(setup, start)[0].path
+    assert path is not None
+
+    def told(problem: Setup) -> float:
+        one = linearise(problem, path, linear.states, linear.noise, {m.name: 1.0 for m in setup.readings}, {})
+        return evidence(one.solution, one.measurements, one.prior)
+
+    gained = told(with_unrest(setup, found)) - told(setup)
+    assert gained > 0.0
+
+
+@pytest.mark.parametrize("fault", sorted(FAULTS))
+def test_a_fault_is_not_taken_for_noise(fault: str) -> None:
+    flight, _ = sensed()
+    _, linear = made(FAULTS[fault][0](flight))
+    best = choose(linear.problem, linear.solution)[0]
+    assert restless(linear, best.gain) is None
+
+
+def folded() -> Flight:
+    """Shaking of 1.5 m/s² at a frequency that passes 100 Hz, at which the IMU samples, 60 s after the beginning."""
+    flight, _ = sensed()
+    imu = flight.imu()
+    shake = 1.5 * np.sin(2.0 * np.pi * 0.1 * (imu.t - 60.0) ** 2 + 0.7)
+    return with_imu(flight, replace(imu, accel=imu.accel + shake[:, None] * np.array([1.0, 0.6, -0.8])))
+
+
+def test_shaking_that_is_folded_down_accuses_nobody() -> None:
+    best = smooth(folded())
+    assert best.explained
+    assert {one.kind for one in best.explained} == {"accel_unrest"}
+    (one, *_) = best.explained
+    assert one.onset < 60.0 < one.end
+    assert not kind_of(one.kind).shapes  # it competes by its noise alone
