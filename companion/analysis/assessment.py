@@ -16,7 +16,7 @@ from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.expected import Expected, expected_over
 from companion.analysis.finding import Finding, by_severity
-from companion.analysis.findings import findings, reading_faults
+from companion.analysis.findings import findings, missed_findings, reading_faults
 from companion.analysis.findings.axes import misread_finding
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
@@ -132,8 +132,8 @@ def assess(
     faults = [f for f in faults if f.end_s > aligned and (lost is None or f.start_s < lost.start)]
     own = replace(flight, imus={**flight.imus, track.source: track})
     enough = len(_while_judged(judged, track.t, parts).start) >= FEWEST_WINDOWS
-    best, misread = _best(own, track.source, how.gravity, faults, lost, enough=enough)
-    faults += misread
+    best, told_by_it = _best(own, comparison, faults, lost, enough=enough)
+    faults += told_by_it
     all_findings, clean = findings(flight, comparison, sampling, figures, noise, autopilot, faults, best)
     if lost is not None:
         all_findings = by_severity((_control_lost(lost), *(f for f in all_findings if f.start_s < lost.start)))
@@ -197,19 +197,25 @@ _UNTRUSTED = ("frozen", "stuck_axis", "gyro_clipping", "accel_clipping")
 
 
 def _best(
-    flight: Flight, imu: str, gravity: float, faults: Sequence[Finding], lost: Phase | None, *, enough: bool
+    flight: Flight, comparison: Comparison, faults: Sequence[Finding], lost: Phase | None, *, enough: bool
 ) -> tuple[BestEstimate | None, list[Finding]]:
     """The best estimate, with the IMU's readings left out where they are none; None where there can be none.
 
-    And whether another way to read the axes fits far better, of a flight that is long enough to be judged.
+    And what it says of the readings: an axis that is stuck, or, of a flight that is long enough to be judged, another
+    way to read the axes that fits far better.
     lost: from when on nothing is.
     """
+    imu, gravity = comparison.track.source, comparison.how.gravity
     untrusted = [(f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED]
     span = None if lost is None else (-np.inf, lost.start)
     try:
         best = smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted)
     except DataError:
         return None, []
+    stuck = [f for f in missed_findings(comparison, best) if f not in faults]
+    if stuck:
+        best_without, told = _best(flight, comparison, [*faults, *stuck], lost, enough=enough)
+        return best_without, [*stuck, *told]
     if not enough or not _independent(best) or any(f.kind == "axes_wrong" for f in faults):
         return best, []
     other = other_reading(flight, best, gravity=gravity, span=span, untrusted=untrusted)

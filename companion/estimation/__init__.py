@@ -1,7 +1,7 @@
 """The best estimate of a flight from its sensors alone, and how noisy they are. Pure: imports model and strapdown."""
 
 from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures
-from companion.estimation.axes import Reading, other_reading
+from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.competition import CREEPS, times_of_change
 from companion.estimation.explanations import KINDS, Kind, kind_of
 from companion.estimation.model import (
@@ -69,6 +69,7 @@ __all__ = [
     "folded_onto",
     "imu_spectrum",
     "kind_of",
+    "motion_between",
     "noise_figures",
     "other_reading",
     "peaks",

@@ -63,7 +63,7 @@ def followed(best: BestEstimate) -> tuple[Array, Array]:
     By regression over the intervals between keyframes, biases taken off, where nothing else of the IMU was explained: a
     mirrored axis has -1 where the other witnesses tell the motion. 1 for an axis that reads hardly more than its noise.
     """
-    return _followed(best, _moved(best))
+    return _followed(best, motion_between(best))
 
 
 def _followed(best: BestEstimate, motion: Motion) -> tuple[Array, Array]:
@@ -83,7 +83,7 @@ def _followed(best: BestEstimate, motion: Motion) -> tuple[Array, Array]:
     return parts[0], parts[1]
 
 
-def _moved(best: BestEstimate) -> Motion:
+def motion_between(best: BestEstimate) -> Motion:
     """Mean rate and specific force (K-1, 3) of every interval: of the estimate's motion, and as read.
 
     FRD at the start of the interval; the readings without bias, scale error and misalignment as they are estimated.
@@ -116,7 +116,7 @@ def other_reading(
     come and go; the other way has to do without. Nothing is tried where every axis is followed, and no way that leaves
     the axes alone that are not; of a long flight the part is taken in which they are followed least.
     """
-    motion = _moved(best)
+    motion = motion_between(best)
     gyro, accel = (part < _FOLLOWED for part in _followed(best, motion))
     if not (gyro.any() or accel.any()) or not (best.contradicted or _spared(motion, gyro, accel) > _WORTHWHILE):
         return None

@@ -93,34 +93,13 @@ def set_up(
             readings.append(vector_readings("barometer", one.t[good], one.altitude[good][:, None], t, 2 * spacing))
     readings += _rest(flight, track, t)
     constants = _constants(field_at(origin, flight.epoch), readings)
-    gaps = np.diff(track.t)
-    longest = max(_HOLE_S, _HOLE_PERIODS * float(np.median(gaps)))
-    hole = np.concatenate([[0], np.cumsum(gaps > longest)])
-    broken = np.diff(hole[index]) > 0
-    for first, last in untrusted:
-        broken |= (t[1:] > first) & (t[:-1] < last)
-    whole = len(broken) - int(broken.sum())
-    if whole < _FEWEST:
-        raise DataError(
-            f"{track.source} has readings to trust in {whole} of {len(broken)} intervals: an estimate of the path "
-            f"needs {_FEWEST} without holes. {flight.how_to_record}."
-        )
+    longest = max(_HOLE_S, _HOLE_PERIODS * float(np.median(np.diff(track.t))))
+    broken = _broken(flight, track, index, longest, untrusted)
     if broken.any():
         notes.append(f"{int(broken.sum())} holes in {track.source}: the estimate begins anew after each")
     noise = spectral_noise(track, longest)
-    return Setup(
-        track,
-        index,
-        t,
-        broken,
-        tuple(readings),
-        origin,
-        gravity,
-        *constants,
-        noise,
-        tuple(notes),
-        np.ones((len(index) - 1, 2)),
-    )
+    return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, tuple(notes),
+                 np.ones((len(index) - 1, 2)))  # fmt: skip
 
 
 def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
@@ -138,6 +117,23 @@ def _undelayed(track: ImuTrack) -> ImuTrack:
     if track.low_pass_hz is None or not track.low_pass_hz > 0:
         return track
     return replace(track, t=track.t - np.sqrt(2.0) / (2.0 * np.pi * track.low_pass_hz))
+
+
+def _broken(
+    flight: Flight, track: ImuTrack, index: Index, longest: float, untrusted: Sequence[tuple[float, float]]
+) -> BoolArray:
+    """(K-1,) whether readings are missing between two keyframes, or not to be trusted."""
+    hole, t = np.concatenate([[0], np.cumsum(np.diff(track.t) > longest)]), track.t[index]
+    broken = np.diff(hole[index]) > 0
+    for first, last in untrusted:
+        broken |= (t[1:] > first) & (t[:-1] < last)
+    whole = len(broken) - int(broken.sum())
+    if whole < _FEWEST:
+        raise DataError(
+            f"{track.source} has readings to trust in {whole} of {len(broken)} intervals: an estimate of the path "
+            f"needs {_FEWEST} without holes. {flight.how_to_record}."
+        )
+    return np.asarray(broken)
 
 
 def _keyframes(track: ImuTrack, epochs: Array | None, spacing: float) -> Index:

@@ -18,6 +18,7 @@ from companion.analysis.imu_spec import ReferenceSpec
 from companion.app.recording import read_recording
 from companion.model import STANDARD_GRAVITY, AttitudeTrack, Event, ImuTrack, Series, StatusText, Vehicle
 from companion.strapdown import Motion, motions, quaternion
+from tests.estimation.sensed import sensed
 from tests.flights import CIRCLE, LIVELY, flown, seconds, turned, with_imu
 from tests.recordings import BUNDLED, shared
 
@@ -359,3 +360,32 @@ def test_axes_are_told_of_what_was_flown_before_a_crash(crashed: float, told: bo
     )
     assert ("axes_wrong" in kinds(found)) is told
     assert "control_lost" in kinds(found, "warning")
+
+
+@pytest.mark.parametrize("begin", [22.0, 38.0, 54.0])
+def test_an_axis_that_misses_what_all_other_sensors_saw_is_stuck(begin: float) -> None:
+    """It reads one value in the time of a quick manoeuvre; the others may be calm: whole milliradians tell no noise."""
+    flight, truth = sensed(90.0)
+    imu = flight.imu()
+    quiet = np.round(truth.gyro + 2e-4 * np.random.default_rng(1).standard_normal(truth.gyro.shape), 3)
+    during, held = (imu.t >= begin) & (imu.t < begin + 16.0), quiet.copy()
+    held[during, 1] = held[np.argmax(during), 1]
+    assert "stuck_axis" not in kinds(assess(with_imu(flight, gyro=quiet, gyro_step=1e-3), GENERIC))
+    found = assess(with_imu(flight, gyro=held, gyro_step=1e-3), GENERIC)
+    assert found.verdict.status == "imu_suspect"
+    said = of_kind(found, "stuck_axis")
+    assert said.evidence.startswith("gyro y")
+    assert (said.start_s, said.end_s) == pytest.approx((begin, begin + 16.0), abs=2.5)
+
+
+def test_an_axis_that_is_quiet_on_the_ground_is_not_stuck_while_the_heading_is_aligned() -> None:
+    """A simulated aeroplane that rolls to a stop: its accelerometer has no noise, and its heading steps once."""
+    flight = flown(motions.rest(seconds(40, 50)))
+    imu, attitude = flight.imu(), flight.require_attitude()
+    rng = np.random.default_rng(2)
+    shaken = np.where((imu.t > 34.0)[:, None], 2.0 * rng.standard_normal(imu.accel.shape), 0.0)
+    slowing = np.outer(np.exp(-(imu.t - imu.t[0]) / 2.0), [2.0, 0.0, 0.0])
+    still = np.array([0.0, 0.0, -STANDARD_GRAVITY]) + [6e-3, 6e-3, 6e-4] * rng.standard_normal(imu.accel.shape)
+    aligned = np.where(attitude.t > imu.t[0] + 8.0, 0.25, 0.0)[:, None] * [0.0, 0.0, 1.0]
+    made = turned(with_imu(flight, accel=still + slowing + shaken, accel_step=0.0), aligned)
+    assert "stuck_axis" not in [f.kind for f in reading_faults(made, compare(made), GENERIC, ReferenceSpec())]

@@ -11,6 +11,7 @@ from companion.analysis.finding import Cause, Finding, IntArray, run_edges, runs
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.navigation_error import length
 from companion.analysis.reference import BoolArray
+from companion.estimation import BestEstimate, motion_between
 from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, counted
 from companion.strapdown import quaternion
 
@@ -22,6 +23,7 @@ STUCK_S, STOPPED_S = 1.0, 0.5  # the second of an axis whose noise shows in ever
 _KNOWN, _BESIDE = 0.9, 0.8  # of the stretch, that is known; that another axis may stand still with it
 _TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a step is in less than a fifth of such spans
 _STUCK_RATE_HZ = 20.0
+_FEWEST_MISSED, _ALONG, _BEYOND_USUAL = 3, 0.8, 3.0  # intervals; the part of a motion along the axis; times the usual
 _MANY, _SOME, _FEW = 50.0, 10.0, 8.0  # steps
 _FEWEST_FELT = 2  # samples of another IMU
 _LAST_DIGIT = 2.0**-22  # of a float of 32 bits
@@ -122,12 +124,14 @@ def _flat_tops(readings: Array, name: str, rate_hz: float) -> BoolArray:
 def _is_quieter_than_ever(comparison: Comparison, change: Array, stretch: slice, quietest: float) -> bool:
     """Whether an axis changes far less in a stretch of samples than in its quietest seconds.
 
-    change: (n,) from sample to sample in the stretch. Only while the vehicle turns, for half of it or more: at rest
-    nothing changes, and a simulated sensor has no noise of its own.
+    change: (n,) from sample to sample in the stretch. Only while the vehicle turns, or is tilted away, for half of it
+    or more: at rest nothing changes, a simulated sensor has no noise of its own, and an aligned heading is a step.
     """
     q = comparison.reference.q_ned_frd[stretch]
-    away = length(quaternion.log(quaternion.multiply(q, quaternion.conjugate(q[:1]))))
-    return float(np.median(away)) >= _MOVED and float(change.mean()) < _QUIETER * quietest
+    down, span = _heading_free(q), max(1, round(_TURN_PART * len(q)))
+    turned = length(quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:])))
+    moves = max(np.median(length(np.cross(down, down[:1]))), np.median(turned)) >= _MOVED
+    return bool(moves) and float(change.mean()) < _QUIETER * quietest
 
 
 def _beside(count: int, first: IntArray, last: IntArray) -> BoolArray:
@@ -184,18 +188,52 @@ def stuck_findings(comparison: Comparison, autopilot: ReferenceSpec, others: Seq
         same = unchanged(change)
         for axis in range(3):
             for first, last in _stopped(comparison, autopilot, others, name, axis, change, same):
-                start, end = float(track.t[first]), float(track.t[last])
-                yield Finding(
-                    "stuck_axis",
-                    "imu",
-                    "error",
-                    start,
-                    end,
-                    f"{name} {'xyz'[axis]} reads {readings[first, axis]:.4g} for {end - start:.1f} s while the other "
-                    "axes go on",
-                    "The sensor or its driver has lost an axis: do not fly on it. Look at its wiring and driver.",
-                    cause=Cause("stuck_axis", "imu", start, end, sensor=name, axis="xyz"[axis]),
-                )
+                yield _stuck(track, name, axis, first, last)
+
+
+def _stuck(track: ImuTrack, name: str, axis: int, first: int, last: int) -> Finding:
+    start, end = float(track.t[first]), float(track.t[last])
+    value = (track.gyro if name == "gyro" else track.accel)[first, axis]
+    return Finding(
+        "stuck_axis",
+        "imu",
+        "error",
+        start,
+        end,
+        f"{name} {'xyz'[axis]} reads {value:.4g} for {end - start:.1f} s while the other axes go on",
+        "The sensor or its driver has lost an axis: do not fly on it. Look at its wiring and driver.",
+        cause=Cause("stuck_axis", "imu", start, end, sensor=name, axis="xyz"[axis]),
+    )
+
+
+def missed_findings(comparison: Comparison, best: BestEstimate) -> Iterator[Finding]:
+    """One axis that reads the same for a second or more, in which all other sensors say that it moved along that axis.
+
+    Only where something of that sensor had to be explained: a shock, or noise, which accuse nobody; but they move every
+    reading. Along the axis the estimate differs from the readings by far more than it does elsewhere.
+    """
+    track = comparison.track
+    sensors = {one.kind.partition("_")[0] for one in best.explained} & {"gyro", "accel"}
+    if track.rate_hz < _STUCK_RATE_HZ or not sensors:
+        return
+    for name, (moved, read) in zip(("gyro", "accel"), motion_between(best), strict=True):
+        if name not in sensors:
+            continue
+        readings, step = (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
+        same, missed = unchanged(np.abs(np.diff(readings, axis=0))), moved - read
+        when = [(e.onset, e.onset + 1.0 if e.shape == "shock" else e.end) for e in best.explained
+                if e.kind.startswith(name)]  # fmt: skip
+        for axis in range(3):
+            first, last = run_edges(np.asarray(same[:, axis]))
+            for i in np.flatnonzero(track.t[last + 1] - track.t[first] > STUCK_S):
+                begin, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
+                inside = (best.t[:-1] >= begin) & (best.t[1:] <= end)
+                if inside.sum() < _FEWEST_MISSED or not any(a < end and b > begin for a, b in when):
+                    continue
+                size, usual = (np.sqrt((missed[part] ** 2).mean(axis=0)) for part in (inside, ~inside))
+                alone = size[axis] > _ALONG * length(size)
+                if alone and size[axis] > max(_SOME * step, _BEYOND_USUAL * usual[axis]):
+                    yield _stuck(track, name, axis, int(first[i]), int(last[i]) + 1)
 
 
 def _stopped(
