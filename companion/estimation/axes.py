@@ -70,7 +70,7 @@ def _followed(best: BestEstimate, motion: Motion) -> tuple[Array, Array]:
     seconds = np.diff(best.t)[:, None]
     plain = np.ones(len(seconds), np.bool_)
     for one in best.explained:
-        if kind_of(one.kind).side == "imu":
+        if kind_of(one.kind).side == "imu" and not one.kind.endswith("_unrest"):
             plain &= (best.t[1:] < one.onset) | (best.t[:-1] > one.end)
     if plain.sum() < _FEW:
         plain[:] = True

@@ -23,6 +23,7 @@ _BLOCKS = (ATTITUDE, VELOCITY)
 _CUTS = 96  # between which it may begin and end
 _PRICE = 4.0 * float(np.log(_CUTS))  # of both
 _TIMES = (1.0, 1.4, 2.0, 2.8)  # what is tried, of what the scatter alone says
+_SHORTEST_S = 2.0  # what lasts for less is a shock
 _LOUDER = 2.0  # twice the logarithm of the likelihood ratio, for which its size is corrected
 
 
@@ -83,12 +84,14 @@ def _tried(linear: Linear, column: int) -> list[Unrest]:
     below = np.einsum("kij,kij->k", d[:, block, block], v)
     cuts = np.unique(np.linspace(0, len(above), _CUTS + 1).round().astype(np.intp))
     begin, end = (cuts[i] for i in np.triu_indices(len(cuts), 1))
+    long = t[end] - t[begin] >= _SHORTEST_S
+    begin, end = begin[long], end[long]
     above, n = (np.concatenate([[0.0], np.cumsum(x)])[end] - np.concatenate([[0.0], np.cumsum(x)])[begin]
                 for x in (above, below))  # fmt: skip
     larger = np.maximum(above, 1e-9) / np.maximum(n, 1e-9)
     gain = np.where(larger > 1.0, n * (larger - 1.0 - np.log(larger)), 0.0)
-    i = int(np.argmax(gain))
-    if not gain[i] > 0.0:
+    i = int(np.argmax(gain)) if len(gain) else 0
+    if not gain[i : i + 1].any():
         return []
     return [
         Unrest(SENSORS[column], float(t[begin[i]]), float(t[end[i]]), times * float(np.sqrt(larger[i])))
