@@ -11,7 +11,7 @@ import numpy as np
 from companion.estimation.block_tridiagonal import inverses
 from companion.estimation.choice import Choice, with_choice
 from companion.estimation.explanations import Problem
-from companion.estimation.measurements import Kinematics, measure
+from companion.estimation.measurements import LONGEST_S, Kinematics, measure
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -24,9 +24,8 @@ from companion.estimation.model import (
     ProcessNoise,
     States,
 )
-from companion.estimation.setup import Setup
+from companion.estimation.setup import Setup, before
 from companion.estimation.system import (
-    Index,
     Measurement,
     Motion,
     Prior,
@@ -42,7 +41,7 @@ BIAS_SIGMA = (0.02, 0.08)  # rad/s, m/s², 1σ at the first keyframe: what real 
 _HOLE = (2.0, 30.0, 100.0)  # rad, m/s, m per s: what may happen while the IMU is not heard
 
 
-_APART_S, _LONGEST_S = 0.1, 0.6  # of three samples in which a late fix was taken; two that lie further apart: a hole
+_APART_S = 0.1  # of three samples in which a late fix was taken
 
 
 _ANEW_S = 60.0  # unheard for so long, an IMU may have been calibrated anew or have cooled: its bias is as at first
@@ -92,9 +91,9 @@ def carry_imu(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
         track = replace(track, gyro=track.gyro - bias[0], accel=track.accel - bias[1])
     path = preintegrate(track)
     raw = error_sums(track, path, setup.index[:-1], setup.index[1:])
-    read = [readings.sample for readings in setup.readings]
+    read = [readings.sample.ravel() for readings in setup.readings]
     count = len(setup.index) - 1
-    path = path.at(np.unique(np.concatenate([setup.index, _before(setup).ravel(), *read])))
+    path = path.at(np.unique(np.concatenate([setup.index, before(setup.imu, setup.index, _APART_S).ravel(), *read])))
     return CarriedImu(
         bias,
         path,
@@ -201,23 +200,15 @@ def _motion_constants(path: CarriedImu, turn: Array) -> Array:
 
 def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     track, index, s = setup.imu, setup.index, states
-    samples = _before(setup)
+    samples = before(setup.imu, setup.index, _APART_S)
     when = track.t[samples] - setup.t[:, None]
     _, velocity, position = path.path.carry(index, samples, s.q_ned_frd, s.velocity, s.position, gravity=setup.gravity)
     velocity -= s.velocity[:, None]
     position -= s.position[:, None] + s.velocity[:, None] * when[..., None]
-    heard = when[:, 2] - when[:, 0] < _LONGEST_S  # across a hole the IMU tells nothing
+    heard = when[:, 2] - when[:, 0] < LONGEST_S  # across a hole the IMU tells nothing
     velocity *= heard[:, None, None]
     position *= heard[:, None, None]
     return Kinematics(setup.t, track.gyro[index] - s.gyro_bias, when, velocity, position)
-
-
-def _before(setup: Setup) -> Index:
-    """(K, 3) samples 0.2 s and 0.1 s before each keyframe, and its own; at the beginning the first such three."""
-    count = len(setup.imu)
-    apart = min(max(1, round(_APART_S * setup.imu.rate_hz)), (count - 1) // 2)
-    first = np.clip(setup.index - 2 * apart, 0, count - 1 - 2 * apart)
-    return np.asarray(first[:, None] + apart * np.arange(3))
 
 
 def _prior(setup: Setup, states: States) -> Prior:

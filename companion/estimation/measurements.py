@@ -4,7 +4,7 @@ With C = C(q_ned_frd) at the keyframe, m the Earth's field in NED, h the hard an
 the latency:
 
     position  z = p + C l + v (t - t_k - τ)            velocity  z = v + a (t - t_k - τ) + C (ω × l)
-    compass   z = (I + τ_m [ω]×) (I + S) Cᵀ m + h            barometer z = -p_down + offset
+    compass   z = (I + S) C(t - τ_m)ᵀ m + h                barometer z = -p_down + offset
 """
 
 from __future__ import annotations
@@ -55,6 +55,9 @@ UNITS: Mapping[str, str] = {
 }  # fmt: skip
 
 
+LONGEST_S = 0.6  # between three samples from which a moment between them is read: two that lie further apart: a hole
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
     """The readings of one witness that stand at keyframes. Nothing in them depends on the estimate."""
@@ -64,7 +67,7 @@ class Readings:
     keyframe: Index  # (M,)
     value: Array  # (M, d) in the unit of UNITS
     sigma: Array  # (M, d) nominal 1σ
-    sample: Index  # (M,) of the IMU, nearest in time
+    sample: Index  # (M, 3) of the IMU, the last three by which the reading can be late; (M,) where none counts
     late: Array | float = 0.0  # (M,) s, by which they are known to be late beyond the constant latency
 
     def later(self, late: Array, t: Array) -> Readings:
@@ -97,16 +100,20 @@ class Kinematics:
 
     def moved(self, change: Array, k: Index, late: Array) -> tuple[Array, Array]:
         """One of the changes (M, 3), and how fast it goes on (M, 3), `late` (M,) s after the keyframes k (M,)."""
-        when = self.when[k]
-        within = np.clip(late, when[:, 0], when[:, 2])  # a parabola says nothing beyond its samples
-        beyond, late = (late - within)[:, None], within[:, None]
-        share, slope = np.empty(when.shape), np.empty(when.shape)
-        for own, one, other in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-            apart = (when[:, own] - when[:, one]) * (when[:, own] - when[:, other])
-            share[:, own] = ((late[:, 0] - when[:, one]) * (late[:, 0] - when[:, other])) / apart
-            slope[:, own] = (2.0 * late[:, 0] - when[:, one] - when[:, other]) / apart
-        changed, goes_on = np.einsum("mj,mji->mi", share, change[k]), np.einsum("mj,mji->mi", slope, change[k])
-        return changed + goes_on * beyond, goes_on
+        return _through(self.when[k], change[k], late)
+
+
+def _through(when: Array, change: Array, late: Array) -> tuple[Array, Array]:
+    """Parabolas through changes (M, 3, 3) at three times (M, 3) s: what they say at (M,) s, and how fast it goes on."""
+    within = np.clip(late, when[:, 0], when[:, 2])  # a parabola says nothing beyond its samples
+    beyond, late = (late - within)[:, None], within[:, None]
+    share, slope = np.empty(when.shape), np.empty(when.shape)
+    for own, one, other in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        apart = (when[:, own] - when[:, one]) * (when[:, own] - when[:, other])
+        share[:, own] = ((late[:, 0] - when[:, one]) * (late[:, 0] - when[:, other])) / apart
+        slope[:, own] = (2.0 * late[:, 0] - when[:, one] - when[:, other]) / apart
+    changed, goes_on = np.einsum("mj,mji->mi", share, change), np.einsum("mj,mji->mi", slope, change)
+    return changed + goes_on * beyond, goes_on
 
 
 def gps_readings(track: GpsTrack, t: Array, origin: tuple[float, float, float], spacing: float) -> Iterator[Readings]:
@@ -154,7 +161,7 @@ def measure(one: Readings, states: States, at: Kinematics, path: Preintegration,
     if one.name.startswith("gps"):
         predicted = _gps(one, states, at, h, h_c)
     elif one.name == "compass":
-        predicted = _compass(one, states, at, path, index, h, h_c)
+        predicted = _compass(one, states, path, index, h, h_c)
     elif one.name == "barometer":
         h[:, 0, POSITION.start + 2] = -1.0
         h_c[:, 0, CONSTANTS["barometer_offset"][0]] = 1.0
@@ -194,22 +201,23 @@ def _gps(one: Readings, states: States, at: Kinematics, h: Array, h_c: Array) ->
     return np.asarray(value[:, rows])
 
 
-def _compass(
-    one: Readings, states: States, at: Kinematics, path: Preintegration, index: Index, h: Array, h_c: Array
-) -> Array:
-    """The field at the reading's own time: the IMU turns the keyframe's attitude until then."""
-    start, end = path.row(index[one.keyframe]), path.row(one.sample)
-    turned = quaternion.multiply(quaternion.conjugate(path.q[start]), path.q[end])
-    matrix = quaternion.to_matrix(quaternion.multiply(states.q_ned_frd[one.keyframe], turned)).swapaxes(-1, -2)
+def _compass(one: Readings, states: States, path: Preintegration, index: Index, h: Array, h_c: Array) -> Array:
+    """The field when the reading was taken: the IMU turns the keyframe's attitude until then, and says how fast."""
+    start, samples = path.row(index[one.keyframe]), path.row(one.sample)
+    turned = quaternion.log(quaternion.multiply(quaternion.conjugate(path.q[start])[:, None], path.q[samples]))
+    when = path.t[samples]
+    across_hole = when[:, 2] - when[:, 0] > LONGEST_S
+    turned[across_hole] = turned[across_hole, 2:]
+    angle, rate = _through(when, turned, one.t - states.constant("compass_latency"))
+    q = quaternion.multiply(states.q_ned_frd[one.keyframe], quaternion.exp(angle))
+    matrix = quaternion.to_matrix(q).swapaxes(-1, -2)
     field = states.constant("earth_field")
     iron = np.eye(3) + states.constant("soft_iron").reshape(3, 3)
-    rate = skew(at.rate[one.keyframe])
-    late = np.eye(3) + states.constant("compass_latency") * rate  # a reading of a moment ago
-    h[:, :, ATTITUDE] = late @ iron @ matrix @ skew(field)
-    h_c[:, :, CONSTANTS["earth_field"][0]] = late @ iron @ matrix
+    h[:, :, ATTITUDE] = iron @ matrix @ skew(field)
+    h_c[:, :, CONSTANTS["earth_field"][0]] = iron @ matrix
     h_c[:, :, CONSTANTS["hard_iron"][0]] = np.eye(3)
     felt = matrix @ field
-    h_c[:, :, CONSTANTS["soft_iron"][0]] = np.einsum("mij,mk->mijk", late, felt).reshape(-1, 3, 9)
-    felt = (felt @ iron.T)[..., None]
-    h_c[:, :, CONSTANTS["compass_latency"][0]] = rate @ felt
-    return np.asarray((late @ felt)[..., 0] + states.constant("hard_iron"))
+    h_c[:, :, CONSTANTS["soft_iron"][0]] = np.einsum("ij,mk->mijk", np.eye(3), felt).reshape(-1, 3, 9)
+    rate = rate - np.cross(angle, rate - np.cross(angle, rate) / 3.0) / 2.0  # of the body, not of the rotation vector
+    h_c[:, :, CONSTANTS["compass_latency"][0]] = iron @ np.cross(rate, felt)[..., None]
+    return np.asarray(felt @ iron.T + states.constant("hard_iron"))

@@ -24,6 +24,7 @@ _SPACING_S = (0.2, 1.0)  # between keyframes, at least and at most
 _KEYFRAMES = 1000  # a longer flight has them further apart
 _WITHOUT_GPS_S = 0.5
 _HOLE_S, _HOLE_PERIODS = 0.1, 3.0
+_COMPASS_APART_S = 0.05  # of three samples between which the field was read: it is some 0.02 to 0.08 s old
 _FEWEST_FIXES = 5
 _FEWEST = 8  # intervals between keyframes without a hole
 _LOWEST_HZ = 8.0  # below it a keyframe interval has no motion of its own between two samples
@@ -182,7 +183,15 @@ def _compass(flight: Flight, track: ImuTrack, t: Array, spacing: float, notes: l
         when, field = when[good], field[good]
     readings = vector_readings("compass", when, field, t, spacing)
     sample = np.clip(np.searchsorted(track.t, readings.t), 0, len(track) - 1).astype(np.intp)
-    return [replace(readings, value=readings.value * MICROTESLA, sample=sample)]
+    return [replace(readings, value=readings.value * MICROTESLA, sample=before(track, sample, _COMPASS_APART_S))]
+
+
+def before(track: ImuTrack, samples: Index, apart_s: float) -> Index:
+    """(K, 3) samples twice and once so long before each of (K,), and its own; at the beginning the first such three."""
+    count = len(track)
+    apart = min(max(1, round(apart_s * track.rate_hz)), (count - 1) // 2)
+    first = np.clip(samples - 2 * apart, 0, count - 1 - 2 * apart)
+    return np.asarray(first[:, None] + apart * np.arange(3))
 
 
 def _plausible(field: Array) -> bool:

@@ -33,7 +33,7 @@ def noisy(sensor: str) -> Flight:
     """A flight with one sensor's white noise forty times as large for a while."""
     flight, _ = sensed()
     imu, column = flight.imu(), ("gyro", "accel").index(sensor)
-    more = np.random.default_rng(3).normal(0.0, TIMES * NOISE[column] * 10.0, (len(imu), 3))  # √(100 Hz)
+    more = np.random.default_rng(4).normal(0.0, TIMES * NOISE[column] * 10.0, (len(imu), 3))  # √(100 Hz)
     more *= ((imu.t >= BEGIN) & (imu.t < END))[:, None]
     changed = replace(imu, gyro=imu.gyro + more) if sensor == "gyro" else replace(imu, accel=imu.accel + more)
     return with_imu(flight, changed)
