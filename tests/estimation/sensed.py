@@ -38,6 +38,7 @@ PATHS: dict[str, Callable[[Array], Motion]] = {
     "circle": partial(motions.circle, heave=0.5, frequency=0.1),
     "heave": partial(motions.circle, heave=1.0, frequency=0.5),
     "rest": motions.rest,
+    "coning": partial(motions.coning, frequency=1.5, angle=0.4),
 }
 
 
@@ -93,13 +94,17 @@ def gps_of(
     )  # fmt: skip
 
 
-def compass_of(truth: Motion, rng: np.random.Generator, place: tuple[float, float, float]) -> CompassTrack:
-    """10 Hz, 0.8 µT of white noise, an Earth that is as the model has it."""
+def compass_of(
+    truth: Motion, rng: np.random.Generator, place: tuple[float, float, float] = PLACE, *, averaged: int = 1
+) -> CompassTrack:
+    """10 Hz, 0.8 µT of white noise, an Earth that is as the model has it; the mean of the last so many samples."""
     earth = field_at(Origin(*place), EPOCH)
     t = np.arange(truth.t[0], truth.t[-1], 0.1)
     field = np.array([20e-6, 1e-6, 43e-6]) if earth is None else earth.ned
     i = np.unique(np.searchsorted(truth.t, t))
-    body = quaternion.rotate(quaternion.conjugate(truth.q_ned_frd[i]), np.tile(field, (len(i), 1)))
+    i = i[i >= averaged - 1]
+    then = i[:, None] - np.arange(averaged)
+    body = quaternion.rotate(quaternion.conjugate(truth.q_ned_frd[then]), np.tile(field, (*then.shape, 1))).mean(axis=1)
     return CompassTrack(truth.t[i], body + rng.normal(size=body.shape) * 8e-7, "RAW_IMU")
 
 

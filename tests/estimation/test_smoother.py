@@ -14,7 +14,7 @@ from companion.estimation.model import corrected
 from companion.estimation.setup import first_guess, set_up
 from companion.model import STANDARD_GRAVITY, Array, Flight
 from companion.strapdown import ImuModel, Motion, Sensor, quaternion, simulate
-from tests.estimation.sensed import BIASES, LATENCY, errors, nees, sensed, with_imu
+from tests.estimation.sensed import BIASES, LATENCY, compass_of, errors, nees, sensed, with_imu
 
 pytestmark = pytest.mark.slow
 
@@ -60,6 +60,17 @@ def test_noise_that_a_steady_hover_hardly_tells_is_not_taken_for_none(seed: int)
 
 def test_nothing_is_explained_where_nothing_is_wrong() -> None:
     assert [estimated(*flight)[2].explained for flight in FLIGHTS] == [()] * len(FLIGHTS)
+
+
+def test_a_compass_that_averages_is_read_when_it_was_read() -> None:
+    """As autopilots do, over 0.1 s: of a vehicle that swings 1.5 times a second the field of now is another."""
+    flight, truth = sensed(60.0, "coning", seed=1)
+    best = smooth(replace(flight, compasses=(compass_of(truth, np.random.default_rng(5), averaged=10),)))
+    place = CONSTANTS["compass_latency"][0]
+    sigma = best.constants_sigma[place]
+    assert sigma < 0.005
+    assert np.abs(best.states.constants[place] - 0.045) < 2.0 * sigma
+    assert not best.explained
 
 
 def test_the_biases_and_the_latency_are_recovered() -> None:
