@@ -228,9 +228,8 @@ def missed_findings(comparison: Comparison, best: BestEstimate) -> Iterator[Find
             for i in np.flatnonzero(track.t[last + 1] - track.t[first] > STUCK_S):
                 begin, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
                 inside = (best.t[:-1] >= begin) & (best.t[1:] <= end)
-                if min(inside.sum(), (~inside).sum()) < _FEWEST_MISSED or not any(
-                    a < end and b > begin for a, b in when
-                ):
+                explained = any(a < end and b > begin for a, b in when)
+                if not explained or min(inside.sum(), (~inside).sum()) < _FEWEST_MISSED:
                     continue
                 # Its variation, for a bias is missed all the time.
                 size, usual = (missed[part].std(axis=0) for part in (inside, ~inside))
