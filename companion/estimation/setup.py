@@ -247,6 +247,12 @@ def first_guess(setup: Setup, flight: Flight) -> States:
     return States(q, velocity, position, np.zeros((count, 3)), np.zeros((count, 3)), setup.constants.copy())
 
 
+def unaided_guess(setup: Setup, flight: Flight) -> States:
+    """The same by gravity and compass, where there is one: an estimator that is far off leads to nowhere."""
+    heading = any(one.name == "compass" for one in setup.readings)
+    return first_guess(setup, replace(flight, attitude=None) if heading else flight)
+
+
 def _attitude_guess(setup: Setup, flight: Flight) -> Array:
     attitude = flight.attitude
     if attitude is not None and len(attitude) > 1:

@@ -28,7 +28,7 @@ from companion.estimation.model import (
     States,
 )
 from companion.estimation.retiming import Limits, retimed
-from companion.estimation.setup import Setup, first_guess, set_up
+from companion.estimation.setup import Setup, first_guess, set_up, unaided_guess
 from companion.estimation.system import measurement_residual, solve
 from companion.estimation.unrest import Unrest, louder, restless, with_unrest
 from companion.estimation.weighing import bursts
@@ -56,10 +56,10 @@ def smooth(
     Raises DataError where the IMU cannot carry an estimate.
     """
     setup = set_up(flight, imu, gravity, span, untrusted)
-    start = start_of(setup, guess or first_guess(setup, flight))
+    guesses = (guess,) if guess is not None else (first_guess(setup, flight), unaided_guess(setup, flight))
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # absurd readings: what is not finite is refused below
-            return explain(setup, start)
+            return explain(setup, [start_of(setup, one) for one in guesses])
     except np.linalg.LinAlgError as error:
         raise DataError(
             f"{setup.imu.source}: no estimate of the trajectory can be made of these readings ({error}). "
@@ -67,18 +67,20 @@ def smooth(
         ) from error
 
 
-def explain(setup: Setup, start: Start) -> BestEstimate:
+def explain(setup: Setup, starts: Sequence[Start]) -> BestEstimate:
     """The estimate with everything explained that has to be: one after the other, each time what explains most.
 
     What is not explained was learned as noise, and hides in it. So an explanation that promises something is weighed
     again with the noise that is learned beside it, from where the iteration began: an unexplained fault may have led it
     to another heading.
+
+    starts: where the iteration may begin: at the first, and where the IMU does not fit then, at that which fits best.
     """
     accepted: list[Choice] = []
     unrest: list[Explained] = []
     nearly: tuple[str, ...] = ()
-    settled, linear = estimate(setup, start)
     shown = scatter(setup)
+    start, settled, linear = _begun(setup, starts, shown)
     while len(accepted) + len(unrest) < _MOST_EXPLAINED:
         further = _explained_further(setup, start, settled, linear, accepted, shown)
         if further is None:
@@ -96,6 +98,16 @@ def explain(setup: Setup, start: Start) -> BestEstimate:
     return replace(
         best, promising=nearly, explained=tuple(sorted((*best.explained, *unrest), key=lambda one: one.onset))
     )
+
+
+def _begun(setup: Setup, starts: Sequence[Start], shown: tuple[float, float]) -> tuple[Start, Start, Linear]:
+    """Where the iteration begins, and where it settles with nothing explained."""
+    tried: list[tuple[Start, Start, Linear]] = []
+    for start in starts:
+        tried.append((start, *estimate(setup, start)))
+        if not tried[-1][1].noise.contradicts(shown):
+            break
+    return max(tried, key=lambda one: likelihood(*one[1:]))
 
 
 def _calmed(setup: Setup, start: Start, accepted: Sequence[Choice], one: Unrest) -> tuple[Setup, Start, Linear, Unrest]:
