@@ -95,6 +95,19 @@ def test_it_is_better_than_each_witness() -> None:
     assert np.percentile(np.linalg.norm(error[:, POSITION], axis=1), 95) < 0.6  # 0.4, 0.4 and 0.6 a component
 
 
+@pytest.mark.parametrize("rate", [(1.0, 0.7, 0.3), (0.1, 0.05, 0.02)])
+def test_an_autopilot_whose_attitude_is_lost_misleads_nobody(rate: tuple[float, float, float]) -> None:
+    """Its attitude is where the iteration begins first: from one that turns by itself, rad/s, it finds no way back."""
+    flight, truth, right = estimated()
+    attitude = flight.attitude
+    assert attitude is not None
+    lost = quaternion.multiply(quaternion.exp(attitude.t[:, None] * np.array(rate)), attitude.q_ned_frd)
+    best = smooth(replace(flight, attitude=replace(attitude, q_ned_frd=lost)))
+    assert not best.explained
+    apart = np.abs(errors(best, truth) - errors(right, truth))
+    assert (apart < 0.05 * np.sqrt(np.diagonal(right.covariance, axis1=1, axis2=2))[:, :9] + 1e-9).all()
+
+
 def test_where_it_begins_does_not_matter() -> None:
     """20° and 30 m away the same place is reached, to 1 % of σ."""
     flight, _, found = estimated()

@@ -12,7 +12,7 @@ from companion.estimation.competition import choose
 from companion.estimation.iteration import estimate, start_of
 from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.setup import Setup, first_guess, set_up
-from companion.estimation.system import evidence
+from companion.estimation.system import evidence, solve
 from companion.estimation.unrest import restless, with_unrest
 from companion.model import STANDARD_GRAVITY, Flight
 from tests.estimation.sensed import NOISE, sensed, with_imu
@@ -58,20 +58,33 @@ def test_the_time_of_larger_noise_is_found_and_believed(sensor: str, unsure: flo
 
 
 def test_what_is_gained_is_gained_in_the_problem_with_it() -> None:
-    """A law: the noise being larger is worth what the evidence of the problem with that noise says."""
-    setup, linear = made(noisy("accel"))
-    found = restless(linear, 0.0)
+    """A law: the noise being larger is worth what the evidence of the problem with that noise says, less its price."""
+    flight = noisy("accel")
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    settled, linear = estimate(setup, start_of(setup, first_guess(setup, flight)))
+    found, path = restless(linear, 0.0), settled.path
     assert found is not None
-    start = start_of(setup, linear.states)
-    path = estimate(setup, start)[0].path
     assert path is not None
+    scale = {one.name: 1.0 for one in setup.readings}
 
     def told(problem: Setup) -> float:
-        one = linearise(problem, path, linear.states, linear.noise, {m.name: 1.0 for m in setup.readings}, {})
-        return evidence(one.solution, one.measurements, one.prior)
+        motion = linearise(problem, path, linear.states, linear.noise, scale, {}).motion
+        solution = solve(len(problem.t), motion, linear.measurements, linear.prior)
+        return evidence(solution, linear.measurements, linear.prior)
 
     gained = told(with_unrest(setup, found)) - told(setup)
-    assert gained > 0.0
+    cuts = 96
+    assert found.gain + 4.0 * np.log(cuts) == pytest.approx(gained, rel=1e-3)  # each of both ends may be any of them
+
+
+def test_what_lasts_for_less_than_two_seconds_is_no_time_of_noise() -> None:
+    flight, _ = sensed()
+    imu = flight.imu()
+    moment = ((imu.t >= 60.0) & (imu.t < 60.5))[:, None]
+    knocked = replace(imu, accel=imu.accel + moment * np.random.default_rng(2).normal(0.0, 30.0, (len(imu), 3)))
+    _, linear = made(with_imu(flight, knocked))
+    found = restless(linear, 0.0)
+    assert found is None or found.end - found.begin >= 2.0
 
 
 @pytest.mark.parametrize("fault", sorted(FAULTS))
