@@ -12,6 +12,7 @@ from companion.app.recording import read_recording
 from companion.estimation import other_reading, smooth
 from companion.estimation.axes import WAYS, followed
 from companion.model import Flight
+from companion.strapdown import quaternion
 from tests.estimation.sensed import sensed, with_imu
 from tests.recordings import BUNDLED
 
@@ -24,11 +25,19 @@ def healthy() -> Flight:
     return read_recording(BUNDLED / "copter-demo-100hz.tlog").flights[0]
 
 
+@pytest.mark.parametrize("lost", [False, True])
 @pytest.mark.parametrize("words", ["gyro x is mirrored", "accelerometer x is mirrored", "axes x and y are exchanged"])
-def test_the_way_that_fits_is_found(words: str) -> None:
+def test_the_way_that_fits_is_found(words: str, lost: bool) -> None:
+    """Whether the autopilot flew well with it, or tumbled in its own estimate."""
     imu = healthy().imu()
     gyro, accel = WAYS[words]  # each is its own inverse
     flight = with_imu(healthy(), replace(imu, gyro=imu.gyro @ gyro.T, accel=imu.accel @ accel.T))
+    attitude = flight.attitude
+    assert attitude is not None
+    if lost:
+        tumbling = quaternion.exp(attitude.t[:, None] * np.array([1.0, 0.7, 0.3]))
+        q = quaternion.multiply(tumbling, attitude.q_ned_frd)
+        flight = replace(flight, attitude=replace(attitude, q_ned_frd=q))
     best = smooth(flight, span=SPAN)
     assert min(part.min() for part in followed(best)) < 0.5
     other = other_reading(flight, best, span=SPAN)
