@@ -268,8 +268,7 @@ def _triad(setup: Setup) -> Array:
     half = max(1, round(0.5 * track.rate_hz))
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(track.accel, axis=0)])
     low, high = np.maximum(index - half, 0), np.minimum(index + half, len(track))
-    down = -(total[high] - total[low])
-    down /= np.linalg.norm(down, axis=1)[:, None]
+    down = _unit(-(total[high] - total[low]), otherwise=2)
     compass = next((one for one in setup.readings if one.name == "compass"), None)
     field = np.tile([1.0, 0.0, 0.0], (len(index), 1))
     declination = 0.0
@@ -277,11 +276,16 @@ def _triad(setup: Setup) -> Array:
         field = np.column_stack([np.interp(setup.t, compass.t, column) for column in compass.value.T])
         m = setup.constants[CONSTANTS["earth_field"][0]]
         declination = float(np.arctan2(m[1], m[0]))
-    east = np.cross(down, field)
-    east /= np.linalg.norm(east, axis=1)[:, None]
+    east = _unit(np.cross(down, field), otherwise=1)
     north = np.cross(east, down)
     magnetic = quaternion.from_matrix(np.stack([north, east, down], axis=1))
     return quaternion.multiply(quaternion.exp(np.array([0.0, 0.0, declination])), magnetic)
+
+
+def _unit(vectors: Array, otherwise: int) -> Array:
+    """Vectors (K, 3) of length one, and for those that have no direction that axis."""
+    size = np.linalg.norm(vectors, axis=1)[:, None]
+    return np.where(size > 0, vectors / np.where(size > 0, size, 1.0), np.eye(3)[otherwise])
 
 
 def _between(t: Array, begin: float, end: float, step: float) -> Array:
