@@ -23,7 +23,7 @@ CONSTANTS: Mapping[str, tuple[slice, float]] = {
     "gps_latency": (slice(6, 7), 0.06),  # s
     "lever_arm": (slice(7, 10), 0.2),  # m, FRD, from the IMU to the antenna
     "barometer_offset": (slice(10, 11), 1000.0),  # m
-    "compass_latency": (slice(11, 12), 0.05),  # s: autopilots average over 0.1 s, and real ones show 0.02 to 0.08
+    "compass_latency": (slice(11, 12), 0.05),  # s: the mean age of what ArduPilot averages over 0.1 s
     "gyro_matrix": (slice(12, 21), 0.004),  # 3 x 3 by rows, scale and misalignment: true rate = (I - E) reading
     "accel_matrix": (slice(21, 30), 0.004),  # the same for specific force
     "soft_iron": (slice(30, 39), 0.03),  # 3 x 3 by rows: what it adds to the field, as a part of it

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -24,7 +24,7 @@ _SPACING_S = (0.2, 1.0)  # between keyframes, at least and at most
 _KEYFRAMES = 1000  # a longer flight has them further apart
 _WITHOUT_GPS_S = 0.5
 _HOLE_S, _HOLE_PERIODS = 0.1, 3.0
-_COMPASS_APART_S = 0.05  # of three samples between which the field was read: it is some 0.02 to 0.08 s old
+_COMPASS_APART_S = 0.05  # of three samples between which the field was read: it is some hundredths of a second old
 _FEWEST_FIXES = 5
 _FEWEST = 8  # intervals between keyframes without a hole
 _LOWEST_HZ = 8.0  # below it a keyframe interval has no motion of its own between two samples
@@ -249,8 +249,18 @@ def first_guess(setup: Setup, flight: Flight) -> States:
 
 def unaided_guess(setup: Setup, flight: Flight) -> States:
     """The same by gravity and compass, where there is one: an estimator that is far off leads to nowhere."""
-    heading = any(one.name == "compass" for one in setup.readings)
-    return first_guess(setup, replace(flight, attitude=None) if heading else flight)
+    return first_guess(setup, replace(flight, attitude=None) if _heading_is_told(setup) else flight)
+
+
+def guesses(setup: Setup, flight: Flight) -> Iterator[States]:
+    """Where the iteration may begin, made as they are asked for: with the autopilot's attitude, and without it."""
+    yield first_guess(setup, flight)
+    if flight.attitude is not None and _heading_is_told(setup):
+        yield unaided_guess(setup, flight)
+
+
+def _heading_is_told(setup: Setup) -> bool:
+    return any(one.name == "compass" for one in setup.readings)
 
 
 def _attitude_guess(setup: Setup, flight: Flight) -> Array:

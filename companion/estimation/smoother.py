@@ -7,7 +7,7 @@ estimate is made anew with what explains most, until nothing pays for itself.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from companion.estimation.model import (
     States,
 )
 from companion.estimation.retiming import Limits, retimed
-from companion.estimation.setup import Setup, first_guess, set_up, unaided_guess
+from companion.estimation.setup import Setup, guesses, set_up
 from companion.estimation.system import measurement_residual, solve
 from companion.estimation.unrest import Unrest, louder, restless, with_unrest
 from companion.estimation.weighing import bursts
@@ -56,10 +56,10 @@ def smooth(
     Raises DataError where the IMU cannot carry an estimate.
     """
     setup = set_up(flight, imu, gravity, span, untrusted)
-    guesses = (guess,) if guess is not None else (first_guess(setup, flight), unaided_guess(setup, flight))
+    begin = guesses(setup, flight) if guess is None else (guess,)
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # absurd readings: what is not finite is refused below
-            return explain(setup, [start_of(setup, one) for one in guesses])
+            return explain(setup, (start_of(setup, one) for one in begin))
     except np.linalg.LinAlgError as error:
         raise DataError(
             f"{setup.imu.source}: no estimate of the trajectory can be made of these readings ({error}). "
@@ -67,7 +67,7 @@ def smooth(
         ) from error
 
 
-def explain(setup: Setup, starts: Sequence[Start]) -> BestEstimate:
+def explain(setup: Setup, starts: Iterable[Start]) -> BestEstimate:
     """The estimate with everything explained that has to be: one after the other, each time what explains most.
 
     What is not explained was learned as noise, and hides in it. So an explanation that promises something is weighed
@@ -100,7 +100,7 @@ def explain(setup: Setup, starts: Sequence[Start]) -> BestEstimate:
     )
 
 
-def _begun(setup: Setup, starts: Sequence[Start], shown: tuple[float, float]) -> tuple[Start, Start, Linear]:
+def _begun(setup: Setup, starts: Iterable[Start], shown: tuple[float, float]) -> tuple[Start, Start, Linear]:
     """Where the iteration begins, and where it settles with nothing explained."""
     tried: list[tuple[Start, Start, Linear]] = []
     for start in starts:
