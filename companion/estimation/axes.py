@@ -24,6 +24,7 @@ _FOLLOWED = 0.7  # of what an axis reads: right axes are followed by 0.8 and mor
 _HEARD = 2.0  # times its noise, as learned or as its samples scatter by, whichever is less
 _FEW = 30  # intervals, from which on something can be said of them
 _WORTHWHILE = 1.3  # times less noise if these axes were not off at all: what they spoil on the others comes on top
+_SURELY = 2.0  # σ of an onset
 _LONGEST_S = 100.0  # that is read otherwise: a wrong axis is wrong all the time
 _CLEARLY = 2.0  # times less noise, in every interval and on every axis: chance has no part in it
 
@@ -60,8 +61,9 @@ WAYS: Mapping[str, tuple[Array, Array]] = {
 def followed(best: BestEstimate) -> tuple[Array, Array]:
     """(3,), (3,) the part of what an axis of gyro and accelerometer reads that the estimate's motion has: about 1.
 
-    By regression over the intervals between keyframes, biases taken off, where nothing else of the IMU was explained: a
-    mirrored axis has -1 where the other witnesses tell the motion. 1 for an axis that reads hardly more than its noise.
+    By regression over the intervals between keyframes, biases taken off, where nothing of the IMU was explained that
+    surely began in flight: a mirrored axis has -1 where the other witnesses tell the motion. 1 for an axis that reads
+    hardly more than its noise.
     """
     return _followed(best, motion_between(best))
 
@@ -70,7 +72,8 @@ def _followed(best: BestEstimate, motion: Motion) -> tuple[Array, Array]:
     seconds = np.diff(best.t)[:, None]
     plain = np.ones(len(seconds), np.bool_)
     for one in best.explained:
-        if kind_of(one.kind).side == "imu" and not one.kind.endswith("_unrest"):
+        began = one.onset - _SURELY * one.onset_sigma > best.t[0]  # else an axis that is read wrongly looks like it
+        if began and kind_of(one.kind).side == "imu" and not one.kind.endswith("_unrest"):
             plain &= (best.t[1:] < one.onset) | (best.t[:-1] > one.end)
     if plain.sum() < _FEW:
         plain[:] = True
