@@ -11,7 +11,8 @@ import pytest
 from companion.app.recording import read_recording
 from companion.estimation import other_reading, smooth
 from companion.estimation.axes import WAYS, followed
-from companion.model import Flight
+from companion.estimation.model import Explained
+from companion.model import Array, Flight
 from companion.strapdown import quaternion
 from tests.estimation.sensed import sensed, with_imu
 from tests.recordings import BUNDLED
@@ -44,6 +45,21 @@ def test_the_way_that_fits_is_found(words: str, lost: bool) -> None:
     assert other is not None
     assert other.words == words
     assert other.fits > 3.0
+
+
+def test_only_what_surely_began_in_flight_is_left_out() -> None:
+    """A wrong axis is wrong from the beginning: an error of the IMU that may be as old may be what it looks like."""
+    imu = healthy().imu()
+    best = smooth(with_imu(healthy(), replace(imu, gyro=imu.gyro * [-1.0, 1.0, 1.0])), span=SPAN)
+    onset = SPAN[0] + 15.0
+
+    def beside(sigma: float) -> tuple[Array, Array]:
+        scale = Explained("gyro_scale", "step", onset, sigma, np.inf, np.full(3, 0.5), np.full(3, 0.1), 90.0)
+        return followed(replace(best, explained=(scale,)))
+
+    alone = followed(replace(best, explained=()))
+    assert np.array_equal(beside(8.0), alone)
+    assert not np.array_equal(beside(1.0), alone)
 
 
 def test_right_axes_are_followed_and_nothing_is_said() -> None:
