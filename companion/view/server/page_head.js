@@ -63,8 +63,24 @@
   };
   setInterval(remember, 2000);
 
-  // Say when companion has ended; viser connects again by itself when it is back.
-  const ALIVE = "companion-alive", EVERY_MS = 3000;
+  // viser asks for a new WebSocket every second, whether anyone is there or not. Browsers let a page that was refused
+  // again and again wait for seconds before the next one, which viser gives up after one: after half a minute none would
+  // ever open. So it asks only when companion answers, and a WebSocket has time to open.
+  const ALIVE = "companion-alive", OPENS_MS = 2000;
+  const post = Worker.prototype.postMessage;
+  let asking = false;
+  Worker.prototype.postMessage = function (message, ...others) {
+    if (message?.type !== "retry") return post.call(this, message, ...others);
+    if (asking) return;
+    asking = true;
+    fetch(ALIVE, { cache: "no-store" }).then((answer) => {
+      if (answer.ok) post.call(this, message, ...others);
+      setTimeout(() => { asking = false; }, answer.ok ? OPENS_MS : 0);
+    }, () => { asking = false; });
+  };
+
+  // Say when companion has ended; the page connects again by itself when it is back.
+  const EVERY_MS = 3000;
   const say = (text) => {
     let box = document.getElementById("companion-ended");
     if (!text) return box?.remove();
