@@ -30,7 +30,7 @@ KINDS: Mapping[str, str] = {
     "position_lost": "the autopilot has no position for a time",
     "gyro_bias_known": "a steady bias of the gyro that the estimator knows and removes",
     "accel_bias_known": "a steady bias of the accelerometer that the estimator knows and removes",
-    "stuck_axis": "an axis of the IMU reads the same again and again",
+    "stuck_axis": "an axis or a whole sensor of the IMU reads the same again and again",
     "frozen": "the whole IMU reads the same again and again",
     "gyro_clipping": "the gyro is at the end of its range",
     "accel_clipping": "the accelerometer is at the end of its range",

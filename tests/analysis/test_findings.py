@@ -240,6 +240,40 @@ def test_a_simulated_gyro_without_noise_is_not_stuck_where_nothing_turns() -> No
     assert "stuck_axis" in kinds(assess(with_imu(flight, gyro=lost, gyro_step=0.0), GENERIC))
 
 
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+@pytest.mark.parametrize("step", [0.0, 1e-3])
+def test_a_whole_sensor_that_stops_while_the_other_goes_on(sensor: str, step: float) -> None:
+    """For longer than it went on: to read the same is then usual. The last digits of floats may flicker."""
+    flight, truth = sensed(90.0)
+    imu, rng = flight.imu(), np.random.default_rng(5)
+    read = {"gyro": truth.gyro + 5e-3 * rng.normal(size=truth.gyro.shape)}
+    read["accel"] = truth.accel + 0.05 * rng.normal(size=truth.accel.shape)
+    first, last = len(imu) // 3, len(imu) - 100
+    if step:
+        read = {name: np.round(values, 3) for name, values in read.items()}
+    steps = {"gyro_step": step, "accel_step": step}
+    going = with_imu(flight, **read, **steps)
+    assert not reading_faults(going, compare(going), GENERIC, ReferenceSpec())
+    flicker = (0.0 if step else 1e-6) * rng.normal(size=(last + 1 - first, 3))
+    read[sensor][first : last + 1] = read[sensor][first] + flicker
+    stopped = with_imu(flight, **read, **steps)
+    found = reading_faults(stopped, compare(stopped), GENERIC, ReferenceSpec())
+    assert [f.kind for f in found] == ["stuck_axis"]
+    assert found[0].evidence.startswith(f"{sensor} reads (")
+    assert found[0].cause is not None
+    assert (found[0].cause.sensor, found[0].cause.axis) == (sensor, "")
+    assert (found[0].start_s, found[0].end_s) == pytest.approx((imu.t[first], imu.t[last]), abs=0.011)
+
+
+def test_a_whole_gyro_that_reads_zero_at_rest_is_not_stuck() -> None:
+    flight = flown(motions.rest(seconds(40, 100)))
+    imu, rng = flight.imu(), np.random.default_rng(6)
+    accel = imu.accel + 0.05 * rng.normal(size=imu.accel.shape)
+    gyro = np.where(np.arange(len(imu))[:, None] % 115 == 0, 1e-3, 0.0 * imu.gyro)
+    bench = with_imu(flight, gyro=gyro, accel=accel, gyro_step=1e-3)
+    assert not reading_faults(bench, compare(bench), GENERIC, ReferenceSpec())
+
+
 def test_the_scale_of_a_gyro_in_a_turn_that_goes_on_is_no_bias() -> None:
     flight = flown(motions.spin(seconds(40, 50), (0.9, -1.2, 1.5)))
     imu = flight.imu()

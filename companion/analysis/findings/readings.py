@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -170,39 +171,73 @@ def _heading_free(q: Array) -> Array:
 
 def unchanged(change: Array) -> BoolArray:
     """Where a reading is the one before, (N, 3): change (N, 3) between samples. Floats flicker in their last digits."""
-    return np.asarray(change <= _NEARLY * np.median(change, axis=0).max())
+    return np.asarray(change <= _NEARLY * change.mean(axis=0).max())
+
+
+class _Sensor:
+    """A gyro or an accelerometer: what changes from sample to sample."""
+
+    def __init__(self, track: ImuTrack, name: str) -> None:
+        self.t, self.rate_hz, self.name = track.t, track.rate_hz, name
+        self.readings, self.step = (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
+        self.change = np.abs(np.diff(self.readings, axis=0))  # (N-1, 3)
+        self.same = unchanged(self.change)  # (N-1, 3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Axes:
+    """Some axes of a sensor that stop together, and those beside them that go on."""
+
+    sensor: _Sensor
+    axes: tuple[int, ...]  # one of them, beside its neighbours; or all three, beside the other sensor
+    same: BoolArray  # (N-1,) where none of them changes
+    beside: Array  # (N-1, m) changes of those beside them
+    beside_same: BoolArray  # (N-1, m)
+
+
+def _all_axes(track: ImuTrack) -> Iterator[_Axes]:
+    """Each axis of each sensor, and each sensor as a whole."""
+    sensors = _Sensor(track, "gyro"), _Sensor(track, "accel")
+    for one, other in (sensors, sensors[::-1]):
+        for axis in range(3):
+            rest = [i for i in range(3) if i != axis]
+            yield _Axes(one, (axis,), one.same[:, axis], one.change[:, rest], one.same[:, rest])
+        yield _Axes(one, (0, 1, 2), np.asarray(one.same.all(axis=1)), other.change, other.same)
 
 
 def stuck_findings(comparison: Comparison, autopilot: ReferenceSpec, others: Sequence[ImuTrack]) -> Iterator[Finding]:
-    """One axis that reads the same for half a second or more while its neighbours go on and the vehicle moves about it.
+    """An axis that reads the same for half a second or more while its neighbours go on and the vehicle moves about it.
 
-    An axis whose noise shows in every second is stuck when it stops. Of others it takes a second, and nothing is stuck
-    at rest: whole milli-units read the same for long when nothing happens. What the autopilot's attitude says that the
-    axis should have read has to move there by ten steps, and by more than the attitude's own noise.
+    Or all three of a sensor, while the other sensor goes on. What shows noise in every second is stuck when it stops.
+    All else takes a second, and nothing is stuck at rest: whole milli-units read the same for long when nothing
+    happens. What the autopilot's attitude says that an axis should have read has to move there by ten steps, and by
+    more than the attitude's own noise.
     """
-    track = comparison.track
-    if track.rate_hz < _STUCK_RATE_HZ:
+    if comparison.track.rate_hz < _STUCK_RATE_HZ:
         return
-    for name, readings in (("gyro", track.gyro), ("accel", track.accel)):
-        change = np.abs(np.diff(readings, axis=0))
-        same = unchanged(change)
-        for axis in range(3):
-            for first, last in _stopped(comparison, autopilot, others, name, axis, change, same):
-                yield _stuck(track, name, axis, first, last)
+    for axes in _all_axes(comparison.track):
+        for first, last in _stopped(comparison, autopilot, others, axes):
+            yield _stuck(axes.sensor, axes.axes, first, last)
 
 
-def _stuck(track: ImuTrack, name: str, axis: int, first: int, last: int) -> Finding:
-    start, end = float(track.t[first]), float(track.t[last])
-    value = (track.gyro if name == "gyro" else track.accel)[first, axis]
+def _stuck(sensor: _Sensor, axes: tuple[int, ...], first: int, last: int) -> Finding:
+    name, whole, axis = sensor.name, len(axes) == 3, "" if len(axes) == 3 else "xyz"[axes[0]]
+    start, end = float(sensor.t[first]), float(sensor.t[last])
+    reads = ", ".join(f"{value:.4g}" for value in sensor.readings[first, axes])
+    said = f"{name} {axis} reads {reads} for {end - start:.1f} s while the other axes go on"
+    if whole:
+        other = "accel" if name == "gyro" else "gyro"
+        said = f"{name} reads ({reads}) for {end - start:.1f} s while the {other} goes on"
     return Finding(
         "stuck_axis",
         "imu",
         "error",
         start,
         end,
-        f"{name} {'xyz'[axis]} reads {value:.4g} for {end - start:.1f} s while the other axes go on",
-        "The sensor or its driver has lost an axis: do not fly on it. Look at its wiring and driver.",
-        cause=Cause("stuck_axis", "imu", start, end, sensor=name, axis="xyz"[axis]),
+        said,
+        f"The sensor or its driver has {'stopped' if whole else 'lost an axis'}: do not fly on it. "
+        "Look at its wiring and driver.",
+        cause=Cause("stuck_axis", "imu", start, end, sensor=name, axis=axis),
     )
 
 
@@ -219,12 +254,11 @@ def missed_findings(comparison: Comparison, best: BestEstimate) -> Iterator[Find
     for name, (moved, read) in zip(("gyro", "accel"), motion_between(best), strict=True):
         if name not in sensors:
             continue
-        readings, step = (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
-        same, missed = unchanged(np.abs(np.diff(readings, axis=0))), moved - read
+        sensor, missed = _Sensor(track, name), moved - read
         when = [(e.onset, e.onset + 1.0 if e.shape == "shock" else e.end) for e in best.explained
                 if e.kind.startswith(name)]  # fmt: skip
         for axis in range(3):
-            first, last = run_edges(np.asarray(same[:, axis]))
+            first, last = run_edges(np.asarray(sensor.same[:, axis]))
             for i in np.flatnonzero(track.t[last + 1] - track.t[first] > STUCK_S):
                 begin, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
                 inside = (best.t[:-1] >= begin) & (best.t[1:] <= end)
@@ -234,49 +268,41 @@ def missed_findings(comparison: Comparison, best: BestEstimate) -> Iterator[Find
                 # Its variation, for a bias is missed all the time.
                 size, usual = (missed[part].std(axis=0) for part in (inside, ~inside))
                 alone = size[axis] > _ALONG * length(size)
-                if alone and size[axis] > max(_SOME * step, _BEYOND_USUAL * usual[axis]):
-                    yield _stuck(track, name, axis, int(first[i]), int(last[i]) + 1)
+                if alone and size[axis] > max(_SOME * sensor.step, _BEYOND_USUAL * usual[axis]):
+                    yield _stuck(sensor, (axis,), int(first[i]), int(last[i]) + 1)
 
 
 def _stopped(
-    comparison: Comparison,
-    autopilot: ReferenceSpec,
-    others: Sequence[ImuTrack],
-    name: str,
-    axis: int,
-    change: Array,
-    same: BoolArray,
+    comparison: Comparison, autopilot: ReferenceSpec, others: Sequence[ImuTrack], axes: _Axes
 ) -> Iterator[tuple[int, int]]:
-    """First and last sample of the stretches in which an axis is stuck.
-
-    change: (N-1, 3) from sample to sample; same: (N-1, 3) where the axes do not change.
-    """
-    track, known = comparison.track, comparison.reference.attitude_known
-    readings, step = (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
-    first, last = run_edges(np.asarray(same[:, axis]))
-    lasted = track.t[last + 1] - track.t[first]
+    """First and last sample of the stretches in which some axes are stuck."""
+    sensor, holes, known = axes.sensor, comparison.holes, comparison.reference.attitude_known
+    first, last = run_edges(axes.same)
+    lasted = sensor.t[last + 1] - sensor.t[first]
     even = np.flatnonzero(lasted > STOPPED_S)
-    left = change[_beside(len(change), first[even], last[even]), axis]
-    restless, quietest = _never_repeats(left, track.rate_hz), 0.0 if step else _quietest(left, track.rate_hz)
-    beside = np.delete(change, axis, axis=1)
-    usual = np.median(beside, axis=0)
+    if not len(even):
+        return
+    change = sensor.change[:, axes.axes].max(axis=1)
+    left = change[_beside(len(change), first[even], last[even])]
+    restless, quietest = _never_repeats(left, sensor.rate_hz), 0.0 if sensor.step else _quietest(left, sensor.rate_hz)
+    usual = np.median(axes.beside, axis=0)
     for i in even:
         stretch = slice(int(first[i]), int(last[i]) + 2)
-        if np.delete(same[stretch], axis, axis=1).mean(axis=0).max() > _BESIDE or comparison.holes[stretch].any():
+        if axes.beside_same[stretch].mean(axis=0).max() > _BESIDE or holes[stretch].any():
             continue
         changes = slice(stretch.start, stretch.stop - 1)
-        own = change[changes, axis]
+        own = change[changes]
         # nine tenths of it: a low-pass takes its time to settle
-        flickers = np.quantile(own, 0.9) > _LAST_DIGIT * abs(readings[stretch.start, axis])
+        flickers = np.quantile(own, 0.9) > _LAST_DIGIT * np.abs(sensor.readings[stretch.start, axes.axes]).max()
         # the motors shake all axes: where another one is calm too, none need show any noise
-        calm = (np.median(beside[changes], axis=0) < _CALM * usual).any()
+        calm = (np.median(axes.beside[changes], axis=0) < _CALM * usual).any()
         if flickers or calm or not restless:
             # while it goes on, the newest readings are newer than the autopilot's newest attitude
             if lasted[i] <= STUCK_S or known[stretch].mean() < _KNOWN:
                 continue
-            if step and not _should_have_moved(comparison, autopilot, others, name, stretch, axis):
+            if sensor.step and not _should_have_moved(comparison, autopilot, others, axes, stretch):
                 continue
-            if not step and not _is_quieter_than_ever(comparison, own, stretch, quietest):
+            if not sensor.step and not _is_quieter_than_ever(comparison, own, stretch, quietest):
                 continue
         yield stretch.start, stretch.stop - 1
 
@@ -285,30 +311,35 @@ def _should_have_moved(
     comparison: Comparison,
     autopilot: ReferenceSpec,
     others: Sequence[ImuTrack],
-    name: str,
+    axes: _Axes,
     stretch: slice,
-    axis: int,
 ) -> bool:
-    """Whether something was to be read along an axis that reads the same whole steps.
+    """Whether something was to be read along an axis that reads the same whole steps, or along two of a whole sensor.
 
     In steady flight nothing changes, and the autopilot, whose attitude and velocity say what was to be felt, may be
     wrong itself: so another IMU decides, and without one a change of many steps is asked for.
     """
-    track = comparison.track
-    t, step = track.t[stretch], track.gyro_step if name == "gyro" else track.accel_step
+    sensor, name, step = axes.sensor, axes.sensor.name, axes.sensor.step
+    t, readings = sensor.t[stretch], sensor.readings[:, axes.axes]
+
+    def enough(moved: Sequence[bool] | BoolArray) -> bool:
+        return int(np.sum(moved)) >= min(2, len(axes.axes))
+
     meanwhile = [(o, (o.t >= t[0]) & (o.t <= t[-1])) for o in others]
     meanwhile = [(o, during) for o, during in meanwhile if during.sum() > _FEWEST_FELT]
     if meanwhile and name == "accel":
-        level = float(track.accel[stretch, axis].mean())
-        usual = float(np.median(track.accel[:, axis]))  # two accelerometers differ by their biases, throughout
-        felt = [o.accel[during, axis] - np.median(o.accel[:, axis]) + usual for o, during in meanwhile]
-        return any(float(np.abs(readings - level).mean()) > _FEW * step for readings in felt)
+        level, usual = readings[stretch].mean(axis=0), np.median(readings, axis=0)
+        # two accelerometers differ by their biases, throughout
+        each = [(o.accel[during], np.median(o.accel, axis=0)) for o, during in meanwhile]
+        felt = [(own - mean)[:, axes.axes] + usual for own, mean in each]
+        return any(enough(np.abs(own - level).mean(axis=0) > _FEW * step) for own in felt)
     if meanwhile:  # what changed: a gyro's bias may step between its usual reading and this one
-        return any(_swing(_evened(o.gyro[during, axis])) >= _SOME * step for o, during in meanwhile)
+        return any(enough([_swing(_evened(o.gyro[at, i])) >= _SOME * step for i in axes.axes]) for o, at in meanwhile)
     lasted = float(t[-1] - t[0])
     noise = autopilot.attitude_noise * (STANDARD_GRAVITY if name == "accel" else np.sqrt(2.0) / (_TURN_PART * lasted))
-    swing = _swing(_should_read(comparison, name, stretch)[:, axis])
-    return swing >= max((_MANY if name == "accel" else _SOME) * step, 2 * noise)
+    should = _should_read(comparison, name, stretch)
+    least = max((_MANY if name == "accel" else _SOME) * step, 2 * noise)
+    return enough([_swing(should[:, i]) >= least for i in axes.axes])
 
 
 def _swing(readings: Array) -> float:
