@@ -145,8 +145,8 @@ def test_a_live_session_and_the_next_one(browser: Browser, page: Page, tmp_path:
         first, second = c.open_log(recording)
         assert (first.boot, second.boot) == (1, 2)
         assert (first.messages["RAW_IMU"].longest_gap_s or 9.0) < 0.02, "no sample lost"
-        # the page is still open: it finds the next server by itself, however long it waits for it. A browser makes a page
-        # that knocked in vain every second wait for ever longer, until viser had given up each time before it could.
+        # the page is still open: it finds the next server by itself, however long that takes. A browser makes a page
+        # that knocked in vain every second wait for ever longer, until viser has given up each time before it may try.
         expect(page.get_by_text("companion has ended")).to_be_visible()
         assert sum(text.startswith("Connecting to") for text in said) <= 1
         again = viewing(f"udpin:127.0.0.1:{link_port}", tmp_path, "--no-record", port=page_port)
