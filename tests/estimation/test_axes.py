@@ -60,6 +60,9 @@ def test_only_what_surely_began_in_flight_is_left_out() -> None:
     alone = followed(replace(best, explained=()))
     assert np.array_equal(beside(8.0), alone)
     assert not np.array_equal(beside(1.0), alone)
+    louder = Explained("gyro_unrest", "pulse", onset, 0.05, SPAN[1], np.array([9.0]), np.zeros(1), 90.0)
+    found = followed(replace(best, explained=(louder,)))
+    assert np.array_equal(found, alone), "it may be the wrong axis that is taken for noise"
 
 
 def test_right_axes_are_followed_and_nothing_is_said() -> None:

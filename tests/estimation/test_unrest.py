@@ -59,6 +59,8 @@ def test_the_time_of_larger_noise_is_found_and_believed(sensor: str, unsure: flo
     own, other = calmer.restless.T if sensor == "gyro" else calmer.restless.T[::-1]
     assert (own[within] == found.times).all()
     assert (other == 1.0).all()
+    again = with_unrest(calmer, found).restless.T[0 if sensor == "gyro" else 1]
+    assert again[within] == pytest.approx(found.times**2), "a second time comes on top of the first"
 
 
 def test_what_is_gained_is_gained_in_the_problem_with_it() -> None:
