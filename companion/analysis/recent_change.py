@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from companion.analysis.comparison import Comparison, errors, windows
-from companion.analysis.findings.readings import STOPPED_S, STUCK_S, unchanged
+from companion.analysis.findings.stuck import STOPPED_S, STUCK_S, unchanged
 from companion.analysis.navigation_error import length
 from companion.model import Array, ImuTrack
 
@@ -44,7 +44,7 @@ def _stands(track: ImuTrack) -> bool:
 def _has_stopped(t: Array, readings: Array) -> bool:
     if len(t) < 2:
         return False
-    same = unchanged(np.abs(np.diff(readings, axis=0)))
+    same = unchanged(readings)
     for axis in range(3):
         moves = np.flatnonzero(~same[:, axis]) + 1  # samples that read otherwise than the one before
         if len(moves) < 2:

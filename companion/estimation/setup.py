@@ -114,10 +114,19 @@ def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
 
 
 def _undelayed(track: ImuTrack) -> ImuTrack:
-    """The track at the times that its readings speak of: a low-pass of second order delays them by √2 / (2π f)."""
-    if track.low_pass_hz is None or not track.low_pass_hz > 0:
+    """The track at the times that its gyro speaks of, with what the accelerometer felt then.
+
+    A low-pass of second order delays by √2 / (2π f). Where one of both is not known, it is as the other.
+    """
+    known = [f for f in (track.gyro_low_pass_hz, track.accel_low_pass_hz) if f is not None]
+    if not known:
         return track
-    return replace(track, t=track.t - np.sqrt(2.0) / (2.0 * np.pi * track.low_pass_hz))
+    delays = [np.sqrt(2.0) / (2.0 * np.pi * cutoff) if cutoff > 0 else 0.0 for cutoff in known]
+    gyro, accel = delays[0], delays[-1]
+    force = track.accel
+    if gyro != accel:
+        force = np.column_stack([np.interp(track.t + accel - gyro, track.t, axis) for axis in track.accel.T])
+    return replace(track, t=track.t - gyro, accel=force)
 
 
 def _broken(

@@ -63,7 +63,8 @@ class ImuTrack:
     interval: Array | None = None  # (N,) s, the sample is the mean over `t ± interval / 2`: of the gyro the rotation
     #                                vector (coning included), of the force in body axes; None: an instant's reading
     bias_removed: bool = False  # whether the estimator's own bias has been taken off
-    low_pass_hz: float | None = None  # cutoff of the 2-pole filter before sampling; None where it is not known
+    gyro_low_pass_hz: float | None = None  # cutoff of the 2-pole filter before sampling, 0 for none; None: not known
+    accel_low_pass_hz: float | None = None
     gyro_range: float | None = None  # rad/s, where the gyro saturates; None where it is not told
     accel_range: float | None = None  # m/s²
 
@@ -84,6 +85,11 @@ class ImuTrack:
     def rate_hz(self) -> float:
         """1 / median sample interval; 0 for fewer than two samples."""
         return float(1.0 / np.median(np.diff(self.t))) if len(self) > 1 else 0.0
+
+    @property
+    def low_pass_hz(self) -> float | None:
+        """The lower cutoff of both; None where there is none, or none known."""
+        return min((cutoff for cutoff in (self.gyro_low_pass_hz, self.accel_low_pass_hz) if cutoff), default=None)
 
     @property
     def covered(self) -> float:

@@ -50,7 +50,8 @@ def with_facts(track: ImuTrack, vehicle: Vehicle, parameters: Mapping[str, float
         return replace(
             track,
             device_id=_device(parameters, _id_name("GYR", track.instance)),
-            low_pass_hz=_low_pass(parameters),
+            gyro_low_pass_hz=cutoff_hz(parameters, "INS_GYRO_FILTER"),
+            accel_low_pass_hz=cutoff_hz(parameters, "INS_ACCEL_FILTER"),
             gyro_range=gyro_range,
             accel_range=accel_range,
         )
@@ -89,8 +90,7 @@ def _device(parameters: Mapping[str, float], name: str) -> int | None:
     return int(value) if np.isfinite(value) and 0 < value < 2**32 else None
 
 
-def _low_pass(parameters: Mapping[str, float]) -> float | None:
-    """The lower of gyro's and accelerometer's cutoff; 0 is no filter, and NaN damage."""
-    cutoffs = [parameters.get(name, 0.0) for name in ("INS_GYRO_FILTER", "INS_ACCEL_FILTER")]
-    known = [cutoff for cutoff in cutoffs if np.isfinite(cutoff) and cutoff > 0]
-    return min(known) if known else None
+def cutoff_hz(parameters: Mapping[str, float], name: str) -> float | None:
+    """What a parameter says of a low-pass, 0 for none; None where it says nothing. NaN is damage."""
+    cutoff = parameters.get(name, np.nan)
+    return max(cutoff, 0.0) if np.isfinite(cutoff) else None

@@ -43,7 +43,7 @@ def recorded(motion: str, filter_hz: float, rate: int, *, told: bool = True) -> 
         t=whole.t[::every],
         gyro=whole.gyro[::every],
         accel=whole.accel[::every],
-        low_pass_hz=(filter_hz or None) if told else None,
+        gyro_low_pass_hz=filter_hz if told else None,
     )
 
 
@@ -100,7 +100,7 @@ def test_means_over_the_interval_have_the_sensors_density(every: int) -> None:
 @pytest.mark.parametrize("rate", [100, 400])
 def test_the_spectrum_confirms_what_the_log_says(rate: int) -> None:
     assert confirmed_sampling(recorded("rest", 20.0, rate), HOLE).confirmed is True
-    wrong = replace(recorded("rest", 0.0, rate), low_pass_hz=20.0)
+    wrong = replace(recorded("rest", 0.0, rate), gyro_low_pass_hz=20.0)
     assert confirmed_sampling(wrong, HOLE).confirmed is False
     untold = confirmed_sampling(recorded("rest", 20.0, rate, told=False), HOLE)
     assert (untold.kind, untold.source) == ("filtered", "spectrum")

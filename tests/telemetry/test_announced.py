@@ -87,7 +87,10 @@ def test_mavproxy_sends_parameters_in_the_vehicle_s_name(tmp_path: Path) -> None
 def test_what_the_parameters_say_of_an_imu(tmp_path: Path) -> None:
     known = {"INS_GYR_ID": 2752772, "INS_GYRO_FILTER": 40, "INS_ACCEL_FILTER": 20}
     imu = sent(tmp_path, *(parameter(21, name, value) for name, value in known.items())).imus["RAW_IMU"]
-    assert (imu.device_id, imu.low_pass_hz, imu.interval, imu.bias_removed) == (2752772, 20.0, None, False)
+    assert (imu.device_id, imu.interval, imu.bias_removed) == (2752772, None, False)
+    assert (imu.gyro_low_pass_hz, imu.accel_low_pass_hz, imu.low_pass_hz) == (40.0, 20.0, 20.0)
+    off = sent(tmp_path, parameter(21, "INS_GYRO_FILTER", 40), parameter(21, "INS_ACCEL_FILTER", 0)).imus["RAW_IMU"]
+    assert (off.gyro_low_pass_hz, off.accel_low_pass_hz, off.low_pass_hz) == (40.0, 0.0, 40.0)
     odd = sent(tmp_path, *(parameter(21, name, np.nan) for name in known)).imus["RAW_IMU"]
     assert (odd.device_id, odd.low_pass_hz) == (None, None)
 

@@ -381,8 +381,11 @@ def test_what_the_controllers_use_is_the_last_resort(read: Any) -> None:
     body = {"timestamp": T, "timestamp_sample": T, "xyz": vectors(0.1, 0.2, 0.3)}
     push = {"timestamp": T, "timestamp_sample": T, "xyz": vectors(0, 0, -9.8)}
     topics = {"vehicle_angular_velocity": body, "vehicle_acceleration": push}
-    track = read(topics, parameters={"IMU_GYRO_CUTOFF": 40.0}).imus["vehicle_angular_velocity"]
-    assert (track.bias_removed, track.low_pass_hz, track.interval) == (True, 40.0, None)
+    track = read(topics, parameters={"IMU_GYRO_CUTOFF": 40.0, "IMU_ACCEL_CUTOFF": 30.0}).imus[
+        "vehicle_angular_velocity"
+    ]
+    assert (track.bias_removed, track.interval) == (True, None)
+    assert (track.gyro_low_pass_hz, track.accel_low_pass_hz) == (40.0, 30.0)
     assert list(read(topics | {"vehicle_imu": imu(1)}).imus) == ["vehicle_imu"]
 
 

@@ -18,9 +18,10 @@ from companion.analysis.findings.axes import axes_findings
 from companion.analysis.findings.installation import Installation, installation, level
 from companion.analysis.findings.jumps import jump_findings
 from companion.analysis.findings.lags import lags
-from companion.analysis.findings.readings import reading_findings, stuck_findings
+from companion.analysis.findings.readings import reading_findings
 from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import rate_findings, stamp_findings
+from companion.analysis.findings.stuck import stuck_findings
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.known_bias import known_biases

@@ -1,18 +1,15 @@
-"""Findings about readings that cannot be: frozen, stuck, at the end of the range."""
+"""Findings about readings that cannot be: the whole IMU frozen, or at the end of its range."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Cause, Finding, IntArray, run_edges, runs
-from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.navigation_error import length
+from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.reference import BoolArray
-from companion.estimation import BestEstimate, motion_between
 from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, counted
 from companion.strapdown import quaternion
 
@@ -20,22 +17,13 @@ _FROZEN_S = 0.5
 _TOGETHER_S = 1.0  # shocks closer than this are one finding
 _MOMENT_S = 0.05  # a shorter end of the range is a shock, which no sensor is accused of
 _OFTEN_S = 0.15  # in all, and it is none
-STUCK_S, STOPPED_S = 1.0, 0.5  # the second of an axis whose noise shows in every second
-_KNOWN, _BESIDE = 0.9, 0.8  # of the stretch, that is known; that another axis may stand still with it
-_TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a step is in less than a fifth of such spans
-_STUCK_RATE_HZ = 20.0
-_FEWEST_MISSED, _ALONG, _BEYOND_USUAL = 3, 0.8, 3.0  # intervals; the part of a motion along the axis; times the usual
-_MANY, _SOME, _FEW = 50.0, 10.0, 8.0  # steps
-_FEWEST_FELT = 2  # samples of another IMU
-_LAST_DIGIT = 2.0**-22  # of a float of 32 bits
-_NEARLY = 0.005  # of what another axis changes by from sample to sample
-_QUIETER, _FEWEST_SECONDS = 0.1, 10  # than its quietest seconds; of which there have to be so many to tell
 _SELDOM = 0.25  # of the samples of a second
-_CALM = 0.25  # of what the other axes change by in half of the flight
-_MOVED = np.radians(1.0)  # what rests reads the same for ever: only a vehicle that moves shows a sensor that does not
 _FLAT, _EDGE = 0.003, 0.03  # of the level: a top is flat to the first, and reached in a step of the second
 _FLAT_S, _FLAT_SAMPLES = 0.02, 3
 _STRONG = {"gyro": 1.0, "accel": 1.5 * STANDARD_GRAVITY}  # rad/s, m/s²: no sensor's range ends below
+FEWEST_SECONDS = 10  # so many there have to be to tell
+MANY = 50.0  # steps
+MOVED = np.radians(1.0)  # what rests reads the same for ever: only a vehicle that moves shows a sensor that does not
 
 
 def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuSpec) -> Iterator[Finding]:
@@ -76,15 +64,15 @@ def _frozen(track: ImuTrack, attitude: AttitudeTrack) -> Iterator[Finding]:
     first, last = run_edges(np.asarray(change == 0))
     lasted = track.t[last + 1] - track.t[first]
     long = np.flatnonzero(lasted >= _FROZEN_S)
-    left = change[_beside(len(change), first[long], last[long])]
-    least_rate = 0.0 if _never_repeats(left, track.rate_hz) else _MANY * track.gyro_step
+    left = change[beside(len(change), first[long], last[long])]
+    least_rate = 0.0 if never_repeats(left, track.rate_hz) else MANY * track.gyro_step
     for i in long:
         start, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
         during = slice(*np.searchsorted(attitude.t, [start, end + 1e-9]).tolist())
         if during.stop - during.start < 3:
             continue
-        moved = float(np.abs(np.diff(_heading_free(attitude.q_ned_frd[during]), axis=0)).sum(axis=0).max())
-        if moved > max(_MOVED, least_rate * (end - start)):
+        moved = float(np.abs(np.diff(heading_free(attitude.q_ned_frd[during]), axis=0)).sum(axis=0).max())
+        if moved > max(MOVED, least_rate * (end - start)):
             yield Finding(
                 "frozen",
                 "imu",
@@ -122,20 +110,7 @@ def _flat_tops(readings: Array, name: str, rate_hz: float) -> BoolArray:
     return flat
 
 
-def _is_quieter_than_ever(comparison: Comparison, change: Array, stretch: slice, quietest: float) -> bool:
-    """Whether an axis changes far less in a stretch of samples than in its quietest seconds.
-
-    change: (n,) from sample to sample in the stretch. Only while the vehicle turns, or is tilted away, for half of it
-    or more: at rest nothing changes, a simulated sensor has no noise of its own, and an aligned heading is a step.
-    """
-    q = comparison.reference.q_ned_frd[stretch]
-    down, span = _heading_free(q), max(1, round(_TURN_PART * len(q)))
-    turned = length(quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:])))
-    moves = max(np.median(length(np.cross(down, down[:1]))), np.median(turned)) >= _MOVED
-    return bool(moves) and float(change.mean()) < _QUIETER * quietest
-
-
-def _beside(count: int, first: IntArray, last: IntArray) -> BoolArray:
+def beside(count: int, first: IntArray, last: IntArray) -> BoolArray:
     """(count,) which changes lie outside of the runs from first to last."""
     beside = np.ones(count, np.bool_)
     for begin, end in zip(first, last, strict=True):
@@ -143,233 +118,21 @@ def _beside(count: int, first: IntArray, last: IntArray) -> BoolArray:
     return beside
 
 
-def _by_second(change: Array, rate_hz: float) -> Array:
+def by_second(change: Array, rate_hz: float) -> Array:
     """Changes from sample to sample (n,) as whole seconds (S, rate)."""
-    block = max(1, round(STUCK_S * rate_hz))
+    block = max(1, round(rate_hz))
     return change[: len(change) // block * block].reshape(-1, block)
 
 
-def _quietest(change: Array, rate_hz: float) -> float:
-    """How little an axis changes from sample to sample (n,) in its quietest seconds; infinite where these are few."""
-    seconds = _by_second(change, rate_hz).mean(axis=1)
-    return float(np.percentile(seconds, 5.0)) if len(seconds) >= _FEWEST_SECONDS else np.inf
-
-
-def _never_repeats(change: Array, rate_hz: float) -> bool:
+def never_repeats(change: Array, rate_hz: float) -> bool:
     """Whether no second of changes (n,) from sample to sample has many that are none: its noise is above its steps.
 
     To read the same for a second is then no chance, however little the vehicle moves.
     """
-    seconds = (_by_second(change, rate_hz) == 0).mean(axis=1)
-    return len(seconds) >= _FEWEST_SECONDS and float(seconds.max()) < _SELDOM
+    seconds = (by_second(change, rate_hz) == 0).mean(axis=1)
+    return len(seconds) >= FEWEST_SECONDS and float(seconds.max()) < _SELDOM
 
 
-def _heading_free(q: Array) -> Array:
+def heading_free(q: Array) -> Array:
     """Where the body's down points, as angles: what turns when the vehicle tilts, whatever the yaw does."""
     return np.asarray(quaternion.rotate(quaternion.conjugate(q), np.broadcast_to([0.0, 0.0, 1.0], (len(q), 3))))
-
-
-def unchanged(change: Array) -> BoolArray:
-    """Where a reading is the one before, (N, 3): change (N, 3) between samples. Floats flicker in their last digits."""
-    return np.asarray(change <= _NEARLY * change.mean(axis=0).max())
-
-
-class _Sensor:
-    """A gyro or an accelerometer: what changes from sample to sample."""
-
-    def __init__(self, track: ImuTrack, name: str) -> None:
-        self.t, self.rate_hz, self.name = track.t, track.rate_hz, name
-        self.readings, self.step = (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
-        self.change = np.abs(np.diff(self.readings, axis=0))  # (N-1, 3)
-        self.same = unchanged(self.change)  # (N-1, 3)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Axes:
-    """Some axes of a sensor that stop together, and those beside them that go on."""
-
-    sensor: _Sensor
-    axes: tuple[int, ...]  # one of them, beside its neighbours; or all three, beside the other sensor
-    same: BoolArray  # (N-1,) where none of them changes
-    beside: Array  # (N-1, m) changes of those beside them
-    beside_same: BoolArray  # (N-1, m)
-
-
-def _all_axes(track: ImuTrack) -> Iterator[_Axes]:
-    """Each axis of each sensor, and each sensor as a whole."""
-    sensors = _Sensor(track, "gyro"), _Sensor(track, "accel")
-    for one, other in (sensors, sensors[::-1]):
-        for axis in range(3):
-            rest = [i for i in range(3) if i != axis]
-            yield _Axes(one, (axis,), one.same[:, axis], one.change[:, rest], one.same[:, rest])
-        yield _Axes(one, (0, 1, 2), np.asarray(one.same.all(axis=1)), other.change, other.same)
-
-
-def stuck_findings(comparison: Comparison, autopilot: ReferenceSpec, others: Sequence[ImuTrack]) -> Iterator[Finding]:
-    """An axis that reads the same for half a second or more while its neighbours go on and the vehicle moves about it.
-
-    Or all three of a sensor, while the other sensor goes on. What shows noise in every second is stuck when it stops.
-    All else takes a second, and nothing is stuck at rest: whole milli-units read the same for long when nothing
-    happens. What the autopilot's attitude says that an axis should have read has to move there by ten steps, and by
-    more than the attitude's own noise.
-    """
-    if comparison.track.rate_hz < _STUCK_RATE_HZ:
-        return
-    for axes in _all_axes(comparison.track):
-        for first, last in _stopped(comparison, autopilot, others, axes):
-            yield _stuck(axes.sensor, axes.axes, first, last)
-
-
-def _stuck(sensor: _Sensor, axes: tuple[int, ...], first: int, last: int) -> Finding:
-    name, whole, axis = sensor.name, len(axes) == 3, "" if len(axes) == 3 else "xyz"[axes[0]]
-    start, end = float(sensor.t[first]), float(sensor.t[last])
-    reads = ", ".join(f"{value:.4g}" for value in sensor.readings[first, axes])
-    said = f"{name} {axis} reads {reads} for {end - start:.1f} s while the other axes go on"
-    if whole:
-        other = "accel" if name == "gyro" else "gyro"
-        said = f"{name} reads ({reads}) for {end - start:.1f} s while the {other} goes on"
-    return Finding(
-        "stuck_axis",
-        "imu",
-        "error",
-        start,
-        end,
-        said,
-        f"The sensor or its driver has {'stopped' if whole else 'lost an axis'}: do not fly on it. "
-        "Look at its wiring and driver.",
-        cause=Cause("stuck_axis", "imu", start, end, sensor=name, axis=axis),
-    )
-
-
-def missed_findings(comparison: Comparison, best: BestEstimate) -> Iterator[Finding]:
-    """One axis that reads the same for a second or more, in which all other sensors say that it moved along that axis.
-
-    Only where something of that sensor had to be explained: a shock, or noise, which accuse nobody; but they move every
-    reading. Along the axis the estimate differs from the readings by far more than it does elsewhere.
-    """
-    track = comparison.track
-    sensors = {one.kind.partition("_")[0] for one in best.explained} & {"gyro", "accel"}
-    if track.rate_hz < _STUCK_RATE_HZ or not sensors:
-        return
-    for name, (moved, read) in zip(("gyro", "accel"), motion_between(best), strict=True):
-        if name not in sensors:
-            continue
-        sensor, missed = _Sensor(track, name), moved - read
-        when = [(e.onset, e.onset + 1.0 if e.shape == "shock" else e.end) for e in best.explained
-                if e.kind.startswith(name)]  # fmt: skip
-        for axis in range(3):
-            first, last = run_edges(np.asarray(sensor.same[:, axis]))
-            for i in np.flatnonzero(track.t[last + 1] - track.t[first] > STUCK_S):
-                begin, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
-                inside = (best.t[:-1] >= begin) & (best.t[1:] <= end)
-                explained = any(a < end and b > begin for a, b in when)
-                if not explained or min(inside.sum(), (~inside).sum()) < _FEWEST_MISSED:
-                    continue
-                # Its variation, for a bias is missed all the time.
-                size, usual = (missed[part].std(axis=0) for part in (inside, ~inside))
-                alone = size[axis] > _ALONG * length(size)
-                if alone and size[axis] > max(_SOME * sensor.step, _BEYOND_USUAL * usual[axis]):
-                    yield _stuck(sensor, (axis,), int(first[i]), int(last[i]) + 1)
-
-
-def _stopped(
-    comparison: Comparison, autopilot: ReferenceSpec, others: Sequence[ImuTrack], axes: _Axes
-) -> Iterator[tuple[int, int]]:
-    """First and last sample of the stretches in which some axes are stuck."""
-    sensor, holes, known = axes.sensor, comparison.holes, comparison.reference.attitude_known
-    first, last = run_edges(axes.same)
-    lasted = sensor.t[last + 1] - sensor.t[first]
-    even = np.flatnonzero(lasted > STOPPED_S)
-    if not len(even):
-        return
-    change = sensor.change[:, axes.axes].max(axis=1)
-    left = change[_beside(len(change), first[even], last[even])]
-    restless, quietest = _never_repeats(left, sensor.rate_hz), 0.0 if sensor.step else _quietest(left, sensor.rate_hz)
-    usual = np.median(axes.beside, axis=0)
-    for i in even:
-        stretch = slice(int(first[i]), int(last[i]) + 2)
-        if axes.beside_same[stretch].mean(axis=0).max() > _BESIDE or holes[stretch].any():
-            continue
-        changes = slice(stretch.start, stretch.stop - 1)
-        own = change[changes]
-        # nine tenths of it: a low-pass takes its time to settle
-        flickers = np.quantile(own, 0.9) > _LAST_DIGIT * np.abs(sensor.readings[stretch.start, axes.axes]).max()
-        # the motors shake all axes: where another one is calm too, none need show any noise
-        calm = (np.median(axes.beside[changes], axis=0) < _CALM * usual).any()
-        if flickers or calm or not restless:
-            # while it goes on, the newest readings are newer than the autopilot's newest attitude
-            if lasted[i] <= STUCK_S or known[stretch].mean() < _KNOWN:
-                continue
-            if sensor.step and not _should_have_moved(comparison, autopilot, others, axes, stretch):
-                continue
-            if not sensor.step and not _is_quieter_than_ever(comparison, own, stretch, quietest):
-                continue
-        yield stretch.start, stretch.stop - 1
-
-
-def _should_have_moved(
-    comparison: Comparison,
-    autopilot: ReferenceSpec,
-    others: Sequence[ImuTrack],
-    axes: _Axes,
-    stretch: slice,
-) -> bool:
-    """Whether something was to be read along an axis that reads the same whole steps, or along two of a whole sensor.
-
-    In steady flight nothing changes, and the autopilot, whose attitude and velocity say what was to be felt, may be
-    wrong itself: so another IMU decides, and without one a change of many steps is asked for.
-    """
-    sensor, name, step = axes.sensor, axes.sensor.name, axes.sensor.step
-    t, readings = sensor.t[stretch], sensor.readings[:, axes.axes]
-
-    def enough(moved: Sequence[bool] | BoolArray) -> bool:
-        return int(np.sum(moved)) >= min(2, len(axes.axes))
-
-    meanwhile = [(o, (o.t >= t[0]) & (o.t <= t[-1])) for o in others]
-    meanwhile = [(o, during) for o, during in meanwhile if during.sum() > _FEWEST_FELT]
-    if meanwhile and name == "accel":
-        level, usual = readings[stretch].mean(axis=0), np.median(readings, axis=0)
-        # two accelerometers differ by their biases, throughout
-        each = [(o.accel[during], np.median(o.accel, axis=0)) for o, during in meanwhile]
-        felt = [(own - mean)[:, axes.axes] + usual for own, mean in each]
-        return any(enough(np.abs(own - level).mean(axis=0) > _FEW * step) for own in felt)
-    if meanwhile:  # what changed: a gyro's bias may step between its usual reading and this one
-        return any(enough([_swing(_evened(o.gyro[at, i])) >= _SOME * step for i in axes.axes]) for o, at in meanwhile)
-    lasted = float(t[-1] - t[0])
-    noise = autopilot.attitude_noise * (STANDARD_GRAVITY if name == "accel" else np.sqrt(2.0) / (_TURN_PART * lasted))
-    should = _should_read(comparison, name, stretch)
-    least = max((_MANY if name == "accel" else _SOME) * step, 2 * noise)
-    return enough([_swing(should[:, i]) >= least for i in axes.axes])
-
-
-def _swing(readings: Array) -> float:
-    """Between what a fifth of the readings (n,) are below and a fifth above: a yaw reset is no turn."""
-    low, high = np.percentile(readings, [20, 80])
-    return float(high - low)
-
-
-def _evened(readings: Array) -> Array:
-    """Means over as much of a stretch of readings (n,) as the autopilot's turn is told over."""
-    span = max(1, round(_TURN_PART * len(readings)))
-    return np.convolve(readings, np.full(span, 1.0 / span), "valid")
-
-
-def _should_read(comparison: Comparison, name: str, stretch: slice) -> Array:
-    """What the autopilot's attitude says the gyro turned (rad/s), or its velocity and gravity that it felt (m/s²).
-
-    Without a velocity nothing is said of the accelerometer: in steady flight a multicopter feels nothing sideways,
-    however it leans. Of the gyro nothing about the vertical: a heading turns with a compass that is wrong, too.
-    """
-    t, q = comparison.track.t[stretch], comparison.reference.q_ned_frd[stretch]
-    if name == "accel":
-        if not comparison.reference.position_known[stretch].all():
-            return np.zeros((len(t), 3))
-        span = max(1, round(_TURN_PART * len(t)))
-        velocity = comparison.reference.velocity[stretch]
-        force = (velocity[span:] - velocity[:-span]) / (t[span:] - t[:-span])[:, None] - [0.0, 0.0, STANDARD_GRAVITY]
-        return quaternion.rotate(quaternion.conjugate(q[span // 2 : span // 2 + len(force)]), force)
-    span = max(1, round(_TURN_PART * len(t)))
-    turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:]))
-    down = _heading_free(q[span // 2 : span // 2 + len(turned)])
-    turned = turned - (turned * down).sum(axis=1, keepdims=True) * down
-    return np.asarray(turned / (t[span:] - t[:-span])[:, None])

@@ -63,7 +63,7 @@ def imu_tracks(
                         "more off that of its record"
                     )
             track = _track(key, number, *_paired(one, accels[number]), vehicle, parameters, notes)
-            tracks[key] = replace(track, low_pass_hz=None)
+            tracks[key] = replace(track, gyro_low_pass_hz=None, accel_low_pass_hz=None)
     if "ISBH" in records:
         notes.append(_batches(records["ISBH"]))
     return {key: track for key, track in tracks.items() if len(track)}, notes

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from companion.model import Array, ImuTrack, SensorInUse, counted
 from companion.telemetry.convert import increasing
+from companion.telemetry.imu_facts import cutoff_hz
 from companion.telemetry.outliers import Ranges, readable
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.drivers import driver_tracks
@@ -100,8 +101,8 @@ def _filtered(topics: Topics, parameters: Mapping[str, float], notes: list[str])
     if within.any():
         gyro = np.column_stack([np.interp(t, own, axis) for axis in rate.T])
         track = _track("vehicle_angular_velocity", t, gyro, xyz(pushed, "xyz"), np.zeros(len(t)), within, notes)
-        cutoff = parameters.get("IMU_GYRO_CUTOFF", 0.0)
-        yield replace(track, interval=None, bias_removed=True, low_pass_hz=cutoff if cutoff > 0.0 else None)
+        gyro_hz, accel_hz = (cutoff_hz(parameters, name) for name in ("IMU_GYRO_CUTOFF", "IMU_ACCEL_CUTOFF"))
+        yield replace(track, interval=None, bias_removed=True, gyro_low_pass_hz=gyro_hz, accel_low_pass_hz=accel_hz)
 
 
 def _track(

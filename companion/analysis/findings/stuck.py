@@ -1,0 +1,265 @@
+"""Findings about an axis, or a whole sensor, that reads the same while the vehicle moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.analysis.comparison import Comparison
+from companion.analysis.finding import Cause, Finding, run_edges
+from companion.analysis.findings.readings import (
+    FEWEST_SECONDS,
+    MANY,
+    MOVED,
+    beside,
+    by_second,
+    heading_free,
+    never_repeats,
+)
+from companion.analysis.imu_spec import ReferenceSpec
+from companion.analysis.navigation_error import length
+from companion.analysis.reference import BoolArray
+from companion.estimation import BestEstimate, motion_between
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack
+from companion.strapdown import quaternion
+
+STUCK_S, STOPPED_S = 1.0, 0.5  # the second of an axis whose noise shows in every second
+_KNOWN, _BESIDE = 0.9, 0.8  # of the stretch, that is known; that another axis may stand still with it
+_TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a step is in less than a fifth of such spans
+_STUCK_RATE_HZ = 20.0
+_FEWEST_MISSED, _ALONG, _BEYOND_USUAL = 3, 0.8, 3.0  # intervals; the part of a motion along the axis; times the usual
+_SOME, _FEW = 10.0, 8.0  # steps
+_FEWEST_FELT = 2  # samples of another IMU
+_LAST_DIGIT, _FLICKER = 2.0**-22, 2.0**-20  # of a float of 32 bits: its last digit, and its last two bits more
+_NEARLY = 0.005  # of what another axis changes by from sample to sample
+_QUIETER = 0.1  # than its quietest seconds
+_CALM = 0.25  # of what the other axes change by in half of the flight
+
+
+class _Sensor:
+    """A gyro or an accelerometer: what changes from sample to sample."""
+
+    def __init__(self, track: ImuTrack, name: str) -> None:
+        self.t, self.rate_hz, self.name = track.t, track.rate_hz, name
+        self.readings, self.step = (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
+        self.change = np.abs(np.diff(self.readings, axis=0))  # (N-1, 3)
+        self.same = unchanged(self.readings)  # (N-1, 3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Axes:
+    """Some axes of a sensor that stop together, and those beside them that go on."""
+
+    sensor: _Sensor
+    axes: tuple[int, ...]  # one of them, beside its neighbours; or all three, beside the other sensor
+    same: BoolArray  # (N-1,) where none of them changes
+    beside: Array  # (N-1, m) changes of those beside them
+    beside_same: BoolArray  # (N-1, m)
+
+
+def _all_axes(track: ImuTrack) -> Iterator[_Axes]:
+    """Each axis of each sensor, and each sensor as a whole."""
+    sensors = _Sensor(track, "gyro"), _Sensor(track, "accel")
+    for one, other in (sensors, sensors[::-1]):
+        for axis in range(3):
+            rest = [i for i in range(3) if i != axis]
+            yield _Axes(one, (axis,), one.same[:, axis], one.change[:, rest], one.same[:, rest])
+        yield _Axes(one, (0, 1, 2), np.asarray(one.same.all(axis=1)), other.change, other.same)
+
+
+def unchanged(readings: Array) -> BoolArray:
+    """Where each of readings (N, 3) is the one before, (N-1, 3). Floats flicker in their last digits."""
+    change = np.abs(np.diff(readings, axis=0))
+    nothing = _NEARLY * np.median(change, axis=0).max()
+    return np.asarray(change <= np.maximum(nothing, _FLICKER * np.abs(readings[1:])))
+
+
+def stuck_findings(comparison: Comparison, autopilot: ReferenceSpec, others: Sequence[ImuTrack]) -> Iterator[Finding]:
+    """An axis that reads the same for half a second or more while its neighbours go on and the vehicle moves about it.
+
+    Or all three of a sensor, while the other sensor goes on. What shows noise in every second is stuck when it stops.
+    All else takes a second, and nothing is stuck at rest: whole milli-units read the same for long when nothing
+    happens. What the autopilot's attitude says that an axis should have read has to move there by ten steps, and by
+    more than the attitude's own noise.
+    """
+    if comparison.track.rate_hz < _STUCK_RATE_HZ:
+        return
+    for axes in _all_axes(comparison.track):
+        for first, last in _stopped(comparison, autopilot, others, axes):
+            yield _stuck(axes.sensor, axes.axes, first, last)
+
+
+def _stuck(sensor: _Sensor, axes: tuple[int, ...], first: int, last: int) -> Finding:
+    name, whole, axis = sensor.name, len(axes) == 3, "" if len(axes) == 3 else "xyz"[axes[0]]
+    start, end = float(sensor.t[first]), float(sensor.t[last])
+    reads = ", ".join(f"{value:.4g}" for value in sensor.readings[first, axes])
+    said = f"{name} {axis} reads {reads} for {end - start:.1f} s while the other axes go on"
+    if whole:
+        other = "accel" if name == "gyro" else "gyro"
+        said = f"{name} reads ({reads}) for {end - start:.1f} s while the {other} goes on"
+    return Finding(
+        "stuck_axis",
+        "imu",
+        "error",
+        start,
+        end,
+        said,
+        f"The sensor or its driver has {'stopped' if whole else 'lost an axis'}: do not fly on it. "
+        "Look at its wiring and driver.",
+        cause=Cause("stuck_axis", "imu", start, end, sensor=name, axis=axis),
+    )
+
+
+def missed_findings(comparison: Comparison, best: BestEstimate) -> Iterator[Finding]:
+    """One axis that reads the same for a second or more, in which all other sensors say that it moved along that axis.
+
+    Only where something of that sensor had to be explained: a shock, or noise, which accuse nobody; but they move every
+    reading. Along the axis the estimate differs from the readings by far more than it does elsewhere.
+    """
+    track = comparison.track
+    sensors = {one.kind.partition("_")[0] for one in best.explained} & {"gyro", "accel"}
+    if track.rate_hz < _STUCK_RATE_HZ or not sensors:
+        return
+    for name, (moved, read) in zip(("gyro", "accel"), motion_between(best), strict=True):
+        if name not in sensors:
+            continue
+        sensor, missed = _Sensor(track, name), moved - read
+        when = [(e.onset, e.onset + 1.0 if e.shape == "shock" else e.end) for e in best.explained
+                if e.kind.startswith(name)]  # fmt: skip
+        for axis in range(3):
+            first, last = run_edges(np.asarray(sensor.same[:, axis]))
+            for i in np.flatnonzero(track.t[last + 1] - track.t[first] > STUCK_S):
+                begin, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
+                inside = (best.t[:-1] >= begin) & (best.t[1:] <= end)
+                explained = any(a < end and b > begin for a, b in when)
+                if not explained or min(inside.sum(), (~inside).sum()) < _FEWEST_MISSED:
+                    continue
+                # Its variation, for a bias is missed all the time.
+                size, usual = (missed[part].std(axis=0) for part in (inside, ~inside))
+                alone = size[axis] > _ALONG * length(size)
+                if alone and size[axis] > max(_SOME * sensor.step, _BEYOND_USUAL * usual[axis]):
+                    yield _stuck(sensor, (axis,), int(first[i]), int(last[i]) + 1)
+
+
+def _stopped(
+    comparison: Comparison, autopilot: ReferenceSpec, others: Sequence[ImuTrack], axes: _Axes
+) -> Iterator[tuple[int, int]]:
+    """First and last sample of the stretches in which some axes are stuck."""
+    sensor, holes, known = axes.sensor, comparison.holes, comparison.reference.attitude_known
+    first, last = run_edges(axes.same)
+    lasted = sensor.t[last + 1] - sensor.t[first]
+    even = np.flatnonzero(lasted > STOPPED_S)
+    if not len(even):
+        return
+    change = sensor.change[:, axes.axes].max(axis=1)
+    left = change[beside(len(change), first[even], last[even])]
+    restless, quietest = never_repeats(left, sensor.rate_hz), 0.0 if sensor.step else _quietest(left, sensor.rate_hz)
+    usual = np.median(axes.beside, axis=0)
+    for i in even:
+        stretch = slice(int(first[i]), int(last[i]) + 2)
+        if axes.beside_same[stretch].mean(axis=0).max() > _BESIDE or holes[stretch].any():
+            continue
+        changes = slice(stretch.start, stretch.stop - 1)
+        own = change[changes]
+        # nine tenths of it: a low-pass takes its time to settle
+        flickers = np.quantile(own, 0.9) > _LAST_DIGIT * np.abs(sensor.readings[stretch.start, axes.axes]).max()
+        # the motors shake all axes: where another one is calm too, none need show any noise
+        calm = (np.median(axes.beside[changes], axis=0) < _CALM * usual).any()
+        if flickers or calm or not restless:
+            # while it goes on, the newest readings are newer than the autopilot's newest attitude
+            if lasted[i] <= STUCK_S or known[stretch].mean() < _KNOWN:
+                continue
+            if sensor.step and not _should_have_moved(comparison, autopilot, others, axes, stretch):
+                continue
+            if not sensor.step and not _is_quieter_than_ever(comparison, own, stretch, quietest):
+                continue
+        yield stretch.start, stretch.stop - 1
+
+
+def _is_quieter_than_ever(comparison: Comparison, change: Array, stretch: slice, quietest: float) -> bool:
+    """Whether an axis changes far less in a stretch of samples than in its quietest seconds.
+
+    change: (n,) from sample to sample in the stretch. Only while the vehicle turns, or is tilted away, for half of it
+    or more: at rest nothing changes, a simulated sensor has no noise of its own, and an aligned heading is a step.
+    """
+    q = comparison.reference.q_ned_frd[stretch]
+    down, span = heading_free(q), max(1, round(_TURN_PART * len(q)))
+    turned = length(quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:])))
+    moves = max(np.median(length(np.cross(down, down[:1]))), np.median(turned)) >= MOVED
+    return bool(moves) and float(change.mean()) < _QUIETER * quietest
+
+
+def _quietest(change: Array, rate_hz: float) -> float:
+    """How little an axis changes from sample to sample (n,) in its quietest seconds; infinite where these are few."""
+    seconds = by_second(change, rate_hz).mean(axis=1)
+    return float(np.percentile(seconds, 5.0)) if len(seconds) >= FEWEST_SECONDS else np.inf
+
+
+def _should_have_moved(
+    comparison: Comparison,
+    autopilot: ReferenceSpec,
+    others: Sequence[ImuTrack],
+    axes: _Axes,
+    stretch: slice,
+) -> bool:
+    """Whether something was to be read along an axis that reads the same whole steps, or along two of a whole sensor.
+
+    In steady flight nothing changes, and the autopilot, whose attitude and velocity say what was to be felt, may be
+    wrong itself: so another IMU decides, and without one a change of many steps is asked for.
+    """
+    sensor, name, step = axes.sensor, axes.sensor.name, axes.sensor.step
+    t, readings = sensor.t[stretch], sensor.readings[:, axes.axes]
+
+    def enough(moved: Sequence[bool] | BoolArray) -> bool:
+        return int(np.sum(moved)) >= min(2, len(axes.axes))
+
+    meanwhile = [(o, (o.t >= t[0]) & (o.t <= t[-1])) for o in others]
+    meanwhile = [(o, during) for o, during in meanwhile if during.sum() > _FEWEST_FELT]
+    if meanwhile and name == "accel":
+        level, usual = readings[stretch].mean(axis=0), np.median(readings, axis=0)
+        # two accelerometers differ by their biases, throughout
+        each = [(o.accel[during], np.median(o.accel, axis=0)) for o, during in meanwhile]
+        felt = [(own - mean)[:, axes.axes] + usual for own, mean in each]
+        return any(enough(np.abs(own - level).mean(axis=0) > _FEW * step) for own in felt)
+    if meanwhile:  # what changed: a gyro's bias may step between its usual reading and this one
+        return any(enough([_swing(_evened(o.gyro[at, i])) >= _SOME * step for i in axes.axes]) for o, at in meanwhile)
+    lasted = float(t[-1] - t[0])
+    noise = autopilot.attitude_noise * (STANDARD_GRAVITY if name == "accel" else np.sqrt(2.0) / (_TURN_PART * lasted))
+    should = _should_read(comparison, name, stretch)
+    least = max((MANY if name == "accel" else _SOME) * step, 2 * noise)
+    return enough([_swing(should[:, i]) >= least for i in axes.axes])
+
+
+def _swing(readings: Array) -> float:
+    """Between what a fifth of the readings (n,) are below and a fifth above: a yaw reset is no turn."""
+    low, high = np.percentile(readings, [20, 80])
+    return float(high - low)
+
+
+def _evened(readings: Array) -> Array:
+    """Means over as much of a stretch of readings (n,) as the autopilot's turn is told over."""
+    span = max(1, round(_TURN_PART * len(readings)))
+    return np.convolve(readings, np.full(span, 1.0 / span), "valid")
+
+
+def _should_read(comparison: Comparison, name: str, stretch: slice) -> Array:
+    """What the autopilot's attitude says the gyro turned (rad/s), or its velocity and gravity that it felt (m/s²).
+
+    Without a velocity nothing is said of the accelerometer: in steady flight a multicopter feels nothing sideways,
+    however it leans. Of the gyro nothing about the vertical: a heading turns with a compass that is wrong, too.
+    """
+    t, q = comparison.track.t[stretch], comparison.reference.q_ned_frd[stretch]
+    if name == "accel":
+        if not comparison.reference.position_known[stretch].all():
+            return np.zeros((len(t), 3))
+        span = max(1, round(_TURN_PART * len(t)))
+        velocity = comparison.reference.velocity[stretch]
+        force = (velocity[span:] - velocity[:-span]) / (t[span:] - t[:-span])[:, None] - [0.0, 0.0, STANDARD_GRAVITY]
+        return quaternion.rotate(quaternion.conjugate(q[span // 2 : span // 2 + len(force)]), force)
+    span = max(1, round(_TURN_PART * len(t)))
+    turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:]))
+    down = heading_free(q[span // 2 : span // 2 + len(turned)])
+    turned = turned - (turned * down).sum(axis=1, keepdims=True) * down
+    return np.asarray(turned / (t[span:] - t[:-span])[:, None])
