@@ -202,7 +202,9 @@ def _blocks(solution: Solution, s: Array, k: int, length: int) -> tuple[Array, A
     """
     here, after = s[:-1][k::length], s[1:][k::length]
     d, u = np.tile(np.eye(STATES), (len(here), 1, 1)), np.zeros((len(here), STATES, STATES))
-    for out, blocks, columns in ((d, solution.diagonal[k::length], here), (u, solution.upper[k::length], after)):
+    motion = solution.motion
+    right = -(motion.weight[k::length] @ motion.transition[k::length]).swapaxes(-1, -2)
+    for out, blocks, columns in ((d, solution.diagonal[k::length], here), (u, right, after)):
         some = slice(len(blocks))
         np.divide(blocks, here[some, :, None], out=out[some])
         out[some] /= columns[some, None]

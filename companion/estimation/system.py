@@ -71,8 +71,7 @@ class Solution:
     """The least-squares solution, and what is needed to ask it further questions."""
 
     motion: Motion
-    diagonal: Array  # (K, 15, 15) blocks of A
-    upper: Array  # (K-1, 15, 15) and right of them
+    diagonal: Array  # (K, 15, 15) blocks of A; those right of them are -(W Φ)'
     factor: Factor
     x: Array  # (K, 15)
     c: Array  # (C,)
@@ -152,13 +151,14 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
         inner += _crossed(seen[..., STATES:-1], seen[..., STATES:])
 
     factor = factorise(diagonal, upper)
+    del upper
     solved = factor.solve(border)
     y, x0 = solved[..., :-1], solved[..., -1]
     inner -= _crossed(border, solved)[:-1]
     schur, b_c = inner[:, :-1], inner[:, -1]
     covariance = np.asarray(np.linalg.inv(0.5 * (schur + schur.T)), np.float64)
     c = covariance @ b_c
-    return Solution(motion, diagonal, upper, factor, x0 - y @ c, c, y, covariance)
+    return Solution(motion, diagonal, factor, x0 - y @ c, c, y, covariance)
 
 
 def _whitened(first: int, last: int, measurements: Sequence[Measurement], constants: int) -> Array:

@@ -65,7 +65,7 @@ def _frozen(track: ImuTrack, attitude: AttitudeTrack) -> Iterator[Finding]:
     lasted = track.t[last + 1] - track.t[first]
     long = np.flatnonzero(lasted >= _FROZEN_S)
     left = change[beside(len(change), first[long], last[long])]
-    least_rate = 0.0 if never_repeats(left, track.rate_hz) else MANY * track.gyro_step
+    least_rate = 0.0 if never_repeats(np.asarray(left == 0), track.rate_hz) else MANY * track.gyro_step
     for i in long:
         start, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
         during = slice(*np.searchsorted(attitude.t, [start, end + 1e-9]).tolist())
@@ -124,12 +124,12 @@ def by_second(change: Array, rate_hz: float) -> Array:
     return change[: len(change) // block * block].reshape(-1, block)
 
 
-def never_repeats(change: Array, rate_hz: float) -> bool:
-    """Whether no second of changes (n,) from sample to sample has many that are none: its noise is above its steps.
+def never_repeats(same: BoolArray, rate_hz: float) -> bool:
+    """Whether no second has many samples that are the one before, (n,): the noise is above the steps.
 
     To read the same for a second is then no chance, however little the vehicle moves.
     """
-    seconds = (by_second(change, rate_hz) == 0).mean(axis=1)
+    seconds = by_second(same.astype(np.float64), rate_hz).mean(axis=1)
     return len(seconds) >= FEWEST_SECONDS and float(seconds.max()) < _SELDOM
 
 

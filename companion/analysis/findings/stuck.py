@@ -154,8 +154,9 @@ def _stopped(
     if not len(even):
         return
     change = sensor.change[:, axes.axes].max(axis=1)
-    left = change[beside(len(change), first[even], last[even])]
-    restless, quietest = never_repeats(left, sensor.rate_hz), 0.0 if sensor.step else _quietest(left, sensor.rate_hz)
+    elsewhere = beside(len(change), first[even], last[even])
+    restless = never_repeats(axes.same[elsewhere], sensor.rate_hz)
+    quietest = 0.0 if sensor.step else _quietest(change[elsewhere], sensor.rate_hz)
     usual = np.median(axes.beside, axis=0)
     for i in even:
         stretch = slice(int(first[i]), int(last[i]) + 2)
