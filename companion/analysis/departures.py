@@ -42,6 +42,7 @@ _AXES: Mapping[str, tuple[str, slice]] = {
 
 _SETTLED_S = 10.0  # on a bench, after which an estimator has aligned
 _WELL = 0.5  # of what an estimator in order may be off by: an estimate that is known so well is judged as it is
+_BETTER = 0.5  # of the σ of a heading: that of its change, where the change is known far better
 _TOLERANCE: Mapping[str, tuple[float, float]] = {
     "tilt": (np.radians(0.7), np.radians(2.0)),
     "heading": (np.radians(3.0), np.radians(8.0)),
@@ -147,10 +148,11 @@ def _heading_off(
 ) -> tuple[Array, Array]:
     """(K,) by how much a heading is off, rad, and 1σ of the best estimate's (K,): by itself where that is known well.
 
-    Else by its change since the beginning, or since the estimator told that it has set its heading anew: but not where
-    it did so by a compass that is known to have turned, and its heading is further off since.
+    Else, where that is known far better, by its change since the beginning, or since the estimator told that it has set
+    its heading anew: but not where it did so by a compass that is known to have turned, and its heading is further off
+    since.
     """
-    sigma = best.sigma(ATTITUDE)[:, 2]
+    sigma = whole = best.sigma(ATTITUDE)[:, 2]
     size = np.abs(error)
     doubted = sigma > _WELL * _TOLERANCE["heading"][0]
     told = np.sort([one.t for one in resets if one.kind == "heading"])
@@ -161,9 +163,10 @@ def _heading_off(
     for one in np.unique(part[doubted & judged]):
         early = _early(judged & (part == one))
         first = int(early[np.argmin(np.abs(error[early] - np.median(error[early])))])
-        use = doubted & (part == one)
+        changed = best.change_sigma(ATTITUDE, first)[:, 2]
+        use = doubted & (part == one) & (changed < _BETTER * whole)
         size = np.where(use, np.abs(error - error[first]), size)
-        sigma = np.where(use, best.change_sigma(ATTITUDE, first)[:, 2], sigma)
+        sigma = np.where(use, changed, sigma)
     return size, sigma
 
 

@@ -85,6 +85,17 @@ def test_a_heading_that_changes_is_judged_by_the_change(flight: Flight, best: Be
     assert departures(replace(flight, attitude=replace(whole, q_ned_frd=turn)), doubted, Limits()) == ()
 
 
+def test_a_change_that_is_known_no_better_than_the_heading_is_none(flight: Flight, best: BestEstimate) -> None:
+    """Off by 8° to one side, then to the other: no fault where that is in doubt at each time anew."""
+    later = flight.require_attitude().t >= ONSET
+    other = turned(flight, np.radians(np.where(later, 8.0, -8.0))[:, None] * DOWN)
+    (heading,) = departures(other, turned_whole(best), Limits())
+    assert np.degrees(heading.size) == pytest.approx(16.0, abs=1.0)
+    unsure = best.covariance.copy()
+    unsure[:, 2, 2] += np.radians(3.0) ** 2
+    assert departures(other, replace(best, covariance=unsure), Limits()) == ()
+
+
 @pytest.mark.parametrize(("before", "after"), [(20.0, 0.0), (0.0, 20.0)], ids=["nearer", "further off"])
 @pytest.mark.parametrize("compass", [True, False], ids=["turned", "in order"])
 def test_a_heading_that_is_set_anew_begins_anew_unless_a_turned_compass_sets_it(
