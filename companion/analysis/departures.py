@@ -58,8 +58,8 @@ def departures(
 ) -> tuple[Departure, ...]:
     """Where the autopilot's estimate leaves the best estimate, while it is judged.
 
-    A heading departs by what it is off by, or by what it has changed by: that is known better where the whole flight is
-    turned, as by a compass that is not calibrated.
+    A heading departs by what it is off by, and where that is in doubt by what it has changed by: that is known better
+    where the whole flight is turned, as by a compass that is not calibrated.
     tilted: rad about x and y, FRD, from the IMU's axes into those of the attitude, where the IMU is known to sit askew.
     """
     t = best.t
@@ -148,9 +148,9 @@ def _heading_off(
 ) -> tuple[Array, Array]:
     """(K,) by how much a heading is off, rad, and 1σ of the best estimate's (K,): by itself where that is known well.
 
-    Else, where that is known far better, by its change since the beginning, or since the estimator told that it has set
-    its heading anew: but not where it did so by a compass that is known to have turned, and its heading is further off
-    since.
+    Else by its change since the beginning, or since the estimator told that it has set its heading anew: but not where
+    it did so by a compass that is known to have turned, and its heading is further off since. Where the change is not
+    known far better than the heading, by the less of the two, each as a part of what is called a departure.
     """
     sigma = whole = best.sigma(ATTITUDE)[:, 2]
     size = np.abs(error)
@@ -164,8 +164,10 @@ def _heading_off(
         early = _early(judged & (part == one))
         first = int(early[np.argmin(np.abs(error[early] - np.median(error[early])))])
         changed = best.change_sigma(ATTITUDE, first)[:, 2]
-        use = doubted & (part == one) & (changed < _BETTER * whole)
-        size = np.where(use, np.abs(error - error[first]), size)
+        since = np.abs(error - error[first])
+        less = since / least_departure("heading", changed) < np.abs(error) / least_departure("heading", whole)
+        use = doubted & (part == one) & (less | (changed < _BETTER * whole))
+        size = np.where(use, since, size)
         sigma = np.where(use, changed, sigma)
     return size, sigma
 

@@ -75,6 +75,13 @@ def turned_whole(best: BestEstimate) -> BestEstimate:
     )
 
 
+def unsure(best: BestEstimate) -> BestEstimate:
+    """The heading is in doubt by 3° more, 1σ, at each time anew."""
+    known = best.covariance.copy()
+    known[:, 2, 2] += np.radians(3.0) ** 2
+    return replace(best, covariance=known)
+
+
 def test_a_heading_that_changes_is_judged_by_the_change(flight: Flight, best: BestEstimate) -> None:
     doubted = turned_whole(best)
     (heading,) = departures(headed(flight, 20.0), doubted, Limits())
@@ -91,9 +98,14 @@ def test_a_change_that_is_known_no_better_than_the_heading_is_none(flight: Fligh
     other = turned(flight, np.radians(np.where(later, 8.0, -8.0))[:, None] * DOWN)
     (heading,) = departures(other, turned_whole(best), Limits())
     assert np.degrees(heading.size) == pytest.approx(16.0, abs=1.0)
-    unsure = best.covariance.copy()
-    unsure[:, 2, 2] += np.radians(3.0) ** 2
-    assert departures(other, replace(best, covariance=unsure), Limits()) == ()
+    assert departures(other, unsure(best), Limits()) == ()
+
+
+def test_a_heading_in_doubt_that_does_not_change_is_no_departure(flight: Flight, best: BestEstimate) -> None:
+    """Off by 16° throughout, where 3σ are 13°: an offset that nothing tells apart from the estimate's own."""
+    always = turned(flight, np.radians(np.full(len(flight.require_attitude().t), 16.0))[:, None] * DOWN)
+    assert [d.quantity for d in departures(always, best, Limits())] == ["heading"]
+    assert departures(always, unsure(best), Limits()) == ()
 
 
 @pytest.mark.parametrize(("before", "after"), [(20.0, 0.0), (0.0, 20.0)], ids=["nearer", "further off"])
