@@ -168,6 +168,7 @@ class LiveController:
         vehicle = seen.flight.vehicle
         who = f"{vehicle_words(vehicle)}, vehicle {vehicle}, boot {seen.flight.boot}, {seen.imu}"
         self._panel.introduce(who, tuple(seen.flight.imus), has_position=seen.replay.has_position)
+        self._is_due.at_once()  # the numbers of another IMU do not stand below its name
 
     def _fit(self) -> None:
         """A camera that is chosen now sees all that has been flown: with the ground where it is."""

@@ -7,10 +7,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
+import viser
 
 from companion.analysis import DriftRow
+from companion.analysis.free_run import FreeState
 from companion.model import Flight
+from companion.model.tracks import NavState
 from companion.view import Judgement, LinkState, LiveViewer, ReplayChoice, Seen
+from companion.view.live_controller import LiveController
+from companion.view.panels.live_panel import LivePanel
+from tests.simulated import free_port
 from tests.view.browsing import until
 from tests.view.circles import reckon
 
@@ -59,3 +65,26 @@ def test_a_position_that_comes_after_the_first_attitude_is_shown(flight: Flight)
         apart = float(np.linalg.norm(replay.position_error[-1]))
         assert apart > 1.0
         until(lambda: viewer.scene.apart == pytest.approx(apart, abs=0.01), "the line between them")
+
+
+def test_the_numbers_are_of_the_imu_that_is_named(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another IMU begins its free run anew: the older run of the former one is never shown below its name."""
+    replay = reckon(flight, ReplayChoice(imu="RAW_IMU"))
+    now = float(replay.t[-1])
+    last = NavState(now, replay.q_imu[-1], replay.velocity_imu[-1], replay.position_imu[-1])
+
+    def left_alone(for_s: float) -> FreeState:
+        return FreeState(now - for_s, last, np.zeros(3), np.zeros(3), np.zeros(3))
+
+    ages: list[float] = []
+    monkeypatch.setattr(LivePanel, "show", lambda _panel, _sample, _free, age_s, **_: ages.append(age_s))
+    server = viser.ViserServer(host="127.0.0.1", port=free_port(), verbose=False)
+    try:
+        feed = Script(Seen(flight, "RAW_IMU", replay, left_alone(70.0)))
+        controller = LiveController(server, feed, 60.0, lambda _event: None)
+        controller.turn(100.0, 0.05)
+        feed.now = Seen(flight, "SCALED_IMU2", replay, left_alone(3.0))
+        controller.turn(100.05, 0.05)
+    finally:
+        server.stop()
+    assert ages == pytest.approx([70.0, 3.0])
