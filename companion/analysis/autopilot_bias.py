@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.analysis.navigation_error import length
-from companion.model import Array, Flight, ImuTrack
+from companion.model import Array, Flight, ImuTrack, interpolated
 
 _BLOCK_S = 1.0
 _FEWEST = 5  # blocks
@@ -41,7 +41,7 @@ def autopilot_bias(flight: Flight, track: ImuTrack) -> AutopilotBias | None:
     t, rates = attitude.t[inside], attitude.rates[inside]
     if len(t) < 2:
         return None
-    gyro = np.column_stack([np.interp(t, track.t, axis) for axis in track.gyro.T])
+    gyro = interpolated(t, track.t, track.gyro)
     slow = length(rates) < _SLOW
     block = ((t - t[0]) / _BLOCK_S).astype(np.intp)
     count = np.bincount(block[slow], minlength=block[-1] + 1)

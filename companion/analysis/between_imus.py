@@ -18,7 +18,7 @@ from companion.analysis.episode import SENSORS
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.phases import phases
 from companion.estimation import BestEstimate, kind_of
-from companion.model import Array, Flight, ImuTrack
+from companion.model import Array, Flight, ImuTrack, interpolated
 
 _BLOCK_S = 2.0  # over which differences are averaged
 _FEWEST_READINGS, _FEWEST_BLOCKS = 3, 12
@@ -63,7 +63,7 @@ def _blocks(
     i = np.clip(np.searchsorted(fast.t, slow.t), 1, len(fast) - 1)
     inside &= fast.t[i] - fast.t[i - 1] < 3.0 / fast.rate_hz
     t, readings = slow.t[inside], getattr(slow, sensor)[inside]
-    other = np.column_stack([np.interp(t, fast.t, column) for column in getattr(fast, sensor).T])
+    other = interpolated(t, fast.t, getattr(fast, sensor))
     off = sign * (readings - other)
     width = max(_BLOCK_S, _FEWEST_READINGS / slow.rate_hz)
     block = np.floor(t / width).astype(np.int64)

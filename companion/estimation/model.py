@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.estimation.block_tridiagonal import Factor
-from companion.model import Array, ImuTrack, Origin, nearest
+from companion.model import Array, ImuTrack, Origin, interpolated, nearest
 from companion.strapdown import preintegrate, quaternion
 
 ATTITUDE, VELOCITY, POSITION, GYRO_BIAS, ACCEL_BIAS = (slice(i, i + 3) for i in range(0, 15, 3))
@@ -242,9 +242,7 @@ class BestEstimate:
 def corrected(imu: ImuTrack, estimate: BestEstimate) -> ImuTrack:
     """The IMU track without the biases, scale and misalignment that were estimated."""
     s = estimate.states
-    gyro, accel = (
-        np.column_stack([np.interp(imu.t, estimate.t, b) for b in bias.T]) for bias in (s.gyro_bias, s.accel_bias)
-    )
+    gyro, accel = (interpolated(imu.t, estimate.t, bias) for bias in (s.gyro_bias, s.accel_bias))
     return without_errors(imu, s, gyro, accel)
 
 

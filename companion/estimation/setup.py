@@ -15,7 +15,7 @@ from companion.estimation.model import CONSTANT_STATES, CONSTANTS, States
 from companion.estimation.noise_density import spectral_noise
 from companion.estimation.rest import at_rest
 from companion.estimation.system import Index
-from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin, nearest
+from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin, interpolated, nearest
 from companion.strapdown import quaternion
 
 BoolArray = npt.NDArray[np.bool_]
@@ -125,7 +125,7 @@ def _undelayed(track: ImuTrack) -> ImuTrack:
     gyro, accel = delays[0], delays[-1]
     force = track.accel
     if gyro != accel:
-        force = np.column_stack([np.interp(track.t + accel - gyro, track.t, axis) for axis in track.accel.T])
+        force = interpolated(track.t + accel - gyro, track.t, track.accel)
     return replace(track, t=track.t - gyro, accel=force)
 
 
@@ -292,7 +292,7 @@ def _triad(setup: Setup) -> Array:
     field = np.tile([1.0, 0.0, 0.0], (len(index), 1))
     declination = 0.0
     if compass is not None:
-        field = np.column_stack([np.interp(setup.t, compass.t, column) for column in compass.value.T])
+        field = interpolated(setup.t, compass.t, compass.value)
         m = setup.constants[CONSTANTS["earth_field"][0]]
         declination = float(np.arctan2(m[1], m[0]))
     east = _unit(np.cross(down, field), otherwise=1)

@@ -12,7 +12,7 @@ from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
 from companion.export.paths import places
 from companion.export.sensors import imu_table, sensor_tables, series_table
 from companion.export.table import BOOT_CLOCK, Column, Table, euler_angles, quaternions, times, vectors
-from companion.model import Array, AttitudeTrack, Flight, PositionTrack
+from companion.model import Array, AttitudeTrack, Flight, PositionTrack, interpolated
 from companion.present import QUANTITIES, STATISTICS
 
 _PLACE = ("latitude_deg", "longitude_deg", "height_m")
@@ -168,10 +168,7 @@ def _reckoning(flight: Flight, shown: Replay) -> Table:
 def _best(flight: Flight, best: BestEstimate) -> Table:
     t = best.imu.t
     q, velocity, position = best.at(t)
-    sigma = {
-        block.start: np.column_stack([np.interp(t, best.t, column) for column in best.sigma(block).T])
-        for block in (ATTITUDE, VELOCITY, POSITION)
-    }
+    sigma = {block.start: interpolated(t, best.t, best.sigma(block)) for block in (ATTITUDE, VELOCITY, POSITION)}
     where = () if best.origin is None else places(position, best.origin).T
     columns = (
         *times(flight, t),

@@ -29,7 +29,7 @@ from companion.model.geodesy import (
 )
 from companion.model.imu_messages import IMU_MESSAGES
 from companion.model.notebook_repr import brief
-from companion.model.quantities import Event, Series, nearest, of_kind
+from companion.model.quantities import Event, Series, interpolated, nearest, of_kind
 from companion.model.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, NavState, PositionTrack, Trajectory
 from companion.model.wording import counted
 
@@ -76,6 +76,7 @@ __all__ = [
     "counted",
     "from_euler",
     "geodetic_from_ned",
+    "interpolated",
     "nearest",
     "ned_from_geodetic",
     "of_kind",

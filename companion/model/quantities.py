@@ -67,3 +67,8 @@ def nearest(samples: Array, t: Array) -> npt.NDArray[np.intp]:
     """Index of the sample nearest to each t. Needs two samples or more."""
     index = np.clip(np.searchsorted(samples, t), 1, len(samples) - 1)
     return index - (t - samples[index - 1] < samples[index] - t)
+
+
+def interpolated(t: Array, samples: Array, values: Array) -> Array:
+    """(M, n) at the times t (M,): on the lines between values (N, n) at increasing times (N,), and flat beyond them."""
+    return np.column_stack([np.interp(t, samples, column) for column in values.T])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.model import Array
+from companion.model import Array, interpolated
 from companion.strapdown import Motion, quaternion
 
 HOME = (float(np.radians(47.0)), float(np.radians(8.0)), 500.0)
@@ -41,10 +41,7 @@ def witness(truth: Motion, seed: int) -> Witnesses:
     t = truth.t
     fixed = np.arange(t[0], t[-1] + 1e-9, FIX_PERIOD_S)
     horizontal, vertical, speed = GPS_SIGMA
-    place, velocity = (
-        np.column_stack([np.interp(fixed - FIX_LATENCY_S, t, axis) for axis in of.T])
-        for of in (truth.position, truth.velocity)
-    )
+    place, velocity = (interpolated(fixed - FIX_LATENCY_S, t, of) for of in (truth.position, truth.velocity))
     felt = quaternion.rotate(quaternion.conjugate(truth.q_ned_frd), EARTH_FIELD)
     first, second = felt + _COMPASS_SIGMA * rng.standard_normal((2, len(t), 3))
     return Witnesses(

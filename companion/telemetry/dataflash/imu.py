@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.logs import Records
-from companion.model import Array, ImuTrack, Vehicle, counted
+from companion.model import Array, ImuTrack, Vehicle, counted, interpolated
 from companion.telemetry import convert
 from companion.telemetry.dataflash.rows import sources
 from companion.telemetry.imu_facts import known_ranges, with_facts
@@ -110,7 +110,7 @@ def _paired(gyro: Records, accel: Records) -> tuple[Array, Array, Array]:
     after = np.searchsorted(when, t).clip(1, len(when) - 1)
     inside = (t >= when[0]) & (t <= when[-1]) & (when[after] - when[after - 1] < _HOLE * _mean_step(when))
     t, rate = t[inside], rate[inside]
-    return t, rate, np.column_stack([np.interp(t, when, column) for column in force.T])
+    return t, rate, interpolated(t, when, force)
 
 
 def _in_time(one: Records, kind: str) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from companion.logs import Records
-from companion.model import Array, AttitudeTrack, BiasTrack, Epoch, ImuTrack, Origin, PositionTrack
+from companion.model import Array, AttitudeTrack, BiasTrack, Epoch, ImuTrack, Origin, PositionTrack, interpolated
 from companion.telemetry import convert
 from companion.telemetry.dataflash.cores import Flew, of_cores
 from companion.telemetry.epoch import epoch_of, gps_to_unix
@@ -80,10 +80,10 @@ def _mean_rates(t: Array, track: ImuTrack, bias: BiasTrack | None) -> Array:
     steps = np.diff(track.t)[:, None] * 0.5 * (track.gyro[1:] + track.gyro[:-1])
     turned = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
     edges = np.concatenate([t[:1], 0.5 * (t[1:] + t[:-1]), t[-1:]])
-    at = np.column_stack([np.interp(edges, track.t, column) for column in turned.T])
+    at = interpolated(edges, track.t, turned)
     rates = np.diff(at, axis=0) / np.diff(edges)[:, None]
     if bias is not None and bias.imu_instance == track.instance:  # and not that of a mixture of IMUs
-        rates -= np.column_stack([np.interp(t, bias.t, column) for column in bias.gyro.T])
+        rates -= interpolated(t, bias.t, bias.gyro)
     return np.asarray(rates)
 
 

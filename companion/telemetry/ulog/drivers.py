@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.model import Array, ImuTrack, counted
+from companion.model import Array, ImuTrack, counted, interpolated
 from companion.telemetry.convert import increasing
 from companion.telemetry.outliers import readable
 from companion.telemetry.timestamps import LONGEST_WAIT_S
@@ -76,7 +76,7 @@ def _partner(topics: Topics, gyro: _Readings, accels: list[_Readings], instance:
 def _joined(gyro: _Readings, accel: _Readings, notes: list[str]) -> ImuTrack | None:
     """Both at the gyro's times: the accelerometer's on the line between its own."""
     ranges = gyro.most or gyro_range(gyro.device_id), accel.most or accel_range(accel.device_id)
-    force = np.column_stack([np.interp(gyro.t, accel.t, axis) for axis in accel.values.T])
+    force = interpolated(gyro.t, accel.t, accel.values)
     sensed = readable(gyro.values, force, ranges)
     if odd := int((~sensed).sum()):
         notes.append(f"{gyro.name}: {counted(odd, 'sample')} left out as no reading of an IMU")

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, ImuTrack, SensorInUse, counted
+from companion.model import Array, ImuTrack, SensorInUse, counted, interpolated
 from companion.telemetry.convert import increasing
 from companion.telemetry.imu_facts import cutoff_hz
 from companion.telemetry.outliers import Ranges, readable
@@ -99,7 +99,7 @@ def _filtered(topics: Topics, parameters: Mapping[str, float], notes: list[str])
     own, rate, t = own[keep], rate[keep], sampled(pushed)
     within = (t >= own[0]) & (t <= own[-1]) if len(own) else np.zeros(len(t), np.bool_)
     if within.any():
-        gyro = np.column_stack([np.interp(t, own, axis) for axis in rate.T])
+        gyro = interpolated(t, own, rate)
         track = _track("vehicle_angular_velocity", t, gyro, xyz(pushed, "xyz"), np.zeros(len(t)), within, notes)
         gyro_hz, accel_hz = (cutoff_hz(parameters, name) for name in ("IMU_GYRO_CUTOFF", "IMU_ACCEL_CUTOFF"))
         yield replace(track, interval=None, bias_removed=True, gyro_low_pass_hz=gyro_hz, accel_low_pass_hz=accel_hz)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.model import Array, AttitudeTrack, Epoch, Origin, PositionTrack
+from companion.model import Array, AttitudeTrack, Epoch, Origin, PositionTrack, interpolated
 from companion.telemetry.convert import continuous, increasing
 from companion.telemetry.epoch import epoch_of
 from companion.telemetry.outliers import lone, lone_turns, uncontradicted
@@ -26,7 +26,7 @@ def attitude_track(topics: Topics, notes: list[str]) -> AttitudeTrack | None:
     body, rates = topics.get("vehicle_angular_velocity"), None
     if body is not None:
         turned = xyz(body, "xyz")
-        rates = np.nan_to_num(np.column_stack([np.interp(t, sampled(body), c) for c in turned.T]))
+        rates = np.nan_to_num(interpolated(t, sampled(body), turned))
     elif "rollspeed" in topic:
         rates = np.nan_to_num(columns(topic, "rollspeed", "pitchspeed", "yawspeed")[keep])
     kept = uncontradicted("vehicle_attitude", notes, lone_turns(t, q, rates))
@@ -45,7 +45,7 @@ def _turning(t: Array, q: Array) -> Array:
     size = np.linalg.norm(v, axis=1)
     angle = 2.0 * np.arctan2(size, np.abs(w)) * np.where(w < 0.0, -1.0, 1.0)
     rate = v * (angle / np.where(size > 0.0, size, 1.0) / np.diff(t))[:, None]
-    return np.column_stack([np.interp(t, 0.5 * (t[1:] + t[:-1]), axis) for axis in rate.T])
+    return interpolated(t, 0.5 * (t[1:] + t[:-1]), rate)
 
 
 def position_track(topics: Topics, notes: list[str]) -> PositionTrack | None:
