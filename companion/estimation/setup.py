@@ -251,8 +251,7 @@ def first_guess(setup: Setup, flight: Flight) -> States:
                 "gps_climb": slice(2, 3)}.get(one.name)  # fmt: skip
         if rows is not None:
             target = position if one.name in ("gps_position", "gps_height") else velocity
-            for axis, column in zip(range(rows.start, rows.stop), one.value.T, strict=True):
-                target[:, axis] = np.interp(setup.t, one.t, column)
+            target[:, rows] = interpolated(setup.t, one.t, one.value)
     return States(q, velocity, position, np.zeros((count, 3)), np.zeros((count, 3)), setup.constants.copy())
 
 

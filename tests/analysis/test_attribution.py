@@ -87,9 +87,7 @@ def test_a_heading_that_changes_is_judged_by_the_change(flight: Flight, best: Be
     (heading,) = departures(headed(flight, 20.0), doubted, Limits())
     assert heading.start == pytest.approx(ONSET, abs=1.0)
     assert np.degrees([heading.size, heading.sigma]) == pytest.approx([20.0, 3.1], abs=0.5)
-    whole = flight.require_attitude()
-    turn = quaternion.multiply(quaternion.exp(np.array([0.0, 0.0, np.radians(20.0)])), whole.q_ned_frd)
-    assert departures(replace(flight, attitude=replace(whole, q_ned_frd=turn)), doubted, Limits()) == ()
+    assert departures(turned(flight, np.radians(20.0) * DOWN), doubted, Limits()) == ()
 
 
 def test_a_change_that_is_known_no_better_than_the_heading_is_none(flight: Flight, best: BestEstimate) -> None:
@@ -103,7 +101,7 @@ def test_a_change_that_is_known_no_better_than_the_heading_is_none(flight: Fligh
 
 def test_a_heading_in_doubt_that_does_not_change_is_no_departure(flight: Flight, best: BestEstimate) -> None:
     """Off by 16° throughout, where 3σ are 13°: an offset that nothing tells apart from the estimate's own."""
-    always = turned(flight, np.radians(np.full(len(flight.require_attitude().t), 16.0))[:, None] * DOWN)
+    always = turned(flight, np.radians(16.0) * DOWN)
     assert [d.quantity for d in departures(always, best, Limits())] == ["heading"]
     assert departures(always, unsure(best), Limits()) == ()
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import viser
 
-from companion.model import Array
+from companion.model import Array, interpolated
 from companion.present import palette
 from companion.view.scene.trail import Segments
 from companion.view.state.decimation import by_shape, evenly
@@ -74,7 +74,7 @@ def dashes(positions: Array) -> tuple[Segments, npt.NDArray[np.uint8]]:
     points, along = points[distinct], along[distinct]
     edges = np.linspace(0.0, along[-1], DASHES + 1)
     at = np.union1d(edges, along)
-    path = np.stack([np.interp(at, along, axis) for axis in points.T], axis=1)
+    path = interpolated(at, along, points)
     dash = np.searchsorted(edges, (at[:-1] + at[1:]) / 2, side="right") - 1
     shades = np.array([palette.BEST, palette.BEST_LIGHT], dtype=np.uint8)[dash % 2]
     return np.stack([path[:-1], path[1:]], axis=1).astype(np.float32), np.repeat(shades[:, None], 2, axis=1)
