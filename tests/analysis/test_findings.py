@@ -16,7 +16,7 @@ from companion.analysis.findings.jumps import jump_findings
 from companion.analysis.findings.lags import lags
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.app.recording import read_recording
-from companion.model import STANDARD_GRAVITY, AttitudeTrack, Event, ImuTrack, Series, StatusText, Vehicle
+from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, Event, ImuTrack, Series, StatusText, Vehicle
 from companion.strapdown import Motion, motions, quaternion
 from tests.estimation.sensed import sensed
 from tests.flights import CIRCLE, LIVELY, flown, seconds, turned, with_imu
@@ -410,6 +410,27 @@ def test_an_axis_that_misses_what_all_other_sensors_saw_is_stuck(begin: float) -
     said = of_kind(found, "stuck_axis")
     assert said.evidence.startswith("gyro y")
     assert (said.start_s, said.end_s) == pytest.approx((begin, begin + 16.0), abs=2.5)
+
+
+@pytest.mark.parametrize("wobbles", [True, False])
+def test_an_axis_that_another_imu_says_is_never_so_still_is_stuck(wobbles: bool) -> None:
+    """A hover that turns by a few steps, or not at all: then both IMUs read the same throughout."""
+    flight = flown(motions.rest(seconds(90, 100)))
+    imu, rng = flight.imu(), np.random.default_rng(11)
+    turns = 2e-3 * np.sin(2.0 * imu.t)[:, None] * [float(wobbles), 1.0, 0.0]
+
+    def read(noise: float) -> Array:
+        shaken = turns + noise * rng.normal(size=turns.shape) * [float(wobbles), 1.0, 0.0]
+        return np.round(shaken, 3)
+
+    held, during = read(3e-4), (imu.t >= imu.t[0] + 40.0) & (imu.t < imu.t[0] + 60.0)
+    other = replace(imu, source="SCALED_IMU2", instance=1, gyro=read(5e-4), gyro_step=1e-3)
+    for stuck in (False, True):
+        held[during & stuck, 0] = -1e-3 * wobbles
+        one = with_imu(flight, gyro=held, gyro_step=1e-3)
+        both = replace(one, imus={**one.imus, other.source: other})
+        found = reading_faults(both, compare(both, imu=imu.source), GENERIC, ReferenceSpec())
+        assert [f.evidence[:6] for f in found] == ["gyro x"] * (stuck and wobbles)
 
 
 def test_an_axis_that_is_quiet_on_the_ground_is_not_stuck_while_the_heading_is_aligned() -> None:

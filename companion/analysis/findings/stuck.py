@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.comparison import Comparison
+from companion.analysis.comparison import Comparison, IntArray
 from companion.analysis.finding import Cause, Finding, run_edges
 from companion.analysis.findings.readings import (
     FEWEST_SECONDS,
@@ -32,6 +32,7 @@ _STUCK_RATE_HZ = 20.0
 _FEWEST_MISSED, _ALONG, _BEYOND_USUAL = 3, 0.8, 3.0  # intervals; the part of a motion along the axis; times the usual
 _SOME, _FEW = 10.0, 8.0  # steps
 _FEWEST_FELT = 2  # samples of another IMU
+_CHANCE = 1e-3  # of a stretch like it anywhere in a healthy flight
 _LAST_DIGIT, _FLICKER = 2.0**-22, 2.0**-20  # of a float of 32 bits: its last digit, and its last two bits more
 _NEARLY = 0.005  # of what another axis changes by from sample to sample
 _QUIETER = 0.1  # than its quietest seconds
@@ -158,9 +159,15 @@ def _stopped(
     restless = never_repeats(axes.same[elsewhere], sensor.rate_hz)
     quietest = 0.0 if sensor.step else _quietest(change[elsewhere], sensor.rate_hz)
     usual = np.median(axes.beside, axis=0)
+    spreads = _beside_others(axes, others) if sensor.step and (lasted > STUCK_S).any() else []
     for i in even:
         stretch = slice(int(first[i]), int(last[i]) + 2)
-        if axes.beside_same[stretch].mean(axis=0).max() > _BESIDE or holes[stretch].any():
+        if holes[stretch].any():
+            continue
+        if any(_never_so_still(seconds, sensor.t[first[i]], sensor.t[last[i] + 1]) for seconds in spreads):
+            yield stretch.start, stretch.stop - 1
+            continue
+        if axes.beside_same[stretch].mean(axis=0).max() > _BESIDE:
             continue
         changes = slice(stretch.start, stretch.stop - 1)
         own = change[changes]
@@ -231,6 +238,55 @@ def _should_have_moved(
     should = _should_read(comparison, name, stretch)
     least = max((MANY if name == "accel" else _SOME) * step, 2 * noise)
     return enough([_swing(should[:, i]) >= least for i in axes.axes])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seconds:
+    """Whole seconds, and how far an axis of two IMUs moves in each of them."""
+
+    start: Array  # (S,) s, boot clock
+    own: Array  # (S,) largest reading minus smallest
+    other: Array  # (S,)
+
+
+def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
+    """One axis beside the same one of every other IMU that reads often enough; none of a whole sensor."""
+    if len(axes.axes) > 1:
+        return []
+    sensor, (axis,) = axes.sensor, axes.axes
+    start, own = _spread_by_second(sensor.t, sensor.readings[:, axis])
+    out = []
+    for track in others:
+        if track.rate_hz >= _STUCK_RATE_HZ:
+            when, other = _spread_by_second(track.t, _Sensor(track, sensor.name).readings[:, axis])
+            both, i, j = np.intersect1d(start, when, assume_unique=True, return_indices=True)
+            out.append(_Seconds(both.astype(np.float64), own[i], other[j]))
+    return out
+
+
+def _spread_by_second(t: Array, readings: Array) -> tuple[IntArray, Array]:
+    """The seconds (S,) in which there are readings (n,), and how far these go from smallest to largest (S,)."""
+    seconds, first = np.unique(np.floor(t).astype(np.intp), return_index=True)
+    return seconds, np.maximum.reduceat(readings, first) - np.minimum.reduceat(readings, first)
+
+
+def _never_so_still(seconds: _Seconds, begin: float, end: float) -> bool:
+    """Whether an axis does not read the same from begin to end (s) by chance, of a flight of so many seconds.
+
+    The odds are told by the other seconds in which another IMU moves along the axis as it does in the calmer half of
+    these: at rest, and where a vehicle turns about other axes alone, this one stands still in most of them.
+    """
+    during = (seconds.start >= begin) & (seconds.start + 1.0 <= end)
+    if not during.any():
+        return False
+    moved = seconds.other[during]
+    alike = (seconds.other >= moved.min()) & (seconds.other <= np.median(moved))
+    elsewhere = alike & ~during
+    if elsewhere.sum() < FEWEST_SECONDS:
+        return False
+    # Laplace's rule of succession
+    still = (1.0 + (elsewhere & (seconds.own == 0)).sum()) / (2.0 + elsewhere.sum())
+    return bool(len(seconds.start) * still ** (alike & during).sum() < _CHANCE)
 
 
 def _swing(readings: Array) -> float:
