@@ -132,6 +132,7 @@ def assess(
     faults = [f for f in faults if f.end_s > aligned and (lost is None or f.start_s < lost.start)]
     own = replace(flight, imus={**flight.imus, track.source: track})
     enough = len(_while_judged(judged, track.t, parts).start) >= FEWEST_WINDOWS
+    comparison = comparison.forgotten()  # while the best estimate needs the room
     best, told_by_it = _best(own, comparison, faults, lost, enough=enough)
     faults += told_by_it
     all_findings, clean = findings(flight, comparison, sampling, figures, noise, autopilot, faults, best)
@@ -139,12 +140,13 @@ def assess(
         all_findings = by_severity((_control_lost(lost), *(f for f in all_findings if f.start_s < lost.start)))
     third = best if best is not None and _independent(best) else None
     usual = figures if third is None else in_flight(figures, third)
+    drift, comparison = drift_over(comparison, sets), comparison.forgotten()
     told = comparison.of(clean if third is None else _unbiased(clean, third))
     judged = _while_judged(windows(told, JUDGED_S), told.track.t, parts)
     return Assessment(
         comparison=comparison,
         sets=sets,
-        drift=drift_over(comparison, sets),
+        drift=drift,
         figures=figures,
         autopilot=autopilot,
         measured_noise=noise,

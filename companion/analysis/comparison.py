@@ -35,12 +35,21 @@ class Comparison:
     track: ImuTrack
     attitude: AttitudeTrack  # the autopilot's own
     position: PositionTrack | None
-    path: Preintegration  # one pass over the track; carries any window
     reference: Reference  # at the samples of the track
     how: Integration
     holes: BoolArray  # (N-1,) intervals of the track that are a hole
     attitude_steps: Array  # (J, 2) s, jumps of the autopilot's attitude
     position_steps: Array  # (J, 2) s, jumps of its position
+
+    @cached_property
+    def path(self) -> Preintegration:
+        """One pass over the track; carries any window."""
+        how = self.how
+        return preintegrate(self.track, method=how.method, middle=how.middle, segments=how.segments)
+
+    def forgotten(self) -> Comparison:
+        """The same without its passes over the track, which are made anew when they are asked for: of an hour 60 MB."""
+        return replace(self)
 
     def coarse(self, *samples: IntArray) -> Preintegration:
         """The same pass with rk4's other middle sample, at these samples: the difference is the error of the sampling.
@@ -67,9 +76,7 @@ class Comparison:
             return self
         if not np.array_equal(track.t, self.track.t):
             return _compared(track, self.attitude, self.position, self.how)
-        how = self.how
-        path = preintegrate(track, method=how.method, middle=how.middle, segments=how.segments)
-        return replace(self, track=track, path=path)
+        return replace(self, track=track)
 
     @property
     def has_position(self) -> bool:
@@ -135,17 +142,18 @@ def compare(
 
 def _compared(track: ImuTrack, attitude: AttitudeTrack, position: PositionTrack | None, how: Integration) -> Comparison:
     limits = how.limits
-    return Comparison(
+    made = Comparison(
         track=track,
         attitude=attitude,
         position=position,
-        path=preintegrate(track, method=how.method, middle=how.middle, segments=how.segments),
         reference=reference_at(attitude, position, track.t, limits),
         how=how,
         holes=np.diff(track.t) > limits.hole(track.t),
         attitude_steps=attitude_jumps(attitude, limits),
         position_steps=position_jumps(position, limits) if position else np.zeros((0, 2)),
     )
+    _ = made.path  # a method that there is not is said at once
+    return made
 
 
 def windows(comparison: Comparison, horizon: float, part: Part | None = None) -> Windows:

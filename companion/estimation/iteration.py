@@ -69,7 +69,6 @@ def estimate(
         if count >= _WEIGHTS_FROM:  # the steps before are towards what is still being learned
             step = step.then(_in_priors(linear))
         states = step.taken(states, linear)
-        path = carried(setup, states, path)
         moved, largest = float(np.abs(linear.solution.x[:, ATTITUDE]).max()), np.inf
         if count >= _LEARN_FROM:
             noise, scale, change = learn(linear, noise, scale, limits, change, setup.spectral_noise)
@@ -80,17 +79,21 @@ def estimate(
         if (weighted >= _WEIGHTED and largest < _SETTLED and moved < _STILL) or count == _PASSES - 1:
             break
         del linear  # before the next is made: of a long flight two are more than all else
+        path = carried(setup, states, path)
         linear = linearise(setup, path, states, noise, scale, weights, accepted)
     grown = dict.fromkeys(coloured(linear), 1.0) if white else coloured(linear)
     wide = replace(noise, gyro_noise=noise.gyro_noise * grown["gyro"], accel_noise=noise.accel_noise * grown["accel"])
+    del linear
+    path = carried(setup, states, path)
     step = Step()  # of another problem: nothing is undone
-    for _ in range(2):
-        del linear
+    for last in (False, True):
         linear = linearise(setup, path, states, wide, scale, weights, accepted, grown)
         step = step.then(_in_priors(linear))
         states = step.taken(states, linear)
         if float(np.abs(linear.solution.x[:, ATTITUDE]).max()) < _STILL:
             break
+        if not last:
+            del linear
     if not np.isfinite(states.q_ned_frd).all():
         raise DataError(f"{setup.imu.source}: the estimate of the trajectory does not settle; the readings do not fit")
     return Start(states, noise, scale, path), linear

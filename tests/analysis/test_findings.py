@@ -433,6 +433,21 @@ def test_an_axis_that_another_imu_says_is_never_so_still_is_stuck(wobbles: bool)
         assert [f.evidence[:6] for f in found] == ["gyro x"] * (stuck and wobbles)
 
 
+def test_an_axis_in_the_middle_of_a_step_is_not_stuck() -> None:
+    """Noise of less than a step: whether it shows depends on where in a step the bias stands, of either IMU."""
+    flight = flown(motions.rest(seconds(90, 100)))
+    imu, rng = flight.imu(), np.random.default_rng(12)
+    still = np.abs(imu.t - imu.t[0] - 50.0) < 10.0
+
+    def read(bias: Array) -> Array:
+        return np.round(bias[:, None] * [1.0, 0.0, 0.0] + 1e-4 * rng.normal(size=(len(imu), 3)) * [1.0, 5.0, 1.0], 3)
+
+    one = with_imu(flight, gyro=read(np.where(still, 0.0, 5e-4)), gyro_step=1e-3)
+    other = replace(imu, source="SCALED_IMU2", instance=1, gyro=read(np.full(len(imu), 5e-4)), gyro_step=1e-3)
+    both = replace(one, imus={**one.imus, other.source: other})
+    assert not reading_faults(both, compare(both, imu=imu.source), GENERIC, ReferenceSpec())
+
+
 def test_an_axis_that_is_quiet_on_the_ground_is_not_stuck_while_the_heading_is_aligned() -> None:
     """A simulated aeroplane that rolls to a stop: its accelerometer has no noise, and its heading steps once."""
     flight = flown(motions.rest(seconds(40, 50)))

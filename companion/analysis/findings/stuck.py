@@ -32,6 +32,7 @@ _STUCK_RATE_HZ = 20.0
 _FEWEST_MISSED, _ALONG, _BEYOND_USUAL = 3, 0.8, 3.0  # intervals; the part of a motion along the axis; times the usual
 _SOME, _FEW = 10.0, 8.0  # steps
 _FEWEST_FELT = 2  # samples of another IMU
+_MORE = 1.01  # for sums of floats are no whole steps
 _CHANCE = 1e-3  # of a stretch like it anywhere in a healthy flight
 _LAST_DIGIT, _FLICKER = 2.0**-22, 2.0**-20  # of a float of 32 bits: its last digit, and its last two bits more
 _NEARLY = 0.005  # of what another axis changes by from sample to sample
@@ -83,7 +84,7 @@ def stuck_findings(comparison: Comparison, autopilot: ReferenceSpec, others: Seq
     Or all three of a sensor, while the other sensor goes on. What shows noise in every second is stuck when it stops.
     All else takes a second, and nothing is stuck at rest: whole milli-units read the same for long when nothing
     happens. What the autopilot's attitude says that an axis should have read has to move there by ten steps, and by
-    more than the attitude's own noise.
+    more than the attitude's own noise. Or another IMU has to move along it as it does where this one is seldom still.
     """
     if comparison.track.rate_hz < _STUCK_RATE_HZ:
         return
@@ -250,7 +251,11 @@ class _Seconds:
 
 
 def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
-    """One axis beside the same one of every other IMU that reads often enough; none of a whole sensor."""
+    """One axis beside the same one of every other IMU that reads often enough; none of a whole sensor.
+
+    Only seconds in which the other's moves by more than a step of each: what moves less can be read as one whole step,
+    or none, for as long as it lies in the middle of one.
+    """
     if len(axes.axes) > 1:
         return []
     sensor, (axis,) = axes.sensor, axes.axes
@@ -258,9 +263,11 @@ def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
     out = []
     for track in others:
         if track.rate_hz >= _STUCK_RATE_HZ:
-            when, other = _spread_by_second(track.t, _Sensor(track, sensor.name).readings[:, axis])
-            both, i, j = np.intersect1d(start, when, assume_unique=True, return_indices=True)
-            out.append(_Seconds(both.astype(np.float64), own[i], other[j]))
+            its = _Sensor(track, sensor.name)
+            when, other = _spread_by_second(track.t, its.readings[:, axis])
+            moved = other > _MORE * (sensor.step + its.step)
+            both, i, j = np.intersect1d(start, when[moved], assume_unique=True, return_indices=True)
+            out.append(_Seconds(both.astype(np.float64), own[i], other[moved][j]))
     return out
 
 
