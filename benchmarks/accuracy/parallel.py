@@ -36,6 +36,7 @@ def each(
 
     workers: how many at once, by default as many as there are processors. timeout: seconds for one item.
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # more are in each other's way
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["companion.app.examination", "companion.app.recording"])
     waiting = list(enumerate(items))[::-1]
