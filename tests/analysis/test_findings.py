@@ -431,6 +431,10 @@ def test_an_axis_that_another_imu_says_is_never_so_still_is_stuck(wobbles: bool)
         both = replace(one, imus={**one.imus, other.source: other})
         found = reading_faults(both, compare(both, imu=imu.source), GENERIC, ReferenceSpec())
         assert [f.evidence[:6] for f in found] == ["gyro x"] * (stuck and wobbles)
+    whole = np.where(during[:, None], held[during][0], held)  # which is another finding
+    both = replace(both, imus={**both.imus, imu.source: replace(one.imu(), gyro=whole)})
+    faults = reading_faults(both, compare(both, imu=imu.source), GENERIC, ReferenceSpec())
+    assert not [f for f in faults if f.evidence.startswith(("gyro x", "gyro y"))]
 
 
 def test_an_axis_in_the_middle_of_a_step_is_not_stuck() -> None:

@@ -165,10 +165,12 @@ def _stopped(
         stretch = slice(int(first[i]), int(last[i]) + 2)
         if holes[stretch].any():
             continue
-        if any(_never_so_still(seconds, sensor.t[first[i]], sensor.t[last[i] + 1]) for seconds in spreads):
+        still = axes.beside_same[stretch].mean(axis=0)
+        alone = still.min() <= _BESIDE  # else it is the whole sensor
+        if alone and any(_never_so_still(seconds, sensor.t[first[i]], sensor.t[last[i] + 1]) for seconds in spreads):
             yield stretch.start, stretch.stop - 1
             continue
-        if axes.beside_same[stretch].mean(axis=0).max() > _BESIDE:
+        if still.max() > _BESIDE:
             continue
         changes = slice(stretch.start, stretch.stop - 1)
         own = change[changes]
