@@ -101,10 +101,11 @@ def ardupilot_biases(
         mine, theirs = mine[in_use == instance], theirs[in_use == instance]
         rates = turned_vectors(attitude.t, attitude.rates, turns)
         read = track.gyro[mine]
-        gyro = read - rates[theirs]
+        difference = np.full((len(mine), 6), np.nan)  # of the accelerometer nothing is known
+        difference[:, :3] = read
+        difference[:, :3] -= rates[theirs]
         if not dequantised:
-            gyro += _half_steps(read, track.gyro_step)
-        difference = np.hstack([gyro, np.full(gyro.shape, np.nan)])
+            difference[:, :3] += _half_steps(read, track.gyro_step)
         biases += _track(track.t[mine], difference, f"{track.source} - ATTITUDE", instance)
     return tuple(biases)
 
