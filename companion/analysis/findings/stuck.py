@@ -45,9 +45,14 @@ class _Sensor:
 
     def __init__(self, track: ImuTrack, name: str) -> None:
         self.t, self.rate_hz, self.name = track.t, track.rate_hz, name
-        self.readings, self.step = (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
+        self.readings, self.step = _read(track, name)
         self.change = np.abs(np.diff(self.readings, axis=0))  # (N-1, 3)
         self.same = unchanged(self.readings)  # (N-1, 3)
+
+
+def _read(track: ImuTrack, name: str) -> tuple[Array, float]:
+    """What a gyro or an accelerometer reads (N, 3), and in which steps."""
+    return (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -265,9 +270,9 @@ def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
     out = []
     for track in others:
         if track.rate_hz >= _STUCK_RATE_HZ:
-            its = _Sensor(track, sensor.name)
-            when, other = _spread_by_second(track.t, its.readings[:, axis])
-            moved = other > _MORE * (sensor.step + its.step)
+            readings, step = _read(track, sensor.name)
+            when, other = _spread_by_second(track.t, readings[:, axis])
+            moved = other > _MORE * (sensor.step + step)
             both, i, j = np.intersect1d(start, when[moved], assume_unique=True, return_indices=True)
             out.append(_Seconds(both.astype(np.float64), own[i], other[moved][j]))
     return out
