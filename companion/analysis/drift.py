@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -21,15 +21,20 @@ from companion.model import Array, Flight, brief
 HORIZONS_S = (1.0, 2.0, 5.0, 10.0, 30.0)
 
 
+def _percentile(percent: float, heading: str) -> float:
+    """A column of the drift table: which percentile of the windows it is, and what people read above it."""
+    return field(metadata={"percent": percent, "heading": heading})  # type: ignore[no-any-return]
+
+
 @dataclass(frozen=True, slots=True)
 class Statistic:
-    """Median, 95th percentile and worst of an error's length over windows."""
+    """Statistics of an error's length over windows: the columns of the drift table, wherever it is shown."""
 
     __repr__ = brief
 
-    median: float
-    p95: float
-    max: float
+    median: float = _percentile(50.0, "median")
+    p95: float = _percentile(95.0, "95 %")
+    max: float = _percentile(100.0, "worst")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +78,7 @@ class Drift:
         }
         for name in ("attitude_deg", "velocity_mps", "position_m"):
             quantity, unit = name.split("_")
-            for part in (field.name for field in fields(Statistic)):
+            for part in (column.name for column in fields(Statistic)):
                 columns[f"{quantity}_{part}_{unit}"] = [
                     math.nan if (statistic := getattr(row, name)) is None else getattr(statistic, part)
                     for row in self.rows
@@ -151,5 +156,4 @@ def drift_row(
 def _statistic(values: Array) -> Statistic | None:
     if not len(values):
         return None
-    median, p95, worst = np.percentile(values, [50, 95, 100])
-    return Statistic(float(median), float(p95), float(worst))
+    return Statistic(*np.percentile(values, [column.metadata["percent"] for column in fields(Statistic)]).tolist())

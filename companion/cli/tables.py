@@ -79,7 +79,7 @@ def drift_table(table: Drift) -> Table:
     shown.add_column("\nafter", justify="right", no_wrap=True)
     shown.add_column("\nwindows", justify="right", no_wrap=True)
     for quantity in QUANTITIES:
-        shown.add_column(f"{quantity.title:^18}\n{_line(*STATISTICS.values())}", no_wrap=True)
+        shown.add_column(f"{quantity.title:^{len(_line(*STATISTICS))}}\n{_line(*STATISTICS.values())}", no_wrap=True)
     for row in table.rows:
         shown.add_row(
             f"{row.horizon_s:g} s",
@@ -152,5 +152,5 @@ def _cell(statistic: Statistic | None) -> str:
 
 
 def _line(*parts: str) -> str:
-    """Three numbers under one another, whatever their length: columns within a column."""
+    """Numbers under one another, whatever their length: columns within a column."""
     return "".join(f"{part:>6}" for part in parts)

@@ -18,7 +18,6 @@ from companion.analysis import (
     Expected,
     Rest,
     Sibling,
-    Statistic,
     inventory,
     phases,
 )
@@ -184,8 +183,8 @@ def _sibling(other: Sibling) -> schema.SiblingObject:
         rate_hz=other.rate_hz,
         horizon_s=row.horizon_s,
         windows=row.windows,
-        attitude_deg=_statistic(row.attitude_deg),
-        position_m=_statistic(row.position_m),
+        attitude_deg=row.attitude_deg,
+        position_m=row.position_m,
         inside=other.inside,
     )
 
@@ -268,16 +267,10 @@ def drift_object(row: DriftRow, expected: Expected | None) -> schema.DriftObject
         horizon_s=row.horizon_s,
         windows=row.windows,
         excluded=row.excluded,
-        attitude_deg=_statistic(row.attitude_deg),
-        velocity_mps=_statistic(row.velocity_mps),
-        position_m=_statistic(row.position_m),
+        attitude_deg=row.attitude_deg,
+        velocity_mps=row.velocity_mps,
+        position_m=row.position_m,
         expected=None
         if expected is None
         else schema.ExpectedObject(expected.attitude_deg, expected.velocity_mps, expected.position_m, expected.shares),
     )
-
-
-def _statistic(statistic: Statistic | None) -> schema.StatisticObject | None:
-    if statistic is None:
-        return None
-    return schema.StatisticObject(**asdict(statistic))

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import msgspec
 
+from companion.analysis import Statistic
 from companion.documents.verdict import VerdictObject
 
 SCHEMA = 2
@@ -143,14 +144,6 @@ class ImuObject(msgspec.Struct, frozen=True):
     duplicates: int
 
 
-class StatisticObject(msgspec.Struct, frozen=True):
-    """An error over windows."""
-
-    median: float
-    p95: float
-    max: float
-
-
 class ExpectedObject(msgspec.Struct, frozen=True):
     """The drift that the budget allows, 1σ, and what it is made of."""
 
@@ -166,9 +159,9 @@ class DriftObject(msgspec.Struct, frozen=True):
     horizon_s: float
     windows: int
     excluded: Mapping[str, int]
-    attitude_deg: StatisticObject | None
-    velocity_mps: StatisticObject | None
-    position_m: StatisticObject | None
+    attitude_deg: Statistic | None
+    velocity_mps: Statistic | None
+    position_m: Statistic | None
     expected: ExpectedObject | None
 
 
@@ -223,8 +216,8 @@ class SiblingObject(msgspec.Struct, frozen=True):
     rate_hz: float
     horizon_s: float
     windows: int
-    attitude_deg: StatisticObject | None
-    position_m: StatisticObject | None
+    attitude_deg: Statistic | None
+    position_m: Statistic | None
     inside: Mapping[str, float]
 
 

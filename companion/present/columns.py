@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+
+from companion.analysis import Statistic
 
 AXES = ("forward", "right", "down")
 """Of the body (FRD), as people read them."""
@@ -31,5 +33,5 @@ QUANTITIES = (
     Quantity("velocity", "velocity_mps", "m/s"),
     Quantity("position", "position_m", "m"),
 )
-STATISTICS = {"median": "median", "p95": "95 %", "max": "worst"}
+STATISTICS = {column.name: str(column.metadata["heading"]) for column in fields(Statistic)}
 """Statistic of the windows → heading of its column."""

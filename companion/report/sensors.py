@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from companion.analysis import Statistic
 from companion.documents import schema
 from companion.present import palette, paragraph, percent, short, table, text, words
 from companion.report import traces
@@ -123,7 +124,7 @@ def _values(figure: schema.FigureObject, factor: float, digits: int, axes: Seque
     return ", ".join(parts)
 
 
-def _pair(before: schema.StatisticObject | None, after: schema.StatisticObject | None) -> str:
+def _pair(before: Statistic | None, after: Statistic | None) -> str:
     return f"{short(before.median if before else None)} → {short(after.median if after else None)}"
 
 
