@@ -28,14 +28,13 @@ class AutopilotBias:
 def autopilot_bias(flight: Flight, track: ImuTrack) -> AutopilotBias | None:
     """Readings of the gyro less the rates of ATTITUDE; None where those say nothing of this gyro.
 
-    They are the first IMU's on ArduPilot. An on-board ArduPilot log has no rates but the gyro's own, and PX4 has taken
-    the bias from HIGHRES_IMU already.
+    They are the first IMU's. Where the log has no rates but the gyro's own, or the bias has been taken off the readings
+    already, there is nothing to compare.
     """
     attitude = flight.attitude
-    px4 = flight.vehicle.autopilot == "PX4"
-    if attitude is None or not attitude.rates.any() or track.instance != 0 or (px4 and track.source == "HIGHRES_IMU"):
+    if attitude is None or not attitude.rates_told or not attitude.rates.any():
         return None
-    if not (attitude.source.startswith("ATTITUDE") or px4):
+    if track.instance != 0 or track.bias_removed:
         return None
     inside = (attitude.t >= track.t[0]) & (attitude.t <= track.t[-1])
     t, rates = attitude.t[inside], attitude.rates[inside]

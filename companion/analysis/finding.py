@@ -97,12 +97,6 @@ def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda f: (order.index(f.severity), f.start_s)))
 
 
-def setting(px4: str, ardupilot: str, autopilot: str) -> str:
-    """The name of a setting at the autopilot at hand; both where that is neither."""
-    known = {"PX4": px4, "ARDUPILOTMEGA": ardupilot}
-    return known.get(autopilot, f"{ardupilot} (ArduPilot), {px4} (PX4)")
-
-
 def digits(value: Array, decimals: int) -> str:
     """The components of a vector in words."""
     return ", ".join(f"{v:.{decimals}f}" for v in value)

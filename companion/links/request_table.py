@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from companion.mavlink import Dialect
+from companion.model import IMU_MESSAGES
 
 Wanted = dict[str, float]
 """Message name → Hz, the most important first."""
@@ -29,7 +30,7 @@ class Row:
 
 _ARDUPILOT, _PX4, _OTHER = "ARDUPILOTMEGA", "PX4", ""
 
-TABLE = (
+_ROWS = (
     # PX4 has no RAW_IMU, and HIGHRES_IMU there lacks the EKF's biases: SCALED_IMU is the independent witness.
     Row("RAW_IMU", "imu", 10.0, (_ARDUPILOT, _OTHER)),
     Row("SCALED_IMU", "imu", 10.0, (_PX4, _OTHER)),
@@ -51,7 +52,14 @@ TABLE = (
     # with the first message beside it that shows. The same sensor twice is what a slow line goes without first.
     Row("HIGHRES_IMU", "imu", 0.0),
 )
+
+TABLE = (
+    *_ROWS,
+    *(Row(name, "half the imu", 0.0, optional=True) for name in IMU_MESSAGES.keys() - {row.name for row in _ROWS}),
+)
 """What the analysis lives on, the most important first. A slow line takes from the last row first.
+
+An IMU message that has no row of its own is one more IMU, asked for as those beside the first are.
 
 Few different rates: ArduPilot keeps ten intervals for a link, and takes the nearest for a further one.
 """

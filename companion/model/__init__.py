@@ -19,7 +19,7 @@ from companion.model.aiding import (
     TruthTrack,
 )
 from companion.model.errors import CompanionError, DataError, InputError, SettingsError
-from companion.model.flight import Epoch, Flight, MessageStats, Origin, StatusText, Vehicle
+from companion.model.flight import Epoch, Flight, MessageStats, Origin, SettingNames, StatusText, Vehicle
 from companion.model.geodesy import (
     ECCENTRICITY_SQUARED,
     SEMI_MAJOR_AXIS,
@@ -67,6 +67,7 @@ __all__ = [
     "ResetKind",
     "SensorInUse",
     "Series",
+    "SettingNames",
     "SettingsError",
     "StatusText",
     "Trajectory",

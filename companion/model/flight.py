@@ -76,6 +76,16 @@ class Origin:
 
 
 @dataclass(frozen=True, slots=True)
+class SettingNames:
+    """What the settings that advice speaks of are called at the autopilot at hand."""
+
+    full_rate: str = ""  # in brackets: of the log's rate of the IMU
+    imu_stream: str = "SET_MESSAGE_INTERVAL"
+    board_trim: str = "of the board's attitude"
+    imu_place: str = "the IMU's position"
+
+
+@dataclass(frozen=True, slots=True)
 class Epoch:
     """When the boot clock was zero, in the world's time."""
 
@@ -106,6 +116,7 @@ class Flight:
     messages: Mapping[str, MessageStats] = field(default_factory=dict)
     notes: Sequence[str] = ()  # decisions taken on the way from messages to tracks, in words
     on_board: bool = False  # the vehicle's own log, not what came over a link
+    settings: SettingNames = SettingNames()
     gps: Sequence[GpsTrack] = ()  # each receiver
     compasses: Sequence[CompassTrack] = ()
     barometers: Sequence[BarometerTrack] = ()
@@ -125,17 +136,18 @@ class Flight:
     def default_imu(self) -> str | None:
         """The IMU message to integrate when the user names none; None when the flight has no usable one.
 
-        ArduPilot's RAW_IMU is IMU 0 cut to whole milli-units; HIGHRES_IMU is the same readings as floats, so it
-        is preferred when it speaks of the same IMU throughout. PX4 subtracts its EKF's biases from HIGHRES_IMU, which
-        makes it a witness in its own case: there SCALED_IMU is the independent one. A message with less than a quarter
-        of the samples of the best is passed over, unless its samples are means over intervals that join (PX4's
-        vehicle_imu at full rate; logged at 2 Hz they are not): nothing costs more accuracy than a low rate.
+        RAW_IMU is IMU 0 cut to whole milli-units; where HIGHRES_IMU is the same readings as floats, it is preferred
+        when it speaks of the same IMU throughout. One that the estimator's biases have been taken off would witness in
+        its own case, and comes last. A message with less than a quarter of the samples of the best is passed over,
+        unless its samples are means over intervals that join: nothing costs more accuracy than a low rate.
         """
-        px4 = self.vehicle.autopilot == "PX4"
-        order = by_preference(px4=px4)
-        if not px4 and "HIGHRES_IMU" in self.imus and "RAW_IMU" in self.imus:
-            floats, integers = self.imus["HIGHRES_IMU"], self.imus["RAW_IMU"]
-            if floats.instance != integers.instance or len(floats) < 0.9 * len(integers):
+        order = by_preference()
+        if "HIGHRES_IMU" in self.imus:
+            floats, integers = self.imus["HIGHRES_IMU"], self.imus.get("RAW_IMU")
+            another = integers is not None and (
+                floats.instance != integers.instance or len(floats) < 0.9 * len(integers)
+            )
+            if floats.bias_removed or another:
                 order = [*order[1:], order[0]]
         order += [name for name in self.imus if name not in order]  # on-board logs: in the order of the log
         samples = {name: len(self.imus[name]) for name in order if name in self.imus}
@@ -148,12 +160,12 @@ class Flight:
     @property
     def how_to_record(self) -> str:
         """How to get more of the IMU from this vehicle than there is, as the beginning of a sentence."""
-        px4 = self.vehicle.autopilot == "PX4"
         if self.on_board:
-            how = "full rate (SDLOG_PROFILE: high rate)" if px4 else "full rate (LOG_BITMASK: fast or raw IMU)"
-            return f"Have the IMU logged at its {how}"
-        how = "SCALED_IMU on an onboard link (MAV_x_MODE 2)" if px4 else "SRx_RAW_SENS or SET_MESSAGE_INTERVAL"
-        return f"Record the IMU at 50-200 Hz, with `companion record LINK` or {how}, or use the on-board log"
+            return f"Have the IMU logged at its full rate{self.settings.full_rate}"
+        return (
+            f"Record the IMU at 50-200 Hz, with `companion record LINK` or {self.settings.imu_stream}, or use the "
+            "on-board log"
+        )
 
     def imu(self, name: str | None = None) -> ImuTrack:
         """The IMU track of message `name`, in capitals or not (default: `default_imu`).

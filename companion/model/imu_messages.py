@@ -11,21 +11,20 @@ class ImuMessage:
     """What a message of an IMU, and of the magnetometer beside it, says."""
 
     instance: int  # which of the vehicle's IMUs; HIGHRES_IMU says it itself where it is another
-    rank: int  # 0 is the message to integrate before all others
-    rank_px4: int  # the same on PX4, which takes its EKF's biases off HIGHRES_IMU
+    rank: int  # 0 is the message to integrate before all others that are without the estimator's biases
     clock: str  # "time_boot_ms": when it was sampled, on every autopilot; "time_usec": perhaps when it was sent
-    numbered: bool = False  # one of SCALED_IMU, 2 and 3: an IMU by its number, on PX4 without the EKF's biases
+    numbered: bool = False  # one of SCALED_IMU, 2 and 3: an IMU by its number
 
 
 IMU_MESSAGES: Mapping[str, ImuMessage] = {
-    "RAW_IMU": ImuMessage(0, rank=1, rank_px4=3, clock="time_usec"),
-    "SCALED_IMU": ImuMessage(0, rank=2, rank_px4=0, clock="time_boot_ms", numbered=True),
-    "SCALED_IMU2": ImuMessage(1, rank=3, rank_px4=1, clock="time_boot_ms", numbered=True),
-    "SCALED_IMU3": ImuMessage(2, rank=4, rank_px4=2, clock="time_boot_ms", numbered=True),
-    "HIGHRES_IMU": ImuMessage(0, rank=0, rank_px4=4, clock="time_usec"),
+    "RAW_IMU": ImuMessage(0, rank=1, clock="time_usec"),
+    "SCALED_IMU": ImuMessage(0, rank=2, clock="time_boot_ms", numbered=True),
+    "SCALED_IMU2": ImuMessage(1, rank=3, clock="time_boot_ms", numbered=True),
+    "SCALED_IMU3": ImuMessage(2, rank=4, clock="time_boot_ms", numbered=True),
+    "HIGHRES_IMU": ImuMessage(0, rank=0, clock="time_usec"),
 }
 
 
-def by_preference(*, px4: bool) -> list[str]:
+def by_preference() -> list[str]:
     """The names, that of the message to integrate first; see `Flight.default_imu`."""
-    return sorted(IMU_MESSAGES, key=lambda name: IMU_MESSAGES[name].rank_px4 if px4 else IMU_MESSAGES[name].rank)
+    return sorted(IMU_MESSAGES, key=lambda name: IMU_MESSAGES[name].rank)

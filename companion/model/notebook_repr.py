@@ -17,7 +17,8 @@ def brief(self: object) -> str:
 
     >>> import companion as c
     >>> c.open_log("tlogs/copter-demo-100hz.tlog")[0].attitude
-    AttitudeTrack(t=(5061,) 62.54 ... 164, q_ned_frd=(5061, 4), rates=(5061, 3), source='ATTITUDE')
+    AttitudeTrack(t=(5061,) 62.54 ... 164, q_ned_frd=(5061, 4), rates=(5061, 3), source='ATTITUDE',
+      rates_told=True)
     """
     lines = [f"{type(self).__name__}("]
     names = [f.name for f in fields(self)]  # type: ignore[arg-type]

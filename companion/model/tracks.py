@@ -109,6 +109,7 @@ class AttitudeTrack:
     q_ned_frd: Array  # (N, 4) wxyz, unit length, sign continuous along the track
     rates: Array  # (N, 3) the autopilot's bias-corrected body rates, FRD, rad/s
     source: str = ""
+    rates_told: bool = True  # by the autopilot; False: reckoned from its IMU's readings, and no second opinion on them
 
     def __post_init__(self) -> None:
         _check("AttitudeTrack", self.t, q_ned_frd=(self.q_ned_frd, 4), rates=(self.rates, 3))

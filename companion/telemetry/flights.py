@@ -35,6 +35,7 @@ from companion.telemetry.events import heartbeat_events, in_order, landed_events
 from companion.telemetry.imu_facts import known_ranges, of_instance, with_facts
 from companion.telemetry.lazy import LazyTuple
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
+from companion.telemetry.setting_names import setting_names
 from companion.telemetry.split import Boot, Bystander, Sender, boots, describe, senders
 from companion.telemetry.truth import TRUTH_MESSAGES, message_truth
 
@@ -184,6 +185,7 @@ def _begin(boot: Boot, known: Mapping[str, float], said: tuple[str, ...], dialec
     turns, turned = convert.turns(at_first, changes) if ardupilot else (convert.UNTURNED, [])
     flight = Flight(
         vehicle=boot.vehicle,
+        settings=setting_names(boot.vehicle.autopilot),
         boot=boot.number,
         start=first,
         duration=last - first,

@@ -143,7 +143,7 @@ def test_the_bias_that_the_autopilot_holds() -> None:
     assert held.gyro == pytest.approx(BIAS, abs=1e-4)
     other = replace(flight.imu(), instance=1)
     assert autopilot_bias(flight, other) is None, "the rates are those of the first IMU"
-    logged = AttitudeTrack(attitude.t, attitude.q_ned_frd, rates, "XKQ")
+    logged = AttitudeTrack(attitude.t, attitude.q_ned_frd, rates, "XKQ", rates_told=False)
     assert autopilot_bias(replace(flight, attitude=logged), flight.imu()) is None
 
 

@@ -88,7 +88,5 @@ def test_an_imu_message_is_read_whole_and_documented(name: str) -> None:
     assert name.rstrip("23") in DOCUMENTED
 
 
-def test_every_imu_message_has_a_place_in_the_order_of_each_autopilot() -> None:
-    places = list(range(len(IMU_MESSAGES)))
-    assert sorted(one.rank for one in IMU_MESSAGES.values()) == places
-    assert sorted(one.rank_px4 for one in IMU_MESSAGES.values()) == places
+def test_every_imu_message_has_a_place_in_the_order() -> None:
+    assert sorted(one.rank for one in IMU_MESSAGES.values()) == list(range(len(IMU_MESSAGES)))

@@ -12,7 +12,7 @@ from companion.analysis.between_imus import parting_findings
 from companion.analysis.comparison import Comparison
 from companion.analysis.departures import departures
 from companion.analysis.episode import SIGMAS
-from companion.analysis.finding import Finding, by_severity, setting
+from companion.analysis.finding import Finding, by_severity
 from companion.analysis.findings.aiding_sensors import with_witnesses
 from companion.analysis.findings.axes import axes_findings
 from companion.analysis.findings.installation import Installation, installation, level
@@ -54,7 +54,7 @@ def findings(
     faults: of `reading_faults`. best: the best estimate, None where the flight allows none.
     """
     all_findings = [*rate_findings(flight, comparison, sampling_share), *faults]
-    if flight.vehicle.autopilot == "PX4" and comparison.track.source == "HIGHRES_IMU":
+    if comparison.track.bias_removed and not flight.on_board:
         all_findings.append(_not_independent(comparison))
     landed = _landed(flight)
     jumps = [
@@ -147,7 +147,6 @@ _LAG_S, _MOUNTING_RAD = 5e-3, np.radians(2.0)
 def _installed(flight: Flight, comparison: Comparison, fitted: Installation) -> Iterator[Finding]:
     """What is said of how the IMU sits in the vehicle."""
     begin, end = float(comparison.track.t[0]), float(comparison.track.t[-1])
-    autopilot = flight.vehicle.autopilot
     if fitted.lag:
         yield Finding(
             "imu_lag",
@@ -169,7 +168,7 @@ def _installed(flight: Flight, comparison: Comparison, fitted: Installation) -> 
             begin,
             end,
             f"the IMU is turned by ({roll:.1f}, {pitch:.1f}, {yaw:.1f})° against the axes of the attitude, throughout",
-            f"A board trim ({setting('SENS_BOARD_X_OFF, _Y_OFF', 'AHRS_TRIM_X, _Y', autopilot)}) that the log does not "
+            f"A board trim ({flight.settings.board_trim}) that the log does not "
             "name, or the board sits askew. A flight that stays level cannot tell it from an accelerometer's offset.",
         )
     if fitted.lever.any():
@@ -181,8 +180,7 @@ def _installed(flight: Flight, comparison: Comparison, fitted: Installation) -> 
             begin,
             end,
             f"the IMU sits ({x:.2f}, {y:.2f}, {z:.2f}) m from the point that the position speaks of",
-            f"Set {setting('EKF2_IMU_POS_X, _Y, _Z', 'INS_POSn_X, _Y, _Z', autopilot)} to where the IMU is, so that "
-            "the autopilot knows too.",
+            f"Set {flight.settings.imu_place} to where the IMU is, so that the autopilot knows too.",
         )
 
 
@@ -193,6 +191,7 @@ def _not_independent(comparison: Comparison) -> Finding:
         "warning",
         float(comparison.track.t[0]),
         float(comparison.track.t[-1]),
-        "PX4 has subtracted its EKF's biases from HIGHRES_IMU: it agrees with the autopilot even where both are wrong",
+        f"the estimator's biases have been subtracted from {comparison.track.source}: it agrees with the autopilot "
+        "even where both are wrong",
         "Ask for SCALED_IMU (SET_MESSAGE_INTERVAL), or use the .ulg log.",
     )

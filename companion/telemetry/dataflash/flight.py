@@ -25,6 +25,7 @@ from companion.telemetry.dataflash.rows import with_times
 from companion.telemetry.events import dataflash_events
 from companion.telemetry.parameters import identity, known
 from companion.telemetry.sanitize import words
+from companion.telemetry.setting_names import setting_names
 
 _TYPES = {
     b"ArduCopter": "QUADROTOR",
@@ -107,6 +108,7 @@ def _without_tracks(
     texts = _texts(records)
     return Flight(
         vehicle=vehicle,
+        settings=setting_names(vehicle.autopilot),
         boot=1,
         start=begin,
         duration=end - begin,

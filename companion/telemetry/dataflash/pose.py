@@ -72,7 +72,7 @@ def with_rates(
     kept = uncontradicted(source, notes, lone_turns(t, q, rates))
     if not kept.all():
         t, q, rates = t[kept], convert.continuous(q[kept]), rates[kept]
-    return AttitudeTrack(t, q, rates, source)
+    return AttitudeTrack(t, q, rates, source, rates_told=False)
 
 
 def _mean_rates(t: Array, track: ImuTrack, bias: BiasTrack | None) -> Array:

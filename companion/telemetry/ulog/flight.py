@@ -18,6 +18,7 @@ from companion.telemetry.arrival import arrival
 from companion.telemetry.events import changes, in_order
 from companion.telemetry.parameters import identity, known
 from companion.telemetry.sanitize import words
+from companion.telemetry.setting_names import setting_names
 from companion.telemetry.ulog.aiding import barometer_tracks, compass_tracks, gps_tracks, truth
 from companion.telemetry.ulog.control import actuator_track, control_track
 from companion.telemetry.ulog.estimator import bias_tracks, imu_in_use, imu_instances
@@ -52,8 +53,10 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
     attitude, position = attitude_track(topics, notes), position_track(topics, notes)
     series = topic_series(topics, version, notes)
     sensed = Aiding({key: series[key] for key in series if key.partition(":")[0] in OF_SERIES})
+    vehicle = _vehicle(parameters, vehicle_types, release)
     return Flight(
-        vehicle=_vehicle(parameters, vehicle_types, release),
+        vehicle=vehicle,
+        settings=setting_names(vehicle.autopilot),
         boot=1,
         start=begin,
         duration=end - begin,
