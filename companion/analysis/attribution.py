@@ -15,7 +15,6 @@ import numpy as np
 from companion.analysis.episode import (
     CLOSE,
     FAR,
-    PHRASES,
     SENSORS,
     SIGMAS,
     Departure,
@@ -147,7 +146,7 @@ def findings_of(
             words += f"; {why}"
         end = episode.end if np.isfinite(episode.end) else end_of_all
         cause = None if why else cause_of(episode, best, side, misled)
-        advice = PHRASES[episode.kind][1]
+        advice = kind_of(episode.kind).advice
         out.append(Finding(episode.kind, side, severity, episode.start, end, words, advice, headline, cause,
                            bool(why) and (harmed or not constant)))  # fmt: skip
     own = [d for d, cause in zip(departed, causes, strict=True) if cause is None]

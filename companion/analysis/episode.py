@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from companion.analysis.finding import Cause, Side
-from companion.analysis.navigation_error import length
-from companion.estimation import BestEstimate, kind_of
+from companion.estimation import BestEstimate, Size, kind_of, main_axis, turn_of_the_field
 from companion.model import Array
 
 CLOSE, FAR = 3.0, 7.0  # log-likelihood: one to twenty, one to a thousand
@@ -65,57 +64,22 @@ class Departure:
         return f"{self.size * scale:.1f} ± {self.sigma * scale:.1f}{_UNITS[self.quantity]} in {self.quantity}"
 
 
-def _vector(size: Array, factor: float, decimals: int) -> str:
-    return ", ".join(f"{v * factor:.{decimals}f}" for v in size)
-
-
-def _axes(sensor: str, unit: str, factor: float, decimals: int) -> Callable[[Episode, BestEstimate], str]:
-    """'gyro z reads 14.9 ± 0.6 mrad/s too much', or all three where more than one is off."""
-
-    def phrase(episode: Episode, _: BestEstimate) -> str:
-        size = episode.size
-        spread = f"± {episode.sigma * factor:.{decimals}f} {unit}"
-        if axis := axis_of(episode):
-            return f"{sensor} {axis} reads {size['xyz'.index(axis)] * factor:.{decimals}f} {spread} too much"
-        return f"{sensor} reads ({_vector(size, factor, decimals)}) {spread} too much"
-
-    return phrase
-
-
-def _place(what: str, unit: str) -> Callable[[Episode, BestEstimate], str]:
-    def phrase(episode: Episode, _: BestEstimate) -> str:
-        parts = "" if len(episode.size) < 2 else f" (north {episode.size[0]:.1f}, east {episode.size[1]:.1f})"
-        return f"{what} is off by up to {episode.magnitude:.1f} ± {episode.sigma:.1f} {unit}{parts}"
-
-    return phrase
-
-
 def axis_of(episode: Episode) -> str:
     """The one axis of the body that is off; "" where several are, or where its size is none of the body's."""
     if episode.witness != "imu":
         return ""
-    worst = int(np.argmax(np.abs(episode.size)))
-    return "xyz"[worst] if length(np.delete(episode.size, worst)) < 0.2 * abs(episode.size[worst]) else ""
+    return main_axis(episode.size)
 
 
-def _turn(episode: Episode, best: BestEstimate) -> tuple[float, float]:
-    """By how much the horizontal field turns, and so the heading: rad, 1σ."""
-    field = best.states.constant("earth_field")[:2]
-    changed = field + episode.size[:2]
-    angle = np.arctan2(field[0] * changed[1] - field[1] * changed[0], field @ changed)
-    return float(angle), episode.sigma / max(float(np.linalg.norm(field)), 1e-9)
-
-
-def _turned(episode: Episode, best: BestEstimate) -> str:
-    angle, spread = np.degrees(_turn(episode, best))
-    return f"the compass' field turns by {angle:.0f} ± {spread:.0f}°"
+def _size(episode: Episode, best: BestEstimate) -> Size:
+    return Size(episode.size, episode.sigma, best.states.constant("earth_field"))
 
 
 def cause_of(episode: Episode, best: BestEstimate, side: Side, consequences: tuple[str, ...]) -> Cause:
     """The episode in numbers. A compass' field that turns is measured by its angle."""
     size, sigma, unit = episode.magnitude, episode.sigma, kind_of(episode.kind).unit
     if episode.kind == "compass_field":
-        angle, sigma = _turn(episode, best)
+        angle, sigma = turn_of_the_field(_size(episode, best))
         size, unit = abs(angle), "rad"
     rival = _rival(episode)
     return Cause(
@@ -135,46 +99,11 @@ def cause_of(episode: Episode, best: BestEstimate, side: Side, consequences: tup
     )
 
 
-PHRASES: Mapping[str, tuple[Callable[[Episode, BestEstimate], str], str]] = {
-    "gyro_bias": (_axes("gyro", "mrad/s", 1e3, 1), "Let the gyro warm up and calibrate it at rest. If it steps again, "
-                  "fly on another IMU."),
-    "accel_bias": (_axes("accelerometer", "m/s²", 1.0, 2), "Calibrate the accelerometer. If it steps again without a "
-                   "shock or strong vibration, fly on another IMU."),
-    "gyro_scale": (_axes("gyro", "% of what it turns", 100.0, 1), "A gyro of wrong scale: check its range setting and "
-                   "its calibration."),
-    "accel_scale": (_axes("accelerometer", "% of what it feels", 100.0, 1), "Calibrate the accelerometer in six "
-                    "positions."),
-    "gyro_shock": (lambda e, _: f"the gyro misses a turn of {np.degrees(e.magnitude):.0f} ± {np.degrees(e.sigma):.0f}°",
-                   "A shock, strong vibration or lost samples: look at the mounting and the log's holes."),
-    "accel_shock": (lambda e, _: f"the accelerometer misses a push of {e.magnitude:.1f} ± {e.sigma:.1f} m/s",
-                    "A shock, strong vibration or lost samples: look at the mounting and the log's holes."),
-    "gyro_unrest": (lambda e, _: f"the gyro scatters {e.magnitude:.1f} times more than in the rest of the flight",
-                    "Vibration: look at propellers, motors and the mounting; log the IMU faster than it shakes."),
-    "accel_unrest": (lambda e, _: f"the accelerometer scatters {e.magnitude:.1f} times more than in the rest of the "
-                     "flight", "Vibration: look at propellers, motors and the mounting; log the IMU faster than it "
-                     "shakes."),
-    "gps_position": (_place("the GPS position", "m"), "Look at the antenna's view of the sky, its cable and at "
-                     "interference; a receiver of a second band helps."),
-    "gps_height": (_place("the GPS height", "m"), "Usual under trees and beside walls; fly on the barometer."),
-    "gps_velocity": (_place("the GPS velocity", "m/s"), "Look at the antenna's view of the sky and at interference."),
-    "gps_motion": (_place("the GPS reports a motion that no other sensor feels: it", "m/s"), "Position and velocity go "
-                   "off together: look at the receiver, and at interference or spoofing."),
-    "gps_latency": (lambda e, _: f"the GPS fixes come {e.size[0]:.3f} ± {e.sigma:.3f} s later than before", "Look at "
-                    "the receiver's rate and load and at the line to it; set the estimator's GPS delay."),
-    "compass_field": (_turned, "Look for iron and currents near the compass and under the take-off place; calibrate it "
-                      "again, or use GPS for yaw."),
-    "compass_turn": (lambda e, _: f"the compass turns by {np.degrees(e.magnitude):.0f} ± {np.degrees(e.sigma):.0f}° "
-                     "in its mounting", "Look at the mounting of the compass, and at its orientation setting."),
-    "compass_iron": (_place("the compass", "µT"), "Look for currents and iron near the compass: motors, cables."),
-    "barometer": (_place("the barometer", "m"), "Shield it from wind and light."),
-}  # fmt: skip
-"""Kind → how an episode of it is said, and what to do."""
-
-
 def said(episode: Episode, best: BestEstimate) -> str:
     """The episode in words, with its time."""
     until = "to the end" if not np.isfinite(episode.end) else f"to {episode.end:.1f} s"
-    return f"{PHRASES[episode.kind][0](episode, best)}, from {episode.start:.1f} ± {episode.start_sigma:.1f} s {until}"
+    what = kind_of(episode.kind).phrase(_size(episode, best))
+    return f"{what}, from {episode.start:.1f} ± {episode.start_sigma:.1f} s {until}"
 
 
 def rival_of_another(episode: Episode, within: float) -> str | None:

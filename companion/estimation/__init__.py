@@ -26,6 +26,7 @@ from companion.estimation.noise_density import (
     sampling_of,
     white_noise,
 )
+from companion.estimation.phrases import Size, main_axis, turn_of_the_field
 from companion.estimation.shapes import SLOPED
 from companion.estimation.smoother import smooth
 from companion.estimation.spectrum import (
@@ -58,6 +59,7 @@ __all__ = [
     "Reading",
     "Residuals",
     "Sampling",
+    "Size",
     "Spectrum",
     "States",
     "Vibration",
@@ -69,6 +71,7 @@ __all__ = [
     "folded_onto",
     "imu_spectrum",
     "kind_of",
+    "main_axis",
     "motion_between",
     "noise_figures",
     "other_reading",
@@ -78,6 +81,7 @@ __all__ = [
     "smooth",
     "stretches",
     "times_of_change",
+    "turn_of_the_field",
     "vibration",
     "white_noise",
     "without_errors",

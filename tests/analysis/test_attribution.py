@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,12 +13,12 @@ from companion.analysis import GENERIC
 from companion.analysis.attribution import episodes, findings_of, follows
 from companion.analysis.comparison import compare
 from companion.analysis.departures import departures
-from companion.analysis.episode import PHRASES, Departure, Episode, cause_of
+from companion.analysis.episode import Departure, Episode, cause_of, said
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.reference import Limits, reference_at
-from companion.estimation import KINDS, BestEstimate, Explained
+from companion.estimation import KINDS, BestEstimate, Explained, Size, kind_of
 from companion.model import Array, EstimatorReset, Flight, PositionTrack
 from companion.strapdown import quaternion
 from tests.flights import turned
@@ -422,10 +423,20 @@ def test_nothing_follows_what_came_later_or_cannot_mislead() -> None:
 
 
 def test_every_kind_of_explanation_has_its_words_and_its_size() -> None:
-    """A row of KINDS is all that a new kind needs beside its words; the benchmarks know it too."""
-    assert set(PHRASES) == {kind.name for kind in KINDS}
+    """A row of KINDS is all that a new kind needs; the benchmarks know it too."""
+    for kind in KINDS:
+        told = kind.phrase(Size(np.array([2.0, -0.1, 0.1]), 0.25, np.array([20.0, 5.0, 40.0])))
+        assert re.search(r"\d", told), f"{kind.name}: {told!r} gives no size"
+        assert "±" in told or kind.name.endswith("_unrest")
+        assert kind.about
+        assert kind.advice.endswith(".")
     assert set(CAUSES) >= {kind.name for kind in KINDS}
     assert all((kind.serious > 0) == (kind.side == "imu") for kind in KINDS)
+
+
+def test_a_single_number_keeps_its_sign() -> None:
+    told = kind_of("gps_latency").phrase(Size(np.array([-0.2]), 0.01, np.zeros(3)))
+    assert told == "the GPS fixes come -0.200 ± 0.010 s later than before"
 
 
 @pytest.mark.parametrize("degrees", [30.0, -20.0])
@@ -436,7 +447,7 @@ def test_a_field_turns_clockwise_seen_from_above_where_its_angle_is_positive(
     field = best.states.constant("earth_field")
     change = quaternion.rotate(quaternion.exp(np.radians([0.0, 0.0, degrees])), field) - field
     episode = Episode("compass_field", "compass", ONSET, 0.1, np.inf, change[:2], 0.3, 100.0, ())
-    assert PHRASES["compass_field"][0](episode, best).startswith(f"the compass' field turns by {degrees:.0f} ± ")
+    assert said(episode, best).startswith(f"the compass' field turns by {degrees:.0f} ± ")
     cause = cause_of(episode, best, "autopilot", ())
     assert cause.size == pytest.approx(np.radians(abs(degrees)))
     assert cause.unit == "rad"
