@@ -24,7 +24,7 @@ from companion.analysis.noise_model import ModelFigure, SensorModel, noise_model
 from companion.analysis.phases import phases
 from companion.analysis.pose_error import PoseError, Spread, ape, rpe
 from companion.analysis.recent_change import newest_stands_out
-from companion.analysis.redundant_imus import Sibling, siblings
+from companion.analysis.redundant_imus import RedundantImu, each_imu
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Continued, Replay, go_on, replay, replay_from_rest
 from companion.analysis.reported import reported_by
@@ -69,6 +69,7 @@ __all__ = [
     "Limits",
     "ModelFigure",
     "PoseError",
+    "RedundantImu",
     "Reference",
     "ReferenceSpec",
     "Replay",
@@ -78,7 +79,6 @@ __all__ = [
     "Sensitivity",
     "SensorModel",
     "SensorSpec",
-    "Sibling",
     "Spread",
     "Statistic",
     "Verdict",
@@ -96,6 +96,7 @@ __all__ = [
     "contrast",
     "drift",
     "drift_of",
+    "each_imu",
     "errors",
     "expected_by_age",
     "expected_since_anchor",
@@ -113,7 +114,6 @@ __all__ = [
     "reported_by",
     "rests",
     "rpe",
-    "siblings",
     "trailing",
     "used_aiding",
     "used_imus",

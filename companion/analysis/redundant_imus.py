@@ -17,7 +17,7 @@ _HORIZON_S = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sibling:
+class RedundantImu:
     """One IMU of several."""
 
     imu: str
@@ -27,21 +27,21 @@ class Sibling:
     inside: Mapping[str, float]  # attitude, position → share of windows inside the 95 % bound; empty without windows
 
 
-def siblings(
+def each_imu(
     flight: Flight,
     compare_imu: Callable[[str], Comparison],
     imu_spec_of: Callable[[str], ImuSpec],
     autopilot: ReferenceSpec,
-) -> tuple[Sibling, ...]:
+) -> tuple[RedundantImu, ...]:
     """Every IMU of the flight with two samples or more, each by its own part's figures."""
     return tuple(
-        _sibling(compare_imu(name), imu_spec_of(name), autopilot)
+        _redundant(compare_imu(name), imu_spec_of(name), autopilot)
         for name, track in flight.imus.items()
         if len(track) > 1
     )
 
 
-def _sibling(comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec) -> Sibling:
+def _redundant(comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec) -> RedundantImu:
     chosen = windows(comparison, _HORIZON_S)
     inside: dict[str, float] = {}
     if len(chosen.start):
@@ -53,4 +53,4 @@ def _sibling(comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec)
         }
     row = drift_of(comparison, (_HORIZON_S,)).rows[0]
     track = comparison.track
-    return Sibling(track.source, track.instance, track.rate_hz, row, inside)
+    return RedundantImu(track.source, track.instance, track.rate_hz, row, inside)

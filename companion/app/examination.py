@@ -20,16 +20,16 @@ from companion.analysis import (
     ImuSpec,
     Integration,
     Limits,
+    RedundantImu,
     ReferenceSpec,
-    Sibling,
     Verdict,
     align,
     assess,
     compare,
+    each_imu,
     gravity_for,
     imu_noise,
     reported_by,
-    siblings,
 )
 from companion.app.correction import load_correction
 from companion.app.sensors import imu_spec_of, load_imu_spec
@@ -45,13 +45,13 @@ class Examination:
 
     flight: Flight
     assessment: Assessment
-    beside: Callable[[], tuple[Sibling, ...]] = field(repr=False)
+    beside: Callable[[], tuple[RedundantImu, ...]] = field(repr=False)
     gaps: Mapping[str, int]  # holes of each IMU message
     correction: str | None  # the file that was applied
     alignment: Alignment | None  # the IMU aligned by itself at rest, where that was asked for
 
     @cached_property
-    def siblings(self) -> tuple[Sibling, ...]:
+    def redundant_imus(self) -> tuple[RedundantImu, ...]:
         """Every IMU, uncorrected: a correction is of one IMU. Reckoned when it is asked for."""
         return self.beside()
 
@@ -91,7 +91,7 @@ def examine(
     >>> examined = c.examine(c.open_log("tlogs/copter-demo-100hz.tlog")[0], imu="SCALED_IMU2")
     >>> examined.assessment.verdict.status, examined.assessment.figures.name
     ('consistent', 'generic-mems')
-    >>> [(other.imu, other.drift.windows) for other in examined.siblings]
+    >>> [(other.imu, other.drift.windows) for other in examined.redundant_imus]
     [('RAW_IMU', 20), ('SCALED_IMU2', 19)]
     """
     with _cannot_tell():
@@ -126,8 +126,8 @@ def _examined(
         own = assessment.comparison.track.source == name and correction is None
         return assessment.comparison if own else compare(flight, imu=name, how=how)
 
-    def beside() -> tuple[Sibling, ...]:
-        return siblings(
+    def beside() -> tuple[RedundantImu, ...]:
+        return each_imu(
             flight, compare_imu, lambda name: _figures(flight, name, imu_model), autopilot_of(settings, flight)
         )
 
@@ -164,7 +164,7 @@ def assess_imu(
     correction: str | Path | None = None,
     how: Integration | None = None,
 ) -> Assessment:
-    """One IMU of a flight alone, without its siblings. Arguments and errors as `examine`."""
+    """One IMU of a flight alone, without the others. Arguments and errors as `examine`."""
     name = flight.imu(imu).source
     return assess(
         flight,

@@ -78,7 +78,7 @@ class Answers:
             assessment,
             trailing=errors(comparison, trailing(comparison, choice.horizon_s)),
             horizon_s=choice.horizon_s,
-            siblings=examined.siblings,
+            redundant_imus=examined.redundant_imus,
             expected=expected_since_anchor(assessment, film.replay),
             noise=_noise_of(flight, assessment),
         )

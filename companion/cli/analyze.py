@@ -124,9 +124,9 @@ def _print(examined: Examination, console: Console) -> None:
         return
     console.print("\n[bold]Expected drift (1σ)[/]")
     console.print(tables.expected_table(assessment), no_wrap=True)
-    if len(examined.siblings) > 1:
+    if len(examined.redundant_imus) > 1:
         console.print("\n[bold]Every IMU after 5 s[/]")
-        console.print(tables.siblings_table(examined.siblings), no_wrap=True)
+        console.print(tables.redundant_imus_table(examined.redundant_imus), no_wrap=True)
     console.print()
     for line in sensor_lines.calibration_lines(assessment):
         console.print(line, highlight=False)

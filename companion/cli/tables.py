@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import Assessment, Drift, Expected, Finding, Sibling, Statistic, Verdict
+from companion.analysis import Assessment, Drift, Expected, Finding, RedundantImu, Statistic, Verdict
 from companion.present import QUANTITIES, STATISTICS, fixed, words
 
 _REASONS = {
@@ -110,7 +110,7 @@ def expected_table(assessment: Assessment) -> Table:
     return shown
 
 
-def siblings_table(others: Sequence[Sibling]) -> Table:
+def redundant_imus_table(others: Sequence[RedundantImu]) -> Table:
     """The IMUs of a flight side by side."""
     shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
     shown.add_column("IMU", no_wrap=True)

@@ -16,8 +16,8 @@ from companion.analysis import (
     Drift,
     DriftRow,
     Expected,
+    RedundantImu,
     Rest,
-    Sibling,
     inventory,
     phases,
 )
@@ -75,7 +75,7 @@ def analysis_document(source: Source, examined: Examination) -> schema.Analysis:
         rests=[_rest(rest) for rest in assessment.rests],
         autopilot_gyro_bias=_held(assessment.autopilot_bias),
         alignment=_alignment(examined.alignment),
-        imus=[_sibling(other) for other in examined.siblings],
+        imus=[_redundant(other) for other in examined.redundant_imus],
         verdict=verdict_object(assessment.verdict, assessment.sensitivity),
     )
     return schema.Analysis(log=log_object(source), flights=[analysed])
@@ -176,9 +176,9 @@ def _imu(flight: Flight, name: str, track: ImuTrack, gaps: int) -> schema.ImuObj
     )
 
 
-def _sibling(other: Sibling) -> schema.SiblingObject:
+def _redundant(other: RedundantImu) -> schema.RedundantImuObject:
     row = other.drift
-    return schema.SiblingObject(
+    return schema.RedundantImuObject(
         message=other.imu,
         rate_hz=other.rate_hz,
         horizon_s=row.horizon_s,

@@ -209,7 +209,7 @@ class CalibrationObject(msgspec.Struct, frozen=True):
     after: DriftObject | None
 
 
-class SiblingObject(msgspec.Struct, frozen=True):
+class RedundantImuObject(msgspec.Struct, frozen=True):
     """One IMU of several, through the same windows."""
 
     message: str
@@ -298,7 +298,7 @@ class AnalyzeFlight(msgspec.Struct, frozen=True):
     rests: list[RestObject]
     autopilot_gyro_bias: AutopilotBiasObject | None
     alignment: AlignmentObject | None
-    imus: list[SiblingObject]
+    imus: list[RedundantImuObject]
     verdict: VerdictObject
 
 

@@ -42,7 +42,7 @@ def report_html(
         drift.drift(subject),
         drift.budget(subject),
         sensors.calibration(subject),
-        sensors.siblings(subject),
+        sensors.redundant_imus(subject),
         noise.noise(subject),
         vibration.spectra(subject),
         vibration.shaking(subject),

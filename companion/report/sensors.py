@@ -67,7 +67,7 @@ def calibration(subject: Subject) -> Section:
     return Section("calibration", title, shown + gain + subject.charts.add(figure_of_all, caption, rows=rows_high))
 
 
-def siblings(subject: Subject) -> Section:
+def redundant_imus(subject: Subject) -> Section:
     """Every IMU through the same windows."""
     title = "Every IMU side by side"
     others = subject.numbers.imus
@@ -158,7 +158,7 @@ def _intervals(fit: schema.CalibrationObject) -> traces.Figure | None:
     return drawn
 
 
-def _bars(others: list[schema.SiblingObject], attribute: str, colours: Mapping[str, palette.Rgb]) -> traces.Trace:
+def _bars(others: list[schema.RedundantImuObject], attribute: str, colours: Mapping[str, palette.Rgb]) -> traces.Trace:
     statistics = [getattr(other, attribute) for other in others]
     median = [s.median if s else 0.0 for s in statistics]
     return {

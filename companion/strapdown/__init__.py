@@ -1,4 +1,4 @@
-"""Strapdown integration: IMU tracks in, trajectories out. The seeds, as arrays; imports tracks and NumPy alone."""
+"""Strapdown integration: IMU tracks in, trajectories out. Arrays throughout; imports tracks and NumPy alone."""
 
 from companion.strapdown import motions, quaternion
 from companion.strapdown._methods import METHODS

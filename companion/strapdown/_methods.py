@@ -27,7 +27,7 @@ class Method:
 
 
 def _euler(signal: Signal, begin: float, end: float) -> tuple[Array, Array, Array]:
-    """Seed 002 §3: everything as at the start. The scalar of its [0, ½ w δt] is 1."""
+    """Euler: everything as at the start of the interval."""
     h = (end - begin) * signal.dt
     x = signal.at(begin)
     dv = h * x[3:]
@@ -35,7 +35,7 @@ def _euler(signal: Signal, begin: float, end: float) -> tuple[Array, Array, Arra
 
 
 def _midpoint(signal: Signal, begin: float, end: float) -> tuple[Array, Array, Array]:
-    """Seed 002 §4: the mean rate turns; the mean of both specific forces, each in its own attitude, accelerates."""
+    """Midpoint: the mean rate turns; the mean of both specific forces, each in its own attitude, accelerates."""
     h = (end - begin) * signal.dt
     x0, x1 = signal.at(begin), signal.at(end)
     dq = one_and(0.25 * h * (x0[:3] + x1[:3]))
@@ -44,10 +44,10 @@ def _midpoint(signal: Signal, begin: float, end: float) -> tuple[Array, Array, A
 
 
 def _rk4(signal: Signal, begin: float, end: float) -> tuple[Array, Array, Array]:
-    """Seed 000: attitude, velocity and position by one RK4 step that starts from the identity.
+    """RK4 of attitude, velocity and position, in one step that starts from the identity (docs/mathematics.md).
 
     The accelerations use the same intermediate q1, q2, q3 as the attitude; those are not of unit length, `rotate` takes
-    the rotation they stand for. Position: the seed's k are those of the velocity equation, so
+    the rotation they stand for. Position: its slopes k are those of the velocity equation, so
     dp = h²/6 (a0 + a1 + a2) (docs/mathematics.md).
     """
     h = (end - begin) * signal.dt
@@ -65,7 +65,7 @@ def _rk4(signal: Signal, begin: float, end: float) -> tuple[Array, Array, Array]
 def rk4_attitude(h: Array, w0: Array, wm: Array, w1: Array) -> tuple[Array, tuple[Array, Array]]:
     """dq (4, n), not normalised, and the intermediate q1, q2, q3 up to their length: scalars (3, n), vectors (3, 3, n).
 
-    With a = h/4 w0, m = h/2 wm, b = h/2 w1 the products h k of seed 000 are
+    With a = h/4 w0, m = h/2 wm, b = h/2 w1 the products h k of the step are
     hk1 = [0, 2a], hk2 = q1 ⊗ [0, m], hk3 = q2 ⊗ [0, m], hk4 = q3 ⊗ [0, b], and with s = a·m, μ = m·m/2, since m x m = 0
     and (a x m) x m = s m - 2μ a:
     q1 = [1, a], hk2 = [-s, m + a x m]; 2 q2 = [2 - s, m + a x m], hk3 = [-μ, e] with e = m - μ a;
@@ -95,4 +95,4 @@ METHODS: Final[Mapping[str, Method]] = {
     "midpoint": Method("Midpoint", 2, looks_inside=False, step=_midpoint),
     "rk4": Method("RK4 (most exact)", 4, looks_inside=True, step=_rk4),
 }
-"""Name → integrator, by rising order. Seed 002 §3, seed 002 §4 and seed 000."""
+"""Name → integrator, by rising order."""

@@ -1,4 +1,4 @@
-"""What an IMU does to the truth, forwards to simulate it and backwards to correct it (seed 002 §1).
+"""What an IMU does to the truth, forwards to simulate it and backwards to correct it (docs/mathematics.md, "The IMU").
 
     measured = quantise(saturate(matrix · true + bias + walk + drift + noise))
 
@@ -70,7 +70,7 @@ def simulate(truth: ImuTrack, model: ImuModel, seed: int | np.random.Generator) 
 
 
 def correct(imu: ImuTrack, model: ImuModel) -> ImuTrack:
-    """The readings freed from what is constant in the model: `matrix⁻¹ (measured - bias)` (seed 002 §3, §4)."""
+    """The readings freed from what is constant in the model: `matrix⁻¹ (measured - bias)`."""
 
     def freed(measured: Array, sensor: Sensor) -> Array:
         return np.asarray(np.linalg.solve(sensor.matrix, (measured - sensor.bias).T).T)

@@ -1,8 +1,8 @@
 """What one IMU interval adds: body increments (dq, dv, dp) without gravity, for all intervals at once.
 
-Seed 000: a step starts from the identity, not from q_n, so every increment depends on its own samples alone and all
+A step starts from the identity, not from q_n, so every increment depends on its own samples alone and all
 of them are computed as arrays; `companion.strapdown.reckon` then multiplies and sums them up. Between two samples the
-signal is a line through them (`middle="linear"`, as the seeds have it) or the cubic through the four samples around
+signal is a line through them (`middle="linear"`) or the cubic through the four samples around
 (`middle="cubic"`): on smooth motion RK4 is of order 2 with the line and 4 with the cubic (docs/mathematics.md).
 Where samples are means over joining intervals (`ImuTrack.interval`), "cubic" is what conserves their integrals
 (`companion.strapdown._means`).
@@ -49,7 +49,7 @@ def increments(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", seg
     middle: what the signal is between two samples, "linear" or "cubic" (one-sided at the two ends of the track; with
     three samples the parabola and with two the line through them, which `notes` then says). Euler and midpoint look
     inside an interval only with segments > 1.
-    segments: equal pieces into which each interval is divided (seed 001 takes 8), without normalisation in between.
+    segments: equal pieces into which each interval is divided (docs/mathematics.md), without normalisation in between.
     Increments lead from one sample's time to the next, also where a sample is the mean over an interval around it.
 
     Raises ValueError for an unknown method or middle, fewer than one segment, or a track without samples.
@@ -67,7 +67,7 @@ def increments(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", seg
 def dense_attitude(
     imu: ImuTrack, q_ned_frd: Array, fractions: Array, *, middle: str = "cubic", segments: int = 1
 ) -> Array:
-    """Attitudes inside every interval (seed 001 hands out 1/8, 1/4, 1/2 and 1): (N-1, F, 4).
+    """Attitudes inside every interval (docs/mathematics.md, "Inside an interval"): (N-1, F, 4).
 
     q_ned_frd: (N, 4) attitudes at the samples, fractions: (F,) each in 0..1 of the interval. RK4 on the whole segments
     up to the fraction and on the rest of the one in which it lies. Raises ValueError as `increments` does, and for

@@ -2,7 +2,7 @@
 
 `q_ned_frd` rotates body (FRD) vectors into the world (NED); products compose from right to left,
 `q_ned_frd = q_ned_other ⊗ q_other_frd`. Every function works on arrays of shape (..., 4) and broadcasts.
-Seed 001 and Trawny & Roumeliotis ("Indirect Kalman Filter for 3D Attitude Estimation", 2005) write JPL
+Trawny & Roumeliotis ("Indirect Kalman Filter for 3D Attitude Estimation", 2005) write JPL
 quaternions: `to_jpl` and `from_jpl` are the only place where that convention appears.
 """
 

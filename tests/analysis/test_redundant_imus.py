@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis import GENERIC, ReferenceSpec, Sibling, compare, siblings
+from companion.analysis import GENERIC, RedundantImu, ReferenceSpec, compare, each_imu
 from companion.strapdown import motions
 from tests.flights import flight_of, seconds
 from tests.recordings import recording
 
 
-def side_by_side(flight: c.Flight) -> tuple[Sibling, ...]:
-    return siblings(flight, lambda name: compare(flight, imu=name), lambda _: GENERIC, ReferenceSpec())
+def side_by_side(flight: c.Flight) -> tuple[RedundantImu, ...]:
+    return each_imu(flight, lambda name: compare(flight, imu=name), lambda _: GENERIC, ReferenceSpec())
 
 
 def test_the_imu_with_the_bias_is_outside_its_bound() -> None:

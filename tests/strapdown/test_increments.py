@@ -1,4 +1,4 @@
-"""One interval: seed 001's eight-segment JPL integrator as oracle, the cubic between unequal samples, bad input."""
+"""One interval: an eight-segment JPL integrator as oracle, the cubic between unequal samples, bad input."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def random_track(n: int = 40) -> ImuTrack:
 
 
 def integrate_quaternion(w_begin: Array, w_end: Array, q_begin: Array, dt: float) -> dict[float, Array]:
-    """Seed 001's IntegrateQuaternion, as it stands there: JPL, scalar last, eight segments, not normalised."""
+    """The integrator of docs/mathematics.md, in its own convention: JPL, scalar last, eight segments, unnormalised."""
 
     def derivative(q: Array, w: Array) -> Array:
         x, y, z = w

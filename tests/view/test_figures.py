@@ -127,10 +127,10 @@ def test_no_text_becomes_markup() -> None:
     finding = Finding("frozen", "imu", "error", 1.0, 2.0, evil, evil)
     found = replace(insight().assessment, verdict=Verdict("imu_suspect", evil, (finding,)))
     found = replace(found, drift=replace(found.drift, imu=evil))
-    sibling = [replace(s, imu=evil) for s in (*insight().siblings, *insight().siblings)]
+    sibling = [replace(s, imu=evil) for s in (*insight().redundant_imus, *insight().redundant_imus)]
     colours = of_imus([evil])
     markup = banner.banner("imu_suspect", evil) + verdict_tables.drift_table(found.drift, found, colours[evil], 5.0)
-    markup += verdict_tables.siblings_table(sibling, colours) + verdict_tables.calibration_table(found)
+    markup += verdict_tables.redundant_imus_table(sibling, colours) + verdict_tables.calibration_table(found)
     assert "<img" not in markup
     assert "&lt;img" in markup
 

@@ -61,7 +61,7 @@ class DriftTab:
         colour = colours[assessment.drift.imu]
         self._tables.content = (
             verdict_tables.drift_table(assessment.drift, assessment, colour, insight.horizon_s)
-            + verdict_tables.siblings_table(insight.siblings, colours)
+            + verdict_tables.redundant_imus_table(insight.redundant_imus, colours)
             + verdict_tables.calibration_table(assessment)
         )
 

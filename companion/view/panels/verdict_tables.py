@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from companion.analysis import Assessment, Drift, Sibling, Statistic
+from companion.analysis import Assessment, Drift, RedundantImu, Statistic
 from companion.present import AXES, QUANTITIES, Rgb, palette, significant, words
 
 
@@ -36,7 +36,7 @@ def drift_table(table: Drift, expected: Assessment, colour: Rgb, horizon_s: floa
     return _title(f"{swatch(colour)}Drift of {escape(table.imu)}") + _table(head, rows) + _small(note, 0.65)
 
 
-def siblings_table(others: Sequence[Sibling], colours: Mapping[str, Rgb]) -> str:
+def redundant_imus_table(others: Sequence[RedundantImu], colours: Mapping[str, Rgb]) -> str:
     """Every IMU of the flight through the same windows."""
     if len(others) < 2:
         return ""

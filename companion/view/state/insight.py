@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.analysis import Assessment, Expectation, ImuNoise, Sibling, WindowErrors
+from companion.analysis import Assessment, Expectation, ImuNoise, RedundantImu, WindowErrors
 from companion.model import Array
 from companion.view.state.marks import Mark
 
@@ -21,7 +21,7 @@ class Insight:
     assessment: Assessment
     trailing: WindowErrors  # the error over the chosen horizon, of a window that ends at every sample
     horizon_s: float
-    siblings: tuple[Sibling, ...] = ()
+    redundant_imus: tuple[RedundantImu, ...] = ()
     expected: Expectation | None = None  # over the replay; None where it cannot be said
     noise: ImuNoise | None = None  # of that IMU as it was read; None where the log is too short to tell
 
