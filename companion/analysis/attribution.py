@@ -129,24 +129,24 @@ def findings_of(
         elif harmed and episode.witness == "imu":
             severity = "warning"
         side: Side = "imu" if episode.witness == "imu" else "autopilot" if harmed else "data"
-        why = _why_undecided(episode, best, all_episodes) if severity == "error" else ""
+        why, would_tell = _why_undecided(episode, best, all_episodes) if severity == "error" else ("", "")
         headline = words = said(episode, best)
         misled: tuple[str, ...] = ()
         if harmed:
             worst = {d.quantity: d for d in sorted(consequences, key=lambda d: d.size)}
             misled = tuple(str(d) for d in worst.values())
-            words += "; the autopilot was misled by it: " + ", ".join(misled)
+            words += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
         if rival := rivals(episode):
             words += f" ({rival})"
         constant = severity == "error" and episode.start <= times_of_change(best.t)[0]
         if constant:
-            why = _CONSTANT
+            why, would_tell = _CONSTANT, ""
         if why:
             side, severity, headline = "data", "warning", ""
-            words += f"; {why}"
+            words = f"{words}; {why}" if constant else f"perhaps {words}; {why}"
         end = episode.end if np.isfinite(episode.end) else end_of_all
         cause = None if why else cause_of(episode, best, side, misled)
-        advice = kind_of(episode.kind).advice
+        advice = would_tell or kind_of(episode.kind).advice
         out.append(Finding(episode.kind, side, severity, episode.start, end, words, advice, headline, cause,
                            bool(why) and (harmed or not constant)))  # fmt: skip
     own = [d for d, cause in zip(departed, causes, strict=True) if cause is None]
@@ -180,30 +180,40 @@ def _is_left_of(episode: Episode, others: tuple[Episode, ...]) -> str | None:
     return None
 
 
-def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, ...]) -> str:
-    """Why an episode that looks like a fault accuses nobody; empty where it does."""
+_ANOTHER = "A second sensor of the same kind in the log would tell, another IMU before all."
+_FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
+_HEADING = "GPS while the vehicle moves, a second IMU or a second compass in the log would tell."
+
+
+def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, ...]) -> tuple[str, str]:
+    """Why an episode that looks like a fault accuses nobody, empty where it does; and what would tell.
+
+    The latter is empty where what to do against the episode itself is all there is to say.
+    """
     noisy = best.contradicted
     other = _is_left_of(episode, others)
     rival = rival_of_another(episode, FAR if noisy else CLOSE)
     passing_gyro = episode.kind.startswith("gyro") and np.isfinite(episode.end)
     gyro_or_compass = episode.witness == "compass" and gain_of(episode, "gyro") > _HALF * episode.gain
     reasons = (
-        (episode.kind.endswith("_unrest"), "shaking does this: no sensor is blamed for its noise"),
+        (episode.kind.endswith("_unrest"), "shaking does this: no sensor is blamed for its noise", ""),
         (episode.kind.endswith("_shock"),
-         "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment"),
-        (episode.magnitude < SIGMAS * episode.sigma, "its size is hardly more than its σ"),
+         "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment", ""),
+        (episode.magnitude < SIGMAS * episode.sigma, "its size is hardly more than its σ", _FASTER),
         (other is not None,
-         f"{_named(other)} explains as much at that time, or far more: one may be what the other leaves"),
+         f"{_named(other)} explains as much at that time, or far more: one may be what the other leaves", _ANOTHER),
         (episode.kind in _BY_THE_IMU_ALONE and best.bursts >= _BURSTS,
-         "the IMU is shaken in bursts that look the same: it cannot be told which of them is wrong"),
+         "the IMU is shaken in bursts that look the same: it cannot be told which of them is wrong", _FASTER),
         (passing_gyro and not episode.seconded,
-         "only the compass speaks against the gyro, and it ends again: it cannot be told which of the two is wrong"),
+         "only the compass speaks against the gyro, and it ends again: it cannot be told which of the two is wrong",
+         _HEADING),
         (gyro_or_compass and "gps_position" not in best.residuals,
-         "without GPS only the gyro speaks against the compass: it cannot be told which of the two is wrong"),
-        (noisy and episode.witness != "imu" and episode.kind not in _AGAINST_ITSELF, _CONTRADICTED),
-        (rival is not None, f"{_named(rival)} explains it nearly as well: it cannot be told which of them is wrong"),
+         "without GPS only the gyro speaks against the compass: it cannot be told which of the two is wrong", _HEADING),
+        (noisy and episode.witness != "imu" and episode.kind not in _AGAINST_ITSELF, _CONTRADICTED, _FASTER),
+        (rival is not None, f"{_named(rival)} explains it nearly as well: it cannot be told which of them is wrong",
+         _ANOTHER),
     )  # fmt: skip
-    return next((why for applies, why in reasons if applies), "")
+    return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
 
 
 def _named(kind: str | None) -> str:

@@ -451,3 +451,15 @@ def test_a_field_turns_clockwise_seen_from_above_where_its_angle_is_positive(
     cause = cause_of(episode, best, "autopilot", ())
     assert cause.size == pytest.approx(np.radians(abs(degrees)))
     assert cause.unit == "rad"
+
+
+@pytest.mark.parametrize("seconded", [True, False])
+def test_what_cannot_be_told_says_so_first_and_what_would_tell(best: BestEstimate, seconded: bool) -> None:
+    """A reader who stops after the first words must not take a doubt for an accusation, nor act upon it."""
+    size = np.array([0.0, 0.0, 0.08])
+    episode = Episode("gyro_bias", "imu", ONSET, 0.1, ONSET + 10.0, size, 1e-3, 100.0, (), seconded)
+    (finding,) = findings_of((episode,), (), best)
+    assert finding.undecided != seconded
+    assert finding.evidence.startswith("gyro z reads 80.0" if seconded else "perhaps gyro z reads 80.0")
+    assert (finding.advice == kind_of("gyro_bias").advice) == seconded
+    assert finding.advice.endswith("would tell.") != seconded
