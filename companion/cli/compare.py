@@ -16,7 +16,7 @@ from companion.app.recording import Recording
 from companion.cli import options, sensor_lines, tables
 from companion.documents import contrast_document, encode
 from companion.model import DataError, SettingsError
-from companion.present import fixed
+from companion.present import QUANTITIES, fixed
 from companion.strapdown import METHODS
 
 _OF_B = {
@@ -30,7 +30,6 @@ _OF_B = {
 }
 """Options that B may have otherwise than A: their value and what they are."""
 
-_QUANTITIES = (("attitude", "attitude_deg", "°"), ("velocity", "velocity_mps", "m/s"), ("position", "position_m", "m"))
 _COLOURS = {"worse": "red", "better": "green", "same": "dim"}
 
 
@@ -129,10 +128,10 @@ def _drift_table(difference: Contrast) -> Table:
     shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
     shown.add_column("\nafter", justify="right", no_wrap=True)
     shown.add_column("windows\nA    B", justify="right", no_wrap=True)
-    for quantity, _, unit in _QUANTITIES:
-        shown.add_column(f"{f'{quantity}, {unit}':^19}\n{'A':>6}{'B':>6}{'change':>7}", no_wrap=True)
+    for quantity in QUANTITIES:
+        shown.add_column(f"{quantity.title:^19}\n{'A':>6}{'B':>6}{'change':>7}", no_wrap=True)
     for row in difference.rows:
-        cells = (_cell(row.a, row.b, key, row.changes.get(quantity)) for quantity, key, _ in _QUANTITIES)
+        cells = (_cell(row.a, row.b, q.attribute, row.changes.get(q.name)) for q in QUANTITIES)
         shown.add_row(f"{row.a.horizon_s:g} s", f"{row.a.windows} {row.b.windows:>4}", *cells)
     return shown
 
@@ -160,13 +159,14 @@ def _significant(difference: Contrast) -> list[str]:
 def _budget_table(difference: Contrast) -> Table:
     shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
     shown.add_column("\nafter", justify="right", no_wrap=True)
-    for quantity, _, unit in (_QUANTITIES[0], _QUANTITIES[2]):
-        shown.add_column(f"{f'{quantity}, {unit}':^12}\n{'A':>6}{'B':>6}", no_wrap=True)
+    quantities = [quantity for quantity in QUANTITIES if quantity.name != "velocity"]
+    for quantity in quantities:
+        shown.add_column(f"{quantity.title:^12}\n{'A':>6}{'B':>6}", no_wrap=True)
     shown.add_column("mostly\nA", no_wrap=True)
     shown.add_column("\nB", no_wrap=True)
     for row in difference.rows:
         both = (row.expected_a, row.expected_b)
-        cells = ("".join(f"{_expected(e, key):>6}" for e in both) for key in ("attitude_deg", "position_m"))
+        cells = ("".join(f"{_expected(e, key):>6}" for e in both) for key in (q.attribute for q in quantities))
         mostly = ("-" if e is None else tables.largest(e) for e in both)
         shown.add_row(f"{row.a.horizon_s:g} s", *cells, *mostly)
     return shown

@@ -3,82 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from companion.analysis import Replay, ape
 from companion.app import destination
-from companion.app.examination import Examination, examine
-from companion.app.recording import Source
+from companion.app.examination import examine
 from companion.cli import options
 from companion.documents import analysis_document
-from companion.estimation import BestEstimate
-from companion.export import (
-    Table,
-    reckoning_of,
-    series_name,
-    tables,
-    write_annotations,
-    write_csv,
-    write_json,
-    write_kml,
-    write_mcap,
-    write_parquet,
-    write_tum,
-)
-from companion.model import DataError, Flight
-
-
-@dataclass(frozen=True, slots=True)
-class _Contents:
-    """What there is to be written of a flight."""
-
-    source: Source
-    flight: Flight
-    examined: Examination
-    shown: Replay
-    tables: Mapping[str, Table]
-
-    @property
-    def best(self) -> BestEstimate | None:
-        """Where there is one."""
-        return self.examined.assessment.best
-
-
-def _mcap(path: Path, one: _Contents) -> list[Path]:
-    series = [one.tables[series_name(key)] for key in one.flight.series]
-    return write_mcap(path, one.flight, one.shown, one.examined.assessment, series)
-
-
-@dataclass(frozen=True, slots=True)
-class Format:
-    """One format. `bare` writes the tables of a log that cannot be examined; None where that would be nothing."""
-
-    what: str
-    write: Callable[[Path, _Contents], list[Path]]
-    bare: Callable[[Path, Mapping[str, Table]], list[Path]] | None = None
-    is_folder: bool = False
-
-
-def _of_tables(what: str, write: Callable[[Path, Mapping[str, Table]], list[Path]]) -> Format:
-    return Format(what, lambda path, c: write(path, c.tables), write, is_folder=True)
-
-
-FORMATS: Mapping[str, Format] = {
-    "tum": Format(
-        "the trajectories for evo", lambda path, c: write_tum(path, c.flight, c.shown, c.best), is_folder=True
-    ),
-    "csv": _of_tables("a file for each track", write_csv),
-    "parquet": _of_tables("the same, with units and frames", write_parquet),
-    "mcap": Format("Foxglove", _mcap),
-    "json": Format("everything", lambda path, c: write_json(path, analysis_document(c.source, c.examined), c.tables)),
-    "kml": Format("the paths for Google Earth", lambda path, c: write_kml(path, c.flight, c.shown, c.best)),
-    "annotations": Format(
-        "the findings for PX4's Flight Review (YAML)",
-        lambda path, c: write_annotations(path, c.examined.assessment.verdict),
-    ),
-}
+from companion.export import FORMATS, Contents, reckoning_of, tables
+from companion.model import DataError
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -117,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings)
     flight = recording.flights[options.choose(recording.flights, arguments)]
-    contents: _Contents | None = None
+    contents: Contents | None = None
     try:
         examined = examine(
             flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
@@ -129,7 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
         options.say(f"only what the log has: {error}")
     else:
         of_flight = tables(flight, shown, examined.assessment)
-        contents = _Contents(recording.source, flight, examined, shown, of_flight)
+        document = partial(analysis_document, recording.source, examined)
+        contents = Contents(flight, examined.assessment, shown, of_flight, document)
     with (destination.filling if kind.is_folder else destination.replacing)(path) as place:
         if contents is not None:
             files = kind.write(place, contents)

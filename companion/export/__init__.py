@@ -3,8 +3,13 @@
 And KML for Google Earth, annotations for Flight Review.
 """
 
+from collections.abc import Mapping
+from importlib import import_module
+from pkgutil import iter_modules
+
 from companion.export.annotations import write_annotations
 from companion.export.files import write_csv, write_json, write_parquet
+from companion.export.format import Contents, Format
 from companion.export.kalibr import kalibr_text
 from companion.export.kml import write_kml
 from companion.export.mcap import write_mcap
@@ -13,7 +18,10 @@ from companion.export.tracks import reckoning_of, tables
 from companion.export.tum import write_estimate_tum, write_tum
 
 __all__ = [
+    "FORMATS",
     "Column",
+    "Contents",
+    "Format",
     "Table",
     "harmless",
     "kalibr_text",
@@ -29,3 +37,7 @@ __all__ = [
     "write_parquet",
     "write_tum",
 ]
+
+_MODULES = [import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__)]
+FORMATS: Mapping[str, Format] = {one.name: one for module in _MODULES for one in getattr(module, "FORMATS", ())}
+"""Name → format: what each module here has in its own `FORMATS`. A new one is one new module."""

@@ -14,6 +14,7 @@ from itertools import groupby
 from pathlib import Path
 
 from companion.analysis import Finding, Verdict, by_severity
+from companion.export.format import Format
 
 _MOST_TEXT, _MOST_NAME, _MOST_INTERVALS, _MOST_CATEGORIES = 200, 64, 1000, 50  # of Flight Review
 _SEVERITY_COLOURS = {"error": "#d55e00", "warning": "#e69f00", "info": "#0072b2"}
@@ -89,3 +90,12 @@ def _cut(text: str, most: int) -> str:
 def _text(text: str) -> str:
     """One line, printable: it may hold what a vehicle said."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+
+
+FORMATS = (
+    Format(
+        "annotations",
+        "the findings for PX4's Flight Review (YAML)",
+        lambda path, c: write_annotations(path, c.assessment.verdict),
+    ),
+)

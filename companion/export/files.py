@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from companion.export.format import Format
 from companion.export.table import Column, Table, harmless
 
 
@@ -61,3 +62,16 @@ def _cells(column: Column) -> list[Any]:
     if column.values.dtype.kind == "U":
         return list(map(harmless, values))
     return values
+
+
+FORMATS = (
+    Format("csv", "a file for each track", lambda path, c: write_csv(path, c.tables), write_csv, is_folder=True),
+    Format(
+        "parquet",
+        "the same, with units and frames",
+        lambda path, c: write_parquet(path, c.tables),
+        write_parquet,
+        is_folder=True,
+    ),
+    Format("json", "everything", lambda path, c: write_json(path, c.document(), c.tables)),
+)

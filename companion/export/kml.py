@@ -7,6 +7,7 @@ from xml.sax.saxutils import escape
 
 from companion.analysis import Replay
 from companion.estimation import BestEstimate
+from companion.export.format import Format
 from companion.export.paths import COLOURS, geodetic, paths, places
 from companion.model import DataError, Flight
 
@@ -46,3 +47,8 @@ def _line(name: str, coordinates: str) -> str:
         "<width>3</width></LineStyle></Style><LineString><altitudeMode>absolute</altitudeMode>"
         f"<coordinates>{coordinates}</coordinates></LineString></Placemark>\n"
     )
+
+
+FORMATS = (
+    Format("kml", "the paths for Google Earth", lambda path, c: write_kml(path, c.flight, c.shown, c.assessment.best)),
+)

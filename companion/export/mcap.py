@@ -17,8 +17,9 @@ import numpy as np
 
 from companion.analysis import Assessment, Replay
 from companion.export import foxglove
+from companion.export.format import Contents, Format
 from companion.export.paths import COLOURS, geodetic, paths, places
-from companion.export.table import Table
+from companion.export.table import Table, series_name
 from companion.model import Array, Flight, InputError
 
 _NED_IN_ENU = np.array([[0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0]])  # half a turn about north-east: swaps and flips
@@ -139,3 +140,11 @@ def _about(flight: Flight) -> dict[str, str]:
         "frames": "enu > ned > autopilot_frd > autopilot (FLU), ned > imu_frd > imu (FLU), ned > best_frd > best",
         "units": "m, m/s, m/s2, rad, rad/s; error = autopilot minus IMU",
     }
+
+
+def _write(path: Path, one: Contents) -> list[Path]:
+    series = (one.tables[series_name(key)] for key in one.flight.series)
+    return write_mcap(path, one.flight, one.shown, one.assessment, series)
+
+
+FORMATS = (Format("mcap", "Foxglove", _write),)

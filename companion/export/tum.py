@@ -9,6 +9,7 @@ import numpy as np
 
 from companion.analysis import Replay
 from companion.estimation import BestEstimate
+from companion.export.format import Format
 from companion.model import Array, Flight
 
 
@@ -55,3 +56,13 @@ def _head(file: TextIO, flight: Flight, what: str, has_position: bool) -> None:
 
 def _rows(t: Array, q: Array, position: Array) -> Array:
     return np.column_stack([t, position, np.roll(q, -1, axis=1)])  # scalar last
+
+
+FORMATS = (
+    Format(
+        "tum",
+        "the trajectories for evo",
+        lambda path, c: write_tum(path, c.flight, c.shown, c.assessment.best),
+        is_folder=True,
+    ),
+)

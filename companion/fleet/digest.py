@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Sequence
 
 from companion.fleet.rows import Row, Rows
+from companion.present import QUANTITIES
 
 STATUSES = ("consistent", "imu_suspect", "autopilot_suspect", "insufficient_data", "error")
 Key = tuple[str, str, int]
 """Log, vehicle, boot."""
 _SEVERITIES = ("error", "warning", "info")
-_QUANTITIES = ("attitude_{}_deg", "velocity_{}_mps", "position_{}_m")
 _SUSPECT = ("imu_suspect", "autopilot_suspect")
 
 
@@ -55,8 +55,8 @@ def worst_ratios(rows: Rows) -> dict[Key, float]:
     """Flight → its worst window's error over the expected 1σ, of the quantity and horizon where that is largest."""
     worst: dict[Key, float] = {}
     for row in rows.drift:
-        for name in _QUANTITIES:
-            error, expected = row.get(name.format("max")), row.get(name.format("expected"))
+        for quantity in QUANTITIES:
+            error, expected = row.get(quantity.column("max")), row.get(quantity.column("expected"))
             if error is not None and expected:
                 worst[key_of(row)] = max(worst.get(key_of(row), 0.0), error / expected)
     return worst

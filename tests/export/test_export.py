@@ -21,7 +21,7 @@ from mcap.reader import make_reader
 import companion as c
 from companion.analysis import PoseError, Spread, ape, rpe
 from companion.cli import main
-from companion.cli.export import FORMATS
+from companion.export import FORMATS
 from companion.strapdown import quaternion
 from tests.recordings import BUNDLED, ROOT
 from tests.tlogs import Writer, resting

@@ -8,6 +8,7 @@ import re
 import pytest
 
 from companion.cli import main
+from companion.present import STATISTICS
 from tests.report.pages import DEMO, Contents, report
 
 pytestmark = pytest.mark.slow
@@ -39,7 +40,7 @@ def test_report_and_json_say_the_same(page: str, capsys: pytest.CaptureFixture[s
         assert cells[:2] == [f"{row['horizon_s']:g} s", str(row["windows"])]
         values = []
         for quantity in ("attitude_deg", "velocity_mps", "position_m"):
-            values += [row[quantity][key] for key in ("median", "p95", "max")] + [row["expected"][quantity]]
+            values += [row[quantity][key] for key in STATISTICS] + [row["expected"][quantity]]
         assert all(close(cell, value) for cell, value in zip(cells[2:], values, strict=True))
 
     for cells, row in zip(found.tables["inside-table"][1:], flight["consistency"], strict=True):

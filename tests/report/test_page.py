@@ -12,6 +12,7 @@ import pytest
 
 from companion.app.settings import Settings, load_settings
 from companion.cli import main
+from companion.present import STATISTICS
 from tests.recordings import BUNDLED, recording
 from tests.report.pages import DEMO, Contents, report
 from tests.tlogs import Writer, resting
@@ -88,7 +89,7 @@ def test_a_flight_without_position_is_compared_in_attitude(tmp_path: Path) -> No
         writer.attitude(t, 20 + t)
     found = Contents(report(writer.close(), tmp_path / "report.html", "--no-playback"))
     assert "no position" in found.sections["track"]
-    assert all(len(row) == 6 for row in found.tables["drift-table"][1:])
+    assert all(len(row) == 2 + len(STATISTICS) + 1 for row in found.tables["drift-table"][1:])
 
 
 def test_a_flight_without_imu_has_a_report_of_the_rest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
