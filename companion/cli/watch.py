@@ -78,9 +78,9 @@ def run(arguments: argparse.Namespace) -> int:
             link,
             choice=choice,
             recorder=recording.recorder,
-            on_frames=lambda frames, received: verdict.hear([(frames, received)]),
             remember=True,
         )
+        session.listen(lambda frames, received: verdict.hear([(frames, received)]))
         lines = _Lines(session, verdict, _Changes(session, command, announces=arguments.announce))
         end = time.monotonic() + arguments.duration if arguments.duration is not None else float("inf")
         while not told() and time.monotonic() < end and not patience.over(link.health.frames):

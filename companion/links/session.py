@@ -79,9 +79,8 @@ class Choice:
 class Session:
     """Call `step` again and again; then `leave`. `said` collects sentences for the user.
 
-    on_frames: is given what arrives, and when (s UNIX, by a clock that is never set and only goes forward). patience_s:
-    how long a vehicle may send no IMU message before that is said. remember: keep what a vehicle sent before in the
-    user's state folder, so that it can be given back after this program was killed.
+    patience_s: how long a vehicle may send no IMU message before that is said. remember: keep what a vehicle sent
+    before in the user's state folder, so that it can be given back after this program was killed.
     """
 
     def __init__(
@@ -90,7 +89,6 @@ class Session:
         *,
         choice: Choice = Choice(),
         recorder: Recorder | None = None,
-        on_frames: Callable[[Frames, float], None] | None = None,
         patience_s: float = 10.0,
         remember: bool = False,
     ) -> None:
@@ -100,7 +98,7 @@ class Session:
         self.asked: dict[Target, VehicleSession] = {}  # those of them that are ours, the first first
         self.said: list[str] = []
         self._choice = choice
-        self.on_frames = on_frames
+        self._listeners: list[Callable[[Frames, float], None]] = []
         self._patience_s = patience_s
         self._remember = remember
         self._names = link.dialect.enum_names("MAV_AUTOPILOT")
@@ -109,6 +107,10 @@ class Session:
         self._leaving = False
         self._told_disk = self._told_crowd = False
         self._excused: set[str] = set()
+
+    def listen(self, listener: Callable[[Frames, float], None]) -> None:
+        """Give whatever arrives to one more listener, and when: s UNIX, by a clock that only goes forward."""
+        self._listeners.append(listener)
 
     def step(self, timeout_s: float = 0.1) -> Frames:
         """Receive, record and ask once. Raises InputError when the link carries no MAVLink."""
@@ -132,8 +134,9 @@ class Session:
             self._excuse(error)
 
     def _deal_with(self, frames: Frames, now: float) -> None:
-        if self.on_frames is not None and len(frames):
-            self.on_frames(frames, self._epoch + now)
+        if len(frames):
+            for listener in self._listeners:
+                listener(frames, self._epoch + now)
         if len(frames):
             self._notice(split_messages(frames, self.link.dialect, _HEARD), now)
         self._speak(now)

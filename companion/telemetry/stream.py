@@ -71,7 +71,7 @@ class Stream:
         self.add(self._decoder.finish())
 
     def add(self, frames: Frames, received: float | None = None) -> None:
-        """Take frames that were decoded elsewhere (`Session.on_frames`); received: s UNIX, where they have no stamp."""
+        """Take frames that were decoded elsewhere (`Session.listen`); received: s UNIX, where they have no stamp."""
         if self._crowd is not None:
             frames = self._crowd.admit(frames)
         for name, messages in split_messages(frames, self.dialect, NEEDED).items():

@@ -68,14 +68,17 @@ def test_a_crowd_that_is_made_up_does_not_fill_the_memory() -> None:
         assert sum("64 vehicles are heard, and more" in sentence for sentence in session.said) == 1
 
 
-def test_frames_are_handed_on_with_the_time_of_their_arrival() -> None:
+def test_frames_are_handed_on_to_each_listener_with_the_time_of_their_arrival() -> None:
     taken: list[tuple[int, float]] = []
+    beside: list[int] = []
     with Link("udpin:127.0.0.1:0") as link, udp_peer(link.port) as peer:
-        session = Session(link, on_frames=lambda frames, received: taken.append((len(frames), received)))
+        session = Session(link)
+        session.listen(lambda frames, received: taken.append((len(frames), received)))
+        session.listen(lambda frames, _: beside.append(len(frames)))
         for _ in range(5):
             peer.send(heartbeat(1, kind=2))
         hear(session, 5)
-    assert sum(count for count, _ in taken) == 5
+    assert sum(count for count, _ in taken) == sum(beside) == 5
     assert np.ptp([received - time.time() for _, received in taken]) < 5.0
 
 

@@ -29,7 +29,7 @@ class Attachment:
         self._failure: BaseException | None = None
         self._said: deque[str] = deque()
         self._report = session.report()
-        session.on_frames = lambda frames, received: self._receipts.append((frames, received))
+        session.listen(lambda frames, received: self._receipts.append((frames, received)))
         self._thread = threading.Thread(target=self._run, name="companion-link", daemon=True)
         self._thread.start()
 
