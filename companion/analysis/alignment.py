@@ -23,7 +23,6 @@ _MAGNETIC = 0.05  # rad, 1σ of a magnetic heading: what is left of hard and sof
 _DECLINED = 0.2  # rad, 1σ of one without the declination: most of the Earth is within 20°
 _UNKNOWN = np.pi / np.sqrt(3.0)  # rad, 1σ of any heading at all
 _EARTH_RATE = 7.2921e-5  # rad/s: a gyro at rest feels it, and after a turn it is another
-_DECLINATION = "COMPASS_DEC"  # ArduPilot, rad; zero until it is looked up for the place
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +82,12 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
     yaw_reference = None
     if comparison.reference.attitude_known[rest.last]:
         yaw_reference = float(quaternion.to_euler(comparison.reference.q_ned_frd[rest.last])[2])
-    declination = flight.parameters.get(_DECLINATION, 0.0)
     source, yaw, heading_sigma = "nothing", 0.0, _UNKNOWN
     if magnetic is not None:
-        magnetic += declination
-    if magnetic is not None and declination != 0.0:
+        magnetic += flight.declination
+    if magnetic is not None and flight.declination != 0.0:
         source, yaw, heading_sigma = "magnetometer", magnetic, _MAGNETIC
-        notes.append(f"declination {np.degrees(declination):.1f}° by {_DECLINATION}")
+        notes.append(f"declination {np.degrees(flight.declination):.1f}°, by the vehicle's parameters")
     elif yaw_reference is not None:
         source, yaw, heading_sigma = "autopilot", yaw_reference, autopilot.heading
         if magnetic is not None:
@@ -105,7 +103,7 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
         heading_sigma=heading_sigma,
         accel_bias=f * (1.0 - gravity / float(np.linalg.norm(f))),
         magnetic_rad=magnetic,
-        declination_rad=declination,
+        declination_rad=flight.declination,
         magnetic_error_rad=None
         if magnetic is None or yaw_reference is None
         else float((magnetic - yaw_reference + np.pi) % (2.0 * np.pi) - np.pi),

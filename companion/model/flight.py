@@ -117,6 +117,7 @@ class Flight:
     notes: Sequence[str] = ()  # decisions taken on the way from messages to tracks, in words
     on_board: bool = False  # the vehicle's own log, not what came over a link
     settings: SettingNames = SettingNames()
+    declination: float = 0.0  # rad, of the compass, as the vehicle is told or has looked up; 0: not known
     gps: Sequence[GpsTrack] = ()  # each receiver
     compasses: Sequence[CompassTrack] = ()
     barometers: Sequence[BarometerTrack] = ()

@@ -34,6 +34,7 @@ from companion.telemetry.epoch import system_epoch
 from companion.telemetry.events import heartbeat_events, in_order, landed_events, status_texts
 from companion.telemetry.imu_facts import known_ranges, of_instance, with_facts
 from companion.telemetry.lazy import LazyTuple
+from companion.telemetry.parameters import declination
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
 from companion.telemetry.setting_names import setting_names
 from companion.telemetry.split import Boot, Bystander, Sender, boots, describe, senders
@@ -186,6 +187,7 @@ def _begin(boot: Boot, known: Mapping[str, float], said: tuple[str, ...], dialec
     flight = Flight(
         vehicle=boot.vehicle,
         settings=setting_names(boot.vehicle.autopilot),
+        declination=declination(parameters),
         boot=boot.number,
         start=first,
         duration=last - first,

@@ -23,6 +23,11 @@ def out_of_range(values: Array, types: Array) -> Array:
     return np.asarray(wrong)
 
 
+def declination(parameters: Mapping[str, float]) -> float:
+    """The magnetic declination, rad; 0: none, as before ArduPilot has looked it up for the place."""
+    return parameters.get("COMPASS_DEC", 0.0)
+
+
 def known(parameters: Mapping[str, float]) -> dict[str, float]:
     """Those that are finite numbers."""
     return {name: value for name, value in parameters.items() if np.isfinite(value)}

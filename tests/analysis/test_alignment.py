@@ -101,7 +101,7 @@ def test_the_heading_of_the_magnetometer_needs_the_declination() -> None:
     assert found.heading_from == "autopilot"
     assert "declination is not known" in found.notes[0]
     assert found.magnetic_error_rad == pytest.approx(-DECLINATION, abs=1e-3)
-    known = aligned(replace(flight, parameters={"COMPASS_DEC": DECLINATION}))
+    known = aligned(replace(flight, declination=DECLINATION))
     assert known.heading_from == "magnetometer"
     assert known.magnetic_error_rad == pytest.approx(0.0, abs=1e-3)
     assert angle(known.q_ned_frd, flight.require_attitude().q_ned_frd[0]) < 0.1

@@ -236,3 +236,10 @@ def test_advice_to_record_more_fits_the_log(name: str, advice: str) -> None:
     flight = c.open_log(recording(name))[0]
     assert re.search(advice, flight.how_to_record)
     assert flight.on_board != ("on-board log" in flight.how_to_record)
+
+
+@pytest.mark.parametrize("name", ["dataflash/sitl__copter-demo.BIN", "sitl/copter-demo-100hz.tlog"])
+def test_the_declination_is_what_the_vehicle_has_looked_up(name: str) -> None:
+    """12.8° east at SITL's home near Canberra, by the world magnetic model."""
+    flight = c.open_log(recording(name))[0]
+    assert np.degrees(flight.declination) == pytest.approx(12.8, abs=0.5)

@@ -155,8 +155,7 @@ def _installed(flight: Flight, comparison: Comparison, fitted: Installation) -> 
             begin,
             end,
             f"the IMU lags {fitted.lag * 1e3:.1f} ± {fitted.lag_sigma * 1e3:.1f} ms behind the attitude",
-            "Usual: ArduPilot's 20 Hz filter makes 12 ms. It matters in fast turns alone; the calibration takes it "
-            "out.",
+            "Usual: a low-pass of 20 Hz makes 12 ms. It matters in fast turns alone; the calibration takes it out.",
         )
     if fitted.mounting.any():
         size = float(np.linalg.norm(fitted.mounting))

@@ -23,7 +23,7 @@ from companion.telemetry.arrival import arrival
 from companion.telemetry.dataflash import aiding, batches, changes, cores, imu, pose, sensors
 from companion.telemetry.dataflash.rows import with_times
 from companion.telemetry.events import dataflash_events
-from companion.telemetry.parameters import identity, known
+from companion.telemetry.parameters import declination, identity, known
 from companion.telemetry.sanitize import words
 from companion.telemetry.setting_names import setting_names
 
@@ -109,6 +109,7 @@ def _without_tracks(
     return Flight(
         vehicle=vehicle,
         settings=setting_names(vehicle.autopilot),
+        declination=declination(parameters),
         boot=1,
         start=begin,
         duration=end - begin,
