@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -53,13 +53,15 @@ _ROWS = (
     Row("HIGHRES_IMU", "imu", 0.0),
 )
 
-TABLE = (
-    *_ROWS,
-    *(Row(name, "half the imu", 0.0, optional=True) for name in IMU_MESSAGES.keys() - {row.name for row in _ROWS}),
-)
-"""What the analysis lives on, the most important first. A slow line takes from the last row first.
 
-An IMU message that has no row of its own is one more IMU, asked for as those beside the first are.
+def with_every_imu(rows: Sequence[Row], imu_messages: Iterable[str]) -> tuple[Row, ...]:
+    """The rows, and one for each IMU message without: one more IMU, asked for as those beside the first are."""
+    named = {row.name for row in rows}
+    return (*rows, *(Row(name, "half the imu", 0.0, optional=True) for name in imu_messages if name not in named))
+
+
+TABLE = with_every_imu(_ROWS, IMU_MESSAGES)
+"""What the analysis lives on, the most important first. A slow line takes from the last row first.
 
 Few different rates: ArduPilot keeps ten intervals for a link, and takes the nearest for a further one.
 """

@@ -143,6 +143,8 @@ def test_the_bias_that_the_autopilot_holds() -> None:
     assert held.gyro == pytest.approx(BIAS, abs=1e-4)
     other = replace(flight.imu(), instance=1)
     assert autopilot_bias(flight, other) is None, "the rates are those of the first IMU"
+    freed = replace(flight.imu(), bias_removed=True)
+    assert autopilot_bias(replace(flight, attitude=replace(attitude, rates=rates)), freed) is None
     logged = AttitudeTrack(attitude.t, attitude.q_ned_frd, rates, "XKQ", rates_told=False)
     assert autopilot_bias(replace(flight, attitude=logged), flight.imu()) is None
 

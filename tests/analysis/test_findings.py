@@ -11,6 +11,7 @@ import companion as c
 from companion.analysis import GENERIC, Assessment, Finding, assess
 from companion.analysis.clipping import clip_counts
 from companion.analysis.comparison import compare
+from companion.analysis.findings import findings
 from companion.analysis.findings.detect import reading_faults
 from companion.analysis.findings.jumps import jump_findings
 from companion.analysis.findings.lags import lags
@@ -463,3 +464,13 @@ def test_an_axis_that_is_quiet_on_the_ground_is_not_stuck_while_the_heading_is_a
     aligned = np.where(attitude.t > imu.t[0] + 3.0, 0.25, 0.0)[:, None] * [0.0, 0.0, 1.0]
     made = turned(with_imu(flight, accel=still + slowing + shaken, accel_step=0.0), aligned)
     assert "stuck_axis" not in [f.kind for f in reading_faults(made, compare(made), GENERIC, ReferenceSpec())]
+
+
+@pytest.mark.parametrize("on_board", [False, True])
+def test_an_imu_without_the_estimators_biases_is_no_independent_witness(on_board: bool) -> None:
+    """On a link another message has them; an on-board log has nothing else where it has no better track."""
+    flight = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
+    freed = replace(flight, imus={"RAW_IMU": replace(flight.imu(), bias_removed=True)}, on_board=on_board)
+    comparison = compare(freed)
+    told = {f.kind for f in findings(freed, comparison, 0.0, GENERIC, None, ReferenceSpec(), (), None)[0]}
+    assert ("not_independent" in told) != on_board

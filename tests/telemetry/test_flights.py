@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -407,3 +408,9 @@ def test_flights_of_real_recordings(name: str, expected: list[tuple[str, int]]) 
 )
 def test_the_default_imu_depends_on_the_autopilot(name: str, imu: str) -> None:
     assert c.open_log(recording(name))[0].default_imu == imu
+
+
+def test_floats_of_another_imu_are_not_taken_for_those_of_the_first() -> None:
+    flight = c.open_log(recording("sitl/copter-hover-nodrift-100hz.tlog"))[0]
+    other = replace(flight.imus["HIGHRES_IMU"], instance=1)
+    assert replace(flight, imus={**flight.imus, "HIGHRES_IMU": other}).default_imu == "RAW_IMU"

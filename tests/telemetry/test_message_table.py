@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from companion.links.request_table import TABLE
+from companion.links.request_table import TABLE, Row, with_every_imu
 from companion.mavlink import load_dialect
 from companion.model import IMU_MESSAGES
 from companion.telemetry.dataflash import RECORDS
@@ -86,6 +86,14 @@ def test_an_imu_message_is_read_whole_and_documented(name: str) -> None:
     assert name in NEEDED
     assert any(row.message == name and row.kind == "magnetometer" for row in _SOURCES)
     assert name.rstrip("23") in DOCUMENTED
+
+
+def test_an_imu_message_without_a_row_is_asked_for_as_one_more_imu() -> None:
+    first = Row("RAW_IMU", "imu", 10.0)
+    assert with_every_imu([first], ["RAW_IMU", "SCALED_IMU3"]) == (
+        first,
+        Row("SCALED_IMU3", "half the imu", 0.0, optional=True),
+    )
 
 
 def test_every_imu_message_has_a_place_in_the_order() -> None:
