@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import companion as c
 from companion.analysis import Integration, Limits, compare, drift, windows
 from companion.model import AttitudeTrack, DataError, Flight, ImuTrack, NavState, PositionTrack
 from companion.strapdown import motions, quaternion, reckon
 from tests.flights import flight_of, seconds
+from tests.recordings import BUNDLED
 
 
 def with_imu(flight: Flight, imu: ImuTrack) -> Flight:
@@ -145,3 +147,14 @@ def test_what_is_missing_is_named() -> None:
         drift(replace(flight, attitude=None))
     with pytest.raises(DataError, match="no IMU message with two samples.*RAW_IMU \\(1\\)"):
         drift(with_imu(flight, flight.imu()[:1]))
+
+
+def test_each_column_is_the_percentile_that_its_heading_says() -> None:
+    flight = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
+    (row,) = drift(flight, horizons=(5.0,)).rows
+    assert row.position_m is not None
+    errors = np.sort(np.linalg.norm(row.errors.position, axis=1))
+    assert row.position_m.max == errors[-1]
+    assert row.position_m.median == np.median(errors)
+    at = 0.95 * (len(errors) - 1)
+    assert row.position_m.p95 == pytest.approx(np.interp(at, np.arange(len(errors)), errors))

@@ -1,0 +1,25 @@
+"""How large something was, in words: the right component, factor and σ."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from companion.estimation.phrases import Phrase, Size, by_axes, by_length, by_number
+
+EARTH_FIELD = np.array([20.0, 5.0, 40.0])
+
+
+@pytest.mark.parametrize(
+    ("phrase", "value", "told"),
+    [
+        (by_axes("gyro", "mrad/s", 1e3, 1), [1e-4, 0.0, 0.02], "gyro z reads 20.0 ± 0.5 mrad/s too much"),
+        (by_axes("gyro", "mrad/s", 1e3, 1), [0.01, 0.0, 0.02], "gyro reads (10.0, 0.0, 20.0) ± 0.5 mrad/s too much"),
+        (by_length("the GPS", "m"), [3.0, -4.0], "the GPS is off by up to 5.0 ± 0.0 m (north 3.0, east -4.0)"),
+        (by_length("the barometer", "m"), [-4.0], "the barometer is off by up to 4.0 ± 0.0 m"),
+        (by_number("late by {:.2f} ± {:.3f} ms", 1e3), [-0.2], "late by -200.00 ± 0.500 ms"),
+        (by_number("a turn of {:.1f} ± {:.4f} rad"), [0.3, 0.0, 0.4], "a turn of 0.5 ± 0.0005 rad"),
+    ],
+)
+def test_a_size_in_words(phrase: Phrase, value: list[float], told: str) -> None:
+    assert phrase(Size(np.array(value), 5e-4, EARTH_FIELD)) == told
