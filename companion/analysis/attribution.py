@@ -143,7 +143,7 @@ def findings_of(
             why, would_tell = _CONSTANT, ""
         if why:
             side, severity, headline = "data", "warning", ""
-            words = f"{words}; {why}" if constant else f"perhaps {words}; {why}"
+            words = f"{'perhaps ' if would_tell else ''}{words}; {why}"
         end = episode.end if np.isfinite(episode.end) else end_of_all
         cause = None if why else cause_of(episode, best, side, misled)
         advice = would_tell or kind_of(episode.kind).advice
