@@ -50,21 +50,22 @@ def flight_of(motion: Motion, *, every: int = 1, **changes: Any) -> Flight:
     return Flight(**(parts | changes))
 
 
-def witnessed(flight: Flight, motion: Motion, *, seed: int = 1, glitch: Any = None) -> Flight:
-    """The flight with a GPS receiver at 5 Hz, a compass at 20 Hz and a barometer at 10 Hz that saw the motion.
+def witnessed(flight: Flight, motion: Motion, *, seed: int = 1, glitch: Any = None, fixes_hz: float = 2.5) -> Flight:
+    """The flight with a GPS receiver, 5 Hz at most, a compass at 20 Hz and a barometer at 10 Hz that saw the motion.
 
     glitch: times (N,) s → (N, 3) m NED, by how much the receiver's position is off then.
     """
-    seen = witness(motion, seed)
-    place = seen.place if glitch is None else seen.place + glitch(seen.fixed)
+    seen, every = witness(motion, seed), slice(None, None, round(5.0 / fixes_hz))
+    fixed, velocity = seen.fixed[every], seen.velocity[every]
+    place = seen.place[every] if glitch is None else seen.place[every] + glitch(fixed)
     latitude, longitude, height = geodetic_from_ned(place, HOME).T
     rate = (len(motion.t) - 1) / (motion.t[-1] - motion.t[0])
     slow, quick = (slice(None, None, max(1, round(rate / hz))) for hz in (10.0, 20.0))
-    count = len(seen.fixed)
-    down_unknown = seen.velocity * [1.0, 1.0, np.nan]
+    count = len(fixed)
+    down_unknown = velocity * [1.0, 1.0, np.nan]
     horizontal, vertical, speed = (np.full(count, sigma) for sigma in GPS_SIGMA)
     gps = GpsTrack(
-        seen.fixed, latitude, longitude, height, down_unknown, horizontal, vertical, speed, np.full(count, 3.0),
+        fixed, latitude, longitude, height, down_unknown, horizontal, vertical, speed, np.full(count, 3.0),
         np.full(count, 14.0), "GPS_RAW_INT",
     )  # fmt: skip
     air = seen.height[slow]
@@ -86,17 +87,17 @@ LIVELY = motions.coning(seconds(50, 50), angle=0.25, frequency=0.25, amplitude=(
 CIRCLE = motions.circle(seconds(50, 50), radius=25.0, speed=6.0, bank=0.15)
 
 
-def flown(motion: Motion = LIVELY, *, glitch: Any = None, **changes: Any) -> Flight:
+def flown(motion: Motion = LIVELY, *, glitch: Any = None, fixes_hz: float = 2.5, **changes: Any) -> Flight:
     """A flight from 10 s on with a good IMU, a good autopilot and every witness, but for the changes.
 
-    glitch: as of `witnessed`; the autopilot follows the receiver.
+    glitch, fixes_hz: as of `witnessed`; the autopilot follows the receiver.
     """
     flight = flight_of(motion, every=4, imus={"RAW_IMU": replace(simulate(motion.imu, GOOD, 1), source="RAW_IMU")})
     position = flight.position
     if glitch is not None and position is not None:
         flight = replace(flight, position=replace(position, position=position.position + glitch(position.t)))
     armed = Event(flight.start, "armed", "armed")
-    return replace(witnessed(flight, motion, glitch=glitch), **({"events": (armed,)} | changes))
+    return replace(witnessed(flight, motion, glitch=glitch, fixes_hz=fixes_hz), **({"events": (armed,)} | changes))
 
 
 def without_witnesses(flight: Flight) -> Flight:

@@ -103,7 +103,7 @@ def test_a_gps_that_jumps_takes_the_autopilot_with_it() -> None:
     def glitch(t: Array) -> Array:
         return np.asarray(((t > 30) & (t < 45))[:, None] * [12.0, 0.0, 0.0])
 
-    found = assess(flown(glitch=glitch), GENERIC)
+    found = assess(flown(glitch=glitch, fixes_hz=5.0), GENERIC)
     assert found.verdict.status == "autopilot_suspect"
     finding = of_kind(found, "gps_position")
     assert (finding.start_s, finding.end_s) == pytest.approx((30, 45), abs=0.5)

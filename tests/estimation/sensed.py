@@ -48,10 +48,11 @@ def sensed(
     *,
     seed: int = 0,
     rate: float = 100.0,
+    fixes_hz: float = 2.5,
     place: tuple[float, float, float] = PLACE,
     biases: tuple[Array, Array] = BIASES,
 ) -> tuple[Flight, Motion]:
-    """A flight with GPS at 5 Hz, compass and barometer at 10 Hz, and its truth."""
+    """A flight with a GPS, compass and barometer at 10 Hz, and its truth."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, 1.0 / rate)
     truth = PATHS[path](t)
@@ -67,7 +68,7 @@ def sensed(
         origin=Origin(*place),
         epoch=EPOCH,
         events=(Event(0.0, "disarmed", ""), Event(5.5, "armed", "")),
-        gps=(gps_of(truth, rng, place),),
+        gps=(gps_of(truth, rng, place, rate=fixes_hz),),
         compasses=(compass_of(truth, rng, place),),
         barometers=(barometer_of(truth, rng),),
     )
@@ -80,9 +81,10 @@ def gps_of(
     place: tuple[float, float, float] = PLACE,
     *,
     latency: float = LATENCY,
+    rate: float = 2.5,
 ) -> GpsTrack:
-    """5 Hz, 0.4 m, 0.6 m and 0.1 m/s of white noise."""
-    t = np.arange(truth.t[0] + 0.5, truth.t[-1], 0.2)
+    """0.4 m, 0.6 m and 0.1 m/s of white noise."""
+    t = np.arange(truth.t[0] + 0.5, truth.t[-1], 1.0 / rate)
     then = t - latency
     count = len(t)
     position = at(then, truth.t, truth.position) + rng.normal(size=(count, 3)) * [0.4, 0.4, 0.6]

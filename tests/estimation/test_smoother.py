@@ -24,7 +24,7 @@ OUTAGE = (30.0, 45.0)
 
 @cache
 def estimated(path: str = "square", seed: int = 0) -> tuple[Flight, Motion, BestEstimate]:
-    flight, truth = sensed(60.0, path, seed=seed)
+    flight, truth = sensed(60.0, path, seed=seed, fixes_hz=5.0)
     return flight, truth, smooth(flight)
 
 
@@ -134,7 +134,7 @@ def test_the_autopilots_estimate_is_no_witness() -> None:
 
 def test_a_late_fix_is_taken_where_the_vehicle_was() -> None:
     """At 3 m/s up and down in two seconds, 0.1 s of even acceleration from the fix on would be off by 0.15 m/s."""
-    flight, truth = sensed(40.0, "heave")
+    flight, truth = sensed(40.0, "heave", fixes_hz=5.0)
     found = smooth(flight)
     error = errors(found, truth)
     assert found.explained == ()

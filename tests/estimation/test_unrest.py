@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from companion.estimation import kind_of, smooth
-from companion.estimation.competition import choose
 from companion.estimation.iteration import estimate, start_of
 from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.model import Explained
@@ -17,7 +16,6 @@ from companion.estimation.system import evidence, solve
 from companion.estimation.unrest import restless, with_unrest
 from companion.model import STANDARD_GRAVITY, Flight
 from tests.estimation.sensed import NOISE, sensed, with_imu
-from tests.estimation.test_explanations import FAULTS
 
 pytestmark = pytest.mark.slow
 
@@ -101,14 +99,6 @@ def test_an_imu_that_is_far_louder_for_a_while_is_contradicted(sensor: str) -> N
     assert not best.contradicted
     louder = Explained(f"{sensor}_unrest", "pulse", 10.0, 0.05, 20.0, np.array([1e4]), np.zeros(1), 50.0)
     assert replace(best, explained=(louder,)).contradicted
-
-
-@pytest.mark.parametrize("fault", sorted(FAULTS))
-def test_a_fault_is_not_taken_for_noise(fault: str) -> None:
-    flight, _ = sensed()
-    _, linear = made(FAULTS[fault][0](flight))
-    best = choose(linear.problem, linear.solution)[0]
-    assert restless(linear, best.gain) is None
 
 
 def folded() -> Flight:
