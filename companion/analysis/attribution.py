@@ -32,6 +32,7 @@ from companion.estimation import (
     SLOPED,
     BestEstimate,
     Explained,
+    Kind,
     kind_of,
     times_of_change,
 )
@@ -47,11 +48,11 @@ def episodes(best: BestEstimate) -> tuple[Episode, ...]:
     for kind in KINDS:
         parts = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
         if parts:
-            episodes += _episodes_of(parts, kind.side, kind.least, float(best.t[-1]))
+            episodes += _episodes_of(parts, kind, float(best.t[-1]))
     return tuple(sorted(episodes, key=lambda e: e.start))
 
 
-def _episodes_of(parts: list[Explained], witness: str, least: float, last: float) -> Iterator[Episode]:
+def _episodes_of(parts: list[Explained], kind: Kind, last: float) -> Iterator[Episode]:
     grid = np.unique(np.concatenate([np.linspace(parts[0].onset, last, 400), [p.onset for p in parts]]))
     level = np.zeros((len(grid), len(parts[0].size)))
     for part in parts:
@@ -61,17 +62,17 @@ def _episodes_of(parts: list[Explained], witness: str, least: float, last: float
         since = np.clip(grid, part.onset, part.end) - part.onset
         on = (grid >= part.onset) & (grid < part.end)
         level += (since if part.shape in SLOPED else on.astype(np.float64))[:, None] * part.size
-    for first, final in runs(np.asarray(length(level) >= 0.5 * least)):
+    for first, final in runs(np.asarray(length(level) >= 0.5 * kind.least)):
         peak = first + int(np.argmax(length(level[first : final + 1])))
-        if float(length(level[peak])) < least:
-            continue
         before = [p for p in parts if p.onset <= grid[first] + 1e-9]
         cause = before[-1] if before[-1].shape not in SLOPED else next(p for p in before if p.shape in SLOPED)
+        if float(length(level[peak])) < kind.least_of(cause.shape):
+            continue
         lasted = min(grid[peak], cause.end) - cause.onset if cause.shape in SLOPED else 1.0
         along = level[peak] / length(level[peak])
         yield Episode(
             cause.kind,
-            witness,
+            kind.side,
             cause.onset,
             cause.onset_sigma,
             float(grid[final]) if final < len(grid) - 1 else np.inf,
@@ -154,6 +155,7 @@ def findings_of(
     return out + [_own(d, best, by_imu) for d in own]
 
 
+_CREEPS = kind_of("gps_position").least_slow  # m
 _OF_HEIGHT = ("gps_height", "barometer")  # kinds that mislead nothing else
 _TOGETHER_S, _HALF, _FAR_MORE = 2.0, 0.5, 20.0  # s; of the evidence; times the evidence
 _AGAINST_ITSELF = ("gps_position", "gps_velocity")  # kinds that the GPS shows without an IMU
@@ -224,8 +226,11 @@ def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> str:
     """Why a departure does not accuse the autopilot; empty where it does."""
     promising = (sensor for kind in best.promising if (sensor := SENSORS.get(kind.split("_")[0])))
     sensor = next(promising, None)
+    slowly_off = departure.quantity == "position" and not departure.sudden
     reasons = (
         ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong"),
+        (slowly_off and departure.size < _CREEPS + SIGMAS * departure.sigma,
+         "a GPS in order creeps as far: it cannot be told which of them is wrong"),
         (best.contradicted, _CONTRADICTED),
         (departure.recovers, "it was so when this began, and the estimate recovers: what led to it lies before"),
         (departure.start >= by_imu, "the IMU moved as the autopilot says: it cannot be told which of them is wrong"),

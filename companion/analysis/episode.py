@@ -51,6 +51,7 @@ class Departure:
     sigma: float  # of both together, at that time
     recovers: bool = False  # whether it was so when the autopilot was first judged, and ended
     as_the_imu: bool = False  # whether the IMU moved as the autopilot says, and not as the best estimate
+    sudden: bool = False  # whether it began with a step of a good part of itself
 
     @property
     def cause(self) -> Cause:

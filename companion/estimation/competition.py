@@ -97,8 +97,11 @@ def _weighed(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape
     sudden = np.sort(pushes(problem, solution) if kind.summed else jumps(problem, solution, kind))
     if shape == "pulse":
         begin, end = _pairs(sudden)
-        return weigh(problem, solution, kind, shape, begin, end) if len(begin) else None
-    tried = grid.weighed(kind, shape, inside), weigh(problem, solution, kind, shape, sudden) if len(sudden) else None
+        between = weigh(problem, solution, kind, shape, begin, end) if len(begin) else None
+        tried = between, None if kind.summed or kind.retimes else grid.weighed(kind, shape, *_pairs(inside))
+    else:
+        once = weigh(problem, solution, kind, shape, sudden) if len(sudden) else None
+        tried = grid.weighed(kind, shape, inside), once
     candidates = [one for one in tried if one is not None]
     return joined(candidates) if candidates else None
 
@@ -124,7 +127,7 @@ def _refined(problem: Problem, solution: Solution, one: Candidate, grid: Scan) -
     """The candidate at onsets around its best."""
     t, near, step = problem.t, float(one.onset[one.best]), float(np.diff(grid.cuts).max())
     from_pushes = bool(one.kind.summed) and one.shape == "pulse"
-    if one.shape == "creep" or from_pushes or comes_and_goes(one.kind, one.shape):
+    if one.shape == "creep" or from_pushes or (one.shape == "pulse" and near in grid.cuts):
         for part in (1.0, 0.3, 0.09):
             one = _moved(problem, solution, one, part * (0.5 if from_pushes else step))
         return one

@@ -264,7 +264,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("compass_turn", "the compass turns in its mounting",
          by_number("the compass turns by {:.0f} ± {:.0f}° in its mounting", _DEGREES),
          "Look at the mounting of the compass, and at its orientation setting.",
-         "compass", "rad", ("step", "ramp"), 0.5, 0.1, _rotation),
+         "compass", "rad", ("step", "ramp", "pulse"), 0.5, 0.1, _rotation),
     Kind("compass_iron", "a magnet or a current comes near the compass",
          by_length("the compass", "µT"),
          "Look for currents and iron near the compass: motors, cables.",

@@ -160,9 +160,23 @@ def test_a_position_may_be_off_by_what_a_late_gps_makes_of_the_speed(
     """Each estimator assumes one latency of its GPS: they need not assume the same."""
     flown_s = (best.t - best.t[0])[:, None]
     swift = moving(best, speed * NORTH, speed * flown_s * NORTH)
-    off = 6.0 * (best.t >= ONSET)[:, None] * NORTH
+    off = 8.0 * (best.t >= ONSET)[:, None] * NORTH
     other = replace(flight, position=PositionTrack(best.t, swift.position + off, swift.velocity))
     assert [d.quantity for d in departures(other, swift, Limits())] == ["position"] * departs
+
+
+@pytest.mark.parametrize(
+    ("metres", "within_s", "side"),
+    [(5.0, 0.1, None), (9.0, 0.1, "autopilot"), (9.0, 15.0, "data"), (20.0, 15.0, "autopilot")],
+)
+def test_an_autopilot_is_not_accused_of_what_a_receiver_in_order_does(
+    flight: Flight, best: BestEstimate, metres: float, within_s: float, side: str | None
+) -> None:
+    """The best estimate follows a GPS that shifts by some metres, the autopilot need not: which is right none knows."""
+    off = metres * np.clip((best.t - ONSET) / within_s, 0.0, 1.0)[:, None] * NORTH
+    other = replace(flight, position=PositionTrack(best.t, best.position + off, best.velocity))
+    found = [f.side for f in findings_of((), departures(other, best, Limits()), best) if f.kind == "position_off"]
+    assert found == ([] if side is None else [side])
 
 
 @pytest.mark.parametrize(("until", "side"), [(40.0, "data"), (np.inf, "autopilot")], ids=["recovers", "stays"])
@@ -393,7 +407,7 @@ def test_a_compass_that_only_a_gyro_speaks_against_is_not_accused(
 def test_a_fast_vehicle_is_where_a_gps_of_another_latency_would_have_it(flight: Flight, best: BestEstimate) -> None:
     wind = np.array([40.0, 0.0, 0.0])
     fast = replace(best, states=replace(best.states, velocity=best.velocity + wind))
-    moved = best.position + (best.t >= ONSET)[:, None] * [6.0, 0.0, 0.0]
+    moved = best.position + (best.t >= ONSET)[:, None] * [7.0, 0.0, 0.0]
     track = PositionTrack(best.t, moved, best.velocity, "LOCAL_POSITION_NED")
     swift = replace(track, velocity=best.velocity + wind)
     assert [d.quantity for d in departures(replace(flight, position=track), best, Limits())] == ["position"]

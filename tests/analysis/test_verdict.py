@@ -13,7 +13,7 @@ import companion as c
 from benchmarks.accuracy.answer import answer
 from benchmarks.accuracy.labels import load_labels, outcome
 from companion.analysis import GENERIC, PARTS, Assessment, Finding, assess
-from companion.model import Array, Flight, Series
+from companion.model import Array, Flight, GpsTrack, Series
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from tests.flights import (
     CIRCLE,
@@ -30,6 +30,7 @@ from tests.recordings import BUNDLED, ROOT, recording, shared, whole
 
 pytestmark = pytest.mark.slow
 
+EARTH_RADIUS_M = 6.37e6
 LABELS = ROOT / "benchmarks" / "accuracy" / "labels.toml"
 LABELLED = (
     "ap_witness/clean_cruise.tlog.xz",
@@ -120,6 +121,35 @@ def test_a_gps_that_creeps_takes_the_autopilot_with_it() -> None:
     assert found.verdict.status == "autopilot_suspect"
     assert of_kind(found, "gps_position").start_s == pytest.approx(30, abs=3.0)
     assert not [f for f in found.verdict.findings if f.side == "imu" and f.severity == "error"]
+
+
+def shifted(gps: GpsTrack) -> GpsTrack:
+    """By 5 m, as receivers in order do."""
+    return replace(gps, latitude=gps.latitude + (gps.t > 30.0) * 5.0 / EARTH_RADIUS_M)
+
+
+def crept(gps: GpsTrack) -> GpsTrack:
+    """By 8 m within 10 s, which its own velocity does not show."""
+    return replace(gps, latitude=gps.latitude + np.clip((gps.t - 45.0) / 10.0, 0.0, 1.0) * 8.0 / EARTH_RADIUS_M)
+
+
+def swifter(gps: GpsTrack) -> GpsTrack:
+    """By 0.8 m/s for a while: no fix stands out."""
+    during = (gps.t > 30.0) & (gps.t < 45.0)
+    return replace(gps, velocity=gps.velocity + during[:, None] * [0.6, 0.5, 0.0])
+
+
+@pytest.mark.parametrize("bend", [shifted, crept, swifter])
+@pytest.mark.parametrize("fixes_hz", [1.0, 5.0])
+def test_an_autopilot_that_does_not_follow_a_receiver_is_not_to_blame(
+    bend: Callable[[GpsTrack], GpsTrack], fixes_hz: float
+) -> None:
+    flight = flown(fixes_hz=fixes_hz)
+    found = assess(replace(flight, gps=tuple(bend(gps) for gps in flight.gps)), GENERIC)
+    assert not errors(found)
+    assert found.best
+    if bend is swifter:
+        assert [(one.kind, one.shape) for one in found.best.explained] == [("gps_velocity", "pulse")]
 
 
 def creeping(flight: Flight) -> Flight:
