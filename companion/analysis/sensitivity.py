@@ -15,7 +15,7 @@ _UNITS: Mapping[str, tuple[str, str, float, float]] = {
     "accel_bias": ("accelerometer bias", "m/s²", 1.0, 3.0),
     "tilt": ("tilt", "°", np.degrees(1.0), np.radians(20.0)),
     "heading": ("heading", "°", np.degrees(1.0), np.radians(45.0)),
-    "position": ("position", "m", 1.0, 50.0),
+    "position": ("a position step", "m", 1.0, 50.0),
     "gps": ("a GPS creep", f"m in {CREEPS['gps_position']:g} s", 1.0, 100.0),
     "compass": ("a compass turn", f"° in {CREEPS['compass_field']:g} s", np.degrees(1.0), np.radians(90.0)),
 }

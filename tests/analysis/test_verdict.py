@@ -13,7 +13,8 @@ import companion as c
 from benchmarks.accuracy.answer import answer
 from benchmarks.accuracy.labels import load_labels, outcome
 from companion.analysis import GENERIC, PARTS, Assessment, Finding, assess
-from companion.model import Array, Flight, GpsTrack, Series
+from companion.model import Array, CompassTrack, Flight, GpsTrack, Series
+from companion.simulate.circuit import square
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from tests.flights import (
     CIRCLE,
@@ -150,6 +151,29 @@ def test_an_autopilot_that_does_not_follow_a_receiver_is_not_to_blame(
     assert found.best
     if bend is swifter:
         assert [(one.kind, one.shape) for one in found.best.explained] == [("gps_velocity", "pulse")]
+
+
+def turned_and_back(compass: CompassTrack) -> CompassTrack:
+    """By 60°, from 30 to 42 s."""
+    during = (compass.t > 30.0) & (compass.t < 42.0)
+    turn = quaternion.exp(np.radians(60.0) * during[:, None] * [0.0, 0.0, 1.0])
+    return replace(compass, field=quaternion.rotate(turn, compass.field))
+
+
+def beside_a_magnet(compass: CompassTrack) -> CompassTrack:
+    """One of 3 µT: less than is called wrong."""
+    return replace(compass, field=compass.field + 3e-6 * (compass.t > 45.0)[:, None] * [0.7, 0.6, 0.3])
+
+
+@pytest.mark.parametrize(
+    ("bend", "kind"), [(turned_and_back, "compass_turn"), (beside_a_magnet, "compass_iron")], ids=["turns", "magnet"]
+)
+def test_a_compass_that_is_off_accuses_no_imu(bend: Callable[[CompassTrack], CompassTrack], kind: str) -> None:
+    flight = flown(square(seconds(70, 50)), fixes_hz=5.0)
+    found = assess(replace(flight, compasses=tuple(bend(compass) for compass in flight.compasses)), GENERIC)
+    assert not errors(found)
+    assert found.best
+    assert max(found.best.explained, key=lambda one: one.gain).kind == kind
 
 
 def creeping(flight: Flight) -> Flight:
