@@ -32,7 +32,6 @@ from companion.estimation import (
     SLOPED,
     BestEstimate,
     Explained,
-    Kind,
     kind_of,
     times_of_change,
 )
@@ -48,11 +47,11 @@ def episodes(best: BestEstimate) -> tuple[Episode, ...]:
     for kind in KINDS:
         parts = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
         if parts:
-            episodes += _episodes_of(parts, kind, float(best.t[-1]))
+            episodes += _episodes_of(parts, kind.side, kind.least, float(best.t[-1]))
     return tuple(sorted(episodes, key=lambda e: e.start))
 
 
-def _episodes_of(parts: list[Explained], kind: Kind, last: float) -> Iterator[Episode]:
+def _episodes_of(parts: list[Explained], witness: str, least: float, last: float) -> Iterator[Episode]:
     grid = np.unique(np.concatenate([np.linspace(parts[0].onset, last, 400), [p.onset for p in parts]]))
     level = np.zeros((len(grid), len(parts[0].size)))
     for part in parts:
@@ -62,17 +61,17 @@ def _episodes_of(parts: list[Explained], kind: Kind, last: float) -> Iterator[Ep
         since = np.clip(grid, part.onset, part.end) - part.onset
         on = (grid >= part.onset) & (grid < part.end)
         level += (since if part.shape in SLOPED else on.astype(np.float64))[:, None] * part.size
-    for first, final in runs(np.asarray(length(level) >= 0.5 * kind.least)):
+    for first, final in runs(np.asarray(length(level) >= 0.5 * least)):
         peak = first + int(np.argmax(length(level[first : final + 1])))
+        if float(length(level[peak])) < least:
+            continue
         before = [p for p in parts if p.onset <= grid[first] + 1e-9]
         cause = before[-1] if before[-1].shape not in SLOPED else next(p for p in before if p.shape in SLOPED)
-        if float(length(level[peak])) < kind.least_of(cause.shape):
-            continue
         lasted = min(grid[peak], cause.end) - cause.onset if cause.shape in SLOPED else 1.0
         along = level[peak] / length(level[peak])
         yield Episode(
             cause.kind,
-            kind.side,
+            witness,
             cause.onset,
             cause.onset_sigma,
             float(grid[final]) if final < len(grid) - 1 else np.inf,

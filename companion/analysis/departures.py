@@ -29,7 +29,7 @@ _LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0,
 
 _SUDDEN_S, _SUDDEN = 1.0, 0.5  # one that begins with a step of so much of itself need not last longer
 
-_RISEN = 0.25  # of a departure's peak, from where it rose, and short of which it had risen
+_RISEN = 0.25  # of a departure's peak, from where it rose
 _TELLS_S = 10.0  # for so long an IMU tells a velocity and a position
 _AXES: Mapping[str, tuple[str, slice]] = {
     "tilt": ("turn", slice(0, 2)),
@@ -106,31 +106,30 @@ def departures(
 def _imu_confirms(best: BestEstimate, reference: Reference, quantity: str, value: Array, peak: int) -> bool:
     """Whether the IMU moved as the autopilot says, rather than as the best estimate, while a value (K,) rose.
 
-    Each of the two is carried by the IMU from where the value was a quarter of its peak to where it was three quarters:
-    an autopilot that went astray by itself is contradicted by what the value rose by. Of what was off from the
-    beginning on the IMU tells nothing, nor of velocity and position after more than some seconds.
+    Each of the two is carried by the IMU from where the value was a quarter of its peak: an autopilot that went astray
+    by itself is contradicted by what the value rose by. Of what was off from the beginning on the IMU tells nothing,
+    nor of velocity and position after more than some seconds.
     """
     low = np.flatnonzero(value[:peak] <= _RISEN * value[peak])
     if not len(low):
         return False
     first, (moved, axes) = int(low[-1]), _AXES[quantity]
-    last = first + int(np.argmax(value[first : peak + 1] >= (1.0 - _RISEN) * value[peak]))
-    if moved != "turn" and best.t[last] - best.t[first] > _TELLS_S:
+    if moved != "turn" and best.t[peak] - best.t[first] > _TELLS_S:
         return False
-    path = preintegrate(corrected(best.imu[best.index[first] : best.index[last] + 1], best))
+    path = preintegrate(corrected(best.imu[best.index[first] : best.index[peak] + 1], best))
 
     def off(one: Reference | BestEstimate) -> float:
         start = one.q_ned_frd[first], one.velocity[first], one.position[first]
         q, v, p = path.carry(0, len(path.t) - 1, *start, gravity=best.gravity)
         error = {
-            "turn": attitude_error(one.q_ned_frd[last], q),
-            "velocity": one.velocity[last] - v,
-            "position": one.position[last] - p,
+            "turn": attitude_error(one.q_ned_frd[peak], q),
+            "velocity": one.velocity[peak] - v,
+            "position": one.position[peak] - p,
         }
         return float(np.linalg.norm(error[moved][axes]))
 
     autopilot = off(reference)
-    return autopilot < off(best) and autopilot < float(value[last] - value[first])
+    return autopilot < off(best) and autopilot < (1.0 - _RISEN) * float(value[peak])
 
 
 def _greatest(sigma: Array) -> Array:

@@ -21,8 +21,6 @@ from companion.model import Array
 
 _BEYOND_CHANCE = 24.0  # χ² of three: one interval in 40,000
 _UNUSUAL, _JUMPS = 8.0, 8  # a step of this many median steps, and how many are tried
-_MATTERS = 0.5
-"""Of what is called wrong: less is not explained, and bends the best estimate by less than is called a departure."""
 _FEWEST, _KEYFRAMES = 2, 12_000  # onsets at a time, and onsets by keyframes: columns of 20 MB, and as much on the way
 
 
@@ -233,7 +231,7 @@ def candidate(kind: Kind, shape: str, problem: Problem, span: tuple[Array, Array
     one_size[rows, axis] = b[rows, axis] / own[rows, axis]
     one_covariance[rows, axis, axis] = 1.0 / own[rows, axis]
     gain, size = np.where(better, alone[rows, axis], gain), np.where(better[:, None], one_size, size)
-    matters = np.linalg.norm(size, axis=1) * lasted >= _MATTERS * kind.least
+    matters = np.linalg.norm(size, axis=1) * lasted >= kind.least_of(shape)
     return Candidate(
         kind,
         shape,
