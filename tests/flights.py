@@ -100,6 +100,11 @@ def flown(motion: Motion = LIVELY, *, glitch: Any = None, fixes_hz: float = 2.5,
     return replace(witnessed(flight, motion, glitch=glitch, fixes_hz=fixes_hz), **({"events": (armed,)} | changes))
 
 
+def moved_north(gps: GpsTrack, metres: Any) -> GpsTrack:
+    """The fixes so many metres further north, the same or (N,) for each."""
+    return replace(gps, latitude=gps.latitude + metres / 6.37e6)
+
+
 def without_witnesses(flight: Flight) -> Flight:
     """The same with IMU and autopilot alone."""
     return replace(flight, gps=(), compasses=(), barometers=())

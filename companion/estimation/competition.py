@@ -98,6 +98,7 @@ def _weighed(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape
     if shape == "pulse":
         begin, end = _pairs(sudden)
         between = weigh(problem, solution, kind, shape, begin, end) if len(begin) else None
+        # what is priced as two moments, or is linear in small sizes alone, is tried between sudden changes only
         tried = between, None if kind.summed or kind.retimes else grid.weighed(kind, shape, *_pairs(inside))
     else:
         once = weigh(problem, solution, kind, shape, sudden) if len(sudden) else None

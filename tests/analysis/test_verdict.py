@@ -22,6 +22,7 @@ from tests.flights import (
     drifting,
     flight_of,
     flown,
+    moved_north,
     seconds,
     turned,
     with_imu,
@@ -31,7 +32,6 @@ from tests.recordings import BUNDLED, ROOT, recording, shared, whole
 
 pytestmark = pytest.mark.slow
 
-EARTH_RADIUS_M = 6.37e6
 LABELS = ROOT / "benchmarks" / "accuracy" / "labels.toml"
 LABELLED = (
     "ap_witness/clean_cruise.tlog.xz",
@@ -126,7 +126,7 @@ def test_a_gps_that_creeps_takes_the_autopilot_with_it() -> None:
 
 def shifted(gps: GpsTrack) -> GpsTrack:
     """By 5 m, as receivers in order do."""
-    return replace(gps, latitude=gps.latitude + (gps.t > 30.0) * 5.0 / EARTH_RADIUS_M)
+    return moved_north(gps, 5.0 * (gps.t > 30.0))
 
 
 def swifter(gps: GpsTrack) -> GpsTrack:

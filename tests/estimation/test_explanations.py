@@ -22,6 +22,7 @@ from companion.estimation.weighing import Candidate, joined, weigh
 from companion.model import STANDARD_GRAVITY, Flight, geodetic_from_ned
 from companion.strapdown import quaternion
 from tests.estimation.sensed import PLACE, sensed, with_imu
+from tests.flights import moved_north
 
 pytestmark = pytest.mark.slow
 
@@ -50,7 +51,7 @@ def gps_creep(flight: Flight) -> Flight:
 
 def gps_jump(flight: Flight) -> Flight:
     (gps,) = flight.gps
-    return replace(flight, gps=(replace(gps, latitude=gps.latitude + (gps.t >= ONSET) * 20.0 / 6.37e6),))
+    return replace(flight, gps=(moved_north(gps, 20.0 * (gps.t >= ONSET)),))
 
 
 def gps_motion(flight: Flight) -> Flight:
@@ -122,7 +123,7 @@ def test_what_would_have_shown_shows(share: float, told: bool) -> None:
     (gps,), (compass,) = flight.gps, flight.compasses
     q, middle = flight.require_attitude(), 30.0
     gone = np.clip((gps.t - middle + 15.0) / 30.0, 0.0, 1.0) * share * enough["gps_position"]
-    away = replace(flight, gps=(replace(gps, latitude=gps.latitude + gone / 6.37e6),))
+    away = replace(flight, gps=(moved_north(gps, gone),))
     i = np.clip(np.searchsorted(q.t, compass.t), 0, len(q) - 1)
     more = np.clip((compass.t - middle + 5.0) / 10.0, 0.0, 1.0)[:, None] * [
         0.0,
