@@ -37,8 +37,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """One process more than cores: that of the browser or of live links waits most of the time."""
-    return (os.cpu_count() or 1) + 1
+    """Two processes more than cores: those of the browser and of live links wait most of the time."""
+    return (os.cpu_count() or 1) + 2
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -113,7 +113,7 @@ def peaks(spectrum: Spectrum, density: Array, most: int = 3) -> tuple[Peak, ...]
 
     A line is four times as strong as the median within 6 Hz, and more than chance makes of so few segments.
     """
-    from scipy import ndimage, signal  # noqa: PLC0415  (slow to import, and no verdict needs lines)
+    from scipy import ndimage  # noqa: PLC0415  (slow to import, and no verdict needs lines)
 
     resolution = float(spectrum.frequency_hz[1])
     threshold = _PEAK * (1.0 + 6.0 / np.sqrt(max(spectrum.segments, 1)))
@@ -122,8 +122,9 @@ def peaks(spectrum: Spectrum, density: Array, most: int = 3) -> tuple[Peak, ...]
         line = density[:, axis]
         around = ndimage.median_filter(line, size=2 * round(_AROUND_HZ / resolution) + 1, mode="nearest")
         ratio = line / np.maximum(around, 1e-30)
-        tops, _ = signal.find_peaks(ratio, height=threshold, distance=max(round(1.0 / resolution), 1))
-        for top in tops[spectrum.frequency_hz[tops] >= _SLOWEST_PEAK_HZ].tolist():
+        highest = ndimage.maximum_filter1d(ratio, size=2 * max(round(1.0 / resolution), 1) + 1, mode="nearest")
+        stands_out = (ratio == highest) & (ratio >= threshold) & (spectrum.frequency_hz >= _SLOWEST_PEAK_HZ)
+        for top in (1 + np.flatnonzero(stands_out[1:-1])).tolist():
             near = slice(max(top - 2, 0), top + 3)  # a line under a Hann window is four bins wide
             power = float(np.sum(np.maximum(line[near] - around[near], 0.0))) * resolution
             lines.append(Peak(axis, float(spectrum.frequency_hz[top]), float(np.sqrt(power))))
