@@ -19,7 +19,7 @@ from companion.model import Flight, StatusText, Vehicle
 from companion.view import Footage, Insight, Reckoning, ReplayChoice, Viewer, chosen_track, export
 from companion.view.charts.chart_pages import ChartPages
 from companion.view.panels.reckoning_controls import GYRO_UNIT
-from companion.view.scene.cameras import FIELD_OF_VIEW, camera, frame, screen_up
+from companion.view.scene.cameras import FIELD_OF_VIEW, screen_up
 from companion.view.state import events
 from tests.view.browsing import choose, near, new_page, next_port, open_page, shoot, until
 from tests.view.circles import BOOT, examine, make_flight, reckon, recompute
@@ -76,9 +76,12 @@ def test_play(wide_page: Page, flight: Flight) -> None:
         until(both_drawn, "a trail of each source")
 
 
-def where_is(replay: Replay, t: float, width: int, height: int) -> tuple[float, float]:
-    """Where in a window the autopilot's path is at t s, seen by the camera that a page begins with."""
-    view = camera("Free", frame(replay.position_ref, replay.position_imu))
+def where_is(replay: Replay, t: float, page: Page, viewer: Viewer) -> tuple[float, float]:
+    """Where in the only page the autopilot's path is at t s, seen by its camera as it stands."""
+    (browser,) = viewer._behind.viewport.browsers._open.values()
+    size, view = page.viewport_size, browser.client.camera
+    assert size is not None
+    width, height = size["width"], size["height"]
     along = view.look_at - view.position
     along, up = along / np.linalg.norm(along), screen_up(along)
     up /= np.linalg.norm(up)
@@ -114,11 +117,11 @@ def test_scrub_and_keys(page: Page, flight: Flight) -> None:
         page.keyboard.press("Home")
         page.get_by_role("button", name="+10", exact=True).click()
         until(lambda: viewer.player.time > viewer.player.start + 9.9, "the button that steps forward")
-        path = where_is(reckon(flight, ReplayChoice()), BOOT + 20.0, 1280, 800)
+        flown = reckon(flight, ReplayChoice())
 
         def clicked() -> bool:
             """The picture may be drawn anew under the pointer: a click that nothing hears is made again."""
-            page.mouse.click(*path)
+            page.mouse.click(*where_is(flown, BOOT + 20.0, page, viewer))
             return abs(viewer.player.time - BOOT - 20.0) < 1.0
 
         until(clicked, "a click on the path")
