@@ -6,6 +6,7 @@ import ast
 import importlib
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -135,9 +136,15 @@ def part_at(path: Path) -> str:
     return part_of((*folders, file) if file != "__init__" or not folders else tuple(folders))
 
 
+@cache
+def tree(path: Path) -> ast.Module:
+    """What a module says, parsed once for all tests."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def imports(path: Path) -> Iterator[str]:
     """Every module that a file imports, wherever in it."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -182,7 +189,7 @@ def test_the_core_is_pure(part: str) -> None:
         assert standard <= PURE, f"{path} imports {standard - PURE}"
         calls = {
             node.func.id
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            for node in ast.walk(tree(path))
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
         }
         assert not calls & IMPURE_CALLS, f"{path} calls {calls & IMPURE_CALLS}"
@@ -245,7 +252,7 @@ def test_no_function_is_long() -> None:
     long = {
         f"{path.relative_to(PACKAGE)}: {node.name}": lines
         for path in MODULES
-        for node in ast.walk(ast.parse(path.read_text()))
+        for node in ast.walk(tree(path))
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         and (lines := (node.end_lineno or 0) - node.lineno + 1) > 60
     }
@@ -271,6 +278,6 @@ def test_nothing_is_called_found() -> None:
     assert not [
         f"{path.relative_to(PACKAGE)}:{line}"
         for path in MODULES
-        for line, name in bound_names(ast.parse(path.read_text(encoding="utf-8")))
+        for line, name in bound_names(tree(path))
         if name.lower().strip("_") == "found"
     ]

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -200,7 +201,7 @@ def messages(path: Path) -> Topics:
                 text = json.loads(schema.data)
                 assert text["title"] == schema.name
                 declared[schema.id] = set(text["properties"])
-            body = json.loads(message.data)
+            body = msgspec.json.decode(message.data)
             assert body.keys() == declared[schema.id]
             stamp = body["timestamp"]
             assert stamp["sec"] * 10**9 + stamp["nsec"] == message.log_time
