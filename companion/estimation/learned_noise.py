@@ -14,8 +14,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from companion.estimation.explanations import KINDS
 from companion.estimation.linearisation import MOVED, Linear
-from companion.estimation.measurements import LEAST
+from companion.estimation.measurements import LEAST, NOMINAL
 from companion.estimation.model import (
     ATTITUDE,
     CAUSES,
@@ -53,8 +54,15 @@ _TYPICAL = 65.0  # percentile of the stretches: a third of a log may stand still
 _HUBER, _NEIGHBOURS = 4.0, 7
 _LAGS = 15
 _WHITER = 3.0  # times what shows between samples, of a filter that makes it less
+_ANY = (0.0, 100.0)  # of the scale of a witness' σ
+_LASTING = 8.0  # times what its readings scatter by: no noise
+_NORMAL_MEDIAN = 0.6745  # of what is normal with σ = 1, without its sign
 _SLOW = 0.3  # ratio of one step to the one before, from which on the series is summed
 _FURTHEST = np.log(10.0)
+
+
+_OF_WITNESS = {kind.name: kind for kind in KINDS if kind.name in NOMINAL}
+"""Witness → what is wrong with it where it alone is off by so much."""
 
 
 def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
@@ -94,6 +102,26 @@ def believing(limits: Mapping[str, tuple[float, float]], shown: tuple[float, flo
     }
 
 
+def lasting(setup: Setup, scale: Mapping[str, float], linear: Linear) -> dict[str, tuple[float, float]]:
+    """Limits of the scales of witnesses that need more noise than one in order, while their readings scatter by less.
+
+    It is then no noise: they are off for long. Where it is so, the scale is limited to what one in order would have: a
+    third of what is called wrong of it. A compass is none of them, for it errs by what the vehicle does.
+    """
+    nominal = {one.name: float(np.median(one.sigma)) for one in setup.readings}
+    limits = {}
+    for one in linear.measurements:
+        kind = _OF_WITNESS.get(one.name)
+        if kind is None or len(one.t) < _STRETCHES:
+            continue
+        in_order = max(kind.least, kind.least_slow) / 3.0
+        steps = np.diff(measurement_residual(one, linear.solution), n=2, axis=0) / np.sqrt(6.0)
+        shown = float(np.median(np.abs(steps))) / _NORMAL_MEDIAN
+        if scale[one.name] * nominal[one.name] > max(in_order, _LASTING * shown):
+            limits[one.name] = (0.0, in_order / nominal[one.name])
+    return limits
+
+
 def learn(
     linear: Linear,
     noise: ProcessNoise,
@@ -104,6 +132,7 @@ def learn(
 ) -> tuple[ProcessNoise, dict[str, float], dict[str, float]]:
     """One step of learning: densities of the process noise, the scale of every witness' σ, and the change of each.
 
+    limits: of the densities of the IMU, and of the scales of witnesses that have any.
     before: the changes of the step before; changes are of the logarithm. spectral: the densities that the spectra of
     gyro and accelerometer show, believed beforehand: an inverse gamma distribution of the variance.
     """
@@ -122,7 +151,7 @@ def learn(
     e = (turn.swapaxes(-1, -2) @ e[:, moved, None])[..., 0]
     d = turn.swapaxes(-1, -2) @ solution.disturbances[1][usual, moved, moved] @ turn
     densities: dict[str, float] = {}
-    for cause, expected in zip(limits, spectral, strict=True):
+    for cause, expected in zip(CAUSES[:2], spectral, strict=True):
         own, v = MOVED[cause], linear.sums[cause][usual]
         believed = _BELIEF / len(e) / noise.density(cause) ** 2
         above = np.einsum("ki,kij,kj->k", e[:, own], v, e[:, own]) + believed * (expected / noise.density(cause)) ** 2
@@ -139,7 +168,8 @@ def learn(
         below = (1.0 - np.minimum(information * measurement_variance(one, solution), 1.0)).sum(axis=1)
         least = LEAST[one.name] / float(np.median(one.sigma / scale[one.name]))
         step = _further(0.5 * np.log(_typical(above, below)), before.get(one.name, 0.0))
-        learned[one.name] = float(np.clip(scale[one.name] * np.exp(step), min(least, 1.0), 100.0))
+        least, most = min(least, 1.0), limits.get(one.name, _ANY)[1]
+        learned[one.name] = float(np.clip(scale[one.name] * np.exp(step), min(least, most), most))
     change = {cause: float(np.log(value / noise.density(cause))) for cause, value in densities.items()}
     change |= {name: float(np.log(value / scale[name])) for name, value in learned.items()}
     return replace(noise, **densities), learned, change

@@ -15,7 +15,7 @@ import numpy as np
 from companion.estimation.choice import PROMISING, WORTH, Choice, explained, gain_beside, promising, unrest
 from companion.estimation.competition import choose, detectable
 from companion.estimation.iteration import Start, estimate, likelihood, start_of
-from companion.estimation.learned_noise import believing, noise_limits, scatter
+from companion.estimation.learned_noise import believing, lasting, noise_limits, scatter
 from companion.estimation.linearisation import Linear
 from companion.estimation.measurements import UNITS
 from companion.estimation.model import (
@@ -164,6 +164,7 @@ def _explained_further(
     """
     begin = replace(settled, states=start.states)
     first = best_of(setup, begin, accepted, choose(linear.problem, linear.solution))
+    first = _off_for_long(setup, start, begin, accepted, first, (settled, linear)) or first
     doubted = any(one.kind.side == "imu" for one in accepted)
     if doubted or not (settled if first is None else first.settled).noise.contradicts(shown):
         return first
@@ -174,6 +175,32 @@ def _explained_further(
         return first
     second = best_of(setup, begin, accepted, choices, limits)
     return first if second is None or second.settled.noise.contradicts(shown) else second
+
+
+def _off_for_long(
+    setup: Setup,
+    start: Start,
+    begin: Start,
+    accepted: Sequence[Choice],
+    first: Tried | None,
+    without: tuple[Start, Linear],
+) -> Tried | None:
+    """What explains most if a witness that seems all noise is in order for most of the flight; None if it is noise.
+
+    An error that lasts for a third of a flight is learned as noise. Where its readings do not scatter so, what would
+    explain it if the noise were less is tried, and taken if that ends it.
+    first: what explains most with the noise that was learned; without: the estimate with nothing further explained.
+    """
+    settled, linear = without if first is None else (first.settled, first.linear)
+    doubted = lasting(setup, settled.scale, linear)
+    if not doubted:
+        return None
+    limits = noise_limits(setup) | doubted
+    _, believed = estimate(setup, start, accepted, limits, white=True)
+    second = best_of(setup, begin, accepted, choose(believed.problem, believed.solution), limits)
+    if second is None or doubted.keys() & lasting(second.setup, second.settled.scale, second.linear).keys():
+        return None
+    return second
 
 
 def best_of(

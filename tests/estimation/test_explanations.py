@@ -19,7 +19,7 @@ from companion.estimation.scan import scan
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Prior, Solution, motion_residual, solve
 from companion.estimation.weighing import Candidate, joined, weigh
-from companion.model import STANDARD_GRAVITY, Flight, geodetic_from_ned
+from companion.model import STANDARD_GRAVITY, Array, Flight, geodetic_from_ned
 from companion.strapdown import quaternion
 from tests.estimation.sensed import PLACE, sensed, with_imu
 from tests.flights import moved_north
@@ -112,6 +112,27 @@ def test_an_injected_fault_is_found(fault: str) -> None:
     assert largest.gain > 30.0
     assert np.linalg.norm(largest.size) == pytest.approx(size, rel=0.25)
     assert abs(largest.onset - ONSET) < max(4.0 * largest.onset_sigma, 2.0)
+
+
+OFF: dict[str, Callable[[Flight, Array], Flight]] = {
+    "gps_position": lambda f, during: replace(f, gps=(moved_north(f.gps[0], 40.0 * during),)),
+    "gps_velocity": lambda f, during: replace(
+        f, gps=(replace(f.gps[0], velocity=f.gps[0].velocity + during[:, None] * [3.0, 4.0, 0.0]),)
+    ),
+}
+
+
+@pytest.mark.parametrize("witness", OFF)
+def test_what_is_off_for_a_third_of_a_flight_is_not_its_noise(witness: str) -> None:
+    """With a fix a second it would be: it scatters as little as ever, and by so much more than one in order."""
+    flight, _ = sensed(60.0, fixes_hz=1.0)
+    t = flight.gps[0].t
+    away = smooth(OFF[witness](flight, np.where((t > 22.0) & (t < 42.0), 1.0, 0.0)))
+    (one,) = away.explained
+    assert (one.kind, one.shape) == (witness, "pulse")
+    assert (one.onset, one.end) == pytest.approx((22.0, 42.0), abs=1.0)
+    assert np.linalg.norm(one.size) == pytest.approx(40.0 if witness == "gps_position" else 5.0, rel=0.05)
+    assert away.measurement_scale[witness] < 3.0
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.5, False), (1.6, True)])
