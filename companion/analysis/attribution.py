@@ -221,24 +221,31 @@ def _named(kind: str | None) -> str:
     return (kind or "").replace("_", " ")
 
 
-def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> str:
-    """Why a departure does not accuse the autopilot; empty where it does."""
+_WITNESS = "GPS while the vehicle moves, or a second IMU, in the log would tell."
+_RECEIVER = "A second GPS receiver in the log would tell."
+_EARLIER = "A log that begins earlier would tell."
+
+
+def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> tuple[str, str]:
+    """Why a departure does not accuse the autopilot, empty where it does; and what would tell."""
     promising = (sensor for kind in best.promising if (sensor := SENSORS.get(kind.split("_")[0])))
     sensor = next(promising, None)
     slowly_off = departure.quantity == "position" and not departure.sudden
     reasons = (
-        ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong"),
+        ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong", _WITNESS),
         (slowly_off and departure.size < _CREEPS + SIGMAS * departure.sigma,
-         "a GPS in order creeps as far: it cannot be told which of them is wrong"),
-        (best.contradicted, _CONTRADICTED),
-        (departure.recovers, "it was so when this began, and the estimate recovers: what led to it lies before"),
-        (departure.start >= by_imu, "the IMU moved as the autopilot says: it cannot be told which of them is wrong"),
+         "a GPS in order creeps as far: it cannot be told which of them is wrong", _RECEIVER),
+        (best.contradicted, _CONTRADICTED, _FASTER),
+        (departure.recovers, "it was so when this began, and the estimate recovers: what led to it lies before",
+         _EARLIER),
+        (departure.start >= by_imu, "the IMU moved as the autopilot says: it cannot be told which of them is wrong",
+         _ANOTHER),
         (sensor is not None,
-         f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong"),
+         f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong", _ANOTHER),
         (departure.size < _CERTAIN * departure.sigma,
-         "that close to what both may be off by, it cannot be told which of them is wrong"),
+         "that close to what both may be off by, it cannot be told which of them is wrong", _ANOTHER),
     )  # fmt: skip
-    return next((why for applies, why in reasons if applies), "")
+    return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
 
 
 def _own(departure: Departure, best: BestEstimate, by_imu: float) -> Finding:
@@ -249,7 +256,7 @@ def _own(departure: Departure, best: BestEstimate, by_imu: float) -> Finding:
     Without GPS, where a fault of a sensor explains it nearly as well, or where it is not far beyond what both may be
     off by, it is said and accuses nobody.
     """
-    why = _why_unsure(departure, best, by_imu)
+    why, would_tell = _why_unsure(departure, best, by_imu)
     unsure = bool(why)
     words = f"its estimate is off by {departure} against the best estimate of the sensors, which agree with each other"
     if unsure:
@@ -261,7 +268,7 @@ def _own(departure: Departure, best: BestEstimate, by_imu: float) -> Finding:
         departure.start,
         departure.end,
         words,
-        "Record GPS and a second IMU as well: they would tell." if unsure else
+        would_tell if unsure else
         "Look at the estimator's innovations and at its settings; compare with another core or another estimator.",
         headline="" if unsure else f"it is off by {departure} from what all sensors together say, "
         f"from {departure.start:.1f} to {departure.end:.1f} s",

@@ -198,21 +198,23 @@ def test_an_imu_that_is_known_to_sit_askew_is_no_departure(flight: Flight, best:
 
 
 @pytest.mark.parametrize(
-    ("doubt", "said"),
+    ("doubt", "said", "tells"),
     [
-        ({"promising": ("accel_bias",)}, "a fault of the accelerometer"),
-        ({"promising": ("compass_field",)}, "a fault of the compass"),
-        ({"residuals": {}}, "without GPS"),
+        ({"promising": ("accel_bias",)}, "a fault of the accelerometer", "A second sensor of the same kind"),
+        ({"promising": ("compass_field",)}, "a fault of the compass", "A second sensor of the same kind"),
+        ({"residuals": {}}, "without GPS", "GPS while the vehicle moves"),
     ],
     ids=["the accelerometer nearly explains it", "the compass does", "no GPS"],
 )
 def test_where_the_best_estimate_is_in_doubt_nobody_is_accused(
-    flight: Flight, best: BestEstimate, doubt: dict[str, object], said: str
+    flight: Flight, best: BestEstimate, doubt: dict[str, object], said: str, tells: str
 ) -> None:
+    """And what would tell is what such a log lacks."""
     found = departures(headed(flight, 40.0), best, Limits())
     (finding,) = (f for f in findings_of((), found, replace(best, **doubt)) if f.kind == "heading_off")  # type: ignore[arg-type]
     assert (finding.side, finding.severity) == ("data", "warning")
     assert said in finding.evidence
+    assert finding.advice.startswith(tells)
 
 
 @pytest.mark.parametrize("felt", [True, False], ids=["as the gyro turned", "the gyro did not turn"])
