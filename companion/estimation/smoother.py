@@ -171,6 +171,7 @@ def _explained_further(
     limits = believing(noise_limits(setup), shown)
     _, believed = estimate(setup, start, accepted, limits, white=True)
     choices = choose(believed.problem, believed.solution)
+    del believed
     if not choices or choices[0].kind.side == "imu":
         return first
     second = best_of(setup, begin, accepted, choices, limits)
@@ -197,7 +198,9 @@ def _off_for_long(
         return None
     limits = noise_limits(setup) | doubted
     _, believed = estimate(setup, start, accepted, limits, white=True)
-    second = best_of(setup, begin, accepted, choose(believed.problem, believed.solution), limits)
+    choices = choose(believed.problem, believed.solution)
+    del believed  # of a long flight one more is more than all else
+    second = best_of(setup, begin, accepted, choices, limits)
     if second is None or doubted.keys() & lasting(second.setup, second.settled.scale, second.linear).keys():
         return None
     return second
