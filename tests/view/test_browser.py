@@ -77,17 +77,20 @@ def test_play(wide_page: Page, flight: Flight) -> None:
 
 
 def where_is(replay: Replay, t: float, page: Page, viewer: Viewer) -> tuple[float, float]:
-    """Where in the only page the autopilot's path is at t s, seen by its camera as it stands."""
+    """Where in the only page the autopilot's path is at t s, seen by its camera as it stands.
+
+    The picture lies between the panels, whose widths depend on how the window came to its size.
+    """
     (browser,) = viewer._behind.viewport.browsers._open.values()
-    size, view = page.viewport_size, browser.client.camera
-    assert size is not None
-    width, height = size["width"], size["height"]
+    view, box = browser.client.camera, page.locator("canvas").first.bounding_box()
+    assert box is not None
     along = view.look_at - view.position
     along, up = along / np.linalg.norm(along), screen_up(along)
     up /= np.linalg.norm(up)
     offset = replay.position_ref[np.searchsorted(replay.t, t)] - view.position
-    scale = height / (2 * float(np.tan(FIELD_OF_VIEW / 2)) * float(offset @ along))
-    return width / 2 + scale * float(offset @ np.cross(along, up)), height / 2 - scale * float(offset @ up)
+    scale = box["height"] / (2 * float(np.tan(FIELD_OF_VIEW / 2)) * float(offset @ along))
+    right, above = scale * float(offset @ np.cross(along, up)), scale * float(offset @ up)
+    return box["x"] + box["width"] / 2 + right, box["y"] + box["height"] / 2 - above
 
 
 def test_scrub_and_keys(page: Page, flight: Flight) -> None:
