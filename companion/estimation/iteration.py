@@ -18,7 +18,7 @@ from companion.estimation.model import ATTITUDE, CONSTANT_STATES, ProcessNoise, 
 from companion.estimation.setup import Setup
 from companion.model import Array, DataError
 
-_PASSES = 10
+_PASSES = 14
 _LEARN_FROM = 1  # the pass after which densities are learned
 _WEIGHTS_FROM = 4  # the pass after which outliers weigh less, whether or not densities have settled
 _WEIGHTED = 3  # passes with such weights, at least
