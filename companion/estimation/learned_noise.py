@@ -54,9 +54,8 @@ _TYPICAL = 65.0  # percentile of the stretches: a third of a log may stand still
 _HUBER, _NEIGHBOURS = 4.0, 7
 _LAGS = 15
 _WHITER = 3.0  # times what shows between samples, of a filter that makes it less
-_ANY = (0.0, 100.0)  # of the scale of a witness' σ
+_MOST = 100.0  # of the scale of a witness' σ
 _LASTING = 8.0  # times what its readings scatter by: no noise
-_NORMAL_MEDIAN = 0.6745  # of what is normal with σ = 1, without its sign
 _SLOW = 0.3  # ratio of one step to the one before, from which on the series is summed
 _FURTHEST = np.log(10.0)
 
@@ -116,9 +115,10 @@ def lasting(setup: Setup, scale: Mapping[str, float], linear: Linear) -> dict[st
             continue
         in_order = max(kind.least, kind.least_slow) / 3.0
         steps = np.diff(measurement_residual(one, linear.solution), n=2, axis=0) / np.sqrt(6.0)
-        shown = float(np.median(np.abs(steps))) / _NORMAL_MEDIAN
+        shown = 1.4826 * float(np.median(np.abs(steps)))  # σ of what is normal, whatever a few steps are
         if scale[one.name] * nominal[one.name] > max(in_order, _LASTING * shown):
-            limits[one.name] = (0.0, in_order / nominal[one.name])
+            most = in_order / nominal[one.name]
+            limits[one.name] = (min(LEAST[one.name] / nominal[one.name], 1.0, most), most)
     return limits
 
 
@@ -168,8 +168,8 @@ def learn(
         below = (1.0 - np.minimum(information * measurement_variance(one, solution), 1.0)).sum(axis=1)
         least = LEAST[one.name] / float(np.median(one.sigma / scale[one.name]))
         step = _further(0.5 * np.log(_typical(above, below)), before.get(one.name, 0.0))
-        least, most = min(least, 1.0), limits.get(one.name, _ANY)[1]
-        learned[one.name] = float(np.clip(scale[one.name] * np.exp(step), min(least, most), most))
+        bounds = limits.get(one.name, (min(least, 1.0), _MOST))
+        learned[one.name] = float(np.clip(scale[one.name] * np.exp(step), *bounds))
     change = {cause: float(np.log(value / noise.density(cause))) for cause, value in densities.items()}
     change |= {name: float(np.log(value / scale[name])) for name, value in learned.items()}
     return replace(noise, **densities), learned, change

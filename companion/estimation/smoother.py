@@ -169,9 +169,7 @@ def _explained_further(
     if doubted or not (settled if first is None else first.settled).noise.contradicts(shown):
         return first
     limits = believing(noise_limits(setup), shown)
-    _, believed = estimate(setup, start, accepted, limits, white=True)
-    choices = choose(believed.problem, believed.solution)
-    del believed
+    choices = _chosen_within(setup, start, accepted, limits)
     if not choices or choices[0].kind.side == "imu":
         return first
     second = best_of(setup, begin, accepted, choices, limits)
@@ -193,17 +191,23 @@ def _off_for_long(
     first: what explains most with the noise that was learned; without: the estimate with nothing further explained.
     """
     settled, linear = without if first is None else (first.settled, first.linear)
-    doubted = lasting(setup, settled.scale, linear)
-    if not doubted:
+    limited = lasting(setup, settled.scale, linear)
+    if not limited:
         return None
-    limits = noise_limits(setup) | doubted
-    _, believed = estimate(setup, start, accepted, limits, white=True)
-    choices = choose(believed.problem, believed.solution)
-    del believed  # of a long flight one more is more than all else
-    second = best_of(setup, begin, accepted, choices, limits)
-    if second is None or doubted.keys() & lasting(second.setup, second.settled.scale, second.linear).keys():
+    limits = noise_limits(setup) | limited
+    second = best_of(setup, begin, accepted, _chosen_within(setup, start, accepted, limits), limits)
+    if second is None or limited.keys() & lasting(second.setup, second.settled.scale, second.linear).keys():
         return None
     return second
+
+
+def _chosen_within(setup: Setup, start: Start, accepted: Sequence[Choice], limits: Limits) -> tuple[Choice, ...]:
+    """What explains most where the noise is within limits, as if what they are of were believed.
+
+    That estimate is let go here, before another is made: of a long flight one more is more than all else.
+    """
+    _, believed = estimate(setup, start, accepted, limits, white=True)
+    return choose(believed.problem, believed.solution)
 
 
 def best_of(
