@@ -411,7 +411,7 @@ def test_a_gyro_that_tells_no_noise_is_not_stuck() -> None:
     assert "stuck_axis" not in kinds(assess(in_milliradians(), GENERIC))
 
 
-@pytest.mark.parametrize("begin", [22.0, 54.0])
+@pytest.mark.parametrize("begin", [22.0, 38.0, 54.0])
 def test_an_axis_that_misses_what_all_other_sensors_saw_is_stuck(begin: float) -> None:
     """It reads one value in the time of a quick manoeuvre; the others may be calm."""
     flight = in_milliradians()
