@@ -15,7 +15,6 @@ from companion.analysis.replay import Replay
 from companion.model import Array, nearest
 
 _POINTS = 2400
-_SAMPLES = 2_500_000  # in all windows together: a third of a second to a second of work
 _LONGEST_S = 120.0
 """Beyond it the error is no longer linear in its causes, and its covariance says nothing."""
 
@@ -47,8 +46,7 @@ def expected_since_anchor(assessment: Assessment, shown: Replay) -> Expectation 
     if np.max(ends - shown.anchors) > _LONGEST_S or 3 * len(shown.anchors) > _POINTS:
         return None
     t = assessment.comparison.track.t
-    each = min(_POINTS // len(shown.anchors), int(_SAMPLES / (0.4 * len(shown.t))))
-    steps = np.linspace(0.0, 1.0, max(each, 3)) ** 1.5  # 0.4 of a tooth on average
+    steps = np.linspace(0.0, 1.0, _POINTS // len(shown.anchors)) ** 1.5
     wanted = shown.anchors[:, None] + steps * (ends - shown.anchors)[:, None]
     start = np.repeat(nearest(t, shown.anchors), len(steps))
     end = np.maximum(nearest(t, wanted.ravel()), start)

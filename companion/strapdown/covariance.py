@@ -128,7 +128,10 @@ class Sums:
 
 
 def error_sums(imu: ImuTrack, path: Preintegration, start: Index, end: Index) -> Sums:
-    """What of the error growth over windows between samples start (W,) and end (W,) needs no state at the start."""
+    """What of the error growth over windows between samples start (W,) and end (W,) needs no state at the start.
+
+    Of windows that begin at the same sample each goes on from where the one before it ends: no sample is read twice.
+    """
     count = len(start)
     raw = Sums(
         np.tile(np.eye(15), (count, 1, 1)),
@@ -136,15 +139,38 @@ def error_sums(imu: ImuTrack, path: Preintegration, start: Index, end: Index) ->
         np.zeros((count, 9, 3, 3)),
         np.zeros((count, 9, 3, 3)),
     )
-    order = np.argsort(end - start, kind="stable")  # windows of like length share a batch
-    samples = np.cumsum((end - start + 1)[order])
+    ascending = np.lexsort((end, start))
+    number = np.arange(count)
+    begins = np.append(True, np.diff(start[ascending]) != 0)[:count]
+    later = number[~begins]
+    own = start.copy()
+    own[ascending[later]] = end[ascending[later - 1]]
+
+    order = np.argsort(end - own, kind="stable")  # windows of like length share a batch
+    samples = np.cumsum((end - own + 1)[order])
     at = 0
     while at < count:
         already = samples[at - 1] if at else 0
         stop = max(int(np.searchsorted(samples, already + BATCH, side="right")), at + 1)
-        _integrate(raw, order[at:stop], imu, path, start[order[at:stop]], end[order[at:stop]])
+        _integrate(raw, order[at:stop], imu, path, own[order[at:stop]], end[order[at:stop]])
         at = stop
+
+    place = number - np.maximum.accumulate(np.where(begins, number, 0))  # among those that begin together
+    for following in range(1, int(place.max(initial=0)) + 1):
+        here = np.flatnonzero(place == following)
+        _go_on(raw, ascending[here - 1], ascending[here])
     return raw
+
+
+def _go_on(raw: Sums, before: Index, after: Index) -> None:
+    """Adds to windows `after` the ones `before` them, which end where they begin."""
+    grown = raw.transition[after]
+    raw.transition[after] = grown @ raw.transition[before]
+    for covariance in raw.noise.values():
+        covariance[after] += grown @ covariance[before] @ grown.swapaxes(-1, -2)
+    for matrix in (raw.gyro_matrix, raw.accel_matrix):
+        arrived = grown[:, :9, :9] @ matrix[before].reshape(-1, 9, 9)
+        matrix[after] += arrived.reshape(-1, 9, 3, 3)
 
 
 def _integrate(out: Sums, batch: Index, imu: ImuTrack, path: Preintegration, start: Index, end: Index) -> None:

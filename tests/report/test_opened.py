@@ -42,12 +42,6 @@ def pixels(part: Locator) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
     return np.asarray(Image.open(io.BytesIO(part.screenshot())).convert("RGB"))
 
 
-@pytest.fixture
-def watched(browser: Browser) -> Iterator[Watched]:
-    with new_page(browser, 1100, color_scheme="dark") as page:
-        yield Watched(page)
-
-
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report of the demo, with its playback."""
@@ -56,8 +50,17 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_page_asks_nobody_and_complains_of_nothing(watched: Watched, path: Path) -> None:
-    page = watched.open(path)
+@pytest.fixture(scope="module")
+def opened(browser: Browser, path: Path) -> Iterator[Watched]:
+    """Its page: to load it takes most of what a test of it takes."""
+    with new_page(browser, 1100, looking=True, color_scheme="dark") as page:
+        watched = Watched(page)
+        watched.open(path)
+        yield watched
+
+
+def test_the_page_asks_nobody_and_complains_of_nothing(opened: Watched, path: Path) -> None:
+    page = opened.page
     charts = page.locator(".chart")
     assert charts.count() >= 9
     assert page.locator(".chart .main-svg").count() >= charts.count()
@@ -74,30 +77,26 @@ def test_the_page_asks_nobody_and_complains_of_nothing(watched: Watched, path: P
     assert dark.evaluate("e => getComputedStyle(e).fill") == "rgb(0, 0, 0)"
     assert not page.locator("iframe").is_visible()
 
-    assert watched.trouble == []
-    assert [url for url in watched.requests if not url.startswith(("data:", "blob:"))] == [path.as_uri()]
+    assert opened.trouble == []
+    assert [url for url in opened.requests if not url.startswith(("data:", "blob:"))] == [path.as_uri()]
 
 
-def test_no_request_could_leave_the_page(watched: Watched, path: Path) -> None:
-    page = watched.open(path)
-    refused = page.evaluate("fetch('http://127.0.0.1:9/').then(() => 'sent', e => String(e))")
+def test_no_request_could_leave_the_page(opened: Watched) -> None:
+    refused = opened.page.evaluate("fetch('http://127.0.0.1:9/').then(() => 'sent', e => String(e))")
     assert "Failed to fetch" in refused
-    assert any("Content Security Policy" in words for words in watched.trouble)
+    assert any("Content Security Policy" in words for words in opened.trouble)
 
 
-def test_what_a_vehicle_says_does_not_run(watched: Watched, tmp_path: Path) -> None:
+def test_what_a_vehicle_says_does_not_run(browser: Browser, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     report(hostile_log(tmp_path), path)
-    page = watched.open(path)
-    page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
-    page.get_by_role("button", name="Load the 3D playback").click()
-    page.frame_locator("iframe").locator("canvas").first.wait_for()
-    assert page.evaluate("window.hacked") is None
-    assert page.locator("text=window.hacked=3").count() > 0
-    assert watched.trouble == []
-
-
-def test_a_telephone_scrolls_down_and_not_sideways(browser: Browser, path: Path) -> None:
     with new_page(browser, 360, 700) as page:
-        Watched(page).open(path)
-        assert page.evaluate("document.documentElement.scrollWidth") <= 360
+        watched = Watched(page)
+        watched.open(path)
+        assert page.evaluate("document.documentElement.scrollWidth") <= 360, "a telephone scrolls down, not sideways"
+        page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
+        page.get_by_role("button", name="Load the 3D playback").click()
+        page.frame_locator("iframe").locator("canvas").first.wait_for()
+        assert page.evaluate("window.hacked") is None
+        assert page.locator("text=window.hacked=3").count() > 0
+        assert watched.trouble == []

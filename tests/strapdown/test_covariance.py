@@ -169,8 +169,12 @@ def test_covariances_are_symmetric_and_causes_add_up() -> None:
         assert (np.linalg.eigvalsh(part) > -1e-12 * np.abs(part).max()).all()
 
 
-def test_windows_of_any_length_do_not_disturb_one_another() -> None:
-    starts, ends = [0, 10, 500, 7], [1000, 10, 503, 400]
+@pytest.mark.parametrize(
+    ("starts", "ends"),
+    [([0, 10, 500, 7], [1000, 10, 503, 400]), ([40, 10, 40, 40, 10, 40], [700, 10, 40, 55, 900, 700])],
+    ids=["apart", "some begin together"],
+)
+def test_windows_of_any_length_do_not_disturb_one_another(starts: list[int], ends: list[int]) -> None:
     together = windows(MOTION, starts, ends)
     for w, (k, e) in enumerate(zip(starts, ends, strict=True)):
         alone = windows(MOTION, [k], [e])

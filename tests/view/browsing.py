@@ -32,7 +32,8 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
     "--disable-background-timer-throttling",
 ]
-SCREENSHOTS = Path(__file__).parents[2] / "screenshots"
+SCREENSHOTS = Path(os.environ["SCREENSHOTS"]) if "SCREENSHOTS" in os.environ else None
+"""The folder in which every picture that is looked at, and some more, are kept; None: they are not."""
 
 # A picture is drawn two or three times a second: without a graphics card a page that plays would take a whole core, and
 # on a busy machine it would have time for nothing else.
@@ -45,6 +46,20 @@ _SLOWLY = """(() => {
         return id;
     };
     window.cancelAnimationFrame = id => { clearTimeout(waiting.get(id)); waiting.delete(id); };
+})()"""
+
+# Nor is the scene drawn at all but while somebody looks: a fifth of what a test of the page takes.
+_BLINDLY = """(() => {
+    window.companionDraws = 0;
+    for (const kind of [WebGLRenderingContext, WebGL2RenderingContext])
+        for (const name of ['drawArrays', 'drawElements', 'drawArraysInstanced', 'drawElementsInstanced']) {
+            const draw = kind.prototype[name];
+            if (draw) kind.prototype[name] = function (...how) {
+                if (!window.companionLooks) return;
+                window.companionDraws += 1;
+                draw.apply(this, how);
+            };
+        }
 })()"""
 
 expect.set_options(timeout=1e3 * LIMIT_S)
@@ -61,11 +76,15 @@ def rank_with_the_tests() -> None:
 
 
 @contextlib.contextmanager
-def new_page(browser: Browser, width: int = 1280, height: int = 800, **options: Any) -> Iterator[Page]:
-    """A page in a window of this size."""
+def new_page(
+    browser: Browser, width: int = 1280, height: int = 800, *, looking: bool = False, **options: Any
+) -> Iterator[Page]:
+    """A page in a window of this size. looking: its scenes are drawn all the time, not only for `looked_at`."""
     context = browser.new_context(viewport={"width": width, "height": height}, **options)
     context.set_default_timeout(1e3 * LIMIT_S)
     context.add_init_script(_SLOWLY)
+    if not looking:
+        context.add_init_script(_BLINDLY)
     yield context.new_page()
     context.close()
 
@@ -112,11 +131,29 @@ def until(condition: Callable[[], bool], what: str = "") -> None:
     wait_for(condition, what, look_s=0.15)
 
 
+@contextlib.contextmanager
+def looked_at(page: Page) -> Iterator[None]:
+    """The scene is drawn meanwhile, once at least before it begins."""
+    page.evaluate("() => { companionDraws = 0; companionLooks = true; }")
+    page.wait_for_function("() => companionDraws > 0")
+    yield
+    page.evaluate("() => { companionLooks = false; }")
+
+
 def shoot(page: Page, name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    """Save a screenshot and give the pixels of it (H, W, 3)."""
-    SCREENSHOTS.mkdir(exist_ok=True)
-    png = page.screenshot(path=SCREENSHOTS / f"{name}.png")
+    """The pixels of what a page shows (H, W, 3), kept as a picture where pictures are."""
+    with looked_at(page):
+        png = page.screenshot()
+    if SCREENSHOTS is not None:
+        SCREENSHOTS.mkdir(parents=True, exist_ok=True)
+        (SCREENSHOTS / f"{name}.png").write_bytes(png)
     return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+
+
+def keep(page: Page, name: str) -> None:
+    """A picture for who wants to see what the tests see: SCREENSHOTS=folder keeps it there."""
+    if SCREENSHOTS is not None:
+        shoot(page, name)
 
 
 def near(pixels: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], colour: tuple[int, int, int]) -> int:

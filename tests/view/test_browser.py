@@ -21,7 +21,7 @@ from companion.view.charts.chart_pages import ChartPages
 from companion.view.panels.reckoning_controls import GYRO_UNIT
 from companion.view.scene.cameras import FIELD_OF_VIEW, screen_up
 from companion.view.state import events
-from tests.view.browsing import choose, near, new_page, next_port, open_page, shoot, until
+from tests.view.browsing import choose, keep, looked_at, near, new_page, next_port, open_page, shoot, until
 from tests.view.circles import BOOT, examine, make_flight, reckon, recompute
 from tests.waiting import LIMIT_S
 
@@ -56,7 +56,7 @@ def test_play(wide_page: Page, flight: Flight) -> None:
     with Viewer([flight], recompute, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
         before = (viewer.player.time, viewer.scene.imu.position, viewer.scene.imu.wxyz, cursor(page))
-        shoot(page, "before-play")
+        keep(page, "before-play")
         page.get_by_role("button", name="Play", exact=True).click()
         expect(page.get_by_role("button", name="Pause", exact=True)).to_be_visible()
 
@@ -178,7 +178,7 @@ def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
         expect(page.get_by_role("cell", name="10.0 s", exact=True)).to_be_visible()
         choose(page, "Camera", "Follow")
         choose(page, "Drones", "Smaller")
-        shoot(page, "free-running-follow")
+        keep(page, "free-running-follow")
 
 
 def test_a_flight_chooser_and_hostile_names(page: Page) -> None:
@@ -191,7 +191,7 @@ def test_a_flight_chooser_and_hostile_names(page: Page) -> None:
         expect(page.get_by_text("<img src=x onerror=")).to_be_visible()  # as text
         time.sleep(0.5)
         assert page.title() != "owned"
-        shoot(page, "two-flights")
+        keep(page, "two-flights")
 
 
 def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
@@ -216,7 +216,7 @@ def test_a_hostile_vehicle_is_only_text(page: Page, flight: Flight) -> None:
         time.sleep(0.5)
         assert page.title() != "owned"
         assert page.locator("img[src=x]").count() == 0
-        shoot(page, "hostile-texts")
+        keep(page, "hostile-texts")
 
 
 def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -262,7 +262,7 @@ def test_a_zoom_stays_while_it_plays(page: Page, flight: Flight, monkeypatch: py
         viewer.post(events.Toggle())
         hear_all(page, viewer, BOOT + 2.0)
         assert page.evaluate(zoom) == before
-        shoot(page, "zoomed")
+        keep(page, "zoomed")
         viewer.post(events.Seek(BOOT + 40.0))
         viewer.post(events.SetPart("from"))  # a part is a zoom that all charts share, and is thinned anew
         until(lambda: page.evaluate(zoom)[0][1] == pytest.approx(BOOT + 40.0), "the charts of the part")
@@ -303,11 +303,11 @@ def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight)
         viewer.post(events.Seek(BOOT + 28.0))
         series = "() => Object.values(window.__viserTestpoints.uplots)[0].chart.series.length"
         until(lambda: page.evaluate(series) == 6, "the lines of what is expected")
-        shoot(page, "envelope")
+        keep(page, "envelope")
         choose(page, "Charts", "IMU readings")
         expect(page.get_by_text("Gyro, °/s")).to_be_visible()
         expect(page.get_by_text("Position error, m", exact=True)).to_have_count(0)
-        shoot(page, "imu-readings")
+        keep(page, "imu-readings")
 
 
 def test_the_picture_and_the_replay_can_be_taken_along(
@@ -317,7 +317,7 @@ def test_the_picture_and_the_replay_can_be_taken_along(
     with Viewer([flight], recompute, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
         page.get_by_text("Save", exact=True).click()
-        with page.expect_download() as download:
+        with looked_at(page), page.expect_download() as download:
             page.get_by_role("button", name="This picture (PNG)").click()
         download.value.save_as(tmp_path / "picture.png")
         pixels = np.asarray(Image.open(tmp_path / "picture.png").convert("RGB"))
@@ -344,7 +344,7 @@ def test_a_page_finds_its_way_back_to_a_server_that_was_restarted(page: Page, fl
         page.get_by_role("button", name="+10", exact=True).click()
         until(lambda: viewer.player.time == pytest.approx(BOOT + 10.0), "its buttons work")
         choose(page, "Camera", "Chase")  # a list of the new session
-        shoot(page, "reconnected")
+        keep(page, "reconnected")
 
 
 def test_a_page_with_a_token_is_opened_and_opened_again(wide_page: Page, flight: Flight) -> None:

@@ -17,7 +17,7 @@ from playwright.sync_api import Browser, Page, expect
 import companion as c
 from tests.processes import COMPANION, Process, ended, next_line, started
 from tests.simulated import flying, free_port
-from tests.view.browsing import choose, near, new_page, open_page, shoot, until
+from tests.view.browsing import choose, keep, near, new_page, open_page, shoot, until
 
 pytestmark = pytest.mark.browser
 
@@ -125,7 +125,7 @@ def test_a_live_session_and_the_next_one(browser: Browser, page: Page, tmp_path:
             for _ in range(3):
                 page.keyboard.press("ArrowLeft")
             until(lambda: abs(since_anchor(page)[1] - (held[1] - 3.0)) < 1.1)
-            shoot(page, "live-look-back")
+            keep(page, "live-look-back")
             page.get_by_role("button", name="Live", exact=True).click()
             expect(page.get_by_text("LIVE", exact=True)).to_be_visible()
 
@@ -135,7 +135,7 @@ def test_a_live_session_and_the_next_one(browser: Browser, page: Page, tmp_path:
 
             vehicle.reboot()
             expect(page.get_by_text("vehicle 1:1, boot 2")).to_be_visible()
-            shoot(page, "live-second-boot")
+            keep(page, "live-second-boot")
             said: list[str] = []
             page.on("console", lambda message: said.append(message.text))
             _, told = ended(process, signal.SIGTERM)
@@ -154,7 +154,7 @@ def test_a_live_session_and_the_next_one(browser: Browser, page: Page, tmp_path:
             expect(page.get_by_text("Not recorded")).to_be_visible()
             for each in (page, open_page(other, url)):
                 expect(each.get_by_text("LIVE", exact=True)).to_be_visible()
-            shoot(page, "live-reconnected")
+            keep(page, "live-reconnected")
             each_has_its_own_camera(leaves=other, stays=page)
             _, told = ended(process, signal.SIGTERM)
             assert (process.returncode, "Traceback" in told) == (0, False)
@@ -173,4 +173,4 @@ def test_a_silent_link_on_a_small_window(browser: Browser, tmp_path: Path) -> No
             expect(page.get_by_text("LIVE", exact=True)).to_be_visible()
         expect(page.get_by_text("RECONNECTING")).to_be_visible()
         expect(page.get_by_text(re.compile("silent for [0-9]+ s")).first).to_be_visible()
-        shoot(page, "live-390x844")
+        keep(page, "live-390x844")

@@ -25,7 +25,7 @@ from companion.simulate import SimulatedVehicle, fly, write_flight
 from companion.view import Viewer
 from companion.view.state import events
 from tests.recordings import BUNDLED
-from tests.view.browsing import choose, near, new_page, next_port, open_page, shoot, until
+from tests.view.browsing import choose, keep, near, new_page, next_port, open_page, shoot, until
 
 pytestmark = pytest.mark.browser
 
@@ -65,7 +65,7 @@ def test_the_verdict_and_a_jump_to_a_finding(page: Page) -> None:
         assert cells[2].startswith(f"{row.attitude_deg.median:.3f}")
         expect(page.get_by_role("cell", name=f"{expected.position_m:.2f}", exact=True)).to_be_visible()
         expect(page.get_by_role("cell", name="SCALED_IMU2")).to_be_visible()
-        shoot(page, "verdict")
+        keep(page, "verdict")
         tab(page, "Charts")
         choose(page, "Charts", "Drift by horizon")
         median = "() => Object.values(window.__viserTestpoints.uplots).map(p => Array.from(p.chart.data[1]))"
@@ -77,11 +77,11 @@ def test_the_verdict_and_a_jump_to_a_finding(page: Page) -> None:
         assert page.evaluate("() => Object.values(window.__viserTestpoints.uplots)[0].chart.scales.x.distr") == 3
         width = "() => Math.min(...Object.values(window.__viserTestpoints.uplots).map(p => p.chart.width))"
         until(lambda: page.evaluate(width) > 200.0, "charts as wide as their panel, which they are after their data")
-        shoot(page, "drift-by-horizon")
+        keep(page, "drift-by-horizon")
         choose(page, "Charts", "IMU noise")
         labels = "() => Object.values(window.__viserTestpoints.uplots).map(p => p.chart.series[0].label)"
         until(lambda: page.evaluate(labels) == ["Hz or s"] * 4, "spectra and Allan deviations")
-        shoot(page, "imu-noise")
+        keep(page, "imu-noise")
         page.get_by_text("Save", exact=True).click()
         with page.expect_download() as download:
             page.get_by_role("button", name="The report (HTML)").click()
@@ -111,7 +111,7 @@ def test_several_imus_a_correction_and_another_horizon(page: Page) -> None:
         choose(page, "Readings", "Corrected by this flight's calibration")
         choose(page, "Charts", "IMU readings")
         until(lambda: "forward raw" in page.evaluate(names), "the readings before and after the correction")
-        shoot(page, "corrected-readings")
+        keep(page, "corrected-readings")
         choose(page, "Charts", "Errors over the horizon")
         choose(page, "Horizon", "10 s")
         expect(page.get_by_text("Attitude error after 10 s, °")).to_be_visible()
@@ -121,7 +121,7 @@ def test_several_imus_a_correction_and_another_horizon(page: Page) -> None:
         until(
             lambda: page.evaluate(names)[1:5] == ["RAW_IMU", "SCALED_IMU2", "ATTITUDE", "LOCAL_POSITION_NED"], "rates"
         )
-        shoot(page, "rates-and-gaps")
+        keep(page, "rates-and-gaps")
 
 
 def test_a_log_without_position(page: Page) -> None:
@@ -153,7 +153,7 @@ def test_a_log_with_two_vehicles(page: Page, tmp_path: Path) -> None:
         expect(page.get_by_text(re.compile("vehicle 7:1, boot 1")).first).to_be_visible()
         viewer.post(events.SeekShare(0.5))
         until(lambda: bool(np.linalg.norm(viewer.scene.autopilot.position) > 0.1), "the other vehicle's place")
-        shoot(page, "two-vehicles")
+        keep(page, "two-vehicles")
 
 
 OVERLAPS = """() => {
@@ -184,7 +184,7 @@ def test_nothing_is_cut_off_on_a_laptop(page: Page) -> None:
         edges = [(box["x"], box["x"] + box["width"]) for box in boxes if box]
         assert len(edges) == 3
         assert edges[0][1] < edges[1][0] < edges[1][1] < edges[2][0]  # left, middle, right
-        shoot(page, "window-1280x800")
+        keep(page, "window-1280x800")
         tab(page, "Drift")
         expect(page.get_by_role("row", name=re.compile(r"^30 s"))).to_be_visible()
         until(lambda: page.evaluate(OVERLAPS)["cut"] == [], "nothing cut off in the tables")
@@ -209,4 +209,4 @@ def test_a_phone(browser: Browser) -> None:
         until(lambda: page.evaluate(OVERLAPS) == fits, "nothing cut off")
         page.get_by_text("companion", exact=True).click()  # fold the sheet away
         expect(page.get_by_text("Since anchor")).not_to_be_visible()
-        shoot(page, "phone-folded")
+        keep(page, "phone-folded")
