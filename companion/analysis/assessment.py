@@ -152,7 +152,7 @@ def assess(
         measured_noise=noise,
         rests=rests(flight, track, figures),
         autopilot_bias=autopilot_bias(flight, track),
-        verdict=decide(judged, expected_over(told, judged, usual, autopilot), all_findings, third),
+        verdict=decide(judged, expected_over(told, judged, usual, autopilot), all_findings, third, track.source),
         best=best,
         sensitivity=sensitivity(best),
     )

@@ -35,9 +35,12 @@ class Verdict:
 
 
 def decide(
-    judged: Windows, expected: Expected | None, findings: tuple[Finding, ...], best: BestEstimate | None
+    judged: Windows, expected: Expected | None, findings: tuple[Finding, ...], best: BestEstimate | None, source: str
 ) -> Verdict:
-    """The first cause in time; without one, whether IMU and autopilot agree, as far as the flight can tell."""
+    """The first cause in time; without one, whether IMU and autopilot agree, as far as the flight can tell.
+
+    source: the message of the IMU that the windows are of.
+    """
     causes = sorted((f for f in findings if f.severity == "error" and f.side != "data"), key=lambda f: f.start_s)
     lacking = _lacking(judged, expected, findings, bool(causes))
     if lacking is not None or expected is None:
@@ -46,16 +49,32 @@ def decide(
         first = _first(causes)
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
-        return Verdict(status, f"Suspect {whom}: {_headline(first)}.", findings, _cause(first))
+        told = f"Suspect {whom}: {_headline(first)}.{_all_the_same(judged, expected, source)}"
+        return Verdict(status, told, findings, _cause(first))
     doubt = _doubt(judged, expected, findings, best)
     if doubt is not None:
         return Verdict("insufficient_data", f"This log cannot tell: {doubt}.", findings)
     return Verdict(
         "consistent",
-        f"IMU and autopilot agree within the expected error ({100.0 * min(expected.inside.values()):.0f} % of "
-        f"{counted(len(judged.start), 'window')} of {JUDGED_S:g} s inside the 95 % bound).",
+        f"IMU and autopilot agree within the expected error ({_share(judged, expected)}).",
         findings,
     )
+
+
+def _all_the_same(judged: Windows, expected: Expected, source: str) -> str:
+    """What has to be said beside a suspicion where every window is inside its bound; "" elsewhere.
+
+    What goes off slowly, or on an IMU that the autopilot did not fly on, shows beside the other sensors alone.
+    """
+    if min(expected.inside.values()) < 1.0:
+        return ""
+    return f" {source} and the autopilot agree all the same: {_share(judged, expected)}."
+
+
+def _share(judged: Windows, expected: Expected) -> str:
+    """How many of the windows are inside, where the fewest are."""
+    inside = 100.0 * min(expected.inside.values())
+    return f"{inside:.0f} % of {counted(len(judged.start), 'window')} of {JUDGED_S:g} s inside the 95 % bound"
 
 
 def _lacking(judged: Windows, expected: Expected | None, findings: tuple[Finding, ...], has_cause: bool) -> str | None:
@@ -79,14 +98,10 @@ def _doubt(judged: Windows, expected: Expected, findings: tuple[Finding, ...], b
     if undecided is not None:
         return undecided
     worst = min(expected.inside, key=lambda name: expected.inside[name])
-    share = expected.inside[worst]
-    if share < _CONSISTENT_SHARE:
-        return (
-            f"IMU and autopilot differ in {worst} by more than expected (only {100.0 * share:.0f} % of "
-            f"{counted(len(judged.start), 'window')} of {JUDGED_S:g} s inside the 95 % bound), and "
-            + ("no single cause explains it" if best is not None else "no third witness tells which is wrong")
-        )
-    return None
+    if expected.inside[worst] >= _CONSISTENT_SHARE:
+        return None
+    why = "no single cause explains it" if best is not None else "no third witness tells which is wrong"
+    return f"IMU and autopilot differ in {worst} by more than expected (only {_share(judged, expected)}), and {why}"
 
 
 def _first(causes: Sequence[Finding]) -> Finding:

@@ -33,7 +33,7 @@ VAGUE = cause("accel_scale", "imu", 66.6, 3.6, "accel")
 def test_of_one_sensors_causes_that_may_have_begun_together_the_surest_time_counts(other: Finding, first: str) -> None:
     judged: Any = SimpleNamespace(start=range(5), excluded={})
     expected: Any = SimpleNamespace(inside={"attitude": 0.5})
-    verdict = decide(judged, expected, (VAGUE, other), None)
+    verdict = decide(judged, expected, (VAGUE, other), None, "RAW_IMU")
     assert verdict.status == "imu_suspect"
     assert verdict.summary == f"Suspect the IMU: {first} seen."
     assert verdict.cause is not None
@@ -45,7 +45,19 @@ def test_what_cannot_be_told_is_said_rather_than_that_nothing_explains_it(share:
     judged: Any = SimpleNamespace(start=range(5), excluded={})
     expected: Any = SimpleNamespace(inside={"attitude": share})
     seen = Finding("gyro_bias", "data", "warning", 10.0, 20.0, "gyro or compass", "", undecided=True)
-    verdict = decide(judged, expected, (seen,), None)
+    verdict = decide(judged, expected, (seen,), None, "RAW_IMU")
     assert (verdict.status, verdict.summary) == ("insufficient_data", "This log cannot tell: gyro or compass.")
-    nothing = decide(judged, expected, (), None)
+    nothing = decide(judged, expected, (), None, "RAW_IMU")
     assert nothing.status == ("insufficient_data" if share < 0.7 else "consistent")
+
+
+@pytest.mark.parametrize("share", [1.0, 0.99])
+def test_a_suspicion_beside_windows_that_all_agree_says_so(share: float) -> None:
+    """A slow creep, or the fault of an IMU that nobody flew on: no window shows it."""
+    judged: Any = SimpleNamespace(start=range(31), excluded={})
+    expected: Any = SimpleNamespace(inside={"attitude": 1.0, "position": share})
+    slow = cause("gps_motion", "autopilot", 66.6, 0.4, "gps")
+    said = "RAW_IMU and the autopilot agree all the same: 100 % of 31 windows of 5 s inside the 95 % bound."
+    verdict = decide(judged, expected, (slow,), None, "RAW_IMU")
+    assert verdict.status == "autopilot_suspect"
+    assert verdict.summary.endswith(said) == (share == 1.0)
