@@ -181,6 +181,15 @@ def _is_left_of(episode: Episode, others: tuple[Episode, ...]) -> str | None:
     return None
 
 
+def _while_shaken(episode: Episode, others: tuple[Episode, ...]) -> bool:
+    """Whether what an IMU reads wrongly is there only while it scatters more: folded down, shaking reads like it."""
+    apart = max(_TOGETHER_S, SIGMAS * episode.start_sigma)
+    return episode.witness == "imu" and any(
+        other.kind.endswith("_unrest") and other.start - apart < episode.start and episode.end <= other.end + apart
+        for other in others
+    )
+
+
 _ANOTHER = "A second sensor of the same kind in the log would tell, another IMU before all."
 _FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
 _HEADING = "GPS while the vehicle moves, a second IMU or a second compass in the log would tell."
@@ -200,6 +209,8 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
         (episode.kind.endswith("_unrest"), "shaking does this: no sensor is blamed for its noise", ""),
         (episode.kind.endswith("_shock"),
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment", ""),
+        (_while_shaken(episode, others),
+         "it is there only while the IMU scatters more: shaking that its samples fold down reads like it", _FASTER),
         (episode.magnitude < SIGMAS * episode.sigma, "its size is hardly more than its σ", _FASTER),
         (other is not None,
          f"{_named(other)} explains as much at that time, or far more: one may be what the other leaves", _ANOTHER),

@@ -351,6 +351,27 @@ def test_what_another_sensors_explanation_leaves_accuses_nobody(best: BestEstima
 
 
 @pytest.mark.parametrize(
+    ("begin", "end", "side"),
+    [
+        (ONSET - 1.0, ONSET + 11.0, "data"),
+        (ONSET + 3.0, ONSET + 11.0, "imu"),
+        (ONSET - 1.0, ONSET + 7.0, "imu"),
+        (ONSET - 1.0, np.inf, "data"),
+    ],
+)
+def test_what_is_there_only_while_an_imu_is_shaken_accuses_nobody(
+    best: BestEstimate, begin: float, end: float, side: str
+) -> None:
+    """Whichever of its sensors scatters more: what shakes one shakes both."""
+    off = replace(step(ONSET, ONSET + 10.0, 0.05), gain=100.0)
+    shaken = Explained("accel_unrest", "pulse", begin, 0.1, end, np.array([9.0]), np.zeros(1), 300.0)
+    told = findings_of(episodes(replace(best, explained=(off, shaken))), (), best)
+    (gyro,) = [finding for finding in told if finding.kind == "gyro_bias"]
+    assert (gyro.side, gyro.undecided) == (side, side == "data")
+    assert ("only while the IMU scatters more" in gyro.evidence) == (side == "data")
+
+
+@pytest.mark.parametrize(
     ("begun", "gain", "misled"), [(ONSET, 200.0, 1), (ONSET - 12.0, 200.0, 0), (ONSET - 12.0, 9e3, 1)]
 )
 def test_a_departure_follows_what_begins_with_it_or_explains_far_more(
