@@ -35,6 +35,7 @@ from companion.estimation import (
     kind_of,
     times_of_change,
 )
+from companion.model import Array
 
 _OVERSHOOTS = 2.0  # times what misled it: a height that is off by more has another cause
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
@@ -47,28 +48,23 @@ def episodes(best: BestEstimate) -> tuple[Episode, ...]:
     for kind in KINDS:
         parts = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
         if parts:
-            episodes += _episodes_of(parts, kind.side, kind.least, float(best.t[-1]))
+            episodes += _episodes_of(parts, kind.side, kind.least, best)
     return tuple(sorted(episodes, key=lambda e: e.start))
 
 
-def _episodes_of(parts: list[Explained], witness: str, least: float, last: float) -> Iterator[Episode]:
+def _episodes_of(parts: list[Explained], witness: str, least: float, best: BestEstimate) -> Iterator[Episode]:
+    last = float(best.t[-1])
     grid = np.unique(np.concatenate([np.linspace(parts[0].onset, last, 400), [p.onset for p in parts]]))
-    level = np.zeros((len(grid), len(parts[0].size)))
-    for part in parts:
-        if part.shape == "shock":
-            level[(grid >= part.onset) & (grid <= part.onset + 1.0)] = part.size
+    share = np.array([_at_work(part, grid) for part in parts])
+    level = share.T @ np.array([part.size for part in parts])
+    size, sigma = length(level), _sigma(parts, share, level, best)
+    for first, final in runs(np.asarray(size >= 0.5 * least)):
+        here = slice(first, final + 1)
+        if float(size[here].max()) < least:
             continue
-        since = np.clip(grid, part.onset, part.end) - part.onset
-        on = (grid >= part.onset) & (grid < part.end)
-        level += (since if part.shape in SLOPED else on.astype(np.float64))[:, None] * part.size
-    for first, final in runs(np.asarray(length(level) >= 0.5 * least)):
-        peak = first + int(np.argmax(length(level[first : final + 1])))
-        if float(length(level[peak])) < least:
-            continue
+        peak = first + int(np.argmax(size[here] - SIGMAS * sigma[here]))  # where it surely is largest
         before = [p for p in parts if p.onset <= grid[first] + 1e-9]
         cause = before[-1] if before[-1].shape not in SLOPED else next(p for p in before if p.shape in SLOPED)
-        lasted = min(grid[peak], cause.end) - cause.onset if cause.shape in SLOPED else 1.0
-        along = level[peak] / length(level[peak])
         yield Episode(
             cause.kind,
             witness,
@@ -76,11 +72,38 @@ def _episodes_of(parts: list[Explained], witness: str, least: float, last: float
             cause.onset_sigma,
             float(grid[final]) if final < len(grid) - 1 else np.inf,
             level[peak],
-            float(np.linalg.norm(along * cause.sigma)) * max(float(lasted), 1.0),
+            float(sigma[peak]),
             cause.gain,
             cause.others,
             any(part.seconded for part in before),
         )
+
+
+def _at_work(part: Explained, t: Array) -> Array:
+    """(N,) how much of the size of what was explained is there at times t: of a ramp so many seconds of it."""
+    if part.shape == "shock":
+        return ((t >= part.onset) & (t <= part.onset + 1.0)).astype(np.float64)
+    if part.shape in SLOPED:
+        return np.asarray(np.clip(t, part.onset, part.end) - part.onset)
+    return ((t >= part.onset) & (t < part.end)).astype(np.float64)
+
+
+def _sigma(parts: list[Explained], share: Array, level: Array, best: BestEstimate) -> Array:
+    """(N,) 1σ of the length of a sum (N, m) of so much (P, N) of each part.
+
+    Two that begin together are known together, while each by itself may be anything.
+    """
+    along = level / np.maximum(length(level), 1e-300)[:, None]
+    joint = np.zeros((len(level), len(best.explained_covariance)))
+    variance = np.zeros(len(level))
+    for part, much in zip(parts, share, strict=True):
+        weight = much[:, None] * along
+        if part.place is None:
+            variance += ((weight * part.sigma) ** 2).sum(axis=1)
+        else:
+            joint[:, part.place] += weight
+    variance += ((joint @ best.explained_covariance) * joint).sum(axis=1)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def is_serious(episode: Episode) -> bool:

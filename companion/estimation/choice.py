@@ -11,6 +11,7 @@ from companion.estimation.explanations import Kind, Problem, Signature
 from companion.estimation.model import ATTITUDE, CONSTANT_STATES, STATES, VELOCITY, Explained
 from companion.estimation.shapes import ENDING, SLOPED, at_work
 from companion.estimation.system import Prior, Solution
+from companion.model import Array
 
 SHARPEST_S = 0.05  # 1σ of an onset, at best
 ONSETS = 24
@@ -133,10 +134,9 @@ def with_choice(problem: Problem, prior: Prior, choice: Choice) -> tuple[Problem
     )
 
 
-def explained(problem: Problem, solution: Solution, accepted: Sequence[Choice]) -> tuple[Explained, ...]:
-    """What was accepted, with its size as the solution has it; in order of time."""
-    out, at = [], CONSTANT_STATES
-    sigma = np.sqrt(np.maximum(np.diagonal(solution.constants_covariance), 0.0))
+def explained(problem: Problem, solution: Solution, accepted: Sequence[Choice]) -> tuple[tuple[Explained, ...], Array]:
+    """What was accepted, with its size as the solution has it, in order of time; and the covariance of all sizes."""
+    out, at, columns = [], CONSTANT_STATES, list[int]()
     for choice in accepted:
         signature = choice.of(problem)
         if signature is None:
@@ -144,22 +144,31 @@ def explained(problem: Problem, solution: Solution, accepted: Sequence[Choice]) 
         m = signature.unknowns
         whole = choice.kind.signature(problem)
         width = m if choice.axis < 0 or whole is None else whole.unknowns
-        size, own = np.zeros(width), np.zeros(width)
         place = slice(None) if choice.axis < 0 else slice(choice.axis, choice.axis + 1)
-        size[place], own[place] = solution.c[at : at + m] + choice.taken, sigma[at : at + m]
-        out.append(
-            Explained(
-                kind=choice.kind.name,
-                shape=choice.shape,
-                onset=choice.onset,
-                onset_sigma=choice.onset_sigma,
-                end=choice.end,
-                size=size,
-                sigma=own,
-                gain=choice.gain,
-                others=choice.others,
-                seconded=choice.seconded,
-            )
-        )
+        own = np.full(width, -1)
+        own[place] = np.arange(at, at + m)
+        size = np.zeros(width)
+        size[place] = solution.c[at : at + m] + choice.taken
+        out.append((choice, size, slice(len(columns), len(columns) + width)))
+        columns += own.tolist()
         at += m
-    return tuple(sorted(out, key=lambda one: one.onset))
+    known = np.array(columns, dtype=np.intp)
+    covariance = solution.constants_covariance[np.ix_(known, known)] * np.outer(known >= 0, known >= 0)
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    parts = (
+        Explained(
+            kind=choice.kind.name,
+            shape=choice.shape,
+            onset=choice.onset,
+            onset_sigma=choice.onset_sigma,
+            end=choice.end,
+            size=size,
+            sigma=sigma[place],
+            gain=choice.gain,
+            others=choice.others,
+            seconded=choice.seconded,
+            place=place,
+        )
+        for choice, size, place in out
+    )
+    return tuple(sorted(parts, key=lambda one: one.onset)), covariance

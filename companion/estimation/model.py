@@ -102,6 +102,7 @@ class Explained:
     gain: float  # twice the logarithm of the likelihood ratio to the same without it, the price of its unknowns paid
     others: tuple[tuple[str, str, float], ...] = ()  # (kind, shape, gain) of the next best explanations in its place
     seconded: bool = True  # of a gyro: whether it would promise something without the compass
+    place: slice | None = None  # of its size among those of `BestEstimate.explained_covariance`; None where it has no σ
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +171,7 @@ class BestEstimate:
     gravity: float
     origin: Origin | None = None  # the zero of the positions; None where no place on Earth is known
     explained: tuple[Explained, ...] = ()  # what was wrong, as far as the witnesses tell, the first in time first
+    explained_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))  # of the sizes of all of them
     promising: tuple[str, ...] = ()  # kinds that nearly pay for themselves, the best first, and are not in the estimate
     detectable: Mapping[str, float] = field(default_factory=dict)  # kind → smallest that would have been called
     bursts: int = 0  # times that the IMU missed a push that neither chance nor anything explained makes

@@ -261,6 +261,7 @@ def _result(
     heading = "compass" if "compass" in residuals else "GPS and acceleration"
     if "gps_velocity" not in residuals and "compass" not in residuals:
         heading = "first guess"
+    parts, together = explained(linear.problem, linear.solution, accepted)
     return BestEstimate(
         imu=setup.imu,
         index=setup.index,
@@ -281,7 +282,8 @@ def _result(
         residuals=residuals,
         gravity=setup.gravity,
         origin=setup.origin,
-        explained=explained(linear.problem, linear.solution, accepted),
+        explained=parts,
+        explained_covariance=together,
         detectable=detectable(linear.problem, linear.solution),
         bursts=bursts(linear.solution),
         heading_from=heading,

@@ -447,6 +447,36 @@ def test_steps_that_cancel_are_one_episode(best: BestEstimate) -> None:
     assert same.end == pytest.approx(40.0, abs=0.2)
 
 
+def test_what_begins_together_is_known_together(best: BestEstimate) -> None:
+    """Of two steps at one time each alone may be anything: their sum is what is known, and is accused."""
+    halves = [
+        replace(step(ONSET, np.inf, 0.008), sigma=np.full(3, 0.02), place=slice(3 * i, 3 * i + 3)) for i in (0, 1)
+    ]
+    apart = np.eye(3) * 0.02**2
+    together = np.block([[apart, 1e-6 * np.eye(3) - apart], [1e-6 * np.eye(3) - apart, apart]])
+    known = replace(best, explained=tuple(halves), explained_covariance=together)
+    (one,) = episodes(known)
+    assert one.size == pytest.approx([0.0, 0.0, 0.016])
+    assert one.sigma == pytest.approx(np.sqrt(2e-6))
+    assert [finding.side for finding in findings_of((one,), (), known)] == ["imu"]
+    unknown = replace(known, explained_covariance=np.kron(np.eye(2), apart))
+    (one,) = episodes(unknown)
+    assert one.sigma == pytest.approx(np.sqrt(2.0) * 0.02)
+    assert [finding.side for finding in findings_of((one,), (), unknown)] == ["data"]
+
+
+def test_a_size_is_told_of_the_time_at_which_it_is_known(best: BestEstimate) -> None:
+    """A third of a second between two steps tells nothing, however much larger the first one alone may be."""
+    first = replace(step(ONSET, np.inf, -0.02), place=slice(0, 3))
+    back = replace(step(ONSET + 0.3, np.inf, 0.003), place=slice(3, 6))
+    apart = np.eye(3) * 0.014**2
+    together = np.block([[apart, 1e-6 * np.eye(3) - apart], [1e-6 * np.eye(3) - apart, apart]])
+    (one,) = episodes(replace(best, explained=(first, back), explained_covariance=together))
+    assert one.size == pytest.approx([0.0, 0.0, -0.017])
+    assert one.start == ONSET
+    assert one.sigma == pytest.approx(np.sqrt(2e-6))
+
+
 def test_nothing_follows_what_came_later_or_cannot_mislead() -> None:
     early = Departure("heading", 10.0, 20.0, 0.5, 0.05)
 

@@ -108,6 +108,10 @@ def test_an_injected_fault_is_found(fault: str) -> None:
     assert explained, "nothing found"
     assert "unrest" not in {one.kind.partition("_")[2] for one in explained}, "taken for noise"
     largest: Explained = max(explained, key=lambda one: one.gain)
+    together = found_in(fault).explained_covariance
+    for one in explained:
+        assert one.place is not None
+        np.testing.assert_allclose(np.sqrt(np.diagonal(together)[one.place]), one.sigma)
     assert largest.kind == kind
     assert largest.gain > 30.0
     assert np.linalg.norm(largest.size) == pytest.approx(size, rel=0.25)
