@@ -459,7 +459,7 @@ def test_what_begins_together_is_known_together(best: BestEstimate) -> None:
     assert one.size == pytest.approx([0.0, 0.0, 0.016])
     assert one.sigma == pytest.approx(np.sqrt(2e-6))
     assert [finding.side for finding in findings_of((one,), (), known)] == ["imu"]
-    unknown = replace(known, explained_covariance=np.kron(np.eye(2), apart))
+    unknown = replace(known, explained_covariance=0.02**2 * np.eye(6))
     (one,) = episodes(unknown)
     assert one.sigma == pytest.approx(np.sqrt(2.0) * 0.02)
     assert [finding.side for finding in findings_of((one,), (), unknown)] == ["data"]

@@ -13,6 +13,7 @@ import companion as c
 from benchmarks.accuracy.answer import answer
 from benchmarks.accuracy.labels import load_labels, outcome
 from companion.analysis import GENERIC, PARTS, Assessment, Finding, assess
+from companion.app.sensors import load_imu_spec
 from companion.model import Array, CompassTrack, Flight, GpsTrack, Series
 from companion.simulate.circuit import square
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
@@ -161,6 +162,16 @@ def test_a_compass_that_turns_and_turns_back_accuses_no_imu() -> None:
     assert not errors(found)
     assert found.best
     assert max(found.best.explained, key=lambda one: one.gain).kind.startswith("compass")
+
+
+def test_a_gyro_that_goes_wrong_on_a_circle_turns_no_imu_in_its_mounting() -> None:
+    """The windows alone cannot tell it from an IMU that sits askew, by which an autopilot in order would lean."""
+    flight = flown(motions.circle(seconds(60, 50), radius=40.0, speed=12.0, bank=0.35))
+    imu = flight.imu()
+    wrong = with_imu(flight, gyro=imu.gyro + (imu.t >= 24.0)[:, None] * [-0.0134, 0.0063, -0.009])
+    found = assess(wrong, load_imu_spec("adis16470"))
+    assert found.verdict.status == "imu_suspect"
+    assert {"tilt_off", "mounting"}.isdisjoint(finding.kind for finding in found.verdict.findings)
 
 
 def creeping(flight: Flight) -> Flight:

@@ -65,12 +65,14 @@ def findings(
     all_findings += vibration_findings(comparison, flight)
     raw = residuals(comparison)
     fitted = installation(comparison, raw, figures, autopilot, np.inf)
+    if fitted is not None and best is not None and _turned_in_vain(flight, comparison, fitted, best):
+        fitted = replace(fitted, mounting=np.zeros(3))
     all_findings += stamp_findings(flight, comparison, lags(comparison))
     clean, tilted = comparison.track, (0.0, 0.0)
     if fitted is not None and fitted.moved:
         all_findings += _installed(flight, comparison, fitted)
         clean = level(comparison.track, fitted)
-        tilted = float(fitted.mounting[0]), float(fitted.mounting[1])
+        tilted = _tilted(fitted)
     if best is not None:
         limits = comparison.how.limits
         while_judged = tuple(one for one in episodes(best) if one.start - SIGMAS * one.start_sigma < landed)
@@ -85,6 +87,23 @@ def findings(
     all_findings += jumps
     all_findings = [with_witnesses(f, flight) for f in all_findings if not _follows(f, all_findings)]
     return by_severity(all_findings), clean
+
+
+def _tilted(fitted: Installation) -> tuple[float, float]:
+    """Roll and pitch of the IMU, rad."""
+    return float(fitted.mounting[0]), float(fitted.mounting[1])
+
+
+def _turned_in_vain(flight: Flight, comparison: Comparison, fitted: Installation, best: BestEstimate) -> bool:
+    """Whether the autopilot leans as the best estimate does, and as that of an IMU that is turned so it does not.
+
+    Its windows alone may take a gyro that begins to be off on a circle for an IMU that sits askew.
+    """
+
+    def leans(tilted: tuple[float, float]) -> bool:
+        return any(one.quantity == "tilt" for one in departures(flight, best, comparison.how.limits, tilted))
+
+    return bool(fitted.mounting.any()) and leans(_tilted(fitted)) and not leans((0.0, 0.0))
 
 
 def _landed(flight: Flight) -> float:
