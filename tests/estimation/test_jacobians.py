@@ -13,6 +13,7 @@ from companion.estimation.linearisation import CarriedImu, Linear, _kinematics, 
 from companion.estimation.measurements import UNITS, Readings, measure
 from companion.estimation.model import CONSTANT_STATES, CONSTANTS, STATES, States
 from companion.estimation.setup import Setup, first_guess, set_up
+from companion.estimation.system import Measurement
 from companion.model import STANDARD_GRAVITY, Array
 from tests.estimation.sensed import BIASES, sensed
 
@@ -35,6 +36,7 @@ def problem() -> tuple[Setup, CarriedImu, States]:
     constants[CONSTANTS["hard_iron"][0]] = [2.0, -1.0, 3.0]
     constants[CONSTANTS["soft_iron"][0]] = rng.normal(size=9) * 0.03
     constants[CONSTANTS["compass_latency"][0]] = 0.02
+    constants[CONSTANTS["gps_latency"][0]] = 0.15
     states = first_guess(setup, flight).moved(moved, constants)
     return setup, carry_imu(setup, BIASES), states
 
@@ -52,12 +54,14 @@ def test_every_witness_has_a_case(problem: tuple[Setup, CarriedImu, States]) -> 
 def test_a_measurement_is_linear_as_it_says(problem: tuple[Setup, CarriedImu, States], name: str) -> None:
     setup, path, states = problem
     one = next(reading for reading in setup.readings if reading.name == name)
-    at = _kinematics(setup, path, states)  # of the nominal states: rate and acceleration are the IMU's
 
     def predicted(of: States) -> Array:
-        return one.value - measure(one, of, at, path.path, setup.index).residual
+        return one.value - measured(of).residual
 
-    exact = measure(one, states, at, path.path, setup.index)
+    def measured(of: States) -> Measurement:
+        return measure(one, of, _kinematics(setup, path, of), path.path, setup.index)
+
+    exact = measured(states)
     none = np.zeros(CONSTANT_STATES)
     for column in range(STATES):
         x = np.zeros((len(setup.t), STATES))

@@ -8,6 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from benchmarks.accuracy.verdicts import FAULTS
+from benchmarks.accuracy.verdicts import flight as simulated
 from companion.estimation import ATTITUDE, CONSTANTS, POSITION, VELOCITY, BestEstimate, smooth
 from companion.estimation.iteration import Step
 from companion.estimation.model import corrected
@@ -124,6 +126,16 @@ def test_where_it_begins_does_not_matter() -> None:
     assert np.abs(apart / found.sigma(ATTITUDE)).max() < 0.01
     assert np.abs((found.velocity - other.velocity) / found.sigma(VELOCITY)).max() < 0.01
     assert np.abs((found.position - other.position) / found.sigma(POSITION)).max() < 0.01
+
+
+def test_a_plane_that_turns_and_turns_knows_how_late_its_gps_is() -> None:
+    """A circle that comes later is a circle that is turned: only the compass tells them apart, and not well."""
+    plane = next(fault for fault in FAULTS if fault.name.startswith("plane"))
+    flight, _ = simulated(np.random.default_rng(2), plane)
+    best = smooth(flight)
+    (latency,), (sigma,) = best.states.constant("gps_latency"), best.constants_sigma[CONSTANTS["gps_latency"][0]]
+    assert latency == pytest.approx(LATENCY, abs=3.0 * sigma)
+    assert sigma > 0.03
 
 
 def test_the_autopilots_estimate_is_no_witness() -> None:
