@@ -26,7 +26,6 @@ _FEW = 30  # intervals, from which on something can be said of them
 _WORTHWHILE = 1.3  # times less noise if these axes were not off at all: what they spoil on the others comes on top
 _SURELY = 2.0  # σ of an onset
 _LONGEST_S = 100.0  # that is read otherwise: a wrong axis is wrong all the time
-_AS_GOOD = 1.05  # times the noise: what learning it leaves
 _CLEARLY = 2.0  # times less noise, in every interval and on every axis: chance has no part in it
 
 
@@ -141,13 +140,10 @@ def other_reading(
         return _size(settled.noise), likelihood(settled, linear)
 
     with np.errstate(over="ignore", invalid="ignore"):
+        as_it_is = _size(best.noise) if part == span else tried((np.eye(3), np.eye(3)))[0]
         noise = {words: tried(turn) for words, turn in ways.items()}
-        words = max(noise, key=lambda name: noise[name][1])
-        as_it_is, needed = _size(best.noise), noise[words][0]
-        # as good without anything explained as it is with all that was: then it is held beside that without
-        if part != span or (best.explained and needed < _AS_GOOD * as_it_is):
-            as_it_is = tried((np.eye(3), np.eye(3)))[0]
-    fits = as_it_is / needed
+    words = max(noise, key=lambda name: noise[name][1])
+    fits = as_it_is / noise[words][0]
     return Reading(words, fits) if np.isfinite(as_it_is) and fits > _CLEARLY else None
 
 

@@ -26,7 +26,7 @@ _NEAR, _SETTLED = 0.15, 0.05  # changes of the logarithm of a density
 _STILL = 1e-3  # rad
 _ALTERNATES = 0.8  # of the step before, and back: from there on Gauss-Newton goes to and fro
 _SHORTEST = 0.2  # of a step
-_FAR = (4e-3, 0.02)  # rad/s, m/s²: a bias further off than this changes too much of the path and of late fixes
+_FAR = (4e-3, 0.1)  # rad/s, m/s²: a bias further off than this changes the path by more than its first order
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -208,8 +208,7 @@ def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     heard = when[:, 2] - when[:, 0] < LONGEST_S  # across a hole the IMU tells nothing
     velocity *= heard[:, None, None]
     position *= heard[:, None, None]
-    gravity = np.array([0.0, 0.0, setup.gravity])
-    return Kinematics(setup.t, track.gyro[index] - s.gyro_bias, when, velocity, position, heard, gravity)
+    return Kinematics(setup.t, track.gyro[index] - s.gyro_bias, when, velocity, position)
 
 
 def _prior(setup: Setup, states: States) -> Prior:

@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from companion.estimation.model import (
     ATTITUDE,
@@ -98,17 +97,10 @@ class Kinematics:
     when: Array  # (K, 3) s, of the samples, from the keyframe on
     velocity: Array  # (K, 3, 3) NED, m/s, at the samples less that at the keyframe
     position: Array  # (K, 3, 3) NED, m, at the samples less what the velocity at the keyframe makes of it
-    heard: npt.NDArray[np.bool_]  # (K,) whether the IMU tells of these times: of a hole both changes are none
-    gravity: Array  # (3,) NED, m/s²: in both of them, and does not turn with the attitude
 
     def moved(self, change: Array, k: Index, late: Array) -> tuple[Array, Array]:
         """One of the changes (M, 3), and how fast it goes on (M, 3), `late` (M,) s after the keyframes k (M,)."""
         return _through(self.when[k], change[k], late)
-
-    def pulled(self, k: Index, late: Array) -> Array:
-        """(M,) s²: by what a constant acceleration changes the position until then, per m/s²."""
-        within = np.clip(late, self.when[k, 0], self.when[k, 2])
-        return np.asarray(np.where(self.heard[k], within * (late - 0.5 * within), 0.0))
 
 
 def _through(when: Array, change: Array, late: Array) -> tuple[Array, Array]:
@@ -194,7 +186,6 @@ def _gps(one: Readings, states: States, at: Kinematics, h: Array, h_c: Array) ->
         arm = matrix @ lever
         changed, goes_on = at.moved(at.position, k, late)
         value = states.position[k] + states.velocity[k] * late[:, None] + changed + arm
-        pull = at.pulled(k, late)
         h[:, :, POSITION] = np.eye(3)[rows]
         h[:, :, VELOCITY] = late[:, None, None] * np.eye(3)[rows]
         change, of_arm = states.velocity[k] + goes_on, matrix
@@ -202,12 +193,13 @@ def _gps(one: Readings, states: States, at: Kinematics, h: Array, h_c: Array) ->
         arm = np.einsum("kij,kj->ki", matrix, np.cross(at.rate[k], lever))
         changed, goes_on = at.moved(at.velocity, k, late)
         value = states.velocity[k] + changed + arm
-        pull = np.where(at.heard[k], late, 0.0)
         h[:, :, VELOCITY] = np.eye(3)[rows]
         h[:, :, GYRO_BIAS] = (matrix @ skew(lever))[:, rows]
         change, of_arm = goes_on, matrix @ skew(at.rate[k])
-    # what the IMU felt since turns with the attitude, gravity does not
-    h[:, :, ATTITUDE] = -skew(arm + changed - pull[:, None] * at.gravity)[:, rows]
+    h[:, :, ATTITUDE] = -skew(arm)[:, rows]
+    # What the IMU felt since turns with the heading: on a circle a latency is told by nothing else. Its tilt is left to
+    # the motion, where it goes together with the accelerometer's bias: of the two none is told in so short a time.
+    h[:, :, ATTITUDE.stop - 1] -= skew(changed)[:, rows, 2]
     h_c[:, :, CONSTANTS["gps_latency"][0]] = -change[:, rows, None]
     h_c[:, :, CONSTANTS["lever_arm"][0]] = of_arm[:, rows]
     return np.asarray(value[:, rows])
