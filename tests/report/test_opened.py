@@ -87,6 +87,13 @@ def test_no_request_could_leave_the_page(opened: Watched) -> None:
     assert any("Content Security Policy" in words for words in opened.trouble)
 
 
+def test_a_telephone_scrolls_down_and_not_sideways(opened: Watched) -> None:
+    page = opened.page
+    page.emulate_media(media="screen")
+    page.set_viewport_size({"width": 360, "height": 700})
+    until(lambda: page.evaluate("document.documentElement.scrollWidth") <= 360, "no wider than the telephone")
+
+
 def test_what_a_vehicle_says_does_not_run(browser: Browser, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     report(hostile_log(tmp_path), path)
