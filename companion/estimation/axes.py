@@ -116,12 +116,13 @@ def other_reading(
     """The way to read the IMU that fits far better than as it is; None where there is none.
 
     flight, gravity, span, untrusted: as the best estimate was made of, which has explained what it can by errors that
-    come and go; the other way has to do without. Nothing is tried where every axis is followed, and no way that leaves
-    the axes alone that are not; of a long flight the part is taken in which they are followed least.
+    come and go; the other way has to do without. Where the others contradict the IMU every way is tried, for the
+    estimate may have followed it astray; else none that leaves the axes alone that are not followed, and nothing where
+    all are. Of a long flight the part is taken in which they are followed least.
     """
     motion = motion_between(best)
-    gyro, accel = (part < _FOLLOWED for part in _followed(best, motion))
-    if not (gyro.any() or accel.any()) or not (best.contradicted or _spared(motion, gyro, accel) > _WORTHWHILE):
+    gyro, accel = (best.contradicted | (part < _FOLLOWED) for part in _followed(best, motion))
+    if not (best.contradicted or _spared(motion, gyro, accel) > _WORTHWHILE):
         return None
     ways = {words: turn for words, turn in WAYS.items() if _touches(turn[0], gyro) or _touches(turn[1], accel)}
     part = _least_followed(best.t, motion) if best.t[-1] - best.t[0] > _LONGEST_S else span

@@ -16,7 +16,7 @@ from companion.estimation.noise_density import spectral_noise
 from companion.estimation.rest import at_rest
 from companion.estimation.system import Index
 from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin, interpolated, nearest
-from companion.strapdown import quaternion
+from companion.strapdown import preintegrate, quaternion
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -26,6 +26,7 @@ _WITHOUT_GPS_S = 0.5
 _HOLE_S, _HOLE_PERIODS = 0.1, 3.0
 _COMPASS_APART_S = 0.05  # of three samples between which the field was read: it is some hundredths of a second old
 _FEWEST_FIXES = 5
+_AROUND_S = 2.0  # of a keyframe, either way: forces and fields whose mean a first guess is made of
 _FEWEST = 8  # intervals between keyframes without a hole
 _LOWEST_HZ = 8.0  # below it a keyframe interval has no motion of its own between two samples
 
@@ -281,23 +282,41 @@ def _attitude_guess(setup: Setup, flight: Flight) -> Array:
 
 
 def _triad(setup: Setup) -> Array:
-    """Attitudes from mean specific force and magnetic field at every keyframe; heading zero without a compass."""
+    """Attitudes (K, 4) from two directions, specific force and magnetic field (TRIAD; Black 1964).
+
+    Both are means over some seconds of what the IMU reads, carried to one frame by the gyro; the force's in NED is what
+    GPS says of the acceleration, less gravity. Heading zero at first without a compass.
+    """
     track, index = setup.imu, setup.index
-    half = max(1, round(0.5 * track.rate_hz))
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(track.accel, axis=0)])
-    low, high = np.maximum(index - half, 0), np.minimum(index + half, len(track))
-    down = _unit(-(total[high] - total[low]), otherwise=2)
-    compass = next((one for one in setup.readings if one.name == "compass"), None)
-    field = np.tile([1.0, 0.0, 0.0], (len(index), 1))
-    declination = 0.0
-    if compass is not None:
-        field = interpolated(setup.t, compass.t, compass.value)
-        m = setup.constants[CONSTANTS["earth_field"][0]]
-        declination = float(np.arctan2(m[1], m[0]))
-    east = _unit(np.cross(down, field), otherwise=1)
-    north = np.cross(east, down)
-    magnetic = quaternion.from_matrix(np.stack([north, east, down], axis=1))
-    return quaternion.multiply(quaternion.exp(np.array([0.0, 0.0, declination])), magnetic)
+    q = preintegrate(track).q
+    begin, end = np.searchsorted(track.t, setup.t - _AROUND_S), np.searchsorted(track.t, setup.t + _AROUND_S)
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(quaternion.rotate(q, track.accel), axis=0)])
+    force = total[end] - total[begin]
+    low, high = np.maximum(setup.t - _AROUND_S, setup.t[0]), np.minimum(setup.t + _AROUND_S, setup.t[-1])
+    force_ned = np.tile([0.0, 0.0, -setup.gravity], (len(index), 1))
+    field, field_ned = np.array([[1.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])
+    for one in setup.readings:
+        rows = {"gps_velocity": slice(0, 2), "gps_climb": slice(2, 3)}.get(one.name)
+        if rows is not None:
+            gained = interpolated(high, one.t, one.value) - interpolated(low, one.t, one.value)
+            force_ned[:, rows] += gained / (high - low)[:, None]
+        if one.name == "compass":
+            carried = quaternion.rotate(q[nearest(track.t, one.t)], one.value)
+            total = np.concatenate([np.zeros((1, 3)), np.cumsum(carried, axis=0)])
+            first, last = np.searchsorted(one.t, setup.t - _AROUND_S), np.searchsorted(one.t, setup.t + _AROUND_S)
+            read = last > first
+            field = np.where(read[:, None], total[last] - total[first], interpolated(setup.t, one.t, carried))
+            field_ned = setup.constants[CONSTANTS["earth_field"][0]][None]
+    axes, axes_ned = _axes(force, field), _axes(force_ned, field_ned)
+    start = quaternion.from_matrix(axes_ned @ axes.swapaxes(1, 2))
+    return quaternion.multiply(start, q[index])
+
+
+def _axes(force: Array, field: Array) -> Array:
+    """(K, 3, 3) whose columns are against the force, east of it by the field, and what makes it right-handed."""
+    down = _unit(-force, otherwise=2)
+    east = _unit(np.cross(down, np.broadcast_to(field, down.shape)), otherwise=1)
+    return np.stack([np.cross(east, down), east, down], axis=2)
 
 
 def _unit(vectors: Array, otherwise: int) -> Array:

@@ -10,7 +10,7 @@ import pytest
 
 from companion.app.recording import read_recording
 from companion.estimation import other_reading, smooth
-from companion.estimation.axes import WAYS, followed
+from companion.estimation.axes import WAYS, followed, motion_between
 from companion.estimation.model import Explained
 from companion.model import Array, Flight
 from companion.strapdown import quaternion
@@ -45,6 +45,23 @@ def test_the_way_that_fits_is_found(words: str, lost: bool) -> None:
     assert other is not None
     assert other.words == words
     assert other.fits > 3.0
+
+
+def test_an_estimate_that_follows_a_wrong_axis_astray_is_no_excuse() -> None:
+    """Where the others contradict the IMU, every way is tried, whatever the estimate seems to follow."""
+    imu = healthy().imu()
+    gyro, accel = WAYS["axes x and y are exchanged"]
+    flight = with_imu(healthy(), replace(imu, gyro=imu.gyro @ gyro.T, accel=imu.accel @ accel.T))
+    astray = smooth(flight, span=SPAN)
+    of_itself = motion_between(astray)
+    assert astray.contradicted
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "companion.estimation.axes.motion_between", lambda _: tuple((read, read) for _, read in of_itself)
+        )
+        other = other_reading(flight, astray, span=SPAN)
+    assert other is not None
+    assert other.words == "axes x and y are exchanged"
 
 
 def test_only_what_surely_began_in_flight_is_left_out() -> None:

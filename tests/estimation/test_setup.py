@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.estimation.setup import set_up
+from companion.estimation.setup import set_up, unaided_guess
 from companion.model import STANDARD_GRAVITY, Array
+from companion.strapdown import quaternion
 from tests.estimation.sensed import sensed, with_imu
 
 
@@ -35,3 +36,15 @@ def test_readings_behind_a_low_pass_stand_at_the_times_that_they_speak_of(gyro: 
     settled = (track.t > 2.0) & (track.t < 9.8)
     np.testing.assert_allclose(track.gyro[settled], slow(track.t)[settled], atol=3e-3)
     np.testing.assert_allclose(track.accel[settled], slow(track.t)[settled], atol=3e-3)
+
+
+@pytest.mark.parametrize("path", ["square", "circle", "heave"])
+def test_gravity_and_compass_tell_a_manoeuvring_vehicle_where_to_begin(path: str) -> None:
+    """What it accelerates by is told by GPS, what it turns by in some seconds by the gyro."""
+    flight, truth = sensed(60.0, path)
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    guess = unaided_guess(setup, flight).q_ned_frd
+    off = quaternion.multiply(guess, quaternion.conjugate(truth.q_ned_frd[setup.index]))
+    angle = np.degrees(np.linalg.norm(quaternion.log(off), axis=1))
+    assert np.median(angle) < 2.0
+    assert angle.max() < 10.0, "GPS has not said anything yet"
