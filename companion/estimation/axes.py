@@ -141,7 +141,7 @@ def other_reading(
         return _size(settled.noise), likelihood(settled, linear)
 
     with np.errstate(over="ignore", invalid="ignore"):
-        as_it_is = _size(best.noise) if part == span else tried((np.eye(3), np.eye(3)))[0]
+        as_it_is = _size(best.loudest) if part == span else tried((np.eye(3), np.eye(3)))[0]
         noise = {words: tried(turn) for words, turn in ways.items()}
     words = max(noise, key=lambda name: noise[name][1])
     fits = as_it_is / noise[words][0]

@@ -24,8 +24,9 @@ from companion.estimation.model import (
     ProcessNoise,
     States,
 )
-from companion.estimation.setup import Setup, before
+from companion.estimation.setup import Setup, three_samples
 from companion.estimation.system import (
+    Index,
     Measurement,
     Motion,
     Prior,
@@ -41,7 +42,7 @@ BIAS_SIGMA = (0.02, 0.08)  # rad/s, m/s², 1σ at the first keyframe: what real 
 _HOLE = (2.0, 30.0, 100.0)  # rad, m/s, m per s: what may happen while the IMU is not heard
 
 
-_APART_S = 0.1  # of three samples in which a late fix was taken
+_APART_S = 0.1  # of three samples about a keyframe, among which its fix was taken
 
 
 _ANEW_S = 60.0  # unheard for so long, an IMU may have been calibrated anew or have cooled: its bias is as at first
@@ -93,7 +94,7 @@ def carry_imu(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
     raw = error_sums(track, path, setup.index[:-1], setup.index[1:])
     read = [readings.sample.ravel() for readings in setup.readings]
     count = len(setup.index) - 1
-    path = path.at(np.unique(np.concatenate([setup.index, before(setup.imu, setup.index, _APART_S).ravel(), *read])))
+    path = path.at(np.unique(np.concatenate([setup.index, _about(setup).ravel(), *read])))
     return CarriedImu(
         bias,
         path,
@@ -200,7 +201,7 @@ def _motion_constants(path: CarriedImu, turn: Array) -> Array:
 
 def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     track, index, s = setup.imu, setup.index, states
-    samples = before(setup.imu, setup.index, _APART_S)
+    samples = _about(setup)
     when = track.t[samples] - setup.t[:, None]
     _, velocity, position = path.path.carry(index, samples, s.q_ned_frd, s.velocity, s.position, gravity=setup.gravity)
     velocity -= s.velocity[:, None]
@@ -208,7 +209,14 @@ def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     heard = when[:, 2] - when[:, 0] < LONGEST_S  # across a hole the IMU tells nothing
     velocity *= heard[:, None, None]
     position *= heard[:, None, None]
-    return Kinematics(setup.t, track.gyro[index] - s.gyro_bias, when, velocity, position)
+    velocity[..., 2] -= setup.gravity * when
+    position[..., 2] -= 0.5 * setup.gravity * when**2
+    return Kinematics(setup.t, track.gyro[index] - s.gyro_bias, when, velocity, position, setup.gravity)
+
+
+def _about(setup: Setup) -> Index:
+    """(K, 3) samples before, at and after each keyframe."""
+    return three_samples(setup.imu, setup.index, _APART_S, before=1)
 
 
 def _prior(setup: Setup, states: States) -> Prior:

@@ -55,6 +55,7 @@ UNITS: Mapping[str, str] = {
 }  # fmt: skip
 
 
+GPS_LATENCY_S = 0.1  # of an ordinary receiver: keyframes stand where its fixes were taken, as far as that is known
 LONGEST_S = 0.6  # between three samples from which a moment between them is read: two that lie further apart: a hole
 
 
@@ -76,7 +77,7 @@ class Readings:
         Of two that speak of one keyframe the nearer stays.
         """
         late = self.late + late
-        spoke = self.t - late
+        spoke = self.t - late - _usual_latency(self.name)
         k = nearest(t, spoke)
         nearer = np.lexsort((np.abs(t[k] - spoke), k))
         first = np.concatenate([[True], np.diff(k[nearer]) > 0])
@@ -89,7 +90,8 @@ class Readings:
 class Kinematics:
     """What measurements need of the IMU at each keyframe, beside the states: how the vehicle came there.
 
-    Three samples about each keyframe, where a reading that was late was taken; a parabola through them tells the rest.
+    Three samples about each keyframe, where a fix was taken; a parabola through them tells the rest. What the IMU felt
+    alone: gravity is not in it.
     """
 
     t: Array  # (K,) s
@@ -97,6 +99,7 @@ class Kinematics:
     when: Array  # (K, 3) s, of the samples, from the keyframe on
     velocity: Array  # (K, 3, 3) NED, m/s, at the samples less that at the keyframe
     position: Array  # (K, 3, 3) NED, m, at the samples less what the velocity at the keyframe makes of it
+    gravity: float
 
     def moved(self, change: Array, k: Index, late: Array) -> tuple[Array, Array]:
         """One of the changes (M, 3), and how fast it goes on (M, 3), `late` (M,) s after the keyframes k (M,)."""
@@ -142,15 +145,20 @@ def vector_readings(name: str, when: Array, value: Array, t: Array, spacing: flo
 
 
 def _at_keyframes(name: str, when: Array, value: Array, sigma: Array, t: Array, spacing: float) -> Readings:
-    """The reading nearest to each keyframe, where one is near enough."""
-    i = np.clip(np.searchsorted(when, t), 1, max(len(when) - 1, 1))
-    i = i - (t - when[i - 1] < when[np.minimum(i, len(when) - 1)] - t)
-    near = np.abs(when[i] - t) <= 0.5 * spacing + 1e-3
+    """The reading that speaks of the time nearest to each keyframe, where one is near enough."""
+    spoke = when - _usual_latency(name)
+    i = np.clip(np.searchsorted(spoke, t), 1, max(len(spoke) - 1, 1))
+    i = i - (t - spoke[i - 1] < spoke[np.minimum(i, len(spoke) - 1)] - t)
+    near = np.abs(spoke[i] - t) <= 0.5 * spacing + 1e-3
     k = np.flatnonzero(near).astype(np.intp)
     i = i[near]
     once = np.concatenate([[True], np.diff(i) > 0]) if len(i) else np.zeros(0, np.bool_)  # a reading counts once
     k, i = k[once], i[once]
     return Readings(name, when[i], k, value[i], sigma[i], np.zeros(len(i), np.intp))
+
+
+def _usual_latency(name: str) -> float:
+    return GPS_LATENCY_S if name.startswith("gps") else 0.0
 
 
 def measure(one: Readings, states: States, at: Kinematics, path: Preintegration, index: Index) -> Measurement:
@@ -184,22 +192,26 @@ def _gps(one: Readings, states: States, at: Kinematics, h: Array, h_c: Array) ->
     rows = slice(2, 3) if one.name in ("gps_height", "gps_climb") else slice(0, 2)
     if one.name in ("gps_position", "gps_height"):
         arm = matrix @ lever
-        changed, goes_on = at.moved(at.position, k, late)
-        value = states.position[k] + states.velocity[k] * late[:, None] + changed + arm
+        felt, goes_on = at.moved(at.position, k, late)
+        value = states.position[k] + states.velocity[k] * late[:, None] + felt + arm
+        value[:, 2] += 0.5 * at.gravity * late**2
         h[:, :, POSITION] = np.eye(3)[rows]
         h[:, :, VELOCITY] = late[:, None, None] * np.eye(3)[rows]
         change, of_arm = states.velocity[k] + goes_on, matrix
+        change[:, 2] += at.gravity * late
     else:
         arm = np.einsum("kij,kj->ki", matrix, np.cross(at.rate[k], lever))
-        changed, goes_on = at.moved(at.velocity, k, late)
-        value = states.velocity[k] + changed + arm
+        felt, goes_on = at.moved(at.velocity, k, late)
+        value = states.velocity[k] + felt + arm
+        value[:, 2] += at.gravity * late
         h[:, :, VELOCITY] = np.eye(3)[rows]
         h[:, :, GYRO_BIAS] = (matrix @ skew(lever))[:, rows]
         change, of_arm = goes_on, matrix @ skew(at.rate[k])
+        change[:, 2] += at.gravity
     h[:, :, ATTITUDE] = -skew(arm)[:, rows]
-    # What the IMU felt since turns with the heading: on a circle a latency is told by nothing else. Its tilt is left to
-    # the motion, where it goes together with the accelerometer's bias: of the two none is told in so short a time.
-    h[:, :, ATTITUDE.stop - 1] -= skew(changed)[:, rows, 2]
+    # What the IMU felt in between turns with the heading: on a circle a latency is told by nothing else. Its tilt is
+    # left to the motion, which has the same noise: of a noisy IMU the fix would tell a tilt that is none.
+    h[:, :, ATTITUDE.stop - 1] -= skew(felt)[:, rows, 2]
     h_c[:, :, CONSTANTS["gps_latency"][0]] = -change[:, rows, None]
     h_c[:, :, CONSTANTS["lever_arm"][0]] = of_arm[:, rows]
     return np.asarray(value[:, rows])

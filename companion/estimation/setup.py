@@ -10,7 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.estimation.earth_field import EarthField, field_at
-from companion.estimation.measurements import MICROTESLA, NOMINAL, Readings, gps_readings, vector_readings
+from companion.estimation.measurements import (
+    GPS_LATENCY_S,
+    MICROTESLA,
+    NOMINAL,
+    Readings,
+    gps_readings,
+    vector_readings,
+)
 from companion.estimation.model import CONSTANT_STATES, CONSTANTS, States
 from companion.estimation.noise_density import spectral_noise
 from companion.estimation.rest import at_rest
@@ -74,7 +81,7 @@ def set_up(
     gps = _gps(flight, track)
     spacing = float(np.clip((track.t[-1] - track.t[0]) / _KEYFRAMES, *_SPACING_S))
     spacing = max(spacing, 1.5 / track.rate_hz)
-    index = _keyframes(track, gps.t[gps.fix_type >= 3] if gps is not None else None, spacing)
+    index = _keyframes(track, gps.t[gps.fix_type >= 3] - GPS_LATENCY_S if gps is not None else None, spacing)
     t = track.t[index]
     notes: list[str] = []
     origin = _origin(flight, gps)
@@ -148,7 +155,7 @@ def _broken(
 
 
 def _keyframes(track: ImuTrack, epochs: Array | None, spacing: float) -> Index:
-    """Samples at the GPS epochs, thinned to the spacing and filled where there are none for longer."""
+    """Samples at the times of GPS fixes, thinned to the spacing and filled where there are none for longer."""
     if epochs is None or not len(epochs):
         wanted = _between(track.t, track.t[0], track.t[-1], max(spacing, _WITHOUT_GPS_S))
     else:
@@ -193,14 +200,15 @@ def _compass(flight: Flight, track: ImuTrack, t: Array, spacing: float, notes: l
         when, field = when[good], field[good]
     readings = vector_readings("compass", when, field, t, spacing)
     sample = np.clip(np.searchsorted(track.t, readings.t), 0, len(track) - 1).astype(np.intp)
-    return [replace(readings, value=readings.value * MICROTESLA, sample=before(track, sample, _COMPASS_APART_S))]
+    sample = three_samples(track, sample, _COMPASS_APART_S, before=2)
+    return [replace(readings, value=readings.value * MICROTESLA, sample=sample)]
 
 
-def before(track: ImuTrack, samples: Index, apart_s: float) -> Index:
-    """(K, 3) samples twice and once so long before each of (K,), and its own; at the beginning the first such three."""
+def three_samples(track: ImuTrack, samples: Index, apart_s: float, *, before: int) -> Index:
+    """(K, 3) samples so long apart, so many of them before each of (K,); at the ends as near to that as can be."""
     count = len(track)
     apart = min(max(1, round(apart_s * track.rate_hz)), (count - 1) // 2)
-    first = np.clip(samples - 2 * apart, 0, count - 1 - 2 * apart)
+    first = np.clip(samples - before * apart, 0, count - 1 - 2 * apart)
     return np.asarray(first[:, None] + apart * np.arange(3))
 
 
@@ -228,7 +236,7 @@ def _constants(earth: EarthField | None, readings: list[Readings]) -> tuple[Arra
     mean, sigma = np.zeros(CONSTANT_STATES), np.empty(CONSTANT_STATES)
     for place, width in CONSTANTS.values():
         sigma[place] = width
-    mean[CONSTANTS["gps_latency"][0]] = 0.1
+    mean[CONSTANTS["gps_latency"][0]] = GPS_LATENCY_S
     field = CONSTANTS["earth_field"][0]
     if earth is not None:
         mean[field], sigma[field] = earth.ned * MICROTESLA, earth.sigma * MICROTESLA

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.estimation.measurements import GPS_LATENCY_S
 from companion.estimation.setup import set_up, unaided_guess
 from companion.model import STANDARD_GRAVITY, Array
 from companion.strapdown import quaternion
@@ -48,3 +49,14 @@ def test_gravity_and_compass_tell_a_manoeuvring_vehicle_where_to_begin(path: str
     angle = np.degrees(np.linalg.norm(quaternion.log(off), axis=1))
     assert np.median(angle) < 2.0
     assert angle.max() < 10.0, "GPS has not said anything yet"
+
+
+def test_keyframes_stand_where_the_fixes_were_taken() -> None:
+    """Not where they came: what the IMU has to carry a fix by is what its latency differs from the usual one by."""
+    flight, _ = sensed(20.0)
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    for one in setup.readings:
+        if one.name.startswith("gps"):
+            apart = one.t - GPS_LATENCY_S - setup.t[one.keyframe]
+            assert np.abs(apart[1:-1]).max() <= 0.5 / setup.imu.rate_hz + 1e-9
+            assert len(one.t) >= 45
