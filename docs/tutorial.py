@@ -67,7 +67,7 @@ spoiled = replace(flight, imus={imu.source: replace(imu, gyro=imu.gyro + added)}
 suspect = c.examine(spoiled).assessment
 print(suspect.verdict.status, "-", suspect.verdict.summary)
 
-# > imu_suspect - Suspect the IMU: gyro y reads 10.0 ± 0.5 mrad/s too much, from 100.1 ± 0.3 s to the end.
+# > imu_suspect - Suspect the IMU: gyro y reads 10.0 ± 0.5 mrad/s too much, from 100.1 ± 0.4 s to the end.
 
 # %% [markdown]
 # ## An error from the first second on is calibration

@@ -2,7 +2,8 @@
 
 Random motion, a random sensor of config/imu whose biases, scale and misalignment are drawn from its figures, a random
 lever arm, lag and board trim; half of the flights in whole milli-units, as RAW_IMU sends them. The autopilot has a tilt
-and a heading error that last, and noise. Right is an observable figure within three of its standard errors.
+and a heading error that last, and noise; GPS, compass and barometer have their own, for the best estimate. Right is an
+observable figure within three of its standard errors.
 """
 
 from __future__ import annotations
@@ -12,10 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis import PARTS, Comparison, Correction, ImuSpec, ReferenceSpec, calibrate, compare
+from benchmarks.accuracy.parallel import Failed, each
+from companion.analysis import PARTS, Correction, ImuSpec, ReferenceSpec, calibrate, compare, known_from
 from companion.app.sensors import imu_parts, load_imu_spec
-from companion.model import STANDARD_GRAVITY, AttitudeTrack, Flight, ImuTrack, PositionTrack, Vehicle
+from companion.estimation import smooth
+from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, Flight, ImuTrack, Origin, PositionTrack, Vehicle
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
+from tests.estimation.sensed import EPOCH, PLACE, barometer_of, compass_of, gps_of
 
 RATE_HZ, SECONDS = 100.0, 120.0
 Random = np.random.Generator
@@ -92,25 +96,42 @@ def flight(rng: Random) -> tuple[Flight, ImuSpec, Correction]:
         imus={"RAW_IMU": replace(imu, source="RAW_IMU")},
         attitude=AttitudeTrack(t, quaternion.continuous_sign(q), true.gyro[part], "ATTITUDE"),
         position=PositionTrack(t, true.position[part] + place, true.velocity[part] + speed, "LOCAL_POSITION_NED"),
+        origin=Origin(*PLACE),
+        epoch=EPOCH,
+        gps=(gps_of(true, rng, PLACE),),
+        compasses=(compass_of(true, rng, PLACE),),
+        barometers=(barometer_of(true, rng),),
     )
     return built, figures, wrong
-
-
-def _compared(built: Flight, track: ImuTrack) -> Comparison:
-    return compare(built, track=track)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--flights", type=int, default=200)
-    errors, seen = [], []
-    for seed in range(parser.parse_args().flights):
-        built, figures, wrong = flight(np.random.default_rng(seed))
-        calibration = calibrate(_compared(built, built.imu()), figures, AUTOPILOT)
-        assert calibration
-        errors.append((calibration.values - wrong.values) / calibration.sigma)
-        seen.append(calibration.observable)
-    z, told = np.array(errors), np.array(seen)
+    parser.add_argument("--workers", type=int, help="processes, default: one for each processor")
+    arguments = parser.parse_args()
+    print("By the windows and the best estimate:")
+    every = each(judged, range(arguments.flights), workers=arguments.workers)
+    results = [one for _, one in every if not isinstance(one, Failed)]
+    _table([both for both, _ in results])
+    print("By the windows alone:")
+    _table([alone for _, alone in results])
+    if failed := arguments.flights - len(results):
+        print(f"{failed} flights failed")
+
+
+def judged(seed: int) -> tuple[tuple[Array, tuple[bool, ...]], tuple[Array, tuple[bool, ...]]]:
+    """Errors of the figures in standard errors, and which are told: with the best estimate, and without."""
+    built, figures, wrong = flight(np.random.default_rng(seed))
+    own = compare(built)
+    known = known_from(smooth(built).errors, figures, own.track)
+    found = [calibrate(own, figures, AUTOPILOT, known=one) for one in (known, None)]
+    both, alone = (((one.values - wrong.values) / one.sigma, one.observable) for one in found if one)
+    return both, alone
+
+
+def _table(rows: list[tuple[Array, tuple[bool, ...]]]) -> None:
+    z, told = (np.array(column) for column in zip(*rows, strict=True))
     print(f"{'':22}{'observable':>12}{'within 3 σ':>12}{'rms, σ':>9}{'worst, σ':>10}")
     for part, place in PARTS.items():
         some = np.abs(z[:, place][told[:, place]])

@@ -19,6 +19,7 @@ from companion.analysis.gravity import gravity_for
 from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import Integration
 from companion.analysis.inventory import Item, inventory, used_aiding, used_imus
+from companion.analysis.lasting_errors import known_from
 from companion.analysis.noise import AxisNoise, FlightNoise, ImuNoise, RestNoise, imu_noise
 from companion.analysis.noise_model import ModelFigure, SensorModel, noise_model
 from companion.analysis.phases import phases
@@ -104,6 +105,7 @@ __all__ = [
     "gravity_for",
     "imu_noise",
     "inventory",
+    "known_from",
     "newest_stands_out",
     "noise_model",
     "phases",

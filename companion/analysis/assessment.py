@@ -11,7 +11,7 @@ import numpy as np
 from companion.analysis.autopilot_bias import AutopilotBias, autopilot_bias
 from companion.analysis.budget import chi_square_95, chi_square_999, window_noise
 from companion.analysis.calibrate import Calibration, calibrate
-from companion.analysis.comparison import Comparison, Half, Windows, compare, windows
+from companion.analysis.comparison import Comparison, Windows, compare, windows
 from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.expected import Expected, expected_over
@@ -20,11 +20,12 @@ from companion.analysis.findings import findings, missed_findings, reading_fault
 from companion.analysis.findings.axes import misread_finding
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
+from companion.analysis.lasting_errors import beside_best, known_from
 from companion.analysis.phases import phases
 from companion.analysis.rest import Rest, rests
 from companion.analysis.sensitivity import Sensitivity, sensitivity
 from companion.analysis.verdict import FEWEST_WINDOWS, JUDGED_S, Verdict, decide
-from companion.estimation import BestEstimate, other_reading, smooth, without_errors
+from companion.estimation import BestEstimate, ConstantErrors, Explained, kind_of, other_reading, smooth, without_errors
 from companion.model import Array, DataError, Flight, ImuTrack, Phase, brief
 
 _WARMS = (1.5e-3, 0.03)  # rad/s, m/s², within four minutes of flight
@@ -68,18 +69,18 @@ class Assessment:
 
     @property
     def calibration(self) -> Calibration | None:
-        """What the windows of the flight say of the IMU's errors."""
-        return self._calibrated[0]
-
-    @property
-    def corrected(self) -> Drift | None:
-        """The drift with the calibration, on the windows that it was not fitted to."""
-        return self._calibrated[2]
+        """What the flight says of the IMU's errors."""
+        return self._fitted[0]
 
     @property
     def uncorrected(self) -> Drift | None:
-        """The same windows without it."""
-        return self._calibrated[1]
+        """The drift in the second half of the flight; None where a half has too few windows."""
+        return self._held_out[0]
+
+    @property
+    def corrected(self) -> Drift | None:
+        """The same windows with the calibration of the first half."""
+        return self._held_out[1]
 
     @property
     def made_worse(self) -> bool:
@@ -87,23 +88,62 @@ class Assessment:
         return _made_worse(self.uncorrected, self.corrected, self.autopilot)
 
     @cached_property
-    def _calibrated(self) -> tuple[Calibration | None, Drift | None, Drift | None]:
-        """The calibration, and the drift of windows that it was not fitted to without and with it."""
-        own = self.comparison
-        judged = windows(own, JUDGED_S)
-        if len(judged.start) < FEWEST_WINDOWS:
-            return None, None, None
+    def judged_by_best(self) -> tuple[Drift, Drift] | None:
+        """The drift of the same windows against the best estimate, without and with what is taken off as the IMU's.
 
-        def fitted(half: Half | None = None) -> Calibration | None:
-            return calibrate(own, self.figures, self.autopilot, horizon=JUDGED_S, half=half)
+        Mounting and lag are the autopilot's, and are left alone. None without a best estimate.
+        """
+        own, part, best = self.comparison, self._fitted[1], self._third
+        if part is None or best is None:
+            return None
+        of_imu = replace(part.correction, mounting=np.zeros(3), time_offset=0.0, lever_arm=np.zeros(3))
+        beside, chosen = beside_best(own, best, self._second_half(own))
+        return drift_over(beside, [chosen]), drift_over(beside.of(of_imu.apply(own.track)), [chosen])
+
+    @cached_property
+    def _held_out(self) -> tuple[Drift | None, Drift | None]:
+        own, part = self.comparison, self._fitted[1]
+        if part is None:
+            return None, None
+        corrected = own.of(part.correction.apply(own.track))
+        before, after = (drift_over(one, [self._second_half(one)]) for one in (own, corrected))
+        return before, after
+
+    @cached_property
+    def _fitted(self) -> tuple[Calibration | None, Calibration | None]:
+        """The calibration, and that of the first half; None where a half has too few windows."""
+        own, best = self.comparison, self._third
+        if len(windows(own, JUDGED_S).start) < FEWEST_WINDOWS:
+            return None, None
+
+        def fitted(errors: ConstantErrors | None, until: float = np.inf) -> Calibration | None:
+            known = None if errors is None else known_from(errors, self.figures, own.track)
+            return calibrate(own, self.figures, self.autopilot, horizon=JUDGED_S, until=until, known=known)
 
         try:
-            whole, part = fitted(), fitted("even")
+            steady = best is not None and not any(_changes(one) for one in best.explained)
+            whole = fitted(best.errors if best and steady else None)
+            part = fitted(best.first_half[1] if best and steady else None, self._middle)
         except np.linalg.LinAlgError:  # the flight does not determine what is asked of it
-            return None, None, None
-        if part is None or min(part.windows, len(judged.every_other("odd").start)) < FEWEST_WINDOWS:
-            return whole, None, None
-        return whole, _held_out(own), _held_out(own.of(part.correction.apply(own.track)))
+            return None, None
+        if part is None or min(part.windows, len(self._second_half(own).start)) < FEWEST_WINDOWS:
+            return whole, None
+        return whole, part
+
+    def _second_half(self, comparison: Comparison) -> Windows:
+        chosen = windows(comparison, JUDGED_S)
+        return chosen.only(comparison.track.t[chosen.start] >= self._middle)
+
+    @property
+    def _middle(self) -> float:
+        """Of the flight, s, boot clock."""
+        t = self.comparison.track.t
+        return float(0.5 * (t[0] + t[-1])) if self._third is None else self._third.first_half[0]
+
+    @property
+    def _third(self) -> BestEstimate | None:
+        """The best estimate, where anything but the IMU told it of the vehicle's turns."""
+        return self.best if self.best is not None and _independent(self.best) else None
 
 
 def assess(
@@ -158,6 +198,11 @@ def assess(
     )
 
 
+def _changes(one: Explained) -> bool:
+    """Whether it is an error of the IMU that lasts for a while: then there is no constant one of the whole flight."""
+    return kind_of(one.kind).side == "imu" and not one.kind.endswith(("_unrest", "_shock"))
+
+
 def _made_worse(before: Drift | None, after: Drift | None, autopilot: ReferenceSpec) -> bool:
     """Twice as far off, and further than what the autopilot itself may be off at the two ends of a window."""
     if before is None or after is None:
@@ -176,11 +221,6 @@ def _noise(comparison: Comparison, judged: Windows) -> tuple[float, float] | Non
         return None
     gyro, accel = np.median(window_noise(comparison.track, judged), axis=0)
     return float(gyro), float(accel)
-
-
-def _held_out(comparison: Comparison) -> Drift:
-    """The drift over every other window, those that a fit to the rest has not seen."""
-    return drift_over(comparison, [replace(windows(comparison, JUDGED_S).every_other("odd"), excluded={})])
 
 
 def _control_lost(lost: Phase) -> Finding:
@@ -234,7 +274,7 @@ def _while_judged(chosen: Windows, t: Array, parts: Sequence[Phase]) -> Windows:
         return chosen
     reasons = {**chosen.excluded, "while the estimator aligned, after landing or loss of control": int(out.sum())}
     kept = ~out
-    return replace(chosen, start=chosen.start[kept], end=chosen.end[kept], number=chosen.number[kept], excluded=reasons)
+    return replace(chosen.only(kept), excluded=reasons)
 
 
 def _independent(best: BestEstimate) -> bool:

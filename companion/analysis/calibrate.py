@@ -4,6 +4,9 @@ Each window's error is linear in them, r = J x + ε, with the Jacobians of the e
 everything else as the covariance of ε. Solved by weighted least squares with the sensor's tolerances as prior, robust
 against single windows (Huber on the normalised error), and again about the corrected track until it stands still.
 
+A window has the autopilot's word at its two ends; the best estimate hears GPS, compass and gravity all the time. What
+that tells is taken from it, for the autopilot may be wrong, and what the windows say of the rest follows.
+
 What lasts through the flight and is not the IMU's is solved for beside them, so that no figure claims to be better
 known than it is: the autopilot's own tilt and heading error, and gravity. No average over windows makes those smaller.
 """
@@ -15,10 +18,11 @@ from typing import Final
 
 import numpy as np
 
-from companion.analysis.budget import Budget, budget, chi_square_95, lasting_step_error, nees, stacked, turn_jacobian
-from companion.analysis.comparison import Comparison, Half, Windows, windows
+from companion.analysis.budget import Budget, budget, chi_square_95, nees, stacked, turn_jacobian
+from companion.analysis.comparison import Comparison, Windows, windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS, Correction
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
+from companion.analysis.lasting_errors import OBSERVABLE, Known, lasting_covariance
 from companion.analysis.reference import BoolArray
 from companion.model import STANDARD_GRAVITY, Array, brief
 from companion.strapdown import quaternion
@@ -29,9 +33,6 @@ _SOLVED_FOR: Final = ("gyro_bias", "accel_bias", "misalignment", "time_offset", 
 """Causes of the budget that the unknowns replace."""
 
 _MOUNTING_PRIOR, _TIME_PRIOR, _LEVER_PRIOR = 0.1, 0.05, 0.3  # rad, s, m
-_OBSERVABLE = 0.3
-"""A figure is observable when its standard error is below this part of what was possible beforehand."""
-
 _CONFOUNDED = 0.7
 """Correlation of two figures from which on the one is said not to be told apart from the other."""
 
@@ -55,6 +56,7 @@ class Calibration:
     assumed_sigma: Array  # (28,) their standard errors then; elsewhere `sigma`
     confounded: tuple[str, ...]  # (28,) the figure that a figure which is not observable goes with, or ""
     level_force: tuple[float, float]  # m/s² that accel z is off by at 1 g, bias and scale together, and standard error
+    from_best: tuple[bool, ...]  # (28,) what is the best estimate's
     windows: int  # fitted
     horizon_s: float
     residual: float  # median normalised error of the windows after the fit, per degree of freedom; about 1 is right
@@ -63,6 +65,10 @@ class Calibration:
         """Whether the flight tells any figure of a part of PARTS."""
         return any(self.observable[PARTS[part]])
 
+    def told_by_best(self, part: str) -> bool:
+        """Whether any figure of a part of PARTS is, and is told."""
+        return any(np.logical_and(self.observable, self.from_best)[PARTS[part]])
+
 
 def calibrate(
     own: Comparison,
@@ -70,10 +76,14 @@ def calibrate(
     autopilot: ReferenceSpec,
     *,
     horizon: float = 5.0,
-    half: Half | None = None,
+    until: float = np.inf,
+    known: Known | None = None,
     iterations: int = 8,
 ) -> Calibration | None:
-    """Fit the errors of the IMU to windows of `horizon` seconds, or to half of them. None without windows."""
+    """Fit the errors of the IMU to windows of `horizon` seconds. None without windows.
+
+    until: when the windows have to end, s, boot clock; known: what the best estimate says of the errors.
+    """
     prior = _prior(imu, autopilot)
     track = own.track
     values = np.zeros(_COUNT)
@@ -81,7 +91,7 @@ def calibrate(
     for _ in range(iterations):
         comparison = own.of(Correction.of(values).apply(track))
         chosen = windows(comparison, horizon)
-        chosen = chosen.every_other(half) if half else chosen
+        chosen = chosen.only(comparison.track.t[chosen.end] <= until)
         if not len(chosen.start):
             return None
         size = 9 if comparison.has_position else 3
@@ -101,26 +111,28 @@ def calibrate(
         near = moved < _NEAR
     spread = float(np.median(normalised)) / size
     joint = joint * max(1.0, spread)
-    for part, readings, each in (
-        ("gyro_bias", track.gyro, track.gyro_step),
-        ("accel_bias", track.accel, track.accel_step),
-    ):
-        joint[PARTS[part], PARTS[part]] += np.diag(lasting_step_error(readings, each) ** 2)
-    return _calibration(values, joint, prior[:_COUNT], len(error), horizon, spread)
+    joint[:_COUNT, :_COUNT] += lasting_covariance(track)
+    enough = OBSERVABLE * np.maximum(prior[:_COUNT], np.abs(values))  # a sensor may be off by more than its kind
+    taken = np.zeros(_COUNT, np.bool_) if known is None else known.told
+    if known is not None:
+        values, joint = _given(values, joint, taken, known.values, known.covariance)
+        enough = np.where(taken, np.inf, enough)
+    return _calibration(values, joint, enough, taken, len(error), horizon, spread)
 
 
-def _calibration(values: Array, joint: Array, prior: Array, count: int, horizon: float, residual: float) -> Calibration:
-    """What the flight tells of figures with a joint covariance (32, 32)."""
+def _calibration(
+    values: Array, joint: Array, enough: Array, from_best: BoolArray, count: int, horizon: float, residual: float
+) -> Calibration:
+    """What the flight tells of figures with a joint covariance (32, 32): those with a 1σ below `enough` (28,)."""
     own = joint[:_COUNT, :_COUNT]
     sigma = np.sqrt(np.diag(own))
-    enough = _OBSERVABLE * np.maximum(prior, np.abs(values))  # a sensor may be off by more than its kind
     seen = sigma < enough
     biases = np.arange(_COUNT) < PARTS["accel_bias"].stop
     # What tilt, mounting and bias explain together is put down to the bias, if the flight tells it then.
-    kept, left = _given_zero(values, own, ~seen & ~biases)
+    kept, left = _given(values, own, ~seen & ~biases)
     given = np.sqrt(np.diag(left))
     assumed = ~seen & biases & (given < enough)
-    kept, _ = _given_zero(kept, left, ~seen & ~assumed)
+    kept, _ = _given(kept, left, ~seen & ~assumed)
     alike = np.abs(joint / np.sqrt(np.outer(np.diag(joint), np.diag(joint))))
     np.fill_diagonal(alike, 0.0)
     partner = alike[:_COUNT].argmax(axis=1)
@@ -138,18 +150,29 @@ def _calibration(values: Array, joint: Array, prior: Array, count: int, horizon:
             known[j] if not seen[i] and alike[i, j] > _CONFOUNDED else "" for i, j in enumerate(partner.tolist())
         ),
         level_force=(float(vertical @ values), float(np.sqrt(vertical @ own @ vertical))),
+        from_best=tuple(from_best.tolist()),
         windows=count,
         horizon_s=horizon,
         residual=residual,
     )
 
 
-def _given_zero(values: Array, covariance: Array, zero: BoolArray) -> tuple[Array, Array]:
-    """Values and covariance of the rest once some figures are taken to be zero (those have no covariance then)."""
-    rest = ~zero
-    gain = covariance[:, zero] @ np.linalg.pinv(covariance[np.ix_(zero, zero)], hermitian=True)
-    kept = np.where(rest, values - gain @ values[zero], 0.0)
-    return kept, (covariance - gain @ covariance[zero]) * np.outer(rest, rest)
+def _given(
+    values: Array, covariance: Array, where: BoolArray, known: Array | float = 0.0, uncertain: Array | None = None
+) -> tuple[Array, Array]:
+    """Values (28,) and covariance of all, (28, 28) or with what is beside them, once some are known from elsewhere.
+
+    known: what those are, with its covariance, of all 28; without one they have none. What is known counts alone, and
+    its uncertainty is that of the rest too (Schmidt 1966).
+    """
+    fixed = np.append(where, np.zeros(len(covariance) - len(where), np.bool_))
+    gain = covariance[:, fixed] @ np.linalg.pinv(covariance[np.ix_(fixed, fixed)], hermitian=True)
+    gain[fixed] = np.eye(int(where.sum()))
+    told = np.broadcast_to(known, values.shape)[where]
+    moved = values + gain[: len(values)] @ (told - values[where])
+    left = covariance - gain @ covariance[fixed]
+    left[fixed], left[:, fixed] = 0.0, 0.0
+    return moved, left if uncertain is None else left + gain @ uncertain[np.ix_(where, where)] @ gain.T
 
 
 def _prior(imu: ImuSpec, autopilot: ReferenceSpec) -> Array:

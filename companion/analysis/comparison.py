@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +22,6 @@ from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrac
 from companion.strapdown import Preintegration, preintegrate
 
 IntArray = npt.NDArray[np.intp]
-Half = Literal["even", "odd"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +56,7 @@ class Comparison:
         """
         wanted = np.unique(np.concatenate(samples))
         if not any(np.isin(wanted, known).all() for known, _ in self._coarse):
-            seconds, ends, _ = _grid(self, 1.0, None)
+            seconds, ends = _grid(self, 1.0, None)
             known = np.unique(np.concatenate([wanted, seconds, ends]))
             other = "linear" if self.how.middle == "cubic" else "cubic"
             whole = preintegrate(self.track, method="rk4", middle=other, segments=self.how.segments)
@@ -94,12 +92,10 @@ class Windows:
     start: IntArray  # (W,) sample of the anchor
     end: IntArray  # (W,) sample of the end
     excluded: Mapping[str, int]  # left out, by reason
-    number: IntArray = field(default_factory=lambda: np.zeros(0, np.intp))  # (W,) of those of a grid: its place there
 
-    def every_other(self, half: Half) -> Windows:
-        """Those of even or odd places of the grid: which they are does not depend on which of them can be used."""
-        mine = self.number % 2 == (half == "odd")
-        return replace(self, start=self.start[mine], end=self.end[mine], number=self.number[mine])
+    def only(self, used: BoolArray) -> Windows:
+        """Some of them (W,); what else was left out is not told again."""
+        return replace(self, start=self.start[used], end=self.end[used], excluded={})
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,9 +160,9 @@ def windows(comparison: Comparison, horizon: float, part: Part | None = None) ->
     """
     if not (np.isfinite(horizon) and horizon > 0):
         raise ValueError(f"horizons must be positive seconds, got {horizon}")
-    start, end, number = _grid(comparison, horizon, part)
+    start, end = _grid(comparison, horizon, part)
     used, excluded = _usable(comparison, start, end, part.has_position if part else comparison.has_position)
-    return Windows(float(horizon), start[used], end[used], excluded, number[used])
+    return Windows(float(horizon), start[used], end[used], excluded)
 
 
 def trailing(comparison: Comparison, horizon: float) -> Windows:
@@ -251,15 +247,15 @@ def edges(comparison: Comparison, horizon: float, part: Part | None = None) -> I
     return np.arange(first, after + 1, dtype=np.intp)
 
 
-def _grid(comparison: Comparison, horizon: float, part: Part | None) -> tuple[IntArray, IntArray, IntArray]:
-    """Sample indices of anchors and ends, and the number of the edge that each begins at."""
+def _grid(comparison: Comparison, horizon: float, part: Part | None) -> tuple[IntArray, IntArray]:
+    """Sample indices of anchors and ends."""
     numbers, t = edges(comparison, horizon, part), comparison.track.t
     origin = part.origin_s if part else grid_origin(comparison)
     if origin is None or len(numbers) < 2:
-        return np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0, np.intp)
+        return np.zeros(0, np.intp), np.zeros(0, np.intp)
     index = nearest(t, origin + horizon * numbers.astype(np.float64))
     apart = np.diff(index) > 0  # in a hole, or at a very low rate, two edges can fall on one sample
-    return index[:-1][apart], index[1:][apart], numbers[:-1][apart]
+    return index[:-1][apart], index[1:][apart]
 
 
 def _touched(steps: Array, t: Array, start: IntArray, end: IntArray) -> BoolArray:

@@ -9,9 +9,9 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import PARTS, Alignment, Assessment, Statistic
+from companion.analysis import PARTS, Alignment, Assessment, Calibration
 from companion.model import STANDARD_GRAVITY, Array, counted
-from companion.present import fixed
+from companion.present import fixed, held_out_gain
 
 _DEGREES = float(np.degrees(1.0))
 _MDPS, _MICRO_G = 1e3 * _DEGREES, 1e6 / STANDARD_GRAVITY
@@ -76,18 +76,18 @@ def calibration_lines(assessment: Assessment) -> Iterator[str]:
     if fit is None:
         return
     yield f"Calibration from {counted(fit.windows, 'window')} of {fit.horizon_s:g} s (± one standard error):"
-    for part, (name, unit, factor, digits) in _CALIBRATED.items():
+    untold, by_best = [], []
+    for part, (name, unit, *_) in _CALIBRATED.items():
         if not fit.told(part):
+            untold.append(name)
             continue
-        place = PARTS[part]
-        parts = [
-            f"{value * factor:.{digits}f} ± {sigma * factor:.{digits}f}" if seen else "not observable"
-            for value, sigma, seen in zip(fit.values[place], fit.sigma[place], fit.observable[place], strict=True)
-        ]
-        yield f"  {name:<19}{', '.join(parts)} {unit}"
+        yield f"  {name:<19}{_figures(fit, part)} {unit}"
         if part == "gyro_bias":
             yield from _other_witnesses(assessment)
-    untold = [name for part, (name, *_) in _CALIBRATED.items() if not fit.told(part)]
+        if fit.told_by_best(part):
+            by_best.append(name)
+    if by_best:
+        yield f"  of the best estimate, not of the windows: {', '.join(by_best)}"
     if untold:
         yield f"  not observable     in this flight: {', '.join(untold)}"
     place = PARTS["accel_bias"]
@@ -98,14 +98,23 @@ def calibration_lines(assessment: Assessment) -> Iterator[str]:
     if fit.observable[place][2] and not fit.observable[PARTS["accel_scale"]][2]:
         value, sigma = fit.level_force
         yield f"  at 1 g             z reads {value:.3f} ± {sigma:.3f} m/s² too much: bias and scale together"
-    if assessment.corrected and assessment.uncorrected:
-        before, after = assessment.uncorrected.rows[0], assessment.corrected.rows[0]
-        text = f"{_pair(before.attitude_deg, after.attitude_deg)}°"
-        if after.position_m:
-            text += f", {_pair(before.position_m, after.position_m)} m"
-        yield f"  out of sample      {counted(after.windows, 'window')} not fitted: median drift {text}"
+    if (gain := held_out_gain(assessment)) is not None:
+        yield f"  out of sample      median of {counted(gain.windows, 'window')} of the second half, by the first"
+        yield f"    autopilot's      {gain.by_autopilot}"
+        if gain.by_best:
+            yield f"    best estimate's  {gain.by_best}"
         if assessment.made_worse:
             yield "  [yellow]It makes the rest of the flight worse: the errors are not constant. Do not use it.[/]"
+
+
+def _figures(of: Calibration, part: str) -> str:
+    """The figures of a part with their standard errors."""
+    _, _, factor, digits = _CALIBRATED[part]
+    place = PARTS[part]
+    return ", ".join(
+        f"{value * factor:.{digits}f} ± {sigma * factor:.{digits}f}" if seen else "not observable"
+        for value, sigma, seen in zip(of.values[place], of.sigma[place], of.observable[place], strict=True)
+    )
 
 
 def _other_witnesses(assessment: Assessment) -> Iterator[str]:
@@ -150,9 +159,3 @@ def _degrees(angle: float) -> str:
 
 def _plus_minus(values: Array, sigma: Array, factor: float, digits: int) -> str:
     return ", ".join(f"{v * factor:.{digits}f} ± {s * factor:.{digits}f}" for v, s in zip(values, sigma, strict=True))
-
-
-def _pair(before: Statistic | None, after: Statistic | None) -> str:
-    if before is None or after is None:
-        return "-"
-    return f"{fixed(before.median)} → {fixed(after.median)}"

@@ -12,7 +12,6 @@ from companion.analysis import (
     Alignment,
     Assessment,
     AutopilotBias,
-    Calibration,
     Drift,
     DriftRow,
     Expected,
@@ -71,7 +70,7 @@ def analysis_document(source: Source, examined: Examination) -> schema.Analysis:
             for row, expected in zip(table.rows, assessment.expected, strict=True)
             if expected is not None
         ],
-        calibration=_calibration(assessment.calibration, assessment.uncorrected, assessment.corrected),
+        calibration=_calibration(assessment),
         rests=[_rest(rest) for rest in assessment.rests],
         autopilot_gyro_bias=_held(assessment.autopilot_bias),
         alignment=_alignment(examined.alignment),
@@ -194,7 +193,8 @@ def _figures(assessment: Assessment) -> schema.FiguresObject:
     return schema.FiguresObject(assessment.figures.name, assessment.figures.reason, gyro, accel)
 
 
-def _calibration(fit: Calibration | None, before: Drift | None, after: Drift | None) -> schema.CalibrationObject | None:
+def _calibration(assessment: Assessment) -> schema.CalibrationObject | None:
+    fit, by_best = assessment.calibration, assessment.judged_by_best
     if fit is None:
         return None
 
@@ -205,6 +205,7 @@ def _calibration(fit: Calibration | None, before: Drift | None, after: Drift | N
             tuple(fit.sigma[place].tolist()),
             fit.observable[place],
             tuple(other or None for other in fit.confounded[place]),
+            fit.from_best[place],
         )
 
     return schema.CalibrationObject(
@@ -220,9 +221,15 @@ def _calibration(fit: Calibration | None, before: Drift | None, after: Drift | N
         accel_misalignment_rad=figure("accel_misalignment"),
         lever_arm_m=figure("lever_arm"),
         level_force_mps2=schema.EstimateObject(*fit.level_force),
-        before=drift_object(before.rows[0], None) if before else None,
-        after=drift_object(after.rows[0], None) if after else None,
+        before=_first_row(assessment.uncorrected),
+        after=_first_row(assessment.corrected),
+        best_estimate_before=_first_row(by_best and by_best[0]),
+        best_estimate_after=_first_row(by_best and by_best[1]),
     )
+
+
+def _first_row(drift: Drift | None) -> schema.DriftObject | None:
+    return drift_object(drift.rows[0], None) if drift else None
 
 
 def _rest(rest: Rest) -> schema.RestObject:

@@ -181,6 +181,7 @@ class FigureObject(msgspec.Struct, frozen=True):
     sigma: tuple[float, ...]
     observable: tuple[bool, ...]
     confounded: tuple[str | None, ...]
+    from_best_estimate: tuple[bool, ...]
 
 
 class EstimateObject(msgspec.Struct, frozen=True):
@@ -207,6 +208,8 @@ class CalibrationObject(msgspec.Struct, frozen=True):
     level_force_mps2: EstimateObject
     before: DriftObject | None
     after: DriftObject | None
+    best_estimate_before: DriftObject | None
+    best_estimate_after: DriftObject | None
 
 
 class RedundantImuObject(msgspec.Struct, frozen=True):

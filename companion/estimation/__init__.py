@@ -3,6 +3,7 @@
 from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures
 from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.competition import CREEPS, times_of_change
+from companion.estimation.constant_errors import allowing
 from companion.estimation.explanations import KINDS, Kind, kind_of
 from companion.estimation.model import (
     ATTITUDE,
@@ -10,6 +11,7 @@ from companion.estimation.model import (
     POSITION,
     VELOCITY,
     BestEstimate,
+    ConstantErrors,
     Explained,
     ProcessNoise,
     Residuals,
@@ -51,6 +53,7 @@ __all__ = [
     "AllanDeviation",
     "BestEstimate",
     "Coefficient",
+    "ConstantErrors",
     "Explained",
     "Kind",
     "NoiseFigures",
@@ -65,6 +68,7 @@ __all__ = [
     "Vibration",
     "WhiteNoise",
     "allan_deviation",
+    "allowing",
     "confirmed_sampling",
     "corrected",
     "folded_gain",

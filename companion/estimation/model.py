@@ -132,6 +132,18 @@ class Residuals:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ConstantErrors:
+    """What lasts of an IMU's errors: gyro bias (rad/s), accelerometer bias (m/s²), and both matrices by rows.
+
+    The biases are their mean over the flight; truth = (I - matrix) (reading - bias), in the IMU's own axes.
+    """
+
+    values: Array  # (24,)
+    covariance: Array  # (24, 24)
+    possible: Array  # (24,) 1σ of what was possible beforehand
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Correlation:
     """How the errors of one keyframe go with those of another."""
 
@@ -163,6 +175,8 @@ class BestEstimate:
     gyro_bias_sigma: Array  # (K, 3) rad/s
     accel_bias_sigma: Array  # (K, 3) m/s²
     constants_sigma: Array  # (39,)
+    errors: ConstantErrors  # of the IMU
+    first_half: tuple[float, ConstantErrors]  # a time in the middle, s, and what the witnesses tell until then
     noise: ProcessNoise  # learned
     lasting: tuple[float, float]  # by how much more it weighs, gyro and accelerometer, because it is not white
     scatter: tuple[float, float]  # densities by which the readings scatter between samples, gyro and accelerometer

@@ -14,6 +14,7 @@ import numpy as np
 
 from companion.estimation.choice import PROMISING, WORTH, Choice, explained, gain_beside, promising, unrest
 from companion.estimation.competition import choose, detectable
+from companion.estimation.constant_errors import constant_errors, of_first_half
 from companion.estimation.iteration import Start, estimate, likelihood, start_of
 from companion.estimation.learned_noise import believing, lasting, noise_limits, scatter
 from companion.estimation.linearisation import Linear
@@ -272,6 +273,8 @@ def _result(
         gyro_bias_sigma=sigma[:, GYRO_BIAS],
         accel_bias_sigma=sigma[:, ACCEL_BIAS],
         constants_sigma=np.sqrt(np.maximum(np.diagonal(linear.solution.constants_covariance), 0.0)),
+        errors=constant_errors(states, linear.solution),
+        first_half=of_first_half(linear),
         noise=settled.noise,
         lasting=(
             linear.noise.gyro_noise / settled.noise.gyro_noise,

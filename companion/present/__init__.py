@@ -1,7 +1,7 @@
 """How numbers become words, tables and colours: one definition for terminal, page and report."""
 
 from companion.present import markup, palette
-from companion.present.columns import AXES, QUANTITIES, STATISTICS, Quantity
+from companion.present.columns import AXES, QUANTITIES, STATISTICS, Quantity, held_out_gain
 from companion.present.formats import fixed, length, percent, short, significant, vehicle_words, words
 from companion.present.markup import Link, details, paragraph, table, text
 from companion.present.palette import Rgb, of_imus
@@ -15,6 +15,7 @@ __all__ = [
     "Rgb",
     "details",
     "fixed",
+    "held_out_gain",
     "length",
     "markup",
     "of_imus",

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from companion.analysis import Statistic
 from companion.documents import schema
-from companion.present import palette, paragraph, percent, short, table, text, words
+from companion.model import counted
+from companion.present import held_out_gain, palette, paragraph, percent, short, table, text, words
 from companion.report import traces
 from companion.report.html_page import Section
 from companion.report.subject import AXES, Subject
@@ -44,17 +44,19 @@ def calibration(subject: Subject) -> Section:
             untold.append(name)
     shown = table(["error", "± one standard error", ""], rows, name="calibration-table", words=3) if rows else ""
     gain = paragraph(f"Not observable in this flight: {', '.join(untold)}.") if untold else ""
+    by_best = [name for name, key, *_ in _PARTS if _told_by_best(_part(fit, key))]
+    if by_best:
+        gain += paragraph(f"Of the best estimate, not of the windows: {', '.join(by_best)}.")
     if subject.comparison.has_position and not fit.accel_scale.observable[2]:
         level = fit.level_force_mps2
         gain += paragraph(
             f"At 1 g the accelerometer's down axis reads {level.value:.3f} ± {level.sigma:.3f} m/s² too much: bias and "
             "scale together."
         )
-    if fit.before and fit.after:
+    if (held_out := held_out_gain(subject.assessment)) is not None:
         gain += paragraph(
-            f"Median drift on {fit.after.windows} windows that were not fitted: "
-            f"{_pair(fit.before.attitude_deg, fit.after.attitude_deg)}°"
-            + (f", {_pair(fit.before.position_m, fit.after.position_m)} m." if fit.after.position_m else ".")
+            f"Median drift in {counted(held_out.windows, 'window')} of the second half, with the calibration of the "
+            f"first: {held_out}."
         )
     if subject.assessment.made_worse:
         warning = "It makes the rest of the flight worse: the errors are not constant. Do not use it."
@@ -111,6 +113,11 @@ def _part(fit: schema.CalibrationObject, key: str) -> schema.FigureObject:
     return figure
 
 
+def _told_by_best(figure: schema.FigureObject) -> bool:
+    """Whether any of it that can be told is the best estimate's."""
+    return any(np.logical_and(figure.observable, figure.from_best_estimate))
+
+
 def _values(figure: schema.FigureObject, factor: float, digits: int, axes: Sequence[str]) -> str:
     """The parts of a figure one after the other, and with what those go together that cannot be told."""
     parts = []
@@ -122,10 +129,6 @@ def _values(figure: schema.FigureObject, factor: float, digits: int, axes: Seque
             said = "not observable" + (f" (cannot be told from {words(other)})" if other else "")
         parts.append(f"{axis} {said}".strip())
     return ", ".join(parts)
-
-
-def _pair(before: Statistic | None, after: Statistic | None) -> str:
-    return f"{short(before.median if before else None)} → {short(after.median if after else None)}"
 
 
 def _intervals(fit: schema.CalibrationObject) -> traces.Figure | None:

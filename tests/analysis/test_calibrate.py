@@ -8,7 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.analysis import GENERIC, PARTS, Calibration, Correction, ReferenceSpec, calibrate, compare, drift_of
+from companion.analysis import (
+    GENERIC,
+    NAMES,
+    PARTS,
+    Calibration,
+    Correction,
+    ReferenceSpec,
+    calibrate,
+    compare,
+    drift_of,
+)
+from companion.analysis.lasting_errors import Known
 from companion.model import ImuTrack
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
 from tests.flights import flight_of, seconds
@@ -151,13 +162,37 @@ def test_the_correction_holds_on_windows_that_were_not_fitted() -> None:
     motion = lively()
     model = ImuModel(gyro=Sensor(noise_density=1e-4, bias=np.array([0.01, -0.015, 0.008])))
     track = simulate(motion.imu, model, 4)
-    half = fit(motion, track, half="even")
+    middle = float(np.mean(track.t[[0, -1]]))
+    half = fit(motion, track, until=middle)
+    assert half.windows == 8
+    later = track[int(np.searchsorted(track.t, middle)) :]
     flight = flight_of(motion)
-    before = drift_of(compare(flight, track=track), (5,)).rows[0].position_m
-    after = drift_of(compare(flight, track=half.correction.apply(track)), (5,)).rows[0].position_m
+    before = drift_of(compare(flight, track=later), (5,)).rows[0].position_m
+    after = drift_of(compare(flight, track=half.correction.apply(later)), (5,)).rows[0].position_m
     assert before
     assert after
     assert after.median < before.median / 10
+
+
+def test_what_the_best_estimate_tells_is_taken_and_the_rest_follows() -> None:
+    """It counts alone, with its own standard error, and what the windows cannot tell from it moves with it."""
+    motion = lively()
+    bias = np.array([0.01, -0.015, 0.008])
+    track = simulate(motion.imu, ImuModel(gyro=Sensor(noise_density=1e-4, bias=bias)), 4)
+    alone = fit(motion, track)
+    told = np.zeros(len(NAMES), np.bool_)
+    told[PARTS["gyro_bias"]] = True
+    values, covariance = np.zeros(len(NAMES)), np.zeros((len(NAMES), len(NAMES)))
+    values[:3], covariance[:3, :3] = alone.values[:3] + 0.002, np.diag([1e-4, 2e-4, 3e-4]) ** 2
+    found = fit(motion, track, known=Known(values, covariance, told))
+    np.testing.assert_allclose(found.values[:3], values[:3])
+    np.testing.assert_allclose(found.sigma[:3], [1e-4, 2e-4, 3e-4])
+    assert found.from_best == tuple(told.tolist())
+    assert found.told_by_best("gyro_bias")
+    assert not found.told_by_best("accel_bias")
+    scale = PARTS["gyro_scale"]
+    assert np.abs(found.values[scale] - alone.values[scale]).max() > 0.2 * alone.sigma[scale].min()
+    assert (found.sigma[scale] > 0.0).all()
 
 
 def test_no_window_no_calibration() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis import Integration, Limits, compare, drift, windows
+from companion.analysis import Integration, Limits, drift
 from companion.model import AttitudeTrack, DataError, Flight, ImuTrack, NavState, PositionTrack
 from companion.strapdown import motions, quaternion, reckon
 from tests.flights import flight_of, seconds
@@ -100,20 +100,6 @@ def test_windows_over_jumps_are_left_out_and_counted() -> None:
     assert row.windows == 10
     assert row.attitude_deg
     assert row.attitude_deg.max < 1e-3, "what remains is as good as ever"
-
-
-def test_halves_of_the_windows_stay_what_they_are_when_one_is_left_out() -> None:
-    flight = flight_of(motions.rest(seconds(60, 100)))
-    imu = flight.imu()
-    kept = np.abs(imu.t - imu.t[0] - 12.5) > 0.5  # a hole in the third window
-    holed = with_imu(flight, ImuTrack(imu.t[kept], imu.gyro[kept], imu.accel[kept], imu.source))
-    whole, left = (windows(compare(f), 5.0) for f in (flight, holed))
-    before, after = (
-        [w.every_other("even").number.tolist(), w.every_other("odd").number.tolist()] for w in (whole, left)
-    )
-    assert before == [[0, 2, 4, 6, 8, 10], [1, 3, 5, 7, 9, 11]]
-    assert after == [[0, 4, 6, 8, 10], [1, 3, 5, 7, 9, 11]]
-    assert len(left.every_other("odd").start) == 6
 
 
 def test_without_a_position_the_attitude_is_still_compared() -> None:

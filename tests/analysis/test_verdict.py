@@ -423,10 +423,27 @@ def test_calibration_of_the_biased_recording() -> None:
     found = c.examine(flight).assessment
     assert found.calibration
     assert found.calibration.values[:3] * 1e3 == pytest.approx([9.55, -14.48, 7.52], abs=0.4)
-    before, after = (d.rows[0].position_m for d in (found.uncorrected, found.corrected) if d)
-    assert before
-    assert after
-    assert after.median < before.median / 3
+    assert not any(found.calibration.from_best), "what began in flight is no constant error"
+
+
+def test_the_calibration_of_the_first_half_holds_in_the_second() -> None:
+    """Of an IMU that is off all the time, by the autopilot and by the best estimate, which tells the bias."""
+    flight = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
+    imu = flight.imu()
+    off = np.array([0.008, -0.011, 0.009])
+    found = assess(with_imu(flight, gyro=imu.gyro + off), GENERIC)
+    assert found.calibration
+    assert found.calibration.told_by_best("gyro_bias")
+    np.testing.assert_allclose(found.calibration.values[:3], off, atol=1e-3)
+    assert found.uncorrected
+    assert found.corrected
+    assert found.judged_by_best
+    for before, after in ((found.uncorrected, found.corrected), found.judged_by_best):
+        one, other = before.rows[0].position_m, after.rows[0].position_m
+        assert one
+        assert other
+        assert other.median < one.median / 2
+    assert not found.made_worse
 
 
 def test_the_lag_of_ardupilots_filter_is_found() -> None:

@@ -74,5 +74,5 @@ def test_an_imu_that_is_too_slow_gets_one_sentence(tmp_path: Path, capsys: Captu
 
 def test_a_repr_fits_in_a_line() -> None:
     shown = repr(c.smooth(c.open_log(DEMO)[0]))
-    assert shown.startswith("BestEstimate(RAW_IMU, 306 keyframes")
+    assert shown.startswith("BestEstimate(RAW_IMU, 307 keyframes")
     assert len(shown) < 200

@@ -8,7 +8,8 @@ from html import escape
 import numpy as np
 
 from companion.analysis import Assessment, Drift, RedundantImu, Statistic
-from companion.present import AXES, QUANTITIES, Rgb, palette, significant, words
+from companion.model import counted
+from companion.present import AXES, QUANTITIES, Rgb, held_out_gain, palette, significant, words
 
 
 def swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:0.8em;border-radius:50%") -> str:
@@ -64,12 +65,8 @@ def calibration_table(assessment: Assessment) -> str:
     lag = f"{values[9]:.1f} ± {sigma[9]:.1f}" if fit.observable[9] else "not seen"
     rows.append(_row(("lag, ms", lag, "", ""), ""))
     note = f"From {fit.windows} windows of {fit.horizon_s:g} s, ± one standard error."
-    if assessment.corrected and assessment.uncorrected:
-        before, after = assessment.uncorrected.rows[0], assessment.corrected.rows[0]
-        pairs = [f"{_median(before.attitude_deg)} → {_median(after.attitude_deg)}°"]
-        if after.position_m:
-            pairs.append(f"{_median(before.position_m)} → {_median(after.position_m)} m")
-        note += f" On the {after.windows} windows that it was not fitted to: median drift {', '.join(pairs)}."
+    if (gain := held_out_gain(assessment)) is not None:
+        note += f" With that of the first half, {counted(gain.windows, 'window')} of the second: median drift {gain}."
     worse = (
         "<br><b>It makes the rest of the flight worse: the errors are not constant.</b>"
         if assessment.made_worse

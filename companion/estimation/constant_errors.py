@@ -1,0 +1,67 @@
+"""What the best estimate says of an IMU's errors that last through the flight: biases, scale and misalignment."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+
+from companion.estimation.linearisation import BIAS_SIGMA, Linear
+from companion.estimation.model import ACCEL_BIAS, CONSTANTS, GYRO_BIAS, STATES, ConstantErrors, States
+from companion.estimation.system import Motion, Solution, solve
+
+_BIASES = slice(GYRO_BIAS.start, ACCEL_BIAS.stop)
+_MATRICES = np.r_[CONSTANTS["gyro_matrix"][0], CONSTANTS["accel_matrix"][0]]
+_BELIEVED = np.repeat([*BIAS_SIGMA, CONSTANTS["gyro_matrix"][1], CONSTANTS["accel_matrix"][1]], [3, 3, 9, 9])
+_SCALES = (np.array([6, 10, 14]), np.array([15, 19, 23]))  # the diagonals of both matrices, after six biases
+
+
+def constant_errors(states: States, solution: Solution) -> ConstantErrors:
+    """The errors that last, about which the problem was made linear and solved."""
+    count = len(states.velocity)
+    every = np.zeros((count, STATES, 6))
+    every[:, _BIASES] = np.eye(6) / count
+    by_constants = -solution.border[:, _BIASES].mean(axis=0)  # what the mean changes by with them
+    along = by_constants @ solution.constants_covariance
+    covariance = np.empty((24, 24))
+    covariance[:6, :6] = solution.factor.solve(every)[:, _BIASES].mean(axis=0) + along @ by_constants.T
+    covariance[:6, 6:] = along[:, _MATRICES]
+    covariance[6:, :6] = covariance[:6, 6:].T
+    covariance[6:, 6:] = solution.constants_covariance[np.ix_(_MATRICES, _MATRICES)]
+    biases = states.gyro_bias.mean(axis=0), states.accel_bias.mean(axis=0)
+    return ConstantErrors(np.concatenate([*biases, states.constants[_MATRICES]]), covariance, _BELIEVED)
+
+
+def of_first_half(linear: Linear) -> tuple[float, ConstantErrors]:
+    """A time in the middle of the flight, s, and the errors by what every witness reads until then.
+
+    The densities and what is explained are those of the whole flight.
+    """
+    problem, states = linear.problem, linear.states
+    middle = float(0.5 * (problem.t[0] + problem.t[-1]))
+    count = int(np.searchsorted(problem.t, middle, side="right"))
+    motion = Motion(*(getattr(problem.motion, part.name)[: count - 1] for part in fields(Motion)))
+    heard = []
+    for one in problem.measurements:
+        until = int(np.searchsorted(one.keyframe, count))
+        rows = ("t", "keyframe", "residual", "states", "constants", "sigma", "weight")
+        heard.append(replace(one, **{name: getattr(one, name)[:until] for name in rows}))
+    solution = solve(count, motion, heard, linear.prior)
+    part = ("q_ned_frd", "velocity", "position", "gyro_bias", "accel_bias")
+    begun = replace(states, **{name: getattr(states, name)[:count] for name in part})
+    return middle, constant_errors(begun.moved(solution.x, solution.c), solution)
+
+
+def allowing(errors: ConstantErrors, gyro_scale: float, accel_scale: float) -> ConstantErrors:
+    """The same where the scales may be off by more (1σ) than the smoother believes.
+
+    The difference is taken out of what it believed beforehand, which leaves what the flight says as it is.
+    """
+    possible = errors.possible.copy()
+    for places, size in zip(_SCALES, (gyro_scale, accel_scale), strict=True):
+        possible[places] = np.maximum(possible[places], size)
+    wider = possible > errors.possible
+    information = 1.0 / errors.possible[wider] ** 2 - 1.0 / possible[wider] ** 2
+    covariance = errors.covariance
+    gain = covariance[:, wider] @ np.linalg.inv(np.diag(1.0 / information) - covariance[np.ix_(wider, wider)])
+    return ConstantErrors(errors.values + gain @ errors.values[wider], covariance + gain @ covariance[wider], possible)

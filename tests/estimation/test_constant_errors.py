@@ -1,0 +1,102 @@
+"""An IMU's lasting errors, against the dense problem."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.estimation.constant_errors import allowing, constant_errors, of_first_half
+from companion.estimation.iteration import estimate, start_of
+from companion.estimation.linearisation import Linear
+from companion.estimation.model import ACCEL_BIAS, CONSTANTS, GYRO_BIAS, STATES
+from companion.estimation.setup import first_guess, set_up
+from companion.estimation.system import solve
+from companion.model import STANDARD_GRAVITY, Array
+from tests.estimation.sensed import sensed
+
+MATRICES = np.r_[CONSTANTS["gyro_matrix"][0], CONSTANTS["accel_matrix"][0]]
+
+
+@pytest.fixture(scope="module")
+def linear() -> Linear:
+    flight, _ = sensed(16.0, "circle", rate=50.0)
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    return estimate(setup, start_of(setup, first_guess(setup, flight)))[1]
+
+
+def dense(one: Linear) -> tuple[Array, int]:
+    """The covariance of all states and constants, by inverting all information at once."""
+    count, width = len(one.problem.t), len(one.solution.c)
+    information = np.zeros((count * STATES + width,) * 2)
+
+    def add(jacobian: Array, weight: Array) -> None:
+        information[:] += jacobian.T @ weight @ jacobian
+
+    rows = np.zeros((STATES, len(information)))
+    rows[:, :STATES] = np.eye(STATES)
+    add(rows, np.diag(one.prior.sigma**-2.0))
+    rows = np.zeros((width, len(information)))
+    rows[:, count * STATES :] = np.eye(width)
+    add(rows, np.diag(one.prior.constants_sigma**-2.0))
+    for k in range(count - 1):
+        rows = np.zeros((STATES, len(information)))
+        rows[:, k * STATES : (k + 1) * STATES] = one.motion.transition[k]
+        rows[:, (k + 1) * STATES : (k + 2) * STATES] = -np.eye(STATES)
+        rows[:, count * STATES :] = one.motion.constants[k]
+        add(rows, one.motion.weight[k])
+    for told in one.measurements:
+        for i, k in enumerate(told.keyframe):
+            rows = np.zeros((told.residual.shape[1], len(information)))
+            rows[:, k * STATES : (k + 1) * STATES] = told.states[i]
+            rows[:, count * STATES :] = told.constants[i]
+            add(rows, np.diag(told.information[i]))
+    scale = np.sqrt(np.diag(information))
+    return np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale), count
+
+
+def test_the_mean_bias_goes_with_the_matrices_as_in_the_dense_problem(linear: Linear) -> None:
+    covariance, count = dense(linear)
+    pick = np.zeros((24, len(covariance)))
+    for k in range(count):
+        own = k * STATES + np.r_[GYRO_BIAS, ACCEL_BIAS]
+        pick[np.arange(6), own] = 1.0 / count
+    pick[6 + np.arange(18), count * STATES + MATRICES] = 1.0
+    found = constant_errors(linear.states, linear.solution)
+    sigma = np.sqrt(np.diag(found.covariance))
+    expected = pick @ covariance @ pick.T
+    np.testing.assert_allclose(found.covariance / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=1e-4)
+    np.testing.assert_allclose(found.values[:3], linear.states.gyro_bias.mean(axis=0))
+
+
+def test_wider_scales_are_as_if_they_had_been_believed_in_before(linear: Linear) -> None:
+    problem, prior = linear.problem, linear.prior
+    sigma = prior.constants_sigma.copy()
+    sigma[MATRICES[[0, 4, 8]]], sigma[MATRICES[[9, 13, 17]]] = 0.02, 0.01
+    again = solve(len(problem.t), problem.motion, problem.measurements, replace(prior, constants_sigma=sigma))
+    expected = constant_errors(linear.states.moved(again.x, again.c), again)
+    once = constant_errors(linear.states.moved(linear.solution.x, linear.solution.c), linear.solution)
+    found = allowing(once, 0.02, 0.01)
+    np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-4, atol=1e-12)
+    np.testing.assert_allclose(found.values, expected.values, rtol=1e-4, atol=1e-7)
+    np.testing.assert_allclose(found.possible[6:15].reshape(3, 3).diagonal(), 0.02)
+    narrower = allowing(once, 1e-4, 1e-4)
+    np.testing.assert_allclose(narrower.covariance, once.covariance)
+
+
+def test_the_first_half_has_not_heard_the_second(linear: Linear) -> None:
+    """As the whole chain without what is told after the middle; all of it tells more."""
+    problem = linear.problem
+    middle, found = of_first_half(linear)
+    assert middle == pytest.approx(0.5 * (problem.t[0] + problem.t[-1]))
+    told = [
+        replace(one, weight=np.where(problem.t[one.keyframe] <= middle, one.weight, 1e-12))
+        for one in problem.measurements
+    ]
+    deaf = solve(len(problem.t), problem.motion, told, linear.prior)
+    whole = constant_errors(linear.states.moved(deaf.x, deaf.c), deaf)
+    np.testing.assert_allclose(found.values[6:], whole.values[6:], rtol=1e-3, atol=1e-7)
+    np.testing.assert_allclose(found.covariance[6:, 6:], whole.covariance[6:, 6:], rtol=1e-3, atol=1e-10)
+    every = constant_errors(linear.states, linear.solution)
+    assert (np.diag(every.covariance) <= np.diag(found.covariance) * (1 + 1e-9)).all()
