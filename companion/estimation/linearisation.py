@@ -206,12 +206,13 @@ def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     _, velocity, position = path.path.carry(index, samples, s.q_ned_frd, s.velocity, s.position, gravity=setup.gravity)
     velocity -= s.velocity[:, None]
     position -= s.position[:, None] + s.velocity[:, None] * when[..., None]
-    heard = when[:, 2] - when[:, 0] < LONGEST_S  # across a hole the IMU tells nothing
+    beside_hole = np.concatenate(([False], setup.broken)) | np.concatenate((setup.broken, [False]))
+    heard = (when[:, 2] - when[:, 0] < LONGEST_S) & ~beside_hole  # across a hole the IMU tells nothing
     velocity *= heard[:, None, None]
     position *= heard[:, None, None]
     velocity[..., 2] -= setup.gravity * when
     position[..., 2] -= 0.5 * setup.gravity * when**2
-    return Kinematics(setup.t, track.gyro[index] - s.gyro_bias, when, velocity, position, setup.gravity)
+    return Kinematics(setup.t, track.gyro[index] - s.gyro_bias, when, velocity, position, heard, setup.gravity)
 
 
 def _about(setup: Setup) -> Index:

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.estimation.model import (
     ATTITUDE,
@@ -99,6 +100,7 @@ class Kinematics:
     when: Array  # (K, 3) s, of the samples, from the keyframe on
     velocity: Array  # (K, 3, 3) NED, m/s, at the samples less that at the keyframe
     position: Array  # (K, 3, 3) NED, m, at the samples less what the velocity at the keyframe makes of it
+    heard: npt.NDArray[np.bool_]  # (K,) whether the IMU is there on both sides; else nothing is felt
     gravity: float
 
     def moved(self, change: Array, k: Index, late: Array) -> tuple[Array, Array]:
@@ -187,7 +189,8 @@ def _gps(one: Readings, states: States, at: Kinematics, h: Array, h_c: Array) ->
     """Where the vehicle was, or how fast, when the fix was taken."""
     k = one.keyframe
     lever = states.constant("lever_arm")
-    late = one.t - one.late - at.t[k] - states.constant("gps_latency")[0]
+    heard = at.heard[k]  # else a velocity that nobody tells would go with the latency
+    late = one.t - one.late - at.t[k] - np.where(heard, states.constant("gps_latency")[0], GPS_LATENCY_S)
     matrix = quaternion.to_matrix(states.q_ned_frd[k])
     rows = slice(2, 3) if one.name in ("gps_height", "gps_climb") else slice(0, 2)
     if one.name in ("gps_position", "gps_height"):
@@ -212,7 +215,7 @@ def _gps(one: Readings, states: States, at: Kinematics, h: Array, h_c: Array) ->
     # What the IMU felt in between turns with the heading: on a circle a latency is told by nothing else. Its tilt is
     # left to the motion, which has the same noise: of a noisy IMU the fix would tell a tilt that is none.
     h[:, :, ATTITUDE.stop - 1] -= skew(felt)[:, rows, 2]
-    h_c[:, :, CONSTANTS["gps_latency"][0]] = -change[:, rows, None]
+    h_c[:, :, CONSTANTS["gps_latency"][0]] = -(heard[:, None] * change[:, rows])[..., None]
     h_c[:, :, CONSTANTS["lever_arm"][0]] = of_arm[:, rows]
     return np.asarray(value[:, rows])
 

@@ -160,8 +160,8 @@ def _keyframes(track: ImuTrack, epochs: Array | None, spacing: float) -> Index:
         wanted = _between(track.t, track.t[0], track.t[-1], max(spacing, _WITHOUT_GPS_S))
     else:
         inside = epochs[(epochs >= track.t[0]) & (epochs <= track.t[-1])]
-        slot = np.floor((inside - track.t[0]) / spacing + 0.5)
-        thinned = inside[np.concatenate([[True], np.diff(slot) > 0])] if len(inside) else inside
+        slot = np.floor((inside - inside[:1]) / spacing + 0.5)  # of the fixes' own phase: two may not share one
+        thinned = inside[np.diff(slot, prepend=-1.0) > 0]
         ends = np.concatenate([[track.t[0]], thinned, [track.t[-1]]])
         longest = max(2.5 * spacing, 0.5)
         fill = [_between(track.t, a, b, (b - a) / (np.floor((b - a) / longest) + 1.0))

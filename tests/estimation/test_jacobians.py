@@ -114,3 +114,18 @@ def test_the_motion_is_linear_as_it_says() -> None:
         np.testing.assert_allclose(
             found, exact.constants[:, :, column], rtol=2e-3, atol=2e-3, err_msg=f"constant {column}"
         )
+
+
+def test_where_the_imu_is_not_heard_no_fix_tells_its_latency(problem: tuple[Setup, CarriedImu, States]) -> None:
+    """Between holes a velocity is told by nothing: with a latency it would explain any noise of a height."""
+    setup, path, states = problem
+    broken = setup.t[1:] > 6.0
+    deaf = replace(setup, broken=broken)
+    for one in setup.readings:
+        if not one.name.startswith("gps"):
+            continue
+        measured = measure(one, states, _kinematics(deaf, path, states), path.path, setup.index)
+        latency = measured.constants[:, :, CONSTANTS["gps_latency"][0]]
+        after = np.append(broken, True)[one.keyframe]
+        assert not latency[after].any()
+        assert latency[~after].any()
