@@ -87,7 +87,7 @@ def calibration_lines(assessment: Assessment) -> Iterator[str]:
         if fit.told_by_best(part):
             by_best.append(name)
     if by_best:
-        yield f"  of the best estimate, not of the windows: {', '.join(by_best)}"
+        yield f"  told by the best estimate rather than the windows: {', '.join(by_best)}"
     if untold:
         yield f"  not observable     in this flight: {', '.join(untold)}"
     place = PARTS["accel_bias"]

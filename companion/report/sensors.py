@@ -46,7 +46,7 @@ def calibration(subject: Subject) -> Section:
     gain = paragraph(f"Not observable in this flight: {', '.join(untold)}.") if untold else ""
     by_best = [name for name, key, *_ in _PARTS if _told_by_best(_part(fit, key))]
     if by_best:
-        gain += paragraph(f"Of the best estimate, not of the windows: {', '.join(by_best)}.")
+        gain += paragraph(f"Told by the best estimate rather than the windows: {', '.join(by_best)}.")
     if subject.comparison.has_position and not fit.accel_scale.observable[2]:
         level = fit.level_force_mps2
         gain += paragraph(
