@@ -24,6 +24,7 @@ from companion.analysis.episode import (
     rival_of_another,
     rivals,
     said,
+    size_told,
 )
 from companion.analysis.finding import Finding, Severity, Side, runs
 from companion.analysis.navigation_error import length
@@ -223,7 +224,7 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
 
     The latter is empty where what to do against the episode itself is all there is to say.
     """
-    noisy = best.contradicted
+    noisy, (size, sigma, _) = best.contradicted, size_told(episode, best)
     other = _is_left_of(episode, others)
     rival = rival_of_another(episode, FAR if noisy else CLOSE)
     passing_gyro = episode.kind.startswith("gyro") and np.isfinite(episode.end)
@@ -234,7 +235,7 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment", ""),
         (_while_shaken(episode, others),
          "it is there only while the IMU scatters more: shaking that its samples fold down reads like it", _FASTER),
-        (episode.magnitude < SIGMAS * episode.sigma, "its size is hardly more than its σ", _FASTER),
+        (size < SIGMAS * sigma, "its size is hardly more than its σ", _FASTER),
         (other is not None,
          f"{_named(other)} explains as much at that time, or far more: one may be what the other leaves", _ANOTHER),
         (episode.kind in _BY_THE_IMU_ALONE and best.bursts >= _BURSTS,

@@ -76,12 +76,17 @@ def _size(episode: Episode, best: BestEstimate) -> Size:
     return Size(episode.size, episode.sigma, best.states.constant("earth_field"))
 
 
+def size_told(episode: Episode, best: BestEstimate) -> tuple[float, float, str]:
+    """How large it is said to be, its σ and its unit: of a compass' field that turns the angle."""
+    if episode.kind != "compass_field":
+        return episode.magnitude, episode.sigma, kind_of(episode.kind).unit
+    angle, sigma = turn_of_the_field(_size(episode, best))
+    return abs(angle), sigma, "rad"
+
+
 def cause_of(episode: Episode, best: BestEstimate, side: Side, consequences: tuple[str, ...]) -> Cause:
-    """The episode in numbers. A compass' field that turns is measured by its angle."""
-    size, sigma, unit = episode.magnitude, episode.sigma, kind_of(episode.kind).unit
-    if episode.kind == "compass_field":
-        angle, sigma = turn_of_the_field(_size(episode, best))
-        size, unit = abs(angle), "rad"
+    """The episode in numbers."""
+    size, sigma, unit = size_told(episode, best)
     rival = _rival(episode)
     return Cause(
         kind=episode.kind,

@@ -427,6 +427,19 @@ def test_a_compass_that_only_a_gyro_speaks_against_is_not_accused(
     assert found[0].side == side
 
 
+@pytest.mark.parametrize(("along", "side"), [(1, "autopilot"), (0, "data")], ids=["it turns", "it grows"])
+def test_a_field_that_hardly_turns_is_not_accused_of_it(
+    flight: Flight, best: BestEstimate, along: int, side: str
+) -> None:
+    """By what it is said to turn, not by how much it changes: one that only grows misleads no heading."""
+    north = best.states.constant("earth_field")[:2] / np.linalg.norm(best.states.constant("earth_field")[:2])
+    changed = 8.0 * np.array([north, [-north[1], north[0]]])[along]
+    turn = Explained("compass_field", "step", ONSET, 0.1, np.inf, changed, np.full(2, 0.5), 500.0)
+    known = replace(best, explained=(turn,))
+    found = findings_of(episodes(known), departures(headed(flight, 40.0), best, Limits()), known)
+    assert (found[0].kind, found[0].side) == ("compass_field", side)
+
+
 def test_a_fast_vehicle_is_where_a_gps_of_another_latency_would_have_it(flight: Flight, best: BestEstimate) -> None:
     wind = np.array([40.0, 0.0, 0.0])
     fast = replace(best, states=replace(best.states, velocity=best.velocity + wind))
