@@ -116,13 +116,14 @@ def other_reading(
     """The way to read the IMU that fits far better than as it is; None where there is none.
 
     flight, gravity, span, untrusted: as the best estimate was made of, which has explained what it can by errors that
-    come and go; the other way has to do without. Where the others contradict the IMU every way is tried, for the
-    estimate may have followed it astray; else none that leaves the axes alone that are not followed, and nothing where
-    all are. Of a long flight the part is taken in which they are followed least.
+    come and go; the other way has to do without. Where the others contradict the IMU all the time every way is tried,
+    for the estimate may have followed it astray; else none that leaves the axes alone that are not followed, and
+    nothing where all are. Of a long flight the part is taken in which they are followed least.
     """
     motion = motion_between(best)
-    gyro, accel = (best.contradicted | (part < _FOLLOWED) for part in _followed(best, motion))
-    if not (best.contradicted or _spared(motion, gyro, accel) > _WORTHWHILE):
+    astray = best.noise.contradicts(best.scatter)  # all the time, as a wrong axis is
+    gyro, accel = (astray | (part < _FOLLOWED) for part in _followed(best, motion))
+    if not (gyro.any() or accel.any()) or not (best.contradicted or _spared(motion, gyro, accel) > _WORTHWHILE):
         return None
     ways = {words: turn for words, turn in WAYS.items() if _touches(turn[0], gyro) or _touches(turn[1], accel)}
     part = _least_followed(best.t, motion) if best.t[-1] - best.t[0] > _LONGEST_S else span
@@ -141,11 +142,11 @@ def other_reading(
         return _size(settled.noise), likelihood(settled, linear)
 
     with np.errstate(over="ignore", invalid="ignore"):
-        as_it_is = _size(best.loudest) if part == span else tried((np.eye(3), np.eye(3)))[0]
+        as_it_is = tried((np.eye(3), np.eye(3)))  # with nothing explained, as the others
         noise = {words: tried(turn) for words, turn in ways.items()}
     words = max(noise, key=lambda name: noise[name][1])
-    fits = as_it_is / noise[words][0]
-    return Reading(words, fits) if np.isfinite(as_it_is) and fits > _CLEARLY else None
+    fits = as_it_is[0] / noise[words][0]
+    return Reading(words, fits) if np.isfinite(as_it_is[0]) and fits > _CLEARLY else None
 
 
 def _spared(motion: Motion, gyro: npt.NDArray[np.bool_], accel: npt.NDArray[np.bool_]) -> float:
