@@ -216,19 +216,15 @@ class BestEstimate:
         return self.states.position
 
     @property
-    def loudest(self) -> ProcessNoise:
-        """The noise of the IMU in the time in which it scatters most."""
+    def contradicted(self) -> bool:
+        """Whether the IMU fits the other witnesses only with far more noise than it shows, at any time."""
         gyro, accel = (
             max([1.0, *(float(e.size[0]) for e in self.explained if e.kind == f"{sensor}_unrest")])
             for sensor in ("gyro", "accel")
         )
         noise = self.noise
-        return replace(noise, gyro_noise=gyro * noise.gyro_noise, accel_noise=accel * noise.accel_noise)
-
-    @property
-    def contradicted(self) -> bool:
-        """Whether the IMU fits the other witnesses only with far more noise than it shows, at any time."""
-        return self.loudest.contradicts(self.scatter)
+        loudest = replace(noise, gyro_noise=gyro * noise.gyro_noise, accel_noise=accel * noise.accel_noise)
+        return loudest.contradicts(self.scatter)
 
     def sigma(self, block: slice) -> Array:
         """(K, 3) 1σ of a block of the error: ATTITUDE, VELOCITY or POSITION."""

@@ -297,9 +297,7 @@ def _triad(setup: Setup) -> Array:
     """
     track, index = setup.imu, setup.index
     q = preintegrate(track).q
-    begin, end = np.searchsorted(track.t, setup.t - _AROUND_S), np.searchsorted(track.t, setup.t + _AROUND_S)
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(quaternion.rotate(q, track.accel), axis=0)])
-    force = total[end] - total[begin]
+    force = _sums_around(setup.t, track.t, quaternion.rotate(q, track.accel))
     low, high = np.maximum(setup.t - _AROUND_S, setup.t[0]), np.minimum(setup.t + _AROUND_S, setup.t[-1])
     force_ned = np.tile([0.0, 0.0, -setup.gravity], (len(index), 1))
     field, field_ned = np.array([[1.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])
@@ -310,14 +308,20 @@ def _triad(setup: Setup) -> Array:
             force_ned[:, rows] += gained / (high - low)[:, None]
         if one.name == "compass":
             carried = quaternion.rotate(q[nearest(track.t, one.t)], one.value)
-            total = np.concatenate([np.zeros((1, 3)), np.cumsum(carried, axis=0)])
-            first, last = np.searchsorted(one.t, setup.t - _AROUND_S), np.searchsorted(one.t, setup.t + _AROUND_S)
-            read = last > first
-            field = np.where(read[:, None], total[last] - total[first], interpolated(setup.t, one.t, carried))
+            total = _sums_around(setup.t, one.t, carried)
+            read = total.any(axis=1, keepdims=True)
+            field = np.where(read, total, interpolated(setup.t, one.t, carried))
             field_ned = setup.constants[CONSTANTS["earth_field"][0]][None]
     axes, axes_ned = _axes(force, field), _axes(force_ned, field_ned)
     start = quaternion.from_matrix(axes_ned @ axes.swapaxes(1, 2))
     return quaternion.multiply(start, q[index])
+
+
+def _sums_around(at: Array, t: Array, values: Array) -> Array:
+    """(K, 3) sums of values (N, 3) at times t (N,) not further than `_AROUND_S` from each of at (K,), s."""
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
+    first, last = (np.searchsorted(t, at + apart) for apart in (-_AROUND_S, _AROUND_S))
+    return np.asarray(total[last] - total[first])
 
 
 def _axes(force: Array, field: Array) -> Array:
