@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -34,7 +35,7 @@ from companion.estimation.system import (
     solve,
 )
 from companion.model import Array
-from companion.strapdown import Preintegration, error_sums, preintegrate, quaternion
+from companion.strapdown import Preintegration, error_sums, preintegrate, quaternion, skew
 
 BIAS_SIGMA = (0.02, 0.08)  # rad/s, m/s², 1σ at the first keyframe: what real parts show (config/imu/README.md)
 
@@ -43,6 +44,9 @@ _HOLE = (2.0, 30.0, 100.0)  # rad, m/s, m per s: what may happen while the IMU i
 
 
 _APART_S = 0.1  # of three samples about a keyframe, among which its fix was taken
+
+
+_NOTHING = np.zeros(0)
 
 
 _ANEW_S = 60.0  # unheard for so long, an IMU may have been calibrated anew or have cooled: its bias is as at first
@@ -58,20 +62,24 @@ MOVED: Mapping[str, slice] = {
 RESTLESS = ("gyro_noise", "accel_noise")  # causes that may be larger than usual for a time: columns of Setup.restless
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Linear:
-    """The problem made linear about the present states, and its solution."""
+    """The problem made linear about the present states, and its solution, which is made when it is asked for."""
 
     states: States  # about which
     motion: Motion
     measurements: tuple[Measurement, ...]
     prior: Prior
-    solution: Solution
     problem: Problem  # what explanations are made of
     turn: Array  # (K-1, 3, 3) from the frame of the sums to NED
     sums: Mapping[str, Array]  # cause → (K-1, n, n) of MOVED in the frame of the sums, per squared density
     variance: Array  # (K-1, 15) of the process noise in the frame of the sums
     noise: ProcessNoise  # that it is made of
+
+    @cached_property
+    def solution(self) -> Solution:
+        """Raises numpy.linalg.LinAlgError where something is not determined by any factor."""
+        return solve(len(self.problem.t), self.motion, self.measurements, self.prior)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,8 +122,13 @@ def linearise(
     weights: Mapping[str, Array],
     accepted: Sequence[Choice] = (),
     colour: Mapping[str, float] = MappingProxyType({}),
+    *,
+    sizes: Array = _NOTHING,
 ) -> Linear:
-    """The linear problem about the states, solved. The sizes of what is accepted follow the constants."""
+    """The linear problem about the states. The sizes of what is accepted follow the constants.
+
+    sizes: (m,) what they were found to be so far, where they were.
+    """
     turn = _turn(setup, path, states)
     covariance, sums = np.tile(np.diag(_FLOOR), (len(path.transition), 1, 1)), _sums(setup, path)
     for cause, own in MOVED.items():
@@ -123,13 +136,16 @@ def linearise(
     if setup.broken.any():
         lasted = np.diff(setup.t)[setup.broken][:, None]
         unheard = np.minimum(lasted / _ANEW_S, 1.0)
-        sizes = [w * (1 + lasted) for w in _HOLE] + [w * unheard for w in BIAS_SIGMA]
-        wide = np.concatenate([np.repeat(size, 3, axis=1) for size in sizes], axis=1)
+        wander = [w * (1 + lasted) for w in _HOLE] + [w * unheard for w in BIAS_SIGMA]
+        wide = np.concatenate([np.repeat(one, 3, axis=1) for one in wander], axis=1)
         covariance[setup.broken] += wide[:, :, None] ** 2 * np.eye(STATES)
     back = turn.swapaxes(-1, -2)
+    shift = _shift(path, states, turn)
+    transition = turn @ path.transition @ back
+    _turn_with_attitude(transition, shift)
     motion = Motion(
-        residual=_motion_residual(setup, path, states, turn),
-        transition=turn @ path.transition @ back,
+        residual=_motion_residual(setup, path, states, shift),
+        transition=transition,
         constants=_motion_constants(path, turn),
         weight=turn @ _inverse(covariance) @ back,
     )
@@ -145,8 +161,9 @@ def linearise(
     prior = _prior(setup, states)
     for choice in accepted:
         problem, prior = with_choice(problem, prior, choice)
-    solution = solve(len(setup.t), problem.motion, problem.measurements, prior)
-    return Linear(states, problem.motion, problem.measurements, prior, solution, problem, turned, sums, variance, noise)
+    if sizes.any():
+        _turn_with_attitude(transition, problem.motion.constants[:, :9, CONSTANT_STATES:] @ sizes)
+    return Linear(states, problem.motion, problem.measurements, prior, problem, turned, sums, variance, noise)
 
 
 def _sums(setup: Setup, path: CarriedImu) -> Mapping[str, Array]:
@@ -167,17 +184,26 @@ def _turn(setup: Setup, path: CarriedImu, states: States) -> Array:
     return turn
 
 
-def _motion_residual(setup: Setup, path: CarriedImu, states: States, turn: Array) -> Array:
+def _shift(path: CarriedImu, states: States, turn: Array) -> Array:
+    """(K-1, 9) in NED: what attitude, velocity and position gain as the states' biases are not those of the path."""
+    bias = np.concatenate((states.gyro_bias[:-1] - path.bias[0], states.accel_bias[:-1] - path.bias[1]), axis=1)
+    shift = path.transition[:, :9, 9:] @ bias[..., None]
+    shift += (np.concatenate((path.gyro_matrix, path.accel_matrix), axis=2) @ states.constants[12:30])[..., None]
+    return np.asarray((turn[:, :9, :9] @ shift)[..., 0])
+
+
+def _turn_with_attitude(transition: Array, shift: Array) -> None:
+    """Let what velocity and position gain beside the path, (K-1, 9) in NED, turn with the attitude as the path does."""
+    for block in (VELOCITY, POSITION):
+        transition[:, block, ATTITUDE] -= skew(shift[:, block])
+
+
+def _motion_residual(setup: Setup, path: CarriedImu, states: States, shift: Array) -> Array:
     """(K-1, 15) the IMU's prediction from each keyframe less the next keyframe's nominal state."""
     start, end = setup.index[:-1], setup.index[1:]
     q, v, p = path.path.carry(
         start, end, states.q_ned_frd[:-1], states.velocity[:-1], states.position[:-1], gravity=setup.gravity
     )
-    bias = np.concatenate((states.gyro_bias[:-1] - path.bias[0], states.accel_bias[:-1] - path.bias[1]), axis=1)
-    matrix = states.constants[12:30]
-    shift = path.transition[:, :9, 9:] @ bias[..., None]
-    shift += (np.concatenate((path.gyro_matrix, path.accel_matrix), axis=2) @ matrix)[..., None]
-    shift = (turn[:, :9, :9] @ shift)[..., 0]
     q = quaternion.multiply(quaternion.exp(shift[:, :3]), q)
     angle = quaternion.log(quaternion.multiply(q, quaternion.conjugate(states.q_ned_frd[1:])))
     return np.concatenate(

@@ -8,7 +8,7 @@ sum of all squared residuals is least where A x + B c = b and Bᵀ x + C c = b_c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -201,11 +201,19 @@ def measurement_residual(one: Measurement, solution: Solution) -> Array:
     )
 
 
+def squares(motion: Array, weight: Array, measured: Iterable[tuple[Array, Array]]) -> float:
+    """The sum of the squares of residuals, each divided by its σ.
+
+    motion (K-1, 15) with weight (K-1, 15, 15); measured: residuals (M, d) of a witness and their inverse variances.
+    """
+    total = float(((weight @ motion[..., None])[..., 0] * motion).sum())
+    return total + sum(float((left**2 * information).sum()) for left, information in measured)
+
+
 def misfit(motion: Motion, measurements: Sequence[Measurement], solution: Solution) -> float:
     """The sum of the squares of all that the solution leaves, each divided by its σ; priors left out."""
-    left = motion_residual(motion, solution)
-    total = float(np.einsum("ki,kij,kj->", left, motion.weight, left))
-    return total + sum(float((measurement_residual(m, solution) ** 2 * m.information).sum()) for m in measurements)
+    measured = ((measurement_residual(one, solution), one.information) for one in measurements)
+    return squares(motion_residual(motion, solution), motion.weight, measured)
 
 
 def evidence(solution: Solution, measurements: Sequence[Measurement], prior: Prior) -> float:

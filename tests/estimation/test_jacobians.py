@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.estimation.choice import Choice
+from companion.estimation.explanations import kind_of
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import CarriedImu, Linear, _kinematics, carry_imu, linearise
 from companion.estimation.measurements import UNITS, Kinematics, Readings, measure
@@ -81,20 +83,39 @@ def test_a_measurement_is_linear_as_it_says(problem: tuple[Setup, CarriedImu, St
         )
 
 
-def test_the_motion_is_linear_as_it_says() -> None:
-    """Residual r + Φ x_k + G c - x_{k+1}, about the bias that the pass over the IMU took off."""
+ACCEL_STEP = Choice(kind_of("accel_bias"), "step", onset=6.0, end=np.inf, onset_sigma=0.1, axis=-1, gain=0.0, others=())
+
+
+@pytest.mark.parametrize(
+    ("apart", "accepted", "sizes"),
+    [
+        pytest.param(0.0, [], [], id="about the bias that the pass over the IMU took off"),
+        pytest.param(1.0, [], [], id="far from it"),
+        pytest.param(0.0, [ACCEL_STEP], [0.3, -0.2, 0.1], id="with an explanation"),
+    ],
+)
+def test_the_motion_is_linear_as_it_says(apart: float, accepted: list[Choice], sizes: list[float]) -> None:
+    """Residual r + Φ x_k + G c - x_{k+1}; what is accepted has a size already."""
     flight, _ = sensed(12.0, "circle", rate=50.0)
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     path, count = carry_imu(setup, BIASES), len(setup.t)
+    guess = first_guess(setup, flight)
+    constants = guess.constants.copy()
+    constants[CONSTANTS["accel_matrix"][0]] = apart * 0.01
     states = replace(
-        first_guess(setup, flight),
-        gyro_bias=np.tile(BIASES[0], (count, 1)),
-        accel_bias=np.tile(BIASES[1], (count, 1)),
+        guess,
+        gyro_bias=np.tile(BIASES[0] + apart * np.array([2e-3, -1e-3, 2e-3]), (count, 1)),
+        accel_bias=np.tile(BIASES[1] + apart * np.array([0.1, 0.2, -0.1]), (count, 1)),
+        constants=constants,
     )
     scale = {one.name: 1.0 for one in setup.readings}
 
     def made(of: States) -> Linear:
-        return linearise(setup, path, of, START, scale, {})
+        return linearise(setup, path, of, START, scale, {}, accepted, sizes=np.array(sizes))
+
+    def left(of: States) -> Array:
+        motion = made(of).motion
+        return np.asarray(motion.residual + motion.constants[..., CONSTANT_STATES:] @ np.array(sizes))
 
     exact = made(states).motion
     size = np.repeat([1e-5, 1e-4, 1e-4, 1e-7, 1e-6], 3)
@@ -102,7 +123,7 @@ def test_the_motion_is_linear_as_it_says() -> None:
     for column in range(STATES):
         x = np.zeros((len(setup.t), STATES))
         x[::2, column] = size[column]
-        found = derivative(lambda of: made(of).motion.residual, states, x, none) / size[column]
+        found = derivative(left, states, x, none) / size[column]
         expected = exact.transition[:, :, column] * (x[:-1, column] > 0)[:, None]
         expected[:, column] -= x[1:, column] > 0
         np.testing.assert_allclose(found, expected, rtol=2e-3, atol=2e-3, err_msg=f"state {column}")
@@ -110,7 +131,7 @@ def test_the_motion_is_linear_as_it_says() -> None:
     for column in range(CONSTANT_STATES):
         c = np.zeros(CONSTANT_STATES)
         c[column] = 1e-5
-        found = derivative(lambda of: made(of).motion.residual, states, still, c) / 1e-5
+        found = derivative(left, states, still, c) / 1e-5
         np.testing.assert_allclose(
             found, exact.constants[:, :, column], rtol=2e-3, atol=2e-3, err_msg=f"constant {column}"
         )

@@ -11,7 +11,6 @@ import pytest
 from benchmarks.accuracy.verdicts import FAULTS
 from benchmarks.accuracy.verdicts import flight as simulated
 from companion.estimation import ATTITUDE, CONSTANTS, POSITION, VELOCITY, BestEstimate, smooth
-from companion.estimation.iteration import Step
 from companion.estimation.model import corrected
 from companion.estimation.setup import first_guess, set_up
 from companion.model import STANDARD_GRAVITY, Array, Flight
@@ -224,18 +223,3 @@ def test_a_gyro_that_reads_too_much_is_corrected_towards_the_truth() -> None:
     assert too_much(scaled.imu().gyro) == pytest.approx(0.01, abs=1e-3)
     assert too_much(corrected(scaled.imu(), found).gyro) == pytest.approx(0.0, abs=4.0 * found.constants_sigma[20])
     assert found.constants_sigma[20] < 0.0025
-
-
-@pytest.mark.parametrize("slope", [-0.3, -1.05, -2.5])
-def test_a_step_that_goes_to_and_fro_is_shortened(slope: float) -> None:
-    """Whatever the whole step leaves of the error, and with the other sign: beyond -1 it would grow for ever."""
-    error, step = np.array([3.0, -1.0]), Step()
-    for _ in range(12):
-        step = step.then((slope - 1.0) * error)
-        error = error + step.share * (slope - 1.0) * error
-    assert np.abs(error).max() < 1e-3
-
-
-def test_a_step_that_goes_on_is_taken_whole() -> None:
-    step = Step().then(np.array([1.0, 1.0]))
-    assert step.then(np.array([0.5, -0.2])).share == 1.0

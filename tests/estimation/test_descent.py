@@ -1,0 +1,78 @@
+"""Steps of Gauss-Newton: they lead downhill, as far as they say near their beginning, and further in no case."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from companion.estimation.descent import LITTLE, Point, Step
+from companion.estimation.iteration import carried
+from companion.estimation.learned_noise import START
+from companion.estimation.linearisation import Linear, linearise
+from companion.estimation.setup import first_guess, set_up
+from companion.model import STANDARD_GRAVITY
+from tests.estimation.sensed import sensed, with_imu
+
+NOTHING = np.zeros(0)
+
+
+@cache
+def contradicted(yaw_rate: float) -> tuple[Point, Callable[[Point], Linear]]:
+    """Where to begin, and the problem of a flight whose IMU contradicts all others from its middle on.
+
+    yaw_rate: rad/s that its gyro reads too much. The noise is one in which all are believed.
+    """
+    flight, _ = sensed(40.0, "square", rate=50.0)
+    imu = flight.imu()
+    late = (imu.t > 20.0)[:, None]
+    accel, gyro = imu.accel + late * [1.5, -1.0, 0.5], imu.gyro + late * [0.0, 0.0, yaw_rate]
+    wrong = with_imu(flight, replace(imu, accel=accel, gyro=gyro))
+    setup = set_up(wrong, None, STANDARD_GRAVITY, None)
+    noise = replace(START, gyro_noise=5e-4, accel_noise=5e-3)
+    scale = {one.name: 1.0 for one in setup.readings}
+    guess = first_guess(setup, flight)
+    path = carried(setup, guess, None)
+
+    def about(point: Point) -> Linear:
+        return linearise(setup, path, point.states, noise, scale, {}, sizes=point.sizes)
+
+    return Point(guess, NOTHING), about
+
+
+def test_no_step_leads_uphill() -> None:
+    point, about = contradicted(0.1)
+    linear, shortened = about(point), 0
+    for _ in range(8):
+        step = Step.of(linear, point.sizes)
+        point, linear = step.taken(about)
+        shortened += not np.array_equal(point.states.position, step.at(1.0).states.position)
+        assert step.misfit_at(point, linear) < step.misfit + LITTLE
+    assert shortened, "the problem is too easy to show anything"
+
+
+def test_the_misfit_falls_at_first_as_the_step_says() -> None:
+    """Its slope along a step is minus twice the gain of a linear problem: else a derivative is wrong."""
+    point, about = contradicted(0.02)
+    for _ in range(3):
+        point, _ = Step.of(about(point), point.sizes).taken(about)
+    step = Step.of(about(point), point.sizes)
+    share = 1e-4
+    there, back = (step.misfit_at(at, about(at)) for at in (step.at(share), step.at(-share)))
+    assert (there - back) / (2.0 * share) == pytest.approx(-2.0 * step.gain, rel=0.02)
+
+
+def test_a_step_that_leads_down_is_taken_whole() -> None:
+    flight, _ = sensed(20.0, "circle", rate=50.0)
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    scale = {one.name: 3.0 for one in setup.readings}
+
+    def about(point: Point) -> Linear:
+        return linearise(setup, carried(setup, point.states, None), point.states, START, scale, {})
+
+    step = Step.of(about(Point(first_guess(setup, flight), NOTHING)), NOTHING)
+    point, _ = step.taken(about)
+    np.testing.assert_array_equal(point.states.velocity, step.at(1.0).states.velocity)
