@@ -22,11 +22,13 @@ from companion.analysis import (
     replay,
     rpe,
 )
+from companion.app.blas import one_blas_thread
 from companion.app.examination import Examination, examine
 from companion.app.notebook import OpenReplay, show
 from companion.app.recording import open_log
 from companion.app.settings import Settings, load_settings
-from companion.estimation import BestEstimate, smooth
+from companion.estimation import BestEstimate
+from companion.estimation import smooth as _smooth
 from companion.model import (
     AttitudeTrack,
     CompanionError,
@@ -52,6 +54,7 @@ from companion.strapdown import quaternion, reckon
 if TYPE_CHECKING:
     from companion.report import plot_drift, plot_errors, plot_path
 
+smooth = one_blas_thread(_smooth)
 to_euler = quaternion.to_euler
 
 __all__ = [

@@ -31,6 +31,7 @@ from companion.analysis import (
     imu_noise,
     reported_by,
 )
+from companion.app.blas import one_blas_thread
 from companion.app.correction import load_correction
 from companion.app.sensors import imu_spec_of, load_imu_spec
 from companion.app.settings import Settings
@@ -68,6 +69,7 @@ class Unexamined:
 _DEFAULTS = Settings()
 
 
+@one_blas_thread
 def examine(
     flight: Flight,
     settings: Settings = _DEFAULTS,

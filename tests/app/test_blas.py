@@ -1,0 +1,30 @@
+"""One thread of BLAS, whoever asks."""
+
+from __future__ import annotations
+
+import pytest
+from threadpoolctl import threadpool_info
+
+import companion as c
+from companion.app.blas import one_blas_thread
+
+
+def _threads() -> set[int]:
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+def test_a_function_has_one_thread_of_blas_and_the_caller_its_own_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    before = _threads()
+    assert one_blas_thread(_threads)() == {1}
+    assert _threads() == before
+
+
+def test_what_the_caller_has_set_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    assert one_blas_thread(_threads)() == _threads()
+
+
+def test_the_public_functions_that_solve_are_limited() -> None:
+    for function in (c.smooth, c.examine):
+        assert function.__wrapped__.__name__ == function.__name__  # type: ignore[union-attr]
