@@ -15,6 +15,7 @@ import viser
 from companion.model import Array, CompanionError, Flight
 from companion.present import Rgb, palette
 from companion.view.scene.cameras import FIELD_OF_VIEW, camera, frame, readable_span
+from companion.view.scene.recording import Recording
 from companion.view.scene.scene import Scene
 from companion.view.scene.vehicle_shapes import Drone, drone_for
 from companion.view.server.web_server import Address, close_server, new_token, open_server
@@ -100,15 +101,14 @@ def page(
         span = readable_span(framing.distance, drone.span_m, 1.0)
         duration = film.end - film.start
         step = max(1.0 / FRAMES_HZ, duration / MOST_FRAMES)
-        recording = server.get_scene_serializer()
+        recording = Recording(server)
         with server.atomic():  # nobody watches this server: its thread need not be woken for each of the writes
-            for i, t in enumerate(np.arange(film.start, film.end + 0.5 * step, step)):
-                sample = film.at(float(t))
-                scene.show(sample)
+            for i, sample in enumerate(film.samples(np.arange(film.start, film.end + 0.5 * step, step))):
+                recording.add(scene.moves(sample))
                 if i % ANNOTATED == 0:
                     scene.annotate(sample, span, imu_above=True)
-                recording.insert_sleep(step)
-        return recording.as_html(dark_mode=dark)
+                recording.wait(step)
+        return recording.html(dark=dark)
     finally:
         close_server(server)
 

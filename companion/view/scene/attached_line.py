@@ -7,6 +7,7 @@ import viser
 
 from companion.model import Array
 from companion.present import Rgb
+from companion.view.scene.move import Move
 from companion.view.state.visible import show
 
 _SEEN_M, _SEEN = 0.01, 0.01  # m, and of its length: a smaller change is not sent
@@ -29,8 +30,9 @@ class AttachedLine:
     def visible(self, visible: bool) -> None:
         show(self._line, visible)
 
-    def reach(self, end: Array) -> None:
-        """Draw it to `end` (3,) m NED from the drone."""
-        if np.abs(end - self.end).max() > min(_SEEN_M, _SEEN * float(np.linalg.norm(end))):
-            self.end = end
-            self._line.points = np.array([[np.zeros(3), end]], dtype=np.float32)
+    def moves(self, end: Array) -> list[Move]:
+        """What changes when it is drawn to `end` (3,) m NED from the drone."""
+        if np.abs(end - self.end).max() <= min(_SEEN_M, _SEEN * float(np.linalg.norm(end))):
+            return []
+        self.end = end
+        return [Move(self._line, "points", np.array([[np.zeros(3), end]], dtype=np.float32))]

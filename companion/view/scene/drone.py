@@ -7,6 +7,7 @@ import viser
 
 from companion.model import Array
 from companion.present import Rgb, palette
+from companion.view.scene.move import Move
 from companion.view.scene.vehicle_shapes import Drone
 from companion.view.state.visible import show
 
@@ -24,6 +25,7 @@ class Body:
         self._span = 0.0
         self._meshes: list[viser.MeshHandle] = []
         self._name = scene.add_label(f"{root}/name", label, font_screen_scale=1.1)
+        self._name_below = 0.0  # m from the drone to its name, negative above it
         self._look: tuple[Drone, Rgb] | None = None
         self.reshape(drone, colour)
 
@@ -88,10 +90,9 @@ class Body:
     def visible(self, visible: bool) -> None:
         show(self._place, visible)
 
-    def put(self, wxyz: Array, position: Array) -> None:
-        """Set attitude (4,) and place (3,)."""
-        self._attitude.wxyz = wxyz
-        self._place.position = position
+    def moves(self, wxyz: Array, position: Array) -> list[Move]:
+        """What changes when it has the attitude (4,) and the place (3,)."""
+        return [Move(self._attitude, "wxyz", wxyz), Move(self._place, "position", position)]
 
     def resize(self, span: float, *, name_at: float) -> None:
         """Draw the drone `span` m wide, its name so many spans below (above, when negative).
@@ -102,5 +103,8 @@ class Body:
             self._span = span
             for mesh in self._meshes:
                 mesh.scale = span * (GHOST_SCALE if self._ghost else 1.0)
-        self._name.anchor = "bottom-center" if name_at < 0 else "top-center"
-        self._name.position = (0.0, 0.0, name_at * self._span)
+        below = name_at * self._span
+        if below != self._name_below:
+            self._name_below = below
+            self._name.anchor = "bottom-center" if below < 0 else "top-center"
+            self._name.position = (0.0, 0.0, below)

@@ -16,6 +16,7 @@ from companion.view.scene.drone import Body
 from companion.view.scene.ellipsoid import Ellipsoid
 from companion.view.scene.extra_paths import ExtraPaths
 from companion.view.scene.ground import Ground
+from companion.view.scene.move import Move
 from companion.view.scene.overview import Overview
 from companion.view.scene.trail import Trail
 from companion.view.scene.vehicle_shapes import Drone
@@ -130,18 +131,24 @@ class Scene:
             trail.load(other.replay.t, other.replay.position_imu, other.restarts, colours[name])
 
     def show(self, sample: Sample) -> None:
-        """Put both drones, and what hangs on them, where they are at `sample`."""
-        self.imu.put(sample.q_imu, sample.position_imu)
-        self.autopilot.put(sample.q_ref, sample.position_ref)
-        if self._has_position:
-            self._error.reach(sample.position_imu - sample.position_ref)
-            for stick, place in zip(self._sticks, (sample.position_ref, sample.position_imu), strict=True):
-                stick.reach(np.array([0.0, 0.0, self.ground.level - place[2]]))
+        """Put the drones, and what hangs on them, where they are at `sample`."""
+        for move in self.moves(sample):
+            move.show()
         self.arrows.show(sample, self._has_position)
         self.expected.put(sample.position_imu)
+
+    def moves(self, sample: Sample) -> list[Move]:
+        """What changes at `sample`, without what is shown on demand."""
+        moves = self.imu.moves(sample.q_imu, sample.position_imu)
+        moves += self.autopilot.moves(sample.q_ref, sample.position_ref)
+        if self._has_position:
+            moves += self._error.moves(sample.position_imu - sample.position_ref)
+            for stick, place in zip(self._sticks, (sample.position_ref, sample.position_imu), strict=True):
+                moves += stick.moves(np.array([0.0, 0.0, self.ground.level - place[2]]))
         for (body, _), film in zip(self._others, self._films, strict=False):
             other = film.at(sample.t)
-            body.put(other.q_imu, other.position_imu)
+            moves += body.moves(other.q_imu, other.position_imu)
+        return moves
 
     def annotate(self, sample: Sample, span: float, *, imu_above: bool) -> None:
         """What a reader needs less often than an eye: the length of the error line, the size of the drones.

@@ -72,39 +72,46 @@ class Footage:
         return float(self.replay.t[-1])
 
     def at(self, t: float) -> Sample:
-        """The instant `t`, between two samples by straight lines; beyond the ends, the first or last sample.
+        """The instant `t`: see `samples`."""
+        return self.samples(np.array([t]))[0]
+
+    def samples(self, times: Array) -> list[Sample]:
+        """The instants `times` (F,) s, between two samples by straight lines; beyond the ends the first or last sample.
 
         Across an anchor the IMU's track jumps back to the autopilot's: there the sample before is held.
         """
         r, errors = self.replay, self.errors
-        right = int(np.clip(np.searchsorted(r.t, t, side="right"), 1, max(len(r.t) - 1, 1)))
-        left = right - 1
-        right = min(right, len(r.t) - 1)
-        span = float(r.t[right] - r.t[left])
-        share = min(max((t - float(r.t[left])) / span, 0.0), 1.0) if span > 0 else 0.0
-        jumps = bool(np.any(self.restarts == right)) and share < 1.0
-        imu_share = 0.0 if jumps else share
+        last = len(r.t) - 1
+        left = np.maximum(np.minimum(r.t.searchsorted(times, side="right") - 1, last - 1), 0)
+        right = np.minimum(left + 1, last)
+        begin, end = r.t[left], r.t[right]
+        share = np.minimum(np.maximum(times - begin, 0.0) / np.where(end > begin, end - begin, np.inf), 1.0)
+        jumps = self.restarts.searchsorted(right) < self.restarts.searchsorted(right, side="right")
+        imu_share = np.where(jumps & (share < 1.0), 0.0, share)
 
-        def line(values: Array, s: float) -> Array:
-            return np.asarray(values[left] + s * (values[right] - values[left]), dtype=np.float64)
+        def line(values: Array, s: Array) -> Array:
+            start = values[left]
+            return np.asarray(start + (s * (values[right] - start).T).T, dtype=np.float64)
 
-        anchor = int(np.searchsorted(r.anchors, t, side="right")) - 1
-        return Sample(
-            t=t,
-            q_imu=_between(r.q_imu[left], r.q_imu[right], imu_share),
-            position_imu=line(r.position_imu, imu_share),
-            q_ref=_between(r.q_ref[left], r.q_ref[right], share),
-            position_ref=line(r.position_ref, share),
-            tilt_deg=float(line(errors.tilt_deg, imu_share)),
-            heading_deg=float(line(errors.heading_deg, imu_share)),
-            velocity_mps=float(line(errors.velocity_mps, imu_share)),
-            position_m=float(line(errors.position_m, imu_share)),
-            since_anchor_s=max(t - float(r.anchors[anchor]), 0.0) if anchor >= 0 else 0.0,
-            velocity_imu=line(r.velocity_imu, imu_share),
-            velocity_ref=line(r.velocity_ref, share),
-            covariance=np.zeros((3, 3)) if self.envelope is None else self.envelope.ellipsoid(t),
-            known=bool(r.reference_valid[left] and r.reference_valid[right]),
-        )
+        anchors = r.anchors.searchsorted(times, side="right")
+        since = np.where(anchors > 0, times - np.append(r.anchors, 0.0)[anchors - 1], 0.0)
+        columns = {
+            "t": times.tolist(),
+            "q_imu": _between(r.q_imu[left], r.q_imu[right], imu_share),
+            "position_imu": line(r.position_imu, imu_share),
+            "q_ref": _between(r.q_ref[left], r.q_ref[right], share),
+            "position_ref": line(r.position_ref, share),
+            "tilt_deg": line(errors.tilt_deg, imu_share).tolist(),
+            "heading_deg": line(errors.heading_deg, imu_share).tolist(),
+            "velocity_mps": line(errors.velocity_mps, imu_share).tolist(),
+            "position_m": line(errors.position_m, imu_share).tolist(),
+            "since_anchor_s": since.tolist(),
+            "velocity_imu": line(r.velocity_imu, imu_share),
+            "velocity_ref": line(r.velocity_ref, share),
+            "covariance": [np.zeros((3, 3)) if self.envelope is None else self.envelope.ellipsoid(t) for t in times],
+            "known": (r.reference_valid[left] & r.reference_valid[right]).tolist(),
+        }
+        return [Sample(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
 
     def after_horizon(self, t: float) -> tuple[float, float] | None:
         """Attitude error (°) and position error (m) of the window of the chosen horizon that ends at `t`, s.
@@ -199,8 +206,10 @@ def _unit(q: Array) -> Array:
     return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True), dtype=np.float64)
 
 
-def _between(a: Array, b: Array, share: float) -> Array:
-    """The rotation between two neighbouring samples: a straight line in the quaternions, put back to unit length."""
-    b = -b if float(a @ b) < 0 else b
-    mixed = a + share * (b - a)
-    return _unit(mixed) if float(mixed @ mixed) > 1e-12 else a
+def _between(a: Array, b: Array, share: Array) -> Array:
+    """Rotations (F, 4) between neighbouring samples: straight lines in the quaternions, put back to unit length.
+
+    Signs are chosen so that a·b >= 0; the length before is at least √½ then.
+    """
+    b = np.where((a * b).sum(axis=1, keepdims=True) < 0, -b, b)
+    return _unit(a + share[:, None] * (b - a))

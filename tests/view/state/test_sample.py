@@ -136,3 +136,10 @@ def test_what_the_analysis_says_comes_later() -> None:
     angle, metres = film.after_horizon(BOOT + 30.0) or (0.0, 0.0)
     assert metres == pytest.approx(film.trailing.at(BOOT + 30.0, "position_m"))
     assert angle > 0
+
+
+def test_many_instants_at_once_are_those_instants(replay: Replay) -> None:
+    film = footage(replay)
+    times = np.concatenate([np.linspace(film.start - 1, film.end + 1, 40), film.replay.t[film.restarts] - 1e-6])
+    for t, sample in zip(times, film.samples(times), strict=True):
+        np.testing.assert_array_equal(numbers(sample), numbers(film.at(float(t))))

@@ -1,0 +1,80 @@
+"""A recording holds what viser itself records when the scene is shown."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+import viser
+import zstandard
+
+from companion.view import ReplayChoice
+from companion.view.scene.cameras import frame_of
+from companion.view.scene.recording import Recording
+from companion.view.scene.scene import AUTOPILOT, IMU, Scene
+from companion.view.scene.vehicle_shapes import drone_for
+from companion.view.server.web_server import Address, close_server, open_server
+from companion.view.state.sample import footage
+from tests.view.circles import make_flight, recompute
+
+FILM = footage(recompute(make_flight(), ReplayChoice()))
+STEP = 0.5
+
+
+@pytest.fixture
+def server() -> Iterator[viser.ViserServer]:
+    server = open_server(Address("127.0.0.1", 0, loopback=True))
+    yield server
+    close_server(server)
+
+
+def recorded(html: str) -> dict[tuple[float, str, str], Any]:
+    """What the recording of a page writes: time, s, node and property → value. What a node began with is left out."""
+    (data,) = re.findall('__VISER_EMBED_DATA__="(.*?)"', html)
+    packed = base64.b64decode(data)
+    inner = zstandard.ZstdDecompressor().decompress(packed[8:], int.from_bytes(packed[:8], "little"))
+    end = 8 + int.from_bytes(inner[:8], "little")
+    recording = msgspec.msgpack.decode(inner[8:end])
+    buffers = []
+    for length in recording["binaryBufferLengths"]:
+        start = end + -end % 8
+        buffers.append(inner[start : start + length])
+        end = start + length
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, dict) and "__binary_index" in value:
+            return np.frombuffer(buffers[value["__binary_index"]], value["dtype"]).tolist()
+        return value
+
+    return {
+        (t, message.get("name", ""), name): plain(value)
+        for t, message in recording["messages"]
+        for name, value in (message | message.get("updates", {})).items()
+        if name in {"wxyz", "position", "points"}
+    }
+
+
+def test_moves_are_recorded_as_viser_records_them(server: viser.ViserServer) -> None:
+    scene = Scene(server.scene, drone_for("QUADROTOR"))
+    scene.load(FILM, frame_of(FILM), drone_for("QUADROTOR"))
+    frames = [scene.moves(sample) for sample in FILM.samples(np.linspace(FILM.start, FILM.end, 20))]
+    ours, theirs = Recording(server), server.get_scene_serializer()
+    for moves in frames:
+        ours.add(moves)
+        ours.wait(STEP)
+    html = ours.html(dark=False)
+    for moves in frames:
+        for move in moves:
+            move.show()
+        theirs.insert_sleep(STEP)
+    mine, true = recorded(html), recorded(theirs.as_html())
+    for place in true:  # viser leaves out what has hardly changed
+        assert mine[place] == pytest.approx(true[place], rel=1e-6, abs=1e-6)
+    assert {(STEP * i, IMU, "position") for i in range(20)} <= mine.keys()
+    assert {(STEP * i, f"{AUTOPILOT}/attitude", "wxyz") for i in range(20)} <= mine.keys()
+    assert any(name == "points" and t > 0 for t, _, name in true)
