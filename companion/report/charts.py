@@ -8,6 +8,9 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+import msgspec
+import numpy as np
+
 from companion.model import InputError
 from companion.present import text
 from companion.report.traces import Figure
@@ -27,6 +30,7 @@ _LAYOUT: dict[str, Any] = {
 }
 """Beneath every chart. Its colours of text and lines come from the page's style sheet, so that they follow the reader's
 choice of dark or light, and paper."""
+_TYPED = {np.dtype(np.float32): "f4", np.dtype(np.float64): "f8"}
 _AXIS: dict[str, Any] = {"zeroline": False, "automargin": True, "title": {"standoff": 6}}
 
 
@@ -35,20 +39,17 @@ class Charts:
 
     def __init__(self) -> None:
         try:
-            from plotly import graph_objects, offline  # noqa: PLC0415  (an extra: needed for reports alone)
+            from plotly import offline  # noqa: PLC0415  (an extra: needed for reports alone)
         except ImportError:
             raise InputError(
                 "a report needs plotly for its charts. Install it: pip install 'mavlink-companion[report]'"
             ) from None
-        self._figure, self._library = graph_objects.Figure, offline.get_plotlyjs
-        self._drawn: list[str] = []
+        self._library = offline.get_plotlyjs
+        self._drawn: list[Figure] = []
 
     def add(self, figure: Figure, caption: str, *, rows: float = 1.5, square: bool = False) -> str:
-        """The place of a figure, as HTML. `caption` is text; the figure is `rows` panels high, or `square`.
-
-        Raises ValueError for a figure that is none to plotly.
-        """
-        self._drawn.append(self._figure(laid_out(figure)).to_json())
+        """The place of a figure, as HTML. `caption` is text; the figure is `rows` panels high, or `square`."""
+        self._drawn.append(laid_out(figure))
         kind = "chart square" if square else "chart"
         height = "" if square else f' style="height:{60 + rows * ROW_PX:.0f}px"'
         return (
@@ -57,8 +58,8 @@ class Charts:
         )
 
     def json(self) -> str:
-        """All figures as one JSON array, chart1 first."""
-        return f"[{','.join(self._drawn)}]"
+        """All figures as one JSON array, chart1 first. Non-finite numbers outside of arrays become null."""
+        return msgspec.json.encode(self._drawn, enc_hook=_plain).decode()
 
     def library(self) -> str:
         """plotly.js, gzip and base64: a third of its size."""
@@ -69,6 +70,18 @@ class Charts:
 def _packed(script: Callable[[], str]) -> str:
     """Once for all reports of a process: an eighth of a second each."""
     return base64.b64encode(gzip.compress(script().encode(), 6, mtime=0)).decode()
+
+
+def _plain(value: Any) -> Any:
+    """What msgspec does not know in a figure: arrays, in plotly.js's own coding, and NumPy's numbers.
+
+    plotly's Figure writes the same, but validates every value and is slow to import: the tests do that.
+    """
+    if isinstance(value, np.ndarray) and value.dtype in _TYPED and value.size:
+        return {"dtype": _TYPED[value.dtype], "bdata": base64.b64encode(value.tobytes()).decode()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"a figure of {type(value).__name__}")
 
 
 def laid_out(figure: Figure) -> Figure:

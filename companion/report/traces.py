@@ -88,11 +88,12 @@ def stack(panels: Sequence[Panel], x_title: str, *, spans: Sequence[tuple[float,
     gap = 0.28 / (len(panels) + 1)
     height = (1.0 - gap * (len(panels) - 1)) / len(panels)
     data: list[Trace] = []
-    layout: dict[str, Any] = {"xaxis": {"title": {"text": x_title}, "anchor": f"y{len(panels)}", **axis}}
+    numbers = ["", *map(str, range(2, len(panels) + 1))]  # plotly's first axis has none
+    layout: dict[str, Any] = {"xaxis": {"title": {"text": x_title}, "anchor": f"y{numbers[-1]}", **axis}}
     seen: set[str] = set()
-    for i, panel in enumerate(panels, 1):
-        top = 1.0 - (i - 1) * (height + gap)
-        layout[f"yaxis{i}"] = {
+    for i, (number, panel) in enumerate(zip(numbers, panels, strict=True)):
+        top = 1.0 - i * (height + gap)
+        layout[f"yaxis{number}"] = {
             "title": {"text": panel.title},
             "domain": [max(top - height, 0.0), top],
             **(panel.axis or {}),
@@ -101,7 +102,7 @@ def stack(panels: Sequence[Panel], x_title: str, *, spans: Sequence[tuple[float,
             name = str(trace.get("name", ""))
             data.append(
                 trace
-                | {"xaxis": "x", "yaxis": f"y{i}", "legendgroup": name}
+                | {"xaxis": "x", "yaxis": f"y{number}", "legendgroup": name}
                 | ({"showlegend": False} if name in seen else {})
             )
             seen.add(name)

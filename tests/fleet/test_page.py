@@ -31,7 +31,7 @@ def test_what_logs_say_is_only_text() -> None:
     assert all(link.startswith(("./", "#")) for link in links)
     (to_report,) = (link for link in links if link.startswith("./"))
     assert not set(to_report) & set("<>\"' ?#"), "a name with ? or # is still a path"
-    figures = json.loads(found.scripts["figures"])
+    figures = found.figures
     assert len(figures) == 5  # two biases over time and over temperature, and the findings
     assert "<" not in json.dumps(figures), "plotly reads some tags in texts"
     assert found.sections.keys() == {"first", "errors", "history", "warmth", "findings", "flights", "made"}

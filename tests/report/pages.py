@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
+
+from plotly import graph_objects
 
 from companion.cli import main
 from tests.recordings import BUNDLED
@@ -30,6 +34,11 @@ class Contents(HTMLParser):
         self._script: str | None = None
         self._section = ""
         self.feed(html)
+
+    @property
+    def figures(self) -> list[Any]:
+        """The charts. Raises ValueError where one is none to plotly."""
+        return [graph_objects.Figure(figure).to_dict() for figure in json.loads(self.scripts["figures"])]
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         name = dict(attrs).get("id")

@@ -62,7 +62,7 @@ def test_report_and_json_say_the_same(page: str, capsys: pytest.CaptureFixture[s
 def test_the_charts_are_drawn_from_the_same_numbers(page: str) -> None:
     found = Contents(page)
     flight = json.loads(found.scripts["companion"])["flights"][0]
-    figures = json.loads(found.scripts["figures"])
+    figures = found.figures
     bars = {t["name"]: t for figure in figures for t in figure["data"] if t["type"] == "bar" and t["yaxis"] == "y"}
     shares = [100 * row["expected"]["shares"]["attitude"]["gyro_bias"] for row in flight["drift"]]
     assert bars["gyro bias"]["y"] == pytest.approx(shares)
