@@ -226,11 +226,11 @@ def test_sockets_and_serial_lines_are_of_the_links_alone() -> None:
 
 
 def test_the_core_starts_without_viser() -> None:
-    """`companion info` has to answer at once, and a notebook that integrates needs no web server."""
+    """`companion info` has to answer at once, and a notebook that integrates or draws needs no web server."""
     import subprocess  # noqa: PLC0415  (this test alone starts a process)
 
     slow = {"viser", "plotly", "scipy.signal", "pygeomag"}
-    code = f"import companion.cli, sys; sys.exit(not {slow}.isdisjoint(sys.modules))"
+    code = f"import companion.cli, companion.report, sys; sys.exit(not {slow}.isdisjoint(sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -93,7 +93,7 @@ class Answers:
 
     def report(self, source: Source, flight: Flight, choice: ReplayChoice, film: Footage) -> str:
         """The report of what is shown, without the playback: the page has that."""
-        from companion.report import report_html  # noqa: PLC0415  (plotly is slow to import)
+        from companion.report import report_html  # noqa: PLC0415  (rarely asked for)
 
         examined = self._examination(flight, choice, film)
         return report_html(examined, source, self.settings, command=self._command, with_playback=False)

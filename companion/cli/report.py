@@ -30,7 +30,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the report of one flight."""
-    from companion.report import bare_html, report_html  # noqa: PLC0415  (viser and plotly are slow to import)
+    from companion.report import bare_html, report_html  # noqa: PLC0415  (--help needs none of it)
 
     path = Path(arguments.output or f"{Path(arguments.log).stem}.html")
     destination.check(path, force=arguments.force)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from companion.fleet.rows import Row
 from companion.present import markup, words
-
-if TYPE_CHECKING:
-    from companion.report import Figure
+from companion.report import Figure, Panel, stack
 
 MOST_SENSORS = 16
 """In one chart: those with the most flights. The table has them all."""
@@ -32,8 +30,6 @@ def history(rows: Sequence[Row], sensor: str, against: str, names: Mapping[str, 
 
     Only what a flight tells: values that were not observable are left out. None without any.
     """
-    from companion.report import Panel, stack  # noqa: PLC0415  (brings viser, which is slow to import)
-
     unit, factor, shown = ("radps", 1e3, "mrad/s") if sensor == "gyro" else ("mps2", 1.0, "m/s²")
     usable = [row for row in rows if row.get(against) is not None]
     kept = [name for name, _ in Counter(sensor_of(row, sensor) for row in usable).most_common(MOST_SENSORS)]

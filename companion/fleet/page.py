@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
 
 from companion.fleet.digest import (
     Key,
@@ -21,9 +20,7 @@ from companion.fleet.digest import (
 from companion.fleet.history import MOST_SENSORS, finding_bars, history
 from companion.fleet.rows import Row, Rows
 from companion.present import markup, short, words
-
-if TYPE_CHECKING:
-    from companion.report import Charts, Section
+from companion.report import Charts, Section, sheet
 
 _WORST = 25
 _JUDGED_S = 5.0
@@ -34,8 +31,6 @@ def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
 
     Raises InputError when plotly is not installed.
     """
-    from companion.report import Charts, Section, sheet  # noqa: PLC0415  (brings viser, slow to import)
-
     charts = Charts()
     names = short_names([row["log"] for row in rows.flights])
     horizon = min((row["horizon_s"] for row in rows.drift), key=lambda h: abs(h - _JUDGED_S), default=_JUDGED_S)
@@ -92,8 +87,6 @@ def _head(rows: Rows) -> str:
 
 def _histories(rows: Rows, charts: Charts, names: dict[str, str]) -> Iterable[Section]:
     """How biases move with the date and with temperature."""
-    from companion.report import Section  # noqa: PLC0415
-
     for against, anchor, title in (
         ("date_s", "history", "over time"),
         ("temperature_degc", "warmth", "and temperature"),

@@ -10,6 +10,7 @@ from companion.app.examination import Examination
 from companion.app.recording import Recording
 from companion.app.settings import Settings
 from companion.model import InputError
+from companion.report import report_html
 
 _FOLDER = "reports"
 
@@ -20,8 +21,6 @@ def write_report(folder: Path, recording: Recording, examined: Examination, sett
     Raises InputError when plotly is not installed or the folder is not to be seen from here, OSError when the file
     cannot be written.
     """
-    from companion.report import report_html  # noqa: PLC0415  (slow to import: viser and plotly)
-
     if not folder.is_dir():
         raise InputError(f"the folder {folder} is not here: reports need a file system that all workers share.")
     flight = examined.flight

@@ -13,7 +13,6 @@ from companion.report import drift, errors_over_time, noise, provenance, sensors
 from companion.report.charts import Charts
 from companion.report.findings import findings
 from companion.report.html_page import sheet
-from companion.report.playback import playback
 from companion.report.subject import subject_of
 from companion.report.summary import bare_head, head
 from companion.report.track_and_altitude import ground, track
@@ -50,6 +49,8 @@ def report_html(
     ]
     player: str | None = None
     if with_playback:
+        from companion.report.playback import playback  # noqa: PLC0415  (brings viser, which is slow to import)
+
         section, player = playback(subject)
         sections.append(section)
     sections += [

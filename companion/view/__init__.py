@@ -1,9 +1,8 @@
 """The replay and the live link in the browser. The only package that imports viser."""
 
-from companion.view.app import LiveViewer, Viewer
-from companion.view.export import replay_page
-from companion.view.ground_map import check_url
-from companion.view.panels.live_panel import LONGEST_REANCHOR_S
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, with_track
 from companion.view.state.decimation import extremes
 from companion.view.state.feed import Feed, Judgement, LinkState, Seen, StreamState
@@ -12,6 +11,29 @@ from companion.view.state.marks import Mark
 from companion.view.state.places import best_path
 from companion.view.state.sample import Footage, Reckoning
 from companion.view.state.worst import Worst, worst_stretch
+
+if TYPE_CHECKING:
+    from companion.view.app import LiveViewer, Viewer
+    from companion.view.export import replay_page
+    from companion.view.ground_map import check_url
+    from companion.view.panels.live_panel import LONGEST_REANCHOR_S
+
+_WITH_VISER = {
+    "LONGEST_REANCHOR_S": "panels.live_panel",
+    "LiveViewer": "app",
+    "Viewer": "app",
+    "check_url": "ground_map",
+    "replay_page": "export",
+}
+"""Name → its module, loaded when the name is first used: viser is slow to import, and a report without playback, a
+fleet's page and a notebook's charts need none."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WITH_VISER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_WITH_VISER[name]}"), name)
+
 
 __all__ = [
     "LONGEST_REANCHOR_S",
