@@ -16,7 +16,7 @@ from companion.analysis.comparison import Comparison, IntArray, Windows, errors
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.timestamp_jitter import jitter_covariance
 from companion.model import Array, ImuTrack
-from companion.strapdown import Propagation, propagate
+from companion.strapdown import Propagation
 
 ATTITUDE, VELOCITY, POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
 
@@ -51,15 +51,7 @@ class Budget:
 def budget(comparison: Comparison, chosen: Windows, imu: ImuSpec, autopilot: ReferenceSpec) -> Budget:
     """The budget of windows of one length. White noise is the data sheet's, or what is measured where that is more."""
     track, reference, start, end = comparison.track, comparison.reference, chosen.start, chosen.end
-    growth = propagate(
-        track,
-        comparison.path,
-        start,
-        end,
-        reference.q_ned_frd[start],
-        reference.velocity[start],
-        gravity=comparison.how.gravity,
-    )
+    growth = comparison.growth(chosen)
     move = growth.transition[:, :9, :9]
     gyro_bias, accel_bias = growth.transition[:, :9, 9:12], growth.transition[:, :9, 12:15]
     lasting = np.diag(np.square([autopilot.tilt] * 2 + [autopilot.heading]))

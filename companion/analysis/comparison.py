@@ -19,7 +19,7 @@ from companion.analysis.reference import (
     reference_at,
 )
 from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, brief, nearest
-from companion.strapdown import Preintegration, preintegrate
+from companion.strapdown import Preintegration, Propagation, Sums, error_sums, joined, preintegrate, propagate
 
 IntArray = npt.NDArray[np.intp]
 
@@ -68,13 +68,40 @@ class Comparison:
         """What was asked for last, and its samples."""
         return []
 
+    def growth(self, chosen: Windows) -> Propagation:
+        """How errors grow over windows. Those of whole seconds, of whatever length, share one pass over the track."""
+        start, end = chosen.start, chosen.end
+        first, last = (self._seconds.searchsorted(samples) for samples in (start, end))
+        shared = chosen.horizon >= 1.0 and len(np.setdiff1d(np.append(start, end), self._seconds)) == 0
+        return propagate(
+            self.track,
+            self.path,
+            start,
+            end,
+            self.reference.q_ned_frd[start],
+            self.reference.velocity[start],
+            gravity=self.how.gravity,
+            sums=joined(self._second_sums, first, last) if shared else None,
+        )
+
+    @cached_property
+    def _seconds(self) -> IntArray:
+        """The samples on which windows of a second begin and end."""
+        return np.unique(np.concatenate(_grid(self, 1.0, None)))
+
+    @cached_property
+    def _second_sums(self) -> Sums:
+        return error_sums(self.track, self.path, self._seconds[:-1], self._seconds[1:])
+
     def of(self, track: ImuTrack) -> Comparison:
         """The same for other readings; the autopilot is looked at anew where their times are others."""
         if track is self.track:
             return self
-        if not np.array_equal(track.t, self.track.t):
-            return _compared(track, self.attitude, self.position, self.how)
-        return replace(self, track=track)
+        if np.array_equal(track.t, self.track.t):
+            return replace(self, track=track)
+        limits = self.how.limits
+        reference = reference_at(self.attitude, self.position, track.t, limits)
+        return replace(self, track=track, reference=reference, holes=np.diff(track.t) > limits.hole(track.t))
 
     @property
     def has_position(self) -> bool:
@@ -133,11 +160,8 @@ def compare(
     track: taken in place of the flight's own, e.g. the same IMU corrected. Raises DataError when the flight has no
     usable IMU or no attitude, ValueError for an unknown method.
     """
-    return _compared(track or flight.imu(imu), flight.require_attitude(), flight.position, how)
-
-
-def _compared(track: ImuTrack, attitude: AttitudeTrack, position: PositionTrack | None, how: Integration) -> Comparison:
-    limits = how.limits
+    track = track or flight.imu(imu)
+    attitude, position, limits = flight.require_attitude(), flight.position, how.limits
     made = Comparison(
         track=track,
         attitude=attitude,

@@ -97,12 +97,14 @@ def propagate(
     velocity: Array,
     *,
     gravity: float = STANDARD_GRAVITY,
+    sums: Sums | None = None,
 ) -> Propagation:
     """The error growth over windows between samples start_index (W,) and end_index (W,) of a track.
 
     path: `preintegrate(imu)`. q_ned_frd (W, 4), velocity (W, 3): NED states at the starts, as for `carry`; the velocity
-    matters for the time offset alone. The integrals are trapezoids over the samples, their error of order 2 in the
-    interval. Raises ValueError for shapes that do not match and windows that end before they start.
+    matters for the time offset alone. sums: `error_sums` of these windows, where they are known. The integrals are
+    trapezoids over the samples, their error of order 2 in the interval. Raises ValueError for shapes that do not match
+    and windows that end before they start.
     """
     start, end = np.asarray(start_index, dtype=np.intp), np.asarray(end_index, dtype=np.intp)
     if start.ndim != 1 or end.shape != start.shape:
@@ -114,7 +116,7 @@ def propagate(
         )
     if len(start) and not ((start >= 0) & (end >= start) & (end < len(imu))).all():
         raise ValueError(f"windows must lie in the track of {len(imu)} samples and end no earlier than they start")
-    return _in_ned(error_sums(imu, path, start, end), imu, path, start, end, q_ned_frd, velocity, gravity)
+    return _in_ned(sums or error_sums(imu, path, start, end), imu, path, start, end, q_ned_frd, velocity, gravity)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,6 +127,34 @@ class Sums:
     noise: dict[str, Array]
     gyro_matrix: Array
     accel_matrix: Array
+
+    def __getitem__(self, rows: Index) -> Sums:
+        """Those of some windows, copied."""
+        noise = {cause: covariance[rows] for cause, covariance in self.noise.items()}
+        return Sums(self.transition[rows], noise, self.gyro_matrix[rows], self.accel_matrix[rows])
+
+    def __setitem__(self, rows: Index, new: Sums) -> None:
+        self.transition[rows], self.gyro_matrix[rows], self.accel_matrix[rows] = (
+            new.transition,
+            new.gyro_matrix,
+            new.accel_matrix,
+        )
+        for cause, covariance in self.noise.items():
+            covariance[rows] = new.noise[cause]
+
+    def then(self, after: Sums) -> Sums:
+        """Of each window and, behind it, the one of `after` that begins where it ends."""
+        grown = after.transition
+
+        def arrived(matrix: Array) -> Array:
+            return np.asarray((grown[:, :9, :9] @ matrix.reshape(-1, 9, 9)).reshape(-1, 9, 3, 3))
+
+        return Sums(
+            grown @ self.transition,
+            {cause: grown @ p @ grown.swapaxes(-1, -2) + after.noise[cause] for cause, p in self.noise.items()},
+            arrived(self.gyro_matrix) + after.gyro_matrix,
+            arrived(self.accel_matrix) + after.accel_matrix,
+        )
 
 
 def error_sums(imu: ImuTrack, path: Preintegration, start: Index, end: Index) -> Sums:
@@ -158,19 +188,20 @@ def error_sums(imu: ImuTrack, path: Preintegration, start: Index, end: Index) ->
     place = number - np.maximum.accumulate(np.where(begins, number, 0))  # among those that begin together
     for following in range(1, int(place.max(initial=0)) + 1):
         here = np.flatnonzero(place == following)
-        _go_on(raw, ascending[here - 1], ascending[here])
+        raw[ascending[here]] = raw[ascending[here - 1]].then(raw[ascending[here]])
     return raw
 
 
-def _go_on(raw: Sums, before: Index, after: Index) -> None:
-    """Adds to windows `after` the ones `before` them, which end where they begin."""
-    grown = raw.transition[after]
-    raw.transition[after] = grown @ raw.transition[before]
-    for covariance in raw.noise.values():
-        covariance[after] += grown @ covariance[before] @ grown.swapaxes(-1, -2)
-    for matrix in (raw.gyro_matrix, raw.accel_matrix):
-        arrived = grown[:, :9, :9] @ matrix[before].reshape(-1, 9, 9)
-        matrix[after] += arrived.reshape(-1, 9, 3, 3)
+def joined(pieces: Sums, first: Index, last: Index) -> Sums:
+    """The sums over windows (W,) of adjacent pieces: each from piece `first` up to `last`, which is not in it.
+
+    Any window has one piece at least.
+    """
+    whole = pieces[first]
+    for further in range(1, int((last - first).max(initial=0))):
+        longer = np.flatnonzero(last - first > further)
+        whole[longer] = whole[longer].then(pieces[first[longer] + further])
+    return whole
 
 
 def _integrate(out: Sums, batch: Index, imu: ImuTrack, path: Preintegration, start: Index, end: Index) -> None:

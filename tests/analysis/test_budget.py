@@ -10,7 +10,7 @@ from scipy.special import chdtri
 
 from companion.analysis import GENERIC, ReferenceSpec, compare, windows
 from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget, chi_square_95, nees, stacked, window_noise
-from companion.strapdown import ImuModel, Sensor, motions, simulate
+from companion.strapdown import ImuModel, Sensor, motions, propagate, simulate
 from tests.flights import flight_of, seconds
 
 pytestmark = pytest.mark.slow
@@ -66,6 +66,19 @@ def test_shares_sum_to_the_total() -> None:
         assert sum(shares.values()) == pytest.approx(1.0)
         assert min(shares.values()) >= 0
     assert (np.linalg.eigvalsh(allowed.total) > 0).all()
+
+
+@pytest.mark.parametrize("horizon", [0.5, 1.0, 5.0, 7.5])
+def test_windows_that_share_a_pass_grow_as_by_themselves(horizon: float) -> None:
+    comparison = compare(flight_of(MOTION))
+    chosen = windows(comparison, horizon)
+    shared, start = comparison.growth(chosen), chosen.start
+    q, velocity = comparison.reference.q_ned_frd[start], comparison.reference.velocity[start]
+    alone = propagate(comparison.track, comparison.path, start, chosen.end, q, velocity)
+    for name in ("transition", "gyro_matrix", "accel_matrix", "time_offset"):
+        np.testing.assert_allclose(getattr(shared, name), getattr(alone, name), atol=1e-10)
+    for cause, covariance in alone.noise.items():
+        np.testing.assert_allclose(shared.noise[cause], covariance, rtol=1e-9, atol=1e-10)
 
 
 def test_one_cause_alone_is_the_textbook() -> None:

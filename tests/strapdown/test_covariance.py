@@ -14,6 +14,8 @@ from companion.strapdown import (
     ImuModel,
     Propagation,
     Sensor,
+    error_sums,
+    joined,
     motions,
     preintegrate,
     propagate,
@@ -184,6 +186,20 @@ def test_windows_of_any_length_do_not_disturb_one_another(starts: list[int], end
             np.testing.assert_allclose(covariance[w], alone.noise[cause][0], rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(together.transition[1], np.eye(15), atol=1e-15)
     assert together.duration[1] == 0
+
+
+def test_windows_are_joined_of_pieces() -> None:
+    imu, path = MOTION.imu, preintegrate(MOTION.imu)
+    knots = np.array([0, 40, 41, 300, 700, 1000])
+    pieces = error_sums(imu, path, knots[:-1], knots[1:])
+    first, last = np.array([0, 1, 4, 2]), np.array([5, 2, 5, 4])
+    made, whole = joined(pieces, first, last), error_sums(imu, path, knots[first], knots[last])
+    np.testing.assert_allclose(made.transition, whole.transition, atol=1e-12)
+    np.testing.assert_allclose(made.gyro_matrix, whole.gyro_matrix, atol=1e-12)
+    np.testing.assert_allclose(made.accel_matrix, whole.accel_matrix, atol=1e-12)
+    for cause, covariance in whole.noise.items():
+        np.testing.assert_allclose(made.noise[cause], covariance, rtol=1e-9, atol=1e-12)
+    assert len(joined(pieces, first[:0], last[:0]).transition) == 0
 
 
 def test_the_world_may_be_turned() -> None:
