@@ -29,13 +29,14 @@ MAY_IMPORT = {
     "simulate": GROUND | {"mavlink", "links", "strapdown"},
     "app": set[str](),
     "app.memory": set[str](),
+    "app.blas": set[str](),
     "app.toml_file": GROUND,
     "app.destination": GROUND,
     "app.settings": GROUND | {"strapdown", "app.toml_file"},
     "app.correction": GROUND | {"app.toml_file", "analysis"},
     "app.sensors": GROUND | {"app.toml_file", "app.settings", "analysis"},
     "app.recording": GROUND | {"mavlink", "logs", "telemetry"},
-    "app.examination": GROUND | {"app.settings", "app.sensors", "app.correction", "analysis"},
+    "app.examination": GROUND | {"app.blas", "app.settings", "app.sensors", "app.correction", "analysis"},
     "app.live": GROUND | {"mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
     | {"mavlink", "analysis", "app.memory", "app.settings", "app.examination", "app.live"},
@@ -62,7 +63,8 @@ MAY_IMPORT = {
     "__main__": {"cli"},
     "__init__": {"api"},
     "api": GROUND
-    | {"strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination", "app.notebook"}
+    | {"strapdown", "estimation", "analysis", "app.blas", "app.settings"}
+    | {"app.recording", "app.examination", "app.notebook"}
     | {"export", "report"},
 }
 """Part of the house → the other parts that it may import.
@@ -101,6 +103,7 @@ LIBRARIES = {
     "simulate": {"numpy"},
     "telemetry": {"numpy", "pyulog"},
     "app.settings": {"msgspec"},
+    "app.blas": {"threadpoolctl"},
     "app.recording": {"numpy"},
     "app.sensors": {"msgspec"},
     "app.correction": {"msgspec", "numpy"},

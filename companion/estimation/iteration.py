@@ -83,11 +83,13 @@ def estimate(
             break
         del linear  # before the next is made: of a long flight two are more than all else
         point, linear = step.taken(about)
+        del step  # its weights are as large as the motion of the next
     grown = dict.fromkeys(coloured(linear), 1.0) if white else coloured(linear)
     wide = replace(noise, gyro_noise=noise.gyro_noise * grown["gyro"], accel_noise=noise.accel_noise * grown["accel"])
     for _ in range(_POLISHED):
         del linear
-        point, linear = step.taken(about)
+        point, linear = step.taken(about)  # noqa: F821  (ruff takes the break above for none)
+        del step  # noqa: F821
         step = Step.of(linear, point.sizes)
         if step.gain < LITTLE:
             break

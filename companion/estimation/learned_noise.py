@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.estimation.explanations import KINDS
-from companion.estimation.linearisation import MOVED, Linear
+from companion.estimation.linearisation import Linear
 from companion.estimation.measurements import LEAST, NOMINAL
 from companion.estimation.model import (
     ATTITUDE,
@@ -31,7 +31,7 @@ from companion.estimation.system import (
     measurement_variance,
 )
 from companion.model import Array
-from companion.strapdown import quaternion
+from companion.strapdown import MOVED, quaternion
 
 START = ProcessNoise(gyro_noise=3e-3, accel_noise=5e-2, gyro_walk=1e-4, accel_walk=2e-3)
 """Where learning begins: wide, some thirty times a data sheet, as vibration and aliasing make it. The walks are not

@@ -35,7 +35,7 @@ from companion.estimation.system import (
     solve,
 )
 from companion.model import Array
-from companion.strapdown import Preintegration, error_sums, preintegrate, quaternion, skew
+from companion.strapdown import MOVED, Preintegration, error_sums, preintegrate, quaternion, skew
 
 BIAS_SIGMA = (0.02, 0.08)  # rad/s, m/s², 1σ at the first keyframe: what real parts show (config/imu/README.md)
 
@@ -55,10 +55,6 @@ _ANEW_S = 60.0  # unheard for so long, an IMU may have been calibrated anew or h
 _FLOOR = np.repeat([1e-6, 2e-5, 2e-5, 1e-9, 1e-8], 3) ** 2  # of the process noise, for its inverse
 
 
-MOVED: Mapping[str, slice] = {
-    "gyro_noise": slice(0, 9), "accel_noise": slice(3, 9), "gyro_walk": slice(0, 12), "accel_walk": slice(3, 15),
-}  # fmt: skip
-"""Cause of process noise → the states that it moves; of all others the sums are zero, and are not kept."""
 RESTLESS = ("gyro_noise", "accel_noise")  # causes that may be larger than usual for a time: columns of Setup.restless
 
 
@@ -107,7 +103,7 @@ def carry_imu(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
         bias,
         path,
         raw.transition,
-        {cause: raw.noise[cause][:, own, own].copy() for cause, own in MOVED.items()},
+        raw.noise,
         raw.gyro_matrix.reshape(count, 9, 9),
         raw.accel_matrix.reshape(count, 9, 9),
     )

@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.estimation.choice import SHARPEST_S, Choice
-from companion.estimation.linearisation import MOVED, Linear
+from companion.estimation.linearisation import Linear
 from companion.estimation.model import ATTITUDE, VELOCITY, Explained
 from companion.estimation.setup import Setup
 from companion.estimation.system import evidence, solve
 from companion.model import Array
+from companion.strapdown import MOVED
 
 SENSORS = ("gyro", "accel")  # in the order of the columns of `Setup.restless`
 _BLOCKS = (ATTITUDE, VELOCITY)

@@ -4,7 +4,7 @@ from companion.strapdown import motions, quaternion
 from companion.strapdown._methods import METHODS
 from companion.strapdown._signal import MIDDLES
 from companion.strapdown._window_sums import skew
-from companion.strapdown.covariance import Propagation, Sums, error_sums, joined, propagate
+from companion.strapdown.covariance import MOVED, Propagation, Sums, error_sums, joined, propagate
 from companion.strapdown.gravity import normal_gravity
 from companion.strapdown.imu_model import ImuModel, Sensor, correct, quantisation_density, simulate
 from companion.strapdown.increments import Increments, attitude_at, dense_attitude, increments
@@ -15,6 +15,7 @@ from companion.strapdown.reckoner import Reckoner
 __all__ = [
     "METHODS",
     "MIDDLES",
+    "MOVED",
     "SAME_TIME",
     "ImuModel",
     "Increments",

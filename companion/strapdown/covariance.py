@@ -119,12 +119,18 @@ def propagate(
     return _in_ned(sums or error_sums(imu, path, start, end), imu, path, start, end, q_ned_frd, velocity, gravity)
 
 
+MOVED: Mapping[str, slice] = {
+    "gyro_noise": slice(0, 9), "accel_noise": slice(3, 9), "gyro_walk": slice(0, 12), "accel_walk": slice(3, 15),
+}  # fmt: skip
+"""Cause of noise → the errors that it moves: no others lie between them, and none of them grows into others."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Sums:
     """The same as in `Propagation`, with the first nine errors in the body frame at the start of the track."""
 
     transition: Array
-    noise: dict[str, Array]
+    noise: dict[str, Array]  # (W, n, n) of what the cause moves
     gyro_matrix: Array
     accel_matrix: Array
 
@@ -151,10 +157,16 @@ class Sums:
 
         return Sums(
             grown @ self.transition,
-            {cause: grown @ p @ grown.swapaxes(-1, -2) + after.noise[cause] for cause, p in self.noise.items()},
+            {cause: _carried(grown, p, MOVED[cause]) + after.noise[cause] for cause, p in self.noise.items()},
             arrived(self.gyro_matrix) + after.gyro_matrix,
             arrived(self.accel_matrix) + after.accel_matrix,
         )
+
+
+def _carried(matrix: Array, covariance: Array, own: slice) -> Array:
+    """(W, n, n) covariance of some errors after a matrix (W, 15, 15) that mixes them with no others."""
+    part = matrix[:, own, own]
+    return np.asarray(part @ covariance @ part.swapaxes(-1, -2))
 
 
 def error_sums(imu: ImuTrack, path: Preintegration, start: Index, end: Index) -> Sums:
@@ -165,7 +177,7 @@ def error_sums(imu: ImuTrack, path: Preintegration, start: Index, end: Index) ->
     count = len(start)
     raw = Sums(
         np.tile(np.eye(15), (count, 1, 1)),
-        {cause: np.zeros((count, 15, 15)) for cause in ("gyro_noise", "accel_noise", "gyro_walk", "accel_walk")},
+        {cause: np.zeros((count, own.stop - own.start, own.stop - own.start)) for cause, own in MOVED.items()},
         np.zeros((count, 9, 3, 3)),
         np.zeros((count, 9, 3, 3)),
     )
@@ -224,26 +236,27 @@ def _integrate(out: Sums, batch: Index, imu: ImuTrack, path: Preintegration, sta
         accel[:, :3, axis] = -column.swapaxes(0, 1)
     np.multiply(accel[:, :3], left[:, None, None], out=accel[:, 3:])
 
-    transition, noise = out.transition, out.noise
+    transition = out.transition
     transition[batch, VELOCITY, ATTITUDE] = -sums.skew(dv[:, :, 0].T)
     transition[batch, POSITION, ATTITUDE] = -sums.skew(dp[:, :, 0].T)
     transition[batch, POSITION, VELOCITY] = duration[:, None, None] * np.eye(3)
-    noise["gyro_noise"][batch, :9, :9] = sums.square(gyro, weight)
-    for power, (i, j) in enumerate(((VELOCITY, VELOCITY), (VELOCITY, POSITION), (POSITION, POSITION)), start=1):
+    out.noise["gyro_noise"][batch] = sums.square(gyro, weight)
+    for power, (i, j) in enumerate(((0, 0), (0, 3), (3, 3)), start=1):  # velocity and position
         # C Cᵀ = I: of the accelerometer's response only ∫1, ∫(T - s) and ∫(T - s)² remain.
         grown = (duration**power / power)[:, None, None] * np.eye(3)
-        noise["accel_noise"][batch, i, j] = noise["accel_noise"][batch, j, i] = grown
-    for cause, response, nav, bias in (
-        ("gyro_walk", gyro, slice(0, 9), GYRO_BIAS),
-        ("accel_walk", accel, slice(3, 9), ACCEL_BIAS),
-    ):
+        for at, beside in {(i, j), (j, i)}:
+            out.noise["accel_noise"][batch, at : at + 3, beside : beside + 3] = grown
+    for cause, response, bias in (("gyro_walk", gyro, GYRO_BIAS), ("accel_walk", accel, ACCEL_BIAS)):
         step, total = sums.from_here_on(response, t)
-        transition[batch, nav, bias] = total
+        first, moved = MOVED[cause].start, response.shape[1]
+        nav, own = slice(0, moved), slice(bias.start - first, bias.stop - first)
+        transition[batch, first : first + moved, bias] = total
         crossed = np.einsum("wijn,wn->wij", step, weight)
-        noise[cause][batch, nav, nav] = sums.square(step, weight)
-        noise[cause][batch, nav, bias] = crossed
-        noise[cause][batch, bias, nav] = crossed.swapaxes(-1, -2)
-        noise[cause][batch, bias, bias] = duration[:, None, None] * np.eye(3)
+        noise = out.noise[cause]
+        noise[batch, nav, nav] = sums.square(step, weight)
+        noise[batch, nav, own] = crossed
+        noise[batch, own, nav] = crossed.swapaxes(-1, -2)
+        noise[batch, own, own] = duration[:, None, None] * np.eye(3)
     out.gyro_matrix[batch] = sums.outer(gyro, weight[..., None] * imu.gyro[index])
     out.accel_matrix[batch, 3:] = sums.outer(accel, weight[..., None] * imu.accel[index])
 
@@ -263,8 +276,11 @@ def _in_ned(
     turn = np.tile(np.eye(15), (len(start), 1, 1))
     for block in (ATTITUDE, VELOCITY, POSITION):
         turn[:, block, block] = quaternion.to_matrix(c)
-    back, turn9 = turn.swapaxes(-1, -2), turn[:, :9, :9]
-    transition = turn @ raw.transition @ back
+    turn9 = turn[:, :9, :9]
+    transition = turn @ raw.transition @ turn.swapaxes(-1, -2)
+    noise = {cause: np.zeros((len(start), 15, 15)) for cause in MOVED}
+    for cause, own in MOVED.items():
+        noise[cause][:, own, own] = _carried(turn, raw.noise[cause], own)
 
     duration = (path.t[end] - path.t[start])[:, None]
     down = np.array([0.0, 0.0, 1.0])
@@ -286,7 +302,7 @@ def _in_ned(
     return Propagation(
         duration[:, 0],
         transition,
-        {cause: turn @ covariance @ back for cause, covariance in raw.noise.items()},
+        noise,
         (turn9 @ raw.gyro_matrix.reshape(-1, 9, 9)).reshape(-1, 9, 3, 3),
         (turn9 @ raw.accel_matrix.reshape(-1, 9, 9)).reshape(-1, 9, 3, 3),
         # The estimate is the truth of a moment ago, begun from the truth of now: the rates of change at the end, less
