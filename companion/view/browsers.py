@@ -6,6 +6,8 @@ moves everything that hangs on that name, in this browser alone.
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +15,7 @@ import viser
 
 from companion.model import Array
 from companion.view.panels.controls import listen, write
-from companion.view.scene.cameras import CAMERA_MODES, Framing, Pose, camera, step_back, world
+from companion.view.scene.cameras import CAMERA_MODES, STILL, Framing, Pose, camera, step_back, world
 from companion.view.scene.scene import WORLD
 from companion.view.state import events
 from companion.view.state.events import CameraMode
@@ -47,6 +49,15 @@ class Browsers:
 
     def __len__(self) -> int:
         return len(self._open)
+
+    @contextlib.contextmanager
+    def atomic(self) -> Iterator[None]:
+        """What is written to one browser meanwhile arrives together; to one whose world stands still nothing is."""
+        with contextlib.ExitStack() as together:
+            for browser in self._open.values():
+                if browser.mode not in STILL:
+                    together.enter_context(browser.client.atomic())
+            yield
 
     def join(self, number: int, framing: Framing) -> None:
         """A page has been opened. One that is closed again already is passed over."""

@@ -189,7 +189,7 @@ class Page(Generic[Behind]):
             while not self._stopping.is_set():
                 now = time.monotonic()
                 # What changes together has to arrive together: a chart with a line too many for its data fails.
-                with self._server.atomic():
+                with self._behind.viewport.atomic():
                     while not self._events.empty():
                         self._attempt(self._events.get())
                     self._turn(now, now - before)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
+from collections.abc import Iterator
 from typing import assert_never
 
 import numpy as np
@@ -44,6 +46,12 @@ class Viewport:
         self._laying_out: list[float] = []
         self.pose_updates = 0
         self.place(framing)
+
+    @contextlib.contextmanager
+    def atomic(self) -> Iterator[None]:
+        """What is written meanwhile arrives together, and wakes the server's event loop once."""
+        with self._server.atomic(), self.browsers.atomic():
+            yield
 
     def place(self, framing: Framing) -> None:
         """Where new browsers begin from now on."""

@@ -17,6 +17,9 @@ from companion.view.state.sample import Footage, Sample
 
 CAMERA_MODES: tuple[CameraMode, ...] = get_args(CameraMode)
 
+STILL: tuple[CameraMode, ...] = ("Free", "Map")
+"""In these the world stands still."""
+
 FIELD_OF_VIEW = np.radians(45.0)  # vertical
 
 ASPECT = 0.8  # width by height of what the panels leave of a window; a wider one shows more
@@ -119,7 +122,7 @@ def camera(mode: CameraMode, framing: Framing, *, narrow: bool = False) -> Camer
     distance = framing.distance * (NARROW_AWAY if narrow else 1.0)
     covered = NARROW_COVERED if narrow else COVERED
     near, far = max(distance / 2000, 0.01), 60 * distance + 2000.0
-    if mode in ("Free", "Map"):
+    if mode in STILL:
         # The map: not quite straight down, for there the camera would not know which way is up, and north must be.
         towards = _direction(*OVERVIEW) if mode == "Free" else _direction(azimuth=0.0, elevation=89.0)
         # Everything moves up by what is covered below: the camera looks at what is that much lower.
@@ -146,7 +149,7 @@ def world(mode: CameraMode, sample: Sample) -> Pose:
     Of the autopilot's drone, and not the IMU's, because the latter jumps at every anchor; "Follow": of the place
     between both.
     """
-    if mode in ("Free", "Map"):
+    if mode in STILL:
         return Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
     turn = np.array([1.0, 0.0, 0.0, 0.0])
     if mode == "Chase":
