@@ -63,6 +63,9 @@ class Messages:
             if index.all():
                 return self  # most logs have one sender of each type
             index = np.flatnonzero(index)
+        rows = self.rows
+        if len(rows) == len(self):
+            rows = rows[index] if isinstance(index, slice) else as_bytes(rows)[index].view(self.layout.dtype)
         return Messages(
             layout=self.layout,
             offset=self.offset[index],
@@ -71,7 +74,7 @@ class Messages:
             compid=self.compid[index],
             seq=self.seq[index],
             crc=self.crc[index],
-            rows=as_bytes(self.rows)[index].view(self.layout.dtype) if len(self.rows) == len(self) else self.rows,
+            rows=rows,
             told=None if self.told is None else self.told[index],
         )
 
@@ -133,23 +136,6 @@ def grouped(frames: Frames, dialect: Dialect) -> Iterator[tuple[MessageLayout, I
         layout = dialect.by_id.get(int(number[index[0]]))
         if layout is not None:
             yield layout, index
-
-
-def join(pieces: Sequence[Messages]) -> Messages:
-    """Pieces of one message type, in file order, as one."""
-    if len(pieces) == 1:
-        return pieces[0]
-    layout = pieces[0].layout
-    return Messages(
-        layout=layout,
-        offset=np.concatenate([piece.offset for piece in pieces]),
-        log_time=np.concatenate([piece.log_time for piece in pieces]),
-        sysid=np.concatenate([piece.sysid for piece in pieces]),
-        compid=np.concatenate([piece.compid for piece in pieces]),
-        seq=np.concatenate([piece.seq for piece in pieces]),
-        crc=np.concatenate([piece.crc for piece in pieces]),
-        rows=np.concatenate([as_bytes(piece.rows) for piece in pieces]).view(layout.dtype),
-    )
 
 
 def gather_rows(

@@ -29,9 +29,10 @@ class Crowd:
             return frames
         sender = frames.sysid.astype(np.intp) << 8 | frames.compid
         np.add.at(self._counts, sender, 1.0)
-        self._heard[sender] = True
         self._frames += len(frames)
-        if self._chosen is None and self._heard.sum() > _MOST_SENDERS:
+        someone_new = not self._heard[sender].all()
+        self._heard[sender] = True
+        if someone_new and self._chosen is None and self._heard.sum() > _MOST_SENDERS:
             self._choose()
         elif self._frames >= _ROUND:
             self._count_again()

@@ -12,7 +12,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.mavlink import DEFAULT_DIALECT, Decoder, Frames, Messages, join, load_dialect, split_messages
+from companion.mavlink import (
+    DEFAULT_DIALECT,
+    Decoder,
+    Frames,
+    Messages,
+    as_bytes,
+    load_dialect,
+    log_time,
+    split_messages,
+)
 from companion.model import Flight, Origin
 from companion.telemetry.clock import reboots, sender_clock
 from companion.telemetry.convert import ned_between
@@ -21,8 +30,6 @@ from companion.telemetry.latest_samples import NewestTracks, newest_tracks, sour
 from companion.telemetry.sender_limit import Crowd
 from companion.telemetry.split import senders
 
-_BLOCK = 2048  # messages of a type that are joined for good
-_PIECES = 16  # pieces of a type that are joined on the way there: each costs at every look
 _SLACK = 1.1  # of the window: trimmed when it has grown to this
 
 _SURE = 25  # packets with a clock after a reboot: fewer may be an echo of old ones
@@ -74,15 +81,18 @@ class Stream:
         """Take frames that were decoded elsewhere (`Session.listen`); received: s UNIX, where they have no stamp."""
         if self._crowd is not None:
             frames = self._crowd.admit(frames)
+        if received is not None:
+            frames = replace(frames, stamp=np.full(len(frames), round(received * 1e6), np.uint64))
         for name, messages in split_messages(frames, self.dialect, NEEDED).items():
-            piece = messages
-            if received is not None:
-                piece = replace(messages, log_time=np.full(len(messages), round(received, 6)))
-            self._columns.setdefault(name, _Column()).add(piece)
-            times = piece.log_time[np.isfinite(piece.log_time)]
-            if len(times):
-                self._newest = float(np.fmax(self._newest, times.max()))
-                self._begin = float(np.fmin(self._begin, times.min()))
+            column = self._columns.get(name)
+            if column is None:
+                column = self._columns[name] = _Column(messages)
+            column.add(messages)
+        times = log_time(frames.stamp)
+        times = times[np.isfinite(times)]
+        if len(times):
+            self._newest = float(np.fmax(self._newest, times.max()))
+            self._begin = float(np.fmin(self._begin, times.min()))
         if self.window_s is not None and self._newest - self._begin > _SLACK * self.window_s:
             self._trim(self._newest - self.window_s)
 
@@ -161,42 +171,38 @@ class Stream:
 
 
 class _Column:
-    """The messages of one type, in pieces that grow together."""
+    """The messages of one type, with room behind them for those to come: what is given out shares their memory.
 
-    def __init__(self) -> None:
-        self._blocks: list[Messages] = []  # joined for good
-        self._pieces: list[Messages] = []  # not yet
-        self._count = 0
+    Nothing that has been written is ever changed: what was given out stays as it is.
+    """
+
+    def __init__(self, like: Messages) -> None:
+        self._room = like.select(slice(0, 0))
+        self._read = len(like.rows) == len(like)  # whether their fields are wanted
+        self._first = self._end = 0  # of those that are kept
 
     def __len__(self) -> int:
-        return self._count
+        return self._end - self._first
 
     def add(self, piece: Messages) -> None:
-        self._pieces.append(piece)
-        self._count += len(piece)
-        if len(self._pieces) > _PIECES:
-            self._pieces = [join(self._pieces)]
-            if len(self._pieces[0]) >= _BLOCK:
-                self._blocks += self._pieces
-                self._pieces = []
+        if self._end + len(piece) > len(self._room):
+            self._make_room(len(piece))
+        self._write(piece, self._end)
+        self._end += len(piece)
 
     def all(self) -> Messages:
-        return join([*self._blocks, *self._pieces])
+        return self._room.select(slice(self._first, self._end))
 
     def since(self, t: float) -> Messages:
         """Those that arrived at `t` s UNIX or later; all without a time."""
-        parts = self._parts()
-        first = len(parts) - 1
-        while first > 0 and not (parts[first - 1].log_time < t).all():
-            first -= 1
-        late = join(parts[first:])
-        return late.select(~(late.log_time < t))
+        late = ~(self._room.log_time[self._first : self._end] < t)
+        first = int(late.argmax()) if late.any() else len(late)
+        kept = self._room.select(slice(self._first + first, self._end))
+        return kept.select(late[first:])  # all of them, unless stamps go backwards
 
     def trim(self, t: float) -> None:
         """Forget what arrived before `t`."""
-        kept = [piece.select(~(piece.log_time < t)) for piece in self._parts()]
-        self._blocks, self._pieces = [], [piece for piece in kept if len(piece)]
-        self._count = sum(map(len, self._pieces))
+        self._keep(self.since(t))
 
     def keep_last(self, field: str | None) -> None:
         """Forget all but the last of each sender, and of each value of the field."""
@@ -205,8 +211,30 @@ class _Column:
         last = {
             key: i for i, key in enumerate(zip(messages.sysid.tolist(), messages.compid.tolist(), values, strict=True))
         }
-        self._blocks, self._pieces = [], [messages.select(np.array(sorted(last.values())))]
-        self._count = len(last)
+        self._keep(messages.select(np.array(sorted(last.values()))))
 
-    def _parts(self) -> list[Messages]:
-        return [*self._blocks, *self._pieces]
+    def _keep(self, kept: Messages) -> None:
+        self._room, self._first, self._end = kept, 0, len(kept)
+
+    def _make_room(self, count: int) -> None:
+        """For so many more, and as many again as there are then."""
+        held = self.all()
+        size = 2 * (len(held) + count)
+        self._room = Messages(
+            held.layout,
+            **{name: np.empty(size, getattr(held, name).dtype) for name in _COLUMNS},
+            rows=np.empty(size if self._read else 0, held.rows.dtype),
+        )
+        self._write(held, 0)
+        self._first, self._end = 0, len(held)
+
+    def _write(self, piece: Messages, at: int) -> None:
+        part = slice(at, at + len(piece))
+        for name in _COLUMNS:
+            getattr(self._room, name)[part] = getattr(piece, name)
+        if self._read:
+            as_bytes(self._room.rows)[part] = as_bytes(piece.rows)
+
+
+_COLUMNS = ("offset", "log_time", "sysid", "compid", "seq", "crc")
+"""Of `Messages`, beside the rows."""
