@@ -33,7 +33,8 @@ from companion.app.settings import Settings
 from companion.mavlink import Frames
 from companion.model import Flight
 
-_TOGETHER_S = 0.1  # what arrived within it is decoded in one go, which takes a tenth of the time
+_HAND_OVER_S = 0.25  # between two times that what has arrived is handed over: as often as the newest is looked at
+_TOGETHER_S = 0.3  # what arrived within it is decoded in one go, which takes a twentieth of the time
 _BAND_S = 20.0  # of data between two times that what is expected is reckoned: it changes slowly
 _MOST_WAITING = 10_000  # receipts: some minutes, while the process starts or the computer sleeps
 
@@ -50,20 +51,24 @@ class Assignment:
     vehicle: str | None = None  # SYSID or SYSID:COMPID; None: the one with the most IMU samples
 
 
+_Given = tuple[bytes, float] | Assignment
+"""Bytes that arrived and when, s UNIX; or what is to be judged from now on."""
+
+
 class RunningVerdict:
     """Judges until `close`, again and again. Every method answers at once."""
 
     def __init__(self, assignment: Assignment) -> None:
         self.opinion = Opinion("", "the first verdict comes when three windows of 5 s are complete", 0.0)
         self._ahead = 0.0  # s, of the stamps of what arrives over `time.monotonic()`
-        self._waiting: queue.Queue[tuple[bytes, float] | Assignment | None] = queue.Queue(_MOST_WAITING)
+        self._waiting: deque[_Given] = deque([assignment], _MOST_WAITING)
+        self._closing = threading.Event()
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", _BEGIN, *sys.path],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C and a closed terminal are for who started it
         )
-        self._put(assignment)
         self._threads = [
             threading.Thread(target=target, name="companion-verdict", daemon=True)
             for target in (self._hand_over, self._take)
@@ -78,26 +83,21 @@ class RunningVerdict:
 
     def hear(self, receipts: Iterable[tuple[Frames, float]]) -> None:
         """Take what has arrived."""
-        taken: deque[tuple[bytes, float] | Assignment | None] = deque()
         for frames, received in receipts:
             if len(frames):
                 self._ahead = received - time.monotonic()
                 first, last = int(frames.start[0]), int(frames.start[-1] + frames.size[-1])
-                taken.append((frames.data[first:last].tobytes(), received))
-        for piece in joined(taken):  # handed over together: each alone wakes both processes
-            if piece is not None:
-                self._put(piece)
+                self._waiting.append((frames.data[first:last].tobytes(), received))
 
     def assign(self, assignment: Assignment) -> None:
         """Judge something else from now on."""
-        self._put(assignment)
+        self._waiting.append(assignment)
 
     def close(self) -> None:
         """End it, also in the middle of an analysis."""
+        self._closing.set()
         self._process.terminate()
         self._process.wait()
-        with contextlib.suppress(queue.Full):
-            self._waiting.put_nowait(None)
         for thread in self._threads:
             thread.join(1.0)
         for stream in (self._process.stdin, self._process.stdout):
@@ -111,15 +111,12 @@ class RunningVerdict:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _put(self, one: tuple[bytes, float] | Assignment) -> None:
-        with contextlib.suppress(queue.Full):  # its process has ended or hangs: the page goes on without it
-            self._waiting.put_nowait(one)
-
     def _hand_over(self) -> None:
         assert self._process.stdin is not None
-        with contextlib.suppress(OSError):
-            while (one := self._waiting.get()) is not None:
-                _send(self._process.stdin, one)
+        with contextlib.suppress(OSError):  # its process has ended: the page goes on without it
+            while not self._closing.wait(_HAND_OVER_S):
+                for one in joined(self._waiting):
+                    _send(self._process.stdin, one)
 
     def _take(self) -> None:
         assert self._process.stdout is not None
@@ -143,13 +140,13 @@ def work() -> None:
 
 
 def _judge_until_the_end(given: IO[bytes], said: IO[bytes]) -> None:
-    inbox: deque[tuple[bytes, float] | Assignment | None] = deque()
+    inbox: queue.SimpleQueue[_Given | None] = queue.SimpleQueue()
     assignment = pickle.load(given)
     threading.Thread(target=_listen, args=(given, inbox), daemon=True).start()
     judge = judge_of(assignment)
     pace = Pace(judge)
     while True:
-        for one in joined(inbox):
+        for one in _arrived(inbox):
             if one is None:
                 return
             if isinstance(one, Assignment):
@@ -163,15 +160,14 @@ def _judge_until_the_end(given: IO[bytes], said: IO[bytes]) -> None:
             with contextlib.suppress(OSError):
                 _send(said, opinion)
             give_back()  # a third of its memory is needed only while it judges
-        time.sleep(_TOGETHER_S)
 
 
-def joined(inbox: deque[tuple[bytes, float] | Assignment | None]) -> Iterator[tuple[bytes, float] | Assignment | None]:
+def joined(waiting: deque[_Given]) -> Iterator[_Given]:
     """Take what waits, in order: what arrived together in one piece, with the time of the last."""
     pieces: list[bytes] = []
     first = last = 0.0
-    while inbox:
-        one = inbox.popleft()
+    while waiting:
+        one = waiting.popleft()
         if pieces and not (isinstance(one, tuple) and one[1] - first < _TOGETHER_S):
             yield b"".join(pieces), last
             pieces = []
@@ -184,11 +180,19 @@ def joined(inbox: deque[tuple[bytes, float] | Assignment | None]) -> Iterator[tu
         yield b"".join(pieces), last
 
 
-def _listen(given: IO[bytes], inbox: deque[tuple[bytes, float] | Assignment | None]) -> None:
+def _arrived(inbox: queue.SimpleQueue[_Given | None]) -> Iterator[_Given | None]:
+    """What has been handed over; waits for the first of it, but no longer than till there may be something to judge."""
+    with contextlib.suppress(queue.Empty):
+        yield inbox.get(timeout=_HAND_OVER_S)
+        while True:
+            yield inbox.get_nowait()
+
+
+def _listen(given: IO[bytes], inbox: queue.SimpleQueue[_Given | None]) -> None:
     with contextlib.suppress(EOFError, OSError, pickle.UnpicklingError):  # cut off in a sentence
         while True:
-            inbox.append(pickle.load(given))
-    inbox.append(None)
+            inbox.put(pickle.load(given))
+    inbox.put(None)
 
 
 def judge_of(assignment: Assignment) -> Judge:
