@@ -112,6 +112,9 @@ class LiveFeed:
         opinion = self._verdict.opinion
         return Judgement(opinion.status, opinion.text, self._verdict.age_s, *opinion.so_far, opinion.expected)
 
+    def wait(self, timeout_s: float) -> None:
+        self._attachment.wait(timeout_s)
+
     def look(self) -> Seen | None:
         for sentence in self._attachment.said():
             self._said.append(f"{time.strftime('%H:%M:%S')} {sentence}")

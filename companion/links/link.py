@@ -30,7 +30,7 @@ from companion.model import InputError
 DEFAULT_SYSID, DEFAULT_COMPID = 240, 191
 """Own ids: a system of its own, as MAV_COMP_ID_ONBOARD_COMPUTER. Never 255: ArduPilot takes that for its GCS."""
 
-_GATHER_S = 0.02  # after the first byte: one decoding for what arrives together (SITL sends in bursts)
+_GATHER_S = 0.02  # between two readings: one decoding for what arrives in between (SITL sends in bursts)
 _NOISE_BYTES = 200
 _OPEN = ("udpin", "udpout", "tcpin")  # anybody can send to these: noise of a stranger is not the vehicle's silence
 _MOST_SENDERS = 256  # whose frames are counted where twice as many speak: those that said the most
@@ -89,6 +89,7 @@ class Link:
         self.health.damage = self._decoder.damage
         self._modern = False  # whether MAVLink 2 has been heard
         self._patience_s = patience_s
+        self._read_at = 0.0  # s of `time.monotonic()`, the last time
         self._sequence: dict[tuple[int, int], tuple[int, int]] = {}  # last, and how far it is behind the highest
         self._counted: dict[tuple[int, int], deque[tuple[float, int]]] = {}  # s when, and how many were lost by then
         self._port = open_port(self.address)
@@ -113,14 +114,17 @@ class Link:
         quiet = now - health.last_frame
         return f"silent for {quiet:.0f} s" if quiet > 2.0 else ""
 
-    def receive(self, timeout_s: float = 0.1) -> Frames:
+    def receive(self, timeout_s: float = 0.1, gather_s: float = _GATHER_S) -> Frames:
         """The frames of the next moment: waits for the first byte, `timeout_s` at most, and takes what comes with it.
+
+        gather_s: the least time from one reading to the next, because what is made of frames costs by the call.
 
         Raises InputError when bytes come and not one frame from a device or a server: a wrong baud rate, no MAVLink.
         """
         data = b""
         if self._port.wait(timeout_s):
-            time.sleep(_GATHER_S)
+            time.sleep(max(self._read_at + gather_s - time.monotonic(), 0.0))
+            self._read_at = time.monotonic()
             data = self._port.read()
         health = self.health
         frames = self._decoder.push(data)

@@ -15,6 +15,7 @@ from companion.links.requests import Request
 from companion.mavlink import Messages
 
 _QUICK_S, _SLOW_S = 1.0, 5.0  # between two questions: until enough are answered, and after that
+_ANSWER_S = 0.2  # within which an answer is due
 _ENOUGH = 10
 _KEPT = 20
 _STEP_S = 0.5  # between two answers: the clock has been set, or the vehicle has rebooted
@@ -49,6 +50,10 @@ class Timesync:
         self._due = now + (_QUICK_S if len(self._answers) < _ENOUGH else _SLOW_S)
         self._asked.append(int(now * 1e9))
         return requests.timesync(self._asked[-1])
+
+    def awaits(self, now: float) -> bool:
+        """Whether an answer is due."""
+        return bool(self._asked) and now - self._asked[-1] * 1e-9 < _ANSWER_S
 
     def hear(self, answers: Messages, now: float) -> None:
         """Take TIMESYNC messages of the vehicle; those that answer somebody else are passed over."""

@@ -47,6 +47,10 @@ class VehicleSession:
             self.said += self.rates.said
             self.rates.said.clear()
 
+    def awaits(self, now: float) -> bool:
+        """Whether answers are due: those that ask for messages, and the clock's, whose latency counts."""
+        return self.rates is not None and (not self.rates.settled or self.timesync.awaits(now))
+
     def next_requests(self, now: float) -> list[Request]:
         """What to send now."""
         if self.rates is None:

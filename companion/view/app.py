@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from companion.model import CompanionError, Flight, InputError
-from companion.view.live_controller import LOOK_HZ, LiveController
+from companion.view.live_controller import TURN_HZ, LiveController
 from companion.view.page import Page
 from companion.view.replay_controller import ReplayController
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice
@@ -74,7 +74,7 @@ class LiveViewer(Page[LiveController]):
         self, feed: Feed, *, window_s: float = 600.0, host: str = "127.0.0.1", port: int = 8080, token: bool = False
     ) -> None:
         super().__init__(
-            host, port, LOOK_HZ, lambda server, post: LiveController(server, feed, window_s, post), token=token
+            host, port, TURN_HZ, lambda server, post: LiveController(server, feed, window_s, post), token=token
         )
 
     @property

@@ -26,6 +26,8 @@ from companion.view.state.sample import Footage, Sample
 from companion.view.viewport import Viewport
 
 LOOK_HZ = 20.0
+TURN_HZ = 22.0  # at most: a turn begins when something has arrived, which what is gathered for does 20 times a second
+_LATE_S = 0.01  # longer than that nothing is waited for
 ALONE_HZ = 4.0  # looks while no browser is open
 _SUNK_M = 0.5  # below the ground before the ground gives way
 
@@ -63,6 +65,11 @@ class LiveController:
 
     def close(self) -> None:
         """Nothing works beside the view thread."""
+
+    def wait(self) -> None:
+        """Wait for what is about to arrive: it is shown at once, and not up to a turn later."""
+        if self.viewport.browsers:
+            self._feed.wait(_LATE_S)
 
     def turn(self, now: float, dt: float) -> None:  # noqa: ARG002  (the vehicle's clock counts here)
         """Look, and draw what is seen: at `now`, s of any steady clock."""

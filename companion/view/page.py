@@ -31,6 +31,9 @@ class Turned(Protocol):
     def turn(self, now: float, dt: float) -> None:
         """Draw: at `now`, s of a steady clock, `dt` s after the last time."""
 
+    def wait(self) -> None:
+        """Wait until there is something new to draw, for some milliseconds at most. Called when a turn is due."""
+
     def close(self) -> None:
         """End whatever works beside the view thread."""
 
@@ -195,6 +198,7 @@ class Page(Generic[Behind]):
                     self._turn(now, now - before)
                 before = now
                 self._stopping.wait(max(0.0, self._period - (time.monotonic() - now)))
+                self._behind.wait()
         except BaseException as error:  # noqa: BLE001 - handed to `run`, which raises it in the main thread
             self._failure = error
             self._stopping.set()

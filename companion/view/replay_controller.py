@@ -100,6 +100,9 @@ class ReplayController:
         self._saver.close()
         self._map.close()
 
+    def wait(self) -> None:
+        """A recording has it all already."""
+
     def turn(self, now: float, dt: float) -> None:
         """What has been reckoned, the clock, the picture: at `now`, s of any steady clock, `dt` after the last turn."""
         done = self._work.poll()

@@ -35,6 +35,9 @@ class Script:
     drift: tuple[DriftRow, ...] = ()
     judgement: Judgement = field(default_factory=lambda: Judgement("", ""))
 
+    def wait(self, timeout_s: float) -> None:
+        """It is all there."""
+
     def look(self) -> Seen | None:
         return self.now
 

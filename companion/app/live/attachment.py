@@ -29,7 +29,8 @@ class Attachment:
         self._failure: BaseException | None = None
         self._said: deque[str] = deque()
         self._report = session.report()
-        session.listen(lambda frames, received: self._receipts.append((frames, received)))
+        self._arrived = threading.Event()
+        session.listen(self._take)
         self._thread = threading.Thread(target=self._run, name="companion-link", daemon=True)
         self._thread.start()
 
@@ -43,8 +44,13 @@ class Attachment:
         """Whether the link is still listened to."""
         return self._thread.is_alive()
 
+    def wait(self, timeout_s: float) -> None:
+        """Wait until something has arrived since the last `fetch`, no longer than so many s."""
+        self._arrived.wait(timeout_s)
+
     def fetch(self) -> list[Receipt]:
         """What has arrived since the last time. For one thread."""
+        self._arrived.clear()
         fetched: list[Receipt] = []
         while self._receipts:
             fetched.append(self._receipts.popleft())
@@ -73,6 +79,10 @@ class Attachment:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _take(self, frames: Frames, received: float) -> None:
+        self._receipts.append((frames, received))
+        self._arrived.set()
 
     def _run(self) -> None:
         session = self._session

@@ -62,7 +62,7 @@ class Judgement:
 
 
 class Feed(Protocol):
-    """Where the live page looks. Everything answers at once and is called by the view thread alone."""
+    """Where the live page looks. Everything but `wait` answers at once, and all is called by the view thread alone."""
 
     reanchor_s: float  # the reckoning starts again from the autopilot so often
 
@@ -96,6 +96,9 @@ class Feed(Protocol):
     @property
     def judgement(self) -> Judgement:
         """The verdict now and so far."""
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until there is something that `look` has not seen, no longer than so many s."""
 
     def look(self) -> Seen | None:
         """The vehicle now."""
