@@ -20,16 +20,22 @@ IDENTITY.setflags(write=False)
 
 
 def multiply(a: Array, b: Array) -> Array:
-    """Hamilton product a ⊗ b: first b, then a. Shapes (..., 4), broadcast against each other."""
-    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
-    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
-    w = aw * bw - ax * bx - ay * by - az * bz
-    product = np.empty((*w.shape, 4), w.dtype)
-    product[..., 0] = w
-    product[..., 1] = aw * bx + ax * bw + ay * bz - az * by
-    product[..., 2] = aw * by - ax * bz + ay * bw + az * bx
-    product[..., 3] = aw * bz + ax * by - ay * bx + az * bw
-    return product
+    """Hamilton product a ⊗ b: first b, then a. Shapes (..., 4), broadcast against each other.
+
+    As pairs of complex numbers w + ix, y + iz (see `_scan`): a third of the time that the real components take.
+    """
+    (a0, a1), (b0, b1) = _pair(a), _pair(b)
+    first = a0 * b0 - a1 * b1.conj()
+    product = np.empty((*first.shape, 2), np.complex128)
+    product[..., 0] = first
+    product[..., 1] = a0 * b1 + a1 * b0.conj()
+    return product.view(np.float64)
+
+
+def _pair(q: Array) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.complex128]]:
+    """w + ix and y + iz, each (...), of quaternions (..., 4)."""
+    pairs = np.ascontiguousarray(q, np.float64).view(np.complex128)
+    return pairs[..., 0], pairs[..., 1]
 
 
 def conjugate(q: Array) -> Array:
@@ -106,11 +112,11 @@ def exp(vector: Array) -> Array:
 
 def log(q: Array) -> Array:
     """Rotation vectors (..., 3) in rad of unit quaternions (..., 4); the shorter of the two ways, at most π."""
-    q = np.where(q[..., :1] < 0, -q, q)
-    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, q[..., :1])
+    w, axis = q[..., 0], q[..., 1:]
+    sine = np.sqrt(np.einsum("...i,...i->...", axis, axis))
     small = sine < 1e-12  # there angle / sine = 2 to the last digit, and 0 / 0 is avoided
-    return np.asarray(q[..., 1:] * np.where(small, 2.0, angle / np.where(small, 1.0, sine)))
+    scale = np.where(small, 2.0, 2.0 * np.arctan2(sine, np.abs(w)) / np.where(small, 1.0, sine))
+    return np.asarray(axis * np.where(w < 0, -scale, scale)[..., None])
 
 
 def slerp(a: Array, b: Array, fraction: npt.ArrayLike) -> Array:
