@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -27,12 +26,13 @@ def extremes(series: tuple[Array, ...], limit: int) -> Indices:
     if buckets < 1:
         raise ValueError(f"{len(series)} series need a limit of {2 * len(series) + 2} points or more, got {limit}")
     edges = np.linspace(0, n, buckets + 1).astype(np.intp)
-    kept = [0, n - 1]
+    first, longest = edges[:-1], int(np.diff(edges).max())
+    members = np.minimum(first[:, None] + np.arange(longest), edges[1:, None] - 1)  # shorter ones repeat their last
+    kept = [np.array([0, n - 1])]
     for values in series:
-        for a, b in pairwise(edges):
-            kept.append(int(a + np.argmin(values[a:b])))
-            kept.append(int(a + np.argmax(values[a:b])))
-    return np.unique(np.array(kept, dtype=np.intp))
+        in_buckets = values[members]
+        kept += [first + in_buckets.argmin(axis=1), first + in_buckets.argmax(axis=1)]
+    return np.unique(np.concatenate(kept)).astype(np.intp)
 
 
 def evenly(n: int, limit: int, keep: Indices | None = None) -> Indices:
