@@ -203,7 +203,7 @@ class Link:
     def _count_lost(self, frames: Frames) -> None:
         """Holes in the sequence of each sender. One that comes late fills its hole; a copy fills none."""
         sender = frames.sysid.astype(np.int64) << 8 | frames.compid
-        for who in np.unique(sender).tolist():
+        for who in np.unique(sender).tolist() if (sender != sender[0]).any() else sender[:1].tolist():
             ids = (who >> 8, who & 255)
             seq = frames.seq[sender == who].astype(np.int64)
             before, behind = self._sequence.get(ids, (int(seq[0]) - 1, 0))

@@ -74,7 +74,7 @@ def imu_track(
     )
     if len(track):
         some = track.accel[:: max(1, len(track) // 1000)]
-        weight = float(np.median(np.linalg.norm(some, axis=1))) / STANDARD_GRAVITY
+        weight = float(np.sqrt(np.median(np.einsum("ij,ij->i", some, some)))) / STANDARD_GRAVITY
         if not 0.5 < weight < 2.0:
             notes.append(f"{name}: the median specific force is {weight:.2f} g; its scale is not what the message says")
     return track, notes

@@ -54,12 +54,10 @@ def lone(places: Array, least: float | Array = PLACE) -> BoolArray:
     """
     off = np.zeros(len(places), np.bool_)
     nearest = np.min(least, initial=np.inf) / np.sqrt(places.shape[1])
-    bent = np.zeros(max(len(places) - 2, 0), np.bool_)
-    for axis in places.T:
-        bent |= np.abs(axis[1:-1] - 0.5 * (axis[2:] + axis[:-2])) > nearest
-    i = np.flatnonzero(bent) + 1
-    if not len(i):  # as in most logs
+    bent = np.abs(places[1:-1] - 0.5 * (places[2:] + places[:-2])) > nearest
+    if not bent.any():  # as in most logs
         return off
+    i = np.flatnonzero(bent.any(axis=1)) + 1
     before, after = places[i - 1], places[i + 1]
     astray = _norm(places[i] - 0.5 * (before + after))
     off[i] = astray > np.maximum(np.broadcast_to(least, len(places))[i], _ASTRAY_TIMES * _norm(after - before))
