@@ -79,7 +79,10 @@ class LiveTrail:
         no gap then.
         """
         tip = self._lines[-1]
-        fresh = self._last is not None and self._tip is not None and self._last[0] < self._tip[0] <= now + 1e-6
+        fresh = False
+        if self._last is not None and self._tip is not None and self._tip[0] <= now + 1e-6:
+            # Where a segment has just ended the one before it is drawn: hidden, it would be back at the next instant.
+            fresh = self._last[0] < self._tip[0] or self._before is not None
         if fresh and self._last and self._tip:
             end = self._tip[1]
             begin = end if self._before is None else self._before
@@ -154,5 +157,7 @@ class LiveTrails:
             self._ball.position = ball
 
     def resize(self, span: float) -> None:
-        """Fit the ball to drones so many m wide."""
-        self._ball.radius = 0.12 * span
+        """Fit the ball to drones so many m wide. A change too small to see is not sent."""
+        radius = 0.12 * span
+        if abs(radius - self._ball.radius) > 0.04 * self._ball.radius:
+            self._ball.radius = radius
