@@ -158,9 +158,9 @@ def _explained_further(
 ) -> Tried | None:
     """What explains most, and the estimate with it; None where nothing promises anything.
 
-    A fault of another witness that lasts for a good part of the flight is learned as noise of the IMU: it is then the
-    IMU that seems to follow the other. So where it goes on to need far more noise than it shows, what would explain
-    most if it were believed is tried, and taken if that ends it.
+    A fault that lasts for a good part of the flight is learned as noise of the IMU: its own may then promise nothing
+    any more, and of another witness' it is the IMU that seems to follow the other. So where it goes on to need far more
+    noise than it shows, what would explain most if it were believed is tried, and taken if that ends it.
     shown: by which its readings scatter (`scatter`).
     """
     begin = replace(settled, states=start.states)
@@ -171,7 +171,7 @@ def _explained_further(
         return first
     limits = believing(noise_limits(setup), shown)
     choices = _chosen_within(setup, start, accepted, limits)
-    if not choices or choices[0].kind.side == "imu":
+    if not choices or (first is not None and choices[0].kind.side == "imu"):
         return first
     second = best_of(setup, begin, accepted, choices, limits)
     return first if second is None or second.settled.noise.contradicts(shown) else second
