@@ -10,6 +10,7 @@ part of the rest. A figure that a rest is too short to show gets an upper bound 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,17 +127,31 @@ def _fit(shapes: Array, variance: Array, freedom: Array, alike: float) -> tuple[
 
     The relative error of a variance is √(2 / freedom), and `alike` of neighbouring ones are as good as one.
     """
-    from scipy.optimize import nnls  # noqa: PLC0415  (slow to import)
-
     weight = np.sqrt(freedom / (2.0 * alike))
     model = variance
     for _ in range(_PASSES):
         scaled = shapes * (weight / model)[:, None]
         size = np.linalg.norm(scaled, axis=0)
-        power = nnls(scaled / size, variance * weight / model)[0] / size
+        power = nonnegative_least_squares(scaled / size, variance * weight / model) / size
         model = np.maximum(shapes @ power, 1e-300)
     scaled = shapes * (weight / model)[:, None] / size
     return power, np.sqrt(np.diag(np.linalg.pinv(scaled.T @ scaled))) / size
+
+
+def nonnegative_least_squares(columns: Array, values: Array) -> Array:
+    """The x (P,), none of it negative, for which columns (M, P) x is nearest to values (M,).
+
+    It is the least-squares solution of the columns that it uses; of a few columns all choices are tried.
+    """
+    best, least = np.zeros(columns.shape[1]), float(values @ values)
+    for count in range(1, len(best) + 1):
+        for used in map(list, combinations(range(len(best)), count)):
+            x = np.linalg.lstsq(columns[:, used], values, rcond=None)[0]
+            left = values - columns[:, used] @ x
+            if (x >= 0.0).all() and left @ left < least:
+                best, least = np.zeros(len(best)), float(left @ left)
+                best[used] = x
+    return best
 
 
 def _coefficient(power: float, sigma: float, bound: float) -> Coefficient:

@@ -26,6 +26,7 @@ from companion.estimation.model import (
 )
 from companion.estimation.noise_density import scatter_between_samples
 from companion.estimation.setup import Setup
+from companion.estimation.spectrum import neighbourhoods
 from companion.estimation.system import (
     measurement_residual,
     measurement_variance,
@@ -248,9 +249,7 @@ def outlier_weights(linear: Linear) -> dict[str, Array]:
         left = measurement_residual(one, linear.solution) / one.sigma
         if len(left) <= _NEIGHBOURS:
             continue
-        half = _NEIGHBOURS // 2
-        padded = np.pad(left, ((half, half), (0, 0)), mode="edge")
-        typical = np.median(np.lib.stride_tricks.sliding_window_view(padded, _NEIGHBOURS, axis=0), axis=2)
+        typical = np.median(neighbourhoods(left, _NEIGHBOURS), axis=-1)
         size = np.abs(left - typical).max(axis=1)
         weights[one.name] = np.minimum(1.0, _HUBER / np.maximum(size, 1e-9)) ** 2
     return weights

@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from companion.estimation.spectrum import frequencies, periodograms, segment_length, segments
+from companion.estimation.spectrum import frequencies, neighbourhoods, periodograms, segment_length, segments
 from companion.model import Array, ImuTrack
 
 _SLOWEST_HZ = 3.0  # below it a vehicle moves
@@ -217,9 +217,7 @@ def _judged(told: Sampling, corner: float | None, rate: float) -> Sampling:
 
 def _corner(f: Array, power: Array, rate: float, count: int) -> float | None:
     """The corner of the low-pass that a density (F,) at frequencies (F,) shows, Hz; None where it is flat."""
-    from scipy import ndimage  # noqa: PLC0415  (slow to import)
-
-    smooth = ndimage.median_filter(power, size=9, mode="nearest")
+    smooth = np.median(neighbourhoods(power, 9), axis=-1)
     fallen = np.flatnonzero(smooth < smooth[: max(len(f) // 50, 9)].mean() / _VISIBLE)
     f, logarithm = f[: fallen[0]] if len(fallen) else f, np.log(power[: fallen[0]] if len(fallen) else power)
 

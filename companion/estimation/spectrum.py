@@ -108,21 +108,26 @@ def periodograms(values: Array, begin: IntArray, rate_hz: float, length: int, wi
     return np.asarray(power / (rate_hz * np.sum(weights**2)), dtype=np.float64)
 
 
+def neighbourhoods(values: Array, size: int) -> Array:
+    """(N, ..., size) of values (N, ...): each with its neighbours, an odd number in all; the ends are repeated."""
+    half = size // 2
+    padded = np.pad(values, ((half, half), *((0, 0),) * (values.ndim - 1)), mode="edge")
+    return np.lib.stride_tricks.sliding_window_view(padded, size, axis=0)
+
+
 def peaks(spectrum: Spectrum, density: Array, most: int = 3) -> tuple[Peak, ...]:
     """The strongest lines in a density (F, 3) of a spectrum, up to `most` an axis, the strongest first.
 
     A line is four times as strong as the median within 6 Hz, and more than chance makes of so few segments.
     """
-    from scipy import ndimage  # noqa: PLC0415  (slow to import, and no verdict needs lines)
-
     resolution = float(spectrum.frequency_hz[1])
     threshold = _PEAK * (1.0 + 6.0 / np.sqrt(max(spectrum.segments, 1)))
     lines = []
     for axis in range(3):
         line = density[:, axis]
-        around = ndimage.median_filter(line, size=2 * round(_AROUND_HZ / resolution) + 1, mode="nearest")
+        around = np.median(neighbourhoods(line, 2 * round(_AROUND_HZ / resolution) + 1), axis=-1)
         ratio = line / np.maximum(around, 1e-30)
-        highest = ndimage.maximum_filter1d(ratio, size=2 * max(round(1.0 / resolution), 1) + 1, mode="nearest")
+        highest = neighbourhoods(ratio, 2 * max(round(1.0 / resolution), 1) + 1).max(axis=-1)
         stands_out = (ratio == highest) & (ratio >= threshold) & (spectrum.frequency_hz >= _SLOWEST_PEAK_HZ)
         for top in (1 + np.flatnonzero(stands_out[1:-1])).tolist():
             near = slice(max(top - 2, 0), top + 3)  # a line under a Hann window is four bins wide

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from companion.estimation import Coefficient, NoiseFigures, allan_deviation, noise_figures
+from companion.estimation.allan import nonnegative_least_squares
 from companion.model import Array
 
 N, K = 1e-4, 2e-5  # u/√Hz, u/√s
@@ -123,3 +124,12 @@ def test_an_axis_that_never_changes_has_no_figures() -> None:
     assert found is not None
     assert noise_figures(found, 0) is None
     assert allan_deviation(np.zeros((20, 3)), 100.0) is None
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_not_negative_is_what_scipy_finds(seed: int) -> None:
+    from scipy.optimize import nnls  # noqa: PLC0415  (slow to import)
+
+    rng = np.random.default_rng(seed)
+    columns, values = rng.normal(size=(12, 3)), rng.normal(size=12)
+    np.testing.assert_allclose(nonnegative_least_squares(columns, values), nnls(columns, values)[0], atol=1e-12)

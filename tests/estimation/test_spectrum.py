@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.estimation import folded_onto, imu_spectrum, peaks, vibration
-from companion.estimation.spectrum import periodograms
+from companion.estimation.spectrum import neighbourhoods, periodograms
 from companion.model import ImuTrack
 
 HOLE = 0.1
@@ -98,3 +98,13 @@ def test_vibration_is_told_at_the_time_of_the_shaking(begin: float) -> None:
     found = vibration(ImuTrack(t, np.zeros_like(accel), accel), HOLE)
     assert found is not None
     assert np.average(found.t, weights=found.accel[:, 1] ** 2) == pytest.approx(begin + 0.5, abs=0.02)
+
+
+@pytest.mark.parametrize("size", [1, 3, 9])
+def test_neighbourhoods_are_those_of_scipys_filters(size: int) -> None:
+    import scipy.ndimage  # noqa: PLC0415
+
+    values = np.random.default_rng(2).normal(size=(40, 2))
+    for axis in range(2):
+        of_scipy = scipy.ndimage.median_filter(values[:, axis], size=size, mode="nearest")
+        np.testing.assert_array_equal(np.median(neighbourhoods(values, size), axis=-1)[:, axis], of_scipy)
