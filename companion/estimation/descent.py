@@ -75,9 +75,9 @@ class Step:
             point = self.at(share)
             linear = linearised(point)
             higher = self.misfit_at(point, linear) - self.misfit
-            if higher <= LITTLE or shortened == _SHORTENED:
+            if not higher > LITTLE or shortened == _SHORTENED:  # of absurd readings it may be no number
                 break
-            least = self.gain * share**2 / (higher + 2.0 * self.gain * share)
+            least = np.nan_to_num(self.gain * share**2 / (higher + 2.0 * self.gain * share))
             share = float(np.clip(least, _SHORTEST * share, _LONGEST * share))
         return point, linear
 
