@@ -261,10 +261,13 @@ _RECEIVER = "A second GPS receiver in the log would tell."
 _EARLIER = "A log that begins earlier would tell."
 
 
+_MEASURED = ("position", "height")  # by GPS and barometer, whatever a gyro, an accelerometer or a compass reads
+
+
 def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> tuple[str, str]:
     """Why a departure does not accuse the autopilot, empty where it does; and what would tell."""
     promising = (sensor for kind in best.promising if (sensor := SENSORS.get(kind.split("_")[0])))
-    sensor = next(promising, None)
+    sensor = None if departure.quantity in _MEASURED else next(promising, None)
     slowly_off = departure.quantity == "position" and not departure.sudden
     reasons = (
         ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong", _WITNESS),

@@ -217,6 +217,16 @@ def test_where_the_best_estimate_is_in_doubt_nobody_is_accused(
     assert finding.advice.startswith(tells)
 
 
+@pytest.mark.parametrize("kind", ["gyro_bias", "accel_bias", "compass_field"])
+def test_what_moves_no_gps_does_not_explain_a_position(flight: Flight, best: BestEstimate, kind: str) -> None:
+    """The GPS says where the vehicle is, whatever else may be wrong: an estimate 30 m off it is off by itself."""
+    off = 30.0 * np.clip((best.t - ONSET) / 10.0, 0.0, 1.0)[:, None] * NORTH
+    other = replace(flight, position=PositionTrack(best.t, best.position + off, best.velocity))
+    doubted = replace(best, promising=(kind,))
+    (finding,) = findings_of((), departures(other, best, Limits()), doubted)
+    assert (finding.kind, finding.side) == ("position_off", "autopilot")
+
+
 @pytest.mark.parametrize("felt", [True, False], ids=["as the gyro turned", "the gyro did not turn"])
 def test_an_estimate_that_turns_as_the_imu_does_is_not_accused(flight: Flight, best: BestEstimate, felt: bool) -> None:
     """The autopilot turns by 30° within 10 s, and the best estimate does not: which of them followed the gyro?"""
