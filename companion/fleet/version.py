@@ -13,8 +13,8 @@ from companion.app.sensors import load_imu_spec
 from companion.app.settings import Settings, data_folder
 
 MAKING = {
-    "model", "mavlink", "logs", "telemetry", "strapdown", "estimation", "analysis", "app.toml_file", "app.settings",
-    "app.sensors", "app.correction", "app.recording", "app.examination", "documents", "fleet",
+    "model", "mavlink", "logs", "telemetry", "strapdown", "estimation", "analysis", "app.blas", "app.toml_file",
+    "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination", "documents", "fleet",
 }  # fmt: skip
 """The parts of the program that a row comes out of."""
 
