@@ -60,9 +60,13 @@ def test_the_verdict_and_a_jump_to_a_finding(page: Page) -> None:
         row, expected = found.drift.rows[2], found.expected[2]
         assert expected is not None
         assert row.attitude_deg is not None
-        cells = page.get_by_role("row", name=re.compile(r"^5 s")).get_by_role("cell").all_inner_texts()
-        assert cells[:2] == ["5 s", str(row.windows)]
-        assert cells[2].startswith(f"{row.attitude_deg.median:.3f}")
+        lines = page.get_by_role("row")
+        cells = lines.filter(has_text=re.compile(r"^5 s")).get_by_role("cell").all_inner_texts()
+        assert cells[:3] == ["5 s", "median", f"{row.attitude_deg.median:.3f}"]
+        cells = lines.filter(has_text=re.compile(rf"^{row.windows} windows")).get_by_role("cell").all_inner_texts()
+        assert cells[:3] == [f"{row.windows} windows", "95 %", f"{row.attitude_deg.p95:.3f}"]
+        tables = "[...document.querySelectorAll('.companion-table')]"
+        assert page.evaluate(f"{tables}.filter(t => t.scrollWidth > t.parentElement.clientWidth).length") == 0
         expect(page.get_by_role("cell", name=f"{expected.position_m:.2f}", exact=True)).to_be_visible()
         expect(page.get_by_role("cell", name="SCALED_IMU2")).to_be_visible()
         keep(page, "verdict")

@@ -22,18 +22,20 @@ def swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:0
 
 def drift_table(table: Drift, expected: Assessment, colour: Rgb, horizon_s: float) -> str:
     """Measured median and 95 %, and expected 1σ, after each horizon; the chosen one stands out."""
-    head = ("after", "windows", *(q.unit for q in QUANTITIES))
+    head = ("after", "", *(q.unit for q in QUANTITIES))
     rows = []
     for row, should in zip(table.rows, expected.expected, strict=True):
         chosen = "font-weight:700" if row.horizon_s == horizon_s else ""
         measured = [getattr(row, q.attribute) for q in QUANTITIES]
         sigma = [getattr(should, q.attribute, None) for q in QUANTITIES]
-        rows.append(_row((f"{row.horizon_s:g} s", row.windows, *(_pair(m) for m in measured)), chosen))
-        rows.append(_row(("", "", *("" if s is None else significant(s) for s in sigma)), f"opacity:{palette.QUIET}"))
+        rows.append(_row((f"{row.horizon_s:g} s", "median", *(_median(m) for m in measured)), chosen))
+        rows.append(_row((counted(row.windows, "window"), "95 %", *(_most(m) for m in measured)), chosen))
+        told = ("" if s is None else significant(s) for s in sigma)
+        rows.append(_row(("", "expected", *told), f"opacity:{palette.QUIET}"))
         left = ", ".join(f"{n} {words(reason)}" for reason, n in row.excluded.items())
         if left and chosen:
             rows.append(f'<tr><td colspan="5" style="opacity:{palette.QUIET}">left out: {escape(left)}</td></tr>')
-    note = "Each: median / 95 % of the windows; below it, paler, the expected 1σ."
+    note = "Median and 95 % of the windows; paler, the expected 1σ."
     return _title(f"{swatch(colour)}Drift of {escape(table.imu)}") + _table(head, rows) + _small(note, 0.65)
 
 
@@ -75,12 +77,12 @@ def calibration_table(assessment: Assessment) -> str:
     return _title("Calibration") + _table(("", *AXES), rows) + _small(note + worse, 0.75)
 
 
-def _pair(statistic: Statistic | None) -> str:
-    return "-" if statistic is None else f"{significant(statistic.median)} / {significant(statistic.p95)}"
-
-
 def _median(statistic: Statistic | None) -> str:
     return "-" if statistic is None else significant(statistic.median)
+
+
+def _most(statistic: Statistic | None) -> str:
+    return "-" if statistic is None else significant(statistic.p95)
 
 
 def _row(cells: Iterable[object], style: str) -> str:
