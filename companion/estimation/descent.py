@@ -70,16 +70,16 @@ class Step:
 
         linearised: makes the problem about a point.
         """
-        share = 1.0
-        for shortened in range(_SHORTENED + 1):
+        share, left = 1.0, _SHORTENED
+        while True:
             point = self.at(share)
             linear = linearised(point)
             higher = self.misfit_at(point, linear) - self.misfit
-            if not higher > LITTLE or shortened == _SHORTENED:  # of absurd readings it may be no number
-                break
+            if not (higher > LITTLE and left):  # of absurd readings it may be no number
+                return point, linear
+            del linear  # before the next is made, as large
             least = np.nan_to_num(self.gain * share**2 / (higher + 2.0 * self.gain * share))
-            share = float(np.clip(least, _SHORTEST * share, _LONGEST * share))
-        return point, linear
+            share, left = float(np.clip(least, _SHORTEST * share, _LONGEST * share)), left - 1
 
 
 def _misfit(linear: Linear, sizes: Array, weight: Array, information: Sequence[Array]) -> float:

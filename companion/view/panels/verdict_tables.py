@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.analysis import Assessment, Drift, RedundantImu, Statistic
 from companion.model import counted
-from companion.present import AXES, QUANTITIES, Rgb, held_out_gain, palette, significant, words
+from companion.present import AXES, QUANTITIES, STATISTICS, Rgb, held_out_gain, palette, significant, words
 
 
 def swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:0.8em;border-radius:50%") -> str:
@@ -28,8 +28,8 @@ def drift_table(table: Drift, expected: Assessment, colour: Rgb, horizon_s: floa
         chosen = "font-weight:700" if row.horizon_s == horizon_s else ""
         measured = [getattr(row, q.attribute) for q in QUANTITIES]
         sigma = [getattr(should, q.attribute, None) for q in QUANTITIES]
-        rows.append(_row((f"{row.horizon_s:g} s", "median", *(_median(m) for m in measured)), chosen))
-        rows.append(_row((counted(row.windows, "window"), "95 %", *(_most(m) for m in measured)), chosen))
+        for first, key in ((f"{row.horizon_s:g} s", "median"), (counted(row.windows, "window"), "p95")):
+            rows.append(_row((first, STATISTICS[key], *(_figure(m, key) for m in measured)), chosen))
         told = ("" if s is None else significant(s) for s in sigma)
         rows.append(_row(("", "expected", *told), f"opacity:{palette.QUIET}"))
         left = ", ".join(f"{n} {words(reason)}" for reason, n in row.excluded.items())
@@ -47,7 +47,7 @@ def redundant_imus_table(others: Sequence[RedundantImu], colours: Mapping[str, R
     for other in others:
         inside = "-" if not other.inside else f"{min(other.inside.values()):.0%}"
         name = f"{swatch(colours[other.imu])}{escape(other.imu)}"
-        figures = (f"{other.rate_hz:.0f}", _median(other.drift.attitude_deg), _median(other.drift.position_m), inside)
+        figures = (f"{other.rate_hz:.0f}", _figure(other.drift.attitude_deg), _figure(other.drift.position_m), inside)
         rows.append(_row((name, *figures), ""))
     seconds = others[0].drift.horizon_s
     return _title(f"Every IMU after {seconds:g} s") + _table(("", "Hz", "°", "m", "inside 95 %"), rows)
@@ -77,12 +77,8 @@ def calibration_table(assessment: Assessment) -> str:
     return _title("Calibration") + _table(("", *AXES), rows) + _small(note + worse, 0.75)
 
 
-def _median(statistic: Statistic | None) -> str:
-    return "-" if statistic is None else significant(statistic.median)
-
-
-def _most(statistic: Statistic | None) -> str:
-    return "-" if statistic is None else significant(statistic.p95)
+def _figure(statistic: Statistic | None, key: str = "median") -> str:
+    return "-" if statistic is None else significant(getattr(statistic, key))
 
 
 def _row(cells: Iterable[object], style: str) -> str:
