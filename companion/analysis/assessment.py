@@ -155,8 +155,12 @@ def assess(
     imu: str | None = None,
     how: Integration = DEFAULT,
     correction: Correction = NO_CORRECTION,
+    before: BestEstimate | None = None,
 ) -> Assessment:
-    """Everything about one IMU of a flight. Raises as `drift` does."""
+    """Everything about one IMU of a flight. Raises as `drift` does.
+
+    before: as `companion.estimation.smooth` has it.
+    """
     autopilot = autopilot or ReferenceSpec()
     track = correction.apply(flight.imu(imu))
     comparison = compare(flight, track=track, how=how)
@@ -173,7 +177,7 @@ def assess(
     own = replace(flight, imus={**flight.imus, track.source: track})
     enough = len(_while_judged(judged, track.t, parts).start) >= FEWEST_WINDOWS
     comparison = comparison.forgotten()  # while the best estimate needs the room
-    best, told_by_it = _best(own, comparison, faults, lost, enough=enough)
+    best, told_by_it = _best(own, comparison, faults, lost, before, enough=enough)
     faults += told_by_it
     all_findings, clean = findings(flight, comparison, sampling, figures, noise, autopilot, faults, best)
     if lost is not None:
@@ -239,7 +243,13 @@ _UNTRUSTED = ("frozen", "stuck_axis", "gyro_clipping", "accel_clipping")
 
 
 def _best(
-    flight: Flight, comparison: Comparison, faults: Sequence[Finding], lost: Phase | None, *, enough: bool
+    flight: Flight,
+    comparison: Comparison,
+    faults: Sequence[Finding],
+    lost: Phase | None,
+    before: BestEstimate | None,
+    *,
+    enough: bool,
 ) -> tuple[BestEstimate | None, list[Finding]]:
     """The best estimate, with the IMU's readings left out where they are none; None where there can be none.
 
@@ -251,12 +261,12 @@ def _best(
     untrusted = [(f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED]
     span = None if lost is None else (-np.inf, lost.start)
     try:
-        best = smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted)
+        best = smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted, before=before)
     except DataError:
         return None, []
     stuck = [f for f in missed_findings(comparison, best) if f not in faults]
     if stuck:
-        best_without, told = _best(flight, comparison, [*faults, *stuck], lost, enough=enough)
+        best_without, told = _best(flight, comparison, [*faults, *stuck], lost, before, enough=enough)
         return best_without, [*stuck, *told]
     if not enough or not _independent(best) or any(f.kind == "axes_wrong" for f in faults):
         return best, []

@@ -35,6 +35,7 @@ from companion.app.blas import one_blas_thread
 from companion.app.correction import load_correction
 from companion.app.sensors import imu_spec_of, load_imu_spec
 from companion.app.settings import Settings
+from companion.estimation import BestEstimate
 from companion.model import DataError, Flight, brief
 
 
@@ -165,8 +166,12 @@ def assess_imu(
     imu_model: str | None = None,
     correction: str | Path | None = None,
     how: Integration | None = None,
+    before: BestEstimate | None = None,
 ) -> Assessment:
-    """One IMU of a flight alone, without the others. Arguments and errors as `examine`."""
+    """One IMU of a flight alone, without the others. Arguments and errors as `examine`.
+
+    before: as `companion.estimation.smooth` has it.
+    """
     name = flight.imu(imu).source
     return assess(
         flight,
@@ -176,6 +181,7 @@ def assess_imu(
         imu=name,
         how=how or integration_of(settings, flight),
         correction=load_correction(correction) if correction is not None else NO_CORRECTION,
+        before=before,
     )
 
 

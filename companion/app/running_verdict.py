@@ -30,6 +30,7 @@ from companion.app.examination import assess_imu
 from companion.app.live import Band, Judge, Judging, Opinion, Pace
 from companion.app.memory import give_back
 from companion.app.settings import Settings
+from companion.estimation import BestEstimate
 from companion.mavlink import Frames
 from companion.model import Flight
 
@@ -68,6 +69,7 @@ class RunningVerdict:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C and a closed terminal are for who started it
+            env={"OPENBLAS_NUM_THREADS": "1", **os.environ},  # as for the commands, whoever has started it
         )
         self._threads = [
             threading.Thread(target=target, name="companion-verdict", daemon=True)
@@ -215,14 +217,13 @@ def _verdict_on(assignment: Assignment) -> Judging:
     band: Band = ()
     of: tuple[str, int, str] | None = None  # whose band it is
     made = -math.inf  # s, boot clock, at the end of which data
+    before: BestEstimate | None = None
 
     def judged(flight: Flight, imu: str | None) -> tuple[Verdict, Band]:
-        nonlocal band, of, made
-        assessment = assess_imu(flight, settings, imu=imu)
-        end, now = (
-            flight.start + flight.duration,
-            (str(flight.vehicle), flight.boot, assessment.comparison.track.source),
-        )
+        nonlocal band, of, made, before
+        end, now = flight.start + flight.duration, (str(flight.vehicle), flight.boot, flight.imu(imu).source)
+        assessment = assess_imu(flight, settings, imu=imu, before=before if now == of else None)
+        before = assessment.best
         if now != of or len(band) < len(assignment.ages_s) or end - made > _BAND_S:
             of, made = now, end
             rows = expected_by_age(assessment, assignment.ages_s).tolist()

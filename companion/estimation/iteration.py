@@ -22,7 +22,7 @@ from companion.model import Array, DataError
 _PASSES = 14
 _LEARN_FROM = 1  # the pass after which densities are learned
 _WEIGHTS_FROM = 4  # the pass after which outliers weigh less, whether or not densities have settled
-_WEIGHTED = 3  # passes with such weights, at least
+_WEIGHTED = 2  # passes with such weights, at least
 _NEAR, _SETTLED = 0.15, 0.05  # changes of the logarithm of a density
 _POLISHED = 2  # passes with the noise that lasts, at most
 _FAR = (4e-3, 0.1)  # rad/s, m/s²: a bias further off than this changes the path by more than its first order
@@ -36,6 +36,7 @@ class Start:
     noise: ProcessNoise
     scale: Mapping[str, float]
     path: CarriedImu | None = None  # the IMU as it was carried last
+    near: bool = False  # to where it ends: what the first pass leaves tells of the noise already
 
 
 def start_of(setup: Setup, guess: States) -> Start:
@@ -73,7 +74,7 @@ def estimate(
     point = Point(start.states, np.zeros(len(linear.prior.constants_sigma) - CONSTANT_STATES))
     for count in range(_PASSES):
         step, largest = Step.of(linear, point.sizes), np.inf
-        if count >= _LEARN_FROM:
+        if count >= _LEARN_FROM or start.near:
             noise, scale, change = learn(linear, noise, scale, limits, change, setup.spectral_noise)
             wide, largest = noise, max(map(abs, change.values()))
             if weighted or accepted or largest < _NEAR or count >= _WEIGHTS_FROM:

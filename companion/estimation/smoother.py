@@ -21,6 +21,7 @@ from companion.estimation.linearisation import Linear
 from companion.estimation.measurements import UNITS
 from companion.estimation.model import (
     ACCEL_BIAS,
+    CONSTANT_STATES,
     GYRO_BIAS,
     BestEstimate,
     Correlation,
@@ -28,6 +29,7 @@ from companion.estimation.model import (
     Residuals,
     States,
 )
+from companion.estimation.resumption import resuming
 from companion.estimation.retiming import Limits, retimed
 from companion.estimation.setup import Setup, guesses, set_up
 from companion.estimation.system import measurement_residual, solve
@@ -47,20 +49,23 @@ def smooth(
     guess: States | None = None,
     span: tuple[float, float] | None = None,
     untrusted: Sequence[tuple[float, float]] = (),
+    before: BestEstimate | None = None,
 ) -> BestEstimate:
     """The best estimate of a flight's trajectory from one IMU and every witness but the autopilot's own estimate.
 
     imu: the message, as for `Flight.imu`. guess: where to begin, in place of the autopilot's attitude and the GPS; the
     result does not depend on it. span: boot times (s) to which the estimate is confined.
     untrusted: stretches in which the IMU's readings are none: stuck, frozen, at the end of the range.
+    before: the estimate of some seconds ago, of a flight of which this one is more: half the passes are left.
 
     Raises DataError where the IMU cannot carry an estimate.
     """
     setup = set_up(flight, imu, gravity, span, untrusted)
     begin = guesses(setup, flight) if guess is None else (guess,)
+    starts = (start_of(setup, one) for one in begin)
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # absurd readings: what is not finite is refused below
-            return explain(setup, (start_of(setup, one) for one in begin))
+            return explain(setup, starts if before is None else resuming(starts, setup, before))
     except np.linalg.LinAlgError as error:
         raise DataError(
             f"{setup.imu.source}: no estimate of the trajectory can be made of these readings ({error}). "
@@ -255,6 +260,7 @@ def _result(
     if not (variance > 0).all():
         raise np.linalg.LinAlgError("variances are lost in rounding")
     sigma = np.sqrt(variance)
+    of_constants = np.diagonal(linear.solution.constants_covariance)[:CONSTANT_STATES]
     residuals = {
         one.name: Residuals(one.t, measurement_residual(one, linear.solution), one.sigma, one.weight, UNITS[one.name])
         for one in linear.measurements
@@ -272,7 +278,7 @@ def _result(
         correlation=Correlation(linear.solution.factor, linear.solution.border, linear.solution.constants_covariance),
         gyro_bias_sigma=sigma[:, GYRO_BIAS],
         accel_bias_sigma=sigma[:, ACCEL_BIAS],
-        constants_sigma=np.sqrt(np.maximum(np.diagonal(linear.solution.constants_covariance), 0.0)),
+        constants_sigma=np.sqrt(np.maximum(of_constants, 0.0)),
         errors=constant_errors(states, linear.solution),
         first_half=of_first_half(linear),
         noise=settled.noise,

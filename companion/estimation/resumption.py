@@ -1,0 +1,40 @@
+"""Where the iteration begins on a link: with what was estimated a moment ago, carried on to what has arrived since."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from companion.estimation.iteration import Start
+from companion.estimation.model import BestEstimate, corrected
+from companion.estimation.setup import Setup
+from companion.model import interpolated, nearest
+from companion.strapdown import preintegrate
+
+
+def resuming(starts: Iterable[Start], setup: Setup, before: BestEstimate) -> Iterator[Start]:
+    """Where the iteration may begin: at an estimate whose flight goes on, and then where it would without it."""
+    for i, one in enumerate(starts):
+        if i == 0 and (resumed := _resumed(setup, one, before)) is not None:
+            yield resumed
+        yield one
+
+
+def _resumed(setup: Setup, first: Start, before: BestEstimate) -> Start | None:
+    """A start with attitudes, biases, constants and noise of an estimate; velocities and positions follow in one step.
+
+    None where that estimate is of another IMU or another time, or had something to explain.
+    """
+    track, t = setup.imu, before.t
+    seen = np.flatnonzero((t >= track.t[0]) & (t <= track.t[-1]))
+    if before.imu.source != track.source or not len(seen) or before.explained or before.contradicted:
+        return None
+    k = seen[np.clip(np.searchsorted(t[seen], setup.t, side="right") - 1, 0, len(seen) - 1)]
+    own, still = before.states, np.zeros((len(k), 3))
+    path = preintegrate(corrected(track, before))
+    q, _, _ = path.carry(nearest(track.t, t[k]), setup.index, own.q_ned_frd[k], still, still)
+    gyro, accel = (interpolated(setup.t, t, bias) for bias in (own.gyro_bias, own.accel_bias))
+    states = replace(first.states, q_ned_frd=q, gyro_bias=gyro, accel_bias=accel, constants=own.constants)
+    return Start(states, before.noise, {**first.scale, **before.measurement_scale}, near=True)
