@@ -1,21 +1,25 @@
-"""How soon the live verdict tells of a fault: `python benchmarks/accuracy/onsets.py [--onsets 20]`.
+"""How soon the live verdict tells of a fault: `python benchmarks/accuracy/onsets.py [--onsets 20] [--hours 10]`.
 
 Simulated flights with every witness, a fault at a random time; each time the last 40 s are judged, as on a link, with
 more and more of the fault in them. Printed is the least of it with which the right side is suspect, the median over the
 onsets. On a link the time to the next look (0.25 s at most, where the newest windows stand out; see docs/live.md) and
-that of one analysis come on top.
+that of one analysis come on top. Then healthy flights are judged every four seconds for so many hours in all, each
+estimate going on from the one before: how often is somebody suspect?
 """
 
 from __future__ import annotations
 
 import argparse
+import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.accuracy.verdicts import Fault, flight, none
+from benchmarks.accuracy.parallel import Failed, each
+from benchmarks.accuracy.verdicts import SECONDS, Fault, flight, none
 from companion.analysis import ImuSpec, assess
 from companion.app.live import HORIZON_S
 from companion.model import (
@@ -30,6 +34,7 @@ from companion.model import (
 )
 from companion.strapdown import quaternion
 
+EVERY_S = 4.0  # between two verdicts on a link
 AFTER_S = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0)
 _EARTH_M = 6_378_137.0
 Random = np.random.Generator
@@ -152,18 +157,54 @@ def _status(one: Flight, figures: ImuSpec) -> str:
     return assess(one, figures).verdict.status
 
 
+def alarms(seed: int) -> tuple[float, Counter[str], list[str]]:
+    """A healthy flight listened to: seconds of verdicts, how many there were of each status, and the alarms' texts."""
+    rng = np.random.default_rng(seed)
+    built, figures = flight(rng, Fault("healthy", "", (), none, lively=bool(seed % 2)))
+    said: Counter[str] = Counter()
+    told: list[str] = []
+    suspect, before = False, None
+    ends = np.arange(built.start + HORIZON_S, built.start + built.duration, EVERY_S)
+    for end in ends.tolist():
+        assessed = assess(until(built, end), figures, before=before)
+        verdict, before = assessed.verdict, assessed.best
+        said[verdict.status] += 1
+        if verdict.status.endswith("suspect") and not suspect:
+            told.append(f"flight {seed}, {end - built.start:.0f} s: {verdict.summary}")
+        suspect = verdict.status.endswith("suspect")
+    return EVERY_S * len(ends), said, told
+
+
+def _listened(hours: float, workers: int | None) -> None:
+    """False alarms of healthy flights."""
+    flights = range(5000, 5000 + max(1, math.ceil(3600.0 * hours / (SECONDS - HORIZON_S))))
+    seconds, said = 0.0, Counter[str]()
+    told: list[str] = []
+    for number, result in each(alarms, flights, workers=workers):
+        if isinstance(result, Failed):
+            told.append(f"flight {flights[number]}: {result.reason}")
+            continue
+        seconds, said = seconds + result[0], said + result[1]
+        told += result[2]
+    print(f"\nhealthy, {seconds / 3600.0:.2f} h: {len(told)} false alarms; of {said.total()} verdicts: {dict(said)}")
+    print(*told, sep="\n")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--onsets", type=int, default=20)
+    parser.add_argument("--onsets", type=int, default=20, help="of each fault (default: 20)")
+    parser.add_argument("--hours", type=float, default=0.5, help="of healthy flight (default: 0.5)")
+    parser.add_argument("--workers", type=int, help="processes for these, default: one for each processor")
     arguments = parser.parse_args()
     print(f"{'fault':34}{'median, s':>10}{'worst, s':>10}{'limit, s':>10}   wrong side")
-    for onset in ONSETS:
+    for onset in ONSETS if arguments.onsets else ():
         told = [told_after(onset, 1000 + seed) for seed in range(arguments.onsets)]
         after = np.array([one for one, _ in told])
         wrong = sum(bool(blamed) for _, blamed in told)
         print(
             f"{onset.name:34}{np.median(after):>10.1f}{after.max():>10.1f}{onset.limit_s:>10.1f}   {wrong}", flush=True
         )
+    _listened(arguments.hours, arguments.workers)
 
 
 if __name__ == "__main__":
