@@ -75,7 +75,8 @@ def _of_vehicle(flight: Flight, sent: Messages | None) -> Messages | None:
 
 
 def _goes_on(t: Array, known: Array) -> bool:
-    """Whether times (N,) hold the last of those that are known (M,), and all of them lie around it."""
+    """Whether times (N,) hold the last of those that are known (M,), and all of them are among these or around it."""
     last = known[-1]
     near = int(np.searchsorted(t, last - _SAME_S))
-    return bool(near < len(t) and t[near] < last + _SAME_S and t[0] > last - _AHEAD_S and t[-1] < last + _AHEAD_S)
+    first = min(known[0], last - _AHEAD_S) - _SAME_S
+    return bool(near < len(t) and t[near] < last + _SAME_S and t[0] > first and t[-1] < last + _AHEAD_S)

@@ -89,6 +89,7 @@ class Judge:
         self._stream = Stream(dialect=dialect, window_s=1.2 * MOST_S, dequantise=dequantise)
         self._newest = 0.0
         self._last = Opinion("", "nothing has been received", 0.0)
+        self._judged: Flight | None = None
 
     @property
     def newest(self) -> float:
@@ -107,7 +108,7 @@ class Judge:
     def judge(self) -> Opinion:
         """What is to be said now."""
         last = self._last
-        flight = self._flight(self._horizon_s)
+        self._judged = flight = self._flight(self._horizon_s)
         status, text, expected = self._said(flight)
         opinion = replace(last, status=status, text=text, newest=self._newest, expected=expected)
         if flight is not None:
@@ -119,13 +120,24 @@ class Judge:
 
     def stirred(self) -> bool:
         """Whether the last seconds differ from those before, so that a judgement should not wait for its turn."""
-        flight = self._flight(_LOOK_S)
+        flight = self._gone_on() or self._flight(_LOOK_S)
         if flight is None:
             return False
         try:
             return newest_stands_out(compare(flight, imu=self._imu_of(flight)))
         except DataError:
             return False
+
+    def _gone_on(self) -> Flight | None:
+        """The last seconds of the flight that was judged, no more than a look needs; None where it has not gone on."""
+        flight = self._judged
+        if flight is None:
+            return None
+        imu = flight.imu(self._imu_of(flight)).source
+        newest = self._stream.go_on(flight, imu, self._stream.newest - _LOOK_S)
+        if newest is None:
+            return None
+        return replace(flight, imus={imu: newest.imu}, attitude=newest.attitude, position=newest.position)
 
     @property
     def _horizon_s(self) -> float:

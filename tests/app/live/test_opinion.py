@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 
-from companion.analysis import Verdict
-from companion.app.live import HORIZON_S, Band, Judge, Opinion
+from companion.analysis import Comparison, Verdict
+from companion.app.live import HORIZON_S, Band, Judge, Opinion, opinion
 from companion.mavlink import DEFAULT_DIALECT
 from companion.model import DataError, Flight
 from companion.simulate import Faults, SimulatedVehicle, fly
+from companion.telemetry import Stream
 from tests.simulated import bursts
 
 pytestmark = pytest.mark.slow
@@ -82,6 +84,40 @@ def test_what_has_just_begun_is_noticed(fault: Faults, stirred: bool) -> None:
     for t, packets in bursts(vehicle, 31.5):
         judge.hear(packets, EPOCH + t)
     assert judge.stirred() is stirred
+
+
+@pytest.mark.parametrize("imu", ["RAW_IMU", "SCALED_IMU2"])
+def test_a_look_after_a_judgement_sees_what_one_at_everything_does(imu: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    vehicle = SimulatedVehicle(fly(60.0), streams={**STREAMS, "SCALED_IMU2": 50.0})
+    after, anew = (Judge(lambda *_: (GOOD, BAND), dialect=DEFAULT_DIALECT, imu=imu) for _ in range(2))
+    seen: list[Comparison] = []
+
+    def looked(comparison: Comparison) -> bool:
+        seen.append(comparison)
+        return False
+
+    monkeypatch.setattr(opinion, "newest_stands_out", looked)
+    for t, packets in bursts(vehicle, 45.0):
+        after.hear(packets, EPOCH + t)
+        anew.hear(packets, EPOCH + t)
+    after.judge()
+    for t, packets in bursts(vehicle, 48.0):
+        after.hear(packets, EPOCH + t)
+        anew.hear(packets, EPOCH + t)
+    with monkeypatch.context() as no_whole_flight:
+        no_whole_flight.delattr(Stream, "recent")
+        after.stirred()
+    anew.stirred()
+    one, other = seen
+    assert one.track.source == other.track.source == imu
+    assert one.track.t[-1] == other.track.t[-1] > 47.5
+    for mine, full in ((one.track, other.track), (one.attitude, other.attitude)):
+        assert len(mine.t) == pytest.approx(len(full.t), abs=2)
+    assert one.position is not None
+    assert other.position is not None
+    assert np.array_equal(one.position.velocity[-100:], other.position.velocity[-100:])
+    assert np.array_equal(one.track.gyro[-900:], other.track.gyro[-900:])
+    assert np.allclose(one.reference.q_ned_frd[-900:], other.reference.q_ned_frd[-900:])
 
 
 def test_it_is_noticed_in_the_imu_that_was_chosen() -> None:
