@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import cast
 
 import numpy as np
@@ -15,11 +16,18 @@ def scalar_rk4(imu: ImuTrack, start: NavState, middle: str) -> tuple[Array, Arra
     """docs/mathematics.md 000, one sample after the other, with matrices made from quaternions as the text has them."""
 
     def mul(a: Array, b: Array) -> Array:
-        w, v = a[0] * b[0] - a[1:] @ b[1:], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])
-        return np.array([w, *v])
+        (s, x, y, z), (w, i, j, k) = a.tolist(), b.tolist()
+        return np.array(
+            [
+                s * w - x * i - y * j - z * k,
+                s * i + w * x + y * k - z * j,
+                s * j + w * y + z * i - x * k,
+                s * k + w * z + x * j - y * i,
+            ]
+        )
 
     def rotation(q: Array) -> Array:
-        w, x, y, z = q / np.linalg.norm(q)
+        w, x, y, z = (q / math.sqrt(q @ q)).tolist()
         return np.array(
             [
                 [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -63,6 +71,6 @@ def scalar_rk4(imu: ImuTrack, start: NavState, middle: str) -> tuple[Array, Arra
         p = p + h * v + h * h / 6 * (a0 + a1 + a2)
         v = v + h / 6 * (a0 + 2 * a1 + 2 * a2 + a3)
         q = mul(q, one + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
-        q = q / np.linalg.norm(q)
+        q = q / math.sqrt(q @ q)
         out.append((q, v, p))
     return cast("tuple[Array, Array, Array]", tuple(np.array(column) for column in zip(*out, strict=True)))
