@@ -83,7 +83,13 @@ def seconds(duration: float, rate_hz: float, start: float = 10.0) -> np.ndarray[
     return start + np.arange(round(duration * rate_hz) + 1) / rate_hz
 
 
-LIVELY = motions.coning(seconds(50, 50), angle=0.25, frequency=0.25, amplitude=(6.0, 5.0, 2.0), swing=(0.07, 0.11, 0.1))
+def lively(duration: float) -> Motion:
+    """Turns and pulls about every axis, so many s."""
+    t = seconds(duration, 50)
+    return motions.coning(t, angle=0.25, frequency=0.25, amplitude=(6.0, 5.0, 2.0), swing=(0.07, 0.11, 0.1))
+
+
+LIVELY = lively(50.0)
 CIRCLE = motions.circle(seconds(50, 50), radius=25.0, speed=6.0, bank=0.15)
 
 

@@ -22,7 +22,7 @@ from companion.app.recording import read_recording
 from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, Event, Flight, ImuTrack, Series, StatusText, Vehicle
 from companion.strapdown import Motion, motions, quaternion
 from tests.estimation.sensed import sensed
-from tests.flights import CIRCLE, LIVELY, flown, seconds, turned, with_imu
+from tests.flights import CIRCLE, LIVELY, flown, lively, seconds, turned, with_imu
 from tests.recordings import BUNDLED, shared
 
 pytestmark = pytest.mark.slow
@@ -121,7 +121,7 @@ def test_a_board_turned_by_any_angle() -> None:
 
 
 def test_clocks_that_do_not_run_alike() -> None:
-    flight = flown()
+    flight = flown(lively(30.0))  # the longer it is, the more is tried to explain it
     imu = flight.imu()
     found = assess(with_imu(flight, t=10 + (imu.t - 10) * 1.006), GENERIC)
     assert found.verdict.status == "insufficient_data"
