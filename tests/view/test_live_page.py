@@ -152,7 +152,7 @@ def test_a_live_session_and_the_next_one(browser: Browser, page: Page, tmp_path:
         again = viewing(f"udpin:127.0.0.1:{link_port}", tmp_path, "--no-record", port=page_port)
         with again as (process, url), new_page(browser) as other:
             expect(page.get_by_text("Not recorded")).to_be_visible()
-            for each in (page, open_page(other, url)):
+            for each in (page, open_page(other, url, charts=False)):
                 expect(each.get_by_text("LIVE", exact=True)).to_be_visible()
             keep(page, "live-reconnected")
             each_has_its_own_camera(leaves=other, stays=page)
