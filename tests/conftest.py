@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import signal
@@ -53,6 +54,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     if "PYTEST_XDIST_WORKER" in os.environ:
         slow = {item.location[0] for item in items if item.get_closest_marker("slow")} - long
         items.sort(key=lambda item: (item.location[0] not in long, item.location[0] not in slow))
+
+
+def pytest_collection_finish() -> None:
+    """What is loaded by now stays: Python need not look through a million objects again and again for what has gone."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
