@@ -203,7 +203,7 @@ def _gps(one: Readings, states: States, at: Kinematics, h: Array, h_c: Array) ->
         change, of_arm = states.velocity[k] + goes_on, matrix
         change[:, 2] += at.gravity * late
     else:
-        arm = np.einsum("kij,kj->ki", matrix, np.cross(at.rate[k], lever))
+        arm = np.einsum("kij,kj->ki", matrix, quaternion.cross(at.rate[k], lever))
         felt, goes_on = at.moved(at.velocity, k, late)
         value = states.velocity[k] + felt + arm
         value[:, 2] += at.gravity * late
@@ -237,6 +237,8 @@ def _compass(one: Readings, states: States, path: Preintegration, index: Index, 
     h_c[:, :, CONSTANTS["hard_iron"][0]] = np.eye(3)
     felt = matrix @ field
     h_c[:, :, CONSTANTS["soft_iron"][0]] = np.einsum("ij,mk->mijk", np.eye(3), felt).reshape(-1, 3, 9)
-    rate = rate - np.cross(angle, rate - np.cross(angle, rate) / 3.0) / 2.0  # of the body, not of the rotation vector
-    h_c[:, :, CONSTANTS["compass_latency"][0]] = iron @ np.cross(rate, felt)[..., None]
+    rate = (
+        rate - quaternion.cross(angle, rate - quaternion.cross(angle, rate) / 3.0) / 2.0
+    )  # of the body, not of the rotation vector
+    h_c[:, :, CONSTANTS["compass_latency"][0]] = iron @ quaternion.cross(rate, felt)[..., None]
     return np.asarray(felt @ iron.T + states.constant("hard_iron"))

@@ -9,7 +9,11 @@ from companion.model import Array
 
 def skew(vector: Array) -> Array:
     """[x]x of vectors (..., 3): `skew(a) @ b == cross(a, b)`."""
-    return np.asarray(np.cross(vector[..., None, :], np.eye(3)).swapaxes(-1, -2))
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    out = np.zeros((*vector.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
+    return out
 
 
 def trapezoid(t: Array) -> Array:
