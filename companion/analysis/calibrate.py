@@ -38,6 +38,8 @@ _CONFOUNDED = 0.7
 
 _NEAR = 1.0
 """A step below this part of the standard errors leaves the derivatives as they are."""
+_BEYOND_S = 5.0
+"""Readings that are kept beyond the last window: the fit may shift their times."""
 _STILL = 0.02
 """The fit stands still when no figure moves by more than this part of its standard error."""
 
@@ -85,11 +87,10 @@ def calibrate(
     until: when the windows have to end, s, boot clock; known: what the best estimate says of the errors.
     """
     prior = _prior(imu, autopilot)
-    track = own.track
+    comparison, seen = own, own.track[: int(np.searchsorted(own.track.t, until + _BEYOND_S))]
     values = np.zeros(_COUNT)
     weight, near = np.ones(0), False
     for _ in range(iterations):
-        comparison = own.of(Correction.of(values).apply(track))
         chosen = windows(comparison, horizon)
         chosen = chosen.only(comparison.track.t[chosen.end] <= until)
         if not len(chosen.start):
@@ -109,9 +110,10 @@ def calibrate(
         if moved < _STILL:
             break
         near = moved < _NEAR
+        comparison = own.of(Correction.of(values).apply(seen))
     spread = float(np.median(normalised)) / size
     joint = joint * max(1.0, spread)
-    joint[:_COUNT, :_COUNT] += lasting_covariance(track)
+    joint[:_COUNT, :_COUNT] += lasting_covariance(own.track)
     enough = OBSERVABLE * np.maximum(prior[:_COUNT], np.abs(values))  # a sensor may be off by more than its kind
     taken = np.zeros(_COUNT, np.bool_) if known is None else known.told
     if known is not None:

@@ -174,6 +174,15 @@ def test_the_correction_holds_on_windows_that_were_not_fitted() -> None:
     assert after.median < before.median / 10
 
 
+def test_readings_after_the_last_window_do_not_count() -> None:
+    motion = lively()
+    track = simulate(motion.imu, ImuModel(gyro=Sensor(noise_density=1e-4, bias=np.array([0.01, -0.015, 0.008]))), 4)
+    middle = float(np.mean(track.t[[0, -1]]))
+    spoilt = replace(track, gyro=np.where((track.t > middle + 0.1)[:, None], track.gyro + 0.5, track.gyro))
+    of_both = [fit(motion, one, until=middle) for one in (track, spoilt)]
+    np.testing.assert_allclose(of_both[1].values, of_both[0].values, rtol=0, atol=1e-9)
+
+
 def test_what_the_best_estimate_tells_is_taken_and_the_rest_follows() -> None:
     """It counts alone, with its own standard error, and what the windows cannot tell from it moves with it."""
     motion = lively()
