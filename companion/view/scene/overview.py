@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import viser
 
 from companion.model import Array
 from companion.present import Rgb, length, palette
-from companion.view.scene.trail import Segments, segments
+from companion.view.scene.trail import OUTLINE, Segments, segments
 from companion.view.state.decimation import Indices, by_shape
 from companion.view.state.sample import Footage
 from companion.view.state.worst import Worst, worst_stretch
 
-MOST_POINTS = 600
+MOST_POINTS = OUTLINE
 """Of each path: they never move, but software WebGL draws each of their lines in every picture."""
 _WORST_POINTS = 60
 _PALE: Rgb = (205, 205, 205)
@@ -43,8 +45,8 @@ class Overview:
         """What is written at the worst stretch; "" while nothing is."""
         return self._label.text if self._label.visible else ""
 
-    def load(self, film: Footage, colour: Rgb) -> None:
-        """Lay out another replay. colour: of its IMU."""
+    def load(self, film: Footage, colour: Rgb, outlines: Mapping[str, Indices]) -> None:
+        """Lay out another replay. colour: of its IMU; outlines: of "imu" and "autopilot", `by_shape`."""
         replay = film.replay
         worst = worst_stretch(replay)
         places: dict[str, tuple[Array, Indices, Rgb]] = {
@@ -52,7 +54,11 @@ class Overview:
             "autopilot": (replay.position_ref, film.restarts[:0], palette.AUTOPILOT),
         }
         for name, (positions, breaks, shade) in places.items():
-            _draw(self._paths[name], _simple(positions, breaks, MOST_POINTS), palette.mix(shade, _PALE, 0.55))
+            _draw(
+                self._paths[name],
+                _simple(positions, breaks, MOST_POINTS, outlines[name]),
+                palette.mix(shade, _PALE, 0.55),
+            )
             part = _part(replay.t, worst)
             broken = breaks[(breaks > part.start) & (breaks < part.stop)] - part.start
             _draw(self._worst[name], _simple(positions[part], broken, _WORST_POINTS), shade)
@@ -79,13 +85,13 @@ def _part(t: Array, worst: Worst | None) -> slice:
     return slice(*np.searchsorted(t, [worst.start_s, worst.end_s + 1e-6]).tolist())
 
 
-def _simple(positions: Array, breaks: Indices, most: int) -> Segments:
+def _simple(positions: Array, breaks: Indices, most: int, outline: Indices | None = None) -> Segments:
     if len(positions) < 2:
         return np.zeros((0, 2, 3), dtype=np.float32)
     inner = breaks[(breaks > 0) & (breaks < len(positions))]
     if 4 * len(inner) > most:
         inner = inner[:0]  # more anchors than the eye can part
-    kept = np.union1d(by_shape(positions, most - 2 * len(inner)), np.union1d(inner - 1, inner)).astype(np.intp)
+    kept = np.union1d(by_shape(positions, most - 2 * len(inner), outline), np.union1d(inner - 1, inner)).astype(np.intp)
     return segments(positions, kept, inner)[0]
 
 

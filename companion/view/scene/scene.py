@@ -18,8 +18,9 @@ from companion.view.scene.extra_paths import ExtraPaths
 from companion.view.scene.ground import Ground
 from companion.view.scene.move import Move
 from companion.view.scene.overview import Overview
-from companion.view.scene.trail import Trail
+from companion.view.scene.trail import OUTLINE, Trail
 from companion.view.scene.vehicle_shapes import Drone
+from companion.view.state.decimation import by_shape
 from companion.view.state.sample import Footage, Sample
 from companion.view.state.visible import show
 
@@ -99,10 +100,15 @@ class Scene:
         self._has_position = replay.has_position
         known = replay.has_position
         self.ground.load(framing, replay.position_ref[0] if known else None, home if known else None)
-        self._trails["autopilot"].load(replay.t, replay.position_ref, film.restarts[:0], palette.AUTOPILOT)
-        self._trails["imu"].load(replay.t, replay.position_imu, film.restarts, colour)
+        outlines = {
+            "imu": by_shape(replay.position_imu, OUTLINE),
+            "autopilot": by_shape(replay.position_ref, OUTLINE),
+        }
+        autopilot, imu = self._trails["autopilot"], self._trails["imu"]
+        autopilot.load(replay.t, replay.position_ref, film.restarts[:0], palette.AUTOPILOT, outlines["autopilot"])
+        imu.load(replay.t, replay.position_imu, film.restarts, colour, outlines["imu"])
         if whole:
-            self.overview.load(film, colour)
+            self.overview.load(film, colour, outlines)
         for line in (self._error, *self._sticks):
             line.visible = known
         self._error_name.visible = False

@@ -18,6 +18,8 @@ CHUNKS = 20
 """Lines a trail: 1,200 segments in all. Software WebGL draws two such trails at about 9 frames a second."""
 FINE_HZ = 6.0
 """Segments a second where only the last minute or so of a long flight is shown."""
+OUTLINE = CHUNK * CHUNKS // 2
+"""Points of a track that are chosen by its shape, at most."""
 
 
 Segments = npt.NDArray[np.float32]
@@ -42,10 +44,10 @@ class Lines:
     ends: Array  # (M,) s, when each is complete, increasing
 
 
-def simplified(t: Array, positions: Array, restarts: Indices) -> list[Lines]:
+def simplified(t: Array, positions: Array, restarts: Indices, outline: Indices | None = None) -> list[Lines]:
     """A track at t (N,) s, positions (N, 3) NED m, broken just before each of `restarts`: fine, and all in few lines.
 
-    The fine one is left out where the few are as many.
+    The fine one is left out where the few are as many. outline: `by_shape` of the positions, to OUTLINE points or more.
     """
     inner = restarts[(restarts > 0) & (restarts < len(t))]
     jumps = np.union1d(inner - 1, inner)  # both ends, so that a jump is a gap at its true place
@@ -57,7 +59,7 @@ def simplified(t: Array, positions: Array, restarts: Indices) -> list[Lines]:
     if few < CHUNK * CHUNKS / 2:
         few, inner, jumps = CHUNK * CHUNKS + 1, inner[:0], inner[:0]  # more anchors than the eye can part
     # Half by shape, for round corners in a long flight; half by time, so that the path keeps up with the drone.
-    kept = np.union1d(evenly(len(t), few // 2, jumps), by_shape(positions, few // 2))
+    kept = np.union1d(evenly(len(t), few // 2, jumps), by_shape(positions, few // 2, outline))
     return [*levels, _lines(t, positions, kept, inner)]
 
 
@@ -80,13 +82,16 @@ class Trail:
         self._levels: list[Lines] = []
         self._shown = [_NONE] * CHUNKS
 
-    def load(self, t: Array, positions: Array, restarts: Indices, colour: Rgb) -> None:
-        """Take another track: times (N,) s, positions (N, 3) NED m, broken just before each index of `restarts`."""
+    def load(self, t: Array, positions: Array, restarts: Indices, colour: Rgb, outline: Indices | None = None) -> None:
+        """Take another track: times (N,) s, positions (N, 3) NED m, broken just before each index of `restarts`.
+
+        outline: as for `simplified`.
+        """
         if colour != self._colour:
             self._colour = colour
             for node in self._nodes:
                 node.colors = np.array(colour, dtype=np.uint8)
-        self._levels = simplified(t, positions, restarts)
+        self._levels = simplified(t, positions, restarts, outline)
         self._shown = [(-1, -1, -1, -1)] * CHUNKS
 
     def hide(self) -> None:

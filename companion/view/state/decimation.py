@@ -43,12 +43,15 @@ def evenly(n: int, limit: int, keep: Indices | None = None) -> Indices:
     return spread if keep is None else np.union1d(spread, keep).astype(np.intp)
 
 
-def by_shape(points: Array, limit: int) -> Indices:
+def by_shape(points: Array, limit: int, among: Indices | None = None) -> Indices:
     """Indices of at most `limit` of `points` (N, 3) between which straight lines stay closest to the path.
 
     Douglas and Peucker (1973) from the top: the line that is farthest from its part of the path is split there, again
-    and again. First and last are kept; a path that stands still needs two points.
+    and again. First and last are kept; a path that stands still needs two points. among: the same for a higher limit,
+    which holds all that this one chooses: few points are looked at in place of all.
     """
+    if among is not None:
+        return among[by_shape(points[among], limit)]
     n = len(points)
     if n <= 2:
         return np.arange(n, dtype=np.intp)

@@ -52,6 +52,12 @@ def test_the_shape_of_a_path_is_kept(seed: int, n: int, limit: int) -> None:
     assert len(by_shape(path, n)) == n
 
 
+@given(st.integers(0, 99), st.integers(3, 200), st.integers(2, 30), st.integers(0, 30))
+def test_a_rougher_shape_is_part_of_a_finer_one(seed: int, n: int, limit: int, more: int) -> None:
+    path = np.random.default_rng(seed).normal(size=(n, 3)).cumsum(axis=0)
+    assert by_shape(path, limit, among=by_shape(path, limit + more)).tolist() == by_shape(path, limit).tolist()
+
+
 def test_a_straight_path_needs_its_ends_and_a_corner_itself() -> None:
     line = np.linspace([0.0, 0.0, 0.0], [10.0, 20.0, -5.0], 1000)
     assert by_shape(line, 100).tolist() == [0, 999]
