@@ -25,8 +25,8 @@ from companion.view.state.history import History, Past, free_errors, present
 from companion.view.state.sample import Footage, Sample
 from companion.view.viewport import Viewport
 
-LOOK_HZ = 20.0
-TURN_HZ = 22.0  # at most: a turn begins when something has arrived, which what is gathered for does 20 times a second
+LOOK_HZ = 15.0
+TURN_HZ = 16.0  # at most: a turn begins when something has arrived, which what is gathered for does 20 times a second
 _LATE_S = 0.01  # longer than that nothing is waited for
 ALONE_HZ = 4.0  # looks while no browser is open
 _SUNK_M = 0.5  # below the ground before the ground gives way
@@ -197,7 +197,7 @@ class LiveController:
     def _sample(self) -> Sample | None:
         """What is shown: the present, or the instant that is looked back at. Its time is on the boot clock."""
         if self._held is None:
-            return self._film.at(self._film.end) if self._film else None
+            return self._film.last if self._film else None
         past, at = self._held
         sample = past.film.at(at)
         return replace(sample, t=sample.t + past.end)

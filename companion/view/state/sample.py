@@ -75,6 +75,28 @@ class Footage:
         """The instant `t`: see `samples`."""
         return self.samples(np.array([t]))[0]
 
+    @property
+    def last(self) -> Sample:
+        """The last sample: what `at(end)` is, in a tenth of the time."""
+        r, errors = self.replay, self.errors
+        begun = r.anchors[r.anchors <= r.t[-1]]
+        return Sample(
+            t=self.end,
+            q_imu=r.q_imu[-1],
+            position_imu=r.position_imu[-1],
+            q_ref=r.q_ref[-1],
+            position_ref=r.position_ref[-1],
+            tilt_deg=float(errors.tilt_deg[-1]),
+            heading_deg=float(errors.heading_deg[-1]),
+            velocity_mps=float(errors.velocity_mps[-1]),
+            position_m=float(errors.position_m[-1]),
+            since_anchor_s=self.end - float(begun[-1]) if len(begun) else 0.0,
+            velocity_imu=r.velocity_imu[-1],
+            velocity_ref=r.velocity_ref[-1],
+            covariance=self._covariance(self.end),
+            known=bool(r.reference_valid[-2:].all()),
+        )
+
     def samples(self, times: Array) -> list[Sample]:
         """The instants `times` (F,) s, between two samples by straight lines; beyond the ends the first or last sample.
 
@@ -108,10 +130,13 @@ class Footage:
             "since_anchor_s": since.tolist(),
             "velocity_imu": line(r.velocity_imu, imu_share),
             "velocity_ref": line(r.velocity_ref, share),
-            "covariance": [np.zeros((3, 3)) if self.envelope is None else self.envelope.ellipsoid(t) for t in times],
+            "covariance": [self._covariance(t) for t in times],
             "known": (r.reference_valid[left] & r.reference_valid[right]).tolist(),
         }
         return [Sample(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)]
+
+    def _covariance(self, t: float) -> Array:
+        return np.zeros((3, 3)) if self.envelope is None else self.envelope.ellipsoid(t)
 
     def after_horizon(self, t: float) -> tuple[float, float] | None:
         """Attitude error (°) and position error (m) of the window of the chosen horizon that ends at `t`, s.
