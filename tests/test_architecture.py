@@ -36,10 +36,10 @@ MAY_IMPORT = {
     "app.correction": GROUND | {"app.toml_file", "analysis"},
     "app.sensors": GROUND | {"app.toml_file", "app.settings", "analysis"},
     "app.recording": GROUND | {"mavlink", "logs", "telemetry"},
-    "app.examination": GROUND | {"app.blas", "app.settings", "app.sensors", "app.correction", "analysis"},
+    "app.examination": GROUND | {"app.blas", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
     "app.live": GROUND | {"mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
-    | {"mavlink", "analysis", "app.memory", "app.settings", "app.examination", "app.live"},
+    | {"mavlink", "estimation", "analysis", "app.memory", "app.settings", "app.examination", "app.live"},
     "app.replay_page": GROUND
     | {"analysis", "app.settings", "app.correction", "app.recording", "app.examination", "report", "view"},
     "app.live_page": GROUND | {"links", "analysis", "app.settings", "app.live", "app.running_verdict", "view"},
