@@ -52,14 +52,14 @@ def test_at_a_sample_it_is_the_sample(replay: Replay) -> None:
 def test_the_last_sample_is_what_its_time_gives(count: int) -> None:
     """The quaternions as rotations: a sign stands for none."""
     replay = FILM.replay
-    part = slice(0, count)
-    cut = {name: getattr(replay, name)[part] for name in Replay.__slots__ if np.shape(getattr(replay, name))}
-    film = footage(replace(replay, **(cut | {"anchors": replay.anchors})))
+    columns = [name for name in Replay.__slots__ if name != "anchors" and np.shape(getattr(replay, name))]
+    cut: dict[str, Any] = {name: getattr(replay, name)[:count] for name in columns}
+    film = footage(replace(replay, **cut))
     last, there = film.last, film.at(film.end)
-    for name in ("q_imu", "q_ref"):
-        assert abs(float(getattr(last, name) @ getattr(there, name))) == pytest.approx(1.0, abs=1e-12)
-    same = {"q_imu": there.q_imu, "q_ref": there.q_ref}
-    np.testing.assert_allclose(numbers(replace(last, **same)), numbers(there), rtol=0, atol=1e-9)
+    for ours, theirs in ((last.q_imu, there.q_imu), (last.q_ref, there.q_ref)):
+        assert abs(float(ours @ theirs)) == pytest.approx(1.0, abs=1e-12)
+    alike = replace(last, q_imu=there.q_imu, q_ref=there.q_ref)
+    assert numbers(alike) == pytest.approx(numbers(there), rel=0, abs=1e-9)
 
 
 def test_the_distance_shown_is_the_distance_drawn(replay: Replay) -> None:
