@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.accuracy.cutting import cut
+from benchmarks.accuracy.cutting import cut, part
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate, iteration, linearisation, smooth
 from companion.estimation.iteration import start_of
 from companion.estimation.resumption import resuming
@@ -91,6 +91,21 @@ def test_a_fault_in_the_newest_seconds_is_found_alike() -> None:
     anew = smooth(wrong)
     assert [e.kind for e in resumed.explained] == [e.kind for e in anew.explained] == ["gyro_bias"]
     assert apart(resumed, anew) < 0.1
+
+
+def test_nothing_is_carried_across_a_hole() -> None:
+    whole = window(flown(), 1)
+    imu = whole.imu()
+    begin = whole.start + LAG - 3.0
+    flight = with_imu(whole, part(imu, (imu.t < begin) | (imu.t > begin + 1.5)))
+    before = smooth(window(flown(), 0))
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    guess = first_guess(setup, flight)
+    start = next(iter(resuming([start_of(setup, guess)], setup, before)))
+    after = setup.t > begin + 1.5
+    assert np.array_equal(start.states.q_ned_frd[after], guess.q_ned_frd[after])
+    assert not np.array_equal(start.states.q_ned_frd[~after], guess.q_ned_frd[~after])
+    assert apart(smooth(flight, before=before), smooth(flight)) < 0.03
 
 
 def test_an_estimate_of_something_else_is_no_beginning() -> None:
