@@ -19,13 +19,13 @@ from companion.estimation.model import CONSTANT_STATES, ProcessNoise, States
 from companion.estimation.setup import Setup
 from companion.model import Array, DataError
 
-_PASSES = 24  # at most
+_PASSES = 20  # at most
 _LEARN_FROM = 1  # the pass after which densities are learned
 _WEIGHTS_FROM = 4  # the pass after which outliers weigh less, whether or not densities have settled
 _WEIGHTED = 2  # passes with such weights, at least
 _NEAR, _SETTLED = 0.15, 0.05  # changes of the logarithm of a density
 _LEARNING = 0.1  # of the misfit, that may be left to gain while the noise still changes a little with every pass
-_POLISHED = 6  # passes with the noise that lasts, at most
+_POLISHED = 4  # passes with the noise that lasts, at most
 _FAR = (4e-3, 0.1)  # rad/s, m/s²: a bias further off than this changes the path by more than its first order
 
 
