@@ -237,8 +237,7 @@ def _compass(one: Readings, states: States, path: Preintegration, index: Index, 
     h_c[:, :, CONSTANTS["hard_iron"][0]] = np.eye(3)
     felt = matrix @ field
     h_c[:, :, CONSTANTS["soft_iron"][0]] = np.einsum("ij,mk->mijk", np.eye(3), felt).reshape(-1, 3, 9)
-    rate = (
-        rate - quaternion.cross(angle, rate - quaternion.cross(angle, rate) / 3.0) / 2.0
-    )  # of the body, not of the rotation vector
+    across = quaternion.cross(angle, rate)
+    rate = rate - quaternion.cross(angle, rate - across / 3.0) / 2.0  # of the body, not of the rotation vector
     h_c[:, :, CONSTANTS["compass_latency"][0]] = iron @ quaternion.cross(rate, felt)[..., None]
     return np.asarray(felt @ iron.T + states.constant("hard_iron"))

@@ -103,7 +103,7 @@ class Judge:
 
     def forget(self) -> None:
         """Begin the record anew: another IMU or another vehicle is judged from now on."""
-        self._last = Opinion("", "judging anew", self._newest)
+        self._last, self._judged = Opinion("", "judging anew", self._newest), None
 
     def judge(self) -> Opinion:
         """What is to be said now."""
