@@ -51,7 +51,7 @@ def by_shape(points: Array, limit: int, among: Indices | None = None) -> Indices
     which holds all that this one chooses: few points are looked at in place of all.
     """
     if among is not None:
-        return among[by_shape(points[among], limit)]
+        return among if len(among) <= limit else among[by_shape(points[among], limit)]
     n = len(points)
     if n <= 2:
         return np.arange(n, dtype=np.intp)
