@@ -16,10 +16,13 @@ from companion.strapdown import preintegrate
 
 def resuming(starts: Iterable[Start], setup: Setup, before: BestEstimate) -> Iterator[Start]:
     """Where the iteration may begin: at an estimate whose flight goes on, and then where it would without it."""
-    for i, one in enumerate(starts):
-        if i == 0 and (resumed := _resumed(setup, one, before)) is not None:
-            yield resumed
-        yield one
+    others = iter(starts)
+    first = next(others)
+    resumed = _resumed(setup, first, before)
+    if resumed is not None:
+        yield resumed
+    yield first
+    yield from others
 
 
 def _resumed(setup: Setup, first: Start, before: BestEstimate) -> Start | None:
