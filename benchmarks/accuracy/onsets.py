@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.accuracy.parallel import Failed, each
 from benchmarks.accuracy.verdicts import SECONDS, Fault, flight, none
 from companion.analysis import ImuSpec, assess
-from companion.app.live import HORIZON_S
+from companion.app.live import HORIZON_S, PAUSE_S
 from companion.model import (
     Array,
     AttitudeTrack,
@@ -34,7 +34,6 @@ from companion.model import (
 )
 from companion.strapdown import quaternion
 
-EVERY_S = 4.0  # between two verdicts on a link
 AFTER_S = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0)
 _EARTH_M = 6_378_137.0
 Random = np.random.Generator
@@ -164,7 +163,7 @@ def alarms(seed: int) -> tuple[float, Counter[str], list[str]]:
     said: Counter[str] = Counter()
     told: list[str] = []
     suspect, before = False, None
-    ends = np.arange(built.start + HORIZON_S, built.start + built.duration, EVERY_S)
+    ends = np.arange(built.start + HORIZON_S, built.start + built.duration, PAUSE_S)
     for end in ends.tolist():
         assessed = assess(until(built, end), figures, before=before)
         verdict, before = assessed.verdict, assessed.best
@@ -172,7 +171,7 @@ def alarms(seed: int) -> tuple[float, Counter[str], list[str]]:
         if verdict.status.endswith("suspect") and not suspect:
             told.append(f"flight {seed}, {end - built.start:.0f} s: {verdict.summary}")
         suspect = verdict.status.endswith("suspect")
-    return EVERY_S * len(ends), said, told
+    return PAUSE_S * len(ends), said, told
 
 
 def _listened(hours: float, workers: int | None) -> None:

@@ -2,12 +2,13 @@
 
 from companion.app.live.attachment import Attachment
 from companion.app.live.opinion import HORIZON_S, Alarm, Band, Judge, Judging, Opinion
-from companion.app.live.pace import Pace
+from companion.app.live.pace import PAUSE_S, Pace
 from companion.app.live.replay import LiveReplay, Present
 from companion.app.live.watch import Watch
 
 __all__ = [
     "HORIZON_S",
+    "PAUSE_S",
     "Alarm",
     "Attachment",
     "Band",

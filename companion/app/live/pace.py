@@ -7,7 +7,7 @@ import time
 from companion.app.live.opinion import HORIZON_S, MOST_S, Judge, Opinion
 
 _LOOK_S = 0.2  # between two looks at whether something has just begun: one each time that data are handed over
-_PAUSE_S = 4.0  # between the begins of two judgements
+PAUSE_S = 4.0  # between the begins of two judgements
 _AGE_S = 4.4  # from the begin of one to the end of the next: with what handing over takes none is older than 5 s
 _SHARE = 2.0  # times as long as the processor was busy with one: at most half a core on a slow computer
 _CALLED_S = 2.5  # of the processor, from one in turn to the next, for those that looks call: five of 0.5 s
@@ -52,7 +52,7 @@ class Pace:
             opinion = Opinion("", f"no verdict ({type(error).__name__}: {error})", 0.0)
         busy, took = time.process_time() - before, time.monotonic() - began
         self._called += busy
-        self._due = now + max(min(_PAUSE_S, _AGE_S - took), _SHARE * busy)
+        self._due = now + max(min(PAUSE_S, _AGE_S - took), _SHARE * busy)
         in_time = self._due - now + took <= _AGE_S
         judge.most_s = min(max(judge.most_s * (_MORE if in_time else _LESS), HORIZON_S), MOST_S)
         return opinion
