@@ -1,8 +1,17 @@
 """MAVLink itself, bytes to messages and back: the only part that imports pymavlink. Knows no link and no physics."""
 
 from companion.mavlink.crc import Bytes, Index, gather
-from companion.mavlink.dialect import DEFAULT_DIALECT, Dialect, MessageLayout, dialect_names, enum_names, load_dialect
-from companion.mavlink.encode import encode, make_messages
+from companion.mavlink.dialect import (
+    DEFAULT_DIALECT,
+    Dialect,
+    MessageLayout,
+    dialect_names,
+    enum_names,
+    load_dialect,
+    mode_name,
+    px4_nav_state_name,
+)
+from companion.mavlink.encode import Packer, Value, encode, make_messages
 from companion.mavlink.frames import Damage, Decoder, Frames
 from companion.mavlink.headers import HEADER_1, MAGIC_1, MAGIC_2, first_come
 from companion.mavlink.messages import (
@@ -14,8 +23,6 @@ from companion.mavlink.messages import (
     split_messages,
     together,
 )
-from companion.mavlink.modes import mode_name, px4_nav_state_name
-from companion.mavlink.pack import Packer, Value
 from companion.mavlink.signing import Verifier, is_signed, load_key
 
 __all__ = [

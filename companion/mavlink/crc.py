@@ -1,4 +1,4 @@
-"""The CRC of MAVLink frames, for thousands of frames at once.
+"""The CRC of MAVLink frames: of thousands at once, and of one.
 
 CRC-16/MCRF4XX: polynomial 0x1021 reflected (0x8408), start 0xFFFF, no final inversion, over everything after the magic
 byte and then over CRC_EXTRA. Source: https://mavlink.io/en/guide/serialization.html#checksum
@@ -6,6 +6,7 @@ byte and then over CRC_EXTRA. Source: https://mavlink.io/en/guide/serialization.
 
 from __future__ import annotations
 
+import binascii
 from itertools import pairwise
 
 import numpy as np
@@ -33,6 +34,16 @@ _ONE_BYTE = _advance(np.arange(256, dtype=np.uint16), 8)
 _TWO_BYTES = _advance(np.arange(65536, dtype=np.uint16), 16)  # 128 KiB: it lives in the second-level cache
 _MAKES_A_CRC = np.zeros(65536, bool)  # which differences of two CRCs one last byte can make
 _MAKES_A_CRC[_ONE_BYTE] = True
+_MIRRORED = np.packbits(np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1, bitorder="little")).tobytes()
+
+
+def crc_of(covered: bytes) -> int:
+    """The CRC of one frame (`frame_crc` is for thousands): of all behind its magic byte, and of its CRC_EXTRA.
+
+    CRC-16/MCRF4XX is CRC-16/CCITT of mirrored bytes, itself mirrored.
+    """
+    mirrored = binascii.crc_hqx(covered.translate(_MIRRORED), 0xFFFF)
+    return _MIRRORED[mirrored & 0xFF] << 8 | _MIRRORED[mirrored >> 8]
 
 
 def frame_crc(data: Bytes, first: Index, count: Index, extra: Bytes) -> npt.NDArray[np.uint16]:

@@ -23,10 +23,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from companion.mavlink.chain import MOST, chain_of
 from companion.mavlink.crc import Bytes, Index, gather
 from companion.mavlink.dialect import Dialect
 from companion.mavlink.headers import (
+    CHAIN_BYTES,
     CRC_BYTES,
     HEADER_1,
     HEADER_2,
@@ -37,6 +37,7 @@ from companion.mavlink.headers import (
     SIGNED,
     Headers,
     all_places_1,
+    chain_of,
     crc_is_right,
     crc_may_be_right,
     cut_headers,
@@ -135,7 +136,7 @@ class Decoder:
         Nothing lies between them, so there is nothing to search: where two overlap, the one that begins first is meant.
         """
         in_step = self._chain == self._scan == self._last_end
-        if self._stamp or not in_step or len(self._carry) + len(chunk) > MOST:
+        if self._stamp or not in_step or len(self._carry) + len(chunk) > CHAIN_BYTES:
             return None
         data, size = self._joined(chunk)
         frames = chain_of(data[:size].tobytes(), self._scan - self._base, self.dialect)

@@ -1,4 +1,4 @@
-"""What looks like a MAVLink frame: headers found by their magic bytes, and which of them have a right CRC.
+"""What looks like a MAVLink frame: by its magic byte and CRC anywhere, or one after another on a link without damage.
 
 Frame formats: https://mavlink.io/en/guide/serialization.html
 """
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from companion.mavlink.crc import Bytes, Index, fits_some_extra, frame_crc, gather
+from companion.mavlink.crc import Bytes, Index, crc_of, fits_some_extra, frame_crc, gather
 from companion.mavlink.dialect import Dialect
 
 MAGIC_1, MAGIC_2 = 0xFE, 0xFD
@@ -213,3 +213,42 @@ def first_come(start: Index, end: Index) -> npt.NDArray[np.bool_]:
         else:
             reached = stop
     return keep
+
+
+CHAIN_BYTES = 4096
+"""Bytes that are followed frame by frame: as arrays they would take longer."""
+
+
+def chain_of(data: bytes, first: int, dialect: Dialect) -> Headers | None:
+    """The frames that follow one another from `data[first:]` on, of which the end may cut off the last.
+
+    None where there is anything else: what that is, is not decided here.
+    """
+    rows: list[tuple[int, int, int, int, int]] = []
+    at, size = first, len(data)
+    while at < size:
+        magic, head = data[at], data[at : at + HEADER_2]
+        if magic not in (MAGIC_1, MAGIC_2):
+            return None
+        needed = HEADER_1 if magic == MAGIC_1 else HEADER_2
+        if len(head) < needed:
+            break
+        length = head[1]
+        if magic == MAGIC_1:
+            number, tail = head[5], CRC_BYTES
+            conforms = bool(dialect.conforms_1[number << 8 | length])
+        else:
+            number, tail = int.from_bytes(head[7:10], "little"), CRC_BYTES + SIGNATURE_BYTES * head[2]
+            conforms = head[2] <= SIGNED and number in dialect.by_id
+        if not conforms:
+            return None
+        payload = at + needed
+        crc, end = payload + length, payload + length + tail
+        if end > size:
+            break
+        covered = data[at + 1 : crc] + bytes((int(dialect.crc_extra[number]),))
+        if crc_of(covered) != data[crc] | data[crc + 1] << 8:
+            return None
+        rows.append((at, payload, length, end, number))
+        at = end
+    return Headers(*np.array(rows, np.int64).reshape(-1, 5).T.copy())

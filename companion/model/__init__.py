@@ -28,10 +28,21 @@ from companion.model.geodesy import (
     ned_from_geodetic,
 )
 from companion.model.imu_messages import IMU_MESSAGES
-from companion.model.notebook_repr import brief
-from companion.model.quantities import Event, Series, interpolated, nearest, of_kind
-from companion.model.tracks import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, NavState, PositionTrack, Trajectory
-from companion.model.wording import counted
+from companion.model.tracks import (
+    STANDARD_GRAVITY,
+    Array,
+    AttitudeTrack,
+    Event,
+    ImuTrack,
+    NavState,
+    PositionTrack,
+    Series,
+    Trajectory,
+    interpolated,
+    nearest,
+    of_kind,
+)
+from companion.model.wording import brief, counted
 
 __all__ = [
     "ECCENTRICITY_SQUARED",

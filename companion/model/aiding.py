@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from companion.model.notebook_repr import brief
+from companion.model.wording import brief
 
 Array = npt.NDArray[np.float64]
 

@@ -25,9 +25,8 @@ from companion.model.aiding import (
 )
 from companion.model.errors import DataError
 from companion.model.imu_messages import by_preference
-from companion.model.notebook_repr import brief
-from companion.model.quantities import Event, Series
-from companion.model.tracks import Array, AttitudeTrack, ImuTrack, PositionTrack
+from companion.model.tracks import Array, AttitudeTrack, Event, ImuTrack, PositionTrack, Series
+from companion.model.wording import brief
 
 _COVERED = 0.5  # of the time, by what the samples are means over; between them lies what nobody measured
 

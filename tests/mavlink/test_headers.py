@@ -9,7 +9,8 @@ import pymavlink.dialects.v20.ardupilotmega as mavlink
 import pytest
 
 from companion.mavlink import Damage, Decoder, Frames, load_dialect
-from companion.mavlink.chain import MOST, chain_of, crc_of
+from companion.mavlink.crc import crc_of
+from companion.mavlink.headers import CHAIN_BYTES, chain_of
 from tests.links.link import link_frames, unknown_frame
 
 DIALECT = load_dialect()
@@ -76,6 +77,6 @@ def test_what_is_no_chain_is_not_followed() -> None:
 
 def test_many_bytes_are_searched_as_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
     frames = b"".join(link_frames(300))
-    assert len(frames) > MOST
+    assert len(frames) > CHAIN_BYTES
     monkeypatch.setattr("companion.mavlink.frames.chain_of", lambda *_: pytest.fail("frame by frame"))
     assert len(Decoder(DIALECT, stamped=False).push(frames)) == 300
