@@ -1,4 +1,4 @@
-"""Series of any format → typed tracks of the sensors that aid an IMU; poses of a simulator → its truth.
+"""Series of any format → typed tracks of the sensors that aid an IMU; what a simulator says of itself → its truth.
 
 What the fields of a format mean, their units and what stands for "not known" is settled in the series
 (`companion.telemetry.sensors`): a row there with these columns is all that a format needs to have the track.
@@ -13,6 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from companion.mavlink import Messages
 from companion.model import (
     AirspeedTrack,
     Array,
@@ -26,11 +27,12 @@ from companion.model import (
     Series,
     TruthTrack,
     counted,
+    from_euler,
     ned_from_geodetic,
     of_kind,
 )
 from companion.telemetry.air_and_ground import airspeed_track, flow_track, is_constant, range_track
-from companion.telemetry.convert import UNTURNED, Turns, continuous, increasing, turned_vectors
+from companion.telemetry.convert import SI, UNTURNED, Turns, continuous, increasing, turned_vectors
 from companion.telemetry.lazy import LazyTuple
 from companion.telemetry.outliers import HEIGHT, BoolArray, lone, lone_fields, uncontradicted
 from companion.telemetry.quantities import pressure_altitude
@@ -237,3 +239,37 @@ def _each(tracks: Iterable[_Track | None]) -> tuple[_Track, ...]:
         if track is not None and len(track) and len(track) > len(best.get(track.instance, ())):
             best[track.instance] = track
     return tuple(best[instance] for instance in sorted(best))
+
+
+TRUTH_MESSAGES = ("SIM_STATE", "HIL_STATE_QUATERNION", "SIMSTATE")
+"""The one that says most first."""
+
+
+def message_truth(
+    messages: Mapping[str, Messages], seconds: Mapping[str, Array], origin: Origin | None, track: PositionTrack | None
+) -> TruthTrack | None:
+    """The truth in a boot's messages, at their boot times `seconds`; see `truth_track` for origin and track."""
+    name = next((name for name in TRUTH_MESSAGES if name in messages), None)
+    if name is None:
+        return None
+    told = messages[name]
+    nowhere = np.full(len(told), np.nan)
+    if name == "HIL_STATE_QUATERNION":
+        q = told["attitude_quaternion"].astype(np.float64)
+        velocity = np.column_stack([_si(told, field) for field in ("vx", "vy", "vz")])
+        place = _si(told, "lat"), _si(told, "lon"), _si(told, "alt")
+    else:
+        q = from_euler(told["roll"], told["pitch"], told["yaw"])
+        velocity = np.full((len(told), 3), np.nan)
+        place = nowhere, nowhere, nowhere
+    if name == "SIM_STATE":
+        velocity = np.column_stack([_si(told, field) for field in ("vn", "ve", "vd")])
+        if told["lat_int"].any():  # `lat` and `lon` are degE7 too, whatever their unit says, cut to 24 bits
+            place = _si(told, "lat_int"), _si(told, "lon_int"), _si(told, "alt")
+    elif name == "SIMSTATE":
+        place = _si(told, "lat"), _si(told, "lng"), nowhere
+    return truth_track(name, seconds[name], q, velocity, place, origin, track)
+
+
+def _si(messages: Messages, field: str) -> Array:
+    return np.asarray(messages[field] * SI[messages.layout.units[field]])

@@ -24,21 +24,17 @@ from companion.model import (
     Vehicle,
 )
 from companion.telemetry import convert
-from companion.telemetry.aiding import Aiding
+from companion.telemetry.aiding import TRUTH_MESSAGES, Aiding, message_truth
 from companion.telemetry.announced import imu_in_use, odometry_resets, parameter_changes, text_resets
 from companion.telemetry.arrival import arrivals
 from companion.telemetry.biases import ardupilot_biases, px4_biases, selected_imu
-from companion.telemetry.clock import Clock, boot_seconds
+from companion.telemetry.clock import Clock, boot_seconds, system_epoch
 from companion.telemetry.control import CONTROL_MESSAGES, actuator_track, control_track
-from companion.telemetry.epoch import system_epoch
 from companion.telemetry.events import heartbeat_events, in_order, landed_events, status_texts
-from companion.telemetry.imu_facts import known_ranges, of_instance, with_facts
 from companion.telemetry.lazy import LazyTuple
-from companion.telemetry.parameters import declination
+from companion.telemetry.parameters import declination, known_ranges, of_instance, setting_names, with_facts
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
-from companion.telemetry.setting_names import setting_names
 from companion.telemetry.split import Boot, Bystander, Sender, boots, describe, senders
-from companion.telemetry.truth import TRUTH_MESSAGES, message_truth
 
 _TIMED = SENSOR_MESSAGES | {
     *IMU_MESSAGES, *TRUTH_MESSAGES, *CONTROL_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED",

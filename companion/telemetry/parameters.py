@@ -1,12 +1,19 @@
-"""Parameters as a log has them: what is no number, or none of its type, is not known."""
+"""What a vehicle's parameters say of it and of its IMUs: device, filter, averaging, and whether biases are taken off.
+
+Sources: ArduPilot `AP_InertialSensor.cpp` (INS_GYR_ID, INS_GYRO_FILTER) and its drivers for the ranges; PX4
+`modules/mavlink/streams/HIGHRES_IMU.hpp`, `SCALED_IMU.hpp`, `modules/sensors/vehicle_imu/VehicleIMU.cpp`
+(IMU_INTEG_RATE).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from companion.model import Array
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, SettingNames, Vehicle
+from companion.telemetry.outliers import Ranges
 
 # MAV_PARAM_TYPE: UINT8, INT8, UINT16, INT16, UINT32, INT32 (common.xml). A float rounds the largest up to a power of 2.
 _RANGES = {
@@ -37,3 +44,105 @@ def identity(parameters: Mapping[str, float], *names: str, otherwise: int = 1) -
     """The first that there is of these as a MAVLink id, 0 to 255; `otherwise` where it is none."""
     value = next((parameters[name] for name in names if name in parameters), np.nan)
     return int(value) if 0 <= value <= 255 else otherwise
+
+
+_NAMES: Mapping[str, SettingNames] = {
+    "ARDUPILOTMEGA": SettingNames(
+        full_rate=" (LOG_BITMASK: fast or raw IMU)",
+        imu_stream="SRx_RAW_SENS or SET_MESSAGE_INTERVAL",
+        board_trim="AHRS_TRIM_X, _Y",
+        imu_place="INS_POSn_X, _Y, _Z",
+    ),
+    "PX4": SettingNames(
+        full_rate=" (SDLOG_PROFILE: high rate)",
+        imu_stream="SCALED_IMU on an onboard link (MAV_x_MODE 2)",
+        board_trim="SENS_BOARD_X_OFF, _Y_OFF",
+        imu_place="EKF2_IMU_POS_X, _Y, _Z",
+    ),
+}
+
+
+def setting_names(autopilot: str) -> SettingNames:
+    """Those of an autopilot (MAV_AUTOPILOT without prefix), in general words where it is neither."""
+    return _NAMES.get(autopilot, SettingNames())
+
+
+_USUAL_RANGES = (2000.0, 16.0)
+_SENSOR_RANGES: Mapping[int, tuple[float | None, float | None]] = {
+    0x2A: (None, None),  # SITL
+    0x2B: (2000.0, 24.0),  # BMI088
+    0x2E: (2000.0, 30.0),  # ICM20649
+    0x30: (4000.0, 8.0),  # ICM20601
+    0x31: (None, 40.0),  # ADIS1647x: 125, 500 or 2000 deg/s, by its model
+    0x32: (None, None),  # external
+    0x33: (2000.0, 32.0),  # ICM40609
+    0x3B: (4000.0, 32.0),  # ICM45686
+    0x3C: (None, None),  # SCHA63T
+    0x3D: (4000.0, 32.0),  # IIM42653
+}
+"""Device type of ArduPilot (bits 16-23 of a device id) → deg/s and g that its driver sets, where not the usual."""
+
+_RATES_HZ = (50.0, 2000.0)  # IMU_INTEG_RATE may be 100 to 1000
+
+
+def with_facts(track: ImuTrack, vehicle: Vehicle, parameters: Mapping[str, float]) -> ImuTrack:
+    """The track with what is known of its sensor. PX4's samples are means: their times are moved to the middles."""
+    if vehicle.autopilot == "PX4":
+        rate = parameters.get("IMU_INTEG_RATE", 0.0)
+        track = replace(
+            track,
+            device_id=_device(parameters, f"CAL_GYRO{track.instance}_ID"),
+            bias_removed=track.source == "HIGHRES_IMU",
+        )
+        if _RATES_HZ[0] <= rate <= _RATES_HZ[1]:
+            track = replace(track, t=track.t - 0.5 / rate, interval=np.full(len(track), 1.0 / rate))
+        return track
+    if vehicle.autopilot == "ARDUPILOTMEGA":
+        gyro_range, accel_range = known_ranges(vehicle, parameters, track.instance)
+        return replace(
+            track,
+            device_id=_device(parameters, _id_name("GYR", track.instance)),
+            gyro_low_pass_hz=cutoff_hz(parameters, "INS_GYRO_FILTER"),
+            accel_low_pass_hz=cutoff_hz(parameters, "INS_ACCEL_FILTER"),
+            gyro_range=gyro_range,
+            accel_range=accel_range,
+        )
+    return track
+
+
+def known_ranges(vehicle: Vehicle, parameters: Mapping[str, float], instance: int) -> Ranges:
+    """Of the gyro and accelerometer of an IMU, by their device ids: on ArduPilot, where the parameters are known."""
+    if vehicle.autopilot != "ARDUPILOTMEGA":
+        return None, None
+    gyro, accel = (_ranges(_device(parameters, _id_name(kind, instance))) for kind in ("GYR", "ACC"))
+    return (
+        None if gyro[0] is None else float(np.radians(gyro[0])),
+        None if accel[1] is None else accel[1] * STANDARD_GRAVITY,
+    )
+
+
+def of_instance(track: ImuTrack, instance: int, parameters: Mapping[str, float]) -> ImuTrack:
+    """PX4's HIGHRES_IMU, which says IMU 0 whatever sensor it speaks of, as that of the selected one."""
+    return replace(track, instance=instance, device_id=_device(parameters, f"CAL_GYRO{instance}_ID"))
+
+
+def _id_name(kind: str, instance: int) -> str:
+    """INS_GYR_ID, INS_GYR2_ID, INS_GYR3_ID, INS4_GYR_ID, ..."""
+    if instance > 2:
+        return f"INS{instance + 1}_{kind}_ID"
+    return f"INS_{kind}{instance + 1 if instance else ''}_ID"
+
+
+def _ranges(device_id: int | None) -> tuple[float | None, float | None]:
+    return (None, None) if device_id is None else _SENSOR_RANGES.get(device_id >> 16 & 0xFF, _USUAL_RANGES)
+
+
+def _device(parameters: Mapping[str, float], name: str) -> int | None:
+    value = parameters.get(name, 0.0)
+    return int(value) if np.isfinite(value) and 0 < value < 2**32 else None
+
+
+def cutoff_hz(parameters: Mapping[str, float], name: str) -> float | None:
+    """What a parameter says of a low-pass, 0 for none; None where it says nothing. NaN is damage."""
+    cutoff = parameters.get(name, np.nan)
+    return max(cutoff, 0.0) if np.isfinite(cutoff) else None

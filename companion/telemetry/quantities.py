@@ -16,9 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import Array, Series
-from companion.telemetry.convert import increasing
+from companion.telemetry.convert import SI, increasing
 from companion.telemetry.lazy import Lazy
-from companion.telemetry.units import SI
 
 Raw = npt.NDArray[Any]
 Fields = Mapping[str, tuple[str, str]]

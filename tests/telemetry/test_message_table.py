@@ -9,12 +9,12 @@ import pytest
 from companion.links.request_table import TABLE, Row, with_every_imu
 from companion.mavlink import load_dialect
 from companion.model import IMU_MESSAGES
+from companion.telemetry.convert import SI
 from companion.telemetry.dataflash import RECORDS
 from companion.telemetry.dataflash.sensors import SOURCES, RecordSource
 from companion.telemetry.flights import NEEDED
 from companion.telemetry.quantities import COLUMNS
 from companion.telemetry.sensors import _SOURCES, Source  # the table itself
-from companion.telemetry.units import SI
 from tests.recordings import ROOT
 
 DIALECT = load_dialect()

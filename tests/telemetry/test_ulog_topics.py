@@ -12,8 +12,8 @@ import pytest
 
 import companion as c
 from companion.model import STANDARD_GRAVITY, Flight
+from companion.telemetry.convert import SI
 from companion.telemetry.ulog.quantities import TOPIC_SERIES
-from companion.telemetry.units import SI
 from tests.ulogs import Fields, ulog
 
 pytest.importorskip("pyulog")

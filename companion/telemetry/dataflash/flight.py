@@ -20,12 +20,11 @@ from companion.model import Array, Flight, StatusText, Vehicle
 from companion.telemetry import convert
 from companion.telemetry.aiding import Aiding
 from companion.telemetry.arrival import arrival
-from companion.telemetry.dataflash import aiding, batches, changes, cores, imu, pose, sensors
+from companion.telemetry.dataflash import aiding, changes, cores, imu, pose, sensors
 from companion.telemetry.dataflash.rows import with_times
 from companion.telemetry.events import dataflash_events
-from companion.telemetry.parameters import declination, identity, known
+from companion.telemetry.parameters import declination, identity, known, setting_names
 from companion.telemetry.sanitize import words
-from companion.telemetry.setting_names import setting_names
 
 _TYPES = {
     b"ArduCopter": "QUADROTOR",
@@ -45,7 +44,6 @@ _NUMBERS: Mapping[str, tuple[str, ...]] = {
     **cores.NUMBERS,
     **pose.NUMBERS,
     **aiding.NUMBERS,
-    **batches.NUMBERS,
     "GPS": ("Lat", "Lng", "Alt"),
     "PARM": ("Value",),
 }

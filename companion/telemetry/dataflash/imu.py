@@ -1,11 +1,13 @@
 """The IMUs of an ArduPilot log: IMU (filtered, at the logger's rate), and ACC and GYR (unfiltered, every sample).
 
-Sources: ArduPilot `AP_InertialSensor_Logging.cpp`, `AP_InertialSensor_Backend.cpp` (log_gyro_raw), `BatchSampler.cpp`.
+Batches of every sample of one sensor for a second or so (ISBH, ISBD) show vibration; there is nothing to integrate.
+Sources: ArduPilot `AP_InertialSensor_Logging.cpp`, `AP_InertialSensor_Backend.cpp` (log_gyro_raw), `BatchSampler.cpp`
+(type 0 is the accelerometer, 1 the gyro), `mavfft_isb.py`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import pairwise
 
@@ -16,8 +18,9 @@ from companion.logs import Records
 from companion.model import Array, ImuTrack, Vehicle, counted, interpolated
 from companion.telemetry import convert
 from companion.telemetry.dataflash.rows import sources
-from companion.telemetry.imu_facts import known_ranges, with_facts
 from companion.telemetry.outliers import readable
+from companion.telemetry.parameters import known_ranges, with_facts
+from companion.telemetry.quantities import RawSeries, raw_series
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 
 _VECTORS = tuple(f"{kind}{axis}" for kind in ("Gyr", "Acc") for axis in "XYZ")
@@ -28,6 +31,8 @@ _RAW = {"Gyr": ("GYR", "GYR1", "GYR2", "GYR3"), "Acc": ("ACC", "ACC1", "ACC2", "
 NUMBERS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(_IMU, _VECTORS),
     **{name: ("SampleUS", *(f"{kind}{axis}" for axis in "XYZ")) for kind, names in _RAW.items() for name in names},
+    "ISBH": ("N", "type", "instance", "mul", "smp_cnt", "SampleUS", "smp_rate"),
+    "ISBD": ("N", "seqno"),
 }
 """Columns that these records must have."""
 
@@ -65,7 +70,7 @@ def imu_tracks(
             track = _track(key, number, *_paired(one, accels[number]), vehicle, parameters, notes)
             tracks[key] = replace(track, gyro_low_pass_hz=None, accel_low_pass_hz=None)
     if "ISBH" in records:
-        notes.append(_batches(records["ISBH"]))
+        notes.append(_batch_note(records["ISBH"]))
     return {key: track for key, track in tracks.items() if len(track)}, notes
 
 
@@ -159,7 +164,7 @@ def _longest_step(step: Array) -> float:
     return 3.0 * float(np.percentile(step, 99))
 
 
-def _batches(headers: Records) -> str:
+def _batch_note(headers: Records) -> str:
     """What batch sampling left, in words: a second of one sensor at a time is nothing to integrate."""
     kinds = [("gyro" if row["type"] else "accelerometer") + f" {int(row['instance'])}" for row in headers.rows]
     counts = ", ".join(f"{kinds.count(kind)} of {kind}" for kind in sorted(set(kinds)))
@@ -168,3 +173,42 @@ def _batches(headers: Records) -> str:
         f"ISBH: batches of {int(np.median(headers['smp_cnt']))} samples at {rate:.0f} Hz ({counts}): they show "
         "vibration (series `gyro_batch`, `accel_batch`), but are too short and apart to be integrated"
     )
+
+
+_KINDS = (("accel_batch", "accelerometer", "mps2"), ("gyro_batch", "gyro", "radps"))
+_AXES = "xyz"
+
+
+def batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[RawSeries | None]:
+    """The samples of each sensor as a series, rad/s or m/s², at the sensor's rate with holes between the batches."""
+    if not {"ISBH", "ISBD"} <= records.keys():
+        return
+    heads, data = records["ISBH"], records["ISBD"]
+    if any(data.layout.kind(axis) != "V" for axis in _AXES):
+        notes.append(f"ISBD: {len(data)} records left out: the log declares their columns otherwise than ArduPilot")
+        return
+    head = np.searchsorted(heads.offset, data.offset) - 1
+    mine = (head >= 0) & (heads["N"][head] == data["N"])
+    if lost := int((~mine).sum()):
+        notes.append(f"ISBD: {lost} of {len(data)} left out: the head of their batch is not in the log")
+    sensors = np.column_stack([heads["type"], heads["instance"]])
+    for kind, instance in np.unique(sensors, axis=0).tolist():
+        rows = np.flatnonzero(mine & (sensors[head] == (kind, instance)).all(axis=1))
+        if kind < len(_KINDS) and len(rows):
+            name, sensor, unit = _KINDS[kind]
+            t, values = _samples(heads.select(head[rows]), data.select(rows))
+            fields = {f"{axis}_{unit}": (axis, "") for axis in _AXES}
+            column = {axis: values[:, i] for i, axis in enumerate(_AXES)}.get
+            yield raw_series(name, f"ISBD[{sensor} {instance}]", t, fields, column, instance=instance)
+
+
+def _samples(heads: Records, data: Records) -> tuple[Array, Array]:
+    """Times (N,) s and readings (N, 3) of records, each with the head of its batch."""
+    raw = np.stack([data[axis].astype(np.float64) for axis in _AXES], axis=-1)
+    count = raw.shape[1]
+    place = data["seqno"].astype(np.float64)[:, None] * count + np.arange(count)
+    rate, scale = heads["smp_rate"].astype(np.float64), heads["mul"].astype(np.float64)
+    rate, scale = np.where(rate > 0, rate, np.nan), np.where(scale > 0, scale, np.nan)
+    t = heads["SampleUS"].astype(np.float64)[:, None] * 1e-6 + place / rate[:, None]
+    t[place >= heads["smp_cnt"].astype(np.float64)[:, None]] = np.nan  # the last record of a batch is filled up
+    return t.ravel(), (raw / scale[:, None, None]).reshape(-1, 3)

@@ -12,8 +12,8 @@ import numpy as np
 from companion.logs import Records
 from companion.model import Array, AttitudeTrack, BiasTrack, Epoch, ImuTrack, Origin, PositionTrack, interpolated
 from companion.telemetry import convert
+from companion.telemetry.clock import epoch_of, gps_to_unix
 from companion.telemetry.dataflash.cores import Flew, of_cores
-from companion.telemetry.epoch import epoch_of, gps_to_unix
 from companion.telemetry.outliers import lone, lone_turns, uncontradicted
 
 _HAS_POSITION = 0b11000  # EKF solution status: horiz_pos_rel and horiz_pos_abs (nav_filter_status in AP_NavEKF)

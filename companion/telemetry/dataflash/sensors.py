@@ -9,8 +9,8 @@ import numpy as np
 
 from companion.logs import Records
 from companion.model import Array, Series
-from companion.telemetry.dataflash.batches import batches
 from companion.telemetry.dataflash.cores import of_cores
+from companion.telemetry.dataflash.imu import batches
 from companion.telemetry.dataflash.rows import sample_time, sound, sources
 from companion.telemetry.quantities import Fields, Raw, RawSeries, raw_series, series_of
 

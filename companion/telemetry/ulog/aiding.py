@@ -24,7 +24,7 @@ from companion.model import (
 )
 from companion.telemetry.aiding import is_frozen, lone_air
 from companion.telemetry.air_and_ground import is_constant
-from companion.telemetry.convert import continuous, increasing
+from companion.telemetry.convert import SI, continuous, increasing
 from companion.telemetry.outliers import lone, lone_fields, uncontradicted
 from companion.telemetry.quantities import POLE, pressure_altitude
 from companion.telemetry.timestamps import LONGEST_WAIT_S
@@ -41,7 +41,6 @@ from companion.telemetry.ulog.topics import (
     seconds,
     xyz,
 )
-from companion.telemetry.units import SI
 
 _FIX_2D, _FIX_3D = 2, 3  # GPS_FIX_TYPE
 _EXTRAPOLATED = 8  # of PX4: the receiver goes on from its last fix

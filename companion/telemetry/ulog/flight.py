@@ -16,16 +16,14 @@ from companion.model import Event, Flight, ParameterChange, StatusText, Vehicle
 from companion.telemetry.aiding import Aiding
 from companion.telemetry.arrival import arrival
 from companion.telemetry.events import changes, in_order
-from companion.telemetry.parameters import identity, known
+from companion.telemetry.parameters import identity, known, setting_names
 from companion.telemetry.sanitize import words
-from companion.telemetry.setting_names import setting_names
 from companion.telemetry.ulog.aiding import barometer_tracks, compass_tracks, gps_tracks, truth
 from companion.telemetry.ulog.control import actuator_track, control_track
-from companion.telemetry.ulog.estimator import bias_tracks, imu_in_use, imu_instances
+from companion.telemetry.ulog.estimator import bias_tracks, estimator_resets, imu_in_use, imu_instances
 from companion.telemetry.ulog.imu import imu_tracks
 from companion.telemetry.ulog.pose import attitude_track, epoch, home, origin, position_track
 from companion.telemetry.ulog.quantities import OF_SERIES, topic_series
-from companion.telemetry.ulog.resets import estimator_resets
 from companion.telemetry.ulog.topics import Topics, read_ulog, seconds, topics_of, unfinished
 
 _ARMED = 2  # vehicle_status.arming_state

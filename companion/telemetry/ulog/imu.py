@@ -16,11 +16,10 @@ import numpy.typing as npt
 
 from companion.model import Array, ImuTrack, SensorInUse, counted, interpolated
 from companion.telemetry.convert import increasing
-from companion.telemetry.imu_facts import cutoff_hz
 from companion.telemetry.outliers import Ranges, readable
+from companion.telemetry.parameters import cutoff_hz
 from companion.telemetry.timestamps import LONGEST_WAIT_S
-from companion.telemetry.ulog.drivers import driver_tracks
-from companion.telemetry.ulog.parts import accel_range, gyro_range
+from companion.telemetry.ulog.drivers import accel_range, driver_tracks, gyro_range
 from companion.telemetry.ulog.topics import (
     Topic,
     Topics,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from companion.model import Array, AttitudeTrack, Epoch, Origin, PositionTrack, interpolated
+from companion.telemetry.clock import epoch_of
 from companion.telemetry.convert import continuous, increasing
-from companion.telemetry.epoch import epoch_of
 from companion.telemetry.outliers import lone, lone_turns, uncontradicted
 from companion.telemetry.ulog.topics import Topics, columns, sampled, seconds, xyz
 

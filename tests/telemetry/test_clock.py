@@ -10,7 +10,7 @@ import pytest
 
 from companion.app.recording import open_log
 from companion.model import Epoch
-from companion.telemetry.epoch import gps_to_unix
+from companion.telemetry.clock import gps_to_unix
 from tests.recordings import BUNDLED, recording
 from tests.tlogs import EPOCH, Writer
 

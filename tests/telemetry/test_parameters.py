@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.model import ImuTrack, Vehicle
-from companion.telemetry.imu_facts import with_facts
+from companion.telemetry.parameters import with_facts
 
 PX4 = Vehicle(1, 1, "PX4", "QUADROTOR")
 

@@ -9,8 +9,7 @@ import numpy as np
 from companion.app.recording import read_recording
 from companion.mavlink import DEFAULT_DIALECT, Decoder, Frames, load_dialect
 from companion.telemetry import Stream
-from companion.telemetry.sender_limit import Crowd
-from companion.telemetry.split import MOST_SENDERS
+from companion.telemetry.split import MOST_SENDERS, Crowd
 from tests.tlogs import Writer
 
 DIALECT = load_dialect(DEFAULT_DIALECT)
