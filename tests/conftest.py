@@ -26,7 +26,7 @@ _REMEMBERED = (
     ("companion.cli.smooth", "smooth"),
     ("companion.analysis.assessment", "calibrate"),
     ("companion.analysis.assessment", "expected_over"),
-    ("companion.analysis.envelope", "budget"),
+    ("companion.analysis.pose_error", "budget"),
     ("companion.analysis.redundant_imus", "budget"),
     ("companion.report.playback", "replay_page"),
 )

@@ -21,7 +21,7 @@ from benchmarks.accuracy.labels import load_labels, recordings
 from benchmarks.accuracy.parallel import Failed, each
 from companion.analysis import phases
 from companion.analysis.budget import nees
-from companion.analysis.navigation_error import attitude_error, length
+from companion.analysis.reference import attitude_error, length
 from companion.api import smooth
 from companion.app.recording import read_recording
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate

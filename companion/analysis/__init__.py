@@ -2,36 +2,47 @@
 
 from companion.analysis.alignment import Alignment, Later, align
 from companion.analysis.assessment import Assessment, assess
-from companion.analysis.autopilot_bias import AutopilotBias, autopilot_bias
-from companion.analysis.autopilot_error import AutopilotError, autopilot_error
+from companion.analysis.autopilot_error import AutopilotBias, AutopilotError, autopilot_bias, autopilot_error
+from companion.analysis.budget import Expected
 from companion.analysis.calibrate import Calibration, calibrate
-from companion.analysis.clipping import Clips, clip_counts
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, trailing, windows
 from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correction
+from companion.analysis.departures import Sensitivity
 from companion.analysis.difference import Change, Contrast, FigureChange, contrast
 from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, drift, drift_of
-from companion.analysis.envelope import Expectation, expected_by_age, expected_since_anchor
-from companion.analysis.expected import Expected
 from companion.analysis.finding import Cause, Finding, by_severity
 from companion.analysis.findings import rate_warning
+from companion.analysis.findings.vibration import Clips, clip_counts
 from companion.analysis.free_run import FreeRun, FreeState
-from companion.analysis.gravity import gravity_for
-from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec, SensorSpec
-from companion.analysis.integration import Integration
+from companion.analysis.imu_spec import GENERIC, ImuSpec, ReferenceSpec, SensorSpec, reported_by
+from companion.analysis.integration import Integration, gravity_for
 from companion.analysis.inventory import Item, inventory, used_aiding, used_imus
 from companion.analysis.lasting_errors import known_from
-from companion.analysis.noise import AxisNoise, FlightNoise, ImuNoise, RestNoise, imu_noise
-from companion.analysis.noise_model import ModelFigure, SensorModel, noise_model
+from companion.analysis.noise import (
+    AxisNoise,
+    FlightNoise,
+    ImuNoise,
+    ModelFigure,
+    RestNoise,
+    SensorModel,
+    imu_noise,
+    noise_model,
+)
 from companion.analysis.phases import phases
-from companion.analysis.pose_error import PoseError, Spread, ape, rpe
-from companion.analysis.recent_change import newest_stands_out
+from companion.analysis.pose_error import (
+    Expectation,
+    PoseError,
+    Spread,
+    ape,
+    expected_by_age,
+    expected_since_anchor,
+    rpe,
+)
 from companion.analysis.redundant_imus import RedundantImu, each_imu
 from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Continued, Replay, go_on, replay, replay_from_rest
-from companion.analysis.reported import reported_by
 from companion.analysis.rest import Rest, rests
-from companion.analysis.running_drift import RunningDrift
-from companion.analysis.sensitivity import Sensitivity
+from companion.analysis.running_drift import RunningDrift, newest_stands_out
 from companion.analysis.verdict import Verdict
 
 __all__ = [

@@ -13,7 +13,7 @@ import numpy as np
 from companion.analysis.budget import lasting_step_error, turn_jacobian
 from companion.analysis.comparison import Comparison
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.navigation_error import attitude_error, length
+from companion.analysis.reference import attitude_error, length
 from companion.analysis.rest import Rest, rests, why_none
 from companion.model import Array, DataError, Flight, ImuTrack, nearest
 from companion.strapdown import Propagation, preintegrate, propagate, quaternion

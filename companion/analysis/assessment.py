@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from companion.analysis.autopilot_bias import AutopilotBias, autopilot_bias
-from companion.analysis.budget import chi_square_95, chi_square_999, window_noise
+from companion.analysis.autopilot_error import AutopilotBias, autopilot_bias
+from companion.analysis.budget import Expected, chi_square_95, chi_square_999, expected_over, window_noise
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
 from companion.analysis.correction import NO_CORRECTION, Correction
+from companion.analysis.departures import Sensitivity, sensitivity
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
-from companion.analysis.expected import Expected, expected_over
 from companion.analysis.finding import Finding, by_severity
 from companion.analysis.findings import findings, missed_findings, reading_faults
 from companion.analysis.findings.axes import misread_finding
@@ -23,7 +23,6 @@ from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.lasting_errors import beside_best, known_from
 from companion.analysis.phases import phases
 from companion.analysis.rest import Rest, rests
-from companion.analysis.sensitivity import Sensitivity, sensitivity
 from companion.analysis.verdict import FEWEST_WINDOWS, JUDGED_S, Verdict, decide
 from companion.estimation import BestEstimate, ConstantErrors, Explained, kind_of, other_reading, smooth, without_errors
 from companion.model import Array, DataError, Flight, ImuTrack, Phase, brief

@@ -27,7 +27,7 @@ from companion.analysis.episode import (
     size_told,
 )
 from companion.analysis.finding import Finding, Severity, Side, runs
-from companion.analysis.navigation_error import length
+from companion.analysis.reference import length
 from companion.estimation import (
     KINDS,
     SLOPED,

@@ -1,15 +1,67 @@
-"""Autopilot minus best estimate: how far the autopilot's own estimate was off, as the other sensors have it."""
+"""What is known of the autopilot's own estimate: how far it was off, and the biases that it takes off the readings."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.navigation_error import attitude_error, length
-from companion.analysis.reference import Limits, reference_at
+from companion.analysis.finding import Finding
+from companion.analysis.reference import Limits, attitude_error, length, reference_at
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
-from companion.model import Array, Flight
+from companion.model import Array, Flight, ImuTrack, interpolated
+
+_BLOCK_S = 1.0
+_FEWEST = 5  # blocks
+_SLOW = 0.15  # rad/s: a board trim turns fast rates into false biases, since ATTITUDE's rates are not turned by it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AutopilotBias:
+    """An estimator's own gyro bias towards the end of a flight."""
+
+    gyro: Array  # (3,) rad/s, FRD
+    sigma: Array  # (3,) from its scatter, and from the steps of the readings
+    start_s: float  # boot clock
+    end_s: float
+
+
+def autopilot_bias(flight: Flight, track: ImuTrack) -> AutopilotBias | None:
+    """Readings of the gyro less the rates of ATTITUDE; None where those say nothing of this gyro.
+
+    They are the first IMU's. Where the log has no rates but the gyro's own, or the bias has been taken off the readings
+    already, there is nothing to compare.
+    """
+    attitude = flight.attitude
+    if attitude is None or not attitude.rates_told or not attitude.rates.any():
+        return None
+    if track.instance != 0 or track.bias_removed:
+        return None
+    inside = (attitude.t >= track.t[0]) & (attitude.t <= track.t[-1])
+    t, rates = attitude.t[inside], attitude.rates[inside]
+    if len(t) < 2:
+        return None
+    gyro = interpolated(t, track.t, track.gyro)
+    slow = length(rates) < _SLOW
+    block = ((t - t[0]) / _BLOCK_S).astype(np.intp)
+    count = np.bincount(block[slow], minlength=block[-1] + 1)
+    full = np.flatnonzero(count >= 0.9 * np.bincount(block).clip(1))
+    if len(full) < _FEWEST:
+        return None
+    sums = [np.bincount(block[slow], (gyro - rates)[slow, axis], minlength=len(count))[full] for axis in range(3)]
+    means = np.column_stack(sums) / count[full, None]
+    newest = means[-max(_FEWEST, round(_NEWEST * len(means))) :]
+    used = full[-len(newest) :]
+    middle = np.median(newest, axis=0)
+    scatter = 1.4826 * np.median(np.abs(newest - middle), axis=0)
+    return AutopilotBias(
+        gyro=middle,
+        sigma=np.hypot(scatter, 0.5 * track.gyro_step),
+        start_s=float(t[0] + used[0] * _BLOCK_S),
+        end_s=float(min(t[0] + (used[-1] + 1) * _BLOCK_S, t[-1])),
+    )
+
 
 _BEGIN = 0.1  # of the flight: where both positions begin
 
@@ -76,3 +128,49 @@ def _summary(name: str, unit: str, t: Array, size: Array, sigma: Array) -> Autop
         sigma=float(sigma[worst]),
         typical_sigma=float(np.median(sigma)),
     )
+
+
+_LARGE = {"gyro": 3e-3, "accel": 0.1}  # rad/s, m/s²: of a real, calibrated part
+_LEAST_SIGMA = {"gyro": 3e-4, "accel": 0.02}
+_SIGMAS = 3.0
+_SAID = {"gyro": ("gyro", "mrad/s", 1e3, 1), "accel": ("accelerometer", "m/s²", 1.0, 2)}
+_NEWEST = 0.25  # part of the flight, at its end: an estimator learns
+
+
+def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:
+    """Where the best estimate and an estimator of the vehicle find the same large bias in the IMU that was judged."""
+    own = [b for b in flight.biases if b.imu_instance == best.imu.instance and len(b)]
+    if not own:
+        return
+    held = own[0]
+    begin, end = float(best.t[0]), float(best.t[-1])
+    since = end - _NEWEST * (end - begin)
+    late, newest = held.t >= since, best.t >= since
+    for sensor, large in _LARGE.items():
+        values: Array = getattr(held, sensor)[late]
+        estimate: Array = getattr(best.states, f"{sensor}_bias")[newest]
+        if not len(values) or not np.isfinite(values).all():
+            continue
+        theirs, ours = np.median(values, axis=0), np.median(estimate, axis=0)
+        sigma = np.hypot(
+            np.nan_to_num(np.median(getattr(held, f"{sensor}_sigma")[late], axis=0)),
+            np.median(getattr(best, f"{sensor}_bias_sigma")[newest], axis=0),
+        )
+        sigma = np.maximum(sigma, _LEAST_SIGMA[sensor])
+        if float(length(ours)) < large or (np.abs(ours - theirs) > _SIGMAS * sigma).any():
+            continue
+        axis = int(np.argmax(np.abs(ours)))
+        if abs(theirs[axis]) < 0.5 * abs(ours[axis]):
+            continue  # it does not know it: it is only unsure
+        name, unit, factor, decimals = _SAID[sensor]
+        reads, takes = (f"{v[axis] * factor:.{decimals}f}" for v in (ours, theirs))
+        yield Finding(
+            f"{sensor}_bias_known",
+            "data",
+            "info",
+            begin,
+            end,
+            f"{name} {'xyz'[axis]} reads {reads} {unit} too much; the autopilot's estimator takes {takes} off "
+            f"({held.source})",
+            "No fault: the estimator knows it and removes it. A calibration at rest would spare it the work.",
+        )

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.navigation_error import attitude_error
 from companion.analysis.reference import (
     BoolArray,
     Reference,
+    attitude_error,
     attitude_jumps,
     position_jumps,
     reference_at,

@@ -9,13 +9,13 @@ from typing import Literal
 import numpy as np
 
 from companion.analysis.assessment import Assessment
+from companion.analysis.budget import Expected
 from companion.analysis.comparison import IntArray
 from companion.analysis.correction import NAMES
 from companion.analysis.drift import DriftRow
-from companion.analysis.expected import Expected
 from companion.analysis.finding import Finding
-from companion.analysis.navigation_error import length
 from companion.analysis.ranks import shift
+from companion.analysis.reference import length
 from companion.model import Array, brief, nearest
 
 QUANTITIES = ("attitude", "velocity", "position")

@@ -15,7 +15,7 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, windows
 from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.navigation_error import length
+from companion.analysis.reference import length
 from companion.model import Array, Flight, brief
 
 HORIZONS_S = (1.0, 2.0, 5.0, 10.0, 30.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.navigation_error import attitude_error
+from companion.analysis.reference import attitude_error
 from companion.analysis.replay import CONTEXT, Continued, Replay
 from companion.model import Array, ImuTrack, NavState, Trajectory
 from companion.strapdown import SAME_TIME, Reckoner

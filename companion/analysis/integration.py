@@ -1,11 +1,12 @@
-"""How an IMU is integrated and what ends a window: the choices that every part of the analysis shares."""
+"""How an IMU is integrated, in which gravity, and what ends a window: what every part of the analysis shares."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 from companion.analysis.reference import Limits
-from companion.model import STANDARD_GRAVITY
+from companion.model import STANDARD_GRAVITY, DataError, Flight
+from companion.strapdown import normal_gravity
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,3 +21,22 @@ class Integration:
 
 
 DEFAULT = Integration()
+
+
+def gravity_for(flight: Flight, model: str | float) -> float:
+    """Gravity along NED's down, m/s²: "standard" (9.80665), "normal" (WGS-84 at the flight's origin) or a number.
+
+    Raises DataError for "normal" when the log does not say where on Earth the flight was, ValueError for another word.
+    """
+    if isinstance(model, int | float):
+        return float(model)
+    if model == "standard":
+        return STANDARD_GRAVITY
+    if model != "normal":
+        raise ValueError(f'gravity must be "standard", "normal" or a number in m/s², got {model!r}')
+    if flight.origin is None:
+        raise DataError(
+            f"vehicle {flight.vehicle}, boot {flight.boot}: no latitude in the log (GLOBAL_POSITION_INT, GPS_RAW_INT, "
+            'GPS_GLOBAL_ORIGIN), which gravity = "normal" needs. Use "standard", or give a number in m/s².'
+        )
+    return float(normal_gravity(flight.origin.latitude, flight.origin.height))

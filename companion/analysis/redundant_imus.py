@@ -1,17 +1,28 @@
-"""Every IMU of a flight through the same windows."""
+"""Every IMU of a flight through the same windows, and IMU against IMU: which of two changed in flight.
+
+Two IMUs of one vehicle feel the same motion but for the distance between them. The difference of their readings over
+seconds is the difference of their errors: one that changes at once belongs to one of them, whatever the vehicle does
+and however slowly one of them was logged. Which one, says the best estimate that was made with one of the two: where it
+had to explain nothing and would have shown a change of this size, it is the other.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.analysis.budget import ATTITUDE, POSITION, budget, chi_square_95, nees, stacked
 from companion.analysis.comparison import Comparison, windows
 from companion.analysis.drift import DriftRow, drift_of
+from companion.analysis.episode import SENSORS
+from companion.analysis.finding import Cause, Finding
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.model import Flight
+from companion.analysis.phases import phases
+from companion.estimation import BestEstimate, kind_of
+from companion.model import Array, Flight, ImuTrack, interpolated
 
 _HORIZON_S = 5.0
 
@@ -54,3 +65,155 @@ def _redundant(comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpe
     row = drift_of(comparison, (_HORIZON_S,)).rows[0]
     track = comparison.track
     return RedundantImu(track.source, track.instance, track.rate_hz, row, inside)
+
+
+_BLOCK_S = 2.0  # over which differences are averaged
+_FEWEST_READINGS, _FEWEST_BLOCKS = 3, 12
+_LEAST: Mapping[str, float] = {"gyro": 8e-3, "accel": 0.4}
+"""rad/s, m/s²: two healthy IMUs part by less in a flight, also where vibration shifts one of them."""
+
+_TRIED = 64  # times at which a step is looked for at first
+_UNHEARD_S = 10.0  # after which one of them may have been calibrated anew
+_CERTAIN = 8.0  # σ of the difference
+_ABRUPT = 4.0  # times less is left of the difference's changes when one step is taken out
+
+
+@dataclass(frozen=True, slots=True)
+class Parting:
+    """A change of the difference between two IMUs."""
+
+    sensor: str  # "gyro", "accel"
+    axis: str  # that it is greatest on
+    onset: float  # s, boot clock
+    onset_sigma: float
+    size: Array  # (3,) rad/s or m/s² of the second less the first, after less before
+    sigma: float  # of its length
+
+
+def partings(first: ImuTrack, second: ImuTrack, spans: Sequence[tuple[float, float]]) -> Iterator[Parting]:
+    """Steps of the difference, second less first, within spans of boot time (s): at most one of each sensor."""
+    for sensor in ("gyro", "accel"):
+        parting = _parting(sensor, *_blocks(first, second, sensor, spans))
+        if parting is not None:
+            yield parting
+
+
+def _blocks(
+    first: ImuTrack, second: ImuTrack, sensor: str, spans: Sequence[tuple[float, float]]
+) -> tuple[Array, Array]:
+    """Times (B,) s and median differences (B, 3), second less first, of blocks with enough readings of both."""
+    slow, fast, sign = (first, second, -1.0) if first.rate_hz < second.rate_hz else (second, first, 1.0)
+    inside = np.zeros(len(slow), np.bool_)
+    for start, end in spans:
+        inside |= (slow.t >= start) & (slow.t <= end)
+    inside &= (slow.t >= fast.t[0]) & (slow.t <= fast.t[-1])
+    i = np.clip(np.searchsorted(fast.t, slow.t), 1, len(fast) - 1)
+    inside &= fast.t[i] - fast.t[i - 1] < 3.0 / fast.rate_hz
+    t, readings = slow.t[inside], getattr(slow, sensor)[inside]
+    other = interpolated(t, fast.t, getattr(fast, sensor))
+    off = sign * (readings - other)
+    width = max(_BLOCK_S, _FEWEST_READINGS / slow.rate_hz)
+    block = np.floor(t / width).astype(np.int64)
+    names, begin, count = np.unique(block, return_index=True, return_counts=True)
+    whole = count >= _FEWEST_READINGS
+    parts = [np.median(off[b : b + n], axis=0) for b, n in zip(begin[whole], count[whole], strict=True)]
+    return np.asarray((names[whole] + 0.5) * width, np.float64), np.asarray(parts, np.float64).reshape(-1, 3)
+
+
+def _best_of(off: Array, at: npt.NDArray[np.int64]) -> int:
+    """Before which of the blocks `at` the differences (B, 3) step: where their two medians leave least of them."""
+    left = [sum(float(np.abs(part - np.median(part, axis=0)).sum()) for part in (off[:k], off[k:])) for k in at]
+    return int(at[int(np.argmin(left))])
+
+
+def _parting(sensor: str, t: Array, off: Array) -> Parting | None:
+    """The one step that explains the differences (B, 3) at times (B,), if it is large, certain and abrupt."""
+    if len(t) < _FEWEST_BLOCKS:
+        return None
+    at = np.arange(_FEWEST_READINGS, len(t) - _FEWEST_READINGS + 1)
+    apart = max(1, len(at) // _TRIED)  # a long flight is looked through in steps, and closely about the best of them
+    k = _best_of(off, at[::apart])
+    k = _best_of(off, at[np.abs(at - k) < apart])
+    before, after = np.median(off[:k], axis=0), np.median(off[k:], axis=0)
+    if t[k] - t[k - 1] > _UNHEARD_S:
+        return None
+    size = after - before
+    # what the differences scatter by beside the step, slow changes included
+    rest = np.concatenate((off[:k] - before, off[k:] - after))
+    scatter = 1.4826 * np.median(np.abs(rest), axis=0)
+    sigma = float(np.sqrt((scatter**2).sum() * (1.0 / k + 1.0 / (len(t) - k))))
+    length = float(np.linalg.norm(size))
+    if length < max(_LEAST[sensor], _CERTAIN * sigma) or length < _ABRUPT * float(np.linalg.norm(scatter)):
+        return None
+    return Parting(
+        sensor,
+        "xyz"[int(np.argmax(np.abs(size)))],
+        float(0.5 * (t[k - 1] + t[k])),
+        float((t[k] - t[k - 1]) / np.sqrt(12.0)),
+        size,
+        sigma,
+    )
+
+
+def parting_findings(flight: Flight, used: ImuTrack, best: BestEstimate) -> list[Finding]:
+    """What another IMU of the flight did that the best estimate's own did not."""
+    spans = [(p.start, p.end) for p in phases(flight) if p.kind == "flight"]
+    findings: list[Finding] = []
+    for track in _others(flight, used):
+        findings += [
+            _finding(flight, used, track, one)
+            for one in partings(used, track, spans)
+            if best.detectable.get(f"{one.sensor}_bias", np.inf) < float(np.linalg.norm(one.size))
+            and not any(kind_of(e.kind).side == "imu" for e in best.explained)
+        ]
+    return findings
+
+
+def _others(flight: Flight, used: ImuTrack) -> list[ImuTrack]:
+    """One track of every other IMU, the fastest that it has."""
+    tracks: dict[int, ImuTrack] = {}
+    for track in flight.imus.values():
+        if track.instance != used.instance and len(track) > 1:
+            known = tracks.get(track.instance)
+            if known is None or track.rate_hz > known.rate_hz:
+                tracks[track.instance] = track
+    return list(tracks.values())
+
+
+_SHOWN = {"gyro": ("mrad/s", 1e3, 1), "accel": ("m/s²", 1.0, 2)}
+"""Sensor → unit, factor and decimals in words."""
+
+
+def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting) -> Finding:
+    kind, (unit, scale, decimals) = kind_of(f"{one.sensor}_bias"), _SHOWN[one.sensor]
+    numbers = ", ".join(f"{value * scale:.{decimals}f}" for value in one.size)
+    in_use = flight.imu_in_use
+    flown = set() if in_use is None else {int(instance) for instance in in_use.instance}
+    words = (
+        f"{track.source} (IMU {track.instance}): {SENSORS[one.sensor]} reads ({numbers}) ± "
+        f"{one.sigma * scale:.{decimals}f} {unit} more than {used.source} (IMU {used.instance}) "
+        f"from {one.onset:.1f} ± {one.onset_sigma:.1f} s to the end, which agrees with all other sensors"
+    )
+    if flown == {used.instance}:
+        words += f"; the autopilot flew on IMU {used.instance}: its estimate is right"
+    return Finding(
+        kind.name,
+        "imu",
+        "error",
+        one.onset,
+        float(track.t[-1]),
+        words,
+        f"Calibrate IMU {track.instance}; if it steps again, disable it: the autopilot may switch to it.",
+        words,
+        Cause(
+            kind.name,
+            "imu",
+            one.onset,
+            onset_sigma_s=one.onset_sigma,
+            sensor=one.sensor,
+            axis=one.axis if abs(one.size["xyz".index(one.axis)]) > 0.9 * float(np.linalg.norm(one.size)) else "",
+            size=float(np.linalg.norm(one.size)),
+            sigma=one.sigma,
+            unit=kind.unit,
+        ),
+    )

@@ -1,4 +1,4 @@
-"""The autopilot's attitude, velocity and position at any time, and where they cannot be known."""
+"""The autopilot's attitude, velocity and position at any time, where they cannot be known, and errors against them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from companion.analysis.navigation_error import attitude_error, length
 from companion.model import Array, AttitudeTrack, PositionTrack
 from companion.strapdown import quaternion
+
+
+def attitude_error(q_ref: Array, q: Array) -> Array:
+    """Rotation vector of q_ref ⊗ q⁻¹, (..., 3) NED, rad: x and y are the tilt error, z the heading error."""
+    return quaternion.log(quaternion.multiply(q_ref, quaternion.conjugate(q)))
+
+
+def length(vectors: Array) -> Array:
+    """Euclidean length along the last axis: (..., 3) to (...)."""
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
+
 
 BoolArray = npt.NDArray[np.bool_]
 

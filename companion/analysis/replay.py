@@ -9,8 +9,7 @@ import numpy as np
 from companion.analysis.alignment import Alignment
 from companion.analysis.comparison import IntArray
 from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.navigation_error import attitude_error
-from companion.analysis.reference import BoolArray, Reference, reference_at
+from companion.analysis.reference import BoolArray, Reference, attitude_error, reference_at
 from companion.model import Array, AttitudeTrack, DataError, Flight, ImuTrack, PositionTrack, brief, nearest
 from companion.strapdown import SAME_TIME, Preintegration, preintegrate, quaternion
 

@@ -15,8 +15,7 @@ import numpy as np
 from companion.analysis.budget import lasting_step_error
 from companion.analysis.finding import IntArray, run_edges
 from companion.analysis.imu_spec import ImuSpec
-from companion.analysis.navigation_error import length
-from companion.analysis.reference import BoolArray
+from companion.analysis.reference import BoolArray, length
 from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack
 
 _BLOCK_S, _BLOCK_SAMPLES = 0.5, 5  # a block is as long as both need

@@ -1,4 +1,4 @@
-"""The drift table of a flight that is still going on: every window counted once, as soon as it is complete."""
+"""The drift of a flight that is still going on: its table, window by window, and whether the last seconds differ."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison, Part, WindowErrors, compare, edges, errors, grid_origin, windows
 from companion.analysis.drift import HORIZONS_S, DriftRow, drift_row
+from companion.analysis.findings.stuck import STOPPED_S, STUCK_S, unchanged
 from companion.analysis.integration import DEFAULT, Integration
-from companion.model import Array, DataError, Flight
+from companion.analysis.reference import length
+from companion.model import Array, DataError, Flight, ImuTrack
 
 MOST_WINDOWS = 40_000
 """Of a horizon. At 1 s that is 11 h; then the oldest are forgotten, which bounds the memory."""
@@ -98,3 +100,49 @@ class _Table:
         e: Array = self._errors
         window_errors = WindowErrors(e[:, 0], e[:, 1], e[:, 2:5], e[:, 5:8], e[:, 8:11])
         return drift_row(self.horizon, dict(self._excluded), window_errors, has_position=has_position)
+
+
+_NEWEST_S, _WINDOW_S = 2.5, 1.0
+_FEWEST = 8  # windows before the newest
+_JUST_S = 0.6  # from when on an axis that stands still can be judged: later, it has been
+_TIMES, _USUAL = 3.0, 90.0  # times that percentile of the windows before
+
+
+def newest_stands_out(comparison: Comparison) -> bool:
+    """Whether the autopilot's estimate has just stepped, IMU and autopilot part faster than before, or an axis stands.
+
+    It says that something may have begun, not what.
+    """
+    since = float(comparison.track.t[-1]) - _NEWEST_S
+    if any(len(steps) and steps[-1, 1] > since for steps in (comparison.attitude_steps, comparison.position_steps)):
+        return True
+    if _stands(comparison.track):
+        return True
+    chosen = windows(comparison, _WINDOW_S)
+    window_errors = errors(comparison, chosen)
+    new = window_errors.end_s > since
+    if not new.any() or (~new).sum() < _FEWEST:
+        return False
+    parted = [window_errors.attitude, window_errors.velocity] if comparison.has_position else [window_errors.attitude]
+    return any(
+        float(size[new].max()) > _TIMES * float(np.percentile(size[~new], _USUAL)) for size in map(length, parted)
+    )
+
+
+def _stands(track: ImuTrack) -> bool:
+    """Whether an axis has read the same for just so long that it can be judged, and never before for half as long."""
+    return any(_has_stopped(track.t, readings) for readings in (track.gyro, track.accel))
+
+
+def _has_stopped(t: Array, readings: Array) -> bool:
+    if len(t) < 2:
+        return False
+    same = unchanged(readings)
+    for axis in range(3):
+        moves = np.flatnonzero(~same[:, axis]) + 1  # samples that read otherwise than the one before
+        if len(moves) < 2:
+            continue
+        lasted = float(t[-1] - t[moves[-1]])
+        if STOPPED_S < lasted < STUCK_S + _JUST_S and float(np.diff(t[moves]).max()) < 0.5 * lasted:
+            return True
+    return False

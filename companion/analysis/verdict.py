@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from companion.analysis.budget import Expected
 from companion.analysis.comparison import Windows
 from companion.analysis.episode import SIGMAS
-from companion.analysis.expected import Expected
 from companion.analysis.finding import Cause, Finding
 from companion.estimation import BestEstimate
 from companion.model import brief, counted

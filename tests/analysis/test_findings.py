@@ -11,12 +11,12 @@ import pytest
 import companion as c
 from benchmarks.accuracy.cutting import cut
 from companion.analysis import GENERIC, Assessment, Finding, assess
-from companion.analysis.clipping import clip_counts
 from companion.analysis.comparison import compare
 from companion.analysis.findings import findings
 from companion.analysis.findings.detect import reading_faults
 from companion.analysis.findings.jumps import jump_findings
-from companion.analysis.findings.lags import lags
+from companion.analysis.findings.sampling import lags
+from companion.analysis.findings.vibration import clip_counts
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.app.recording import read_recording
 from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, Event, Flight, ImuTrack, Series, StatusText, Vehicle

@@ -7,8 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from companion.analysis import Limits, reference_at
-from companion.analysis.navigation_error import attitude_error, length
-from companion.analysis.reference import attitude_jumps, position_jumps
+from companion.analysis.reference import attitude_error, attitude_jumps, length, position_jumps
 from companion.model import AttitudeTrack, PositionTrack, nearest
 from companion.strapdown import motions, quaternion
 from tests.flights import flight_of, seconds

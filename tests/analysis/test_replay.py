@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from companion.analysis import replay
-from companion.analysis.navigation_error import length
+from companion.analysis.reference import length
 from companion.model import DataError, NavState, PositionTrack
 from companion.strapdown import motions, reckon
 from tests.flights import flight_of, seconds

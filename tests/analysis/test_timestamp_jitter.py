@@ -9,8 +9,7 @@ import pytest
 from scipy.special import chdtri
 
 from companion.analysis import GENERIC, ReferenceSpec, compare, windows
-from companion.analysis.budget import budget, nees, stacked
-from companion.analysis.timestamp_jitter import stamp_jitter
+from companion.analysis.budget import budget, nees, stacked, stamp_jitter
 from companion.model import ImuTrack
 from companion.strapdown import motions
 from tests.flights import flight_of, seconds

@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison, IntArray
 from companion.analysis.finding import Finding
-from companion.analysis.navigation_error import length
+from companion.analysis.reference import length
 from companion.estimation import Reading
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack
 from companion.strapdown import quaternion

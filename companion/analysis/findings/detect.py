@@ -1,4 +1,4 @@
-"""All findings of one IMU of a flight, those that only follow from others left out."""
+"""All findings of one IMU of a flight, without those that only follow from others, and with what the vehicle says."""
 
 from __future__ import annotations
 
@@ -8,26 +8,24 @@ from dataclasses import replace
 import numpy as np
 
 from companion.analysis.attribution import episodes, findings_of
-from companion.analysis.between_imus import parting_findings
+from companion.analysis.autopilot_error import known_biases
 from companion.analysis.comparison import Comparison
 from companion.analysis.departures import departures
 from companion.analysis.episode import SIGMAS
 from companion.analysis.finding import Finding, by_severity
-from companion.analysis.findings.aiding_sensors import with_witnesses
 from companion.analysis.findings.axes import axes_findings
 from companion.analysis.findings.installation import Installation, installation, level
 from companion.analysis.findings.jumps import jump_findings
-from companion.analysis.findings.lags import lags
 from companion.analysis.findings.readings import reading_findings
 from companion.analysis.findings.residuals import residuals
-from companion.analysis.findings.sampling import rate_findings, stamp_findings
+from companion.analysis.findings.sampling import lags, rate_findings, stamp_findings
 from companion.analysis.findings.stuck import stuck_findings
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.known_bias import known_biases
 from companion.analysis.phases import phases
+from companion.analysis.redundant_imus import parting_findings
 from companion.estimation import BestEstimate, kind_of
-from companion.model import Flight, ImuTrack
+from companion.model import Flight, ImuTrack, Series
 
 
 def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec) -> list[Finding]:
@@ -213,3 +211,51 @@ def _not_independent(comparison: Comparison) -> Finding:
         "even where both are wrong",
         "Ask for SCALED_IMU (SET_MESSAGE_INTERVAL), or use the .ulg log.",
     )
+
+
+_BEFORE_S, _AFTER_S = 2.0, 15.0  # a glitch is spoken of once the estimator has noticed
+_WORDS = ("ekf", "gps", "compass", "mag", "yaw", "lane", "glitch", "aiding", "primary", "variance", "failsafe", "reset")
+_MOST = 2  # quotations
+_RATIOS = {
+    "velocity_ratio": "velocity",
+    "position_ratio": "position",
+    "height_ratio": "height",
+    "compass_ratio": "compass",
+}
+
+
+def with_witnesses(finding: Finding, flight: Flight) -> Finding:
+    """The finding about the autopilot with what the vehicle said at that time, and how its estimator saw itself."""
+    if finding.side != "autopilot":
+        return finding
+    begin, end = finding.start_s, min(finding.end_s, finding.start_s + _AFTER_S)
+    said = [(t.t, t.text) for t in flight.texts if _speaks(t.text)]
+    said += [(e.t, e.text) for e in flight.events if e.kind in {"error", "event"} and _speaks(e.text)]
+    during = [(t, text) for t, text in said if begin - _BEFORE_S <= t <= end + _AFTER_S]
+    nearest = sorted(during, key=lambda spoken: max(begin - spoken[0], spoken[0] - end, 0.0))
+    words = dict.fromkeys(f"{''.join(c for c in text if c.isprintable())!r} at {t:.1f} s" for t, text in nearest)
+    evidence = [finding.evidence]
+    if words:
+        evidence.append(f"the vehicle said {', '.join(list(words)[:_MOST])}")
+    estimator = flight.series.get("estimator")
+    if estimator is not None and (ratio := _worst_ratio(estimator, begin - _BEFORE_S, end + _BEFORE_S)):
+        evidence.append(ratio)
+    return replace(finding, evidence="; ".join(evidence), headline=finding.headline or finding.evidence)
+
+
+def _speaks(text: str) -> bool:
+    return any(word in text.lower() for word in _WORDS)
+
+
+def _worst_ratio(estimator: Series, begin: float, end: float) -> str:
+    """The estimator's worst test ratio of a time, if it rejected something: 1 and more is what it does not believe."""
+    during = (estimator.t >= begin) & (estimator.t <= end)
+    ratios = {
+        name: float(np.nanmax(estimator[column][during]))
+        for column, name in _RATIOS.items()
+        if column in estimator.columns and np.isfinite(estimator[column][during]).any()
+    }
+    if not ratios:
+        return ""
+    worst = max(ratios, key=lambda name: ratios[name])
+    return f"{estimator.source}'s {worst} ratio reached {ratios[worst]:.1f} (1: rejected)" if ratios[worst] >= 1 else ""

@@ -8,7 +8,7 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Cause, Finding, Severity, runs
-from companion.analysis.navigation_error import length
+from companion.analysis.reference import length
 from companion.model import Flight, PositionTrack
 from companion.strapdown import quaternion
 

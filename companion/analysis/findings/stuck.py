@@ -19,8 +19,7 @@ from companion.analysis.findings.readings import (
     never_repeats,
 )
 from companion.analysis.imu_spec import ReferenceSpec
-from companion.analysis.navigation_error import length
-from companion.analysis.reference import BoolArray
+from companion.analysis.reference import BoolArray, length
 from companion.estimation import BestEstimate, motion_between
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack
 from companion.strapdown import quaternion
