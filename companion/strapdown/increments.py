@@ -5,7 +5,7 @@ of them are computed as arrays; `companion.strapdown.reckon` then multiplies and
 signal is a line through them (`middle="linear"`) or the cubic through the four samples around
 (`middle="cubic"`): on smooth motion RK4 is of order 2 with the line and 4 with the cubic (docs/mathematics.md).
 Where samples are means over joining intervals (`ImuTrack.interval`), "cubic" is what conserves their integrals
-(`companion.strapdown._means`).
+(`companion.strapdown._signal`).
 """
 
 from __future__ import annotations
@@ -19,10 +19,8 @@ import numpy as np
 from companion.model import Array, ImuTrack
 from companion.strapdown import _components as rows
 from companion.strapdown import quaternion
-from companion.strapdown._means import joined, pieces
-from companion.strapdown._methods import METHODS, one_and, rk4_attitude
-from companion.strapdown._scheme import Scheme, require_samples, scheme_for
-from companion.strapdown._signal import Signal, signal_of
+from companion.strapdown._methods import METHODS, Scheme, one_and, require_samples, rk4_attitude, scheme_for
+from companion.strapdown._signal import Signal, joined, pieces, signal_of
 
 CHUNK: Final = 8192
 """Intervals handled at a time: the working arrays of a chunk stay in the processor's cache."""

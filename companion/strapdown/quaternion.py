@@ -22,7 +22,7 @@ IDENTITY.setflags(write=False)
 def multiply(a: Array, b: Array) -> Array:
     """Hamilton product a ⊗ b: first b, then a. Shapes (..., 4), broadcast against each other.
 
-    As pairs of complex numbers w + ix, y + iz (see `_scan`): a third of the time that the real components take.
+    As pairs of complex numbers w + ix, y + iz (see `_components`): a third of the time that the real components take.
     """
     (a0, a1), (b0, b1) = _pair(a), _pair(b)
     first = a0 * b0 - a1 * b1.conj()

@@ -1,6 +1,6 @@
 """From increments to a trajectory: the attitude as a running product, velocity and position as running sums.
 
-Nothing loops over samples: the running product is a prefix scan (`_scan`), and the work is done in chunks that fit the
+Nothing loops over samples: the running product is a prefix scan, and the work is done in chunks that fit the
 processor's cache. `preintegrate` does the same without gravity and without a start, and its result serves every anchor,
 horizon and window (docs/mathematics.md).
 """
@@ -15,8 +15,8 @@ import numpy.typing as npt
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
 from companion.strapdown import _components as rows
 from companion.strapdown import quaternion
-from companion.strapdown._scan import running_product
-from companion.strapdown._scheme import Scheme, require_samples, scheme_for
+from companion.strapdown._components import running_product
+from companion.strapdown._methods import Scheme, require_samples, scheme_for
 from companion.strapdown.increments import chunks
 
 SAME_TIME = 5e-7

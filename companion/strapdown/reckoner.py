@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from companion.model import STANDARD_GRAVITY, ImuTrack, NavState, Trajectory
-from companion.strapdown._scheme import scheme_for
+from companion.strapdown._methods import scheme_for
 from companion.strapdown.reckon import SAME_TIME, checked, run, start_index
 
 
