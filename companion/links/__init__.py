@@ -1,15 +1,14 @@
 """Vehicles on a link: transports, the session, what is asked for, and the recording. The only sockets."""
 
-from companion.links.address import Address, is_link, parse_address
 from companion.links.link import Link, LinkHealth, open_port
 from companion.links.playback import Played, play
-from companion.links.ports import NotThereError, Port
+from companion.links.ports import Address, NotThereError, Port, is_link, parse_address
 from companion.links.recorder import Recorder
 from companion.links.requests import ForbiddenMessageError, Request, Target, announce
 from companion.links.session import Arriving, Choice, Report, Session
 from companion.links.stream_manager import StreamManager
 from companion.links.stream_request import RequestState, StreamRequest
-from companion.links.timesync import Clock
+from companion.links.vehicle_facts import Clock
 
 __all__ = [
     "Address",

@@ -9,8 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from companion.links.address import Address, parse_address
-from companion.links.ports import Port
+from companion.links.ports import Address, Port, parse_address
 from companion.links.requests import ANNOUNCEMENT, ForbiddenMessageError, Request
 from companion.links.serial_port import SerialPort
 from companion.links.sockets import TcpPort, UdpPort

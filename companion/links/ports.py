@@ -1,11 +1,64 @@
-"""A two-way stream of bytes that comes back after it went away: what a link stands on."""
+"""What a link is called, and what it stands on: a two-way stream of bytes that comes back after it went away."""
 
 from __future__ import annotations
 
+import re
 import time
-from typing import Protocol
+from dataclasses import dataclass
+from typing import Literal, Protocol
 
 from companion.model import InputError
+
+Kind = Literal["udpin", "udpout", "tcp", "tcpin", "serial"]
+
+DEFAULT_BAUD = 115_200
+"""What USB flight controllers ignore and most telemetry ports of the boards use; SiK radios are set to 57600."""
+
+_NETWORK = re.compile(r"(udpin|udpout|udp|tcpin|tcp):(?:(.*):)?(\d+)")
+_SERIAL = re.compile(r"(?:serial:)?(/.+?|COM\d+)(?::(\d+))?", re.IGNORECASE)
+_FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or a device like /dev/ttyACM0:115200"
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """Where a link goes."""
+
+    kind: Kind
+    host: str = ""  # a name or number; for the kinds that wait for others, the own address to wait at
+    port: int = 0
+    device: str = ""  # of a serial link
+    baud: int = DEFAULT_BAUD
+
+    def __str__(self) -> str:
+        return f"{self.device}:{self.baud}" if self.kind == "serial" else f"{self.kind}:{self.host}:{self.port}"
+
+    @property
+    def bytes_per_second(self) -> float | None:
+        """What a serial line carries (8N1: ten bits a byte); None for a network."""
+        return self.baud / 10 if self.kind == "serial" else None
+
+
+def is_link(text: str) -> bool:
+    """Whether a word on the command line is meant as a link, not as a file."""
+    return bool(re.match(r"(udp|tcp|serial:|/dev/tty|COM\d)", text, re.IGNORECASE))
+
+
+def parse_address(text: str) -> Address:
+    """The address that a text names. `udp:` is `udpin:`, as in pymavlink. Raises InputError for one that is none."""
+    if match := _NETWORK.fullmatch(text):
+        kind, host, port = match[1], match[2] or "", int(match[3])
+        if not 0 <= port <= 65535:
+            raise InputError(f"{text} has no port between 0 and 65535.")
+        if not port and kind in ("udpout", "tcp"):
+            raise InputError(f"{text} names no port to send to: 0 is none.")
+        if not host:
+            host = "0.0.0.0" if kind in ("udp", "udpin", "tcpin") else "127.0.0.1"
+        kinds: dict[str, Kind] = {"udp": "udpin", "udpin": "udpin", "udpout": "udpout", "tcp": "tcp", "tcpin": "tcpin"}
+        return Address(kinds[kind], host.strip("[]"), port)
+    if match := _SERIAL.fullmatch(text):
+        return Address("serial", device=match[1], baud=int(match[2] or DEFAULT_BAUD))
+    raise InputError(f"{text!r} is not a link: use {_FORMS}.")
+
 
 _BACK_OFF_S = (0.2, 5.0)  # between attempts to come back: the first, doubled each time up to the last
 

@@ -7,8 +7,7 @@ import errno
 import time
 from typing import Any
 
-from companion.links.address import Address
-from companion.links.ports import BackOff, NotThereError
+from companion.links.ports import Address, BackOff, NotThereError
 
 _WAIT_S = 0.05  # that a read waits for its first byte
 

@@ -17,7 +17,7 @@ from companion.links.request_table import fit, wanted_from
 from companion.links.requests import Target
 from companion.links.stream_manager import StreamManager
 from companion.links.stream_request import RequestState
-from companion.links.timesync import Clock
+from companion.links.vehicle_facts import Clock
 from companion.links.vehicle_session import VehicleSession
 from companion.mavlink import Frames, Messages, split_messages
 from companion.model import CompanionError

@@ -15,8 +15,7 @@ import socket
 import time
 from typing import Any
 
-from companion.links.address import Address
-from companion.links.ports import BackOff, NotThereError
+from companion.links.ports import Address, BackOff, NotThereError
 from companion.model import InputError
 
 _READ = 65_536  # bytes, taken once for all: `recv` takes so much anew for every datagram, and shreds the heap

@@ -14,7 +14,6 @@ from collections.abc import Mapping
 
 from companion.links import requests
 from companion.links.original_rates import OriginalRate, OriginalRatesFile, restoring
-from companion.links.reboots import Reboots
 from companion.links.request_table import OPTIONAL
 from companion.links.requests import Request, Target
 from companion.links.stream_request import (
@@ -28,7 +27,7 @@ from companion.links.stream_request import (
     StreamRequest,
     slower,
 )
-from companion.links.vehicle_facts import PARAMETERS, PX4_PARAMETERS, Facts
+from companion.links.vehicle_facts import PARAMETERS, PX4_PARAMETERS, Facts, Reboots
 from companion.mavlink import Dialect, Messages
 
 _ANSWER_S = 1.0  # how long an answer may take

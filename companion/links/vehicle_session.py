@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 
-from companion.links.reboots import Reboots
 from companion.links.requests import Request, Target
 from companion.links.stream_manager import StreamManager
-from companion.links.timesync import Timesync
+from companion.links.vehicle_facts import Reboots, Timesync
 from companion.mavlink import Messages
 from companion.model import IMU_MESSAGES
 

@@ -1,17 +1,123 @@
-"""A flight with known truth: what really happened, what the IMU measured of it, what the autopilot made of it."""
+"""A flight with known truth: what happened, what its sensors read, what the autopilot made of it, what goes wrong."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.model import STANDARD_GRAVITY, Array, ImuTrack, SettingsError
-from companion.simulate.aiding_sensors import FIX_LATENCY_S, Witnesses, witness
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, SettingsError, interpolated
 from companion.simulate.circuit import square
-from companion.simulate.faults import Faults
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
+
+HOME = (float(np.radians(47.0)), float(np.radians(8.0)), 500.0)
+"""Where simulated vehicles fly: latitude and longitude in rad, m above mean sea level."""
+
+EARTH_FIELD = np.array([21.765e-6, 1.232e-6, 42.914e-6])
+"""The Earth's field at HOME, NED, tesla: World Magnetic Model 2020, end of 2023."""
+
+FIX_PERIOD_S, FIX_LATENCY_S = 0.2, 0.1
+GPS_SIGMA = (0.3, 0.5, 0.1)
+"""1σ of a fix: horizontal and vertical, m; of its velocity, m/s."""
+
+_COMPASS_SIGMA = 0.5e-6  # tesla
+_SECOND_IRON = np.array([0.8e-6, -0.5e-6, 0.3e-6])  # what calibration has left of the second compass' hard iron
+_BAROMETER_SIGMA = 0.1  # m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Witnesses:
+    """Readings at the N times of a motion, and fixes as they come."""
+
+    fixed: Array  # (M,) s, when a fix reached the autopilot: FIX_LATENCY_S after the time that it speaks of
+    place: Array  # (M, 3) m, NED about HOME
+    velocity: Array  # (M, 3) m/s, NED
+    fields: tuple[Array, Array]  # (N, 3) tesla, FRD, of either compass
+    height: Array  # (N,) m above HOME, by the barometer
+
+
+def witness(truth: Motion, seed: int) -> Witnesses:
+    """What the sensors read of a motion. The same seed gives the same readings."""
+    rng = np.random.default_rng([seed, 1])  # the IMU's noise has draws of its own
+    t = truth.t
+    fixed = np.arange(t[0], t[-1] + 1e-9, FIX_PERIOD_S)
+    horizontal, vertical, speed = GPS_SIGMA
+    place, velocity = (interpolated(fixed - FIX_LATENCY_S, t, of) for of in (truth.position, truth.velocity))
+    felt = quaternion.rotate(quaternion.conjugate(truth.q_ned_frd), EARTH_FIELD)
+    first, second = felt + _COMPASS_SIGMA * rng.standard_normal((2, len(t), 3))
+    return Witnesses(
+        fixed=fixed,
+        place=place + [horizontal, horizontal, vertical] * rng.standard_normal(place.shape),
+        velocity=velocity + speed * rng.standard_normal(velocity.shape),
+        fields=(first, second + _SECOND_IRON),
+        height=-truth.position[:, 2] + _BAROMETER_SIGMA * rng.standard_normal(len(t)),
+    )
+
+
+def pressure(height: Array) -> Array:
+    """Pa at heights (N,) m above HOME, by the standard atmosphere (ISO 2533)."""
+    return np.asarray(101_325.0 * (1.0 - 2.25577e-5 * (HOME[2] + height)) ** 5.25588)
+
+
+@dataclass(frozen=True, slots=True)
+class Faults:
+    """Faults of a simulated flight; times in s since it began."""
+
+    reboot: tuple[float, ...] = ()  # s, the autopilot starts again: clock, sequence and intervals are gone
+    silence: tuple[tuple[float, float], ...] = ()  # (begin, end) s, nothing is sent
+    drop: float = 0.0  # share of packets that get lost
+    duplicate: float = 0.0  # share of packets that arrive twice
+    reorder: float = 0.0  # share of packets that arrive after the next
+    garbage: float = 0.0  # share of packets with noise in front of them
+    denied: frozenset[str] = frozenset()  # messages whose interval may not be set; "*": none may
+    never: frozenset[str] = frozenset()  # messages that are promised and never come, as PX4 does without a source
+    turned_down: tuple[float, ...] = ()  # s, another ground station asks for every stream at 2 Hz
+    imu_bias: tuple[float, float] | None = None  # from s on, rad/s about z: a gyro bias
+    imu_stuck: float | None = None  # from s on, every axis reads the same
+    imu_clip: tuple[float, float] | None = None  # (begin, end) s, vibration beyond the accelerometer's range
+    gps_glitch: tuple[float, float, float] | None = None  # (begin, end) s, m east: the estimate follows a false GPS
+    ekf_reset: tuple[float, float] | None = None  # from s on, m north: the estimate jumps
+
+    def __post_init__(self) -> None:
+        for name in ("drop", "duplicate", "reorder", "garbage"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise SettingsError(f"the fault {name} is a share between 0 and 1, got {getattr(self, name)}")
+
+    def silent(self, t: float) -> bool:
+        """Whether nothing is sent at t s."""
+        return any(begin <= t < end for begin, end in self.silence)
+
+
+class Channel:
+    """A bad link: loses, doubles, swaps and soils packets at random, the same way for the same seed."""
+
+    def __init__(self, faults: Faults, seed: int) -> None:
+        self._faults = faults
+        self._rng = np.random.default_rng(seed)
+        self._late: tuple[float, bytes] | None = None
+
+    def carry(self, packets: Iterable[tuple[float, bytes]]) -> Iterator[tuple[float, bytes]]:
+        """The packets that arrive, each with its time."""
+        faults = self._faults
+        if not (faults.silence or faults.drop or faults.duplicate or faults.reorder or faults.garbage):
+            yield from packets
+            return
+        for t, packet in packets:
+            lost, twice, late, soiled = self._rng.random(4)
+            if faults.silent(t) or lost < faults.drop:
+                continue
+            arriving = self._rng.bytes(20) + packet if soiled < faults.garbage else packet
+            if self._late is None and late < faults.reorder:
+                self._late = (t, arriving)
+                continue
+            yield t, arriving
+            if twice < faults.duplicate:
+                yield t, arriving
+            if self._late is not None:
+                yield t, self._late[1]
+                self._late = None
+
 
 LOOP_US = 2500
 """Period of the autopilot's main loop: ArduCopter's 400 Hz."""
@@ -71,7 +177,7 @@ def fly(
     *,
     motion: str = "circle",
     model: ImuModel = TYPICAL,
-    faults: Faults = Faults(),  # noqa: B008  (frozen)
+    faults: Faults = Faults(),
     filter_hz: float = 0.0,
     latency_s: float = 0.0,
     seed: int = 0,

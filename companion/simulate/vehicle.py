@@ -1,17 +1,20 @@
-"""A simulated vehicle that speaks MAVLink: bytes in, packets out, at times that the caller sets."""
+"""A simulated vehicle that speaks MAVLink: bytes in, packets out, at times that the caller or the clock sets."""
 
 from __future__ import annotations
 
 import math
+import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
+from companion.links import Port
 from companion.mavlink import Decoder, Packer, Value, load_dialect, split_messages
-from companion.simulate.faults import Channel, Faults
+from companion.model import InputError
 from companion.simulate.intervals import ACCEPTED, DENIED, Autopilot, Intervals
 from companion.simulate.measurements import STREAMS, payloads
-from companion.simulate.true_flight import LOOP_US, Flown
+from companion.simulate.true_flight import LOOP_US, Channel, Faults, Flown
 
 _GET_INTERVAL, _SET_INTERVAL, _REQUEST_MESSAGE = 510, 511, 512  # MAV_CMD
 _UNSUPPORTED = 3  # MAV_RESULT
@@ -223,3 +226,37 @@ class SimulatedVehicle:
         else:
             result = DENIED if command == _REQUEST_MESSAGE else _UNSUPPORTED
         self._say("COMMAND_ACK", command=command, result=result)
+
+
+EPOCH = 1_700_000_000.0
+"""UNIX time at which a flight written to a file begins, s: the same file for the same seed."""
+
+_STEP_S = 0.005
+"""Pause between sendings; ArduPilot's simulator sends in bursts too."""
+
+
+def serve(
+    vehicle: SimulatedVehicle, port: Port, *, speed: float = 1.0, stop: Callable[[], bool] = lambda: False
+) -> None:
+    """Fly the vehicle from where it is to its end, or until `stop()`, at `speed` times the pace of the clock."""
+    begin = time.monotonic() - vehicle.t / speed
+    while not vehicle.finished and not stop():
+        port.wait(0.0)
+        if data := port.read():
+            vehicle.receive(data)
+        for _, packet in vehicle.advance((time.monotonic() - begin) * speed):
+            port.write(packet)
+        time.sleep(_STEP_S)
+
+
+def write_flight(vehicle: SimulatedVehicle, path: str | Path) -> None:
+    """Fly the vehicle to its end and write what it sends as a tlog. Raises InputError if that cannot be written."""
+    try:
+        with Path(path).open("wb") as file:
+            t = 0.0
+            while not vehicle.finished:
+                t += 1.0
+                for sent, packet in vehicle.advance(t):
+                    file.write(round((EPOCH + sent) * 1e6).to_bytes(8, "big") + packet)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written ({error.strerror}): choose another place.") from None
