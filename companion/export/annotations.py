@@ -14,7 +14,7 @@ from itertools import groupby
 from pathlib import Path
 
 from companion.analysis import Finding, Verdict, by_severity
-from companion.export.format import Format
+from companion.export.table import Format
 
 _MOST_TEXT, _MOST_NAME, _MOST_INTERVALS, _MOST_CATEGORIES = 200, 64, 1000, 50  # of Flight Review
 _SEVERITY_COLOURS = {"error": "#d55e00", "warning": "#e69f00", "info": "#0072b2"}

@@ -10,8 +10,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from companion.export.format import Format
-from companion.export.table import Column, Table, harmless
+from companion.export.table import Column, Format, Table, harmless
 
 
 def write_csv(folder: Path, tables: Mapping[str, Table]) -> list[Path]:

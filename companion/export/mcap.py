@@ -17,9 +17,8 @@ import numpy as np
 
 from companion.analysis import Assessment, Replay
 from companion.export import foxglove
-from companion.export.format import Contents, Format
-from companion.export.paths import COLOURS, geodetic, paths, places
-from companion.export.table import Table, series_name
+from companion.export.kml import COLOURS, geodetic, paths, places
+from companion.export.table import Contents, Format, Table, series_name
 from companion.model import Array, Flight, InputError
 
 _NED_IN_ENU = np.array([[0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0]])  # half a turn about north-east: swaps and flips

@@ -1,24 +1,23 @@
-"""A table of named columns, each with its unit and frame: what CSV, Parquet, JSON and a notebook get."""
+"""A table of named columns, each with its unit and frame, and what a format is that writes such tables."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import InputError
+from companion.analysis import Assessment, Replay
+from companion.model import Array, Flight, InputError
 from companion.strapdown import quaternion
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-
-import re
-
-from companion.model import Array, Flight
 
 Values = npt.NDArray[Any]
 
@@ -131,3 +130,25 @@ def times(flight: Flight, t: Array, *, prefix: str = "") -> tuple[Column, Column
     unix = np.full(len(t), np.nan) if flight.epoch is None else flight.epoch.unix_s + t
     source = f"since 1970, UTC, by {flight.epoch.source}" if flight.epoch else "since 1970, UTC: not known"
     return Column(f"{prefix}t_s", t, "s", BOOT_CLOCK), Column(f"{prefix}unix_s", unix, "s", source)
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """What there is to be written of a flight."""
+
+    flight: Flight
+    assessment: Assessment
+    shown: Replay
+    tables: Mapping[str, Table]
+    document: Callable[[], msgspec.Struct]  # that of `companion analyze --json`, made when it is asked for
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """One format. `bare` writes the tables of a log that cannot be examined; None where that would be nothing."""
+
+    name: str
+    what: str
+    write: Callable[[Path, Contents], list[Path]]
+    bare: Callable[[Path, Mapping[str, Table]], list[Path]] | None = None
+    is_folder: bool = False

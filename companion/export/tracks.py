@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.analysis import NAMES, PARTS, Assessment, Calibration, DriftRow, Replay, phases, replay
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
-from companion.export.paths import places
+from companion.export.kml import places
 from companion.export.sensors import imu_table, sensor_tables, series_table
 from companion.export.table import BOOT_CLOCK, Column, Table, euler_angles, quaternions, times, vectors
 from companion.model import Array, AttitudeTrack, Flight, PositionTrack, interpolated

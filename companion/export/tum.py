@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.analysis import Replay
 from companion.estimation import BestEstimate
-from companion.export.format import Format
+from companion.export.table import Format
 from companion.model import Array, Flight
 
 

@@ -11,10 +11,9 @@ from companion.fleet.digest import (
     worst_ratios,
 )
 from companion.fleet.limits import MEMORY_GB, TIMEOUT_S
-from companion.fleet.rows import Row, Rows
+from companion.fleet.rows import COLUMNS, Row, Rows, arrow_table
 from companion.fleet.run import Fleet, FleetRun, run_fleet
 from companion.fleet.search import FoundLog, Search, find_logs
-from companion.fleet.tables import COLUMNS, arrow_table
 
 __all__ = [
     "COLUMNS",

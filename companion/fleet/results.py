@@ -13,9 +13,8 @@ from companion.app.destination import replacing
 from companion.fleet.journal import printable
 from companion.fleet.page import fleet_html
 from companion.fleet.records import LogRecord
-from companion.fleet.rows import Rows, rows_of
+from companion.fleet.rows import COLUMNS, Rows, arrow_table, rows_of
 from companion.fleet.search import FoundLog
-from companion.fleet.tables import COLUMNS, arrow_table
 from companion.model import InputError
 
 PAGE = "fleet.html"

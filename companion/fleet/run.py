@@ -15,11 +15,10 @@ from companion.app.settings import Settings
 from companion.fleet.cluster import examine_all, local_cluster, remote_cluster
 from companion.fleet.journal import Journal
 from companion.fleet.limits import MEMORY_GB, TIMEOUT_S
-from companion.fleet.records import LogRecord, Plan
+from companion.fleet.records import LogRecord, Plan, version_of
 from companion.fleet.results import write_results
 from companion.fleet.rows import Rows, rows_of
 from companion.fleet.search import FoundLog
-from companion.fleet.version import version_of
 from companion.model import InputError
 
 

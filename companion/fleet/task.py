@@ -1,33 +1,36 @@
-"""One log examined where it is: the function that a worker runs. Only the path comes, only small rows go back."""
+"""One log examined where it is: the function that a worker runs. Only the path comes, only small rows go back.
+
+And a report of each flight, into the folder of the results, where one is wanted.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import functools
 import hashlib
+import re
 import signal
 import socket
 import sys
 import warnings
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
-from companion.app.examination import examine, unexaminable
+from companion.app.destination import replacing
+from companion.app.examination import Examination, examine, unexaminable
 from companion.app.recording import Recording, read_recording
 from companion.app.settings import Settings
 from companion.documents import analysis_document, unexamined_document, vehicle_object
 from companion.fleet.journal import printable
 from companion.fleet.limits import TimeUpError, limited
-from companion.fleet.records import FlightRecord, LogRecord, Plan
-from companion.fleet.reports import write_report
-from companion.fleet.rows import rows_of
+from companion.fleet.records import FlightRecord, LogRecord, Plan, version_of
+from companion.fleet.rows import arrow_tables, rows_of
 from companion.fleet.search import FoundLog
-from companion.fleet.sensors import board_of, sensor_ids, temperatures
-from companion.fleet.tables import arrow_tables
-from companion.fleet.version import version_of
-from companion.model import CompanionError, DataError, Flight
+from companion.model import CompanionError, DataError, Flight, InputError
+from companion.report import report_html
 
 _NO_CALENDAR_S = 4e9  # the year 2096
 
@@ -168,3 +171,78 @@ def dask_setup(worker: object) -> None:
 def decode(answer: bytes) -> LogRecord:
     """What `examine_log` gave."""
     return msgspec.json.decode(answer, type=LogRecord)
+
+
+_FOLDER = "reports"
+
+
+def write_report(folder: Path, recording: Recording, examined: Examination, settings: Settings, digest: str) -> str:
+    """Write it, and return its place in the folder: named after the log and its content.
+
+    Raises InputError when plotly is not installed or the folder is not to be seen from here, OSError when the file
+    cannot be written.
+    """
+    if not folder.is_dir():
+        raise InputError(f"the folder {folder} is not here: reports need a file system that all workers share.")
+    flight = examined.flight
+    which = "" if len(recording.flights) == 1 else f"-{flight.vehicle.sysid}.{flight.vehicle.compid}-{flight.boot}"
+    stem = re.sub(r"[^\w.-]+", "_", recording.source.path.stem, flags=re.ASCII)[:80]
+    name = f"{_FOLDER}/{stem}-{digest[:10]}{which}.html"
+    (folder / _FOLDER).mkdir(exist_ok=True)
+    page = report_html(examined, recording.source, settings, command=f"companion report {recording.source.path.name}")
+    with replacing(folder / name) as draft:
+        draft.write_text(page, encoding="utf-8", errors="replace")
+    return name
+
+
+_SERIAL = re.compile(r"\b([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})\b|^([0-9a-f]{32})$")
+"""ArduPilot's banner gives the processor's unique id so (AP_HAL_ChibiOS/Util.cpp, get_system_id); its simulator's is
+32 digits."""
+
+_IDS = 2.0**32  # a device id has 32 bits: what is larger is damage
+
+
+def sensor_ids(flight: Flight, sensor: str) -> dict[str, int]:
+    """IMU message → the autopilot's id of its "gyro" or "accel", where the parameters are in the log.
+
+    ArduPilot: INS_GYR_ID, INS_GYR2_ID, ..., INS_ACC_ID; PX4: CAL_GYRO0_ID, ..., CAL_ACC0_ID. The id holds the bus,
+    address and type of the part (AP_InertialSensor, DevTypes): two boards of a kind have the same.
+    """
+    ids: dict[str, int] = {}
+    for name, track in flight.imus.items():
+        identity = next((flight.parameters[p] for p in _names(sensor, track.instance) if p in flight.parameters), 0.0)
+        if identity and abs(identity) < _IDS:
+            ids[name] = int(identity)
+    return ids
+
+
+def board_of(flights: Iterable[Flight]) -> str | None:
+    """The serial number of a vehicle's flight controller: what its banner says in any of its flights (it comes once
+    for a ground station), else BRD_SERIAL_NUM; None when neither is known.
+    """
+    number = 0.0
+    for flight in flights:
+        for said in flight.texts:
+            if match := _SERIAL.search(said.text):
+                return match[1] or match[2]
+        number = flight.parameters.get("BRD_SERIAL_NUM", number)
+    return str(int(number)) if number and abs(number) < _IDS else None
+
+
+def temperatures(flight: Flight) -> dict[str, float]:
+    """IMU message → its median temperature over the flight, °C, where the log has it."""
+    medians: dict[str, float] = {}
+    for name in flight.imus:
+        if (series := flight.series.get(f"temperature:{name}")) is not None and len(series):
+            known = series["temperature_degc"]
+            known = known[np.isfinite(known)]
+            if len(known):
+                medians[name] = float(np.median(known))
+    return medians
+
+
+def _names(sensor: str, instance: int) -> tuple[str, ...]:
+    ardupilot = {"gyro": "INS_GYR", "accel": "INS_ACC"}[sensor]
+    px4 = {"gyro": "CAL_GYRO", "accel": "CAL_ACC"}[sensor]
+    number = "" if instance == 0 else str(instance + 1)
+    return f"{ardupilot}{number}_ID", f"{px4}{instance}_ID"

@@ -14,7 +14,7 @@ from companion.cli import main
 from companion.cli.main import parser
 from companion.fleet.journal import Journal
 from companion.fleet.results import write_results
-from companion.fleet.tables import COLUMNS
+from companion.fleet.rows import COLUMNS
 from companion.model import InputError
 from tests.recordings import BUNDLED
 from tests.simulated import free_port

@@ -24,12 +24,10 @@ from companion.app.settings import Settings
 from companion.cli import main
 from companion.fleet import FleetRun, FoundLog, cluster, run_fleet
 from companion.fleet.limits import TIMEOUT_S, limited
-from companion.fleet.records import LogRecord, Plan
+from companion.fleet.records import LogRecord, Plan, version_of
 from companion.fleet.results import write_results
-from companion.fleet.rows import rows_of
-from companion.fleet.tables import arrow_tables
+from companion.fleet.rows import arrow_tables, rows_of
 from companion.fleet.task import decode, examine_log
-from companion.fleet.version import version_of
 from companion.model import InputError
 from tests.fleet.conftest import copies, table, with_workers
 from tests.processes import ended

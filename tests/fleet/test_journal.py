@@ -9,9 +9,8 @@ import pytest
 
 from companion.app.settings import AutopilotSettings, Settings, ViewSettings
 from companion.fleet.journal import NAME, Journal
-from companion.fleet.records import LogRecord
+from companion.fleet.records import MAKING, LogRecord, version_of
 from companion.fleet.search import FoundLog
-from companion.fleet.version import MAKING, version_of
 from companion.model import InputError
 from tests.test_architecture import MAY_IMPORT
 
