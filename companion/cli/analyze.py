@@ -11,7 +11,7 @@ from rich.markup import escape
 from companion.analysis import rate_warning
 from companion.app.examination import Examination, Unexamined, examine, unexaminable
 from companion.app.recording import Source
-from companion.cli import options, sensor_lines, tables, verdict_table
+from companion.cli import many_logs, options, sensor_lines, tables
 from companion.cli.first_screen import first_screen
 from companion.cli.info import reference_line
 from companion.documents import analysis_document, encode, unexamined_document
@@ -44,7 +44,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 def run(arguments: argparse.Namespace) -> int:
     """Print the analysis of one flight, or a row for each flight of several logs."""
     if len(arguments.logs) > 1 or Path(arguments.logs[0]).is_dir():
-        return verdict_table.print_table(arguments)
+        return many_logs.print_verdicts(arguments)
     arguments.log = arguments.logs[0]
     settings = options.settings_of(arguments)
     recording = options.read(arguments, settings)

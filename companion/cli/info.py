@@ -13,7 +13,7 @@ from rich.table import Table
 
 from companion.analysis import Item, inventory, phases, used_aiding, used_imus
 from companion.app.recording import Recording, Source
-from companion.cli import options, sensor_table, tables
+from companion.cli import many_logs, options, tables
 from companion.documents import encode, info_document
 from companion.model import Flight, SettingsError, counted
 
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.table or len(arguments.logs) > 1:
         if arguments.json:
             raise SettingsError("--json is of one log: name one, without --table.")
-        return sensor_table.print_table(arguments)
+        return many_logs.print_sensors(arguments)
     arguments.log = arguments.logs[0]
     recording = options.read(arguments, options.settings_of(arguments), every_message=True)
     if arguments.json:
