@@ -22,10 +22,10 @@ from companion.analysis import (
     replay,
     rpe,
 )
-from companion.app.blas import one_blas_thread
 from companion.app.examination import Examination, examine
 from companion.app.notebook import OpenReplay, show
 from companion.app.recording import open_log
+from companion.app.resources import one_blas_thread
 from companion.app.settings import Settings, load_settings
 from companion.estimation import BestEstimate
 from companion.estimation import smooth as _smooth

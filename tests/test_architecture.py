@@ -28,18 +28,18 @@ MAY_IMPORT = {
     "analysis": GROUND | {"strapdown", "estimation"},
     "simulate": GROUND | {"mavlink", "links", "strapdown"},
     "app": set[str](),
-    "app.memory": set[str](),
-    "app.blas": set[str](),
+    "app.resources": set[str](),
     "app.toml_file": GROUND,
     "app.destination": GROUND,
     "app.settings": GROUND | {"strapdown", "app.toml_file"},
     "app.correction": GROUND | {"app.toml_file", "analysis"},
     "app.sensors": GROUND | {"app.toml_file", "app.settings", "analysis"},
     "app.recording": GROUND | {"mavlink", "logs", "telemetry"},
-    "app.examination": GROUND | {"app.blas", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
+    "app.examination": GROUND
+    | {"app.resources", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
     "app.live": GROUND | {"mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
-    | {"mavlink", "estimation", "analysis", "app.memory", "app.settings", "app.examination", "app.live"},
+    | {"mavlink", "estimation", "analysis", "app.resources", "app.settings", "app.examination", "app.live"},
     "app.replay_page": GROUND
     | {"analysis", "app.settings", "app.correction", "app.recording", "app.examination", "report", "view"},
     "app.live_page": GROUND | {"links", "analysis", "app.settings", "app.live", "app.running_verdict", "view"},
@@ -58,12 +58,12 @@ MAY_IMPORT = {
     "cli": GROUND
     | {"mavlink", "logs", "links", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
     | {"app.destination", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}
-    | {"app.live", "app.memory", "app.running_verdict", "app.replay_page", "app.live_page"}
+    | {"app.live", "app.resources", "app.running_verdict", "app.replay_page", "app.live_page"}
     | {"documents", "present", "view", "report", "export", "fleet"},
     "__main__": {"cli"},
     "__init__": {"api"},
     "api": GROUND
-    | {"strapdown", "estimation", "analysis", "app.blas", "app.settings"}
+    | {"strapdown", "estimation", "analysis", "app.resources", "app.settings"}
     | {"app.recording", "app.examination", "app.notebook"}
     | {"export", "report"},
 }
@@ -103,7 +103,7 @@ LIBRARIES = {
     "simulate": {"numpy"},
     "telemetry": {"numpy", "pyulog"},
     "app.settings": {"msgspec"},
-    "app.blas": {"threadpoolctl"},
+    "app.resources": {"threadpoolctl"},
     "app.recording": {"numpy"},
     "app.sensors": {"msgspec"},
     "app.correction": {"msgspec", "numpy"},

@@ -31,8 +31,8 @@ from companion.analysis import (
     imu_noise,
     reported_by,
 )
-from companion.app.blas import one_blas_thread
 from companion.app.correction import load_correction
+from companion.app.resources import one_blas_thread
 from companion.app.sensors import imu_spec_of, load_imu_spec
 from companion.app.settings import Settings
 from companion.estimation import BestEstimate

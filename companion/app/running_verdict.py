@@ -28,7 +28,7 @@ import msgspec
 from companion.analysis import Verdict, expected_by_age
 from companion.app.examination import assess_imu
 from companion.app.live import Band, Judge, Judging, Opinion, Pace
-from companion.app.memory import give_back
+from companion.app.resources import give_back
 from companion.app.settings import Settings
 from companion.estimation import BestEstimate
 from companion.mavlink import Frames

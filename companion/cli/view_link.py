@@ -13,7 +13,7 @@ from companion.analysis import Integration
 from companion.app.examination import limits_of
 from companion.app.live import Attachment
 from companion.app.live_page import LiveFeed
-from companion.app.memory import give_back
+from companion.app.resources import give_back
 from companion.app.settings import Settings
 from companion.cli import live, options, unexpected_error
 from companion.links import Recorder, Session

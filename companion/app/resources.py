@@ -1,11 +1,13 @@
-"""The threads of BLAS, in processes that are not ours: notebooks and programs that call the package."""
+"""What a process takes of the computer: threads of BLAS, and memory that it gives back when it needs it no longer."""
 
 from __future__ import annotations
 
-import functools
+import ctypes
 import os
+import sys
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar
+from functools import cache, wraps
+from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -18,7 +20,7 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
     their own everything takes several times as long. What the caller has set in OPENBLAS_NUM_THREADS holds.
     """
 
-    @functools.wraps(function)
+    @wraps(function)
     def limited(*args: P.args, **kwargs: P.kwargs) -> R:
         if "OPENBLAS_NUM_THREADS" in os.environ:
             return function(*args, **kwargs)
@@ -28,3 +30,19 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **kwargs)
 
     return limited
+
+
+def give_back() -> None:
+    """Give what was freed back to the operating system: glibc keeps it. Some milliseconds; elsewhere nothing is done.
+
+    Source: malloc_trim(3).
+    """
+    if (trim := _trim()) is not None:
+        trim(0)
+
+
+@cache
+def _trim() -> Any:
+    if sys.platform != "linux":
+        return None
+    return getattr(ctypes.CDLL(None), "malloc_trim", None)  # musl has none
