@@ -4,7 +4,7 @@ from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures
 from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.competition import CREEPS, times_of_change
 from companion.estimation.constant_errors import allowing
-from companion.estimation.explanations import KINDS, Kind, kind_of
+from companion.estimation.explanations import KINDS, SLOPED, Kind, kind_of
 from companion.estimation.model import (
     ATTITUDE,
     CONSTANTS,
@@ -29,7 +29,6 @@ from companion.estimation.noise_density import (
     white_noise,
 )
 from companion.estimation.phrases import Size, main_axis, turn_of_the_field
-from companion.estimation.shapes import SLOPED
 from companion.estimation.smoother import smooth
 from companion.estimation.spectrum import (
     Peak,

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.estimation.explanations import Kind, Problem, Signature
+from companion.estimation.explanations import ENDING, SLOPED, Kind, Problem, Signature, at_work
 from companion.estimation.model import ATTITUDE, CONSTANT_STATES, STATES, VELOCITY, Explained
-from companion.estimation.shapes import ENDING, SLOPED, at_work
 from companion.estimation.system import Prior, Solution
 from companion.model import Array
 

@@ -1,4 +1,4 @@
-"""What may go wrong in a flight, each as a signature in the smoother's linear system.
+"""What may go wrong in a flight, each as a signature in the smoother's linear system, and how it comes and goes.
 
 An explanation has a few unknown numbers u (a step of the gyro's bias: three) that would change the residuals of some
 factors by S u from its onset on.
@@ -13,10 +13,43 @@ import numpy as np
 
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, STATES, VELOCITY
 from companion.estimation.phrases import Phrase, by_axes, by_length, by_number, by_turn_of_the_field
-from companion.estimation.shapes import INTEGRAL, SLOPED
 from companion.estimation.system import Measurement, Motion
 from companion.model import Array
 from companion.strapdown import quaternion, skew
+
+SLOPED = ("ramp", "creep")
+"""Shapes whose size is per second."""
+
+ENDING = ("pulse", "creep")
+"""Shapes that have an end as well as an onset."""
+
+INTEGRAL: Mapping[str, str] = {"step": "ramp", "pulse": "creep"}
+"""Shape → that of its integral."""
+
+
+def at_work(shape: str, onset: Array, end: Array, start: Array, stop: Array) -> Array:
+    """(T, F) how far an explanation from `onset` to `end` (T,) is at work between start and stop (F,), on average.
+
+    A step, pulse or shock is 0 or 1, a ramp has the time since its onset, s, a creep that to its
+    end; at an instant start == stop.
+    """
+    a, b = start[None] - onset[:, None], stop[None] - onset[:, None]
+    if shape == "shock":
+        return ((a <= 0) & (b > 0)).astype(np.float64)
+    if shape in SLOPED:
+        most = (end - onset)[:, None]
+        return 0.5 * (np.clip(a, 0.0, most) + np.clip(b, 0.0, most))
+    share = _begun(a, b)
+    ends = np.isfinite(end)
+    if ends.any():
+        share[ends] -= _begun(start[None] - end[ends, None], stop[None] - end[ends, None])
+    return share
+
+
+def _begun(a: Array, b: Array) -> Array:
+    """The part of the time from a to b that lies after zero."""
+    return np.where(b > a, np.clip(b / np.where(b > a, b - a, 1.0), 0.0, 1.0), (a >= 0).astype(np.float64))
+
 
 _SHOCK = 10.0  # what an IMU misses in a moment it otherwise shows: a hole, readings at their end, vibration
 _MOMENTS = 4.0 * float(np.log(1000 / 24))  # both its ends are moments: of a thousand keyframes, not of 24 stretches

@@ -2,22 +2,111 @@
 
 Each pass takes the nominal states, makes them linear, solves for all errors at once and moves the states; in between
 the densities are learned.
+
+Where the readings contradict each other the problem is far from linear, and a whole step may lead anywhere. So the
+misfit where it ends is compared with that where it begins, and a step that leads uphill is shortened to where a
+parabola through both and the slope at its beginning is least (J. Nocedal, S. J. Wright 2006, Numerical Optimization,
+§3.5). On a link the iteration may begin with what was estimated a moment ago, carried on to what has arrived since.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from companion.estimation.choice import Choice
-from companion.estimation.descent import LITTLE, Point, Step
 from companion.estimation.learned_noise import START, coloured, learn, noise_limits, outlier_weights
 from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
-from companion.estimation.model import CONSTANT_STATES, ProcessNoise, States
+from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
 from companion.estimation.setup import Setup
-from companion.model import Array, DataError
+from companion.estimation.system import Prior, misfit, squares
+from companion.model import Array, DataError, interpolated, nearest
+from companion.strapdown import preintegrate
+
+LITTLE = 1e-3  # of the misfit: no state moves by more than three hundredths of its σ
+_SHORTEST, _LONGEST = 0.1, 0.5  # of a step that is shortened once
+_SHORTENED = 2  # times, at most
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Point:
+    """Where an iteration stands."""
+
+    states: States
+    sizes: Array  # (m,) of what is accepted
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Step:
+    """The way to the solution of a linear problem."""
+
+    begin: Point
+    x: Array  # (K, 15) error of the states
+    c: Array  # (39 + m,) error of the constants, and the sizes of what is accepted
+    weight: Array  # (K-1, 15, 15) of the motion
+    information: tuple[Array, ...]  # of every witness, (M, d)
+    misfit: float  # at its beginning
+    gain: float  # by how much less it is at its end, were the problem linear
+
+    @classmethod
+    def of(cls, linear: Linear, sizes: Array) -> Step:
+        """From the states of a linear problem, where what is accepted has these sizes (m,)."""
+        solution, prior = linear.solution, linear.prior
+        information = tuple(one.information for one in linear.measurements)
+        begin = _misfit(linear, sizes, linear.motion.weight, information)
+        end = misfit(linear.motion, linear.measurements, solution) + _of_prior(
+            prior, prior.residual - solution.x[0], prior.constants_residual - solution.c
+        )
+        point = Point(linear.states, sizes)
+        return cls(point, solution.x, solution.c, linear.motion.weight, information, begin, begin - end)
+
+    def at(self, share: float) -> Point:
+        """After a share of it."""
+        sizes = self.begin.sizes
+        states = self.begin.states.moved(share * self.x, share * self.c)
+        return Point(states, sizes + share * (self.c[CONSTANT_STATES:] - sizes))
+
+    def misfit_at(self, point: Point, linear: Linear) -> float:
+        """The misfit at a point, about which a problem was made linear, with the weights of this one."""
+        return _misfit(linear, point.sizes, self.weight, self.information)
+
+    def taken(self, linearised: Callable[[Point], Linear]) -> tuple[Point, Linear]:
+        """Where it leads, and the linear problem there.
+
+        linearised: makes the problem about a point.
+        """
+        share, left = 1.0, _SHORTENED
+        while True:
+            point = self.at(share)
+            linear = linearised(point)
+            higher = self.misfit_at(point, linear) - self.misfit
+            if not (higher > LITTLE and left):  # of absurd readings it may be no number
+                return point, linear
+            del linear  # before the next is made, as large
+            least = np.nan_to_num(self.gain * share**2 / (higher + 2.0 * self.gain * share))
+            share, left = float(np.clip(least, _SHORTEST * share, _LONGEST * share)), left - 1
+
+
+def _misfit(linear: Linear, sizes: Array, weight: Array, information: Sequence[Array]) -> float:
+    """That of the states about which a problem was made linear, and of sizes (m,), with the weights of a problem."""
+    known = slice(CONSTANT_STATES, None)
+    measured = (
+        (one.residual - one.constants[..., known] @ sizes, own)
+        for one, own in zip(linear.measurements, information, strict=True)
+    )
+    motion, prior = linear.motion, linear.prior
+    constants = prior.constants_residual.copy()
+    constants[known] -= sizes
+    return squares(motion.residual + motion.constants[..., known] @ sizes, weight, measured) + _of_prior(
+        prior, prior.residual, constants
+    )
+
+
+def _of_prior(prior: Prior, states: Array, constants: Array) -> float:
+    return float(((states / prior.sigma) ** 2).sum() + ((constants / prior.constants_sigma) ** 2).sum())
+
 
 _PASSES = 20  # at most
 _LEARN_FROM = 1  # the pass after which densities are learned
@@ -114,3 +203,35 @@ def carried(setup: Setup, states: States, before: CarriedImu | None) -> CarriedI
     if before is not None and all(np.abs(b - c).max() < far for b, c, far in zip(bias, before.bias, _FAR, strict=True)):
         return before
     return carry_imu(setup, bias)
+
+
+def resuming(starts: Iterable[Start], setup: Setup, before: BestEstimate) -> Iterator[Start]:
+    """Where the iteration may begin: at an estimate whose flight goes on, and then where it would without it."""
+    others = iter(starts)
+    first = next(others)
+    resumed = _resumed(setup, first, before)
+    if resumed is not None:
+        yield resumed
+    yield first
+    yield from others
+
+
+def _resumed(setup: Setup, first: Start, before: BestEstimate) -> Start | None:
+    """A start with attitudes, biases, constants and noise of an estimate; velocities and positions follow in one step.
+
+    None where that estimate is of another IMU or another time, or had something to explain.
+    """
+    track, t = setup.imu, before.t
+    seen = np.flatnonzero((t >= track.t[0]) & (t <= track.t[-1]))
+    if before.imu.source != track.source or not len(seen) or before.explained or before.contradicted:
+        return None
+    k = seen[np.clip(np.searchsorted(t[seen], setup.t, side="right") - 1, 0, len(seen) - 1)]
+    own, still = before.states, np.zeros((len(k), 3))
+    path = preintegrate(corrected(track, before))
+    q, _, _ = path.carry(nearest(track.t, t[k]), setup.index, own.q_ned_frd[k], still, still)
+    holes = np.append(0, np.cumsum(setup.broken))
+    carried = holes <= holes[np.searchsorted(setup.t, t[seen[-1]], side="right") - 1]  # without one since its end
+    q = np.where(carried[:, None], q, first.states.q_ned_frd)
+    gyro, accel = (interpolated(setup.t, t, bias) for bias in (own.gyro_bias, own.accel_bias))
+    states = replace(first.states, q_ned_frd=q, gyro_bias=gyro, accel_bias=accel, constants=own.constants)
+    return Start(states, before.noise, {**first.scale, **before.measurement_scale}, near=True)

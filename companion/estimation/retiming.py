@@ -15,10 +15,10 @@ import numpy as np
 
 from companion.estimation.choice import SHARPEST_S, Choice
 from companion.estimation.competition import times_of_change
+from companion.estimation.explanations import at_work
 from companion.estimation.iteration import Start, carried, estimate
 from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.setup import Setup
-from companion.estimation.shapes import at_work
 from companion.estimation.system import misfit
 from companion.estimation.weighing import spread
 from companion.model import Array

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.estimation.explanations import KINDS, Kind, Problem, Signature
+from companion.estimation.explanations import KINDS, SLOPED, Kind, Problem, Signature
 from companion.estimation.model import STATES
-from companion.estimation.shapes import SLOPED
 from companion.estimation.system import Index, Solution
 from companion.estimation.weighing import Candidate, Factors, candidate, changed
 from companion.model import Array

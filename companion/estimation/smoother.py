@@ -15,7 +15,7 @@ import numpy as np
 from companion.estimation.choice import PROMISING, WORTH, Choice, explained, gain_beside, promising, unrest
 from companion.estimation.competition import choose, detectable
 from companion.estimation.constant_errors import constant_errors, of_first_half
-from companion.estimation.iteration import Start, estimate, likelihood, start_of
+from companion.estimation.iteration import Start, estimate, likelihood, resuming, start_of
 from companion.estimation.learned_noise import believing, lasting, noise_limits, scatter
 from companion.estimation.linearisation import Linear
 from companion.estimation.measurements import UNITS
@@ -29,7 +29,6 @@ from companion.estimation.model import (
     Residuals,
     States,
 )
-from companion.estimation.resumption import resuming
 from companion.estimation.retiming import Limits, retimed
 from companion.estimation.setup import Setup, guesses, set_up
 from companion.estimation.system import measurement_residual, solve

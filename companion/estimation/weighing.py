@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from companion.estimation.explanations import Kind, Problem, Signature
+from companion.estimation.explanations import SLOPED, Kind, Problem, Signature, at_work
 from companion.estimation.model import VELOCITY
-from companion.estimation.shapes import SLOPED, at_work
 from companion.estimation.system import Index, Solution, measurement_residual, motion_residual
 from companion.model import Array
 

@@ -11,8 +11,7 @@ import pytest
 
 from benchmarks.accuracy.cutting import cut, part
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate, iteration, linearisation, smooth
-from companion.estimation.iteration import start_of
-from companion.estimation.resumption import resuming
+from companion.estimation.iteration import resuming, start_of
 from companion.estimation.setup import first_guess, set_up
 from companion.model import STANDARD_GRAVITY, Flight
 from companion.strapdown import quaternion

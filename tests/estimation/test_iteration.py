@@ -9,8 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from companion.estimation.descent import LITTLE, Point, Step
-from companion.estimation.iteration import carried
+from companion.estimation.iteration import LITTLE, Point, Step, carried
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.setup import first_guess, set_up
