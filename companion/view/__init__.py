@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Any
 from companion.view.state.choice import Examine, Offer, Recompute, ReplayChoice, chosen_track, with_track
 from companion.view.state.decimation import extremes
 from companion.view.state.feed import Feed, Judgement, LinkState, Seen, StreamState
-from companion.view.state.insight import Insight
+from companion.view.state.insight import Insight, Worst, worst_stretch
 from companion.view.state.marks import Mark
 from companion.view.state.places import best_path
 from companion.view.state.sample import Footage, Reckoning
-from companion.view.state.worst import Worst, worst_stretch
 
 if TYPE_CHECKING:
     from companion.view.app import LiveViewer, Viewer

@@ -21,7 +21,7 @@ from companion.view.scene.vehicle_shapes import Drone, drone_for
 from companion.view.server.web_server import Address, close_server, new_token, open_server
 from companion.view.state.places import home_position
 from companion.view.state.sample import Footage, Reckoning, footage
-from companion.view.state.worker import begin, leave
+from companion.view.state.work import begin, leave
 
 FRAMES_HZ = 10.0
 MOST_FRAMES = 3000  # five minutes; a longer flight gets fewer a second, so that the page stays small

@@ -29,9 +29,8 @@ from PIL import Image
 
 from companion.model import Array, CompanionError, Flight, InputError, SettingsError
 from companion.view.scene.cameras import Framing
-from companion.view.state.map_tiles import MapPicture, tiles_over
-from companion.view.state.places import degrees_of, ground_of
-from companion.view.state.worker import LatestOnly
+from companion.view.state.places import MapPicture, degrees_of, ground_of, tiles_over
+from companion.view.state.work import LatestOnly
 
 TIMEOUT_S = 20.0
 """For all tiles together."""

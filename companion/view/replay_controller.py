@@ -18,10 +18,9 @@ from companion.view import export
 from companion.view.charts.chart_pages import ChartPages
 from companion.view.export import PAGE, REPORT, Saver
 from companion.view.ground_map import MapLayer
-from companion.view.panels.adjustments import TRAILS, Adjustments
+from companion.view.panels.adjustments import EXTRA_PATHS, TRAILS, Adjustments
 from companion.view.panels.bands import bands, outside
 from companion.view.panels.controls import dock, listen_to_clicks
-from companion.view.panels.picture_controls import EXTRA_PATHS
 from companion.view.panels.replay_panel import Panel
 from companion.view.panels.timeline import Timeline
 from companion.view.panels.verdict_panel import DriftTab, FindingsTab

@@ -19,9 +19,8 @@ from companion.model import STANDARD_GRAVITY, GpsTrack, Origin
 from companion.present import of_imus
 from companion.strapdown import ImuModel, Sensor, motions, quaternion, simulate
 from companion.view import Insight, ReplayChoice
-from companion.view.charts.drift_chart import drift_lines
 from companion.view.charts.flight_charts import rates
-from companion.view.charts.noise_chart import noise_lines
+from companion.view.charts.log_charts import drift_lines, noise_lines
 from companion.view.panels import banner, verdict_tables
 from companion.view.scene.ellipsoid import Ellipsoid, semi_axes
 from companion.view.state.places import gps_path, home_position

@@ -17,8 +17,7 @@ from PIL import Image
 from companion.model import Flight, InputError, Origin, SettingsError
 from companion.view.ground_map import Ground, MapLayer, cache_folder, check_url, credit, ground_map
 from companion.view.scene.cameras import frame
-from companion.view.state.map_tiles import MapPicture
-from companion.view.state.places import degrees_of, ground_of
+from companion.view.state.places import MapPicture, degrees_of, ground_of
 from tests.view.circles import make_flight
 from tests.waiting import wait_for
 

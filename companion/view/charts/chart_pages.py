@@ -9,10 +9,16 @@ import viser
 from companion.model import Flight
 from companion.present import Rgb, palette
 from companion.view.charts.chart import STYLE, Chart, Drawing
-from companion.view.charts.drift_chart import QUANTITIES, drift_lines, drift_styles
 from companion.view.charts.flight_charts import error_drawings, horizon_drawings, rate_drawings, reading_drawings
-from companion.view.charts.log_charts import LogCharts
-from companion.view.charts.noise_chart import STYLES, TITLES, noise_lines
+from companion.view.charts.log_charts import (
+    DRIFT_QUANTITIES,
+    NOISE_STYLES,
+    NOISE_TITLES,
+    LogCharts,
+    drift_lines,
+    drift_styles,
+    noise_lines,
+)
 from companion.view.panels.controls import listen
 from companion.view.state import events
 from companion.view.state.sample import Footage, Sample
@@ -43,8 +49,8 @@ class ChartPages:
         listen(self._page, post, lambda: events.PickCharts(str(self._page.value)))
         gui.add_html(STYLE)
         self._charts = [Chart(gui) for _ in range(CHARTS)]
-        self._drift = LogCharts(gui, tuple(QUANTITIES), "after, s", drift_styles(palette.IMU), points=True)
-        self._noise = LogCharts(gui, TITLES, "Hz or s", STYLES)
+        self._drift = LogCharts(gui, tuple(DRIFT_QUANTITIES), "after, s", drift_styles(palette.IMU), points=True)
+        self._noise = LogCharts(gui, NOISE_TITLES, "Hz or s", NOISE_STYLES)
         self._hint = gui.add_html("", visible=False)
         self._film: Footage | None = None
         self._flight: Flight | None = None
@@ -57,9 +63,9 @@ class ChartPages:
         self._film, self._flight, self._colours, self._part = film, flight, colours, part
         insight = film.insight
         assessment = insight.assessment if insight else None
-        drifts = [None if assessment is None else drift_lines(assessment, name) for name in QUANTITIES.values()]
+        drifts = [None if assessment is None else drift_lines(assessment, name) for name in DRIFT_QUANTITIES.values()]
         self._drift.draw(drifts, drift_styles(colours.get(film.source, palette.IMU)))
-        self._noise.draw(noise_lines(insight.noise if insight else None), STYLES)
+        self._noise.draw(noise_lines(insight.noise if insight else None), NOISE_STYLES)
         self._draw()
 
     def choose_part(self, part: tuple[float, float]) -> None:

@@ -8,8 +8,8 @@ from dataclasses import replace
 import viser
 
 from companion.view.panels import live_text
+from companion.view.panels.adjustments import PictureControls
 from companion.view.panels.controls import Key, bounded, camera_row, command, key_of, listen, write
-from companion.view.panels.picture_controls import PictureControls
 from companion.view.panels.reckoning_controls import INTEGRATORS, JOINED, MIDDLES
 from companion.view.state import events
 from companion.view.state.choice import ReplayChoice

@@ -12,8 +12,8 @@ import viser
 from companion.model import Flight
 from companion.present import Rgb, palette, vehicle_words
 from companion.view.panels import banner
+from companion.view.panels.adjustments import EXTRA_PATHS
 from companion.view.panels.controls import listen, write
-from companion.view.panels.picture_controls import EXTRA_PATHS
 from companion.view.panels.verdict_tables import swatch
 from companion.view.state import events
 from companion.view.state.events import ExtraPath

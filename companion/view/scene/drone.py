@@ -1,15 +1,29 @@
-"""One drone on screen: a place, an attitude, a size and a name."""
+"""One drone on screen: a place, an attitude, a size, a name and lines; and what changes from instant to instant."""
 
 from __future__ import annotations
+
+from typing import Literal, NamedTuple
 
 import numpy as np
 import viser
 
 from companion.model import Array
 from companion.present import Rgb, palette
-from companion.view.scene.move import Move
 from companion.view.scene.vehicle_shapes import Drone
 from companion.view.state.visible import show
+
+
+class Move(NamedTuple):
+    """A new value of a node's property."""
+
+    node: viser.SceneNodeHandle
+    name: Literal["wxyz", "position", "points"]
+    value: Array  # (4,) quaternion, (3,) m from the node above, or (M, 2, 3) float32, m
+
+    def show(self) -> None:
+        """Write it to whoever looks."""
+        setattr(self.node, self.name, self.value)
+
 
 GHOST_SCALE = 0.94
 """The ghost is a little smaller: where both drones coincide it is inside the solid one and does not flicker."""
@@ -108,3 +122,31 @@ class Body:
             self._name_below = below
             self._name.anchor = "bottom-center" if below < 0 else "top-center"
             self._name.position = (0.0, 0.0, below)
+
+
+_SEEN_M, _SEEN = 0.01, 0.01  # m, and of its length: a smaller change is not sent
+
+
+class AttachedLine:
+    """Only the view thread may call it. name: a node under the drone's, whose place is where the line begins."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, colour: Rgb, thickness: float) -> None:
+        nothing = np.zeros((1, 2, 3), dtype=np.float32)
+        self._line = scene.add_line_segments(name, nothing, colour, thickness=thickness, thickness_units="screen")
+        self.end: Array = np.zeros(3)  # m NED from the drone
+
+    @property
+    def visible(self) -> bool:
+        """Whether it is drawn where its drone is."""
+        return self._line.visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        show(self._line, visible)
+
+    def moves(self, end: Array) -> list[Move]:
+        """What changes when it is drawn to `end` (3,) m NED from the drone."""
+        if np.abs(end - self.end).max() <= min(_SEEN_M, _SEEN * float(np.linalg.norm(end))):
+            return []
+        self.end = end
+        return [Move(self._line, "points", np.array([[np.zeros(3), end]], dtype=np.float32))]

@@ -9,7 +9,7 @@ import viser
 
 from companion.model import Array
 from companion.view.scene.cameras import Framing
-from companion.view.state.map_tiles import MapPicture
+from companion.view.state.places import MapPicture
 from companion.view.state.visible import show
 
 GREY = (90, 90, 90)

@@ -11,8 +11,8 @@ from companion.model import Array
 from companion.present import Rgb, length, palette
 from companion.view.scene.trail import OUTLINE, Segments, segments
 from companion.view.state.decimation import Indices, by_shape
+from companion.view.state.insight import Worst, worst_stretch
 from companion.view.state.sample import Footage
-from companion.view.state.worst import Worst, worst_stretch
 
 MOST_POINTS = OUTLINE
 """Of each path: they never move, but software WebGL draws each of their lines in every picture."""

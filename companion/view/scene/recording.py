@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from companion.view.scene.move import Move
+from companion.view.scene.drone import Move
 
 _POSES = {"wxyz": "SetOrientationMessage", "position": "SetPositionMessage"}
 

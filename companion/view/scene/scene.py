@@ -10,13 +10,11 @@ import viser
 from companion.model import Array
 from companion.present import Rgb, length, palette
 from companion.view.scene.arrows import Arrows
-from companion.view.scene.attached_line import AttachedLine
 from companion.view.scene.cameras import Framing
-from companion.view.scene.drone import Body
+from companion.view.scene.drone import AttachedLine, Body, Move
 from companion.view.scene.ellipsoid import Ellipsoid
 from companion.view.scene.extra_paths import ExtraPaths
 from companion.view.scene.ground import Ground
-from companion.view.scene.move import Move
 from companion.view.scene.overview import Overview
 from companion.view.scene.trail import OUTLINE, Trail
 from companion.view.scene.vehicle_shapes import Drone

@@ -15,7 +15,7 @@ from companion.view.scene.cameras import frame_of
 from companion.view.scene.ground import Ground
 from companion.view.scene.scene import AUTOPILOT, IMU, Scene
 from companion.view.scene.vehicle_shapes import drone_for
-from companion.view.state.map_tiles import MapPicture
+from companion.view.state.places import MapPicture
 from companion.view.state.sample import footage
 from tests.view.circles import make_flight, recompute
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from companion.view.scene.meshes import Mesh
-from companion.view.scene.vehicle_shapes import Drone, drone_for
+from companion.view.scene.vehicle_shapes import Drone, Mesh, drone_for
 
 TYPES = [
     "TRICOPTER",

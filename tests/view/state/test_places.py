@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.view.state.map_tiles import DEEPEST, MOST_TILES, Tiles, tiles_over
+from companion.view.state.places import DEEPEST, MOST_TILES, Tiles, tiles_over
 
 LATITUDES = st.floats(np.radians(-84.0), np.radians(84.0))
 LONGITUDES = st.floats(-np.pi, np.pi - 1e-9)

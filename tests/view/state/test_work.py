@@ -15,7 +15,7 @@ from tests.waiting import LIMIT_S
 def test_a_long_work_holds_up_neither_the_end_nor_the_process() -> None:
     program = """
 import time
-from companion.view.state.worker import LatestOnly
+from companion.view.state.work import LatestOnly
 worker = LatestOnly("test", lambda order: time.sleep(order))
 worker.request(600.0)
 worker.request(601.0)
