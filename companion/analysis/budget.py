@@ -262,7 +262,6 @@ class Expected:
     position_m: float | None
     shares: Mapping[str, Mapping[str, float]]  # attitude, velocity, position → cause → part of the mean square
     inside: Mapping[str, float]  # attitude, velocity, position → share of windows inside the 95 % bound of their NEES
-    plausible: Mapping[str, float]  # the same for the 99.9 % bound
 
 
 def expected_over(
@@ -281,5 +280,4 @@ def expected_over(
         position_m=sigma.get("position"),
         shares={name: allowed.shares(block) for name, block in blocks.items()},
         inside={name: float(np.mean(value < chi_square_95(3))) for name, value in normalised.items()},
-        plausible={name: float(np.mean(value < chi_square_999(3))) for name, value in normalised.items()},
     )

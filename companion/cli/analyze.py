@@ -46,9 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     if len(arguments.logs) > 1 or Path(arguments.logs[0]).is_dir():
         return many_logs.print_verdicts(arguments)
     arguments.log = arguments.logs[0]
-    settings = options.settings_of(arguments)
-    recording = options.read(arguments, settings)
-    flight = recording.flights[options.choose(recording.flights, arguments)]
+    settings, recording, flight = options.one_flight(arguments)
     if arguments.imu is not None:
         flight.imu(arguments.imu)  # one that was asked for and is not there is a mistake, not a poor log
     if (lacking := unexaminable(flight, settings)) is not None:

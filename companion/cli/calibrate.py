@@ -38,9 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     path = Path(arguments.output) if arguments.output else None
     if path is not None:
         destination.check(path, force=arguments.force)
-    settings = options.settings_of(arguments)
-    recording = options.read(arguments, settings)
-    flight = recording.flights[options.choose(recording.flights, arguments)]
+    settings, _, flight = options.one_flight(arguments)
     assessment = assess_imu(flight, settings, imu=arguments.imu, imu_model=arguments.imu_model)
     if assessment.calibration is None:
         raise DataError(f"no calibration: {assessment.verdict.summary}")

@@ -81,9 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _examined(arguments: argparse.Namespace) -> tuple[Recording, Examination]:
-    settings = options.settings_of(arguments)
-    recording = options.read(arguments, settings)
-    flight = recording.flights[options.choose(recording.flights, arguments)]
+    settings, recording, flight = options.one_flight(arguments)
     try:
         return recording, examine(
             flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction

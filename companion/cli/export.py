@@ -48,9 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the flight."""
     path, kind = Path(arguments.output), FORMATS[arguments.format]
     (destination.check_folder if kind.is_folder else destination.check)(path, force=arguments.force)
-    settings = options.settings_of(arguments)
-    recording = options.read(arguments, settings)
-    flight = recording.flights[options.choose(recording.flights, arguments)]
+    settings, recording, flight = options.one_flight(arguments)
     contents: Contents | None = None
     try:
         examined = examine(

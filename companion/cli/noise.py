@@ -62,9 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     path = Path(arguments.output) if arguments.output else None
     if path is not None:
         _check(path, force=arguments.force)
-    settings = options.settings_of(arguments)
-    recording = options.read(arguments, settings)
-    flight = recording.flights[options.choose(recording.flights, arguments)]
+    settings, recording, flight = options.one_flight(arguments)
     names = [flight.imu(arguments.imu).source] if arguments.imu else list(flight.imus)
     main = flight.imu(arguments.imu).source
     noises, refused = _all(flight, names, settings, arguments.imu_model)

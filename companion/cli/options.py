@@ -209,6 +209,13 @@ def read(arguments: argparse.Namespace, settings: Settings, *, every_message: bo
     return recording
 
 
+def one_flight(arguments: argparse.Namespace, *, every_message: bool = False) -> tuple[Settings, Recording, Flight]:
+    """The settings, the log that was named, and the flight of it that was asked for: see `choose`."""
+    settings = settings_of(arguments)
+    recording = read(arguments, settings, every_message=every_message)
+    return settings, recording, recording.flights[choose(recording.flights, arguments)]
+
+
 @contextlib.contextmanager
 def _progress(path: Path) -> Iterator[Callable[[int], None] | None]:
     """A bar on stderr while a large file is read by someone who is watching."""

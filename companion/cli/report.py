@@ -34,9 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     path = Path(arguments.output or f"{Path(arguments.log).stem}.html")
     destination.check(path, force=arguments.force)
-    settings = options.settings_of(arguments)
-    recording = options.read(arguments, settings, every_message=True)
-    flight = recording.flights[options.choose(recording.flights, arguments)]
+    settings, recording, flight = options.one_flight(arguments, every_message=True)
     if arguments.imu is not None:
         flight.imu(arguments.imu)  # one that was asked for and is not there is a mistake, not a poor log
     command = shlex.join(["companion", *sys.argv[1:]])

@@ -120,10 +120,10 @@ def _figures(of: Calibration, part: str) -> str:
 def _other_witnesses(assessment: Assessment) -> Iterator[str]:
     """The gyro bias as the rests and the autopilot have it."""
     for rest in assessment.rests[:_MOST_RESTS]:
-        bias = _plus_minus(rest.gyro, rest.gyro_sigma, 1e3, 2)
+        bias = _plus_minus(rest.gyro, rest.gyro_sigma)
         yield f"    at rest          {bias} mrad/s ({rest.start_s:.1f}-{rest.end_s:.1f} s)"
     if (held := assessment.autopilot_bias) is not None:
-        bias = _plus_minus(held.gyro, held.sigma, 1e3, 2)
+        bias = _plus_minus(held.gyro, held.sigma)
         yield f"    the autopilot's  {bias} mrad/s ({held.start_s:.1f}-{held.end_s:.1f} s)"
 
 
@@ -135,7 +135,7 @@ def alignment_lines(alignment: Alignment) -> Iterator[str | Table]:
     yield f"Roll and pitch from gravity (± {_degrees(alignment.tilt_sigma)} each), heading {heading}" + (
         f" (± {_degrees(alignment.heading_sigma)})" if alignment.heading_from != "nothing" else ""
     )
-    yield f"Gyro bias  {_plus_minus(rest.gyro, rest.gyro_sigma, 1e3, 2)} mrad/s taken off"
+    yield f"Gyro bias  {_plus_minus(rest.gyro, rest.gyro_sigma)} mrad/s taken off"
     if alignment.magnetic_error_rad is not None:
         declination = "declination added" if alignment.declination_rad else "the declination is part of it"
         yield f"Magnetometer minus autopilot: {_degrees(alignment.magnetic_error_rad)} of heading ({declination})"
@@ -157,5 +157,6 @@ def _degrees(angle: float) -> str:
     return f"{angle * _DEGREES:.1f}°"
 
 
-def _plus_minus(values: Array, sigma: Array, factor: float, digits: int) -> str:
-    return ", ".join(f"{v * factor:.{digits}f} ± {s * factor:.{digits}f}" for v, s in zip(values, sigma, strict=True))
+def _plus_minus(values: Array, sigma: Array) -> str:
+    """In thousandths of their unit."""
+    return ", ".join(f"{v * 1e3:.2f} ± {s * 1e3:.2f}" for v, s in zip(values, sigma, strict=True))

@@ -65,9 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         if path.suffix != ".tum":
             raise InputError(f"cannot write {path}: the name has to end in .tum. companion export has more formats.")
         destination.check(path, force=arguments.force)
-    settings = options.settings_of(arguments)
-    recording = options.read(arguments, settings)
-    flight = recording.flights[options.choose(recording.flights, arguments)]
+    settings, recording, flight = options.one_flight(arguments)
     how = integration_of(settings, flight)
     best = smooth(flight, arguments.imu, gravity=how.gravity)
     errors = autopilot_error(flight, best, how.limits)

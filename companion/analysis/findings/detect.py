@@ -158,7 +158,7 @@ _NEAR_S = 5.0
 _TOLD_S = 1.0  # heartbeats tell once a second whether a vehicle is armed
 _BLURRED_S = 20.0  # a departure may be noticed so long after it began
 _CAUSES = ("stuck_axis", "frozen", "axes_wrong", "clocks_diverge")
-_LAG_S, _MOUNTING_RAD = 5e-3, np.radians(2.0)
+_MOUNTING_RAD = np.radians(2.0)
 
 
 def _installed(flight: Flight, comparison: Comparison, fitted: Installation) -> Iterator[Finding]:

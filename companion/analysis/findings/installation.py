@@ -38,7 +38,6 @@ class Installation:
     lag: float  # s
     lag_sigma: float
     lever: Array  # (3,) m, FRD, from the body's origin to the IMU
-    lever_sigma: Array  # (3,)
 
     @property
     def moved(self) -> bool:
@@ -66,7 +65,7 @@ def installation(
         mounting = np.zeros(3)
     sure = (np.abs(lever) > _CERTAIN * lever_sigma) & (np.abs(lever) > _OFF_LEAST)
     lever = np.where(lever_sigma < 0.3 * _OFF, lever, 0.0) if sure.any() else np.zeros(3)
-    return Installation(mounting, lag, lag_sigma, lever, lever_sigma)
+    return Installation(mounting, lag, lag_sigma, lever)
 
 
 def level(track: ImuTrack, fitted: Installation) -> ImuTrack:

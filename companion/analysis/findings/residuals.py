@@ -40,10 +40,6 @@ class Residuals:
         """(W, 1) s"""
         return (self.end - self.begin)[:, None]
 
-    def between(self, first: int, last: int) -> tuple[float, float]:
-        """s, boot clock: the begin of one window and the end of another."""
-        return float(self.begin[first]), float(self.end[last])
-
 
 def residuals(comparison: Comparison) -> Residuals:
     """The short windows of a comparison."""

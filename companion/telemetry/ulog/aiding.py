@@ -74,7 +74,7 @@ def _gps(topic: Topic, name: str, instance: int, notes: list[str]) -> GpsTrack:
     place[nowhere | ~(fix >= _FIX_2D)] = np.nan
     place[~(fix >= _FIX_3D), 2] = np.nan
     velocity = columns(topic, "vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
-    flat = ~flag(topic, "vel_ned_valid", default=True)
+    flat = ~flag(topic, "vel_ned_valid")
     speed, course = column(topic, "vel_m_s")[flat], column(topic, "cog_rad")[flat]
     velocity[flat] = np.column_stack([speed * np.cos(course), speed * np.sin(course), np.full(len(speed), np.nan)])
     velocity[~(fix >= _FIX_2D)] = np.nan

@@ -21,9 +21,7 @@ def control_track(topics: Topics) -> ControlTrack | None:
     topic = topics["vehicle_attitude_setpoint"]
     t, q = seconds(topic), columns(topic, *(f"q_d[{k}]" for k in range(4)))
     angles = columns(topic, "roll_body", "pitch_body", "yaw_body")
-    told = np.asarray(np.abs(np.linalg.norm(np.nan_to_num(q), axis=1) - 1.0) < 0.1) & flag(
-        topic, "q_d_valid", default=True
-    )
+    told = np.asarray(np.abs(np.linalg.norm(np.nan_to_num(q), axis=1) - 1.0) < 0.1) & flag(topic, "q_d_valid")
     by_angles = np.logical_and(~told, finite(angles))
     q[by_angles] = from_euler(*angles[by_angles].T)
     keep = increasing(t, np.logical_or(told, by_angles))

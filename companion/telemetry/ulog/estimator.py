@@ -93,8 +93,8 @@ def _named_biases(topic: Topic, name: str, core: int, by_device: Mapping[int, in
     gyros, accels = device_ids(topic, "gyro_device_id"), device_ids(topic, "accel_device_id")
     gyro, accel = xyz(topic, "gyro_bias"), xyz(topic, "accel_bias")
     gyro_sigma, accel_sigma = _sigma(xyz(topic, "gyro_bias_variance")), _sigma(xyz(topic, "accel_bias_variance"))
-    no_gyro = (gyros == 0) | ~flag(topic, "gyro_bias_valid", default=True)
-    no_accel = (accels == 0) | ~flag(topic, "accel_bias_valid", default=True)
+    no_gyro = (gyros == 0) | ~flag(topic, "gyro_bias_valid")
+    no_accel = (accels == 0) | ~flag(topic, "accel_bias_valid")
     gyro[no_gyro], gyro_sigma[no_gyro] = np.nan, np.nan
     accel[no_accel], accel_sigma[no_accel] = np.nan, np.nan
     known = np.isfinite(gyro).all(axis=1) | np.isfinite(accel).all(axis=1)

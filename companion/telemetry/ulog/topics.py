@@ -259,10 +259,10 @@ def finite(*arrays: Array) -> npt.NDArray[np.bool_]:
     return np.asarray(np.isfinite(np.hstack(arrays)).all(axis=1))
 
 
-def flag(topic: Topic, field: str, *, default: bool) -> npt.NDArray[np.bool_]:
-    """A field of truth values, (N,); `default` where the topic has none."""
+def flag(topic: Topic, field: str) -> npt.NDArray[np.bool_]:
+    """A field of truth values, (N,); true where the topic has none."""
     values = topic.get(field)
-    return np.full(len(topic[_DATED]), default) if values is None else np.asarray(values, np.bool_)
+    return np.ones(len(topic[_DATED]), np.bool_) if values is None else np.asarray(values, np.bool_)
 
 
 def device_ids(topic: Topic, field: str) -> npt.NDArray[np.int64]:

@@ -65,10 +65,10 @@ def slab(outline: Array, top: float, bottom: float, scale: float = 1.0) -> Mesh:
     return hull(np.column_stack([outline, np.full(n, top)]), np.column_stack([under, np.full(n, bottom)]))
 
 
-def fin(outline: Array, y: float, thickness: float) -> Mesh:
-    """A convex outline (n, 2) in the plane of forward and down, upright at `y` to the right."""
+def fin(outline: Array, thickness: float) -> Mesh:
+    """A convex outline (n, 2) in the plane of forward and down, upright in the middle."""
     x, z = outline[:, 0], outline[:, 1]
-    sides = [np.column_stack([x, np.full(len(x), y + s * thickness / 2), z]) for s in (-1, 1)]
+    sides = [np.column_stack([x, np.full(len(x), s * thickness / 2), z]) for s in (-1, 1)]
     return hull(sides[0], sides[1])
 
 
@@ -150,7 +150,7 @@ def helicopter() -> Drone:
     body = [
         rod((-0.18, 0.0, 0.0), (0.05, 0.0, 0.0), 0.07, 0.12, sides=12),
         rod((-0.62, 0.0, -0.02), (-0.12, 0.0, 0.0), 0.018, 0.05),
-        fin(np.array([(-0.62, 0.03), (-0.54, 0.03), (-0.60, -0.14), (-0.66, -0.14)]), 0.0, 0.02),
+        fin(np.array([(-0.62, 0.03), (-0.54, 0.03), (-0.60, -0.14), (-0.66, -0.14)]), 0.02),
         rod((0.0, 0.0, -0.10), (0.0, 0.0, -0.21), 0.02),
         box((-0.5, -0.03, -0.222), (0.5, 0.03, -0.21)),  # blades, not a disc: from above it would hide the rest
         box((-0.03, -0.5, -0.222), (0.03, 0.5, -0.21)),
@@ -170,7 +170,7 @@ def rover() -> Drone:
         *wheels[-0.3],
     ]
     side = np.array([(0.2, -0.08), (0.5, 0.0), (0.5, 0.07), (0.2, 0.07)])
-    return Drone(joined(body), joined([fin(side, 0.0, 0.44), *wheels[0.3]]), span_m=0.6)
+    return Drone(joined(body), joined([fin(side, 0.44), *wheels[0.3]]), span_m=0.6)
 
 
 def boat() -> Drone:
@@ -191,8 +191,8 @@ def submarine() -> Drone:
     body = [
         rod((-0.3, 0.0, 0.0), (0.25, 0.0, 0.0), 0.13, sides=16),
         rod((-0.5, 0.0, 0.0), (-0.3, 0.0, 0.0), 0.03, 0.13, sides=16),
-        fin(tail, 0.0, 0.02),
-        fin(tail * (1, -1), 0.0, 0.02),
+        fin(tail, 0.02),
+        fin(tail * (1, -1), 0.02),
         slab(tail, -0.01, 0.01),
         slab(tail * (1, -1), -0.01, 0.01),
         disc((-0.52, 0.0, 0.0), 0.12, (0.02, 0.0, 0.0)),
@@ -210,7 +210,7 @@ def dart() -> Drone:
     behind = np.array([(-0.4, -0.32), (0.05, -0.14), (0.05, 0.14), (-0.4, 0.32)])
     ahead = np.array([(0.05, -0.14), (0.5, -0.01), (0.5, 0.01), (0.05, 0.14)])
     keel = np.array([(-0.4, 0.0), (0.05, 0.0), (-0.4, 0.16)])
-    return Drone(joined([slab(behind, -0.03, 0.02), fin(keel, 0.0, 0.03)]), joined([slab(ahead, -0.03, 0.02)]), 0.6)
+    return Drone(joined([slab(behind, -0.03, 0.02), fin(keel, 0.03)]), joined([slab(ahead, -0.03, 0.02)]), 0.6)
 
 
 def _airframe() -> list[Mesh]:
@@ -222,7 +222,7 @@ def _airframe() -> list[Mesh]:
         rod((0.02, 0.0, 0.01), (0.22, 0.0, 0.01), 0.055, 0.055, sides=12),
         slab(wing, -0.065, -0.045),
         slab(tail, -0.02, -0.005),
-        fin(rudder, 0.0, 0.016),
+        fin(rudder, 0.016),
     ]
 
 
