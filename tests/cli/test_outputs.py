@@ -13,8 +13,8 @@ import pytest
 from companion.cli import main
 from companion.cli.main import parser
 from companion.fleet.journal import Journal
-from companion.fleet.results import write_results
 from companion.fleet.rows import COLUMNS
+from companion.fleet.run import write_results
 from companion.model import InputError
 from tests.recordings import BUNDLED
 from tests.simulated import free_port

@@ -25,8 +25,8 @@ from companion.cli import main
 from companion.fleet import FleetRun, FoundLog, cluster, run_fleet
 from companion.fleet.limits import TIMEOUT_S, limited
 from companion.fleet.records import LogRecord, Plan, version_of
-from companion.fleet.results import write_results
 from companion.fleet.rows import arrow_tables, rows_of
+from companion.fleet.run import write_results
 from companion.fleet.task import decode, examine_log
 from companion.model import InputError
 from tests.fleet.conftest import copies, table, with_workers
@@ -337,7 +337,7 @@ def test_a_page_that_cannot_be_drawn_costs_no_table(tmp_path: Path, monkeypatch:
     def broken(*_: object) -> str:
         raise ValueError("year 148163 is out of range")
 
-    monkeypatch.setattr("companion.fleet.results.fleet_html", broken)
+    monkeypatch.setattr("companion.fleet.run.fleet_html", broken)
     failed = LogRecord(error="bad")
     assert write_results(tmp_path, [(FoundLog("a.tlog", 1, ""), failed)], {})
     assert [row["error"] for row in table(tmp_path)] == ["bad"]
