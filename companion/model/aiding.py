@@ -12,9 +12,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from companion.model.wording import brief
-
-Array = npt.NDArray[np.float64]
+from companion.model.tracks import Array, Sampled
 
 
 def _check(source: str, t: Array, columns: dict[str, tuple[Array, tuple[int, ...]]]) -> None:
@@ -26,11 +24,9 @@ def _check(source: str, t: Array, columns: dict[str, tuple[Array, tuple[int, ...
             raise ValueError(f"{source}.{name} must have shape {(len(t), *shape)}, got {values.shape}")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GpsTrack:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class GpsTrack(Sampled):
     """One receiver. Rows without a position fix have NaN in latitude, longitude and height."""
-
-    __repr__ = brief
 
     t: Array  # (N,) s; the time of validity where the log tells it, else that of the message
     latitude: Array  # (N,) rad, WGS-84
@@ -52,15 +48,10 @@ class GpsTrack:
         )  # fmt: skip
         _check(self.source, self.t, {n: (getattr(self, n), ()) for n in scalars} | {"velocity": (self.velocity, (3,))})
 
-    def __len__(self) -> int:
-        return len(self.t)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CompassTrack:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CompassTrack(Sampled):
     """One magnetometer, in the body frame of the IMU tracks; the autopilot's own hard-iron offsets applied or not."""
-
-    __repr__ = brief
 
     t: Array  # (N,) s
     field: Array  # (N, 3) FRD, tesla
@@ -71,15 +62,10 @@ class CompassTrack:
     def __post_init__(self) -> None:
         _check(self.source, self.t, {"field": (self.field, (3,))})
 
-    def __len__(self) -> int:
-        return len(self.t)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BarometerTrack:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class BarometerTrack(Sampled):
     """One barometer."""
-
-    __repr__ = brief
 
     t: Array  # (N,) s
     pressure: Array  # (N,) Pa
@@ -91,15 +77,10 @@ class BarometerTrack:
     def __post_init__(self) -> None:
         _check(self.source, self.t, {n: (getattr(self, n), ()) for n in ("pressure", "altitude", "temperature")})
 
-    def __len__(self) -> int:
-        return len(self.t)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AirspeedTrack:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class AirspeedTrack(Sampled):
     """One airspeed sensor."""
-
-    __repr__ = brief
 
     t: Array  # (N,) s
     airspeed: Array  # (N,) m/s, indicated, along the body's x axis; NaN where only the pressure is told
@@ -113,15 +94,10 @@ class AirspeedTrack:
         scalars = ("airspeed", "true_airspeed", "pressure", "temperature")
         _check(self.source, self.t, {n: (getattr(self, n), ()) for n in scalars})
 
-    def __len__(self) -> int:
-        return len(self.t)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RangeTrack:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RangeTrack(Sampled):
     """One range finder."""
-
-    __repr__ = brief
 
     t: Array  # (N,) s
     distance: Array  # (N,) m along its own axis; NaN where it calls the reading none or outside its range
@@ -136,15 +112,10 @@ class RangeTrack:
     def __post_init__(self) -> None:
         _check(self.source, self.t, {n: (getattr(self, n), ()) for n in ("distance", "sigma", "quality")})
 
-    def __len__(self) -> int:
-        return len(self.t)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FlowTrack:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FlowTrack(Sampled):
     """One optical flow sensor, looking down: a right-handed rotation about an axis makes a positive flow about it."""
-
-    __repr__ = brief
 
     t: Array  # (N,) s, the end of the interval
     flow: Array  # (N, 2) about body x and y, FRD, rad/s: rotation and motion together
@@ -159,15 +130,10 @@ class FlowTrack:
         scalars = {n: (getattr(self, n), ()) for n in ("interval", "quality", "distance")}
         _check(self.source, self.t, scalars | {"flow": (self.flow, (2,)), "gyro": (self.gyro, (3,))})
 
-    def __len__(self) -> int:
-        return len(self.t)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BiasTrack:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class BiasTrack(Sampled):
     """What an estimator believes one IMU to read too much: truth = reading - bias, in the IMU's own FRD frame."""
-
-    __repr__ = brief
 
     t: Array  # (N,) s
     gyro: Array  # (N, 3) rad/s
@@ -182,15 +148,10 @@ class BiasTrack:
         names = ("gyro", "accel", "gyro_sigma", "accel_sigma")
         _check(self.source, self.t, {n: (getattr(self, n), (3,)) for n in names})
 
-    def __len__(self) -> int:
-        return len(self.t)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TruthTrack:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class TruthTrack(Sampled):
     """What a simulator knows. For tests and benchmarks: no analysis reads it."""
-
-    __repr__ = brief
 
     t: Array  # (N,) s
     q_ned_frd: Array  # (N, 4) wxyz; NaN where it is not told
@@ -206,15 +167,10 @@ class TruthTrack:
             {"q_ned_frd": (self.q_ned_frd, (4,)), "velocity": (self.velocity, (3,)), "position": (self.position, (3,))},
         )
 
-    def __len__(self) -> int:
-        return len(self.t)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ControlTrack:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ControlTrack(Sampled):
     """What the controller wanted, and what it asked of the motors."""
-
-    __repr__ = brief
 
     t: Array  # (N,) s
     q_ned_frd: Array  # (N, 4) wxyz, the desired attitude; NaN where it is not told
@@ -223,15 +179,10 @@ class ControlTrack:
     def __post_init__(self) -> None:
         _check(self.source, self.t, {"q_ned_frd": (self.q_ned_frd, (4,))})
 
-    def __len__(self) -> int:
-        return len(self.t)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ActuatorTrack:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ActuatorTrack(Sampled):
     """Outputs to motors and servos."""
-
-    __repr__ = brief
 
     t: Array  # (N,) s
     output: Array  # (N, K) as a share of the range, 0 to 1; NaN for outputs not in use
@@ -241,9 +192,6 @@ class ActuatorTrack:
         if self.output.ndim != 2:
             raise ValueError(f"{self.source}.output must have shape (N, K), got {self.output.shape}")
         _check(self.source, self.t, {"output": (self.output, self.output.shape[1:])})
-
-    def __len__(self) -> int:
-        return len(self.t)
 
 
 ResetKind = Literal["attitude", "heading", "velocity", "position", "height", "lane"]

@@ -24,6 +24,18 @@ STANDARD_GRAVITY = 9.80665
 """m/s², the value behind MAVLink's mG and ArduPilot's and PX4's estimators."""
 
 
+class Sampled:
+    """Arrays over times `t`: as long as those, and shown in a few lines."""
+
+    __slots__ = ()
+
+    t: Array
+    __repr__ = brief
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
 def _check(name: str, t: Array, **columns: tuple[Array, int]) -> None:
     """Hold the contract of a track: arrays whose shapes agree, everything finite, time strictly increasing."""
     for column, given in (("t", t), *((column, values) for column, (values, _) in columns.items())):
@@ -43,14 +55,12 @@ def _check(name: str, t: Array, **columns: tuple[Array, int]) -> None:
         raise ValueError(f"{name}.t must increase strictly; sample {first + 1} does not follow sample {first}")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ImuTrack:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ImuTrack(Sampled):
     """Samples of one IMU in the body frame that the autopilot's attitude speaks of.
 
     Raises ValueError for shapes that do not match, non-finite samples or times that do not increase.
     """
-
-    __repr__ = brief
 
     t: Array  # (N,) s, strictly increasing
     gyro: Array  # (N, 3) angular rate, FRD, rad/s
@@ -73,9 +83,6 @@ class ImuTrack:
         _check("ImuTrack", self.t, gyro=(self.gyro, 3), accel=(self.accel, 3))
         if self.interval is not None and self.interval.shape != self.t.shape:
             raise ValueError(f"ImuTrack.interval must have shape {self.t.shape}, got {self.interval.shape}")
-
-    def __len__(self) -> int:
-        return len(self.t)
 
     def __getitem__(self, index: slice) -> ImuTrack:
         """The same track, cut to a slice of its samples."""
@@ -100,11 +107,9 @@ class ImuTrack:
         return float(min(np.nansum(self.interval[1:]) / (self.t[-1] - self.t[0]), 1.0))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AttitudeTrack:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class AttitudeTrack(Sampled):
     """The autopilot's own attitude. Raises ValueError as ImuTrack does."""
-
-    __repr__ = brief
 
     t: Array  # (N,) s, strictly increasing
     q_ned_frd: Array  # (N, 4) wxyz, unit length, sign continuous along the track
@@ -115,15 +120,10 @@ class AttitudeTrack:
     def __post_init__(self) -> None:
         _check("AttitudeTrack", self.t, q_ned_frd=(self.q_ned_frd, 4), rates=(self.rates, 3))
 
-    def __len__(self) -> int:
-        return len(self.t)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PositionTrack:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PositionTrack(Sampled):
     """The autopilot's own position and velocity. Raises ValueError as ImuTrack does."""
-
-    __repr__ = brief
 
     t: Array  # (N,) s, strictly increasing
     position: Array  # (N, 3) NED, m, about the flight's origin
@@ -132,9 +132,6 @@ class PositionTrack:
 
     def __post_init__(self) -> None:
         _check("PositionTrack", self.t, position=(self.position, 3), velocity=(self.velocity, 3))
-
-    def __len__(self) -> int:
-        return len(self.t)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,11 +146,9 @@ class NavState:
     position: Array  # (3,) NED, m
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Trajectory:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Trajectory(Sampled):
     """What the integration says, at the times of the IMU samples."""
-
-    __repr__ = brief
 
     t: Array  # (N,) s
     q_ned_frd: Array  # (N, 4) wxyz, unit length, sign continuous
@@ -161,23 +156,18 @@ class Trajectory:
     position: Array  # (N, 3) NED, m
     notes: tuple[str, ...] = ()  # what was done differently from what was asked, and why
 
-    def __len__(self) -> int:
-        return len(self.t)
-
     @property
     def end(self) -> NavState:
         """The state at the last sample: where the next chunk continues."""
         return NavState(float(self.t[-1]), self.q_ned_frd[-1], self.velocity[-1], self.position[-1])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Series:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Series(Sampled):
     """Quantities over time, as columns whose names end in their unit: "x_mps2", "lat_rad", "pressure_pa".
 
     Raises ValueError for shapes that do not match or times that do not increase.
     """
-
-    __repr__ = brief
 
     t: Array  # (N,) s, strictly increasing
     values: Array  # (N, k) one column per name; NaN where the vehicle does not know
@@ -192,9 +182,6 @@ class Series:
             )
         if not np.isfinite(self.t).all() or not (self.t[1:] > self.t[:-1]).all():
             raise ValueError(f"{self.source}: times must be finite and increase strictly")
-
-    def __len__(self) -> int:
-        return len(self.t)
 
     def __getitem__(self, column: str) -> Array:
         """One column, (N,). Raises KeyError, with the names that there are."""
