@@ -21,7 +21,7 @@ from companion.view.state.sample import Footage, footage
 Order = TypeVar("Order")
 Result = TypeVar("Result")
 
-_PATIENCE_S = 0.5
+_LEAVING_S = 0.5
 
 
 def begin(name: str, work: Callable[[], Result]) -> Future[Result]:
@@ -43,7 +43,7 @@ def begin(name: str, work: Callable[[], Result]) -> Future[Result]:
 
 def leave(running: Iterable[Future[Result]]) -> None:
     """Give it a moment to end: an hour's analysis that nobody waits for any more is left alone."""
-    wait(list(running), _PATIENCE_S)
+    wait(list(running), _LEAVING_S)
 
 
 class LatestOnly(Generic[Order, Result]):
