@@ -95,7 +95,7 @@ VIEW_MAY_IMPORT = {
 LIBRARIES = {
     "model": {"numpy"},
     "strapdown": {"numpy"},
-    "estimation": {"numpy", "scipy", "pygeomag"},
+    "estimation": {"numpy", "pygeomag"},
     "analysis": {"numpy"},
     "mavlink": {"numpy", "pymavlink"},
     "logs": {"numpy"},
