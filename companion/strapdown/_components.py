@@ -60,6 +60,16 @@ def unit(q: Array) -> Array:
     return np.asarray(q * scale)
 
 
+def matrix(q: Array) -> Array:
+    """C(q), (3, 3, ...), of unit quaternions (4, ...)."""
+    w, x, y, z = q
+    out = np.empty((3, 3, *w.shape))
+    out[0, 0], out[0, 1], out[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+    out[1, 0], out[1, 1], out[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+    out[2, 0], out[2, 1], out[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+    return out
+
+
 Complex = npt.NDArray[np.complex128]
 
 

@@ -20,7 +20,6 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack
-from companion.strapdown import _components as rows
 from companion.strapdown import _window_sums as sums
 from companion.strapdown import quaternion
 from companion.strapdown.reckon import Preintegration
@@ -219,46 +218,47 @@ def joined(pieces: Sums, first: Index, last: Index) -> Sums:
 def _integrate(out: Sums, batch: Index, imu: ImuTrack, path: Preintegration, start: Index, end: Index) -> None:
     """Fills rows `batch`. Shorter windows are padded with their last sample: intervals of length zero."""
     index = np.minimum(start[:, None] + np.arange((end - start).max() + 1), end[:, None])
-    t = path.t[index]
+    t = path.t.take(index)
     left = t[:, -1:] - t  # T - s
-    v, p = (np.ascontiguousarray(np.moveaxis(x[index], -1, 0)) for x in (path.v, path.p))
-    dv, dp = v[:, :, -1:] - v, p[:, :, -1:] - p - v * left  # (3, W, n)
+    v, p = (np.moveaxis(x.take(index, axis=0), -1, 1) for x in (path.v, path.p))
+    moved = np.empty((len(batch), 6, t.shape[1]))  # dV, dP, samples last: sums then run over contiguous memory
+    np.subtract(v[..., -1:], v, out=moved[:, :3])
+    np.subtract(p[..., -1:] - p, v * left[:, None], out=moved[:, 3:])
     weight = sums.trapezoid(t)
     duration = left[:, 0]
-
-    # Impulse responses (W, rows, 3, n), samples last: sums then run over contiguous memory.
-    gyro, accel = np.empty((len(batch), 9, 3, t.shape[1])), np.empty((len(batch), 6, 3, t.shape[1]))
-    matrix = np.moveaxis(quaternion.to_matrix(path.q[index]), (2, 3), (0, 1))
-    for axis in range(3):
-        column = np.ascontiguousarray(matrix[:, axis])  # (3, W, n)
-        for block, response in enumerate((-column, rows.cross(dv, column), rows.cross(dp, column))):
-            gyro[:, 3 * block : 3 * block + 3, axis] = response.swapaxes(0, 1)
-        accel[:, :3, axis] = -column.swapaxes(0, 1)
-    np.multiply(accel[:, :3], left[:, None, None], out=accel[:, 3:])
+    own = duration[:, None, None] * np.eye(3)
 
     transition = out.transition
-    transition[batch, VELOCITY, ATTITUDE] = -sums.skew(dv[:, :, 0].T)
-    transition[batch, POSITION, ATTITUDE] = -sums.skew(dp[:, :, 0].T)
-    transition[batch, POSITION, VELOCITY] = duration[:, None, None] * np.eye(3)
-    out.noise["gyro_noise"][batch] = sums.square(gyro, weight)
+    transition[batch, VELOCITY, ATTITUDE] = -sums.skew(moved[:, :3, 0])
+    transition[batch, POSITION, ATTITUDE] = -sums.skew(moved[:, 3:, 0])
+    transition[batch, POSITION, VELOCITY] = own
+    out.noise["gyro_noise"][batch] = sums.of_turns(moved, weight, own)
     for power, (i, j) in enumerate(((0, 0), (0, 3), (3, 3)), start=1):  # velocity and position
         # C Cᵀ = I: of the accelerometer's response only ∫1, ∫(T - s) and ∫(T - s)² remain.
         grown = (duration**power / power)[:, None, None] * np.eye(3)
         for at, beside in {(i, j), (j, i)}:
             out.noise["accel_noise"][batch, at : at + 3, beside : beside + 3] = grown
-    for cause, response, bias in (("gyro_walk", gyro, GYRO_BIAS), ("accel_walk", accel, ACCEL_BIAS)):
-        step, total = sums.from_here_on(response, t)
-        first, moved = MOVED[cause].start, response.shape[1]
-        nav, own = slice(0, moved), slice(bias.start - first, bias.stop - first)
-        transition[batch, first : first + moved, bias] = total
-        crossed = np.einsum("wijn,wn->wij", step, weight)
+
+    response = sums.responses(path.q.take(index, axis=0), moved, left)
+    matrix = sums.outer(
+        response, weight[..., None] * np.concatenate([x.take(index, axis=0) for x in (imu.gyro, imu.accel)], axis=2)
+    )
+    out.gyro_matrix[batch], out.accel_matrix[batch, 3:] = matrix[:, _OF_GYRO, :, :3], matrix[:, _OF_ACCEL, :, 3:]
+    step, total = sums.from_here_on(response, t)
+    crossed, square = sums.moments(step, weight)
+    for cause, rows_of, bias in (("gyro_walk", _OF_GYRO, GYRO_BIAS), ("accel_walk", _OF_ACCEL, ACCEL_BIAS)):
+        first, count = MOVED[cause].start, len(rows_of)
+        nav, of_bias = slice(0, count), slice(bias.start - first, bias.stop - first)
+        transition[batch, first : first + count, bias] = total[:, rows_of]
         noise = out.noise[cause]
-        noise[batch, nav, nav] = sums.square(step, weight)
-        noise[batch, nav, own] = crossed
-        noise[batch, own, nav] = crossed.swapaxes(-1, -2)
-        noise[batch, own, own] = duration[:, None, None] * np.eye(3)
-    out.gyro_matrix[batch] = sums.outer(gyro, weight[..., None] * imu.gyro[index])
-    out.accel_matrix[batch, 3:] = sums.outer(accel, weight[..., None] * imu.accel[index])
+        noise[batch, nav, nav] = square[:, rows_of[:, None], rows_of]
+        noise[batch, nav, of_bias] = crossed[:, rows_of]
+        noise[batch, of_bias, nav] = crossed[:, rows_of].swapaxes(-1, -2)
+        noise[batch, of_bias, of_bias] = own
+
+
+_OF_ACCEL, _OF_GYRO = np.arange(6), np.append(np.arange(3), np.arange(6, 12))
+"""Rows of the responses: both have -C."""
 
 
 def _in_ned(
