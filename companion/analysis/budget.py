@@ -56,7 +56,7 @@ def budget(comparison: Comparison, chosen: Windows, imu: ImuSpec, autopilot: Ref
     lasting = np.diag(np.square([autopilot.tilt] * 2 + [autopilot.heading]))
     passing = np.diag(np.square([autopilot.attitude_noise] * 3 + [autopilot.velocity] * 3 + [autopilot.position] * 3))
     turned = np.diag([1.0] * 3 + [0.0] * 6)  # between two of its samples
-    at_start, at_end = (np.square(reference.attitude_bend[i])[:, None, None] * turned for i in (start, end))
+    at_start, at_end = (np.square(reference.at(i).attitude_bend)[:, None, None] * turned for i in (start, end))
     leaned = move[:, :, :3] - np.eye(9, 3)  # a lasting attitude error is in both ends and cancels in the attitude
     noise = growth.noise
     shaken = window_noise(track, chosen)

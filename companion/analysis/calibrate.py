@@ -232,7 +232,7 @@ def lever_jacobian(comparison: Comparison, chosen: Windows) -> Array:
     (c0, swing0), (c1, swing1) = (
         (c, c @ np.cross(np.eye(3), track.gyro[i][:, None]))  # the rows of [ω]x are e x ω
         for i in (chosen.start, chosen.end)
-        for c in (quaternion.to_matrix(reference.q_ned_frd[i]),)
+        for c in (quaternion.to_matrix(reference.at(i).q_ned_frd),)
     )
     tau = (track.t[chosen.end] - track.t[chosen.start])[:, None, None]
     return np.concatenate([np.zeros_like(c0), swing0 - swing1, c0 + swing0 * tau - c1], axis=1)

@@ -73,13 +73,14 @@ class Comparison:
         start, end = chosen.start, chosen.end
         first, last = (self._seconds.searchsorted(samples) for samples in (start, end))
         shared = chosen.horizon >= 1.0 and len(np.setdiff1d(np.append(start, end), self._seconds)) == 0
+        begin = self.reference.at(start)
         return propagate(
             self.track,
             self.path,
             start,
             end,
-            self.reference.q_ned_frd[start],
-            self.reference.velocity[start],
+            begin.q_ned_frd,
+            begin.velocity,
             gravity=self.how.gravity,
             sums=joined(self._second_sums, first, last) if shared else None,
         )
@@ -232,20 +233,16 @@ def _usable(
 def errors(comparison: Comparison, chosen: Windows, *, path: Preintegration | None = None) -> WindowErrors:
     """How far each window's end is from the autopilot; path: another reckoning of the same samples."""
     reference, start, end = comparison.reference, chosen.start, chosen.end
+    begin, arrived = reference.at(start), reference.at(end)
     q, velocity, position = (path or comparison.path).carry(
-        start,
-        end,
-        reference.q_ned_frd[start],
-        reference.velocity[start],
-        reference.position[start],
-        gravity=comparison.how.gravity,
+        start, end, begin.q_ned_frd, begin.velocity, begin.position, gravity=comparison.how.gravity
     )
     return WindowErrors(
         anchor_s=reference.t[start],
         end_s=reference.t[end],
-        attitude=attitude_error(reference.q_ned_frd[end], q),
-        velocity=reference.velocity[end] - velocity,
-        position=reference.position[end] - position,
+        attitude=attitude_error(arrived.q_ned_frd, q),
+        velocity=arrived.velocity - velocity,
+        position=arrived.position - position,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from companion.analysis.budget import lasting_step_error
 from companion.analysis.comparison import Comparison, Windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS
 from companion.analysis.imu_spec import ImuSpec
-from companion.analysis.reference import BoolArray, Reference
+from companion.analysis.reference import BoolArray, IntArray, Reference, States
 from companion.estimation import BestEstimate, ConstantErrors, allowing
 from companion.model import Array, ImuTrack
 
@@ -79,9 +80,13 @@ def beside_best(own: Comparison, best: BestEstimate, chosen: Windows) -> tuple[C
     samples = np.unique(np.concatenate([within.start, within.end]))
     known, nowhere = np.zeros(len(t), np.bool_), np.zeros(len(t), np.bool_)
     known[samples] = True
-    q, velocity, position = (np.zeros((len(t), size)) for size in (4, 3, 3))
-    q[samples], velocity[samples], position[samples] = best.at(t[samples])
     placed = known if "gps_position" in best.residuals else nowhere
-    reference = Reference(t, q, velocity, position, known, placed, np.zeros(len(t)))
+    states = States(*best.at(t[samples]), np.zeros(len(samples)))
+    reference = Reference(t, known, placed, partial(_looked_up, samples, states))
     steps = np.zeros((0, 2))
     return replace(own, reference=reference, attitude_steps=steps, position_steps=steps), within
+
+
+def _looked_up(samples: IntArray, states: States, index: IntArray) -> States:
+    """The states at samples `index`, of those at `samples`, ascending."""
+    return states.rows(np.searchsorted(samples, index))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +24,7 @@ def length(vectors: Array) -> Array:
 
 
 BoolArray = npt.NDArray[np.bool_]
+IntArray = npt.NDArray[np.intp]
 
 _BLOCK = 4096  # samples at a time
 
@@ -44,16 +47,58 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reference:
-    """The autopilot's state at given times; meaningless where the matching `known` is False."""
+class States:
+    """The autopilot's state at N samples."""
 
-    t: Array  # (N,) s
     q_ned_frd: Array  # (N, 4)
     velocity: Array  # (N, 3) NED m/s
     position: Array  # (N, 3) NED m
+    attitude_bend: Array  # (N,) rad, how far the attitude may be from the slerp between two samples
+
+    def rows(self, index: IntArray) -> States:
+        """Some of them."""
+        return States(self.q_ned_frd[index], self.velocity[index], self.position[index], self.attitude_bend[index])
+
+
+@dataclass(frozen=True, eq=False)  # without slots: the states at all times are kept
+class Reference:
+    """The autopilot's state at given times; meaningless where the matching `known` is False.
+
+    Where a few samples are wanted, as the ends of windows, `at` spares the rest.
+    """
+
+    t: Array  # (N,) s
     attitude_known: BoolArray  # (N,)
     position_known: BoolArray  # (N,) position and velocity
-    attitude_bend: Array  # (N,) rad, how far the attitude may be from the slerp between two samples
+    look_up: Callable[[IntArray], States]  # the states at some of the times, by their index
+
+    def at(self, index: IntArray) -> States:
+        """The states at some of the times."""
+        return self._all.rows(index) if "_all" in self.__dict__ else self.look_up(index)
+
+    @property
+    def q_ned_frd(self) -> Array:
+        """(N, 4)"""
+        return self._all.q_ned_frd
+
+    @property
+    def velocity(self) -> Array:
+        """(N, 3) NED m/s"""
+        return self._all.velocity
+
+    @property
+    def position(self) -> Array:
+        """(N, 3) NED m"""
+        return self._all.position
+
+    @property
+    def attitude_bend(self) -> Array:
+        """(N,) rad, how far the attitude may be from the slerp between two samples."""
+        return self._all.attitude_bend
+
+    @cached_property
+    def _all(self) -> States:
+        return self.look_up(np.arange(len(self.t)))
 
 
 def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Array, limits: Limits) -> Reference:
@@ -66,34 +111,33 @@ def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Arr
     """
     if not len(attitude):
         raise ValueError("an attitude track needs a sample")
-    count = len(t)
     if position is not None and not len(position):
         position = None
-    out = Reference(
-        t,
-        np.empty((count, 4)),
-        np.zeros((count, 3)),
-        np.zeros((count, 3)),
-        np.zeros(count, np.bool_),
-        np.zeros(count, np.bool_),
-        np.empty(count),
-    )
-    change = np.append(0.5 * np.diff(attitude.t) * length(np.diff(attitude.rates, axis=0)), 0.0)
-    holes = limits.hole(attitude.t), limits.hole(position.t) if position is not None else 0.0
+    attitude_known = _known(attitude.t, t, limits.hole(attitude.t))
+    position_known = np.zeros(len(t), np.bool_)
+    if position is not None:
+        position_known = attitude_known & _known(position.t, t, limits.hole(position.t))
+    return Reference(t, attitude_known, position_known, partial(_states, attitude, position, t))
+
+
+def _states(attitude: AttitudeTrack, position: PositionTrack | None, t: Array, index: IntArray) -> States:
+    count = len(index)
+    out = States(np.empty((count, 4)), np.zeros((count, 3)), np.zeros((count, 3)), np.empty(count))
     for first in range(0, count, _BLOCK):  # what is made on the way stays in the processor's cache
         part = slice(first, first + _BLOCK)
-        i, u, out.attitude_known[part] = _bracket(attitude.t, t[part], holes[0])
-        after = attitude.q_ned_frd[np.minimum(i + 1, len(attitude) - 1)]
-        out.q_ned_frd[part] = quaternion.slerp(attitude.q_ned_frd[i], after, u)
-        out.attitude_bend[part] = u * (1 - u) * change[i]
+        when = t[index[part]]
+        i, u = _bracket(attitude.t, when)
+        j = np.minimum(i + 1, len(attitude) - 1)
+        out.q_ned_frd[part] = quaternion.slerp(attitude.q_ned_frd[i], attitude.q_ned_frd[j], u)
+        change = 0.5 * (attitude.t[j] - attitude.t[i]) * length(attitude.rates[j] - attitude.rates[i])
+        out.attitude_bend[part] = u * (1 - u) * change
         if position is not None:
-            i, u, known = _bracket(position.t, t[part], holes[1])
-            out.position_known[part] = known & out.attitude_known[part]
+            i, u = _bracket(position.t, when)
             out.velocity[part], out.position[part] = _between(position, i, u[:, None])
     return out
 
 
-def _between(track: PositionTrack, i: npt.NDArray[np.intp], u: Array) -> tuple[Array, Array]:
+def _between(track: PositionTrack, i: IntArray, u: Array) -> tuple[Array, Array]:
     """Velocity and position (N, 3) at the parts u (N, 1) of the way from samples i (N,) to the next."""
     j = np.minimum(i + 1, len(track) - 1)
     h = (track.t[j] - track.t[i])[:, None]
@@ -135,10 +179,19 @@ def _intervals(t: Array, flags: BoolArray) -> Array:
     return np.column_stack([t[:-1][flags], t[1:][flags]])
 
 
-def _bracket(samples: Array, t: Array, hole: float) -> tuple[npt.NDArray[np.intp], Array, BoolArray]:
-    """Index of the sample before each t, the fraction of the way to the next, and whether there is no hole, s."""
-    i = np.clip(np.searchsorted(samples, t, side="right") - 1, 0, max(len(samples) - 2, 0))
+def _before(samples: Array, t: Array) -> IntArray:
+    """Index of the sample before each t; of the last but one at the end."""
+    return np.clip(np.searchsorted(samples, t, side="right") - 1, 0, max(len(samples) - 2, 0))
+
+
+def _bracket(samples: Array, t: Array) -> tuple[IntArray, Array]:
+    """Index of the sample before each t, and the fraction of the way to the next."""
+    i = _before(samples, t)
     h = samples[np.minimum(i + 1, len(samples) - 1)] - samples[i]
-    u = np.clip((t - samples[i]) / np.where(h > 0, h, 1.0), 0.0, 1.0)
-    inside = (t >= samples[0]) & (t <= samples[-1])
-    return i, u, inside & (h <= hole)
+    return i, np.clip((t - samples[i]) / np.where(h > 0, h, 1.0), 0.0, 1.0)
+
+
+def _known(samples: Array, t: Array, hole: float) -> BoolArray:
+    """Whether each t lies between two samples without a hole, s, between them."""
+    whole = np.append(np.diff(samples) <= hole, hole >= 0.0)
+    return np.asarray((t >= samples[0]) & (t <= samples[-1]) & whole[_before(samples, t)])

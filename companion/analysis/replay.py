@@ -47,12 +47,14 @@ def replay(
     how: Integration = DEFAULT,
     reanchor_s: float | None = 10.0,
     start_s: float | None = None,
+    reference: Reference | None = None,
 ) -> Replay:
     """The reckoning of the flight's IMU beside its autopilot, at every IMU sample.
 
     It starts from the autopilot's state at `start_s` (s, boot clock; None: as soon as the state is known) and again
     every `reanchor_s` seconds, or runs free when that is None. Where the autopilot's state is not known at the time
-    of a new anchor, the reckoning goes on from the old one until it is.
+    of a new anchor, the reckoning goes on from the old one until it is. reference: that state at the samples of the
+    IMU, where it has been looked up already.
 
     Raises DataError when the flight has no usable IMU or no attitude, or never both at once after `start_s`; ValueError
     for an unknown method or a period that is not positive.
@@ -67,7 +69,7 @@ def replay(
     track, attitude = flight.imu(imu), flight.require_attitude()
     if reanchor_s is not None and not reanchor_s > 0:
         raise ValueError(f"the re-anchor period must be positive seconds or None, got {reanchor_s}")
-    reference = reference_at(attitude, flight.position, track.t, how.limits)
+    reference = reference or reference_at(attitude, flight.position, track.t, how.limits)
     # an attitude-only flight is compared in attitude alone; one with a position starts when that is known too
     has_position = bool(reference.position_known.any())
     valid = reference.position_known if has_position else reference.attitude_known

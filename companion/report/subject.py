@@ -91,6 +91,7 @@ def subject_of(examined: Examination, source: Source, settings: Settings, charts
             imu=track.source,
             how=comparison.how,
             reanchor_s=settings.view.reanchor_s or None,
+            reference=comparison.reference,
         )
     except CompanionError as error:
         why = str(error)

@@ -45,19 +45,19 @@ def residuals(comparison: Comparison) -> Residuals:
     """The short windows of a comparison."""
     chosen = windows(comparison, SHORT_S)
     window_errors = errors(comparison, chosen)
-    q = comparison.reference.q_ned_frd[chosen.start]
+    begin = comparison.reference.at(chosen.start)
     growth = propagate(
         comparison.track,
         comparison.path,
         chosen.start,
         chosen.end,
-        q,
-        comparison.reference.velocity[chosen.start],
+        begin.q_ned_frd,
+        begin.velocity,
         gravity=comparison.how.gravity,
     )
     span = (window_errors.end_s - window_errors.anchor_s)[:, None]
     bend = comparison.reference.attitude_bend
-    back = quaternion.conjugate(q)
+    back = quaternion.conjugate(begin.q_ned_frd)
     # to first order truth minus estimate is -(bias) t: with the sign turned, and in the body, it is the bias
     rate = -quaternion.rotate(back, window_errors.attitude) / span
     force = np.zeros_like(rate)
@@ -69,7 +69,7 @@ def residuals(comparison: Comparison) -> Residuals:
         chosen=chosen,
         begin=window_errors.anchor_s,
         end=window_errors.end_s,
-        q_ned_frd=q,
+        q_ned_frd=begin.q_ned_frd,
         attitude=window_errors.attitude,
         velocity=window_errors.velocity if comparison.has_position else np.zeros_like(rate),
         growth=growth,
