@@ -91,18 +91,18 @@ def page(
     # its token: no browser is meant to find it.
     server = open_server(Address("127.0.0.1", 0, loopback=True, token=new_token()))
     try:
-        first = server.initial_camera
-        first.position, first.look_at = view.position, view.look_at
-        first.near, first.far, first.fov = view.near, view.far, float(FIELD_OF_VIEW)
-        scene = Scene(server.scene, drone)
-        scene.load(film, framing, drone, colours or {}, home)
-        scene.trails(-np.inf, np.inf)
-        scene.seen_from(view.position)
-        span = readable_span(framing.distance, drone.span_m, 1.0)
-        duration = film.end - film.start
-        step = max(1.0 / FRAMES_HZ, duration / MOST_FRAMES)
-        recording = Recording(server)
         with server.atomic():  # nobody watches this server: its thread need not be woken for each of the writes
+            first = server.initial_camera
+            first.position, first.look_at = view.position, view.look_at
+            first.near, first.far, first.fov = view.near, view.far, float(FIELD_OF_VIEW)
+            scene = Scene(server.scene, drone)
+            scene.load(film, framing, drone, colours or {}, home)
+            scene.trails(-np.inf, np.inf)
+            scene.seen_from(view.position)
+            span = readable_span(framing.distance, drone.span_m, 1.0)
+            duration = film.end - film.start
+            step = max(1.0 / FRAMES_HZ, duration / MOST_FRAMES)
+            recording = Recording(server)
             for i, sample in enumerate(film.samples(np.arange(film.start, film.end + 0.5 * step, step))):
                 recording.add(scene.moves(sample))
                 if i % ANNOTATED == 0:

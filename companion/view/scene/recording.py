@@ -10,6 +10,7 @@ import viser
 
 from companion.view.scene.drone import Move
 
+_FLOAT32 = np.dtype(np.float32).str
 _POSES = {"wxyz": "SetOrientationMessage", "position": "SetPositionMessage"}
 
 
@@ -25,14 +26,17 @@ class Recording:
         Messages as viser 1.1 records them: its handles take twenty times as long to come to the same, and there are
         seven in each picture.
         """
+        when, messages = self._recorded._time, self._recorded._messages
         for node, name, value in moves:
             # float32, of which the browser's numbers are made: the digits behind only make the file larger.
-            rounded = np.asarray(value, dtype=np.float32)
+            rounded = value.astype(np.float32)
+            message: dict[str, object]
             if name == "points":
                 message = {"type": "SceneNodeUpdateMessage", "updates": {name: self._buffered(rounded)}}
             else:
                 message = {"type": _POSES[name], name: rounded.tolist()}
-            self._recorded._messages.append((self._recorded._time, message | {"name": node.name, "owner": ""}))
+            message["name"], message["owner"] = node.name, ""
+            messages.append((when, message))
 
     def wait(self, seconds: float) -> None:
         """What follows is shown so much later."""
@@ -46,4 +50,4 @@ class Recording:
         """Where the bytes of an array are in the recording."""
         buffers = self._recorded._binary_buffers
         buffers.append(array.data)
-        return {"__binary_index": len(buffers) - 1, "dtype": array.dtype.str}
+        return {"__binary_index": len(buffers) - 1, "dtype": _FLOAT32}

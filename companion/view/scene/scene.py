@@ -71,7 +71,7 @@ class Scene:
     @property
     def apart(self) -> float | None:
         """Length of the line between both drones, m; None while none is drawn."""
-        return float(np.linalg.norm(self._error.end)) if self._error.visible else None
+        return self._error.length if self._error.visible else None
 
     def load(
         self,
@@ -146,9 +146,9 @@ class Scene:
         moves = self.imu.moves(sample.q_imu, sample.position_imu)
         moves += self.autopilot.moves(sample.q_ref, sample.position_ref)
         if self._has_position:
-            moves += self._error.moves(sample.position_imu - sample.position_ref)
+            moves += self._error.moves((sample.position_imu - sample.position_ref).tolist())
             for stick, place in zip(self._sticks, (sample.position_ref, sample.position_imu), strict=True):
-                moves += stick.moves(np.array([0.0, 0.0, self.ground.level - place[2]]))
+                moves += stick.moves((0.0, 0.0, self.ground.level - float(place[2])))
         for (body, _), film in zip(self._others, self._films, strict=False):
             other = film.at(sample.t)
             moves += body.moves(other.q_imu, other.position_imu)
