@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import viser
 
 from companion.model import Array
@@ -20,7 +21,7 @@ class Move(NamedTuple):
 
     node: viser.SceneNodeHandle
     name: Literal["wxyz", "position", "points"]
-    value: Array  # (4,) quaternion, (3,) m from the node above, or (M, 2, 3) float32, m
+    value: Array | npt.NDArray[np.float32]  # (4,) quaternion, (3,) m from the node above, or (M, 2, 3) float32, m
 
     def show(self) -> None:
         """Write it to whoever looks."""
