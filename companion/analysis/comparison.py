@@ -104,6 +104,13 @@ class Comparison:
         reference = reference_at(self.attitude, self.position, track.t, limits)
         return replace(self, track=track, reference=reference, holes=np.diff(track.t) > limits.hole(track.t))
 
+    def beside(self, reference: Reference) -> Comparison:
+        """The same beside another judge, who never jumps; the pass over the track is as it was."""
+        never = np.zeros((0, 2))
+        judged = replace(self, reference=reference, attitude_steps=never, position_steps=never)
+        judged.__dict__["path"] = self.path
+        return judged
+
     @property
     def has_position(self) -> bool:
         """Whether the autopilot's position is known anywhere."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -82,9 +82,7 @@ def beside_best(own: Comparison, best: BestEstimate, chosen: Windows) -> tuple[C
     known[samples] = True
     placed = known if "gps_position" in best.residuals else nowhere
     states = States(*best.at(t[samples]), np.zeros(len(samples)))
-    reference = Reference(t, known, placed, partial(_looked_up, samples, states))
-    steps = np.zeros((0, 2))
-    return replace(own, reference=reference, attitude_steps=steps, position_steps=steps), within
+    return own.beside(Reference(t, known, placed, partial(_looked_up, samples, states))), within
 
 
 def _looked_up(samples: IntArray, states: States, index: IntArray) -> States:

@@ -157,15 +157,16 @@ def confirmed_sampling(track: ImuTrack, hole_s: float) -> Sampling:
     begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), _MOST_SEGMENTS)).round().astype(np.int64)]
     f = frequencies(length, rate)
     used = slice(2, len(f) - 1)
-    corners = []
+    clear: list[Array] = []
     for values, step in ((track.gyro, track.gyro_step), (track.accel, track.accel_step)):
         power = 0.5 * periodograms(values, begin, rate, length).mean(axis=0)[used] - step**2 / (12.0 * rate)
-        clear = (power > step**2 / (12.0 * rate)).all(axis=0) & (power > 0).all(axis=0)
-        corners += [_corner(f[used], power[:, i], rate, len(begin)) for i in np.flatnonzero(clear)]
-    if not corners:
+        clear += [axis for axis in power.T if (axis > step**2 / (12.0 * rate)).all()]
+    if not clear:
         return told
-    seen = [corner for corner in corners if corner is not None]
-    corner = float(np.median(seen)) if len(seen) > len(corners) / 2 else None
+    tried = np.geomspace(0.01 * rate, 0.35 * rate, 60)
+    shapes = np.log([folded_gain(f[used], rate, Sampling("filtered", corner_hz=corner)) for corner in tried])
+    seen = [tried[best] for axis in clear if (best := _best_shape(axis, shapes, len(begin))) is not None]
+    corner = float(np.median(seen)) if len(seen) > len(clear) / 2 else None
     return _judged(told, corner, rate)
 
 
@@ -215,23 +216,18 @@ def _judged(told: Sampling, corner: float | None, rate: float) -> Sampling:
     return Sampling("point", source="spectrum")
 
 
-def _corner(f: Array, power: Array, rate: float, count: int) -> float | None:
-    """The corner of the low-pass that a density (F,) at frequencies (F,) shows, Hz; None where it is flat."""
+def _best_shape(power: Array, shapes: Array, count: int) -> int | None:
+    """Which of the logarithms of shapes (S, F) a density (F,) of `count` segments follows; None where it is flat."""
     smooth = np.median(neighbourhoods(power, 9), axis=-1)
-    fallen = np.flatnonzero(smooth < smooth[: max(len(f) // 50, 9)].mean() / _VISIBLE)
-    f, logarithm = f[: fallen[0]] if len(fallen) else f, np.log(power[: fallen[0]] if len(fallen) else power)
-
-    def misfit(corner: float) -> float:
-        shape = np.log(folded_gain(f, rate, Sampling("filtered", corner_hz=corner)))
-        return float(np.var(logarithm - shape))
-
-    grid = np.geomspace(0.01 * rate, 0.35 * rate, 60)
-    costs = np.array([misfit(corner) for corner in grid])
+    fallen = np.flatnonzero(smooth < smooth[: max(len(power) // 50, 9)].mean() / _VISIBLE)
+    end = int(fallen[0]) if len(fallen) else len(power)
+    logarithm = np.log(power[:end])
+    costs = np.var(logarithm - shapes[:, :end], axis=1)
     best = int(np.argmin(costs))
     noise = 1.0 / count  # variance of the logarithm of a density from so many segments
     flat = float(np.var(logarithm))
-    falls = flat - costs[best] > 25.0 * noise / len(f) and costs[best] < 0.3 * flat
-    return float(grid[best]) if falls else None
+    falls = flat - costs[best] > 25.0 * noise / end and costs[best] < 0.3 * flat
+    return best if falls else None
 
 
 def _band(rate: float, how: Sampling) -> tuple[float, float] | None:

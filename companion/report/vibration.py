@@ -38,15 +38,16 @@ def spectra(subject: Subject) -> Section:
         f"{spectrum.segments} segments of {1 / spectrum.frequency_hz[1]:.2g} s. Grey: the white noise of "
         f"{figures.name}. What moves faster than {spectrum.frequency_hz[-1]:.0f} Hz is folded into what is shown."
     )
-    return Section("spectra", title, subject.charts.add(figure, caption, rows=3) + _side_by_side(subject))
+    return Section("spectra", title, subject.charts.add(figure, caption, rows=3) + _side_by_side(subject, spectrum))
 
 
-def _side_by_side(subject: Subject) -> str:
-    """The spectra of every IMU, all axes together; nothing where there is one IMU."""
+def _side_by_side(subject: Subject, own: Spectrum) -> str:
+    """The spectra of every IMU, all axes together; nothing where there is one IMU. own: of the one that was used."""
+    used, limits = subject.comparison.track, subject.comparison.how.limits
     by_imu = {
         name: spectrum
         for name, track in subject.flight.imus.items()
-        if (spectrum := imu_spectrum(track, subject.comparison.how.limits.hole(track.t))) is not None
+        if (spectrum := own if track is used else imu_spectrum(track, limits.hole(track.t))) is not None
     }
     if len(by_imu) < 2:
         return ""
