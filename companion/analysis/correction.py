@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from companion.model import Array, ImuTrack
+from companion.strapdown import quaternion
 
 PARTS: Final[Mapping[str, slice]] = {
     "gyro_bias": slice(0, 3),
@@ -86,7 +87,8 @@ class Correction:
         if self.lever_arm.any() and len(track) > 1:
             # differences of the noisy rate are noisy, but telescope in the integral that they are made for
             angular = np.gradient(gyro, track.t, axis=0)
-            accel = accel - np.cross(angular, self.lever_arm) - np.cross(gyro, np.cross(gyro, self.lever_arm))
+            swing = quaternion.cross(gyro, self.lever_arm)
+            accel = accel - quaternion.cross(angular, self.lever_arm) - quaternion.cross(gyro, swing)
         return replace(track, t=track.t - self.time_offset, gyro=gyro, accel=accel)
 
 

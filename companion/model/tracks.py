@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -55,7 +56,7 @@ def _check(name: str, t: Array, **columns: tuple[Array, int]) -> None:
         raise ValueError(f"{name}.t must increase strictly; sample {first + 1} does not follow sample {first}")
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)  # without slots: its rate is kept
 class ImuTrack(Sampled):
     """Samples of one IMU in the body frame that the autopilot's attitude speaks of.
 
@@ -89,7 +90,7 @@ class ImuTrack(Sampled):
         interval = None if self.interval is None else self.interval[index]
         return replace(self, t=self.t[index], gyro=self.gyro[index], accel=self.accel[index], interval=interval)
 
-    @property
+    @cached_property
     def rate_hz(self) -> float:
         """1 / median sample interval; 0 for fewer than two samples."""
         return float(1.0 / np.median(np.diff(self.t))) if len(self) > 1 else 0.0
