@@ -18,7 +18,7 @@ from companion.analysis.reference import (
     position_jumps,
     reference_at,
 )
-from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, brief, nearest
+from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, brief, median, nearest
 from companion.strapdown import Preintegration, Propagation, Sums, error_sums, joined, preintegrate, propagate
 
 IntArray = npt.NDArray[np.intp]
@@ -266,7 +266,7 @@ def edges(comparison: Comparison, horizon: float, part: Part | None = None) -> I
     """Where windows begin and end, over all that has an attitude: at grid_origin + horizon times these numbers."""
     t, known = comparison.track.t, np.flatnonzero(comparison.reference.attitude_known)
     origin = part.origin_s if part else grid_origin(comparison)
-    if origin is None or not len(known) or horizon < 0.5 * np.median(np.diff(t)):
+    if origin is None or not len(known) or len(t) < 2 or horizon < 0.5 * median(t[1:] - t[:-1]):
         return np.zeros(0, np.intp)
     last = min(float(t[known[-1]]), part.before_s) if part else t[known[-1]]
     slack = 1e-9 * horizon  # so that an end that falls on the last sample is kept in spite of rounding

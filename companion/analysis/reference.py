@@ -9,7 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, AttitudeTrack, PositionTrack
+from companion.model import Array, AttitudeTrack, PositionTrack, median
 from companion.strapdown import quaternion
 
 
@@ -43,7 +43,7 @@ class Limits:
 
         Integrating across a hole is the largest false error there is: 1 s in a turn is 30° of attitude.
         """
-        return max(self.gap_s, self.gap_periods * float(np.median(np.diff(t)))) if len(t) > 1 else 0.0
+        return max(self.gap_s, self.gap_periods * median(t[1:] - t[:-1])) if len(t) > 1 else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

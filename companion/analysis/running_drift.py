@@ -13,7 +13,7 @@ from companion.analysis.drift import HORIZONS_S, DriftRow, drift_row
 from companion.analysis.findings.stuck import STOPPED_S, STUCK_S, unchanged
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import length
-from companion.model import Array, DataError, Flight, ImuTrack
+from companion.model import Array, DataError, Flight, ImuTrack, percentile
 
 MOST_WINDOWS = 40_000
 """Of a horizon. At 1 s that is 11 h; then the oldest are forgotten, which bounds the memory."""
@@ -124,9 +124,7 @@ def newest_stands_out(comparison: Comparison) -> bool:
     if not new.any() or (~new).sum() < _FEWEST:
         return False
     parted = [window_errors.attitude, window_errors.velocity] if comparison.has_position else [window_errors.attitude]
-    return any(
-        float(size[new].max()) > _TIMES * float(np.percentile(size[~new], _USUAL)) for size in map(length, parted)
-    )
+    return any(float(size[new].max()) > _TIMES * percentile(size[~new], _USUAL) for size in map(length, parted))
 
 
 def _stands(track: ImuTrack) -> bool:

@@ -31,7 +31,7 @@ from companion.estimation.system import (
     measurement_residual,
     measurement_variance,
 )
-from companion.model import Array
+from companion.model import Array, percentile
 from companion.strapdown import MOVED, quaternion
 
 START = ProcessNoise(gyro_noise=3e-3, accel_noise=5e-2, gyro_walk=1e-4, accel_walk=2e-3)
@@ -206,7 +206,7 @@ def _typical(above: Array, below: Array) -> float:
     if not len(below):
         return 1.0
     ratio = above / np.maximum(below, above / 100.0)  # at most 100: a quotient of what is absurd overflows
-    return float(np.clip(np.percentile(ratio, _TYPICAL), 0.01, 100.0))
+    return float(np.clip(percentile(ratio, _TYPICAL), 0.01, 100.0))
 
 
 def coloured(linear: Linear) -> dict[str, float]:

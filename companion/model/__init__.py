@@ -39,8 +39,10 @@ from companion.model.tracks import (
     Series,
     Trajectory,
     interpolated,
+    median,
     nearest,
     of_kind,
+    percentile,
 )
 from companion.model.wording import brief, counted
 
@@ -89,7 +91,9 @@ __all__ = [
     "from_euler",
     "geodetic_from_ned",
     "interpolated",
+    "median",
     "nearest",
     "ned_from_geodetic",
     "of_kind",
+    "percentile",
 ]

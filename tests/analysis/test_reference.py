@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from companion.analysis import Limits, reference_at
 from companion.analysis.reference import attitude_error, attitude_jumps, length, position_jumps
-from companion.model import AttitudeTrack, PositionTrack, nearest
+from companion.model import AttitudeTrack, PositionTrack, median, nearest, percentile
 from companion.strapdown import motions, quaternion
 from tests.flights import flight_of, seconds
 
@@ -72,6 +72,14 @@ def test_a_gps_glitch_is_a_position_jump_and_a_manoeuvre_is_none() -> None:
     position[50:70] += (10.0, 0.0, 0.0)
     jumps = position_jumps(PositionTrack(motion.t, position, motion.velocity), Limits())
     assert jumps[:, 1] == pytest.approx(motion.t[[50, 70]])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 101])
+def test_median_and_percentile_are_to_the_last_digit_what_numpy_says(count: int) -> None:
+    values = np.random.default_rng(count).normal(size=count)
+    assert median(values) == np.median(values)
+    for percent in (0.0, 5.0, 33.3, 50.0, 90.0, 100.0):
+        assert percentile(values, percent) == np.percentile(values, percent)
 
 
 def test_nearest_is_the_nearest() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding
 from companion.analysis.reference import BoolArray
-from companion.model import Array, Flight
+from companion.model import Array, Flight, median
 from companion.strapdown import quaternion
 
 _LOST = 8.0  # periods from which on an interval is a hole
@@ -142,12 +142,12 @@ def _best(gyro: Array, attitude: Array, good: BoolArray) -> float | None:
     inner = slice(most, len(gyro) - most)
     seen, known = attitude[inner] - attitude[inner].mean(axis=0), good[inner]  # a constant rate fits any lag
     gyro = gyro - gyro[inner].mean(axis=0)
-    power = float(np.median((seen[known] ** 2).sum(axis=1))) if known.any() else 0.0
+    power = median((seen[known] ** 2).sum(axis=1)) if known.any() else 0.0
     if power < _TURNING**2:
         return None
     left = np.array(
         [
-            np.median(((gyro[most + k : len(gyro) - most + k][known] - seen[known]) ** 2).sum(axis=1))
+            median(((gyro[most + k : len(gyro) - most + k][known] - seen[known]) ** 2).sum(axis=1))
             for k in range(-most, most + 1)
         ]
     )

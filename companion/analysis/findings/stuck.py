@@ -21,7 +21,7 @@ from companion.analysis.findings.readings import (
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.reference import BoolArray, length
 from companion.estimation import BestEstimate, motion_between
-from companion.model import STANDARD_GRAVITY, Array, ImuTrack
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, median
 from companion.strapdown import quaternion
 
 STUCK_S, STOPPED_S = 1.0, 0.5  # the second of an axis whose noise shows in every second
@@ -78,7 +78,7 @@ def _all_axes(track: ImuTrack) -> Iterator[_Axes]:
 def unchanged(readings: Array) -> BoolArray:
     """Where each of readings (N, 3) is the one before, (N-1, 3). Floats flicker in their last digits."""
     change = np.abs(np.diff(readings, axis=0))
-    nothing = _NEARLY * np.median(change, axis=0).max()
+    nothing = _NEARLY * max(map(median, change.T)) if len(change) else 0.0
     return np.asarray(change <= np.maximum(nothing, _FLICKER * np.abs(readings[1:])))
 
 
