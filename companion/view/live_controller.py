@@ -25,9 +25,9 @@ from companion.view.state.history import History, Past, free_errors, present
 from companion.view.state.sample import Footage, Sample
 from companion.view.viewport import Viewport
 
-LOOK_HZ = 20.0
-TURN_HZ = 22.0  # at most: a turn begins when something has arrived, which what is gathered for does 20 times a second
-_LATE_S = 0.01  # longer than that nothing is waited for
+LOOK_HZ = 15.0
+TURN_HZ = 16.5  # at most: a turn begins when something has arrived, which what is gathered for does 15 times a second
+_LATE_S = 0.03  # longer than that nothing is waited for: a turn without anything new costs as much as one with it
 ALONE_HZ = 4.0  # looks while no browser is open
 _SUNK_M = 0.5  # below the ground before the ground gives way
 
