@@ -6,7 +6,7 @@ import time
 
 from companion.app.live.opinion import HORIZON_S, MOST_S, Judge, Opinion
 
-_LOOK_S = 0.2  # between two looks at whether something has just begun: one each time that data are handed over
+_LOOK_S = 0.4  # between two looks at whether something has just begun: one each second time that data are handed over
 PAUSE_S = 4.0  # between the begins of two judgements
 _AGE_S = 4.4  # from the begin of one to the end of the next: with what handing over takes none is older than 5 s
 _SHARE = 2.0  # times as long as the processor was busy with one: at most half a core on a slow computer
