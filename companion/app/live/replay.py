@@ -11,7 +11,7 @@ from companion.telemetry import Stream
 
 _MARGIN_S = 3.0  # beside the re-anchor period: late packets, and the autopilot's messages around the anchor
 
-_WHOLE_S = 2.0  # between two looks at everything; in between the newest samples go on from the last
+_WHOLE_S = 4.0  # between two looks at everything; in between the newest samples go on from the last
 _OVERLAP_S = 0.6  # of arrivals before that: a sample or more of each message, also of slow ones
 
 _STEADY_S = 5.0  # how long another IMU message must be the better one
