@@ -23,6 +23,8 @@ from companion.strapdown import Preintegration, Propagation, Sums, error_sums, j
 
 IntArray = npt.NDArray[np.intp]
 
+_SHORT = 20_000  # samples: the passes over so many take 3 MB
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
@@ -46,8 +48,8 @@ class Comparison:
         return preintegrate(self.track, method=how.method, middle=how.middle, segments=how.segments)
 
     def forgotten(self) -> Comparison:
-        """The same without its passes over the track, which are made anew when they are asked for: of an hour 60 MB."""
-        return replace(self)
+        """The same without its passes over a long track, made anew when they are asked for: of an hour 60 MB."""
+        return self if len(self.track) < _SHORT else replace(self)
 
     def coarse(self, *samples: IntArray) -> Preintegration:
         """The same pass with rk4's other middle sample, at these samples: the difference is the error of the sampling.
