@@ -85,11 +85,13 @@ def imu_track(
         good &= readable(gyro, accel, ranges)
     instance = IMU_MESSAGES[name].instance
     if name == "HIGHRES_IMU":
-        ids, counts = np.unique(messages["id"], return_counts=True)
-        instance = int(ids[np.argmax(counts)])
-        good &= messages["id"] == instance
-        if len(ids) > 1:
-            notes.append(f"{name} speaks of IMUs {ids.tolist()}: only IMU {instance} is used")
+        ids = messages["id"]
+        instance = int(ids[0])
+        if (ids != instance).any():
+            several, counts = np.unique(ids, return_counts=True)
+            instance = int(several[np.argmax(counts)])
+            good &= ids == instance
+            notes.append(f"{name} speaks of IMUs {several.tolist()}: only IMU {instance} is used")
     keep = increasing(t, good)
     if dropped := int((~good).sum()):
         notes.append(f"{name}: {counted(dropped, 'sample')} left out as no reading or of another IMU")

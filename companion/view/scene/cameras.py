@@ -12,6 +12,7 @@ from typing import get_args
 import numpy as np
 
 from companion.model import Array
+from companion.strapdown import quaternion
 from companion.view.state.events import CameraMode
 from companion.view.state.sample import Footage, Sample
 
@@ -58,9 +59,7 @@ class Pose:
 
     def apply(self, point: Array) -> Array:
         """Where `point` (NED) stands in the browser's world."""
-        w, v = float(self.wxyz[0]), self.wxyz[1:]
-        turned = point + 2 * np.cross(v, np.cross(v, point) + w * point)
-        return np.asarray(turned + self.position, dtype=np.float64)
+        return quaternion.rotate(self.wxyz, point) + self.position
 
     def back(self, point: Array) -> Array:
         """Where in NED a point of the browser's world is: `apply` undone."""

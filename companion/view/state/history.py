@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -167,5 +168,5 @@ def free_errors(free: FreeState) -> tuple[float, float, float, float]:
 
 
 def _sizes(attitude: Array, velocity: Array, position: Array) -> tuple[float, float, float, float]:
-    north, east, down = np.degrees(attitude).tolist()
-    return float(np.hypot(north, east)), float(down), float(np.linalg.norm(velocity)), float(np.linalg.norm(position))
+    north, east, down = map(math.degrees, attitude.tolist())
+    return math.hypot(north, east), down, math.hypot(*velocity.tolist()), math.hypot(*position.tolist())

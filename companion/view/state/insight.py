@@ -52,12 +52,18 @@ class Errors:
 
 def errors_of(t: Array, attitude: Array, velocity: Array, position: Array) -> Errors:
     """Errors (N, 3) as analysis has them (rad, m/s, m, NED) in degrees and as lengths; finite."""
-    degrees = np.clip(np.nan_to_num(np.degrees(attitude)), -MOST, MOST)
+    degrees = _bounded(np.degrees(attitude))
 
     def length(vectors: Array) -> Array:
-        return np.asarray(np.linalg.norm(np.clip(np.nan_to_num(vectors), -MOST, MOST), axis=1))
+        return np.asarray(np.linalg.norm(_bounded(vectors), axis=1))
 
     return Errors(t, length(degrees[:, :2]), degrees[:, 2].copy(), length(velocity), length(position))
+
+
+def _bounded(values: Array) -> Array:
+    if np.abs(values).max(initial=0.0) <= MOST:  # which NaN is not
+        return values
+    return np.clip(np.nan_to_num(values), -MOST, MOST)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
