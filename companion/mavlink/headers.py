@@ -215,7 +215,7 @@ def first_come(start: Index, end: Index) -> npt.NDArray[np.bool_]:
     return keep
 
 
-CHAIN_BYTES = 4096
+CHAIN_BYTES = 8192
 """Bytes that are followed frame by frame: as arrays they would take longer."""
 
 
