@@ -13,7 +13,7 @@ import argparse
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TypeVar
 
 import numpy as np
@@ -119,7 +119,7 @@ def until(one: Flight, end: float) -> Flight:
 
     def part(track: Track) -> Track:
         inside = (track.t >= begin) & (track.t < end)
-        arrays = {name: getattr(track, name) for name in track.__slots__}
+        arrays = {field.name: getattr(track, field.name) for field in fields(track)}
         return replace(track, **{n: a[inside] for n, a in arrays.items() if np.shape(a)[:1] == track.t.shape})
 
     assert one.position

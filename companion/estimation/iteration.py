@@ -147,18 +147,24 @@ def estimate(
     limits: of the densities of the IMU, in place of what may be learned. white: what is left over is taken for white
     noise, however long it lasts: as it is not where something unexplained is in it.
     """
-    noise, scale = start.noise, dict(start.scale)
-    weights: dict[str, Array] = {}
+    noise, scale, change = start.noise, dict(start.scale), dict[str, float]()
+    weights, weighted = dict[str, Array](), 0
     limits = limits or noise_limits(setup)
-    change: dict[str, float] = {}
-    weighted = 0
     wide, grown = noise, dict[str, float]()
     path = carried(setup, start.states, start.path)
 
     def about(point: Point) -> Linear:
-        nonlocal path
-        path = carried(setup, point.states, path)
         return linearise(setup, path, point.states, wide, scale, weights, accepted, grown, sizes=point.sizes)
+
+    def moved(step: Step) -> tuple[Point, Linear]:
+        """Where a step leads; the misfits along it are compared with the IMU carried as before."""
+        nonlocal path
+        point, linear = step.taken(about)
+        before, path = path, carried(setup, point.states, path)
+        if path is before:
+            return point, linear
+        del linear
+        return point, about(point)
 
     linear = about(Point(start.states, np.zeros(0)))
     point = Point(start.states, np.zeros(len(linear.prior.constants_sigma) - CONSTANT_STATES))
@@ -173,13 +179,13 @@ def estimate(
         if (weighted >= _WEIGHTED and largest < _SETTLED and step.gain < _LEARNING) or count == _PASSES - 1:
             break
         del linear  # before the next is made: of a long flight two are more than all else
-        point, linear = step.taken(about)
+        point, linear = moved(step)
         del step  # its weights are as large as the motion of the next
     grown = dict.fromkeys(coloured(linear), 1.0) if white else coloured(linear)
     wide = replace(noise, gyro_noise=noise.gyro_noise * grown["gyro"], accel_noise=noise.accel_noise * grown["accel"])
     for _ in range(_POLISHED):
         del linear
-        point, linear = step.taken(about)  # noqa: F821  (ruff takes the break above for none)
+        point, linear = moved(step)  # noqa: F821  (ruff takes the break above for none)
         del step  # noqa: F821
         step = Step.of(linear, point.sizes)
         if step.gain < LITTLE:

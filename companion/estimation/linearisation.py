@@ -137,16 +137,11 @@ def linearise(
         covariance[setup.broken] += wide[:, :, None] ** 2 * np.eye(STATES)
     back = turn.swapaxes(-1, -2)
     shift = _shift(path, states, turn)
-    transition = turn @ path.transition @ back
-    _turn_with_attitude(transition, shift)
-    motion = Motion(
-        residual=_motion_residual(setup, path, states, shift),
-        transition=transition,
-        constants=_motion_constants(path, turn),
-        weight=turn @ _inverse(covariance) @ back,
-    )
+    transition, constants = turn @ path.transition @ back, _motion_constants(path, turn)
+    weight = turn @ _inverse(covariance) @ back
+    motion = Motion(np.empty(weight.shape[:2]), transition, constants, weight)  # of which the residual comes last
     turned, variance = turn[:, ATTITUDE, ATTITUDE].copy(), np.diagonal(covariance, axis1=1, axis2=2).copy()
-    del turn, covariance, back  # the solution needs the memory
+    del covariance, back  # the solution needs the memory
     at = _kinematics(setup, path, states)
     measurements = []
     for readings in setup.readings:
@@ -157,8 +152,7 @@ def linearise(
     prior = _prior(setup, states)
     for choice in accepted:
         problem, prior = with_choice(problem, prior, choice)
-    if sizes.any():
-        _turn_with_attitude(transition, problem.motion.constants[:, :9, CONSTANT_STATES:] @ sizes)
+    _predict(setup, path, states, problem.motion, shift, sizes)
     return Linear(states, problem.motion, problem.measurements, prior, problem, turned, sums, variance, noise)
 
 
@@ -188,10 +182,40 @@ def _shift(path: CarriedImu, states: States, turn: Array) -> Array:
     return np.asarray((turn[:, :9, :9] @ shift)[..., 0])
 
 
-def _turn_with_attitude(transition: Array, shift: Array) -> None:
-    """Let what velocity and position gain beside the path, (K-1, 9) in NED, turn with the attitude as the path does."""
+def _predict(setup: Setup, path: CarriedImu, states: States, motion: Motion, shift: Array, sizes: Array) -> None:
+    """Fill in the residual of the motion, and make Φ and G its derivatives where it is large.
+
+    shift: (K-1, 9) in NED, what the states say beside the path; sizes: (m,) of what is accepted, whose columns are the
+    last of G. With E = exp(shift) q_k q_{k+1}*, the turn that is left, a = log E, an error x_k turns what is predicted
+    and all of the shift with it, and J_r(a) times the residual is the same residual: it is linear in x_{k+1} with -1,
+    in x_k with R(a)ᵀ, in the shift with R(a)ᵀ J_l(shift) (J. Solà 2017, §4.3.4; J_l, J_r: Jacobians of exp).
+    """
+    columns = motion.constants[:, :9, CONSTANT_STATES:]
+    if sizes.any():
+        shift = shift + columns @ sizes
+    residual, transition = motion.residual, motion.transition
+    residual[:] = _motion_residual(setup, path, states, shift)
     for block in (VELOCITY, POSITION):
         transition[:, block, ATTITUDE] -= skew(shift[:, block])
+    back = quaternion.to_matrix(quaternion.exp(-residual[:, ATTITUDE]))
+    pushed = back @ _left_jacobian(shift[:, ATTITUDE])
+    transition[:, ATTITUDE, ATTITUDE] = back
+    transition[:, ATTITUDE, GYRO_BIAS] = pushed @ transition[:, ATTITUDE, GYRO_BIAS]
+    motion.constants[:, ATTITUDE] = pushed @ motion.constants[:, ATTITUDE]
+    scale = np.linalg.inv(_left_jacobian(-residual[:, ATTITUDE]))
+    motion.weight[:, ATTITUDE] = scale.swapaxes(-1, -2) @ motion.weight[:, ATTITUDE]
+    motion.weight[:, :, ATTITUDE] = motion.weight[:, :, ATTITUDE] @ scale
+    if sizes.any():
+        residual[:, :9] -= columns @ sizes
+
+
+def _left_jacobian(turn: Array) -> Array:
+    """(N, 3, 3) of exp at rotation vectors (N, 3), rad: exp(a + δ) = exp(J_l δ) exp(a)."""
+    angle = np.maximum(np.linalg.norm(turn, axis=1), 1e-4)[:, None, None]  # below it both quotients are at their limits
+    across = skew(turn)
+    return np.asarray(
+        np.eye(3) + (1.0 - np.cos(angle)) / angle**2 * across + (angle - np.sin(angle)) / angle**3 * (across @ across)
+    )
 
 
 def _motion_residual(setup: Setup, path: CarriedImu, states: States, shift: Array) -> Array:

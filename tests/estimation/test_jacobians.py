@@ -13,9 +13,10 @@ from companion.estimation.explanations import kind_of
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import CarriedImu, Linear, _kinematics, carry_imu, linearise
 from companion.estimation.measurements import UNITS, Kinematics, Readings, measure
-from companion.estimation.model import CONSTANT_STATES, CONSTANTS, STATES, States
+from companion.estimation.model import ATTITUDE, CONSTANT_STATES, CONSTANTS, STATES, States
 from companion.estimation.setup import Setup, first_guess, set_up
 from companion.model import STANDARD_GRAVITY, Array
+from companion.strapdown import skew
 from tests.estimation.sensed import BIASES, sensed
 
 STEP = 1e-5
@@ -83,19 +84,33 @@ def test_a_measurement_is_linear_as_it_says(problem: tuple[Setup, CarriedImu, St
         )
 
 
-ACCEL_STEP = Choice(kind_of("accel_bias"), "step", onset=6.0, end=np.inf, onset_sigma=0.1, axis=-1, gain=0.0, others=())
+def step_of(kind: str) -> Choice:
+    return Choice(kind_of(kind), "step", onset=6.0, end=np.inf, onset_sigma=0.1, axis=-1, gain=0.0, others=())
+
+
+def right_jacobian(turn: Array) -> Array:
+    """(N, 3, 3) of exp, by its series: exp(a + δ) = exp(a) exp(J_r δ)."""
+    power, total = np.tile(np.eye(3), (len(turn), 1, 1)), np.zeros((len(turn), 3, 3))
+    for n in range(1, 25):
+        total += power
+        power = power @ skew(-turn) / (n + 1)
+    return total
 
 
 @pytest.mark.parametrize(
-    ("apart", "accepted", "sizes"),
+    ("apart", "turned", "accepted", "sizes"),
     [
-        pytest.param(0.0, [], [], id="about the bias that the pass over the IMU took off"),
-        pytest.param(1.0, [], [], id="far from it"),
-        pytest.param(0.0, [ACCEL_STEP], [0.3, -0.2, 0.1], id="with an explanation"),
+        pytest.param(0.0, 0.0, [], [], id="about the bias that the pass over the IMU took off"),
+        pytest.param(1.0, 0.0, [], [], id="far from it"),
+        pytest.param(1.0, 0.5, [], [], id="where the IMU contradicts the attitudes"),
+        pytest.param(0.0, 0.0, [step_of("accel_bias")], [0.3, -0.2, 0.1], id="with an explanation"),
+        pytest.param(0.0, 0.5, [step_of("gyro_bias")], [0.9, -0.6, 0.7], id="with a large one, contradicted"),
     ],
 )
-def test_the_motion_is_linear_as_it_says(apart: float, accepted: list[Choice], sizes: list[float]) -> None:
-    """Residual r + Φ x_k + G c - x_{k+1}; what is accepted has a size already."""
+def test_the_motion_is_linear_as_it_says(
+    apart: float, turned: float, accepted: list[Choice], sizes: list[float]
+) -> None:
+    """Residual r + Φ x_k + G c - x_{k+1}, of a turn that is left times J_r; what is accepted has a size already."""
     flight, _ = sensed(12.0, "circle", rate=50.0)
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     path, count = carry_imu(setup, BIASES), len(setup.t)
@@ -108,6 +123,9 @@ def test_the_motion_is_linear_as_it_says(apart: float, accepted: list[Choice], s
         accel_bias=np.tile(BIASES[1] + apart * np.array([0.1, 0.2, -0.1]), (count, 1)),
         constants=constants,
     )
+    contradicting = np.zeros((count, STATES))
+    contradicting[:, ATTITUDE] = turned * np.random.default_rng(1).normal(size=(count, 3))
+    states = states.moved(contradicting, np.zeros(CONSTANT_STATES))
     scale = {one.name: 1.0 for one in setup.readings}
 
     def made(of: States) -> Linear:
@@ -118,12 +136,19 @@ def test_the_motion_is_linear_as_it_says(apart: float, accepted: list[Choice], s
         return np.asarray(motion.residual + motion.constants[..., CONSTANT_STATES:] @ np.array(sizes))
 
     exact = made(states).motion
+    frame = right_jacobian(left(states)[:, ATTITUDE])
+
+    def changed(x: Array, c: Array, size: float) -> Array:
+        out = derivative(left, states, x, c) / size
+        out[:, ATTITUDE] = (frame @ out[:, ATTITUDE, None])[..., 0]
+        return out
+
     size = np.repeat([1e-5, 1e-4, 1e-4, 1e-7, 1e-6], 3)
     none = np.zeros(CONSTANT_STATES)
     for column in range(STATES):
         x = np.zeros((len(setup.t), STATES))
         x[::2, column] = size[column]
-        found = derivative(left, states, x, none) / size[column]
+        found = changed(x, none, size[column])
         expected = exact.transition[:, :, column] * (x[:-1, column] > 0)[:, None]
         expected[:, column] -= x[1:, column] > 0
         np.testing.assert_allclose(found, expected, rtol=2e-3, atol=2e-3, err_msg=f"state {column}")
@@ -131,7 +156,7 @@ def test_the_motion_is_linear_as_it_says(apart: float, accepted: list[Choice], s
     for column in range(CONSTANT_STATES):
         c = np.zeros(CONSTANT_STATES)
         c[column] = 1e-5
-        found = derivative(left, states, still, c) / 1e-5
+        found = changed(still, c, 1e-5)
         np.testing.assert_allclose(
             found, exact.constants[:, :, column], rtol=2e-3, atol=2e-3, err_msg=f"constant {column}"
         )
