@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
-from companion.estimation.iteration import LITTLE, Point, Step, carried
+from companion.estimation import iteration
+from companion.estimation.iteration import LITTLE, Point, Step, carried, estimate, start_of
 from companion.estimation.learned_noise import START
-from companion.estimation.linearisation import Linear, linearise
+from companion.estimation.linearisation import CarriedImu, Linear, linearise
 from companion.estimation.setup import first_guess, set_up
 from companion.model import STANDARD_GRAVITY
 from tests.estimation.sensed import sensed, with_imu
@@ -75,3 +77,28 @@ def test_a_step_that_leads_down_is_taken_whole() -> None:
     step = Step.of(about(Point(first_guess(setup, flight), NOTHING)), NOTHING)
     point, _ = step.taken(about)
     np.testing.assert_array_equal(point.states.velocity, step.at(1.0).states.velocity)
+
+
+def test_the_misfits_along_a_step_are_of_one_pass_over_the_imu(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Carried anew with another bias the IMU says something else: what a step has gained could not be told."""
+    flight, _ = sensed(20.0, "circle", rate=50.0)
+    imu = flight.imu()
+    setup = set_up(with_imu(flight, replace(imu, gyro=imu.gyro + 0.05)), None, STANDARD_GRAVITY, None)
+    passes, steps = list[CarriedImu](), list[slice]()
+    taken = Step.taken
+
+    def linearised(*args: Any, **named: Any) -> Linear:
+        passes.append(args[1])
+        return linearise(*args, **named)
+
+    def noted(step: Step, about: Callable[[Point], Linear]) -> tuple[Point, Linear]:
+        begin = len(passes) - 1  # where the problem was made linear about its beginning
+        there = taken(step, about)
+        steps.append(slice(begin, len(passes)))
+        return there
+
+    monkeypatch.setattr(iteration, "linearise", linearised)
+    monkeypatch.setattr(Step, "taken", noted)
+    estimate(setup, start_of(setup, first_guess(setup, flight)))
+    assert all(len(set(map(id, passes[step]))) == 1 for step in steps)
+    assert len(set(map(id, passes))) > 1, "it was never carried anew"
