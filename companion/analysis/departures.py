@@ -165,7 +165,7 @@ def _heading_off(
         early = _early(judged & (part == one))
         first = int(early[np.argmin(np.abs(error[early] - np.median(error[early])))])
         changed = best.change_sigma(ATTITUDE, first)[:, 2]
-        since = np.abs(error - error[first])
+        since = np.abs(np.mod(error - error[first] + np.pi, 2.0 * np.pi) - np.pi)  # half a turn off is off either way
         less = since / least_departure("heading", changed) < np.abs(error) / least_departure("heading", whole)
         use = doubted & (part == one) & (less | (changed < _BETTER * whole))
         size = np.where(use, since, size)

@@ -91,6 +91,18 @@ def test_a_heading_that_changes_is_judged_by_the_change(flight: Flight, best: Be
     assert departures(turned(flight, np.radians(20.0) * DOWN), doubted, Limits()) == ()
 
 
+def test_a_heading_that_is_off_by_half_a_turn_changes_by_little_on_either_side_of_it(
+    flight: Flight, best: BestEstimate
+) -> None:
+    """As where the whole flight is reckoned backwards: from 178 to 182° is 4°, and not 356."""
+    doubted, later = turned_whole(best), flight.require_attitude().t >= ONSET
+    other = turned(flight, np.radians(np.where(later, 182.0, 178.0))[:, None] * DOWN)
+    assert departures(other, doubted, Limits()) == ()
+    further = turned(flight, np.radians(np.where(later, 200.0, 178.0))[:, None] * DOWN)
+    (heading,) = departures(further, doubted, Limits())
+    assert np.degrees(heading.size) == pytest.approx(22.0, abs=1.0)
+
+
 def test_a_change_that_is_known_no_better_than_the_heading_is_none(flight: Flight, best: BestEstimate) -> None:
     """Off by 8° to one side, then to the other: no fault where that is in doubt at each time anew."""
     later = flight.require_attitude().t >= ONSET
