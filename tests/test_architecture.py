@@ -95,7 +95,7 @@ VIEW_MAY_IMPORT = {
 LIBRARIES = {
     "model": {"numpy"},
     "strapdown": {"numpy"},
-    "estimation": {"numpy", "pygeomag"},
+    "estimation": {"numpy", "scipy", "pygeomag"},
     "analysis": {"numpy"},
     "mavlink": {"numpy", "pymavlink"},
     "logs": {"numpy"},

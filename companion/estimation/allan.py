@@ -15,7 +15,6 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.estimation.chi_square import log_end
 from companion.model import Array
 
 FLICKER = 2.0 * np.log(2.0) / np.pi  # σ² of a flicker floor of B = 1: its root is 0.664
@@ -61,8 +60,8 @@ class AllanDeviation:
     @property
     def interval(self) -> tuple[Array, Array]:
         """Low and high end (M, 3) of the 95 % interval of the deviation: chi-square with `freedom`."""
-        low, high = (np.exp(-0.5 * log_end(self.freedom, side))[:, None] for side in (1.0, -1.0))
-        return self.deviation * low, self.deviation * high
+        low, high = _chi_square_factors(self.freedom)
+        return self.deviation * low[:, None], self.deviation * high[:, None]
 
 
 def allan_deviation(readings: Array, rate_hz: float) -> AllanDeviation | None:
@@ -118,7 +117,7 @@ def noise_figures(allan: AllanDeviation, axis: int, shortest_s: float = 0.0, gri
     fitted = {which: (float(power[i]), float(sigma[i])) for i, which in enumerate(seen)}
     if 0 in fitted:
         fitted[0] = max(fitted[0][0] - grid, 0.0), fitted[0][1]
-    high = np.exp(-0.5 * log_end(freedom, -1.0))
+    _, high = _chi_square_factors(freedom)
     bounds = np.min(np.sqrt(variance)[:, None] * high[:, None] / np.sqrt(shapes), axis=0)
     return NoiseFigures(*(_coefficient(*fitted.get(which, (0.0, 0.0)), float(bounds[which])) for which in range(3)))
 
@@ -161,3 +160,11 @@ def _coefficient(power: float, sigma: float, bound: float) -> Coefficient:
         return Coefficient(None, 0.0, bound)
     root, spread = float(np.sqrt(power)), sigma / power  # two standard errors of the root
     return Coefficient(root, root * float(np.exp(-spread)), root * float(np.exp(spread)))
+
+
+def _chi_square_factors(freedom: Array) -> tuple[Array, Array]:
+    """What a deviation is multiplied by for the ends of its 95 % interval."""
+    from scipy.special import gammaincinv  # noqa: PLC0415  (slow to import)
+
+    low, high = (2.0 * gammaincinv(0.5 * freedom, share) for share in (0.975, 0.025))
+    return np.sqrt(freedom / low), np.sqrt(freedom / np.maximum(high, 1e-12))
