@@ -166,6 +166,8 @@ def assess(
     judged = windows(comparison, JUDGED_S)
     noise = _noise(comparison, judged)
     sets = tuple(windows(comparison, horizon) for horizon in horizons)
+    allowed = expected_over(comparison, judged, figures, autopilot)
+    sampling = allowed.shares["attitude"]["sampling"] if allowed else 0.0
     faults = reading_faults(flight, comparison, figures, autopilot)
     parts = phases(flight)
     lost = next((part for part in parts if part.kind == "impact"), None)
@@ -176,19 +178,18 @@ def assess(
     comparison = comparison.forgotten()  # while the best estimate needs the room
     best, told_by_it = _best(own, comparison, faults, lost, before, enough=enough)
     faults += told_by_it
-    allowed = expected_over(comparison, judged, figures, autopilot)
-    sampling = allowed.shares["attitude"]["sampling"] if allowed else 0.0
     all_findings, clean = findings(flight, comparison, sampling, figures, noise, autopilot, faults, best)
     if lost is not None:
         all_findings = by_severity((_control_lost(lost), *(f for f in all_findings if f.start_s < lost.start)))
     third = best if best is not None and _independent(best) else None
     usual = figures if third is None else in_flight(figures, third)
+    drift, comparison = drift_over(comparison, sets), comparison.forgotten()
     told = comparison.of(clean if third is None else _unbiased(clean, third))
     judged = _while_judged(windows(told, JUDGED_S), told.track.t, parts)
     return Assessment(
         comparison=comparison,
         sets=sets,
-        drift=drift_over(comparison, sets),
+        drift=drift,
         figures=figures,
         autopilot=autopilot,
         measured_noise=noise,
