@@ -141,7 +141,7 @@ def linearise(
     weight = turn @ _inverse(covariance) @ back
     motion = Motion(np.empty(weight.shape[:2]), transition, constants, weight)  # of which the residual comes last
     turned, variance = turn[:, ATTITUDE, ATTITUDE].copy(), np.diagonal(covariance, axis1=1, axis2=2).copy()
-    del covariance, back  # the solution needs the memory
+    del turn, covariance, back  # the solution needs the memory
     at = _kinematics(setup, path, states)
     measurements = []
     for readings in setup.readings:
