@@ -260,7 +260,7 @@ def sensitivity(best: BestEstimate | None) -> Sensitivity:
     return Sensitivity(smallest, tuple(lacking))
 
 
-def _usual(quantity: str, sigma: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
+def _usual(quantity: str, sigma: Array) -> float:
     return float(np.median(least_departure(quantity, sigma)))
 
 
