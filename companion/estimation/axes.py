@@ -136,7 +136,7 @@ def other_reading(
             setup = set_up(
                 replace(flight, imus={**flight.imus, track.source: turned}), track.source, gravity, part, untrusted
             )
-            settled, linear = estimate(setup, start_of(setup, unaided_guess(setup, flight)))
+            settled, linear = estimate(setup, start_of(setup, unaided_guess(setup, flight)), roughly=True)
         except (DataError, np.linalg.LinAlgError):
             return np.inf, -np.inf
         return _size(settled.noise), likelihood(settled, linear)
