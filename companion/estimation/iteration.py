@@ -6,7 +6,8 @@ the densities are learned.
 Where the readings contradict each other the problem is far from linear, and a whole step may lead anywhere. So the
 misfit where it ends is compared with that where it begins, and a step that leads uphill is shortened to where a
 parabola through both and the slope at its beginning is least (J. Nocedal, S. J. Wright 2006, Numerical Optimization,
-§3.5). On a link the iteration may begin with what was estimated a moment ago, carried on to what has arrived since.
+§3.5). Where it leads uphill however short, there is nothing lower to be had. On a link the iteration may begin with
+what was estimated a moment ago, carried on to what has arrived since.
 """
 
 from __future__ import annotations
@@ -72,8 +73,8 @@ class Step:
         """The misfit at a point, about which a problem was made linear, with the weights of this one."""
         return _misfit(linear, point.sizes, self.weight, self.information)
 
-    def taken(self, linearised: Callable[[Point], Linear]) -> tuple[Point, Linear]:
-        """Where it leads, and the linear problem there.
+    def taken(self, linearised: Callable[[Point], Linear]) -> tuple[Point, Linear, bool]:
+        """Where it leads, the linear problem there, and whether the misfit is higher there, however short the step.
 
         linearised: makes the problem about a point.
         """
@@ -82,8 +83,9 @@ class Step:
             point = self.at(share)
             linear = linearised(point)
             higher = self.misfit_at(point, linear) - self.misfit
-            if not (higher > LITTLE and left):  # of absurd readings it may be no number
-                return point, linear
+            uphill = bool(higher > LITTLE)  # of absurd readings it may be no number
+            if not (uphill and left):
+                return point, linear, uphill
             del linear  # before the next is made, as large
             least = np.nan_to_num(self.gain * share**2 / (higher + 2.0 * self.gain * share))
             share, left = float(np.clip(least, _SHORTEST * share, _LONGEST * share)), left - 1
@@ -146,8 +148,8 @@ def estimate(
     """The iteration with what is accepted: where it settles, and the linear problem there.
 
     limits: of the densities of the IMU, in place of what may be learned. white: what is left over is taken for white
-    noise, however long it lasts: as it is not where something unexplained is in it. roughly: the noise to a seventh, for
-    who compares whole factors of it, and the states as they are then.
+    noise, however long it lasts: as it is not where something unexplained is in it. roughly: the noise to a seventh,
+    for who compares whole factors of it, and the states as they are then.
     """
     noise, scale, change = start.noise, dict(start.scale), dict[str, float]()
     weights, weighted = dict[str, Array](), 0
@@ -158,17 +160,17 @@ def estimate(
     def about(point: Point) -> Linear:
         return linearise(setup, path, point.states, wide, scale, weights, accepted, grown, sizes=point.sizes)
 
-    def moved(step: Step) -> tuple[Point, Linear]:
+    def moved(step: Step) -> tuple[Point, Linear, bool]:
         """Where a step leads; the misfits along it are compared with the IMU carried as before."""
         nonlocal path
-        point, linear = step.taken(about)
+        point, linear, uphill = step.taken(about)
         before, path = path, carried(setup, point.states, path)
         if path is before:
-            return point, linear
+            return point, linear, uphill
         del linear
-        return point, about(point)
+        return point, about(point), uphill
 
-    settled = _NEAR if roughly else _SETTLED
+    settled, uphill = _NEAR if roughly else _SETTLED, False
     linear = about(Point(start.states, np.zeros(0)))
     point = Point(start.states, np.zeros(len(linear.prior.constants_sigma) - CONSTANT_STATES))
     for count in range(_PASSES):
@@ -179,16 +181,17 @@ def estimate(
             if weighted or accepted or largest < _NEAR or count >= _WEIGHTS_FROM:
                 weights = outlier_weights(linear)
                 weighted += 1
-        if (weighted >= _WEIGHTED and largest < settled and (roughly or step.gain < _LEARNING)) or count == _PASSES - 1:
+        there = roughly or uphill or step.gain < _LEARNING  # as near as it comes
+        if (weighted >= _WEIGHTED and largest < settled and there) or count == _PASSES - 1:
             break
         del linear  # before the next is made: of a long flight two are more than all else
-        point, linear = moved(step)
+        point, linear, uphill = moved(step)
         del step  # its weights are as large as the motion of the next
     grown = dict.fromkeys(coloured(linear), 1.0) if white else coloured(linear)
     wide = replace(noise, gyro_noise=noise.gyro_noise * grown["gyro"], accel_noise=noise.accel_noise * grown["accel"])
     for _ in range(0 if roughly else _POLISHED):
         del linear
-        point, linear = moved(step)  # noqa: F821  (ruff takes the break above for none)
+        point, linear, _ = moved(step)  # noqa: F821  (ruff takes the break above for none)
         del step  # noqa: F821
         step = Step.of(linear, point.sizes)
         if step.gain < LITTLE:

@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 
 from companion.estimation import iteration
+from companion.estimation.choice import Choice
+from companion.estimation.explanations import kind_of
 from companion.estimation.iteration import LITTLE, Point, Step, carried, estimate, start_of
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import CarriedImu, Linear, linearise
 from companion.estimation.setup import first_guess, set_up
 from companion.model import STANDARD_GRAVITY
+from companion.strapdown import quaternion
 from tests.estimation.sensed import sensed, with_imu
 
 NOTHING = np.zeros(0)
@@ -49,7 +52,8 @@ def test_no_step_leads_uphill() -> None:
     linear, shortened = about(point), 0
     for _ in range(8):
         step = Step.of(linear, point.sizes)
-        point, linear = step.taken(about)
+        point, linear, uphill = step.taken(about)
+        assert not uphill
         shortened += not np.array_equal(point.states.position, step.at(1.0).states.position)
         assert step.misfit_at(point, linear) < step.misfit + LITTLE
     assert shortened, "the problem is too easy to show anything"
@@ -59,7 +63,7 @@ def test_the_misfit_falls_at_first_as_the_step_says() -> None:
     """Its slope along a step is minus twice the gain of a linear problem: else a derivative is wrong."""
     point, about = contradicted(0.02)
     for _ in range(3):
-        point, _ = Step.of(about(point), point.sizes).taken(about)
+        point, _, _ = Step.of(about(point), point.sizes).taken(about)
     step = Step.of(about(point), point.sizes)
     share = 1e-4
     there, back = (step.misfit_at(at, about(at)) for at in (step.at(share), step.at(-share)))
@@ -75,7 +79,8 @@ def test_a_step_that_leads_down_is_taken_whole() -> None:
         return linearise(setup, carried(setup, point.states, None), point.states, START, scale, {})
 
     step = Step.of(about(Point(first_guess(setup, flight), NOTHING)), NOTHING)
-    point, _ = step.taken(about)
+    point, _, uphill = step.taken(about)
+    assert not uphill
     np.testing.assert_array_equal(point.states.velocity, step.at(1.0).states.velocity)
 
 
@@ -91,7 +96,7 @@ def test_the_misfits_along_a_step_are_of_one_pass_over_the_imu(monkeypatch: pyte
         passes.append(args[1])
         return linearise(*args, **named)
 
-    def noted(step: Step, about: Callable[[Point], Linear]) -> tuple[Point, Linear]:
+    def noted(step: Step, about: Callable[[Point], Linear]) -> tuple[Point, Linear, bool]:
         begin = len(passes) - 1  # where the problem was made linear about its beginning
         there = taken(step, about)
         steps.append(slice(begin, len(passes)))
@@ -102,3 +107,29 @@ def test_the_misfits_along_a_step_are_of_one_pass_over_the_imu(monkeypatch: pyte
     estimate(setup, start_of(setup, first_guess(setup, flight)))
     assert all(len(set(map(id, passes[step]))) == 1 for step in steps)
     assert len(set(map(id, passes))) > 1, "it was never carried anew"
+
+
+def test_where_no_step_leads_down_the_iteration_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A compass that turns by 60° is no small error: the steps lead off the circle, and lower than there is nowhere."""
+    flight, _ = sensed(40.0, "square", rate=25.0, fixes_hz=5.0)
+    (compass,) = flight.compasses
+    begin, end = 20.1, 28.0
+    turned = quaternion.rotate(quaternion.exp(np.array([0.0, 0.0, np.radians(60.0)])), compass.field)
+    field = np.where(((compass.t > begin) & (compass.t < end))[:, None], turned, compass.field)
+    setup = set_up(replace(flight, compasses=(replace(compass, field=field),)), None, STANDARD_GRAVITY, None)
+    choice = Choice(kind_of("compass_turn"), "pulse", begin, end, 0.1, -1, 0.0, ())
+    passes, uphill = list[Step](), list[bool]()
+    taken = Step.taken
+
+    def noted(step: Step, about: Callable[[Point], Linear]) -> tuple[Point, Linear, bool]:
+        there = taken(step, about)
+        passes.append(step)
+        uphill.append(there[2])
+        return there
+
+    start = start_of(setup, first_guess(setup, flight))
+    settled, _ = estimate(setup, start)
+    monkeypatch.setattr(Step, "taken", noted)
+    estimate(setup, replace(settled, states=start.states), [choice])
+    assert any(uphill), "the problem is too easy to show anything"
+    assert len(passes) < 15
