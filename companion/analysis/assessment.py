@@ -15,8 +15,8 @@ from companion.analysis.comparison import Comparison, Windows, compare, windows
 from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.departures import Sensitivity, sensitivity
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
-from companion.analysis.finding import Finding, by_severity
-from companion.analysis.findings import findings, missed_findings, reading_faults
+from companion.analysis.finding import Finding
+from companion.analysis.findings import findings, missed_findings, reading_faults, when_lost
 from companion.analysis.findings.axes import misread_finding
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
@@ -172,7 +172,9 @@ def assess(
     parts = phases(flight)
     lost = next((part for part in parts if part.kind == "impact"), None)
     aligned = max((part.end for part in parts if part.kind == "aligning"), default=-np.inf)
-    faults = [f for f in faults if f.end_s > aligned and (lost is None or f.start_s < lost.start)]
+    faults = [f for f in faults if f.end_s > aligned]
+    later = [f for f in faults if lost is not None and f.start_s >= lost.start]
+    faults = [f for f in faults if f not in later]
     own = replace(flight, imus={**flight.imus, track.source: track})
     enough = len(_while_judged(judged, track.t, parts).start) >= FEWEST_WINDOWS
     comparison = comparison.forgotten()  # while the best estimate needs the room
@@ -180,7 +182,7 @@ def assess(
     faults += told_by_it
     all_findings, clean = findings(flight, comparison, sampling, figures, noise, autopilot, faults, best)
     if lost is not None:
-        all_findings = by_severity((_control_lost(lost), *(f for f in all_findings if f.start_s < lost.start)))
+        all_findings = when_lost(all_findings, lost, later)
     third = best if best is not None and _independent(best) else None
     usual = figures if third is None else in_flight(figures, third)
     drift, comparison = drift_over(comparison, sets), comparison.forgotten()
@@ -224,18 +226,6 @@ def _noise(comparison: Comparison, judged: Windows) -> tuple[float, float] | Non
         return None
     gyro, accel = np.median(window_noise(comparison.track, judged), axis=0)
     return float(gyro), float(accel)
-
-
-def _control_lost(lost: Phase) -> Finding:
-    return Finding(
-        "control_lost",
-        "data",
-        "warning",
-        lost.start,
-        lost.end,
-        f"control was lost at {lost.start:.1f} s ({lost.reason}); nothing after it is judged",
-        "Look at motors, propellers and the desired attitude before it: a vehicle that tumbles misleads every sensor.",
-    )
 
 
 _UNTRUSTED = ("frozen", "stuck_axis", "gyro_clipping", "accel_clipping")

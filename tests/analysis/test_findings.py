@@ -195,7 +195,7 @@ def test_shocks_close_together_are_one_finding() -> None:
     hit = np.arange(len(imu)) % 10 == 0
     found = assess(with_imu(flight, accel=np.where(hit[:, None], 160.0, imu.accel)), GENERIC)
     said = [f.evidence for f in found.verdict.findings if f.kind == "accel_clipping"]
-    assert said == [f"{hit.sum()} samples at the end of the range, 160.0"]
+    assert said == [f"{hit.sum()} samples at the end of the range, 160.0 m/s²"]
 
 
 def test_a_gyro_axis_that_does_not_turn_is_not_stuck() -> None:
@@ -486,3 +486,50 @@ def test_an_imu_without_the_estimators_biases_is_no_independent_witness(on_board
     comparison = compare(freed)
     told = {f.kind for f in findings(freed, comparison, 0.0, GENERIC, None, ReferenceSpec(), (), None)[0]}
     assert ("not_independent" in told) != on_board
+
+
+CRASHED = StatusText(45.0, 2, "Crash: Disarming: AngErr=45>30, Accel=0.7<3.0")
+RANGE = np.radians(250.0)  # of a gyro, rad/s
+
+
+def tumbling(t: Array) -> Array:
+    """(N, 3) rates of a vehicle that has crashed at 45 s."""
+    return np.where(t > 45.0, 7.0 * np.sin(9.0 * (t - 45.0)), 0.0)[:, None] * [1.0, -0.9, 0.2]
+
+
+def test_a_gyro_at_its_end_after_control_was_lost_is_a_consequence() -> None:
+    """The noise is on top, and the end is reached within some samples: a range that no data sheet states."""
+    flight = flown(motions.circle(seconds(40, 250)), texts=(CRASHED,))
+    imu = flight.imu()
+    noise = 5e-3 * np.random.default_rng(1).normal(size=imu.gyro.shape)
+    gyro = np.clip(imu.gyro + tumbling(imu.t), -RANGE, RANGE) + noise
+    found = assess(with_imu(flight, gyro=gyro), GENERIC)
+    said = of_kind(found, "gyro_clipping")
+    assert (said.severity, said.cause) == ("warning", None)
+    assert 45.0 < said.start_s < 45.5
+    assert found.verdict.status == "insufficient_data"
+    assert "4.4 rad/s), which misleads the autopilot too. Before it no sensor is at fault" in found.verdict.summary
+    slow = assess(with_imu(flight, gyro=imu.gyro + 0.5 * tumbling(imu.t) + noise), GENERIC)
+    assert "control_lost" in kinds(slow, "warning")
+    assert "gyro_clipping" not in kinds(slow, "warning")
+
+
+@pytest.mark.parametrize("rate_hz", [50, 250, 1000])
+def test_a_rate_that_a_vehicle_keeps_is_no_end_of_a_range(rate_hz: int) -> None:
+    """A trapezoid of 40 rad/s² behind the lag of motors, without noise; and a round top, a parabola."""
+    flight = flown(motions.circle(seconds(30, rate_hz)))
+    imu = flight.imu()
+    past = imu.t - 20.0
+    shape = np.clip(40.0 * np.minimum(past, 1.5 - past), 0.0, 3.0)
+    lagged = np.zeros(len(shape))
+    for i in range(1, len(shape)):
+        lagged[i] = lagged[i - 1] + (shape[i] - lagged[i - 1]) / (0.03 * rate_hz + 1.0)
+    top = 3.1 * np.maximum(1.0 - (past - 4.0) ** 2 / 0.05, 0.0)
+    gyro = imu.gyro + (lagged + top)[:, None] * [1.0, 0.0, 0.0]
+    assert not clipped(flight, gyro)
+    assert clipped(flight, np.minimum(gyro, 2.5))
+
+
+def clipped(flight: Flight, gyro: Array) -> list[Finding]:
+    compared = compare(flight, track=with_imu(flight, gyro=gyro).imu())
+    return [f for f in reading_faults(flight, compared, GENERIC, ReferenceSpec()) if f.kind == "gyro_clipping"]

@@ -18,8 +18,12 @@ _TOGETHER_S = 1.0  # shocks closer than this are one finding
 _MOMENT_S = 0.05  # a shorter end of the range is a shock, which no sensor is accused of
 _OFTEN_S = 0.15  # in all, and it is none
 _SELDOM = 0.25  # of the samples of a second
-_FLAT, _EDGE = 0.003, 0.03  # of the level: a top is flat to the first, and reached in a step of the second
-_FLAT_S, _FLAT_SAMPLES = 0.02, 3
+_FLAT, _EDGE = (
+    0.003,
+    0.03,
+)  # of the level: neighbours on a top differ by the first, and beside it is lower by the second
+_SCATTER = 1.5  # times what neighbours differ by: as far many samples of noise are apart
+_FLAT_S, _FLAT_SAMPLES = 0.02, 3  # of a top at least, and in which, and one sample, it is reached and left
 _STRONG = {"gyro": 1.0, "accel": 1.5 * STANDARD_GRAVITY}  # rad/s, m/s²: no sensor's range ends below
 FEWEST_SECONDS = 10  # so many there have to be to tell
 MANY = 50.0  # steps
@@ -30,9 +34,9 @@ def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuSp
     """Readings that cannot be: frozen while the vehicle turns, at the end of the sensor's range."""
     track = comparison.track
     yield from _frozen(track, attitude)
-    for name, readings, full in (
-        ("gyro", track.gyro, imu.gyro.full_scale),
-        ("accel", track.accel, imu.accel.full_scale),
+    for name, readings, full, unit in (
+        ("gyro", track.gyro, imu.gyro.full_scale, "rad/s"),
+        ("accel", track.accel, imu.accel.full_scale, "m/s²"),
     ):
         at = np.flatnonzero((np.abs(readings) >= 0.98 * full).any(axis=1) | _flat_tops(readings, name, track.rate_hz))
         if not len(at):
@@ -47,7 +51,7 @@ def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuSp
                 "warning" if moment else "error",
                 start,
                 end,
-                f"{counted(len(group), 'sample')} at the end of the range, {np.abs(readings[group]).max():.1f}"
+                f"{counted(len(group), 'sample')} at the end of the range, {np.abs(readings[group]).max():.1f} {unit}"
                 + ("; a shock does this too: no sensor is accused of a moment" if moment else ""),
                 "Damp the mounting: vibration or a shock is larger than the sensor can read.",
                 cause=Cause(f"{name}_clipping", "imu", start, end, sensor=name),
@@ -87,26 +91,30 @@ def _frozen(track: ImuTrack, attitude: AttitudeTrack) -> Iterator[Finding]:
 
 
 def _flat_tops(readings: Array, name: str, rate_hz: float) -> BoolArray:
-    """(N,) samples at a level that an axis reaches in a step, keeps and leaves in a step: the end of a range.
+    """(N,) samples at a level that an axis reaches in a moment, keeps and leaves in a moment: the end of a range.
 
     Whatever the data sheet says of it. No reading goes on beyond the end of a range: a level that the axis exceeds at
-    another time is none.
+    another time is none. Nor is one that it comes to slowly, as a vehicle comes to the rate that it is told. An edge
+    is at most half as long as the top: a round one, a parabola, falls by three times what it is flat to there, which is
+    less than half of an edge.
     """
     flat = np.zeros(len(readings), np.bool_)
-    fewest = max(_FLAT_SAMPLES, round(_FLAT_S * rate_hz))
+    moment = round(_FLAT_S * rate_hz)
+    fewest = max(_FLAT_SAMPLES, moment)
     for column in readings.T:
         level, lowest, highest = np.abs(column), float(column.min()), float(column.max())
         same = (np.abs(np.diff(column)) <= _FLAT * level[1:]) & (level[1:] > _STRONG[name])
         for first, last in runs(np.asarray(same)):
-            if last + 1 - first < fewest - 1 or first == 0 or last + 2 >= len(column):
+            top = slice(first, last + 2)
+            if last + 1 - first < fewest - 1 or first == 0 or top.stop == len(column):
                 continue
-            top = level[first : last + 2]
-            steps = abs(column[first] - column[first - 1]), abs(column[last + 2] - column[last + 1])
-            most = highest if column[first] > 0.0 else -lowest
-            if most > (1.0 + _EDGE) * top.max():
+            most, beside = level[top].max(), max(1, min(moment + 1, (last + 2 - first) // 2))
+            before, after = max(first - beside, 0), min(last + 1 + beside, len(column) - 1)
+            if (highest if column[first] > 0.0 else -lowest) > (1.0 + _EDGE) * most:
                 continue
-            if np.ptp(top) <= _FLAT * top.max() and min(steps) > _EDGE * top.max() and top.max() > level[last + 2]:
-                flat[first : last + 2] = True
+            steps = abs(column[first] - column[before]), abs(column[after] - column[last + 1])
+            if np.ptp(column[top]) <= _SCATTER * _FLAT * most and min(steps) > _EDGE * most and most > level[after]:
+                flat[top] = True
     return flat
 
 
