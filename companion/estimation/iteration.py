@@ -165,13 +165,12 @@ def estimate(
         nonlocal path
         point, linear, uphill = step.taken(about)
         before, path = path, carried(setup, point.states, path)
-        if path is before:
-            return point, linear, uphill
-        del linear
-        return point, about(point), uphill
+        if path is not before:
+            del linear
+            linear = about(point)
+        return point, linear, uphill
 
-    settled, uphill = _NEAR if roughly else _SETTLED, False
-    linear = about(Point(start.states, np.zeros(0)))
+    settled, uphill, linear = _NEAR if roughly else _SETTLED, False, about(Point(start.states, np.zeros(0)))
     point = Point(start.states, np.zeros(len(linear.prior.constants_sigma) - CONSTANT_STATES))
     for count in range(_PASSES):
         step, largest = Step.of(linear, point.sizes), np.inf
@@ -196,10 +195,13 @@ def estimate(
         step = Step.of(linear, point.sizes)
         if step.gain < LITTLE:
             break
-    states = step.at(1.0).states
+    return Start(_finite(step.at(1.0).states, setup), noise, scale, path), linear
+
+
+def _finite(states: States, setup: Setup) -> States:
     if not np.isfinite(states.q_ned_frd).all():
         raise DataError(f"{setup.imu.source}: the estimate of the trajectory does not settle; the readings do not fit")
-    return Start(states, noise, scale, path), linear
+    return states
 
 
 def likelihood(settled: Start, linear: Linear) -> float:

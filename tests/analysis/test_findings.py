@@ -195,7 +195,7 @@ def test_shocks_close_together_are_one_finding() -> None:
     hit = np.arange(len(imu)) % 10 == 0
     found = assess(with_imu(flight, accel=np.where(hit[:, None], 160.0, imu.accel)), GENERIC)
     said = [f.evidence for f in found.verdict.findings if f.kind == "accel_clipping"]
-    assert said == [f"{hit.sum()} samples at the end of the range, 160.0 m/s²"]
+    assert said == [f"{hit.sum()} samples of the accelerometer at the end of its range, 160.0 m/s²"]
 
 
 def test_a_gyro_axis_that_does_not_turn_is_not_stuck() -> None:

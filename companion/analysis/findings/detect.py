@@ -87,7 +87,7 @@ def findings(
     return by_severity(all_findings), clean
 
 
-def when_lost(found: Sequence[Finding], lost: Phase, later: Sequence[Finding]) -> tuple[Finding, ...]:
+def when_lost(told: Sequence[Finding], lost: Phase, later: Sequence[Finding]) -> tuple[Finding, ...]:
     """The findings of a flight in which control was lost: those of before, and what tells of it.
 
     later: readings that cannot be, after it. A gyro at the end of its range is a consequence, and takes the estimator
@@ -105,7 +105,7 @@ def when_lost(found: Sequence[Finding], lost: Phase, later: Sequence[Finding]) -
         "Look at motors, propellers and the desired attitude before it: a vehicle that tumbles misleads every sensor.",
     )
     tumbling = [replace(f, severity="warning", advice=control_lost.advice, cause=None) for f in tumbling]
-    return by_severity((control_lost, *tumbling, *(f for f in found if f.start_s < lost.start)))
+    return by_severity((control_lost, *tumbling, *(f for f in told if f.start_s < lost.start)))
 
 
 def _too_fast(clipping: Finding) -> str:

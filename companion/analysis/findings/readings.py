@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from companion.analysis.comparison import Comparison
+from companion.analysis.episode import SENSORS
 from companion.analysis.finding import Cause, Finding, IntArray, run_edges, runs
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.reference import BoolArray
@@ -43,7 +44,7 @@ def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuSp
             continue
         groups = np.split(at, np.flatnonzero(np.diff(track.t[at]) > _TOGETHER_S) + 1)
         for group in groups:
-            start, end = float(track.t[group[0]]), float(track.t[group[-1]])
+            start, end, most = float(track.t[group[0]]), float(track.t[group[-1]]), np.abs(readings[group]).max()
             moment = len(group) < _MOMENT_S * track.rate_hz and len(at) < _OFTEN_S * track.rate_hz
             yield Finding(
                 f"{name}_clipping",
@@ -51,9 +52,9 @@ def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuSp
                 "warning" if moment else "error",
                 start,
                 end,
-                f"{counted(len(group), 'sample')} at the end of the range, {np.abs(readings[group]).max():.1f} {unit}"
+                f"{counted(len(group), 'sample')} of the {SENSORS[name]} at the end of its range, {most:.1f} {unit}"
                 + ("; a shock does this too: no sensor is accused of a moment" if moment else ""),
-                "Damp the mounting: vibration or a shock is larger than the sensor can read.",
+                "Damp the mounting, or set a larger range: a shock, vibration or a turn is more than it can read.",
                 cause=Cause(f"{name}_clipping", "imu", start, end, sensor=name),
             )
 
