@@ -100,8 +100,7 @@ def _print(examined: Examination, console: Console) -> None:
     middle = f", {table.middle} middle sample" if METHODS[table.method].looks_inside else ""
     lines = [
         "",
-        f"[bold]Vehicle {vehicle}, boot {flight.boot}[/]: {vehicle.autopilot} {vehicle.firmware} {vehicle.type}, "
-        f"{flight.duration:.1f} s",
+        f"[bold]Vehicle {vehicle}, boot {flight.boot}[/]: {vehicle.kind}, {flight.duration:.1f} s",
         f"IMU:       {table.imu} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
         + (f", {counted(gaps, 'hole')}" if gaps else ""),
         f"IMU noise model: {assessment.figures.name} ({escape(assessment.figures.reason)})",
@@ -158,9 +157,8 @@ def first_screen(examined: Examination, width: int) -> list[str]:
     head = wrapped(f"{status}  {assessment.verdict.summary}", width, 2)
     head[0] = head[0].replace(escape(status), status_text(assessment.verdict.status), 1)
     vehicle = flight.vehicle
-    kind = " ".join(filter(None, (vehicle.autopilot, vehicle.firmware, vehicle.type)))
     head += wrapped(
-        f"Vehicle {vehicle}, boot {flight.boot}: {kind}, {flight.duration:.1f} s; "
+        f"Vehicle {vehicle}, boot {flight.boot}: {vehicle.kind}, {flight.duration:.1f} s; "
         f"{assessment.drift.imu} at {track.rate_hz:.1f} Hz",
         width,
         2,

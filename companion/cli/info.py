@@ -124,10 +124,9 @@ def _summary(source: Source) -> str:
 
 def _print_flight(console: Console, flight: Flight) -> None:
     vehicle = flight.vehicle
-    kind = " ".join(filter(None, (vehicle.autopilot, vehicle.firmware, vehicle.type)))
     clock = f"boot clock {flight.start:.1f} to {flight.start + flight.duration:.1f} s"
     named = f"Vehicle {vehicle}, boot {flight.boot}"
-    title = tables.wrapped(f"{named}: {kind}, {flight.duration:.1f} s ({clock})", console.width, 2)
+    title = tables.wrapped(f"{named}: {vehicle.kind}, {flight.duration:.1f} s ({clock})", console.width, 2)
     title[0] = title[0].replace(named, f"[bold]{named}[/]", 1)
     console.print("\n" + "\n".join(title), highlight=False)
     _print_facts(console, _facts(flight))

@@ -51,8 +51,7 @@ def _beside(told: str, ground: str) -> str:
 def _title(flight: Flight, source: Source, used: str) -> str:
     """The log's name, and under it who flew when."""
     vehicle = flight.vehicle
-    kind = " ".join(part for part in (vehicle.autopilot, vehicle.firmware, vehicle.type) if part)
-    parts = [f"Vehicle {vehicle}, boot {flight.boot}", kind, _date(flight), f"{flight.duration:.1f} s", used]
+    parts = [f"Vehicle {vehicle}, boot {flight.boot}", vehicle.kind, _date(flight), f"{flight.duration:.1f} s", used]
     return f'<h1>{text(source.path.name)}</h1><p class="quiet">{text(" · ".join(filter(None, parts)))}</p>'
 
 
