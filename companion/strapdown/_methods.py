@@ -126,8 +126,8 @@ class Scheme:
         longest = dt.max()
         if self.looks_ahead and longest > UNEVEN * dt.min():
             notes.append(
-                f"{int(uneven(dt).sum())} of {len(dt)} intervals are more than {UNEVEN:g} times as long as a neighbour "
-                "(a hole, or a burst of samples): the signal is taken as a line there"
+                f"more than {UNEVEN:g} times as long as a neighbour: {int(uneven(dt).sum())} of {len(dt)} intervals "
+                "(a hole, or a burst of samples); the signal is taken as a line there"
             )
         if np.abs(imu.gyro).max() * longest > np.pi / np.sqrt(3.0):
             rate = np.linalg.norm(imu.gyro, axis=1)
