@@ -5,7 +5,16 @@ from companion.analysis.assessment import Assessment, assess
 from companion.analysis.autopilot_error import AutopilotBias, AutopilotError, autopilot_bias, autopilot_error
 from companion.analysis.budget import Expected
 from companion.analysis.calibrate import Calibration, calibrate
-from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, trailing, windows
+from companion.analysis.comparison import (
+    Comparison,
+    WindowErrors,
+    Windows,
+    compare,
+    errors,
+    left_out,
+    trailing,
+    windows,
+)
 from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correction
 from companion.analysis.departures import Sensitivity
 from companion.analysis.difference import Change, Contrast, FigureChange, contrast
@@ -117,6 +126,7 @@ __all__ = [
     "imu_noise",
     "inventory",
     "known_from",
+    "left_out",
     "newest_stands_out",
     "noise_model",
     "phases",

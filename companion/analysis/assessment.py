@@ -271,7 +271,7 @@ def _while_judged(chosen: Windows, t: Array, parts: Sequence[Phase]) -> Windows:
             out |= (t[chosen.start] < part.end) & (t[chosen.end] > part.start)
     if not out.any():
         return chosen
-    reasons = {**chosen.excluded, "while the estimator aligned, after landing or loss of control": int(out.sum())}
+    reasons = {**chosen.excluded, "not_judged": int(out.sum())}
     kept = ~out
     return replace(chosen.only(kept), excluded=reasons)
 

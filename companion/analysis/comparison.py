@@ -214,6 +214,22 @@ def trailing(comparison: Comparison, horizon: float) -> Windows:
     return Windows(float(horizon), start[whole][used], end[whole][used], excluded)
 
 
+LEFT_OUT = {
+    "imu_gap": "over a hole in the IMU",
+    "no_attitude": "without an attitude",
+    "attitude_jump": "over a jump of the attitude",
+    "no_position": "without a position",
+    "position_jump": "over a jump of the position",
+    "not_judged": "while the estimator aligned, after landing or loss of control",
+}
+"""Why a window is left out → the same in words, after how many they are."""
+
+
+def left_out(excluded: Mapping[str, int]) -> str:
+    """How many windows are left out for which reason, in words: "9 over a hole in the IMU"; "" for none."""
+    return ", ".join(f"{count} {LEFT_OUT[reason]}" for reason, count in excluded.items())
+
+
 def _usable(
     comparison: Comparison, start: IntArray, end: IntArray, has_position: bool
 ) -> tuple[BoolArray, dict[str, int]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from companion.analysis.budget import Expected
-from companion.analysis.comparison import Windows
+from companion.analysis.comparison import Windows, left_out
 from companion.analysis.episode import SIGMAS
 from companion.analysis.finding import Cause, Finding
 from companion.estimation import BestEstimate
@@ -86,9 +86,10 @@ def _lacking(judged: Windows, expected: Expected | None, findings: tuple[Finding
     if data:
         return f"This log cannot tell: {data[0].evidence}."
     if expected is None or len(judged.start) < FEWEST_WINDOWS:
-        reasons = ", ".join(f"{n} {reason}" for reason, n in judged.excluded.items()) or "the flight is short"
-        usable = counted(len(judged.start), "window")
-        return f"This log cannot tell: only {usable} of {JUDGED_S:g} s can be used ({reasons})."
+        reasons = left_out(judged.excluded)
+        why = f"left out: {reasons}" if reasons else "the flight is short"
+        usable = f"only {counted(len(judged.start), 'window')}" if len(judged.start) else "no window"
+        return f"This log cannot tell: {usable} of {JUDGED_S:g} s can be used ({why})."
     return None
 
 

@@ -118,7 +118,7 @@ def _print(examined: Examination, console: Console) -> None:
         console.print(line, highlight=False)
     console.print("\n[bold]Drift of the IMU alone from the autopilot[/]")
     console.print(tables.drift_table(table), no_wrap=True)
-    for line in tables.left_out(table):
+    for line in tables.left_out_lines(table):
         console.print(line, highlight=False)
     if not any(row.windows for row in table.rows):
         excluded = any(row.excluded for row in table.rows)

@@ -11,16 +11,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import Assessment, Drift, Expected, Finding, RedundantImu, Statistic, Verdict
+from companion.analysis import Assessment, Drift, Expected, Finding, RedundantImu, Statistic, Verdict, left_out
 from companion.present import QUANTITIES, STATISTICS, fixed, words
 
-_REASONS = {
-    "imu_gap": "hole in the IMU",
-    "no_attitude": "no attitude",
-    "attitude_jump": "attitude jump",
-    "no_position": "no position",
-    "position_jump": "position jump",
-}
 _STATUS = {
     "consistent": "green",
     "imu_suspect": "red",
@@ -130,12 +123,11 @@ def redundant_imus_table(others: Sequence[RedundantImu]) -> Table:
     return shown
 
 
-def left_out(table: Drift) -> Iterator[str]:
+def left_out_lines(table: Drift) -> Iterator[str]:
     """A line for each horizon that has windows which were not used."""
     for row in table.rows:
-        reasons = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in row.excluded.items())
-        if reasons:
-            yield f"Left out of the windows of {row.horizon_s:g} s: {reasons}"
+        if row.excluded:
+            yield f"Left out of the windows of {row.horizon_s:g} s: {left_out(row.excluded)}"
 
 
 def largest(expected: Expected) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from companion.analysis import left_out
 from companion.documents import schema
 from companion.model import Array
 from companion.present import QUANTITIES, STATISTICS, details, palette, paragraph, percent, short, table, words
@@ -38,10 +39,7 @@ def drift(subject: Subject) -> Section:
     """Drift against horizon, measured and expected."""
     rows = subject.numbers.drift
     excluded = [
-        f"Left out of the windows of {row.horizon_s:g} s: "
-        + ", ".join(f"{count} {words(reason)}" for reason, count in row.excluded.items())
-        for row in rows
-        if row.excluded
+        f"Left out of the windows of {row.horizon_s:g} s: {left_out(row.excluded)}" for row in rows if row.excluded
     ]
     if not any(row.windows for row in rows):
         reason = "No window could be used: the flight is too short." if not excluded else "No window could be used."

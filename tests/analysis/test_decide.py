@@ -61,3 +61,22 @@ def test_a_suspicion_beside_windows_that_all_agree_says_so(share: float) -> None
     verdict = decide(judged, expected, (slow,), None, "RAW_IMU")
     assert verdict.status == "autopilot_suspect"
     assert verdict.summary.endswith(said) == (share == 1.0)
+
+
+@pytest.mark.parametrize(
+    ("usable", "excluded", "said"),
+    [
+        (0, {}, "no window of 5 s can be used (the flight is short)"),
+        (1, {"imu_gap": 9}, "only 1 window of 5 s can be used (left out: 9 over a hole in the IMU)"),
+        (
+            2,
+            {"no_position": 1, "not_judged": 3},
+            "only 2 windows of 5 s can be used (left out: 1 without a position, 3",
+        ),
+    ],
+)
+def test_too_few_windows_say_in_words_why(usable: int, excluded: dict[str, int], said: str) -> None:
+    judged: Any = SimpleNamespace(start=range(usable), excluded=excluded)
+    verdict = decide(judged, None, (), None, "RAW_IMU")
+    assert verdict.status == "insufficient_data"
+    assert verdict.summary.startswith(f"This log cannot tell: {said}")

@@ -7,9 +7,9 @@ from html import escape
 
 import numpy as np
 
-from companion.analysis import Assessment, Drift, RedundantImu, Statistic
+from companion.analysis import Assessment, Drift, RedundantImu, Statistic, left_out
 from companion.model import counted
-from companion.present import AXES, QUANTITIES, STATISTICS, Rgb, held_out_gain, palette, significant, words
+from companion.present import AXES, QUANTITIES, STATISTICS, Rgb, held_out_gain, palette, significant
 
 
 def swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:0.8em;border-radius:50%") -> str:
@@ -32,7 +32,7 @@ def drift_table(table: Drift, expected: Assessment, colour: Rgb, horizon_s: floa
             rows.append(_row((first, STATISTICS[key], *(_figure(m, key) for m in measured)), chosen))
         told = ("" if s is None else significant(s) for s in sigma)
         rows.append(_row(("", "expected", *told), f"opacity:{palette.QUIET}"))
-        left = ", ".join(f"{n} {words(reason)}" for reason, n in row.excluded.items())
+        left = left_out(row.excluded)
         if left and chosen:
             rows.append(f'<tr><td colspan="5" style="opacity:{palette.QUIET}">left out: {escape(left)}</td></tr>')
     note = "Median and 95 % of the windows; paler, the expected 1σ."
