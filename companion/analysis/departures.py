@@ -232,7 +232,7 @@ class Sensitivity:
 def sensitivity(best: BestEstimate | None) -> Sensitivity:
     """What a best estimate could have shown; without one, nothing by a third witness."""
     if best is None:
-        return Sensitivity({}, ("which side is wrong: no third witness (GPS, compass, rest) is good enough here",))
+        return Sensitivity({}, ("which side is wrong: no best estimate could be made, `companion smooth` says why",))
     smallest = {}
     for kind in ("gyro_bias", "accel_bias"):
         if kind in best.detectable:
@@ -256,7 +256,8 @@ def sensitivity(best: BestEstimate | None) -> Sensitivity:
         smallest["compass"] = float(np.arctan(best.detectable["compass_field"] / max(level, 1e-9)))
     for kind, (name, unit, factor, useless) in _UNITS.items():
         if smallest.get(kind, 0.0) > useless:
-            lacking.append(f"{name}: none below {_figure(smallest.pop(kind) * factor)} {unit}".replace(" °", "°"))
+            del smallest[kind]
+            lacking.append(f"{name}: not even {useless * factor:.0f} {unit} would show".replace(" °", "°"))
     return Sensitivity(smallest, tuple(lacking))
 
 
