@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
@@ -49,7 +50,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 def run(arguments: argparse.Namespace) -> int:
     """Print what is in the log."""
-    if arguments.table or len(arguments.logs) > 1:
+    if arguments.table or len(arguments.logs) > 1 or Path(arguments.logs[0]).is_dir():
         if arguments.json:
             raise SettingsError("--json is of one log: name one, without --table.")
         return many_logs.print_sensors(arguments)
@@ -174,9 +175,10 @@ def _print_sensors(console: Console, flight: Flight) -> None:
 
 def _sensors(items: Sequence[Item], *, with_words: bool) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    figures = ("samples", "mean Hz", "holes", "longest s") if with_words else ("samples", "Hz", "holes", "gap s")
-    for heading in ("sensor", "from", *figures, *[""] * with_words):
-        words = heading in ("sensor", "from", "")
+    narrow = ("\nsamples", "mean\nHz", "\nholes", "\ngap s")
+    figures = ("samples", "mean Hz", "holes", "longest s") if with_words else narrow
+    for heading in ("sensor", "from", *figures, "") if with_words else ("\nsensor", "\nfrom", *figures):
+        words = heading not in figures
         table.add_column(heading, justify="left" if words else "right", no_wrap=True)
     for item in items:
         rate = "" if item.rate_hz is None else f"{item.rate_hz:.1f}"

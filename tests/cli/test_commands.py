@@ -106,6 +106,13 @@ def test_the_table_has_a_line_for_each_flight(tmp_path: Path, capsys: Captured) 
     assert rows["broken.tlog"]["vehicle"].startswith("not read:")
 
 
+def test_a_folder_is_shown_as_a_table(tmp_path: Path, capsys: Captured) -> None:
+    (tmp_path / "demo.tlog").symlink_to(DEMO)
+    assert main(["info", str(tmp_path)]) == 0
+    *_, row = capsys.readouterr().out.splitlines()
+    assert row.startswith("| demo.tlog | ARDUPILOTMEGA 1:1, boot 1 |")
+
+
 def test_several_logs_are_shown_as_a_table(capsys: Captured) -> None:
     assert main(["info", DEMO, str(BUNDLED / "copter-mission-default-rates.tlog")]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 4
