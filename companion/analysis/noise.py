@@ -193,7 +193,7 @@ def _notes(noise: ImuNoise, track: ImuTrack) -> Iterator[str]:
     elif rest.duration_s < LONG_S:
         yield (
             f"no rest of {LONG_S:g} s: the longest has {rest.duration_s:.0f} s, which tells N at best; for B and K "
-            "let the vehicle stand for 10 minutes or more, recorded"
+            "record 10 minutes or more in which the vehicle stands still"
         )
     if flight is not None and flight.gyro is None:
         yield f"{noise.rate_hz:.1f} Hz is too low to tell noise from motion in flight: 10 Hz are needed"

@@ -138,7 +138,10 @@ def _print(fleet: Fleet, seconds: float) -> None:
     console, rows = tables.console(), fleet.rows
     done = f"{fleet.examined} examined, {fleet.unchanged} unchanged ({seconds:.1f} s{_pace(fleet.examined, seconds)})"
     console.print(f"{counted(fleet.logs, 'log')}: {done}", highlight=False)
-    counts = ", ".join(f"{count} {status.replace('_', ' ')}" for status, count in count_by_status(rows).items())
+    counts = ", ".join(
+        counted(count, status) if status == "error" else f"{count} {words(status)}"
+        for status, count in count_by_status(rows).items()
+    )
     for line in tables.wrapped(f"{counted(len(rows.flights), 'row')}: {counts}", console.width, 2):
         console.print(line, highlight=False)
     names = short_names([row["log"] for row in rows.flights])

@@ -235,8 +235,8 @@ def choose(flights: Sequence[Flight], arguments: argparse.Namespace) -> int:
     """
     if not flights:
         raise DataError(
-            f"no vehicle found in {arguments.log}: no telemetry of an autopilot was found in it. "
-            "See what it has with: companion info"
+            f"no vehicle found in {arguments.log}: it has no telemetry of an autopilot. "
+            f"See what it has with: companion info {arguments.log}"
         )
     matching = [i for i, flight in enumerate(flights) if _matches(flight, arguments)]
     if not matching:
