@@ -75,6 +75,6 @@ def turn_of_the_field(size: Size) -> tuple[float, float]:
 
 
 def by_turn_of_the_field(size: Size) -> str:
-    """'the compass' field turns by 45 ± 2°'."""
+    """'the compass's field turns by 45 ± 2°'."""
     angle, spread = np.degrees(turn_of_the_field(size))
-    return f"the compass' field turns by {angle:.0f} ± {spread:.0f}°"
+    return f"the compass's field turns by {angle:.0f} ± {spread:.0f}°"

@@ -549,7 +549,7 @@ def test_a_field_turns_clockwise_seen_from_above_where_its_angle_is_positive(
     field = best.states.constant("earth_field")
     change = quaternion.rotate(quaternion.exp(np.radians([0.0, 0.0, degrees])), field) - field
     episode = Episode("compass_field", "compass", ONSET, 0.1, np.inf, change[:2], 0.3, 100.0, ())
-    assert said(episode, best).startswith(f"the compass' field turns by {degrees:.0f} ± ")
+    assert said(episode, best).startswith(f"the compass's field turns by {degrees:.0f} ± ")
     cause = cause_of(episode, best, "autopilot", ())
     assert cause.size == pytest.approx(np.radians(abs(degrees)))
     assert cause.unit == "rad"

@@ -87,6 +87,7 @@ def test_a_lossy_radio_blames_the_data() -> None:
     found = assess(replace(flight, imus={"RAW_IMU": cut}), GENERIC)
     assert found.verdict.status == "insufficient_data"
     assert of_kind(found, "samples_missing").side == "data"
+    assert of_kind(found, "samples_missing").evidence.startswith("RAW_IMU has ")
     assert not [f for f in found.verdict.findings if f.side != "data"]
 
 
@@ -164,7 +165,7 @@ def test_the_vehicles_own_vibration_and_clip_counts() -> None:
     found = assess(flown(series={"vibration": vibration(40.0, 7.0)}), GENERIC)
     shaken, clipped = of_kind(found, "vibration"), of_kind(found, "clipping_counted")
     assert shaken.severity == "warning"
-    assert "40 m/s² usual" in shaken.evidence
+    assert "shaking of 40 m/s² as a rule, 40 at most, by VIBRATION" in shaken.evidence
     assert clipped.start_s == pytest.approx(40, abs=0.6)
     assert "7 readings" in clipped.evidence
     quiet = assess(flown(series={"vibration": vibration(3.0, 0.0)}), GENERIC)
@@ -302,7 +303,7 @@ def test_vibration_in_the_samples() -> None:
     imu = flight.imu()
     shake = 20.0 * np.sin(2 * np.pi * 33.0 * imu.t)[:, None] * [0.3, 0.3, 1.0]
     said = of_kind(assess(with_imu(flight, accel=imu.accel + shake), GENERIC), "vibration")
-    assert said.evidence.startswith("14 m/s² usual")  # 20 / √2
+    assert said.evidence.startswith("shaking of 14 m/s² as a rule")  # 20 / √2
 
 
 def test_a_jump_is_told_with_what_the_vehicle_said() -> None:

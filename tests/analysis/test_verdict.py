@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -368,6 +369,8 @@ def test_a_noisy_sensor_is_called_noisy() -> None:
     model = ImuModel(gyro=Sensor(noise_density=4e-3), accel=Sensor(noise_density=0.05))
     found = assess(replace(flown(), imus={"RAW_IMU": simulate(LIVELY.imu, model, 2)}), GENERIC)
     assert of_kind(found, "gyro_noise").severity == "warning"
+    assert re.match(r"noise of 2\d\d mdps/√Hz in flight, \d+ times the 6.88 of ", of_kind(found, "gyro_noise").evidence)
+    assert re.match(r"noise of \d{4} µg/√Hz in flight, \d+ times the ", of_kind(found, "accel_noise").evidence)
     assert found.measured_noise == pytest.approx((4e-3, 0.05), rel=0.2)
 
 

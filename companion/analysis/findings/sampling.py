@@ -9,7 +9,7 @@ import numpy as np
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding
 from companion.analysis.reference import BoolArray
-from companion.model import Array, Flight, median
+from companion.model import Array, Flight, counted, median
 from companion.strapdown import quaternion
 
 _LOST = 8.0  # periods from which on an interval is a hole
@@ -53,7 +53,8 @@ def rate_findings(flight: Flight, comparison: Comparison, sampling_share: float)
             "warning" if lost > 0.01 * (track.t[-1] - track.t[0]) else "info",
             float(track.t[holes[0]]),
             float(track.t[holes[-1] + 1]),
-            f"{len(holes)} holes, {lost:.1f} s in all, the longest {np.diff(track.t).max():.2f} s",
+            f"{track.source} has {counted(len(holes), 'hole')}, {lost:.1f} s in all, "
+            f"the longest {np.diff(track.t).max():.2f} s",
             (
                 "Look at the link's quality, or use the on-board log. "
                 if not flight.on_board
@@ -81,7 +82,8 @@ def stamp_findings(
             "warning" if uneven > 2 * _UNEVEN * period else "info",
             float(track.t[0]),
             float(track.t[-1]),
-            f"one interval in ten is off by {uneven * 1e3:.0f} ms or more from multiples of {period * 1e3:.0f} ms",
+            f"one interval in ten of {track.source} is off by {uneven * 1e3:.0f} ms or more from multiples of "
+            f"{period * 1e3:.0f} ms",
             "The processor was too busy to sample evenly. Look at its load, and log less."
             if flight.on_board
             else "The autopilot stamps when it sends, not when it samples: a busy link or processor moves the samples. "

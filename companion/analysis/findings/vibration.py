@@ -11,7 +11,7 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding, Severity
 from companion.analysis.imu_spec import ImuSpec
 from companion.estimation import vibration
-from companion.model import Array, Flight, Series, counted, of_kind
+from companion.model import STANDARD_GRAVITY, Array, Flight, Series, counted, of_kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,9 @@ def vibration_findings(comparison: Comparison, flight: Flight) -> Iterator[Findi
         yield from _clips(series)
     level = vibration(comparison.track, comparison.how.limits.hole(comparison.track.t))
     if not said and level is not None:
-        yield from _level(level.t, level.accel, f"the samples of {comparison.track.source}, at least", _HIGH_IN_SAMPLES)
+        yield from _level(
+            level.t, level.accel, f"what the samples of {comparison.track.source} show of it", _HIGH_IN_SAMPLES
+        )
 
 
 def _level(t: Array, each: Array, source: str, high: float) -> Iterator[Finding]:
@@ -71,8 +73,8 @@ def _level(t: Array, each: Array, source: str, high: float) -> Iterator[Finding]
         severity,
         float(t[strong][0]),
         float(t[strong][-1]),
-        f"{usual:.0f} m/s² usual, {most:.0f} at most by {source} (x {x:.0f}, y {y:.0f}, z {z:.0f}); above "
-        f"{_MUCH:.0f} the estimator suffers",
+        f"shaking of {usual:.0f} m/s² as a rule, {most:.0f} at most, by {source} (x {x:.0f}, y {y:.0f}, z {z:.0f}); "
+        f"above {_MUCH:.0f} the estimator suffers",
         "Balance propellers and motors, and damp the mounting of the autopilot. Shaking that the samples fold down "
         "looks like motion.",
     )
@@ -98,9 +100,9 @@ def _clips(series: Series) -> Iterator[Finding]:
 def noise_findings(comparison: Comparison, measured: tuple[float, float], imu: ImuSpec) -> Iterator[Finding]:
     """Readings far noisier than the data sheet: vibration, or a simulator that shakes."""
     track = comparison.track
-    for name, density, sheet, unit in (
-        ("gyro", measured[0], imu.gyro.noise_density, "rad/s/√Hz"),
-        ("accel", measured[1], imu.accel.noise_density, "m/s²/√Hz"),
+    for name, density, sheet, factor, unit in (
+        ("gyro", measured[0], imu.gyro.noise_density, 1e3 * np.degrees(1.0), "mdps/√Hz"),
+        ("accel", measured[1], imu.accel.noise_density, 1e6 / STANDARD_GRAVITY, "µg/√Hz"),
     ):
         if density > 10.0 * sheet:
             yield Finding(
@@ -109,6 +111,7 @@ def noise_findings(comparison: Comparison, measured: tuple[float, float], imu: I
                 "warning",
                 float(track.t[0]),
                 float(track.t[-1]),
-                f"{density:.2g} {unit} in flight, {density / sheet:.0f} times the {sheet:.2g} of {imu.name}",
-                "Vibration reaches the sensor: look at VIBE and at the damping. The budget below allows for it.",
+                f"noise of {density * factor:.0f} {unit} in flight, {density / sheet:.0f} times the "
+                f"{sheet * factor:.3g} of {imu.name}",
+                "Vibration reaches the sensor: look at its figures and at the damping. The verdict allows for it.",
             )
