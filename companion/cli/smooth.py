@@ -17,7 +17,7 @@ from companion.app.examination import integration_of
 from companion.app.sensors import imu_spec_of
 from companion.cli import options, tables
 from companion.documents import encode, estimate_document
-from companion.estimation import CONSTANTS, BestEstimate, Explained, kind_of, smooth
+from companion.estimation import CONSTANTS, SLOPED, BestEstimate, Explained, kind_of, smooth
 from companion.export import write_estimate_tum
 from companion.model import Array, BiasTrack, Flight, InputError
 from companion.present import fixed, words
@@ -105,7 +105,7 @@ def _print(flight: Flight, best: BestEstimate, errors: Sequence[AutopilotError],
             console.print(f"\n[bold]{title}[/]", highlight=False)
             console.print(table, no_wrap=True)
     console.print("\n[bold]Where the sensors disagree[/]", highlight=False)
-    for line in _explained(best.explained):
+    for line in explained_lines(best.explained):
         console.print(line, highlight=False)
     for note in best.notes:
         console.print(f"Note: {escape(note)}", highlight=False)
@@ -135,11 +135,12 @@ def _measurements(best: BestEstimate) -> Table:
     return shown
 
 
-def _explained(explanations: Sequence[Explained]) -> Iterator[str]:
+def explained_lines(explanations: Sequence[Explained]) -> Iterator[str]:
+    """A line for each explanation: what, how large, when, how likely and what else it could have been."""
     for one in explanations:
         kind = kind_of(one.kind)
         unit, factor = _SHOWN.get(kind.unit, (kind.unit, 1.0))
-        unit += "/s" if one.shape == "ramp" else ""
+        unit += "/s" if one.shape in SLOPED else ""
         size = ", ".join(
             f"{value:.3g} ± {sigma:.2g}" for value, sigma in zip(one.size * factor, one.sigma * factor, strict=True)
         )

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import companion as c
-from companion.cli import main
+from companion.cli import main, smooth
 from companion.estimation import CONSTANTS
 from tests.recordings import BUNDLED
 from tests.tlogs import Writer
@@ -18,6 +20,16 @@ pytestmark = pytest.mark.slow
 
 DEMO = str(BUNDLED / "copter-demo-100hz.tlog")
 Captured = pytest.CaptureFixture[str]
+
+
+@pytest.mark.parametrize(("shape", "unit"), [("pulse", "µT"), ("creep", "µT/s")])
+def test_what_grows_is_told_per_second(shape: str, unit: str) -> None:
+    turns: Any = SimpleNamespace(
+        kind="compass_field", shape=shape, size=np.array([0.2]), sigma=np.array([0.01]), onset=116.8, onset_sigma=4.2,
+        end=166.5, gain=1300.0, others=(),
+    )  # fmt: skip
+    (line,) = smooth.explained_lines([turns])
+    assert f": 0.2 ± 0.01 {unit} from 116.8 ± 4.2 to 166.5 s" in line
 
 
 def test_the_tables_fit_a_terminal_and_the_trajectory_is_written(tmp_path: Path, capsys: Captured) -> None:
