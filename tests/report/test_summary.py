@@ -48,3 +48,9 @@ def test_the_style_lights_up_the_best_estimate_s_own_colour() -> None:
     style = (Path(html_page.__file__).parent / "page.css").read_text(encoding="utf-8")
     light = "".join(f"{part:02x}" for part in palette.BEST_LIGHT)
     assert f'[style*="stroke: rgb{palette.BEST}"] {{ stroke: #{light} !important; }}' in style
+
+
+def test_findings_and_verdicts_have_the_page_s_colours_and_no_source_s() -> None:
+    style = (Path(html_page.__file__).parent / "page.css").read_text(encoding="utf-8")
+    assert f"--bad: {palette.css(palette.BAD)}; --doubtful: {palette.css(palette.DOUBTFUL)};" in style
+    assert ".finding.error { border-color: var(--bad); }" in style
