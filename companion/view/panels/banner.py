@@ -56,4 +56,5 @@ def clause(sentence: str) -> str:
 
 def _banner(text: str, colour: Rgb) -> str:
     colours = f"background:{palette.css(colour)}"
-    return f'{_STYLE}<div class="companion-banner" style="{colours}"><span>{escape(text)}</span></div>'
+    whole = escape(text).replace(" ± ", "&nbsp;±&nbsp;")  # a line must not end between a value and its error
+    return f'{_STYLE}<div class="companion-banner" style="{colours}"><span>{whole}</span></div>'

@@ -143,7 +143,8 @@ def _numbers(sample: Sample, film: Footage, since_start: float, cell: float) -> 
         said = f"{position:.2f} m" if has_position else ""
         rows.append((f"After {film.insight.horizon_s:g} s", f"{attitude:.2f}°", said))
     cells = "".join(
-        f'<tr><td style="opacity:{palette.QUIET}">{name}</td><td style="text-align:right;font-weight:600">{first}</td>'
+        f'<tr><td style="opacity:{palette.QUIET};white-space:nowrap">{name}</td>'
+        f'<td style="text-align:right;font-weight:600;white-space:nowrap">{first}</td>'
         f'<td style="text-align:right">{second}</td></tr>'
         for name, first, second in rows
     )

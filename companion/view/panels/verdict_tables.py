@@ -13,10 +13,10 @@ from companion.present import AXES, QUANTITIES, STATISTICS, Rgb, held_out_gain, 
 
 
 def swatch(colour: Rgb, opacity: float = 1.0, shape: str = "width:0.8em;height:0.8em;border-radius:50%") -> str:
-    """A spot in a source's colour."""
+    """A spot in a source's colour; one that can be seen through has an edge in it, which is seen on a dark page too."""
     return (
-        f'<span style="display:inline-block;{shape};margin-right:0.5em;vertical-align:middle;'
-        f'background:{palette.css(colour)};opacity:{opacity}"></span>'
+        f'<span style="display:inline-block;{shape};margin-right:0.5em;vertical-align:middle;box-sizing:border-box;'
+        f'border:2px solid {palette.css(colour)};background:{palette.rgba(colour, opacity)}"></span>'
     )
 
 
@@ -62,9 +62,9 @@ def calibration_table(assessment: Assessment) -> str:
     values, sigma = fit.values[:10] * scale, fit.sigma[:10] * scale
     rows = []
     for name, part in (("gyro, mrad/s", (0, 1, 2)), ("accel, m/s²", (3, 4, 5)), ("mounting, °", (6, 7, 8))):
-        cells = (f"{values[i]:.2f} ± {sigma[i]:.2f}" if fit.observable[i] else "not seen" for i in part)
+        cells = (_measured(values[i], sigma[i], 2) if fit.observable[i] else "not seen" for i in part)
         rows.append(_row((name, *cells), ""))
-    lag = f"{values[9]:.1f} ± {sigma[9]:.1f}" if fit.observable[9] else "not seen"
+    lag = _measured(values[9], sigma[9], 1) if fit.observable[9] else "not seen"
     rows.append(_row(("lag, ms", lag, "", ""), ""))
     note = f"From {fit.windows} windows of {fit.horizon_s:g} s, ± one standard error."
     if (gain := held_out_gain(assessment)) is not None:
@@ -79,6 +79,11 @@ def calibration_table(assessment: Assessment) -> str:
 
 def _figure(statistic: Statistic | None, key: str = "median") -> str:
     return "-" if statistic is None else significant(getattr(statistic, key))
+
+
+def _measured(value: float, sigma: float, digits: int) -> str:
+    """A value and its error, below each other where the panel is too narrow for both."""
+    return f'<span style="white-space:normal">{value:.{digits}f} ±&nbsp;{sigma:.{digits}f}</span>'
 
 
 def _row(cells: Iterable[object], style: str) -> str:

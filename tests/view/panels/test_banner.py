@@ -9,6 +9,7 @@ import pytest
 from companion.analysis.verdict import Status
 from companion.present import palette
 from companion.view.panels.banner import COLOURS, banner, clause, waiting
+from companion.view.panels.verdict_tables import swatch
 
 WHITE = (255, 255, 255)
 
@@ -46,6 +47,16 @@ def test_every_status_has_a_sign_and_a_colour_on_which_white_is_read(status: str
 def test_the_sentence_does_not_say_the_status_again() -> None:
     assert clause("Suspect the IMU: stuck at 12 s.") == "stuck at 12 s."
     assert clause("IMU and autopilot agree.") == "IMU and autopilot agree."
+
+
+def test_a_line_does_not_end_between_a_value_and_its_error() -> None:
+    assert "2.99&nbsp;±&nbsp;0.02 m/s²" in banner("imu_suspect", "accelerometer x reads 2.99 ± 0.02 m/s² too much.")
+
+
+def test_what_is_seen_through_has_an_edge_that_a_dark_page_does_not_swallow() -> None:
+    assert f"border:2px solid {palette.css(palette.AUTOPILOT)}" in swatch(palette.AUTOPILOT, 0.6)
+    spot, edge = palette.mix(palette.DARK, palette.AUTOPILOT, 0.6), palette.AUTOPILOT
+    assert palette.contrast(edge, palette.DARK) > 1.4 * palette.contrast(spot, palette.DARK)
 
 
 def test_texts_of_the_vehicle_stay_texts() -> None:
