@@ -217,7 +217,8 @@ class LiveController:
         if sample is not None and self._film is not None:
             self._live_trails.resize(self.viewport.annotate(sample))
             free, age, _ = self._free_now()
-            self._panel.show(sample, free, age, has_position=self._film.replay.has_position)
+            silent = self._held is None and bool(self._feed.link.problem)
+            self._panel.show(sample, free, age, has_position=self._film.replay.has_position, silent=silent)
         held_s = None if self._held is None or self._film is None or sample is None else self._film.end - sample.t
         self._panel.report(self._feed, held_s)
 

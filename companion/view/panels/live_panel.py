@@ -83,9 +83,11 @@ class LivePanel:
             write(self._imu, self._choice.imu if self._choice.imu in imus else BEST)
         self._legend.content = live_text.legend(vehicle, has_position=has_position)
 
-    def show(self, sample: Sample, free: Sequence[float] | None, free_age_s: float, *, has_position: bool) -> None:
-        """Write the instant into the numbers."""
-        self._numbers.content = live_text.numbers(sample, free, free_age_s, has_position=has_position)
+    def show(
+        self, sample: Sample, free: Sequence[float] | None, free_age_s: float, *, has_position: bool, silent: bool
+    ) -> None:
+        """Write the instant into the numbers. silent: it is the last that was heard of, and not now."""
+        self._numbers.content = live_text.numbers(sample, free, free_age_s, has_position=has_position, silent=silent)
 
     def report(self, feed: Feed, held_s: float | None) -> None:
         """Write how everything stands. held_s: how long ago the held picture was; None: live."""

@@ -9,6 +9,7 @@ from html import escape
 from companion.analysis import DriftRow, Statistic
 from companion.present import Rgb, palette
 from companion.view.panels import banner
+from companion.view.panels.verdict_tables import swatch
 from companion.view.state.feed import Judgement, LinkState
 from companion.view.state.sample import Sample
 
@@ -27,7 +28,9 @@ def verdict(judgement: Judgement, state: LinkState, why_not: str) -> str:
     """The verdict now as the banner over the picture; why there is none while there is none."""
     if judgement.status and not state.problem:
         return banner.banner(judgement.status, judgement.text + _age(judgement), stale=_is_stale(judgement))
-    return banner.waiting(state.problem or why_not or "No verdict yet: the first needs some seconds of data.")
+    if state.problem:
+        return banner.waiting(f"NO VERDICT – {state.problem}")
+    return banner.waiting(why_not or "No verdict yet: the first needs some seconds of data.")
 
 
 def link(state: LinkState, why_not: str, held_s: float | None) -> str:
@@ -58,19 +61,24 @@ def link(state: LinkState, why_not: str, held_s: float | None) -> str:
 def legend(vehicle: str, *, has_position: bool) -> str:
     """Who is who."""
     rows = [
-        f"{_dot(palette.IMU)}<b>Solid: the IMU alone</b>, since the last anchor",
-        f"{_dot(palette.AUTOPILOT, 0.6)}<b>See-through: the autopilot</b>, its own estimate",
+        f"{swatch(palette.IMU)}<b>Solid: the IMU alone</b>, since the last anchor",
+        f"{swatch(palette.AUTOPILOT, 0.6)}<b>See-through: the autopilot</b>, its own estimate",
     ]
     if has_position:
-        rows.append(f"{_dot(palette.FREE)}Ball: the IMU alone since the free run began")
-        rows.append(f"{_dot(palette.DIFFERENCE)}Line: the distance of the IMU from the autopilot")
+        rows.append(f"{swatch(palette.FREE)}Ball: the IMU alone since the free run began")
+        rows.append(f"{swatch(palette.DIFFERENCE)}Line: the distance of the IMU from the autopilot")
     else:
         rows.append("No position is sent: only the attitudes are compared.")
     return _block(f"<div>{escape(vehicle)}</div>" + "".join(f"<div>{row}</div>" for row in rows))
 
 
-def numbers(sample: Sample, free: Sequence[float] | None, free_age_s: float, *, has_position: bool) -> str:
-    """The errors now: since the last anchor, and of the free run (tilt and heading °, velocity m/s, position m)."""
+def numbers(
+    sample: Sample, free: Sequence[float] | None, free_age_s: float, *, has_position: bool, silent: bool = False
+) -> str:
+    """The errors now: since the last anchor, and of the free run (tilt and heading °, velocity m/s, position m).
+
+    silent: nothing is received, so that they are those of the last sample, and are dimmed.
+    """
     rows = [
         ("since anchor", f"{sample.since_anchor_s:.1f} s", f"{free_age_s:.0f} s"),
         ("tilt", f"{sample.tilt_deg:.2f}°", "{0:.2f}°"),
@@ -83,6 +91,8 @@ def numbers(sample: Sample, free: Sequence[float] | None, free_age_s: float, *, 
         ]
     known = free is not None and all(map(math.isfinite, free))
     cells = ((name, first, second.format(*free) if known and free is not None else "") for name, first, second in rows)
+    if silent:
+        return _table(("Error when last heard", "IMU", "free run"), cells, f"opacity:{palette.QUIET}")
     return _table(("Error", "IMU", "free run"), cells)
 
 
@@ -155,26 +165,19 @@ def _badge(text: str, colour: Rgb) -> str:
     )
 
 
-def _dot(colour: Rgb, opacity: float = 1.0) -> str:
-    return (
-        '<span style="display:inline-block;width:0.8em;height:0.8em;border-radius:50%;margin-right:0.5em;'
-        f'vertical-align:middle;background:{palette.css(colour)};opacity:{opacity}"></span>'
-    )
-
-
 def _block(markup: str) -> str:
     return f'<div style="padding:0.2em 1em;font-size:0.8em;line-height:1.55">{markup}</div>'
 
 
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """header and rows: markup already."""
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]], style: str = "") -> str:
+    """header and rows: markup already. style: of every cell below the header."""
 
     def line(cells: Sequence[str], tag: str, style: str) -> str:
         sides = ("left", *["right"] * (len(cells) - 1))
         marked = (f'<{tag} style="text-align:{s};{style}">{cell}</{tag}>' for s, cell in zip(sides, cells, strict=True))
         return f"<tr>{''.join(marked)}</tr>"
 
-    body = "".join(line(row, "td", "") for row in rows)
+    body = "".join(line(row, "td", style) for row in rows)
     return (
         '<div style="padding:0.2em 1em"><table style="width:100%;font-size:0.8em;font-variant-numeric:tabular-nums;'
         f'border-spacing:0 0.1em">{line(header, "th", f"font-weight:400;opacity:{palette.QUIET}")}{body}</table></div>'

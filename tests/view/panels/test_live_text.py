@@ -6,8 +6,10 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 from companion.present import palette
-from companion.view import Judgement, LinkState, StreamState
+from companion.view import Judgement, LinkState, ReplayChoice, StreamState
 from companion.view.panels import banner, live_text
+from companion.view.state.sample import footage
+from tests.view.circles import make_flight, recompute
 
 EVIL = "<img src=x onerror=\"document.title='owned'\"><script>alert(1)</script>"
 
@@ -60,7 +62,7 @@ def test_the_verdict_now_is_the_banner_or_why_there_is_none() -> None:
     assert banner.COLOURS["imu_suspect"] != banner.colour_of("imu_suspect", stale=True), "and is dimmed"
     shown = live_text.verdict(replace(suspect, age_s=7.0), LinkState("udpin:1"), "")
     assert palette.css(banner.COLOURS["imu_suspect"]) not in shown
-    assert text(suspect, problem="silent for 7 s").endswith("silent for 7 s")
+    assert text(suspect, problem="silent for 7 s").endswith("NO VERDICT – silent for 7 s")
     assert text(Judgement("", ""), why_not="no IMU messages").endswith("no IMU messages")
     assert "No verdict yet" in text(Judgement("", ""))
     assert "STARTING" in text(Judgement("starting", "The estimator aligns."))
@@ -78,6 +80,19 @@ def test_the_link_says_how_it_stands() -> None:
     assert text(LinkState("udpin:1", "nothing received yet")).startswith("WAITINGnothing received yet")
     full = LinkState("udpin:1", frames=5, recording="a.tlog", recording_problem="the disk is full")
     assert text(full) == "LIVEthe disk is full"
+
+
+def test_the_numbers_of_a_silent_link_are_those_of_the_last_sample() -> None:
+    film = footage(recompute(make_flight(), ReplayChoice()))
+    heard, silent = (
+        live_text.numbers(film.last, None, 0.0, has_position=True, silent=silent) for silent in (False, True)
+    )
+    assert "when last heard" not in heard
+    assert "Error when last heard" in silent
+    tilt = f"{film.last.tilt_deg:.2f}°</td>"
+    assert f';opacity:{palette.QUIET}">{tilt}' in silent
+    assert tilt in heard
+    assert f';opacity:{palette.QUIET}">{tilt}' not in heard
 
 
 def test_losses_latency_and_what_is_dropped() -> None:
