@@ -200,5 +200,7 @@ def _key(line: Line, now: float) -> str:
     return (
         f'<span style="font-weight:600;margin-left:0.6em;white-space:nowrap"><span style="display:inline-block;'
         f'width:18px;border-top:{border};vertical-align:middle;margin-right:0.3em"></span>'
-        f"{escape(line.name)} {value:.2f}</span>"
+        # As wide with a sign and two digits as without: a row that wraps for a moment would move all charts below it.
+        f'{escape(line.name)} <span style="display:inline-block;min-width:6ch;text-align:right">{value:.2f}</span>'
+        "</span>"
     )
