@@ -90,7 +90,7 @@ def _armed(flight: Flight) -> list[Span] | None:
 
 
 def _airborne(flight: Flight, armed: list[Span] | None) -> list[Span]:
-    """From first to last motion of each time armed, and no less than what the vehicle itself says."""
+    """What the vehicle itself says; where it does not, from first to last motion of each time armed."""
     said = [(e.t, e.text in ("took off", "in the air")) for e in flight.events if e.text in _TOLD]
     flown = []
     for begin, end in [(flight.start, flight.start + flight.duration)] if armed is None else armed:
@@ -99,7 +99,7 @@ def _airborne(flight: Flight, armed: list[Span] | None) -> list[Span]:
         if not moving and not any(up for _, up in mine):
             continue
         first = min([t for t, up in mine if up] + moving[:1])
-        last = mine[-1][0] if mine and not mine[-1][1] else moving[-1] if moving else end
+        last = (end if mine[-1][1] else mine[-1][0]) if mine else moving[-1]
         if flight.vehicle.type in _ON_THE_GROUND and armed is not None:
             last = end  # it stops on its way as well
         over = flight.start + flight.duration
@@ -113,15 +113,22 @@ _TOLD = ("took off", "in the air", "landed")
 
 
 def _moving(flight: Flight, begin: float, end: float, *, by_position: bool) -> list[float]:
-    """The first and the last moment of motion in a stretch; empty where there is none."""
+    """The first and the last moment of motion in a stretch; empty where there is none.
+
+    Of a vehicle that was armed before the log begins nothing tells where the ground is, and in the air it may stand
+    still: it moves to the end, but where it has come down by half of its heights.
+    """
     track = flight.position if by_position else None
     if track is not None:
         inside = (track.t >= begin) & (track.t <= end)
         t, height = track.t[inside], -track.position[inside, 2]
         if len(t) > 1:
             speed = np.linalg.norm(track.velocity[inside], axis=1)
-            moving = t[(speed > _MOVING) | (np.abs(height - height[0]) > _MOVING)]
-            return [float(moving[0]), float(moving[-1])] if len(moving) else []
+            lowest, highest = float(height.min()), float(height.max())
+            landing = highest - lowest > _MOVING and height[-1] < 0.5 * (lowest + highest)
+            before = begin <= flight.start
+            moving = t[(speed > _MOVING) | (np.abs(height - (lowest if before and landing else height[0])) > _MOVING)]
+            return [float(moving[0]), float(t[-1] if before and not landing else moving[-1])] if len(moving) else []
     t, rates = _rates(flight)
     if not len(t):
         return []

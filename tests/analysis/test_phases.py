@@ -12,6 +12,7 @@ import pytest
 import companion as c
 from companion.analysis.phases import phases
 from companion.model import (
+    Array,
     AttitudeTrack,
     ControlTrack,
     Event,
@@ -204,3 +205,26 @@ def test_an_even_turn_is_a_flight_and_no_heading_that_turns_at_rest() -> None:
         position=PositionTrack(T, motion.position, motion.velocity),
     )
     assert [kind for kind, _, _ in told(flight)] == ["flight"]
+
+
+def test_a_vehicle_that_hovers_is_not_landed_though_it_was_armed_before_the_log_begins() -> None:
+    """A piece of a link begins anywhere. Where it came down by half of its heights it has landed."""
+    armed = (Event(1000.0, "armed", "armed when the log begins"),)
+    height = np.full(len(T), -10.0)
+    moving = np.where((T > 20.0) & (T < 50.0), 3.0, 0.0)
+
+    def seen(height: Array, **changes: Any) -> list[tuple[str, float, float]]:
+        zero = np.zeros(len(T))
+        track = PositionTrack(T + 1000.0, np.column_stack([zero, zero, height]), np.column_stack([moving, zero, zero]))
+        return told(story(position=track, **({"events": armed} | changes)))
+
+    assert seen(height)[-1] == ("flight", 20.0, 100.0)
+    assert seen(np.where(T < 60.0, height, 0.0))[-1] == ("landed", 60.0, 100.0)
+    assert seen(height, events=(*armed, Event(1000.5, "event", "in the air")))[-1] == ("flight", 0.5, 100.0)
+
+
+def test_who_has_taken_off_flies_until_it_says_otherwise() -> None:
+    armed = (Event(1035.0, "armed", "armed"), Event(1040.0, "event", "took off"))
+    assert told(story(events=armed))[-1] == ("flight", 40.0, 100.0)
+    landed = (*armed, Event(1079.0, "event", "landed"))
+    assert told(story(events=landed))[-1] == ("landed", 79.0, 100.0)
