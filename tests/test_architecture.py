@@ -33,7 +33,7 @@ MAY_IMPORT = {
     "app.destination": GROUND,
     "app.settings": GROUND | {"strapdown", "app.toml_file"},
     "app.correction": GROUND | {"app.toml_file", "analysis"},
-    "app.sensors": GROUND | {"app.toml_file", "app.settings", "analysis"},
+    "app.sensors": GROUND | {"telemetry", "app.toml_file", "app.settings", "analysis"},
     "app.recording": GROUND | {"mavlink", "logs", "telemetry"},
     "app.examination": GROUND
     | {"app.resources", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
@@ -53,8 +53,8 @@ MAY_IMPORT = {
     | {"strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination"}
     | {"documents", "present", "view"},
     "fleet": GROUND
-    | {"mavlink", "logs", "app.destination", "app.settings", "app.sensors", "app.recording", "app.examination"}
-    | {"documents", "present", "export", "report"},
+    | {"mavlink", "logs", "telemetry", "app.destination", "app.settings", "app.sensors", "app.recording"}
+    | {"app.examination", "documents", "present", "export", "report"},
     "cli": GROUND
     | {"mavlink", "logs", "links", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
     | {"app.destination", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}

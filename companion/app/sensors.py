@@ -14,6 +14,7 @@ from companion.analysis import ImuNoise, ImuSpec, ModelFigure, SensorSpec, noise
 from companion.app.settings import data_folder
 from companion.app.toml_file import read_toml
 from companion.model import STANDARD_GRAVITY, Flight, InputError, SettingsError
+from companion.telemetry import id_parameters
 
 _DEGREE = math.radians(1.0)
 _SI: Mapping[str, float] = {
@@ -155,10 +156,8 @@ def ardupilot_id(part: str) -> int:
 
 def imu_spec_of(flight: Flight, imu: str) -> ImuSpec:
     """The figures of the part that the vehicle's parameters name for this IMU message, else of generic-mems."""
-    instance = flight.imus[imu].instance
-    for parameter, autopilot, name in (
-        (f"INS_GYR{instance + 1 if instance else ''}_ID", "ardupilot", "ArduPilot"),
-        (f"CAL_GYRO{instance}_ID", "px4", "PX4"),
+    for parameter, (autopilot, name) in zip(
+        id_parameters("gyro", flight.imus[imu].instance), (("ardupilot", "ArduPilot"), ("px4", "PX4")), strict=True
     ):
         identity = int(flight.parameters.get(parameter, 0))
         kind = identity >> 16 & 0xFF

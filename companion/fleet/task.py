@@ -31,6 +31,7 @@ from companion.fleet.rows import arrow_tables, rows_of
 from companion.fleet.search import FoundLog
 from companion.model import CompanionError, DataError, Flight, InputError
 from companion.report import report_html
+from companion.telemetry import id_parameters
 
 _NO_CALENDAR_S = 4e9  # the year 2096
 
@@ -205,12 +206,13 @@ _IDS = 2.0**32  # a device id has 32 bits: what is larger is damage
 def sensor_ids(flight: Flight, sensor: str) -> dict[str, int]:
     """IMU message → the autopilot's id of its "gyro" or "accel", where the parameters are in the log.
 
-    ArduPilot: INS_GYR_ID, INS_GYR2_ID, ..., INS_ACC_ID; PX4: CAL_GYRO0_ID, ..., CAL_ACC0_ID. The id holds the bus,
-    address and type of the part (AP_InertialSensor, DevTypes): two boards of a kind have the same.
+    The id holds bus, address and type of the part (AP_InertialSensor, DevTypes): two boards of a kind have the same.
     """
     ids: dict[str, int] = {}
     for name, track in flight.imus.items():
-        identity = next((flight.parameters[p] for p in _names(sensor, track.instance) if p in flight.parameters), 0.0)
+        identity = next(
+            (flight.parameters[p] for p in id_parameters(sensor, track.instance) if p in flight.parameters), 0.0
+        )
         if identity and abs(identity) < _IDS:
             ids[name] = int(identity)
     return ids
@@ -239,10 +241,3 @@ def temperatures(flight: Flight) -> dict[str, float]:
             if len(known):
                 medians[name] = float(np.median(known))
     return medians
-
-
-def _names(sensor: str, instance: int) -> tuple[str, ...]:
-    ardupilot = {"gyro": "INS_GYR", "accel": "INS_ACC"}[sensor]
-    px4 = {"gyro": "CAL_GYRO", "accel": "CAL_ACC"}[sensor]
-    number = "" if instance == 0 else str(instance + 1)
-    return f"{ardupilot}{number}_ID", f"{px4}{instance}_ID"

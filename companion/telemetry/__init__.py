@@ -2,8 +2,9 @@
 
 from companion.telemetry.dataflash import RECORDS, dataflash_flight
 from companion.telemetry.flights import NEEDED, flights
+from companion.telemetry.parameters import id_parameters
 from companion.telemetry.split import Bystander
 from companion.telemetry.stream import Stream
 from companion.telemetry.ulog import ulog_flight
 
-__all__ = ["NEEDED", "RECORDS", "Bystander", "Stream", "dataflash_flight", "flights", "ulog_flight"]
+__all__ = ["NEEDED", "RECORDS", "Bystander", "Stream", "dataflash_flight", "flights", "id_parameters", "ulog_flight"]

@@ -87,11 +87,12 @@ _RATES_HZ = (50.0, 2000.0)  # IMU_INTEG_RATE may be 100 to 1000
 
 def with_facts(track: ImuTrack, vehicle: Vehicle, parameters: Mapping[str, float]) -> ImuTrack:
     """The track with what is known of its sensor. PX4's samples are means: their times are moved to the middles."""
+    ardupilot_id, px4_id = id_parameters("gyro", track.instance)
     if vehicle.autopilot == "PX4":
         rate = parameters.get("IMU_INTEG_RATE", 0.0)
         track = replace(
             track,
-            device_id=_device(parameters, f"CAL_GYRO{track.instance}_ID"),
+            device_id=_device(parameters, px4_id),
             bias_removed=track.source == "HIGHRES_IMU",
         )
         if _RATES_HZ[0] <= rate <= _RATES_HZ[1]:
@@ -101,7 +102,7 @@ def with_facts(track: ImuTrack, vehicle: Vehicle, parameters: Mapping[str, float
         gyro_range, accel_range = known_ranges(vehicle, parameters, track.instance)
         return replace(
             track,
-            device_id=_device(parameters, _id_name("GYR", track.instance)),
+            device_id=_device(parameters, ardupilot_id),
             gyro_low_pass_hz=cutoff_hz(parameters, "INS_GYRO_FILTER"),
             accel_low_pass_hz=cutoff_hz(parameters, "INS_ACCEL_FILTER"),
             gyro_range=gyro_range,
@@ -114,7 +115,7 @@ def known_ranges(vehicle: Vehicle, parameters: Mapping[str, float], instance: in
     """Of the gyro and accelerometer of an IMU, by their device ids: on ArduPilot, where the parameters are known."""
     if vehicle.autopilot != "ARDUPILOTMEGA":
         return None, None
-    gyro, accel = (_ranges(_device(parameters, _id_name(kind, instance))) for kind in ("GYR", "ACC"))
+    gyro, accel = (_ranges(_device(parameters, id_parameters(sensor, instance)[0])) for sensor in ("gyro", "accel"))
     return (
         None if gyro[0] is None else float(np.radians(gyro[0])),
         None if accel[1] is None else accel[1] * STANDARD_GRAVITY,
@@ -123,14 +124,20 @@ def known_ranges(vehicle: Vehicle, parameters: Mapping[str, float], instance: in
 
 def of_instance(track: ImuTrack, instance: int, parameters: Mapping[str, float]) -> ImuTrack:
     """PX4's HIGHRES_IMU, which says IMU 0 whatever sensor it speaks of, as that of the selected one."""
-    return replace(track, instance=instance, device_id=_device(parameters, f"CAL_GYRO{instance}_ID"))
+    return replace(track, instance=instance, device_id=_device(parameters, id_parameters("gyro", instance)[1]))
 
 
-def _id_name(kind: str, instance: int) -> str:
-    """INS_GYR_ID, INS_GYR2_ID, INS_GYR3_ID, INS4_GYR_ID, ..."""
-    if instance > 2:
-        return f"INS{instance + 1}_{kind}_ID"
-    return f"INS_{kind}{instance + 1 if instance else ''}_ID"
+def id_parameters(sensor: str, instance: int) -> tuple[str, str]:
+    """What the device id of an IMU's "gyro" or "accel" is called: by ArduPilot, and by PX4.
+
+    INS_GYR_ID, INS_GYR2_ID, INS_GYR3_ID, INS4_GYR_ID, ...; CAL_GYRO0_ID, CAL_GYRO1_ID, ...
+    """
+    ardupilot, px4 = {"gyro": ("GYR", "GYRO"), "accel": ("ACC", "ACC")}[sensor]
+    number = instance + 1 if instance else ""
+    return (
+        f"INS{number}_{ardupilot}_ID" if instance > 2 else f"INS_{ardupilot}{number}_ID",
+        f"CAL_{px4}{instance}_ID",
+    )
 
 
 def _ranges(device_id: int | None) -> tuple[float | None, float | None]:

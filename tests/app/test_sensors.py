@@ -23,6 +23,7 @@ def carrying(parameters: dict[str, float], instance: int = 0) -> Flight:
         ("INS_GYR_ID", 0x34, 0, "icm-42688-p"),
         ("INS_GYR2_ID", 0x2B, 1, "bmi088"),
         ("INS_GYR3_ID", 0x2F, 2, "icm-20602"),
+        ("INS4_GYR_ID", 0x34, 3, "icm-42688-p"),
         ("CAL_GYRO0_ID", 0x26, 0, "icm-42688-p"),
         ("CAL_GYRO1_ID", 0x34, 1, "icm-45686"),  # the number that is an ICM-42688-P to ArduPilot
         ("CAL_GYRO2_ID", 0x66, 2, "bmi088"),
