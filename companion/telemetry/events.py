@@ -99,26 +99,31 @@ def dataflash_events(records: Mapping[str, Records], vehicle: Vehicle, dialect: 
                 events.append(Event(t, _EV[number], _EV[number]))
         else:
             events.append(Event(t, "event", _EV.get(number, f"event {number}")))
-    codes = [code for _, code in _rows(records, "ERR", "ECode")]
-    for (t, subsystem), code in zip(_rows(records, "ERR", "Subsys"), codes, strict=True):
+    # Where damage met the declaration of one of the two columns there are no rows of it.
+    for (t, subsystem), (_, code) in zip(_rows(records, "ERR", "Subsys"), _rows(records, "ERR", "ECode"), strict=False):
         what = _ERR.get(subsystem, f"subsystem {subsystem}")
         events.append(Event(t, "error" if code else "event", f"{what}: error {code}" if code else f"{what}: resolved"))
     return in_order(events)
 
 
 def status_texts(messages: Messages, t: Array) -> tuple[StatusText, ...]:
-    """STATUSTEXT at boot times t (N,) s, the chunks of long ones (same id, chunk_seq 0, 1, ...) put together."""
+    """STATUSTEXT at boot times t (N,) s, the chunks of long ones (same id, chunk_seq 0, 1, ...) put together.
+
+    A chunk whose predecessor was lost is a text of its own.
+    """
     said: list[StatusText] = []
+    expected = (0, 0)  # id and chunk_seq of what would go on with the last text
     columns = (messages[n].tolist() for n in ("severity", "text", "id", "chunk_seq"))
     decoded: dict[bytes, str] = {}  # the same are said over and over
     for at, severity, raw, chunk_id, chunk in zip(t.tolist(), *columns, strict=True):
         text = decoded.get(raw)
         if text is None:
             text = decoded[raw] = words(raw)
-        if chunk_id and chunk and said:
+        if chunk_id and (chunk_id, chunk) == expected:
             said[-1] = StatusText(said[-1].t, said[-1].severity, said[-1].text + text)
         else:
             said.append(StatusText(at, severity, text))
+        expected = (chunk_id, chunk + 1)
     return tuple(said)
 
 

@@ -252,6 +252,13 @@ def test_old_firmware_stamps_milliseconds(tmp_path: Path) -> None:
     assert any(event.kind == "armed" and abs(event.t - 7.0) < 0.03 for event in flight.events)
 
 
+@pytest.mark.parametrize("columns", ["TimeUS,Subsys,ECodX", "TimeUS,Subsyx,ECode"])
+def test_errors_whose_declaration_is_damaged_tell_nothing(tmp_path: Path, columns: str) -> None:
+    types = {**TYPES, "ERR": ("QBB", columns)}
+    (flight,) = c.open_log(write_dataflash(tmp_path / "damaged.bin", types, [*rows(1.0), ("ERR", (500_000, 5, 1))]))
+    assert not flight.events
+
+
 def test_a_real_log_of_old_firmware_is_what_pymavlink_reads() -> None:
     from pymavlink.DFReader import DFReader_binary  # noqa: PLC0415
 

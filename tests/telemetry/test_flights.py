@@ -328,6 +328,16 @@ def test_statustext_chunks_are_put_together(log: Writer) -> None:
     assert [(t.severity, t.text) for t in texts] == [(4, "a" * 50 + "bc"), (6, "short")]
 
 
+def test_a_chunk_whose_beginning_was_lost_belongs_to_no_other_text(log: Writer) -> None:
+    log.rest(1.0)
+    log.send(0.5, "statustext", severity=6, text=b"EKF3 IMU0 is using GPS", id=0, chunk_seq=0)
+    log.send(0.6, "statustext", severity=4, text=b"the end of 7", id=7, chunk_seq=1)
+    log.send(0.7, "statustext", severity=4, text=b"b" * 50, id=8, chunk_seq=0)
+    log.send(0.7, "statustext", severity=4, text=b"third", id=8, chunk_seq=2)
+    texts = c.open_log(log.close())[0].texts
+    assert [t.text for t in texts] == ["EKF3 IMU0 is using GPS", "the end of 7", "b" * 50, "third"]
+
+
 def test_what_a_vehicle_writes_commands_no_terminal_and_begins_no_line(log: Writer) -> None:
     log.rest(1.0)
     log.send(0.5, "statustext", severity=6, text=b"\x1b[2J\x1b]0;mine\x07\nboot 9 begins\t", id=0, chunk_seq=0)
