@@ -195,7 +195,7 @@ def _column(texts: list[bytes], kind: np.dtype[Any]) -> tuple[npt.NDArray[Any], 
     if kind.kind == "f":
         return values, whole
     limits = np.iinfo(kind)
-    whole = whole & (values >= limits.min) & (values <= limits.max)
+    whole = whole & (values >= limits.min) & (values < limits.max + 1)  # which a double is too, of 64 bits
     return np.where(whole, values, 0.0).astype(kind), whole
 
 

@@ -137,6 +137,7 @@ def test_names_of_modes_commas_in_texts_and_banners(tmp_path: Path) -> None:
         ("IMU, 1060000, 0, 0.1, -0.2, zero, 0.0, 0.0, -9.81", 3),
         ("IMU, 1060000, 300, 0.1, -0.2, 0.3, 0.0, 0.0, -9.81", 3),  # no instance of a byte
         ("IMU, -5, 0, 0.1, -0.2, 0.3, 0.0, 0.0, -9.81", 3),
+        ("IMU, 18446744073709551615, 0, 0.1, -0.2, 0.3, 0.0, 0.0, -9.81", 3),  # as a double no number of 64 bits
         ("IMU,1060000,0,0.1,-0.2,0.3,0,0,-9.81", 4),
         ("\x00\xff, IMU", 3),
         ("OTHER, 1, 2", 3),
