@@ -68,10 +68,11 @@ class Recorder:
         """Close the file. A recording of nothing is not left behind."""
         if self._writer is None:
             return
+        deleted = self._writer.deleted  # then what is there now is not ours
         with contextlib.suppress(OSError):  # what a full disk did not take is reported in `problem`
             self._writer.close()
         self._writer = None
-        if not self.size_bytes and self.path.is_file():
+        if not self.size_bytes and not deleted and self.path.is_file():
             with contextlib.suppress(OSError):  # someone has taken it away
                 self.path.unlink()
 

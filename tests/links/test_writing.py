@@ -106,6 +106,14 @@ def test_a_recording_of_nothing_is_not_left_behind(tmp_path: Path) -> None:
     assert not (tmp_path / "a.tlog").exists()
 
 
+def test_a_file_that_has_taken_the_place_of_a_deleted_recording_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "a.tlog"
+    with Recorder(path):
+        path.unlink()
+        path.write_text("somebody else's")
+    assert path.read_text() == "somebody else's"
+
+
 def test_two_that_begin_in_one_second_record_beside_each_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(time, "strftime", lambda _: "2026-01-01 12-00-00")
