@@ -6,10 +6,9 @@ What the fields of a format mean, their units and what stands for "not known" is
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TypeVar
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -31,95 +30,55 @@ from companion.model import (
     ned_from_geodetic,
     of_kind,
 )
-from companion.telemetry.air_and_ground import airspeed_track, flow_track, is_constant, range_track
+from companion.telemetry.air_and_ground import CONSTANT, airspeed_track, flow_track, is_constant, range_track
 from companion.telemetry.convert import SI, UNTURNED, Turns, continuous, increasing, turned_vectors
-from companion.telemetry.lazy import LazyTuple
+from companion.telemetry.lazy import Lazy, LazyTuple
 from companion.telemetry.outliers import HEIGHT, BoolArray, lone, lone_fields, uncontradicted
 from companion.telemetry.quantities import pressure_altitude
 
-_Track = TypeVar("_Track", GpsTrack, CompassTrack, BarometerTrack, AirspeedTrack, RangeTrack, FlowTrack)
-WithNotes = tuple[tuple[_Track, ...], tuple[str, ...]]
-"""Tracks in order of instance, and what had to be left out, in words."""
+_Track = GpsTrack | CompassTrack | BarometerTrack | AirspeedTrack | RangeTrack | FlowTrack
+_Maker = Callable[[Series, list[str]], _Track | None]
 
-_CONSTANT = 20  # readings that are all the same are those of no sensor: even at rest they differ by a step
 _EARTH_M = 6.4e6
 
 
-@dataclass(frozen=True, eq=False)
-class Aiding:
-    """The aiding sensors in a flight's series, each kind made when its tracks or the notes are first looked into."""
+def aiding_tracks(series: Mapping[str, Series], notes: Iterable[str], turns: Turns = UNTURNED) -> dict[str, Any]:
+    """The fields of a `Flight` that its series tell: tracks in order of instance, and the notes with what is left out.
 
-    series: Mapping[str, Series]
-    turns: Turns = UNTURNED  # into the frame of the IMU tracks, where that is not the compass's
+    gps: every receiver that ever had a fix; airspeeds: one that tells pressure alone where no other message tells the
+    speed; compasses, barometers, ranges, flows: every one. Each kind is made when it or the notes are first looked
+    into. turns: into the frame of the IMU tracks, where that is not the compass's.
+    """
+    makers: dict[str, tuple[str, _Maker]] = {
+        "gps": ("gps", _gps_track),
+        "compasses": ("magnetometer", partial(_compass_track, turns=turns)),
+        "barometers": ("barometer", _barometer_track),
+        "airspeeds": ("airspeed", airspeed_track),
+        "ranges": ("range", range_track),
+        "flows": ("flow", flow_track),
+    }
+    made = Lazy({name: partial(_made, of_kind(series, kind), make) for name, (kind, make) in makers.items()})
+    before = tuple(notes)
 
-    @property
-    def gps(self) -> Sequence[GpsTrack]:
-        """Every receiver that ever had a fix."""
-        return LazyTuple(lambda: self._gps[0])
+    def tracks(name: str) -> Sequence[Any]:
+        return LazyTuple(lambda: made[name][0])
 
-    @property
-    def compasses(self) -> Sequence[CompassTrack]:
-        """Every magnetometer."""
-        return LazyTuple(lambda: self._compasses[0])
+    def every_note() -> tuple[str, ...]:
+        return (*before, *(note for _, own in made.values() for note in own))
 
-    @property
-    def barometers(self) -> Sequence[BarometerTrack]:
-        """Every barometer."""
-        return LazyTuple(lambda: self._barometers[0])
+    return {**{name: tracks(name) for name in makers}, "notes": LazyTuple(every_note)}
 
-    @property
-    def airspeeds(self) -> Sequence[AirspeedTrack]:
-        """Every airspeed sensor; one that tells pressure alone where no other message tells the speed."""
-        return LazyTuple(lambda: self._airspeeds[0])
 
-    @property
-    def ranges(self) -> Sequence[RangeTrack]:
-        """Every range finder."""
-        return LazyTuple(lambda: self._ranges[0])
-
-    @property
-    def flows(self) -> Sequence[FlowTrack]:
-        """Every optical flow sensor."""
-        return LazyTuple(lambda: self._flows[0])
-
-    def noted(self, notes: Iterable[str]) -> Sequence[str]:
-        """The notes, and what had to be left out."""
-        before = tuple(notes)
-        kinds = ("_gps", "_compasses", "_barometers", "_airspeeds", "_ranges", "_flows")
-        return LazyTuple(lambda: (*before, *(note for kind in kinds for note in getattr(self, kind)[1])))
-
-    @cached_property
-    def _gps(self) -> WithNotes[GpsTrack]:
-        notes: list[str] = []
-        return _each(_gps_track(one, notes) for one in of_kind(self.series, "gps")), tuple(notes)
-
-    @cached_property
-    def _compasses(self) -> WithNotes[CompassTrack]:
-        notes: list[str] = []
-        tracks = (_compass_track(one, self.turns, notes) for one in of_kind(self.series, "magnetometer"))
-        return _each(tracks), tuple(notes)
-
-    @cached_property
-    def _barometers(self) -> WithNotes[BarometerTrack]:
-        notes: list[str] = []
-        return _each(_barometer_track(one, notes) for one in of_kind(self.series, "barometer")), tuple(notes)
-
-    @cached_property
-    def _airspeeds(self) -> WithNotes[AirspeedTrack]:
-        notes: list[str] = []
-        tracks = [airspeed_track(one, notes) for one in of_kind(self.series, "airspeed")]
-        told = [one for one in tracks if one is not None and np.isfinite(one.airspeed).any()]
-        return _each(told or tracks), tuple(notes)
-
-    @cached_property
-    def _ranges(self) -> WithNotes[RangeTrack]:
-        notes: list[str] = []
-        return _each(range_track(one, notes) for one in of_kind(self.series, "range")), tuple(notes)
-
-    @cached_property
-    def _flows(self) -> WithNotes[FlowTrack]:
-        notes: list[str] = []
-        return _each(flow_track(one, notes) for one in of_kind(self.series, "flow")), tuple(notes)
+def _made(several: Iterable[Series], make: _Maker) -> tuple[tuple[_Track, ...], list[str]]:
+    """One track per instance, the best sampled of it: RAW_IMU and HIGHRES_IMU speak of the same compass; and notes."""
+    notes: list[str] = []
+    tracks = [track for one in several if (track := make(one, notes)) is not None and len(track)]
+    told = [one for one in tracks if not isinstance(one, AirspeedTrack) or np.isfinite(one.airspeed).any()]
+    best: dict[int, _Track] = {}
+    for track in told or tracks:
+        if len(track) > len(best.get(track.instance, ())):
+            best[track.instance] = track
+    return tuple(best[instance] for instance in sorted(best)), notes
 
 
 def truth_track(
@@ -156,7 +115,7 @@ def truth_track(
     return TruthTrack(t[keep], continuous(q_ned_frd[keep]), velocity[keep], position[keep], source)
 
 
-def _compass_track(one: Series, turns: Turns, notes: list[str]) -> CompassTrack | None:
+def _compass_track(one: Series, notes: list[str], *, turns: Turns) -> CompassTrack | None:
     if is_constant(one.source, one.values, notes):
         return None
     t, field = one.t, turned_vectors(one.t, one.values, turns)
@@ -226,19 +185,10 @@ def is_frozen(track: GpsTrack, notes: list[str]) -> bool:
         track.latitude, track.longitude, track.height, track.velocity, track.horizontal_sigma, track.vertical_sigma,
         track.speed_sigma,
     ])[fixed]  # fmt: skip
-    frozen = len(told) >= _CONSTANT and bool(((told == told[:1]) | np.isnan(told)).all())
+    frozen = len(told) >= CONSTANT and bool(((told == told[:1]) | np.isnan(told)).all())
     if frozen:
         notes.append(f"{track.source} left out: all of its {len(told)} fixes are the same")
     return frozen
-
-
-def _each(tracks: Iterable[_Track | None]) -> tuple[_Track, ...]:
-    """One track per instance, the best sampled of it: RAW_IMU and HIGHRES_IMU speak of the same compass."""
-    best: dict[int, _Track] = {}
-    for track in tracks:
-        if track is not None and len(track) and len(track) > len(best.get(track.instance, ())):
-            best[track.instance] = track
-    return tuple(best[instance] for instance in sorted(best))
 
 
 TRUTH_MESSAGES = ("SIM_STATE", "HIL_STATE_QUATERNION", "SIMSTATE")

@@ -10,7 +10,7 @@ import numpy as np
 from companion.model import AirspeedTrack, Array, FlowTrack, RangeTrack, Series
 from companion.telemetry.outliers import lone, uncontradicted
 
-_CONSTANT = 20  # readings that are all the same are those of no sensor: even at rest they differ by a step
+CONSTANT = 20  # readings that are all the same are those of no sensor: even at rest they differ by a step
 _GOOD = 4.0  # RFND.Stat: RangeFinder::Status::Good
 _GUST = 30.0  # m/s: an airspeed that is off by as much for one sample is damage
 _CENTIMETRE = 0.01  # m, to which DISTANCE_SENSOR is cut: a reading at the end of the range is within it
@@ -18,7 +18,7 @@ _CENTIMETRE = 0.01  # m, to which DISTANCE_SENSOR is cut: a reading at the end o
 
 def is_constant(source: str, values: Array, notes: list[str]) -> bool:
     """Whether all readings (N,) or (N, k) of a source are the same: even at rest those of a sensor differ."""
-    constant = len(values) >= _CONSTANT and bool((values == values[:1]).all())
+    constant = len(values) >= CONSTANT and bool((values == values[:1]).all())
     if constant:
         notes.append(f"{source} left out: all of its {len(values)} readings are the same")
     return constant

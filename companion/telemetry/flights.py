@@ -24,7 +24,7 @@ from companion.model import (
     Vehicle,
 )
 from companion.telemetry import convert
-from companion.telemetry.aiding import TRUTH_MESSAGES, Aiding, message_truth
+from companion.telemetry.aiding import TRUTH_MESSAGES, aiding_tracks, message_truth
 from companion.telemetry.announced import imu_in_use, odometry_resets, parameter_changes, text_resets
 from companion.telemetry.arrival import arrivals
 from companion.telemetry.biases import ardupilot_biases, px4_biases, selected_imu
@@ -134,7 +134,6 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
     attitude, told = _attitude(boot, seconds)
     position, odd = _position(boot, seconds)
     notes += [*told, *odd]
-    aiding = Aiding(flight.series, begun.turns)
     used = flight.imu_in_use
     biases: Sequence[BiasTrack] = ()
     if _is_ardupilot(flight.vehicle):
@@ -151,18 +150,12 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
         imus=imus,
         attitude=attitude,
         position=position,
-        gps=aiding.gps,
-        compasses=aiding.compasses,
-        barometers=aiding.barometers,
-        airspeeds=aiding.airspeeds,
-        ranges=aiding.ranges,
-        flows=aiding.flows,
+        **aiding_tracks(flight.series, notes, begun.turns),
         biases=biases,
         imu_in_use=used,
         control=control_track(boot.messages, seconds, attitude),
         actuators=actuator_track(boot.messages, seconds, flight.parameters),
         truth=message_truth(boot.messages, seconds, flight.origin, position),
-        notes=aiding.noted(notes),
     )
 
 

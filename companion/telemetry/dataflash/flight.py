@@ -18,7 +18,7 @@ from companion.logs import RecordLayout, Records
 from companion.mavlink import Dialect
 from companion.model import Array, Flight, StatusText, Vehicle
 from companion.telemetry import convert
-from companion.telemetry.aiding import Aiding
+from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.arrival import arrival
 from companion.telemetry.dataflash import aiding, changes, cores, imu, pose, sensors
 from companion.telemetry.dataflash.rows import with_times
@@ -148,7 +148,6 @@ def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, 
     )
     own = next((bias for bias in biases if bias.core == core), None)
     position, astray = pose.position(records, flew, core, flight.parameters)
-    sensed = Aiding(series, turns)
     attitude = None if sampled is None else pose.with_rates(sampled, imus, own, astray)
     return replace(
         flight,
@@ -156,13 +155,7 @@ def _with_tracks(flight: Flight, records: dict[str, Records], flew: cores.Flew, 
         attitude=attitude,
         position=position,
         series=series,
-        notes=sensed.noted([*notes, *unhealthy, *odd, *told, *astray]),
-        gps=sensed.gps,
-        compasses=sensed.compasses,
-        barometers=sensed.barometers,
-        airspeeds=sensed.airspeeds,
-        ranges=sensed.ranges,
-        flows=sensed.flows,
+        **aiding_tracks(series, [*notes, *unhealthy, *odd, *told, *astray], turns),
         biases=biases,
         control=aiding.control(records, flight.parameters, in_imu_frame=sampled is not None and sampled[2] != "ATT"),
     )

@@ -13,7 +13,7 @@ import numpy as np
 
 from companion.mavlink import px4_nav_state_name
 from companion.model import Event, Flight, ParameterChange, StatusText, Vehicle
-from companion.telemetry.aiding import Aiding
+from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.arrival import arrival
 from companion.telemetry.events import changes, in_order
 from companion.telemetry.parameters import identity, known, setting_names
@@ -46,11 +46,14 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
     zero, by_device = origin(topics), imu_instances(topics)
     used = imu_in_use(topics, by_device)
     imus = imu_tracks(topics, used, parameters, notes)
-    gps, compasses = gps_tracks(topics, notes), compass_tracks(topics, notes)
-    barometers = barometer_tracks(topics, notes)
+    selected = {
+        "gps": gps_tracks(topics, notes),
+        "compasses": compass_tracks(topics, notes),
+        "barometers": barometer_tracks(topics, notes),
+    }
     attitude, position = attitude_track(topics, notes), position_track(topics, notes)
     series = topic_series(topics, version, notes)
-    sensed = Aiding({key: series[key] for key in series if key.partition(":")[0] in OF_SERIES})
+    others = {key: series[key] for key in series if key.partition(":")[0] in OF_SERIES}
     vehicle = _vehicle(parameters, vehicle_types, release)
     return Flight(
         vehicle=vehicle,
@@ -71,14 +74,8 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
             StatusText(m.timestamp * 1e-6, m.log_level - ord("0"), words(str(m.message))) for m in log.logged_messages
         ),
         messages={name: arrival(seconds(topic), 0) for name, topic in sorted(topics.items())},
-        notes=sensed.noted(notes),
         on_board=True,
-        gps=gps,
-        compasses=compasses,
-        barometers=barometers,
-        airspeeds=sensed.airspeeds,
-        ranges=sensed.ranges,
-        flows=sensed.flows,
+        **aiding_tracks(others, notes) | selected,
         biases=bias_tracks(topics, version, by_device),
         truth=truth(topics, zero),
         control=control_track(topics),
