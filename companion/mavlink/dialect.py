@@ -75,7 +75,7 @@ class Dialect:
 
         Raises SettingsError, with the nearest names, if the dialect has no such enum.
         """
-        return enum_names(self, enum)
+        return _enum_names(self, enum)
 
 
 @cache
@@ -114,8 +114,7 @@ def load_dialect(name: str = DEFAULT_DIALECT) -> Dialect:
 
 
 @cache
-def enum_names(dialect: Dialect, enum: str) -> Mapping[int, str]:
-    """`dialect.enum_names(enum)`, as a function."""
+def _enum_names(dialect: Dialect, enum: str) -> Mapping[int, str]:
     if not dialect.has_enum(enum):
         raise SettingsError(f"The dialect {dialect.name} has no enum {enum!r}.{_nearest(enum, dialect.enums)}")
     # The generator ends each enum with a sentinel that is no value of it.

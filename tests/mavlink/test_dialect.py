@@ -10,7 +10,7 @@ import numpy as np
 import pymavlink
 import pytest
 
-from companion.mavlink import dialect_names, enum_names, load_dialect
+from companion.mavlink import dialect_names, load_dialect
 from companion.model import SettingsError
 
 SIZES = {"char": 1, "int8_t": 1, "uint8_t": 1, "uint8_t_mavlink_version": 1, "int16_t": 2, "uint16_t": 2}
@@ -65,7 +65,7 @@ def test_every_dialect_of_pymavlink_loads(name: str) -> None:
 
 def test_enums() -> None:
     dialect = load_dialect()
-    names = enum_names(dialect, "MAV_AUTOPILOT")
+    names = dialect.enum_names("MAV_AUTOPILOT")
     assert names[3] == "MAV_AUTOPILOT_ARDUPILOTMEGA"
     assert names[12] == "MAV_AUTOPILOT_PX4"
     assert not any(name.endswith("ENUM_END") for name in names.values())
