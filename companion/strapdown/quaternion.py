@@ -2,8 +2,8 @@
 
 `q_ned_frd` rotates body (FRD) vectors into the world (NED); products compose from right to left,
 `q_ned_frd = q_ned_other ⊗ q_other_frd`. Every function works on arrays of shape (..., 4) and broadcasts.
-Trawny & Roumeliotis ("Indirect Kalman Filter for 3D Attitude Estimation", 2005) write JPL
-quaternions: `to_jpl` and `from_jpl` are the only place where that convention appears.
+Trawny & Roumeliotis ("Indirect Kalman Filter for 3D Attitude Estimation", 2005) write JPL quaternions of NED to FRD,
+scalar last: the product is turned round there and the rotation too, so the numbers are the same in another order.
 """
 
 from __future__ import annotations
@@ -148,17 +148,3 @@ def continuous_sign(q: Array) -> Array:
     flips = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0
     sign = np.where(np.cumsum(flips) % 2 == 1, -1.0, 1.0)
     return np.asarray(q * np.concatenate((np.ones(min(1, len(q))), sign))[:, None])
-
-
-def to_jpl(q: Array) -> Array:
-    """JPL quaternion of NED to FRD, scalar last, (..., 4), of the Hamilton q_ned_frd.
-
-    JPL's product is turned round and its rotation runs from global to local; the two changes cancel, so the numbers
-    are the same and only their order differs (Trawny & Roumeliotis 2005, §1.1-1.4).
-    """
-    return np.roll(q, -1, axis=-1)
-
-
-def from_jpl(q: Array) -> Array:
-    """Hamilton q_ned_frd, scalar first, (..., 4), of a JPL quaternion of NED to FRD, scalar last."""
-    return np.roll(q, 1, axis=-1)

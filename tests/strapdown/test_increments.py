@@ -45,10 +45,9 @@ def test_seed_001_in_its_own_convention() -> None:
     ours = dense_attitude(imu, attitude, fractions, middle="linear", segments=8)
     whole = quaternion.multiply(attitude[:-1], increments(imu, middle="linear", segments=8).dq)
     for i in range(len(imu) - 1):
-        seed = integrate_quaternion(
-            imu.gyro[i], imu.gyro[i + 1], quaternion.to_jpl(attitude[i]), imu.t[i + 1] - imu.t[i]
-        )
-        theirs = quaternion.from_jpl(np.array([seed[u] for u in fractions]))
+        scalar_last = np.roll(attitude[i], -1)  # JPL's
+        seed = integrate_quaternion(imu.gyro[i], imu.gyro[i + 1], scalar_last, imu.t[i + 1] - imu.t[i])
+        theirs = np.roll([seed[u] for u in fractions], 1, axis=1)
         np.testing.assert_allclose(ours[i], quaternion.normalize(theirs), atol=1e-14)
         np.testing.assert_allclose(abs(whole[i] @ quaternion.normalize(theirs[-1])), 1.0, atol=1e-14)
 

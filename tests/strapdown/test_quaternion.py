@@ -92,23 +92,6 @@ def test_euler_round_trip(roll: float, pitch: float, yaw: float) -> None:
     np.testing.assert_allclose(quat.to_euler(quat.from_euler(roll, pitch, yaw)), (roll, pitch, yaw), atol=1e-9)
 
 
-@given(UNIT, UNIT)
-def test_jpl_product_is_turned_round(a: Array, b: Array) -> None:
-    """JPL's q ⊗ p has the vector part q4 p + p4 q - q x p (Trawny & Roumeliotis eq. 8)."""
-    np.testing.assert_array_equal(quat.from_jpl(quat.to_jpl(a)), a)
-    q, p = quat.to_jpl(a), quat.to_jpl(b)
-    jpl = np.append(q[3] * p[:3] + p[3] * q[:3] - np.cross(q[:3], p[:3]), q[3] * p[3] - q[:3] @ p[:3])
-    np.testing.assert_allclose(quat.from_jpl(jpl), quat.multiply(b, a), atol=1e-15)
-
-
-def test_jpl_rotation_runs_from_global_to_local() -> None:
-    """Trawny & Roumeliotis eq. 62: C(q) = (2 q4² - 1) I - 2 q4 [q x] + 2 q qᵀ takes global vectors to local."""
-    q = quat.to_jpl(MANY[0])
-    skew = np.cross(q[:3], np.eye(3)).T
-    matrix = (2 * q[3] ** 2 - 1) * np.eye(3) - 2 * q[3] * skew + 2 * np.outer(q[:3], q[:3])
-    np.testing.assert_allclose(matrix, quat.to_matrix(MANY[0]).T, atol=1e-14)
-
-
 def test_scipy_agrees() -> None:
     a, b, v = MANY[:250], MANY[250:], RNG.normal(size=(250, 3))
     assert same_rotation(quat.multiply(a, b), np.roll((scipy(a) * scipy(b)).as_quat(), 1, axis=-1))
