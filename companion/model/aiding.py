@@ -233,9 +233,9 @@ class SensorInUse:
         """Each time (s) with the instance that is used from then on."""
         return list(zip(self.t.tolist(), self.instance.tolist(), strict=True))
 
-    def at(self, t: float) -> int:
-        """The instance in use at a time (the first one before the log tells)."""
-        return int(self.instance[max(int(np.searchsorted(self.t, t, side="right")) - 1, 0)])
+    def at(self, t: Array) -> npt.NDArray[np.int64]:
+        """The instance in use at each of the times t (N,) s (the first one before the log tells)."""
+        return self.instance[np.maximum(np.searchsorted(self.t, t, side="right") - 1, 0)]
 
 
 PhaseKind = Literal["aligning", "standing", "flight", "landed", "impact"]

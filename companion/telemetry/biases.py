@@ -97,7 +97,7 @@ def ardupilot_biases(
         candidates = [track for track in imus.values() if track.instance == instance]
         track = min(candidates, key=lambda one: (len(one) < 0.9 * max(map(len, candidates)), one.gyro_step))
         mine, theirs = _pairs(track.t, attitude.t, _TOGETHER_S)
-        in_use = np.zeros(len(mine)) if used is None else _instances_at(used, track.t[mine])
+        in_use = np.zeros(len(mine)) if used is None else used.at(track.t[mine])
         mine, theirs = mine[in_use == instance], theirs[in_use == instance]
         rates = turned_vectors(attitude.t, attitude.rates, turns)
         read = track.gyro[mine]
@@ -136,10 +136,6 @@ def _track(t: Array, difference: Array, source: str, instance: int) -> tuple[Bia
 def _half_steps(readings: Array, step: float) -> Array:
     """What readings (N, 3) lack on average that are cut towards zero to whole steps."""
     return np.asarray(0.5 * step * np.sign(readings))
-
-
-def _instances_at(used: SensorInUse, t: Array) -> npt.NDArray[np.int64]:
-    return used.instance[np.maximum(np.searchsorted(used.t, t, side="right") - 1, 0)]
 
 
 def _pairs(t: Array, other: Array, within: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:

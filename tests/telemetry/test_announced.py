@@ -155,7 +155,7 @@ def test_the_estimator_s_bias_is_the_gyro_minus_the_rates_of_attitude() -> None:
 def test_lanes_tell_which_imu_the_estimator_used(where: Callable[[str], Path], used: dict[float, int]) -> None:
     flight = open_log(where("sitl/copter-imu1-fail-100hz.tlog"))[0]
     assert flight.imu_in_use
-    assert {t: flight.imu_in_use.at(t) for t in used} == used
+    assert flight.imu_in_use.at(np.array(list(used))).tolist() == list(used.values())
     assert [bias.imu_instance for bias in flight.biases] == [0, 1]
 
 
@@ -166,7 +166,7 @@ def test_px4s_means_stand_in_the_middle_of_their_interval() -> None:
     assert highres.interval[0] == pytest.approx(1 / 250)
     assert (highres.bias_removed, scaled.bias_removed) == (True, False)
     assert flight.imu_in_use
-    assert flight.imu_in_use.at(65.0) == 0, "SCALED_IMU and HIGHRES_IMU are of one sensor"
+    assert flight.imu_in_use.at(np.array([65.0])) == 0, "SCALED_IMU and HIGHRES_IMU are of one sensor"
     (bias,) = flight.biases
     assert bias.source == "SCALED_IMU - HIGHRES_IMU"
     assert bias.accel[-1, 0] == pytest.approx(0.32, abs=0.02)

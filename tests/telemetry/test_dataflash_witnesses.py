@@ -169,7 +169,7 @@ def test_what_a_log_announces_of_its_estimator_and_parameters() -> None:
     lanes = [(round(reset.t), reset.core) for reset in flight.resets if reset.kind == "lane"]
     assert lanes == [(70, 1), (125, 0)]
     assert flight.imu_in_use
-    assert (flight.imu_in_use.at(60.0), flight.imu_in_use.at(80.0), flight.imu_in_use.at(130.0)) == (0, 1, 0)
+    assert flight.imu_in_use.at(np.array([60.0, 80.0, 130.0])).tolist() == [0, 1, 0]
     moved = [reset for reset in flight.resets if reset.kind == "position"]
     assert [reset.core for reset in moved] == [0]
     assert "96.46 m" in moved[0].text

@@ -127,7 +127,7 @@ def test_a_bias_belongs_to_the_imu_that_it_was_learned_of() -> None:
     pytest.importorskip("pyulog")
     (flight,) = c.open_log(CUT)
     assert flight.imu_in_use
-    assert flight.imu_in_use.at(45.0) == 1
+    assert flight.imu_in_use.at(np.array([45.0])) == 1
     assert [track.imu_instance for track in flight.biases] == [1]
     assert flight.imus["sensor_combined"].instance == 1
 

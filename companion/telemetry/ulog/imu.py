@@ -40,7 +40,7 @@ def imu_tracks(
     tracks = [*_integrated(topics, notes)]
     if "sensor_combined" in topics:
         combined = _combined(topics["sensor_combined"], notes)
-        shares = np.zeros(0) if used is None else _shares(used, combined.t)
+        shares = np.zeros(0) if used is None else np.bincount(used.at(combined.t)) / max(len(combined), 1)
         instance = int(np.argmax(shares)) if len(shares) else 0
         same = next((track for track in tracks if track.instance == instance), None)
         if same is not None:
@@ -121,12 +121,6 @@ def _track(
         notes.append(f"{source}: {counted(odd, 'sample')} left out as no reading of an IMU")
     keep = increasing(t, good & sensed)
     return ImuTrack(t[keep], gyro[keep], accel[keep], source=source, interval=interval[keep])
-
-
-def _shares(used: SensorInUse, t: Array) -> Array:
-    """Which share of times t (N,) each instance was used for."""
-    at = used.instance[np.maximum(np.searchsorted(used.t, t, side="right") - 1, 0)]
-    return np.asarray(np.bincount(at) / max(len(t), 1))
 
 
 def _most(devices: npt.NDArray[np.int64]) -> int:
