@@ -20,6 +20,7 @@ from companion.mavlink import Decoder, Dialect, Frames, log_time
 from companion.model import InputError
 
 _STEP_S = 0.005  # the longest sleep: what the other side says is read and thrown away meanwhile
+_SET_S = 3600.0  # a stamp that is further from the latest is of a clock that was set, or damage
 _LATE_S = 0.5  # so far behind, the pace begins anew: a machine that was asleep does not send hours at once
 
 
@@ -45,22 +46,26 @@ def play(
     """Send the frames of a .tlog as they are, byte for byte, at `speed` times the pace of its stamps, until `stop()`.
 
     senders: (sysid, compid) of those whose frames are sent; None for all. A peer that is there and does not read is
-    waited for; the pace begins anew behind it. Stamps that go back or cannot be are taken
-    as the one before. Raises InputError for a log without stamps.
+    waited for; the pace begins anew behind it, and where the log's clock was set by more than an hour. Other stamps
+    that go back, and those that cannot be, are taken as the one before. Raises InputError for a log without stamps.
     """
     played = Played()
     pace: tuple[float, float] | None = None  # (clock, log time) s that stand for one another
+    latest = -np.inf  # s, log time
     for t, who, name, frame in _frames(path, dialect):
         if stop():
             break
+        if abs(t - latest) > _SET_S:
+            pace, latest = None, t
+        latest = max(latest, t)
         if senders is not None and who not in senders:
             played.left_out[f"{who[0]}:{who[1]}"] += 1
             continue
         now = time.monotonic()
-        pace = pace or (now, t)
-        due = pace[0] + (t - pace[1]) / speed
+        pace = pace or (now, latest)
+        due = pace[0] + (latest - pace[1]) / speed
         if now - due > _LATE_S:
-            pace = (now, t)
+            pace = (now, latest)
         while not stop() and (left := due - time.monotonic()) > 0:
             _listen(port)
             time.sleep(min(left, _STEP_S))
@@ -82,10 +87,10 @@ def _listen(port: Port) -> None:
 
 
 def _frames(path: Path, dialect: Dialect) -> Iterator[tuple[float, tuple[int, int], str, bytes]]:
-    """Stamp in s (never less than the one before), sender, name and bytes of every valid frame."""
+    """Stamp in s (that of the one before where there is none), sender, name and bytes of every valid frame."""
     decoder = Decoder(dialect, stamped=True)
     contents = Contents(path)
-    latest = -np.inf
+    last: float | None = None
 
     def pieces() -> Iterator[Frames]:
         for chunk in contents.chunks():
@@ -96,12 +101,16 @@ def _frames(path: Path, dialect: Dialect) -> Iterator[tuple[float, tuple[int, in
         if not len(frames):
             continue
         stamped = log_time(frames.stamp)
-        if np.isneginf(latest):  # what stands before the first stamp goes out with it
-            latest = float(np.nanmin(stamped)) if np.isfinite(stamped).any() else np.nan
-        if np.isnan(latest):
-            raise InputError(f"{path} has no time stamps, so that its pace is not known: name a telemetry log (.tlog).")
-        times = np.maximum.accumulate(np.fmax(stamped, latest))
-        latest = float(times[-1])
+        known = np.isfinite(stamped)
+        if last is None:  # what stands before the first stamp goes out with it
+            if not known.any():
+                raise InputError(
+                    f"{path} has no time stamps, so that its pace is not known: name a telemetry log (.tlog)."
+                )
+            last = float(stamped[known][0])
+        before = np.maximum.accumulate(np.where(known, np.arange(len(stamped)), -1))
+        times = np.where(before < 0, last, stamped[before])
+        last = float(times[-1])
         columns = (times, frames.sysid, frames.compid, frames.id, frames.start, frames.size)
         for t, sysid, compid, number, start, size in zip(*(column.tolist() for column in columns), strict=True):
             yield t, (sysid, compid), dialect.by_id[number].name, frames.data[start : start + size].tobytes()

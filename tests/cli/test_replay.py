@@ -16,8 +16,9 @@ import pytest
 
 import companion
 from companion.cli import main
-from companion.links import sockets
+from companion.links import open_port, parse_address, play, sockets
 from companion.logs import read_tlog
+from companion.mavlink import load_dialect
 from tests.processes import COMPANION, ended, next_line, started
 from tests.recordings import BUNDLED
 from tests.simulated import free_port
@@ -116,6 +117,22 @@ def test_a_client_hears_the_vehicle_byte_for_byte_and_at_its_pace(
     assert "left out" in said.err
     assert "255:190 (2), 1:191 (1)" in said.err
     assert "RAW_IMU" in said.out
+
+
+def test_a_clock_that_is_set_is_not_waited_for(tmp_path: Path) -> None:
+    """A computer without a battery begins in 1970 and has the date once a GPS or a network tells it."""
+    writer = Writer(tmp_path / "a.tlog")
+    writer.rest(0.4, begin=-1.69e9)
+    writer.heartbeat(1.5e9)  # one damaged stamp
+    writer.rest(0.4, boot=20.5)
+    log = writer.close()
+    until = time.monotonic() + 10.0
+    with client() as ears:
+        port = open_port(parse_address(ears.address))
+        play(log, port, load_dialect(), stop=lambda: time.monotonic() > until)
+        port.close()
+    assert [data for _, data in ears.heard] == frames(log)
+    assert 0.75 < ears.heard[-1][0] - ears.heard[0][0] < 5.0, "each part at its pace"
 
 
 def test_everybody_sends_what_others_said_too(tmp_path: Path) -> None:
