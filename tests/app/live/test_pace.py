@@ -7,7 +7,7 @@ from typing import cast
 
 import pytest
 
-from companion.app.live import Judge, Opinion, Pace
+from companion.app.live import Alarm, Judge, Opinion, Pace
 
 
 class Judged:
@@ -92,6 +92,23 @@ def test_a_defect_of_the_analysis_is_said_and_does_not_end_it() -> None:
     said = Pace(cast("Judge", judge)).step(1.0)
     assert said is not None
     assert said.text == "no verdict (ZeroDivisionError: division by zero)"
+    assert said.so_far == ("", "nothing is known yet")
+
+
+def test_a_defect_of_the_analysis_takes_back_no_alarm() -> None:
+    class Breaks(Judged):
+        def judge(self) -> Opinion:
+            if super().judge().newest > 1.0:
+                raise ZeroDivisionError
+            return Opinion("imu_suspect", "a bias", 1.0, alarms=(Alarm("imu_suspect", "a bias", 1.0, 1.0),))
+
+    judge = Breaks()
+    pace = Pace(cast("Judge", judge))
+    run(judge, pace, 1.0, 5.0)
+    judge.newest = 5.0
+    said = pace.step(5.0)
+    assert said is not None
+    assert (said.status, said.newest, said.so_far[0]) == ("", 0.0, "imu_suspect")
 
 
 def test_where_judging_takes_long_the_next_begins_sooner_and_less_is_judged(monkeypatch: pytest.MonkeyPatch) -> None:
