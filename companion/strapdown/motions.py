@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.model import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
+from companion.model import STANDARD_GRAVITY, Array, ImuTrack, NavState
 from companion.strapdown import quaternion
 
 
@@ -33,11 +33,6 @@ class Motion:
     def start(self) -> NavState:
         """The state at the first time."""
         return NavState(float(self.t[0]), self.q_ned_frd[0], self.velocity[0], self.position[0])
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """The states, as an integration would give them."""
-        return Trajectory(self.t, quaternion.continuous_sign(self.q_ned_frd), self.velocity, self.position)
 
 
 def rest(t: Array, q_ned_frd: Array = quaternion.IDENTITY) -> Motion:
@@ -106,7 +101,7 @@ def circle(
     acceleration = np.stack((-speed * turn * east, speed * turn * north, -heave * omega**2 * np.sin(phase)), axis=1)
     gyro = np.tile(turn * np.array([0.0, np.sin(bank), np.cos(bank)]), (len(t), 1))
     q = quaternion.from_euler(np.full_like(t, bank), np.zeros_like(t), yaw)
-    return _motion(t, quaternion.continuous_sign(q), gyro=gyro, path=(position, velocity, acceleration))
+    return _motion(t, q, gyro=gyro, path=(position, velocity, acceleration))
 
 
 def _motion(t: Array, q: Array, *, gyro: Array, path: tuple[Array, Array, Array]) -> Motion:

@@ -34,9 +34,9 @@ def test_rest_reads_minus_g_and_free_fall_reads_nothing() -> None:
     np.testing.assert_array_equal(motions.free_fall(t).accel, np.zeros((2, 3)))
 
 
-def test_a_motion_is_a_track_a_start_and_a_trajectory() -> None:
+def test_a_motion_is_a_track_a_start_and_attitudes_without_jumps() -> None:
     motion = motions.circle(np.linspace(0, 30, 301))
-    assert len(motion.imu) == len(motion.trajectory) == 301
-    np.testing.assert_array_equal(motion.start.position, motion.trajectory.position[0])
-    q = motion.trajectory.q_ned_frd
+    assert len(motion.imu) == 301
+    np.testing.assert_array_equal(motion.start.position, motion.position[0])
+    q = motion.q_ned_frd
     assert (np.einsum("ij,ij->i", q[1:], q[:-1]) > 0).all()
