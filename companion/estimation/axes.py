@@ -58,17 +58,13 @@ WAYS: Mapping[str, tuple[Array, Array]] = {
 """In words → how the readings (gyro, accelerometer) have to be turned, (3, 3) each."""
 
 
-def followed(best: BestEstimate) -> tuple[Array, Array]:
+def followed(best: BestEstimate, motion: Motion) -> tuple[Array, Array]:
     """(3,), (3,) the part of what an axis of gyro and accelerometer reads that the estimate's motion has: about 1.
 
     By regression over the intervals between keyframes, biases taken off, where nothing of the IMU was explained that
     surely began in flight: a mirrored axis has -1 where the other witnesses tell the motion. 1 for an axis that reads
     hardly more than its noise.
     """
-    return _followed(best, motion_between(best))
-
-
-def _followed(best: BestEstimate, motion: Motion) -> tuple[Array, Array]:
     seconds = np.diff(best.t)[:, None]
     plain = np.ones(len(seconds), np.bool_)
     for one in best.explained:
@@ -122,7 +118,7 @@ def other_reading(
     """
     motion = motion_between(best)
     astray = best.noise.contradicts(best.scatter)  # all the time, as a wrong axis is
-    gyro, accel = (astray | (part < _FOLLOWED) for part in _followed(best, motion))
+    gyro, accel = (astray | (part < _FOLLOWED) for part in followed(best, motion))
     if not (gyro.any() or accel.any()) or not (best.contradicted or _spared(motion, gyro, accel) > _WORTHWHILE):
         return None
     ways = {words: turn for words, turn in WAYS.items() if _touches(turn[0], gyro) or _touches(turn[1], accel)}

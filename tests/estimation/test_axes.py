@@ -50,7 +50,7 @@ def test_the_way_that_fits_is_found(words: str, lost: bool) -> None:
         q = quaternion.multiply(tumbling, attitude.q_ned_frd)
         flight = replace(flight, attitude=replace(attitude, q_ned_frd=q))
     best = smooth(flight, span=SPAN) if lost else smoothed(words)
-    assert min(part.min() for part in followed(best)) < 0.5
+    assert min(part.min() for part in followed(best, motion_between(best))) < 0.5
     other = other_reading(flight, best, span=SPAN)
     assert other is not None
     assert other.words == words
@@ -74,24 +74,25 @@ def test_an_estimate_that_follows_a_wrong_axis_astray_is_no_excuse() -> None:
 def test_only_what_surely_began_in_flight_is_left_out() -> None:
     """A wrong axis is wrong from the beginning: an error of the IMU that may be as old may be what it looks like."""
     best = smoothed("gyro x is mirrored")
+    motion = motion_between(best)
     onset = SPAN[0] + 15.0
 
     def beside(sigma: float) -> tuple[Array, Array]:
         scale = Explained("gyro_scale", "step", onset, sigma, np.inf, np.full(3, 0.5), np.full(3, 0.1), 90.0)
-        return followed(replace(best, explained=(scale,)))
+        return followed(replace(best, explained=(scale,)), motion)
 
-    alone = followed(replace(best, explained=()))
+    alone = followed(replace(best, explained=()), motion)
     assert np.array_equal(beside(8.0), alone)
     assert not np.array_equal(beside(1.0), alone)
     louder = Explained("gyro_unrest", "pulse", onset, 0.05, SPAN[1], np.array([9.0]), np.zeros(1), 90.0)
-    found = followed(replace(best, explained=(louder,)))
+    found = followed(replace(best, explained=(louder,)), motion)
     assert np.array_equal(found, alone), "it may be the wrong axis that is taken for noise"
 
 
 def test_right_axes_are_followed_and_nothing_is_said() -> None:
     flight, _ = sensed(40.0, "circle", rate=50.0)
     best = smooth(flight)
-    assert np.allclose(followed(best), 1.0, atol=0.1)
+    assert np.allclose(followed(best, motion_between(best)), 1.0, atol=0.1)
     assert not best.contradicted
     assert other_reading(flight, best) is None
 
