@@ -123,12 +123,17 @@ def record(number: int, layout: str, *values: Any) -> bytes:
     return bytes([0xA3, 0x95, number]) + struct.pack("<" + layout, *values)
 
 
+OF_UNITS = [
+    (128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"),
+    (1, 3 + 1 + 64, b"UNIT", b"bZ", b"Id,Label"),
+    (2, 3 + 1 + 8, b"MULT", b"bd", b"Id,Mult"),
+    (3, 3 + 1 + 32, b"FMTU", b"BNN", b"FmtType,UnitIds,MultIds"),
+]
+
+
 def test_every_format_letter_and_what_the_log_says_of_units(tmp_path: Path) -> None:
     declared = [
-        (128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"),
-        (1, 3 + 1 + 64, b"UNIT", b"bZ", b"Id,Label"),
-        (2, 3 + 1 + 8, b"MULT", b"bd", b"Id,Mult"),
-        (3, 3 + 1 + 32, b"FMTU", b"BNN", b"FmtType,UnitIds,MultIds"),
+        *OF_UNITS,
         (4, 3 + 121, b"ALL", b"QBcCeELafdgiIqbM", b"T,I,c,C,e,E,L,a,f,d,g,i,I2,q,b,M"),
         (5, 3 + 4, b"BAD", b"B?", b"A,B"),
     ]
@@ -155,19 +160,14 @@ def test_every_format_letter_and_what_the_log_says_of_units(tmp_path: Path) -> N
 
 def test_a_log_that_declares_nothing_has_no_messages(tmp_path: Path) -> None:
     path = tmp_path / "declares-itself.bin"
-    path.write_bytes(
-        record(128, "BB4s16s64s", 128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns") + bytes(7)
-    )
+    path.write_bytes(record(128, "BB4s16s64s", *OF_UNITS[0]) + bytes(7))
     log = read_dataflash(path)
     assert set(log.messages) <= {"FMT"}
     assert log.skipped_bytes == 7
 
 
 OLD = [
-    (128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns"),
-    (1, 3 + 1 + 64, b"UNIT", b"bZ", b"Id,Label"),
-    (2, 3 + 1 + 8, b"MULT", b"bd", b"Id,Mult"),
-    (3, 3 + 1 + 32, b"FMTU", b"BNN", b"FmtType,UnitIds,MultIds"),
+    *OF_UNITS,
     (4, 3 + 13, b"IMU", b"QBf", b"TimeUS,I,GyrX"),
     (5, 3 + 12, b"PIDR", b"Qf", b"TimeUS,I"),
 ]
