@@ -73,16 +73,15 @@ def count_findings(rows: Rows) -> list[tuple[str, str, int, int]]:
     for row in rows.findings:
         by_kind.setdefault((row["kind"], row["severity"]), []).append(row)
     counted = [
-        (kind, severity, len(of_kind), len({(row["log"], row["vehicle"], row["boot"]) for row in of_kind}))
-        for (kind, severity), of_kind in by_kind.items()
+        (kind, severity, len(of_kind), len(set(map(key_of, of_kind)))) for (kind, severity), of_kind in by_kind.items()
     ]
     return sorted(counted, key=lambda row: (_SEVERITIES.index(row[1]), -row[3], row[0]))
 
 
 def reasons(rows: Rows, flight: Row) -> list[str]:
     """The kinds of a flight's findings that are more than information, each once."""
-    key = ("log", "vehicle", "boot")
-    of_flight = (row for row in rows.findings if all(row[k] == flight[k] for k in key) and row["severity"] != "info")
+    key = key_of(flight)
+    of_flight = (row for row in rows.findings if row["severity"] != "info" and key_of(row) == key)
     return list(dict.fromkeys(row["kind"] for row in of_flight))
 
 

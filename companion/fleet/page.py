@@ -20,6 +20,7 @@ from companion.fleet.digest import (
     worst_ratios,
 )
 from companion.fleet.rows import Row, Rows
+from companion.model import counted
 from companion.present import markup, short, words
 from companion.report import Charts, Figure, Panel, Section, sheet, stack
 
@@ -37,7 +38,7 @@ def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
     horizon = min((row["horizon_s"] for row in rows.drift), key=lambda h: abs(h - _JUDGED_S), default=_JUDGED_S)
     after = {key_of(row): row for row in rows.drift if row["horizon_s"] == horizon}
     ordered = by_concern(rows)
-    counted = count_findings(rows)
+    by_kind = count_findings(rows)
     failed = errors(rows)
     sections = [
         Section("first", "Look at these first", _flights(ordered[:_WORST], rows, names, after, why=True)),
@@ -45,13 +46,13 @@ def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
         Section(
             "findings",
             "Findings by kind",
-            charts.add(finding_bars(counted), "Flights with each kind of finding.", rows=0.4 + 0.13 * len(counted))
+            charts.add(finding_bars(by_kind), "Flights with each kind of finding.", rows=0.4 + 0.13 * len(by_kind))
             + markup.table(
                 ("finding", "severity", "times", "flights"),
-                [(words(kind), severity, times, flights) for kind, severity, times, flights in counted],
+                [(words(kind), severity, times, flights) for kind, severity, times, flights in by_kind],
                 words=2,
             )
-            if counted
+            if by_kind
             else markup.paragraph("Nothing stands out in any flight."),
         ),
         Section("flights", "Every flight", _flights(ordered, rows, names, after, why=False)),
@@ -65,12 +66,7 @@ def fleet_html(rows: Rows, about: Sequence[tuple[str, str]]) -> str:
     return sheet("Fleet: IMUs and autopilots", _head(rows), sections, charts, {})
 
 
-def _counted(count: int, noun: str) -> str:
-    return f"{count:,} {noun}" + "s" * (count != 1)
-
-
 def _head(rows: Rows) -> str:
-
     logs = len({row["log"] for row in rows.flights})
     cards = "".join(
         f'<div class="card"><b>{count}</b><span>{markup.text(words(status))}</span></div>'
@@ -81,7 +77,7 @@ def _head(rows: Rows) -> str:
     span = f" · {' to '.join(dict.fromkeys(days))}" if days else ""
     flights = sum(1 for row in rows.flights if row.get("vehicle"))
     return (
-        f'<header><h1>Fleet</h1><p class="quiet">{_counted(flights, "flight")} in {_counted(logs, "log")}{span}</p>'
+        f'<header><h1>Fleet</h1><p class="quiet">{counted(flights, "flight")} in {counted(logs, "log")}{span}</p>'
         f'<div class="cards">{cards}</div></header>'
     )
 
@@ -113,7 +109,6 @@ def _flights(
     *,
     why: bool,
 ) -> str:
-
     ratios = worst_ratios(rows)
 
     def cells(row: Row) -> tuple[object, ...]:
@@ -145,7 +140,6 @@ def _flights(
 
 
 def _named(row: Row, names: dict[str, str]) -> markup.Link | str:
-
     name = names[row["log"]]
     return markup.Link(name, row["report"]) if row.get("report") else name
 
@@ -213,9 +207,8 @@ def history(rows: Sequence[Row], sensor: str, against: str, names: Mapping[str, 
     return figure, len({sensor_of(row, sensor) for row in usable})
 
 
-def finding_bars(counted: Sequence[tuple[str, str, int, int]]) -> Figure:
+def finding_bars(by_kind: Sequence[tuple[str, str, int, int]]) -> Figure:
     """Flights with each kind of finding, as `count_findings` gives them."""
-
     severities = {"error": "#e66101", "warning": "#d69100", "info": "#828282"}
     return {
         "data": [
@@ -223,8 +216,8 @@ def finding_bars(counted: Sequence[tuple[str, str, int, int]]) -> Figure:
                 "type": "bar",
                 "orientation": "h",
                 "name": severity,
-                "y": [markup.text(words(kind)) for kind, own, _, _ in counted if own == severity],
-                "x": [flights for _, own, _, flights in counted if own == severity],
+                "y": [markup.text(words(kind)) for kind, own, _, _ in by_kind if own == severity],
+                "x": [flights for _, own, _, flights in by_kind if own == severity],
                 "marker": {"color": colour},
                 "hovertemplate": "%{x} flights",
             }

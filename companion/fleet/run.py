@@ -157,9 +157,7 @@ def write_results(folder: Path, logs: Sequence[tuple[FoundLog, LogRecord]], abou
     try:
         with replacing(paths[-1]) as draft:
             draft.write_text(page, encoding="utf-8")
-        for name, path in zip(
-            reversed([*COLUMNS]), reversed(paths[:-1]), strict=True
-        ):  # "flights", with the state, last
+        for name, path in [*zip(COLUMNS, paths[:-1], strict=True)][::-1]:  # "flights", with the state, last
             table = arrow_table(name, getattr(rows, name))
             with replacing(path) as draft:
                 pq.write_table(table.replace_schema_metadata({**about, "state": state}), draft)

@@ -14,14 +14,8 @@ from companion.mavlink import DEFAULT_DIALECT
 from companion.model import CompanionError, InputError
 
 _LOGS = (".tlog", ".ulg")
-_PERHAPS = (
-    ".bin",
-    ".log",
-    ".gz",
-    ".xz",
-    ".bz2",
-    ".zst",
-)  # firmware and archives have these names too: their content tells
+# Firmware and archives have these names too: their content tells.
+_PERHAPS = (".bin", ".log", ".gz", ".xz", ".bz2", ".zst")
 
 
 @dataclass(frozen=True, slots=True)

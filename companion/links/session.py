@@ -149,7 +149,6 @@ class Session:
         if len(frames):
             for listener in self._listeners:
                 listener(frames, self._epoch + now)
-        if len(frames):
             self._notice(split_messages(frames, self.link.dialect, _HEARD), now)
         self._speak(now)
 

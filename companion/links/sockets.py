@@ -97,13 +97,11 @@ class TcpPort:
         self._rest = b""  # of a message that the kernel has taken a part of
         self._room = memoryview(bytearray(_READ))
         self._retry = BackOff()
-        family, self._where = _resolve(address, socket.SOCK_STREAM)
-        self._family = family
+        self._family, self._where = _resolve(address, socket.SOCK_STREAM)
         if address.kind == "tcpin":
-            self._listener = socket.socket(family, socket.SOCK_STREAM)
-            self._listener.setsockopt(
-                socket.SOL_SOCKET, socket.SO_REUSEADDR, 1
-            )  # or its own last session is in the way
+            self._listener = socket.socket(self._family, socket.SOCK_STREAM)
+            # or its own last session is in the way
+            self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             _bind(self._listener, self._where, address)
             self._listener.listen(1)
             self._listener.setblocking(False)

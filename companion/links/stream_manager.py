@@ -71,9 +71,7 @@ class StreamManager:
         self._own = own_sysid
         self._ardupilot = ardupilot
         self._facts = Facts(target, PARAMETERS if ardupilot else PX4_PARAMETERS)
-        self._waiting: StreamRequest | None = (
-            None  # whose COMMAND_ACK is due: an ack names the command, not the message
-        )
+        self._waiting: StreamRequest | None = None  # whose COMMAND_ACK is due: it names the command, not the message
         self._answers = False  # whether it has ever answered a request for an interval
         self._next = 0.0
         self._reboots = Reboots()
@@ -192,20 +190,15 @@ class StreamManager:
 
     def _ask_stream(self, stream: int) -> Request:
         """A stream carries several messages: the fastest of them says how often."""
-        members = [
-            message.asked_hz
-            for message in self.stream_requests
-            if message.by_stream and STREAMS[message.name] == stream
-        ]
-        return requests.request_stream(self.target, stream, round(max(members)))
+        members = (one for one in self.stream_requests if one.by_stream and STREAMS[one.name] == stream)
+        return requests.request_stream(self.target, stream, round(max(one.asked_hz for one in members)))
 
     def _take_answers(self, messages: Mapping[str, Messages], now: float) -> None:
         for name, columns in messages.items():
             if name == "MESSAGE_INTERVAL":
                 self._answers = True
-                for number, interval in zip(
-                    columns["message_id"].tolist(), columns["interval_us"].tolist(), strict=True
-                ):
+                numbers, intervals = columns["message_id"].tolist(), columns["interval_us"].tolist()
+                for number, interval in zip(numbers, intervals, strict=True):
                     self._take_interval(number, interval)
             elif name == "COMMAND_ACK":
                 for i in range(len(columns)):
@@ -288,11 +281,8 @@ class StreamManager:
         arrives = f"{message.received_hz:.1f} of {message.asked_hz:.3g} Hz arrive"
         if message.retries >= _RETRIES:
             nothing = WITHOUT.get(message.name, "it has no source")
-            why = (
-                "another program is probably overriding the rate, or the link is too slow"
-                if message.received_hz
-                else nothing
-            )
+            overridden = "another program is probably overriding the rate, or the link is too slow"
+            why = overridden if message.received_hz else nothing
             self.said.append(f"{message.name}: {arrives}: {why}; given up")
             message.move(RequestState.GIVEN_UP, now)
             return

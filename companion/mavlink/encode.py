@@ -62,12 +62,8 @@ class Packer:
         """An unsigned MAVLink 2 frame about a payload that is laid out already."""
         sent = payload.rstrip(b"\0") or b"\0"
         sender = self._sender
-        body = (
-            _FIELDS.pack(
-                len(sent), 0, 0, sender.seq, sender.srcSystem, sender.srcComponent, layout.id & 0xFFFF, layout.id >> 16
-            )
-            + sent
-        )
+        who = sender.seq, sender.srcSystem, sender.srcComponent
+        body = _FIELDS.pack(len(sent), 0, 0, *who, layout.id & 0xFFFF, layout.id >> 16) + sent
         sender.seq = (sender.seq + 1) % 256
         return b"\xfd" + body + crc_of(body + bytes((layout.crc_extra,))).to_bytes(2, "little")
 
@@ -132,11 +128,8 @@ def encode(messages: Sequence[Messages], *, stamped: bool = True, renumber: bool
     position[order] = np.cumsum(size[order]) - size[order]
     seq = np.concatenate([np.empty(0, np.uint8), *(m.seq for m in messages)])
     if renumber:
-        seq[order] = _count_per_sender(
-            np.concatenate([np.empty(0, np.int64), *(m.sysid.astype(np.int64) << 8 | m.compid for m in messages)])[
-                order
-            ]
-        )
+        senders = (m.sysid.astype(np.int64) << 8 | m.compid for m in messages)
+        seq[order] = _count_per_sender(np.concatenate([np.empty(0, np.int64), *senders])[order])
     out = np.zeros(int(size.sum()), np.uint8)
     begin = 0
     for m, sizes in zip(messages, packets, strict=True):

@@ -103,10 +103,8 @@ class Decoder:
         self.dialect = dialect
         self.damage = Damage()
         self.stamped = stamped
-        self._unknown, self._met = (
-            unknown,
-            list[int](),
-        )  # stream positions of the unknown frames on the chain, this push
+        self._unknown = unknown
+        self._met: list[int] = []  # stream positions of the unknown frames on the chain, this push
         self._stamp = STAMP_BYTES if stamped else 0
         self._carry = np.empty(0, np.uint8)
         self._base = 0  # stream position of the first byte carried over
