@@ -56,7 +56,9 @@ def parse_address(text: str) -> Address:
         kinds: dict[str, Kind] = {"udp": "udpin", "udpin": "udpin", "udpout": "udpout", "tcp": "tcp", "tcpin": "tcpin"}
         return Address(kinds[kind], host.strip("[]"), port)
     if match := _SERIAL.fullmatch(text):
-        return Address("serial", device=match[1], baud=int(match[2] or DEFAULT_BAUD))
+        if not (baud := int(match[2] or DEFAULT_BAUD)):
+            raise InputError(f"{text} names no baud rate: 0 is none.")
+        return Address("serial", device=match[1], baud=baud)
     raise InputError(f"{text!r} is not a link: use {_FORMS}.")
 
 

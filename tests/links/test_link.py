@@ -77,10 +77,10 @@ def test_an_address_says_where_a_link_goes(text: str, address: Address) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "udpin", "http://x", "tcp:host", "udpin:1.2.3.4:99999", "flight.tlog", "udpout:h:0"]
+    "text", ["", "udpin", "http://x", "tcp:host", "udpin:1.2.3.4:99999", "flight.tlog", "udpout:h:0", "/dev/ttyS0:0"]
 )
 def test_what_is_no_address_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="not a link: use|no port "):
+    with pytest.raises(InputError, match="not a link: use|no port |no baud rate"):
         parse_address(text)
 
 
