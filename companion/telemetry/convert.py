@@ -264,12 +264,9 @@ def parameter_values(messages: Messages, *, bytewise: bool) -> Array:
 
 def parameters(messages: Messages, values: Array, *, first: bool = False) -> dict[str, float]:
     """The last value of every parameter that has one, or the first; values: (N,) of `parameter_values`."""
-    raw = messages["param_id"].tolist()
-    places = range(len(raw))
-    rows = zip(reversed(raw), reversed(places), strict=True) if first else zip(raw, places, strict=True)
-    last = dict(rows)  # each is sent many times: decode it once
-    in_order = sorted(last.items(), key=lambda item: item[1])
-    return {words(name): float(values[i]) for name, i in in_order if not np.isnan(values[i])}
+    told = np.flatnonzero(~np.isnan(values))[:: -1 if first else 1]
+    last = dict(zip(messages["param_id"][told].tolist(), told.tolist(), strict=True))  # sent many times: decoded once
+    return {words(name): float(values[i]) for name, i in sorted(last.items(), key=lambda item: item[1])}
 
 
 def increasing(t: Array, good: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64] | slice:

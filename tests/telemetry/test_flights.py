@@ -338,6 +338,15 @@ def test_a_chunk_whose_beginning_was_lost_belongs_to_no_other_text(log: Writer) 
     assert [t.text for t in texts] == ["EKF3 IMU0 is using GPS", "the end of 7", "b" * 50, "third"]
 
 
+def test_a_parameter_keeps_its_value_where_the_next_is_none(log: Writer) -> None:
+    log.rest(1.0)
+    for t, value in ((0.5, np.nan), (0.6, 3.0), (0.7, np.inf)):
+        log.send(t, "param_value", param_id=b"A", param_value=value, param_type=9, param_count=1, param_index=0)
+    (flight,) = c.open_log(log.close())
+    assert flight.parameters == {"A": 3.0}
+    assert not flight.parameter_changes
+
+
 def test_what_a_vehicle_writes_commands_no_terminal_and_begins_no_line(log: Writer) -> None:
     log.rest(1.0)
     log.send(0.5, "statustext", severity=6, text=b"\x1b[2J\x1b]0;mine\x07\nboot 9 begins\t", id=0, chunk_seq=0)
