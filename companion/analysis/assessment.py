@@ -18,7 +18,7 @@ from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings, missed_findings, reading_faults, when_lost
 from companion.analysis.findings.axes import misread_finding
-from companion.analysis.imu_spec import ImuSpec, ReferenceSpec, SensorSpec
+from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.lasting_errors import beside_best, known_from
 from companion.analysis.phases import phases
@@ -29,7 +29,6 @@ from companion.model import Array, DataError, Flight, ImuTrack, Phase, brief
 
 _WARMS = (1.5e-3, 0.03)  # rad/s, m/s², within four minutes of flight
 _SHARED = float(np.sqrt(chi_square_999(3) / chi_square_95(3)))  # what all windows share is allowed for so much more
-_USUAL = (0.018, 0.2)  # rad/s, m/s²: twice what 19 of 20 axes of 14 real vehicles stay below in flight
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,9 +310,11 @@ def _unbiased(track: ImuTrack, best: BestEstimate) -> ImuTrack:
     A bias that the autopilot knows and removes is no fault; one without the other is nobody's. What real parts hardly
     show is not taken off in silence.
     """
-    states, (gyro, accel) = best.states, _USUAL
+    states = best.states
 
     def usual(bias: Array, most: float) -> Array:
         return np.asarray(np.clip(np.median(bias, axis=0), -most, most))
 
-    return without_errors(track, states, usual(states.gyro_bias, gyro), usual(states.accel_bias, accel))
+    return without_errors(
+        track, states, usual(states.gyro_bias, USUAL_BIAS["gyro"]), usual(states.accel_bias, USUAL_BIAS["accel"])
+    )

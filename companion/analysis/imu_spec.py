@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from companion.model import Flight, of_kind
+
+USUAL_BIAS: Mapping[str, float] = {"gyro": 0.018, "accel": 0.2}
+"""rad/s, m/s²: twice what 19 of 20 axes of 14 real vehicles stay below in flight."""
 
 
 @dataclass(frozen=True, slots=True)

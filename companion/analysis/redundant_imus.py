@@ -3,7 +3,8 @@
 Two IMUs of one vehicle feel the same motion but for the distance between them. The difference of their readings over
 seconds is the difference of their errors: one that changes at once belongs to one of them, whatever the vehicle does
 and however slowly one of them was logged. Which one, says the best estimate that was made with one of the two: where it
-had to explain nothing and would have shown a change of this size, it is the other.
+had to explain nothing and would have shown a change of this size, it is the other. A difference that stands from the
+beginning says what the other's bias is: the estimate knows that of its own.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from companion.analysis.comparison import Comparison, windows
 from companion.analysis.drift import DriftRow, drift_of
 from companion.analysis.episode import SENSORS
 from companion.analysis.finding import Cause, Finding
-from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
+from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec
 from companion.analysis.phases import phases
 from companion.estimation import BestEstimate, kind_of
 from companion.model import Array, Flight, ImuTrack, interpolated
@@ -156,17 +157,47 @@ def _parting(sensor: str, t: Array, off: Array) -> Parting | None:
 
 
 def parting_findings(flight: Flight, used: ImuTrack, best: BestEstimate) -> list[Finding]:
-    """What another IMU of the flight did that the best estimate's own did not."""
+    """What another IMU of the flight did, or reads all the time, that the best estimate's own does not."""
+    if any(kind_of(e.kind).side == "imu" for e in best.explained):
+        return []
     spans = [(p.start, p.end) for p in phases(flight) if p.kind == "flight"]
     findings: list[Finding] = []
     for track in _others(flight, used):
+        parted = list(partings(used, track, spans))
         findings += [
             _finding(flight, used, track, one)
-            for one in partings(used, track, spans)
+            for one in parted
             if best.detectable.get(f"{one.sensor}_bias", np.inf) < float(np.linalg.norm(one.size))
-            and not any(kind_of(e.kind).side == "imu" for e in best.explained)
         ]
+        steady = [sensor for sensor in _SHOWN if sensor not in [one.sensor for one in parted]]
+        findings += [f for sensor in steady if (f := _biased(used, track, sensor, spans, best)) is not None]
     return findings
+
+
+def _biased(
+    used: ImuTrack, track: ImuTrack, sensor: str, spans: Sequence[tuple[float, float]], best: BestEstimate
+) -> Finding | None:
+    """Another IMU whose bias is larger than real parts have in flight, all the time."""
+    _, off = _blocks(used, track, sensor, spans)
+    if len(off) < _FEWEST_BLOCKS:
+        return None
+    bias = np.median(getattr(best.states, f"{sensor}_bias"), axis=0) + np.median(off, axis=0)
+    sigma = np.median(getattr(best, f"{sensor}_bias_sigma"), axis=0)  # that of the difference is far less
+    if not (np.abs(bias) > USUAL_BIAS[sensor] + sigma).any():
+        return None
+    unit, scale, decimals = _SHOWN[sensor]
+    numbers = ", ".join(f"{value * scale:.{decimals}f}" for value in bias)
+    return Finding(
+        "imus_disagree",
+        "imu",
+        "warning",
+        float(track.t[0]),
+        float(track.t[-1]),
+        f"{track.source} (IMU {track.instance}): {SENSORS[sensor]} reads ({numbers}) ± "
+        f"{float(sigma.max()) * scale:.{decimals}f} {unit} too much all the time; {used.source} (IMU {used.instance}), "
+        "which was judged, agrees with all other sensors",
+        f"Calibrate IMU {track.instance} at rest: the autopilot may switch to it.",
+    )
 
 
 def _others(flight: Flight, used: ImuTrack) -> list[ImuTrack]:

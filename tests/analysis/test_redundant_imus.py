@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import companion as c
-from companion.analysis import GENERIC, RedundantImu, ReferenceSpec, compare, each_imu
+from companion.analysis import GENERIC, Finding, RedundantImu, ReferenceSpec, compare, each_imu
 from companion.analysis.redundant_imus import parting_findings, partings
 from companion.estimation import BestEstimate, Explained
 from companion.model import Array, Flight, ImuTrack
@@ -107,3 +107,19 @@ def test_the_one_that_agrees_with_all_other_sensors_is_not_accused(flight: Fligh
     own = Explained("accel_bias", "step", ONSET, 0.1, np.inf, np.array([0.6, 0.0, 0.0]), np.full(3, 0.01), 100.0)
     assert parting_findings(both, flight.imu(), replace(best, explained=(own,))) == []
     assert parting_findings(both, flight.imu(), replace(best, detectable={"accel_bias": 1.0})) == []
+
+
+def test_a_steady_bias_of_another_imu_is_told_and_accuses_nobody(flight: Flight, best: BestEstimate) -> None:
+    """As large as no part in order has it: what the two differ by, and what the estimate's own is off by."""
+
+    def told(**errors: Array) -> list[Finding]:
+        other = sibling(flight, every=5, **errors)
+        return parting_findings(replace(flight, imus={**flight.imus, other.source: other}), flight.imu(), best)
+
+    own = np.median(best.states.gyro_bias, axis=0)
+    (found,) = told(gyro=np.array([0.0, 0.0, -0.025]) - own)
+    assert (found.kind, found.side, found.severity, found.cause) == ("imus_disagree", "imu", "warning", None)
+    assert "IMU[1] (IMU 1): gyro reads" in found.evidence
+    assert "-25.0) ± " in found.evidence
+    assert [f.kind for f in told(accel=np.array([0.4, 0.0, 0.0]))] == ["imus_disagree"]
+    assert told(gyro=np.array([0.0, 0.0, 0.012]), accel=np.array([0.0, 0.12, 0.0])) == []
