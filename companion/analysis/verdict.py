@@ -56,7 +56,7 @@ def decide(
         return Verdict("insufficient_data", f"This log cannot tell: {doubt}.", findings)
     return Verdict(
         "consistent",
-        f"IMU and autopilot agree within the expected error ({_share(judged, expected)}).",
+        f"IMU and autopilot agree within the expected error ({_share(judged, expected)}).{_unwitnessed(best)}",
         findings,
     )
 
@@ -69,6 +69,13 @@ def _all_the_same(judged: Windows, expected: Expected, source: str) -> str:
     if min(expected.inside.values()) < 1.0:
         return ""
     return f" {source} and the autopilot agree all the same: {_share(judged, expected)}."
+
+
+def _unwitnessed(best: BestEstimate | None) -> str:
+    """What both may have wrong together, as no third witness was there; "" elsewhere."""
+    if best is None or "gps_position" in best.residuals:
+        return ""
+    return " There is no GPS: whether the position is right was not judged."
 
 
 def _share(judged: Windows, expected: Expected) -> str:

@@ -464,3 +464,10 @@ def test_a_link_of_px4() -> None:
     (bare,) = c.open_log(recording("px4/px4_gcs_default.tlog"))
     with pytest.raises(c.DataError, match="MAV_x_MODE 2"):
         c.examine(bare)
+
+
+def test_agreement_without_gps_says_what_was_not_judged() -> None:
+    seen, blind = (assess(flown(**changes), GENERIC).verdict for changes in ({}, {"gps": ()}))
+    assert seen.status == blind.status == "consistent"
+    assert seen.summary.endswith("bound).")
+    assert blind.summary.endswith("There is no GPS: whether the position is right was not judged.")
