@@ -147,6 +147,21 @@ def test_a_step_of_the_heading_lies_between_the_two_samples_that_it_is_told_by()
     assert found.end_s == pytest.approx(after, abs=0.03)
 
 
+def test_steps_of_the_heading_before_there_is_a_position_are_told_once() -> None:
+    flight = flown()
+    attitude, position = flight.require_attitude(), flight.position
+    assert position is not None
+    off = sum(sign * (attitude.t > at) for at, sign in ((12.0, -20.0), (14.0, 20.0), (17.0, -12.0), (40.0, 15.0)))
+    stepped = turned(flight, np.radians(off)[:, None] * [0.0, 0.0, 1.0])
+    late = position.t > 20.0
+    later = replace(position, t=position.t[late], position=position.position[late], velocity=position.velocity[late])
+    stepped = replace(stepped, position=later)
+    early, flying = jump_findings(compare(stepped), stepped)
+    assert (early.severity, flying.severity) == ("info", "error")
+    assert "steps 3 times, by up to 20.0°" in early.evidence
+    assert (round(early.start_s), round(early.end_s)) == (12, 17)
+
+
 def test_uneven_samples_are_told() -> None:
     flight, rng = flown(CIRCLE), np.random.default_rng(4)
     imu = flight.imu()

@@ -24,7 +24,11 @@ def jump_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
     position = flight.position
     if position is not None:
         yield from _position_findings(comparison, position, settled)
-    for start, end, step in _heading_steps(comparison):
+    steps = list(_heading_steps(comparison))
+    starting = [step for step in steps if step[0] < settled]
+    for group in [*([starting] if starting else []), *([step] for step in steps[len(starting) :])]:
+        start, end, step = group[0][0], group[-1][1], max(size for _, _, size in group)
+        many = f"{len(group)} times, by up to" if len(group) > 1 else "by"
         severity: Severity = "info" if start < settled or step < np.radians(10.0) else "error"
         yield Finding(
             "heading_jump",
@@ -32,7 +36,7 @@ def jump_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
             severity,
             start,
             end,
-            f"the heading steps by {np.degrees(step):.1f}° that the gyro did not feel",
+            f"the heading steps {many} {np.degrees(step):.1f}° that the gyro did not feel",
             "The estimator has reset its yaw. Some degrees after take-off are usual; more is a compass problem.",
         )
 
