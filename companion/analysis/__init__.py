@@ -52,7 +52,7 @@ from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Continued, Replay, go_on, replay, replay_from_rest
 from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift, newest_stands_out
-from companion.analysis.verdict import Verdict
+from companion.analysis.verdict import Verdict, lasting
 
 __all__ = [
     "GENERIC",
@@ -126,6 +126,7 @@ __all__ = [
     "imu_noise",
     "inventory",
     "known_from",
+    "lasting",
     "left_out",
     "newest_stands_out",
     "noise_model",

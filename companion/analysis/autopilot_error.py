@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.analysis.episode import BIAS_UNITS, SENSORS
 from companion.analysis.finding import Finding
 from companion.analysis.reference import Limits, attitude_error, length, reference_at
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
@@ -133,7 +134,6 @@ def _summary(name: str, unit: str, t: Array, size: Array, sigma: Array) -> Autop
 _LARGE = {"gyro": 3e-3, "accel": 0.1}  # rad/s, m/s²: of a real, calibrated part
 _LEAST_SIGMA = {"gyro": 3e-4, "accel": 0.02}
 _SIGMAS = 3.0
-_SAID = {"gyro": ("gyro", "mrad/s", 1e3, 1), "accel": ("accelerometer", "m/s²", 1.0, 2)}
 _NEWEST = 0.25  # part of the flight, at its end: an estimator learns
 
 
@@ -162,7 +162,7 @@ def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:
         axis = int(np.argmax(np.abs(ours)))
         if abs(theirs[axis]) < 0.5 * abs(ours[axis]):
             continue  # it does not know it: it is only unsure
-        name, unit, factor, decimals = _SAID[sensor]
+        name, (unit, factor, decimals) = SENSORS[sensor], BIAS_UNITS[sensor]
         reads, takes = (f"{v[axis] * factor:.{decimals}f}" for v in (ours, theirs))
         yield Finding(
             f"{sensor}_bias_known",

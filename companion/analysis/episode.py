@@ -16,6 +16,9 @@ SIGMAS = 3.0  # from which on something stands out
 SENSORS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "compass": "compass"}
 """Sensor, as kinds begin with it → its name in words."""
 
+BIAS_UNITS: Mapping[str, tuple[str, float, int]] = {"gyro": ("mrad/s", 1e3, 1), "accel": ("m/s²", 1.0, 2)}
+"""Sensor → the unit that a bias is told in, how many of it are one in SI, and decimals."""
+
 _UNITS = {"tilt": "°", "heading": "°", "velocity": " m/s", "position": " m", "height": " m"}
 
 

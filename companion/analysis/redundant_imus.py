@@ -18,7 +18,7 @@ import numpy.typing as npt
 from companion.analysis.budget import ATTITUDE, POSITION, budget, chi_square_95, nees, stacked
 from companion.analysis.comparison import Comparison, windows
 from companion.analysis.drift import DriftRow, drift_of
-from companion.analysis.episode import SENSORS
+from companion.analysis.episode import BIAS_UNITS, SENSORS
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec
 from companion.analysis.phases import phases
@@ -165,11 +165,11 @@ def parting_findings(flight: Flight, used: ImuTrack, best: BestEstimate) -> list
     for track in _others(flight, used):
         parted = list(partings(used, track, spans))
         findings += [
-            _finding(flight, used, track, one)
+            _finding(flight, used, track, one, known=_would_show(best, one, one.onset))
             for one in parted
-            if best.detectable.get(f"{one.sensor}_bias", np.inf) < float(np.linalg.norm(one.size))
+            if _would_show(best, one, 0.5 * float(best.t[0] + best.t[-1]))
         ]
-        steady = [sensor for sensor in _SHOWN if sensor not in [one.sensor for one in parted]]
+        steady = [sensor for sensor in BIAS_UNITS if sensor not in [one.sensor for one in parted]]
         findings += [f for sensor in steady if (f := _biased(used, track, sensor, spans, best)) is not None]
     return findings
 
@@ -185,7 +185,7 @@ def _biased(
     sigma = np.median(getattr(best, f"{sensor}_bias_sigma"), axis=0)  # that of the difference is far less
     if not (np.abs(bias) > USUAL_BIAS[sensor] + sigma).any():
         return None
-    unit, scale, decimals = _SHOWN[sensor]
+    unit, scale, decimals = BIAS_UNITS[sensor]
     numbers = ", ".join(f"{value * scale:.{decimals}f}" for value in bias)
     return Finding(
         "imus_disagree",
@@ -211,21 +211,30 @@ def _others(flight: Flight, used: ImuTrack) -> list[ImuTrack]:
     return list(tracks.values())
 
 
-_SHOWN = {"gyro": ("mrad/s", 1e3, 1), "accel": ("m/s²", 1.0, 2)}
-"""Sensor → unit, factor and decimals in words."""
+def _would_show(best: BestEstimate, one: Parting, onset: float) -> bool:
+    """Whether the best estimate would show such a change of its own IMU, if it began then.
+
+    What shows from the middle of the flight on shows later only if it is larger: a rate that is told by angles with
+    white noise is told to the power 3/2 of the time.
+    """
+    half, left = 0.5 * float(best.t[-1] - best.t[0]), float(best.t[-1]) - onset
+    least = best.detectable.get(f"{one.sensor}_bias", np.inf) * max(half / max(left, 1e-3), 1.0) ** 1.5
+    return bool(least < float(np.linalg.norm(one.size)))
 
 
-def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting) -> Finding:
-    kind, (unit, scale, decimals) = kind_of(f"{one.sensor}_bias"), _SHOWN[one.sensor]
+def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting, *, known: bool) -> Finding:
+    """known: whether it is known which of the two it is."""
+    kind, (unit, scale, decimals) = kind_of(f"{one.sensor}_bias"), BIAS_UNITS[one.sensor]
     numbers = ", ".join(f"{value * scale:.{decimals}f}" for value in one.size)
     in_use = flight.imu_in_use
     flown = set() if in_use is None else {int(instance) for instance in in_use.instance}
     words = (
         f"{track.source} (IMU {track.instance}): {SENSORS[one.sensor]} reads ({numbers}) ± "
         f"{one.sigma * scale:.{decimals}f} {unit} more than {used.source} (IMU {used.instance}) "
-        f"from {one.onset:.1f} ± {one.onset_sigma:.1f} s to the end, which agrees with all other sensors"
+        f"from {one.onset:.1f} ± {one.onset_sigma:.1f} s to the end"
     )
-    if flown == {used.instance}:
+    words += ", which agrees with all other sensors" if known else ": too short a time to tell which of them is wrong"
+    if known and flown == {used.instance}:
         words += f"; the autopilot flew on IMU {used.instance}: its estimate is right"
     return Finding(
         kind.name,
@@ -234,7 +243,9 @@ def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting) -> F
         one.onset,
         float(track.t[-1]),
         words,
-        f"Calibrate IMU {track.instance}; if it steps again, disable it: the autopilot may switch to it.",
+        f"Calibrate IMU {track.instance}; if it steps again, disable it: the autopilot may switch to it."
+        if known
+        else "",
         words,
         Cause(
             kind.name,

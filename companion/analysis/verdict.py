@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Windows, left_out
-from companion.analysis.episode import SIGMAS
+from companion.analysis.episode import BIAS_UNITS, SENSORS, SIGMAS
 from companion.analysis.finding import Cause, Finding
-from companion.estimation import BestEstimate
+from companion.estimation import BestEstimate, kind_of
 from companion.model import brief, counted
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
@@ -69,6 +71,48 @@ def _all_the_same(judged: Windows, expected: Expected, source: str) -> str:
     if min(expected.inside.values()) < 1.0:
         return ""
     return f" {source} and the autopilot agree all the same: {_share(judged, expected)}."
+
+
+def lasting(
+    verdict: Verdict, suspected: Cause | None, sound: BestEstimate | None, best: BestEstimate | None
+) -> Verdict:
+    """The verdict on a later piece of a flight: a bias that was found before is no less a fault while it lasts.
+
+    Where its onset lies before the piece, a bias looks like what a calibration has left.
+    suspected: whom the last piece that could be judged speaks against. sound, best: the best estimates of the last
+    piece in which nobody was suspect, and of this one.
+    """
+    if verdict.status != "consistent" or suspected is None or sound is None or best is None:
+        return verdict
+    sensor = suspected.sensor
+    if suspected.side != "imu" or sensor not in BIAS_UNITS or sound.imu.source != best.imu.source:
+        return verdict
+    kind = kind_of(f"{sensor}_bias")
+    then, now = (np.median(getattr(one.states, kind.name), axis=0) for one in (sound, best))
+    sigmas = [np.median(getattr(one, f"{kind.name}_sigma"), axis=0) for one in (sound, best)]
+    axis = int(np.argmax(np.abs(now - then)))
+    size, sigma = float((now - then)[axis]), float(np.hypot(*sigmas)[axis])
+    if abs(size) < max(kind.least, SIGMAS * sigma):
+        return verdict
+    unit, scale, decimals = BIAS_UNITS[sensor]
+    words = (
+        f"{SENSORS[sensor]} {'xyz'[axis]} reads {size * scale:.{decimals}f} ± {sigma * scale:.{decimals}f} {unit} more "
+        f"than until {sound.t[-1]:.1f} s, when nobody was suspect"
+    )
+    begin, end = float(best.t[0]), float(best.t[-1])
+    cause = Cause(
+        kind.name,
+        "imu",
+        suspected.onset_s,
+        onset_sigma_s=suspected.onset_sigma_s,
+        sensor=sensor,
+        axis="xyz"[axis],
+        size=abs(size),
+        sigma=sigma,
+        unit=kind.unit,
+    )
+    finding = Finding(kind.name, "imu", "error", begin, end, words, "", words, cause)
+    return Verdict("imu_suspect", f"Suspect the IMU: {words}.", (finding, *verdict.findings), cause)
 
 
 def _unwitnessed(best: BestEstimate | None) -> str:

@@ -25,7 +25,7 @@ from typing import IO, Self
 
 import msgspec
 
-from companion.analysis import Verdict, expected_by_age
+from companion.analysis import Cause, Verdict, expected_by_age, lasting
 from companion.app.examination import assess_imu
 from companion.app.live import Band, Judge, Judging, Opinion, Pace
 from companion.app.resources import give_back
@@ -218,16 +218,24 @@ def _verdict_on(assignment: Assignment) -> Judging:
     of: tuple[str, int, str] | None = None  # whose band it is
     made = -math.inf  # s, boot clock, at the end of which data
     before: BestEstimate | None = None
+    sound: BestEstimate | None = None  # the last in which nobody was suspect
+    suspected: Cause | None = None
 
     def judged(flight: Flight, imu: str | None) -> tuple[Verdict, Band]:
-        nonlocal band, of, made, before
+        nonlocal band, of, made, before, sound, suspected
         end, now = flight.start + flight.duration, (str(flight.vehicle), flight.boot, flight.imu(imu).source)
-        assessment = assess_imu(flight, settings, imu=imu, before=before if now == of else None)
-        before = assessment.best
+        if now != of:
+            before = sound = suspected = None
+        assessment = assess_imu(flight, settings, imu=imu, before=before)
+        before, verdict = assessment.best, lasting(assessment.verdict, suspected, sound, assessment.best)
+        if verdict.status == "consistent":
+            sound = assessment.best
+        if verdict.status != "insufficient_data":
+            suspected = verdict.cause
         if now != of or len(band) < len(assignment.ages_s) or end - made > _BAND_S:
             of, made = now, end
             rows = expected_by_age(assessment, assignment.ages_s).tolist()
             band = tuple((age, attitude, velocity, position) for age, attitude, velocity, position in rows)
-        return assessment.verdict, band
+        return verdict, band
 
     return judged

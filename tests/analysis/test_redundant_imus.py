@@ -123,3 +123,14 @@ def test_a_steady_bias_of_another_imu_is_told_and_accuses_nobody(flight: Flight,
     assert "-25.0) ± " in found.evidence
     assert [f.kind for f in told(accel=np.array([0.4, 0.0, 0.0]))] == ["imus_disagree"]
     assert told(gyro=np.array([0.0, 0.0, 0.012]), accel=np.array([0.0, 0.12, 0.0])) == []
+
+
+def test_which_of_two_parted_is_not_said_before_it_can_be_known(flight: Flight, best: BestEstimate) -> None:
+    """A second after the step the estimate would not show it either, if it were its own IMU's."""
+    imu, late = flight.imu(), best.t[-1] - 7.0
+    after = (imu.t >= late)[:, None] * np.array([0.0, 0.0, 0.02])
+    assert best.detectable["gyro_bias"] < 0.02, "in the middle of the flight it would"
+    other = sibling(flight, every=5, gyro=after)
+    (found,) = parting_findings(replace(flight, imus={**flight.imus, other.source: other}), imu, best)
+    assert (found.kind, found.side, found.severity, found.advice) == ("gyro_bias", "imu", "error", "")
+    assert found.evidence.endswith("too short a time to tell which of them is wrong")

@@ -12,8 +12,9 @@ import pytest
 
 import companion as c
 from benchmarks.accuracy.answer import answer
+from benchmarks.accuracy.cutting import cut
 from benchmarks.accuracy.labels import load_labels, outcome
-from companion.analysis import GENERIC, PARTS, Assessment, Finding, assess
+from companion.analysis import GENERIC, PARTS, Assessment, Finding, assess, lasting
 from companion.app.sensors import load_imu_spec
 from companion.model import Array, CompassTrack, Flight, GpsTrack, Series
 from companion.simulate.circuit import square
@@ -467,7 +468,30 @@ def test_a_link_of_px4() -> None:
 
 
 def test_agreement_without_gps_says_what_was_not_judged() -> None:
-    seen, blind = (assess(flown(**changes), GENERIC).verdict for changes in ({}, {"gps": ()}))
+    seen, blind = (assess(flight, GENERIC).verdict for flight in (flown(), flown(gps=())))
     assert seen.status == blind.status == "consistent"
     assert seen.summary.endswith("bound).")
     assert blind.summary.endswith("There is no GPS: whether the position is right was not judged.")
+
+
+@pytest.mark.parametrize("gone", [False, True])
+def test_a_bias_is_a_fault_as_long_as_it_lasts_though_its_onset_lies_before_the_piece(gone: bool) -> None:
+    """As on a link, where the last seconds are judged: what stands all through them looks calibrated."""
+    flight = flown(motions.circle(seconds(110, 50)), fixes_hz=5.0)
+    begin, end = 45.0, 70.0 if gone else np.inf
+    spoilt = misread(flight, gyro=[0.0, 0.0, 0.015], begin=begin, end=end)
+    sound, onset, later = (assess(cut(spoilt, a, b), GENERIC) for a, b in ((10.0, 44.0), (20.0, 62.0), (78.0, 118.0)))
+    assert [one.verdict.status for one in (sound, onset, later)] == ["consistent", "imu_suspect", "consistent"]
+    said = lasting(later.verdict, onset.verdict.cause, sound.best, later.best)
+    if gone:
+        assert said is later.verdict
+        return
+    assert said.status == "imu_suspect"
+    assert said.cause is not None
+    assert (said.cause.kind, said.cause.axis) == ("gyro_bias", "z")
+    assert said.cause.size == pytest.approx(0.015, abs=2e-3)
+    assert said.cause.onset_s == pytest.approx(begin, abs=2.0)
+    assert "more than until 44.0 s, when nobody was suspect" in said.summary
+    assert lasting(later.verdict, None, sound.best, later.best) is later.verdict
+    blamed = replace(onset.verdict.cause or said.cause, side="autopilot")
+    assert lasting(later.verdict, blamed, sound.best, later.best) is later.verdict
