@@ -132,7 +132,7 @@ def other_reading(
             setup = set_up(
                 replace(flight, imus={**flight.imus, track.source: turned}), track.source, gravity, part, untrusted
             )
-            settled, linear = estimate(setup, start_of(setup, unaided_guess(setup, flight)), roughly=True)
+            settled, linear = estimate(setup, start_of(setup, unaided_guess(setup, flight)), polished=False)
         except (DataError, np.linalg.LinAlgError):
             return np.inf, -np.inf
         return _size(settled.noise), likelihood(settled, linear)

@@ -143,13 +143,13 @@ def estimate(
     limits: Mapping[str, tuple[float, float]] | None = None,
     *,
     white: bool = False,
-    roughly: bool = False,
+    polished: bool = True,
 ) -> tuple[Start, Linear]:
     """The iteration with what is accepted: where it settles, and the linear problem there.
 
     limits: of the densities of the IMU, in place of what may be learned. white: what is left over is taken for white
-    noise, however long it lasts: as it is not where something unexplained is in it. roughly: the noise to a seventh,
-    for who compares whole factors of it, and the states as they are then.
+    noise, however long it lasts: as it is not where something unexplained is in it. polished: whether the states follow
+    the noise as it is learned at last, for who needs more than the noise.
     """
     noise, scale, change = start.noise, dict(start.scale), dict[str, float]()
     weights, weighted = dict[str, Array](), 0
@@ -170,7 +170,7 @@ def estimate(
             linear = about(point)
         return point, linear, uphill
 
-    settled, uphill, linear = _NEAR if roughly else _SETTLED, False, about(Point(start.states, np.zeros(0)))
+    uphill, linear = False, about(Point(start.states, np.zeros(0)))
     point = Point(start.states, np.zeros(len(linear.prior.constants_sigma) - CONSTANT_STATES))
     for count in range(_PASSES):
         step, largest = Step.of(linear, point.sizes), np.inf
@@ -180,15 +180,15 @@ def estimate(
             if weighted or accepted or largest < _NEAR or count >= _WEIGHTS_FROM:
                 weights = outlier_weights(linear)
                 weighted += 1
-        there = roughly or uphill or step.gain < _LEARNING  # as near as it comes
-        if (weighted >= _WEIGHTED and largest < settled and there) or count == _PASSES - 1:
+        there = uphill or step.gain < _LEARNING  # as near as it comes
+        if (weighted >= _WEIGHTED and largest < _SETTLED and there) or count == _PASSES - 1:
             break
         del linear  # before the next is made: of a long flight two are more than all else
         point, linear, uphill = moved(step)
         del step  # its weights are as large as the motion of the next
     grown = dict.fromkeys(coloured(linear), 1.0) if white else coloured(linear)
     wide = replace(noise, gyro_noise=noise.gyro_noise * grown["gyro"], accel_noise=noise.accel_noise * grown["accel"])
-    for _ in range(0 if roughly else _POLISHED):
+    for _ in range(_POLISHED if polished else 0):
         del linear
         point, linear, _ = moved(step)  # noqa: F821  (ruff takes the break above for none)
         del step  # noqa: F821
