@@ -115,8 +115,8 @@ _TOLD = ("took off", "in the air", "landed")
 def _moving(flight: Flight, begin: float, end: float, *, by_position: bool) -> list[float]:
     """The first and the last moment of motion in a stretch; empty where there is none.
 
-    Of a vehicle that was armed before the log begins nothing tells where the ground is, and in the air it may stand
-    still: it moves to the end, but where it has come down by half of its heights.
+    Of a vehicle that was armed when the log begins nothing tells where the ground is, and in the air it may stand
+    still: it moves to the end, but where it has come down by half of its heights, to where it is at the end.
     """
     track = flight.position if by_position else None
     if track is not None:
@@ -124,11 +124,13 @@ def _moving(flight: Flight, begin: float, end: float, *, by_position: bool) -> l
         t, height = track.t[inside], -track.position[inside, 2]
         if len(t) > 1:
             speed = np.linalg.norm(track.velocity[inside], axis=1)
-            lowest, highest = float(height.min()), float(height.max())
-            landing = highest - lowest > _MOVING and height[-1] < 0.5 * (lowest + highest)
-            before = begin <= flight.start
-            moving = t[(speed > _MOVING) | (np.abs(height - (lowest if before and landing else height[0])) > _MOVING)]
-            return [float(moving[0]), float(t[-1] if before and not landing else moving[-1])] if len(moving) else []
+            moving, until = (t[(speed > _MOVING) | (np.abs(height - height[ground]) > _MOVING)] for ground in (0, -1))
+            if not len(moving):
+                return []
+            if begin > flight.start:
+                return [float(moving[0]), float(moving[-1])]
+            landed = height[-1] < 0.5 * (height.min() + height.max()) and np.ptp(height) > _MOVING
+            return [float(moving[0]), float(until[-1] if landed and len(until) else t[-1])]
     t, rates = _rates(flight)
     if not len(t):
         return []
