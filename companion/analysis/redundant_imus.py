@@ -233,6 +233,7 @@ def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting, *, k
         f"{one.sigma * scale:.{decimals}f} {unit} more than {used.source} (IMU {used.instance}) "
         f"from {one.onset:.1f} ± {one.onset_sigma:.1f} s to the end"
     )
+    advice = f"Calibrate IMU {track.instance}; if it steps again, disable it: the autopilot may switch to it."
     words += ", which agrees with all other sensors" if known else ": too short a time to tell which of them is wrong"
     if known and flown == {used.instance}:
         words += f"; the autopilot flew on IMU {used.instance}: its estimate is right"
@@ -243,9 +244,7 @@ def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting, *, k
         one.onset,
         float(track.t[-1]),
         words,
-        f"Calibrate IMU {track.instance}; if it steps again, disable it: the autopilot may switch to it."
-        if known
-        else "",
+        advice if known else "",
         words,
         Cause(
             kind.name,

@@ -19,10 +19,8 @@ _TOGETHER_S = 1.0  # shocks closer than this are one finding
 _MOMENT_S = 0.05  # a shorter end of the range is a shock, which no sensor is accused of
 _OFTEN_S = 0.15  # in all, and it is none
 _SELDOM = 0.25  # of the samples of a second
-_FLAT, _EDGE = (
-    0.003,
-    0.03,
-)  # of the level: neighbours on a top differ by the first, and beside it is lower by the second
+_FLAT = 0.003  # of the level, that neighbours on a top differ by
+_EDGE = 0.03  # of the level, that is lower beside it
 _SCATTER = 1.5  # times what neighbours differ by: as far many samples of noise are apart
 _FLAT_S, _FLAT_SAMPLES = 0.02, 3  # of a top at least, and in which, and one sample, it is reached and left
 _STRONG = {"gyro": 1.0, "accel": 1.5 * STANDARD_GRAVITY}  # rad/s, m/s²: no sensor's range ends below
