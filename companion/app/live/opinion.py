@@ -169,8 +169,10 @@ class Judge:
             verdict, expected = self.verdict_on(flight, self._imu_of(flight))
         except DataError as reason:
             return "insufficient_data", str(reason), ()
-        where = "" if part.kind == "flight" else f" ({_WHERE[part.kind]})"
-        return verdict.status, verdict.summary + where, expected
+        text = verdict.summary
+        if part.kind != "flight":
+            text = f"{text.removesuffix('.')} ({_WHERE[part.kind]})."
+        return verdict.status, text, expected
 
 
 _WHERE = {"standing": "on the ground", "landed": "after landing"}
