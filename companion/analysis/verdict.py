@@ -138,7 +138,7 @@ def _lacking(judged: Windows, expected: Expected | None, findings: tuple[Finding
         return f"This log cannot tell: {data[0].evidence}."
     if expected is None or len(judged.start) < FEWEST_WINDOWS:
         reasons = left_out(judged.excluded)
-        why = f"left out: {reasons}" if reasons else "the flight is short"
+        why = f"left out: {reasons}" if reasons else f"the flight is short: it takes {FEWEST_WINDOWS * JUDGED_S:g} s"
         usable = f"only {counted(len(judged.start), 'window')}" if len(judged.start) else "no window"
         return f"This log cannot tell: {usable} of {JUDGED_S:g} s can be used ({why})."
     return None

@@ -66,7 +66,7 @@ def test_a_suspicion_beside_windows_that_all_agree_says_so(share: float) -> None
 @pytest.mark.parametrize(
     ("usable", "excluded", "said"),
     [
-        (0, {}, "no window of 5 s can be used (the flight is short)"),
+        (0, {}, "no window of 5 s can be used (the flight is short: it takes 15 s)"),
         (1, {"imu_gap": 9}, "only 1 window of 5 s can be used (left out: 9 over a hole in the IMU)"),
         (
             2,

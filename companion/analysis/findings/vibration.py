@@ -67,6 +67,7 @@ def _level(t: Array, each: Array, source: str, high: float) -> Iterator[Finding]
     usual, most = np.percentile(worst[strong], [50, 100])
     severity: Severity = "warning" if most > _MUCH or high < _HIGH else "info"
     x, y, z = np.median(each[strong], axis=0)
+    limit = f"above {_MUCH:.0f} the estimator suffers" if high == _HIGH else "the vehicle shakes more than they show"
     yield Finding(
         "vibration",
         "imu",
@@ -74,7 +75,7 @@ def _level(t: Array, each: Array, source: str, high: float) -> Iterator[Finding]
         float(t[strong][0]),
         float(t[strong][-1]),
         f"shaking of {usual:.0f} m/s² as a rule, {most:.0f} at most, by {source} (x {x:.0f}, y {y:.0f}, z {z:.0f}); "
-        f"above {_MUCH:.0f} the estimator suffers",
+        + limit,
         "Balance propellers and motors, and damp the mounting of the autopilot. Shaking that the samples fold down "
         "looks like motion.",
     )
