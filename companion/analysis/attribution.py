@@ -253,7 +253,7 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
 
 
 def _named(kind: str | None) -> str:
-    return (kind or "").replace("_", " ")
+    return (kind or "").replace("_", " ").replace("gps", "GPS")
 
 
 _WITNESS = "GPS while the vehicle moves, or a second IMU, in the log would tell."

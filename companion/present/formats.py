@@ -46,7 +46,10 @@ def length(metres: float) -> str:
 
 def words(name: str) -> str:
     """An identifier as people write it."""
-    return name.replace("_", " ")
+    return " ".join(_ABBREVIATIONS.get(word, word) for word in name.split("_"))
+
+
+_ABBREVIATIONS = {"gps": "GPS", "imu": "IMU", "imus": "IMUs"}
 
 
 def vehicle_words(vehicle: Vehicle) -> str:

@@ -358,7 +358,7 @@ def test_what_another_sensors_explanation_leaves_accuses_nobody(best: BestEstima
     jump = Explained("gps_position", "step", ONSET, 0.1, np.inf, np.array([30.0, 0.0]), np.full(2, 0.3), 5000.0)
     gyro, _ = findings_of(episodes(replace(best, explained=(weak, jump))), (), best)
     assert (gyro.kind, gyro.side, gyro.severity) == ("gyro_bias", "data", "warning")
-    assert "gps position explains as much" in gyro.evidence
+    assert "GPS position explains as much" in gyro.evidence
     even = findings_of(episodes(replace(best, explained=(weak, replace(jump, gain=110.0)))), (), best)
     assert [f.severity for f in even] == ["warning", "info"], "one of two that explain as much is what the other leaves"
     later = replace(jump, onset=ONSET + 20.0)
