@@ -71,8 +71,8 @@ class Browsers:
         self._open[number] = _Browser(
             client, frame, choose, Pose(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)), self._mode
         )
-        if _narrow(client):
-            _stand(client, self._mode, framing)
+        # a page that has found its way to another server may keep the camera of the one before
+        _stand(client, self._mode, framing)
 
     def settle(self, framing: Framing) -> None:
         """Take the cameras of phones to where they begin: the view for all, sent as a page opens, may come last."""
