@@ -36,7 +36,7 @@ from companion.estimation import (
     kind_of,
     times_of_change,
 )
-from companion.model import Array
+from companion.model import Array, words
 
 _OVERSHOOTS = 2.0  # times what misled it: a height that is off by more has another cause
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
@@ -253,7 +253,7 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
 
 
 def _named(kind: str | None) -> str:
-    return (kind or "").replace("_", " ").replace("gps", "GPS")
+    return words(kind or "")
 
 
 _WITNESS = "GPS while the vehicle moves, or a second IMU, in the log would tell."

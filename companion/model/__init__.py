@@ -44,7 +44,7 @@ from companion.model.tracks import (
     of_kind,
     percentile,
 )
-from companion.model.wording import brief, counted
+from companion.model.wording import brief, counted, words
 
 __all__ = [
     "ECCENTRICITY_SQUARED",
@@ -96,4 +96,5 @@ __all__ = [
     "ned_from_geodetic",
     "of_kind",
     "percentile",
+    "words",
 ]

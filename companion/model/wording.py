@@ -14,6 +14,14 @@ def counted(count: int, noun: str) -> str:
     return f"{count:,} {noun}{plural}"
 
 
+def words(name: str) -> str:
+    """An identifier as people write it."""
+    return " ".join(_ABBREVIATIONS.get(word, word) for word in name.split("_"))
+
+
+_ABBREVIATIONS = {"gps": "GPS", "imu": "IMU", "imus": "IMUs"}
+
+
 LINES, WIDTH = 5, 100
 _FEW = 4  # numbers or names that are shown, and not counted
 _LONGEST = 60  # characters of one value

@@ -1,8 +1,9 @@
 """How numbers become words, tables and colours: one definition for terminal, page and report."""
 
+from companion.model import words
 from companion.present import markup, palette
 from companion.present.columns import AXES, QUANTITIES, STATISTICS, Quantity, held_out_gain
-from companion.present.formats import fixed, length, percent, short, significant, vehicle_words, words
+from companion.present.formats import fixed, length, percent, short, significant, vehicle_words
 from companion.present.markup import Link, details, paragraph, table, text
 from companion.present.palette import Rgb, of_imus
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from companion.model import Vehicle
+from companion.model import Vehicle, words
 
 
 def short(value: float | None) -> str:
@@ -42,14 +42,6 @@ def length(metres: float) -> str:
     if metres < 1000:
         return f"{metres:.1f} m" if metres < 100 else f"{metres:.0f} m"
     return f"{metres / 1000:.2f} km"
-
-
-def words(name: str) -> str:
-    """An identifier as people write it."""
-    return " ".join(_ABBREVIATIONS.get(word, word) for word in name.split("_"))
-
-
-_ABBREVIATIONS = {"gps": "GPS", "imu": "IMU", "imus": "IMUs"}
 
 
 def vehicle_words(vehicle: Vehicle) -> str:
