@@ -19,7 +19,7 @@ from companion.analysis.budget import ATTITUDE, POSITION, budget, chi_square_95,
 from companion.analysis.comparison import Comparison, windows
 from companion.analysis.drift import DriftRow, drift_of
 from companion.analysis.episode import BIAS_UNITS, SENSORS
-from companion.analysis.finding import Cause, Finding
+from companion.analysis.finding import Cause, Finding, digits
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec
 from companion.analysis.phases import phases
 from companion.estimation import BestEstimate, kind_of
@@ -91,10 +91,19 @@ class Parting:
     sigma: float  # of its length
 
 
-def partings(first: ImuTrack, second: ImuTrack, spans: Sequence[tuple[float, float]]) -> Iterator[Parting]:
-    """Steps of the difference, second less first, within spans of boot time (s): at most one of each sensor."""
-    for sensor in ("gyro", "accel"):
-        parting = _parting(sensor, *_blocks(first, second, sensor, spans))
+Differences = Mapping[str, tuple[Array, Array]]
+"""Of each sensor: times (B,) s and what the second IMU reads more than the first (B, 3), median over some seconds."""
+
+
+def differences(first: ImuTrack, second: ImuTrack, spans: Sequence[tuple[float, float]]) -> Differences:
+    """What two IMUs differ by within spans of boot time (s)."""
+    return {sensor: _blocks(first, second, sensor, spans) for sensor in BIAS_UNITS}
+
+
+def partings(between: Differences) -> Iterator[Parting]:
+    """Steps of the differences: at most one of each sensor."""
+    for sensor, (t, off) in between.items():
+        parting = _parting(sensor, t, off)
         if parting is not None:
             yield parting
 
@@ -163,22 +172,20 @@ def parting_findings(flight: Flight, used: ImuTrack, best: BestEstimate) -> list
     spans = [(p.start, p.end) for p in phases(flight) if p.kind == "flight"]
     findings: list[Finding] = []
     for track in _others(flight, used):
-        parted = list(partings(used, track, spans))
+        between = differences(used, track, spans)
+        parted = list(partings(between))
         findings += [
             _finding(flight, used, track, one, known=_would_show(best, one, one.onset))
             for one in parted
             if _would_show(best, one, 0.5 * float(best.t[0] + best.t[-1]))
         ]
-        steady = [sensor for sensor in BIAS_UNITS if sensor not in [one.sensor for one in parted]]
-        findings += [f for sensor in steady if (f := _biased(used, track, sensor, spans, best)) is not None]
+        steady = ((sensor, off) for sensor, (_, off) in between.items() if all(one.sensor != sensor for one in parted))
+        findings += [f for sensor, off in steady if (f := _biased(used, track, sensor, off, best))]
     return findings
 
 
-def _biased(
-    used: ImuTrack, track: ImuTrack, sensor: str, spans: Sequence[tuple[float, float]], best: BestEstimate
-) -> Finding | None:
-    """Another IMU whose bias is larger than real parts have in flight, all the time."""
-    _, off = _blocks(used, track, sensor, spans)
+def _biased(used: ImuTrack, track: ImuTrack, sensor: str, off: Array, best: BestEstimate) -> Finding | None:
+    """Another IMU whose bias is larger than real parts have in flight, all the time; off: of `Differences`."""
     if len(off) < _FEWEST_BLOCKS:
         return None
     bias = np.median(getattr(best.states, f"{sensor}_bias"), axis=0) + np.median(off, axis=0)
@@ -186,14 +193,13 @@ def _biased(
     if not (np.abs(bias) > USUAL_BIAS[sensor] + sigma).any():
         return None
     unit, scale, decimals = BIAS_UNITS[sensor]
-    numbers = ", ".join(f"{value * scale:.{decimals}f}" for value in bias)
     return Finding(
         "imus_disagree",
         "imu",
         "warning",
         float(track.t[0]),
         float(track.t[-1]),
-        f"{track.source} (IMU {track.instance}): {SENSORS[sensor]} reads ({numbers}) ± "
+        f"{track.source} (IMU {track.instance}): {SENSORS[sensor]} reads ({digits(scale * bias, decimals)}) ± "
         f"{float(sigma.max()) * scale:.{decimals}f} {unit} too much all the time; {used.source} (IMU {used.instance}), "
         "which was judged, agrees with all other sensors",
         f"Calibrate IMU {track.instance} at rest: the autopilot may switch to it.",
@@ -225,11 +231,10 @@ def _would_show(best: BestEstimate, one: Parting, onset: float) -> bool:
 def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting, *, known: bool) -> Finding:
     """known: whether it is known which of the two it is."""
     kind, (unit, scale, decimals) = kind_of(f"{one.sensor}_bias"), BIAS_UNITS[one.sensor]
-    numbers = ", ".join(f"{value * scale:.{decimals}f}" for value in one.size)
     in_use = flight.imu_in_use
     flown = set() if in_use is None else {int(instance) for instance in in_use.instance}
     words = (
-        f"{track.source} (IMU {track.instance}): {SENSORS[one.sensor]} reads ({numbers}) ± "
+        f"{track.source} (IMU {track.instance}): {SENSORS[one.sensor]} reads ({digits(scale * one.size, decimals)}) ± "
         f"{one.sigma * scale:.{decimals}f} {unit} more than {used.source} (IMU {used.instance}) "
         f"from {one.onset:.1f} ± {one.onset_sigma:.1f} s to the end"
     )

@@ -9,7 +9,7 @@ import pytest
 
 import companion as c
 from companion.analysis import GENERIC, Finding, RedundantImu, ReferenceSpec, compare, each_imu
-from companion.analysis.redundant_imus import parting_findings, partings
+from companion.analysis.redundant_imus import differences, parting_findings, partings
 from companion.estimation import BestEstimate, Explained
 from companion.model import Array, Flight, ImuTrack
 from companion.strapdown import motions
@@ -62,7 +62,7 @@ def step(flight: Flight, *size: float) -> Array:
 
 
 def test_a_step_of_a_slow_second_imu_is_found(flight: Flight) -> None:
-    (one,) = partings(flight.imu(), sibling(flight, accel=step(flight, 0.6, 0.0, -0.2)), WHOLE)
+    (one,) = partings(differences(flight.imu(), sibling(flight, accel=step(flight, 0.6, 0.0, -0.2)), WHOLE))
     assert (one.sensor, one.axis) == ("accel", "x")
     assert one.onset == pytest.approx(ONSET, abs=2.5)
     assert one.size == pytest.approx([0.6, 0.0, -0.2], abs=5.0 * one.sigma)
@@ -72,7 +72,7 @@ def test_a_step_of_a_slow_second_imu_is_found(flight: Flight) -> None:
 def test_the_order_of_the_two_is_that_of_the_sign(flight: Flight, every: int) -> None:
     """Whichever of them was logged more often."""
     other = sibling(flight, every=every, gyro=step(flight, 0.0, 0.02, 0.0))
-    (there,), (back,) = partings(flight.imu(), other, WHOLE), partings(other, flight.imu(), WHOLE)
+    (there,), (back,) = (partings(differences(*two, WHOLE)) for two in ((flight.imu(), other), (other, flight.imu())))
     assert there.size == pytest.approx([0.0, 0.02, 0.0], abs=5.0 * there.sigma)
     assert there.size == pytest.approx(-back.size, abs=1e-4)
     assert there.axis == "y"
@@ -85,7 +85,7 @@ def test_what_does_not_come_at_once_is_no_parting(flight: Flight, kind: str) -> 
         "an offset throughout": np.array([0.5, 0.0, 0.0]),
         "a slow drift": np.linspace(0.0, 0.8, len(flight.imu()))[:, None] * np.array([1.0, 0.0, 0.0]),
     }
-    assert list(partings(flight.imu(), sibling(flight, accel=errors[kind]), WHOLE)) == []
+    assert list(partings(differences(flight.imu(), sibling(flight, accel=errors[kind]), WHOLE))) == []
 
 
 def test_a_step_across_a_time_that_was_not_heard_is_none(flight: Flight) -> None:
@@ -93,7 +93,7 @@ def test_a_step_across_a_time_that_was_not_heard_is_none(flight: Flight) -> None
     heard = (other.t < ONSET - 8.0) | (other.t > ONSET + 8.0)
     first, last = np.flatnonzero(~heard)[[0, -1]]
     spans = ((0.0, float(other.t[first])), (float(other.t[last]), 90.0))
-    assert list(partings(flight.imu(), other, spans)) == []
+    assert list(partings(differences(flight.imu(), other, spans))) == []
 
 
 def test_the_one_that_agrees_with_all_other_sensors_is_not_accused(flight: Flight, best: BestEstimate) -> None:
