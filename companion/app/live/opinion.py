@@ -88,7 +88,7 @@ class Judge:
         self.most_s = MOST_S  # of data that are judged while somebody is suspect: less where that takes too long
         self._stream = Stream(dialect=dialect, window_s=1.2 * MOST_S, dequantise=dequantise)
         self._newest = 0.0
-        self._last = Opinion("", "nothing has been received", 0.0)
+        self.last = Opinion("", "nothing has been received", 0.0)  # what was said last
         self._judged: Flight | None = None
 
     @property
@@ -103,11 +103,11 @@ class Judge:
 
     def forget(self) -> None:
         """Begin the record anew: another IMU or another vehicle is judged from now on."""
-        self._last, self._judged = Opinion("", "judging anew", self._newest), None
+        self.last, self._judged = Opinion("", "judging anew", self._newest), None
 
     def judge(self) -> Opinion:
         """What is to be said now."""
-        last = self._last
+        last = self.last
         self._judged = flight = self._flight(self._horizon_s)
         status, text, expected = self._said(flight)
         opinion = replace(last, status=status, text=text, newest=self._newest, expected=expected)
@@ -115,8 +115,8 @@ class Judge:
             opinion = replace(opinion, vehicle=str(flight.vehicle))
         if status in _SUSPECT:
             opinion = replace(opinion, alarms=_noted(last, status, text, self._newest))
-        self._last = replace(opinion, was_consistent=last.was_consistent or status == "consistent")
-        return self._last
+        self.last = replace(opinion, was_consistent=last.was_consistent or status == "consistent")
+        return self.last
 
     def stirred(self) -> bool:
         """Whether the last seconds differ from those before, so that a judgement should not wait for its turn."""
@@ -142,9 +142,9 @@ class Judge:
     @property
     def _horizon_s(self) -> float:
         """Of data that are judged: more while an alarm lasts, so that its onset stays in them."""
-        if self._last.status not in _SUSPECT:
+        if self.last.status not in _SUSPECT:
             return HORIZON_S
-        return min(max(HORIZON_S, self._newest - self._last.alarms[-1].first + _BEFORE_S), self.most_s)
+        return min(max(HORIZON_S, self._newest - self.last.alarms[-1].first + _BEFORE_S), self.most_s)
 
     def _imu_of(self, flight: Flight) -> str | None:
         return self.imu if self.imu in flight.imus else None

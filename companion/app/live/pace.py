@@ -27,12 +27,10 @@ class Pace:
         self._due = self._look = 0.0  # s of the clock of `step`
         self._called = 0.0  # s that the processor was busy with those since the last in turn
         self._judged = self._looked = 0.0  # s UNIX, the newest data of then
-        self._said = Opinion("", "", 0.0)  # whose alarms a defect does not take back
 
     def at_once(self) -> None:
         """Judge at the next step: something else is to be judged."""
         self._due = self._judged = 0.0
-        self._said = Opinion("", "", 0.0)
 
     def step(self, now: float) -> Opinion | None:
         """What is to be said now; None where nothing is new. now: s of any steady clock."""
@@ -50,10 +48,10 @@ class Pace:
         self._judged = judge.newest
         before, began = time.process_time(), time.monotonic()
         try:
-            opinion = self._said = judge.judge()
+            opinion = judge.judge()
         except Exception as error:  # noqa: BLE001  (a defect of the analysis must not end the verdicts)
             text = f"no verdict ({type(error).__name__}: {error})"
-            opinion = replace(self._said, status="", text=text, newest=0.0, expected=())
+            opinion = replace(judge.last, status="", text=text, newest=0.0, expected=())
         busy, took = time.process_time() - before, time.monotonic() - began
         self._called += busy
         self._due = now + max(min(PAUSE_S, _AGE_S - took), _SHARE * busy)

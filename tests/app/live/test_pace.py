@@ -16,6 +16,7 @@ class Judged:
     def __init__(self) -> None:
         self.newest, self.news, self.most_s = 0.0, False, 90.0
         self.looks, self.judged = list[float](), list[float]()
+        self.last = Opinion("", "", 0.0)
 
     def stirred(self) -> bool:
         self.looks.append(self.newest)
@@ -100,7 +101,8 @@ def test_a_defect_of_the_analysis_takes_back_no_alarm() -> None:
         def judge(self) -> Opinion:
             if super().judge().newest > 1.0:
                 raise ZeroDivisionError
-            return Opinion("imu_suspect", "a bias", 1.0, alarms=(Alarm("imu_suspect", "a bias", 1.0, 1.0),))
+            self.last = Opinion("imu_suspect", "a bias", 1.0, alarms=(Alarm("imu_suspect", "a bias", 1.0, 1.0),))
+            return self.last
 
     judge = Breaks()
     pace = Pace(cast("Judge", judge))
