@@ -26,7 +26,7 @@ def jump_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
         yield from _position_findings(comparison, position, settled)
     steps = list(_heading_steps(comparison))
     starting = [step for step in steps if step[0] < settled]
-    for group in [*([starting] if starting else []), *([step] for step in steps[len(starting) :])]:
+    for group in filter(None, [starting, *([step] for step in steps[len(starting) :])]):
         start, end, step = group[0][0], group[-1][1], max(size for _, _, size in group)
         many = f"{len(group)} times, by up to" if len(group) > 1 else "by"
         severity: Severity = "info" if start < settled or step < np.radians(10.0) else "error"
