@@ -48,6 +48,7 @@ CAUSES = {
     "height_off": ("position", ""),
     "frozen": ("stuck", ""),
     "stuck_axis": ("stuck", ""),
+    "units_wrong": ("units", ""),
     "axes_wrong": ("axes", ""),
     "gyro_clipping": ("saturation", "gyro"),
     "accel_clipping": ("saturation", "accel"),

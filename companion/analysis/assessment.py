@@ -246,6 +246,8 @@ def _best(
     lost: from when on nothing is.
     """
     imu, gravity = comparison.track.source, comparison.how.gravity
+    if any(f.kind == "units_wrong" for f in faults):
+        return None, []
     untrusted = [(f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED]
     span = None if lost is None else (-np.inf, lost.start)
     try:

@@ -35,6 +35,7 @@ _COMPASS_APART_S = 0.05  # of three samples between which the field was read: it
 _FEWEST_FIXES = 5
 _AROUND_S = 2.0  # of a keyframe, either way: forces and fields whose mean a first guess is made of
 _FEWEST = 8  # intervals between keyframes without a hole
+_MOST_FELT = 10.0  # g, median: what turns hard for a while does not do so for half of a flight
 _LOWEST_HZ = 8.0  # below it a keyframe interval has no motion of its own between two samples
 
 
@@ -78,6 +79,9 @@ def set_up(
             f"{track.source} has {len(track)} samples at {track.rate_hz:.1f} Hz: an estimate of the trajectory needs "
             f"{_LOWEST_HZ:g} Hz or more. {flight.how_to_record}."
         )
+    felt = float(np.median(np.linalg.norm(track.accel, axis=1))) / gravity
+    if felt > _MOST_FELT:
+        raise DataError(f"{track.source}: its accelerometer reads {felt:.3g} g most of the time: of other units?")
     gps = _gps(flight, track)
     spacing = float(np.clip((track.t[-1] - track.t[0]) / _KEYFRAMES, *_SPACING_S))
     spacing = max(spacing, 1.5 / track.rate_hz)

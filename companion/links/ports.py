@@ -16,6 +16,7 @@ DEFAULT_BAUD = 115_200
 
 _NETWORK = re.compile(r"(udpin|udpout|udp|tcpin|tcp):(?:(.*):)?(\d+)")
 _SERIAL = re.compile(r"(?:serial:)?(/.+?|COM\d+)(?::(\d+))?", re.IGNORECASE)
+_MEANT = re.compile(r"(udp|tcp)\w*(:|$)|serial:|/dev/(tty|serial/|cu|rfcomm)|COM\d+(:|$)", re.IGNORECASE)
 _FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or a device like /dev/ttyACM0:115200"
 
 
@@ -40,7 +41,7 @@ class Address:
 
 def is_link(text: str) -> bool:
     """Whether a word on the command line is meant as a link, not as a file."""
-    return bool(re.match(r"(udp|tcp|serial:|/dev/tty|COM\d)", text, re.IGNORECASE))
+    return _MEANT.match(text) is not None
 
 
 def parse_address(text: str) -> Address:

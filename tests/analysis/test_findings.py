@@ -13,6 +13,7 @@ from benchmarks.accuracy.cutting import cut
 from companion.analysis import GENERIC, Assessment, Finding, assess
 from companion.analysis.comparison import compare
 from companion.analysis.findings import findings
+from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.detect import reading_faults
 from companion.analysis.findings.jumps import jump_findings
 from companion.analysis.findings.sampling import lags
@@ -119,6 +120,41 @@ def test_a_board_turned_by_any_angle() -> None:
     angle, about = of_kind(found, "axes_wrong").evidence.split("turned by ")[1].split("° about")
     assert float(angle) == pytest.approx(45, abs=1.5)
     assert "-1.0)" in about
+
+
+@pytest.mark.parametrize(
+    ("gyro", "accel", "said"),
+    [
+        (np.degrees(1.0), 1.0, ["gyro reads 57 times", "degrees, where radians are meant"]),
+        (1.0, 1.0 / STANDARD_GRAVITY, ["accelerometer reads 0.10", "g, where m/s² are meant"]),
+        (1e-3, 1e-3, ["gyro reads 0.0", "thousandths, where whole units are sent", "accelerometer reads 0.00"]),
+        (3.75, 4.18, ["gyro reads 3.7", "accelerometer reads 4.", "as the counts of a converter would"]),
+    ],
+)
+def test_readings_of_other_units_are_told_and_no_estimate_is_made_of_them(
+    gyro: float, accel: float, said: list[str]
+) -> None:
+    """However the board is mounted, and though the heading is set while it stands."""
+    flight = flown()
+    imu, board = flight.imu(), quaternion.to_matrix(quaternion.exp(np.array([0.3, -0.8, 2.0])))
+    wrong = with_imu(flight, gyro=gyro * imu.gyro @ board.T, accel=accel * imu.accel @ board.T)
+    begin = flight.start
+    set_late = turned(wrong, (flight.require_attitude().t < begin + 2.0)[:, None] * [0.0, 0.0, 2.0])
+    found = assess(set_late, GENERIC)
+    assert (found.verdict.status, found.best) == ("imu_suspect", None)
+    told = [f for f in found.verdict.findings if f.severity == "error"]
+    assert {f.kind for f in told} == {"units_wrong"}
+    assert len(told) == (gyro != 1.0) + (accel != 1.0)
+    for words in said:
+        assert any(words in f.evidence for f in told)
+
+
+@pytest.mark.parametrize("times", [0.5, 1.6, 3.0])
+def test_an_axis_that_reads_too_much_alone_is_not_of_other_units(times: float) -> None:
+    flight = flown()
+    imu = flight.imu()
+    one = with_imu(flight, gyro=imu.gyro * [1.0, times, 1.0], accel=imu.accel * [times, 1.0, 1.0])
+    assert "units_wrong" not in {f.kind for f in meaning_findings(compare(one))}
 
 
 def test_clocks_that_do_not_run_alike() -> None:

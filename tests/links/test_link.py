@@ -73,7 +73,19 @@ def udp() -> Iterator[Link]:
 )
 def test_an_address_says_where_a_link_goes(text: str, address: Address) -> None:
     assert parse_address(text) == address
-    assert is_link(text) or text.startswith("/dev/serial")
+    assert is_link(text)
+
+
+@pytest.mark.parametrize("text", ["/dev/cu.usbmodem14101", "/dev/rfcomm0", "udpin", "tcpclient:host:1", "com7"])
+def test_what_is_meant_as_a_link_is_told_from_a_file(text: str) -> None:
+    assert is_link(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["udp_test.tlog", "COM3.bin", "com2_flight.ulg", "/dev/stdin", "/dev/fd/63", "tcp.tlog"]
+)
+def test_a_file_named_as_a_link_begins_is_a_file(text: str) -> None:
+    assert not is_link(text)
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,15 @@
-"""Findings about the IMU's axes: another of the 24 rotations fits far better."""
+"""Findings about what the IMU's readings mean: their units, and their axes."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
 
 from companion.analysis.comparison import Comparison, IntArray
+from companion.analysis.episode import SENSORS
 from companion.analysis.finding import Finding
 from companion.analysis.reference import length
 from companion.estimation import Reading
@@ -20,21 +22,51 @@ _NOTHING = 0.015  # misfit of a good sensor
 _ASKEW = np.radians(12.0)  # less is a trim
 _ADVICE = "Set the board's orientation to how it is mounted, and calibrate again."
 _LEAST = 0.04  # below it a bias explains it as well
+_FEWEST = 20  # windows
+_NEARLY, _MOSTLY = np.log(1.5), 0.8  # within such a factor of the usual one, in such a share of the windows
+_MOVED = 0.05  # of the squares about the axis with most: about others there is too little
+_REST = 0.1  # of the squares of what is read, that the motion may leave
+_MULTIPLE = 2.0  # or a half: what is less off is no unit
+_EXACT = 0.03  # by which a factor of units may be missed
+_DOES = {"gyro": "turns", "accel": "feels"}
+_THOUSAND = {1e3: "whole units, where thousandths are sent", 1e-3: "thousandths, where whole units are sent"}
+_UNITS = {
+    "gyro": {np.degrees(1.0): "degrees, where radians are meant", np.radians(1.0): "radians, where degrees are meant"}
+    | _THOUSAND,
+    "accel": {STANDARD_GRAVITY: "m/s², where g are meant", 1.0 / STANDARD_GRAVITY: "g, where m/s² are meant"}
+    | _THOUSAND,
+}
 
 
-def axes_findings(comparison: Comparison) -> Iterator[Finding]:
-    """The IMU's axes are not the body's: another of the 24 right-handed rotations fits turns and gravity far better.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Motion:
+    """Means over windows, (M, 3) in the body, by autopilot and IMU: turns in rad/s, specific forces in g."""
 
-    Turns are those of the autopilot's attitude, the force is that of its velocity, less gravity.
-    """
+    turn: Array  # of the autopilot's attitude
+    gyro: Array
+    pull: Array  # of its velocity, less gravity
+    accel: Array
+
+
+def meaning_findings(comparison: Comparison) -> Iterator[Finding]:
+    """The IMU's readings are not what they are taken for: of other units, or of other axes."""
+    motion = _motion(comparison)
+    if motion is None:
+        return
+    units = [*_unit_findings(comparison.track, motion)]
+    yield from units or _axes_findings(comparison.track, motion)
+
+
+def _motion(comparison: Comparison) -> _Motion | None:
+    """Of the windows in which the autopilot's attitude is known; None where they are too few."""
     track, reference = comparison.track, comparison.reference
     span = max(1, round(_TURN_S * track.rate_hz))
     start = np.arange(0, len(track) - span, span)
     end = start + span
     known = reference.attitude_known[start] & reference.attitude_known[end]
     known &= track.t[end] - track.t[start] < 2 * _TURN_S
-    if known.sum() < 10:
-        return
+    if known.sum() < _FEWEST:
+        return None
     start, end = start[known], end[known]
     q = reference.q_ned_frd
     turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[start]), q[end]))
@@ -44,11 +76,64 @@ def axes_findings(comparison: Comparison) -> Iterator[Finding]:
     force = moved / seconds / STANDARD_GRAVITY - [0.0, 0.0, 1.0]
     half = quaternion.exp(0.5 * turned)  # to the middle of the window, which its mean force belongs to
     pull = quaternion.rotate(quaternion.conjugate(quaternion.multiply(q[start], half)), force)
-    turn = turned / seconds
     gyro, accel = (_mean(readings, start, end) for readings in (track.gyro, track.accel / STANDARD_GRAVITY))
-    motion = length(turn) + length(pull[:, :2])
-    busy = motion >= np.median(motion)  # at rest every heading fits
-    pull, accel, turn, gyro = pull[busy], accel[busy], turn[busy], gyro[busy]
+    return _Motion(turned / seconds, gyro, pull, accel)
+
+
+def _unit_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
+    """A sensor reads a multiple of the motion, the same about every axis: no fault of a sensor, but of its units."""
+    pairs = {"gyro": _times(motion.turn, motion.gyro, biased=True), "accel": _times(motion.pull, motion.accel)}
+    for sensor, times in pairs.items():
+        if times is None or max(times, 1.0 / times) < _MULTIPLE:
+            continue
+        meant = (words for known, words in _UNITS[sensor].items() if abs(times / known - 1.0) < _EXACT)
+        how = (
+            f"{SENSORS[sensor]} reads {times:.3g} times what the vehicle {_DOES[sensor]} by the autopilot's estimate, "
+            f"about every axis alike: {next(meant, 'as the counts of a converter would')}"
+        )
+        begin, end = float(track.t[0]), float(track.t[-1])
+        advice = (
+            f"Mend the units where {track.source} is sent: MAVLink has mrad/s and thousandths of g in SCALED_IMU and "
+            "RAW_IMU, rad/s and m/s² in HIGHRES_IMU. Until then take another IMU: --imu."
+        )
+        yield Finding("units_wrong", "imu", "error", begin, end, how, advice)
+
+
+def _times(own: Array, read: Array, *, biased: bool = False) -> float | None:
+    """By what factor readings (M, 3) are larger than the motion (M, 3), however they are turned; None if they differ.
+
+    A matrix that makes the ones of the others, about the axes about which there is motion, is then so many times a
+    rotation or a mirror: its singular values are alike. biased: what is constant tells nothing.
+    """
+    moved, heard = length(own), length(read)
+    busy = (moved >= np.median(moved)) & (moved > 0) & (heard > 0)
+    if not busy.any():
+        return None
+    times = heard[busy] / moved[busy]
+    usual = np.abs(np.log(times / np.median(times))) < _NEARLY
+    if usual.mean() < _MOSTLY:
+        return None
+    own, read = own[busy][usual], read[busy][usual]  # without an attitude that is set, and spikes
+    if biased:
+        own, read = own - own.mean(axis=0), read - read.mean(axis=0)
+    much, axes = np.linalg.eigh(own.T @ own)
+    if not much[-1] > 0:
+        return None
+    moved = own @ axes[:, much > _MOVED * much[-1]]
+    by, *_ = np.linalg.lstsq(moved, read)
+    sizes = np.linalg.svd(by, compute_uv=False)
+    alike = np.log(sizes[0] / sizes[-1]) < _NEARLY and ((read - moved @ by) ** 2).sum() < _REST * (read**2).sum()
+    return float(np.sqrt(sizes[0] * sizes[-1])) if alike else None
+
+
+def _axes_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
+    """The IMU's axes are not the body's: another of the 24 right-handed rotations fits turns and gravity far better.
+
+    Turns are those of the autopilot's attitude, the force is that of its velocity, less gravity.
+    """
+    moved = length(motion.turn) + length(motion.pull[:, :2])
+    busy = moved >= np.median(moved)  # at rest every heading fits
+    turn, gyro, pull, accel = (one[busy] for one in (motion.turn, motion.gyro, motion.pull, motion.accel))
     misfit = {name: _misfit(pull, accel, turn, gyro, r) for name, r in _ROTATIONS.items()}
     total = {name: sum(parts) for name, parts in misfit.items()}
     best = min(total, key=lambda name: total[name])

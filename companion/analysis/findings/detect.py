@@ -13,7 +13,7 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.departures import departures
 from companion.analysis.episode import SIGMAS
 from companion.analysis.finding import Finding, by_severity
-from companion.analysis.findings.axes import axes_findings
+from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.installation import Installation, installation, level
 from companion.analysis.findings.jumps import jump_findings
 from companion.analysis.findings.readings import reading_findings
@@ -29,11 +29,11 @@ from companion.model import Flight, ImuTrack, Phase, Series
 
 
 def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec) -> list[Finding]:
-    """Readings that cannot be: frozen, stuck, at the end of the range, of the wrong axes."""
+    """Readings that cannot be: frozen, stuck, at the end of the range, of other units or axes."""
     faults = [*reading_findings(comparison, flight.require_attitude(), figures)]
     others = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
     faults += stuck_findings(comparison, autopilot, others)
-    faults += axes_findings(comparison)
+    faults += meaning_findings(comparison)
     return faults
 
 
@@ -183,7 +183,7 @@ def _is_led_to(start: float, end: float, others: Sequence[Finding]) -> bool:
 _NEAR_S = 5.0
 _TOLD_S = 1.0  # heartbeats tell once a second whether a vehicle is armed
 _BLURRED_S = 20.0  # a departure may be noticed so long after it began
-_CAUSES = ("stuck_axis", "frozen", "axes_wrong", "clocks_diverge")
+_CAUSES = ("stuck_axis", "frozen", "units_wrong", "axes_wrong", "clocks_diverge")
 _MOUNTING_RAD = np.radians(2.0)
 
 
