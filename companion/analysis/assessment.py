@@ -24,7 +24,16 @@ from companion.analysis.lasting_errors import beside_best, known_from
 from companion.analysis.phases import phases
 from companion.analysis.rest import Rest, rests
 from companion.analysis.verdict import FEWEST_WINDOWS, JUDGED_S, Verdict, decide
-from companion.estimation import BestEstimate, ConstantErrors, Explained, kind_of, other_reading, smooth, without_errors
+from companion.estimation import (
+    BestEstimate,
+    ConstantErrors,
+    Explained,
+    kind_of,
+    other_reading,
+    restored,
+    smooth,
+    without_errors,
+)
 from companion.model import Array, DataError, Flight, ImuTrack, Phase, brief
 
 _WARMS = (1.5e-3, 0.03)  # rad/s, m/s², within four minutes of flight
@@ -185,7 +194,7 @@ def assess(
     third = best if best is not None and _independent(best) else None
     usual = figures if third is None else in_flight(figures, third)
     drift, comparison = drift_over(comparison, sets), comparison.forgotten()
-    told = comparison.of(clean if third is None else _unbiased(clean, third))
+    told = comparison.of(clean if third is None else restored(_unbiased(clean, third), comparison.holes))
     judged = _while_judged(windows(told, JUDGED_S), told.track.t, parts)
     return Assessment(
         comparison=comparison,

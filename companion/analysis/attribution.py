@@ -33,6 +33,8 @@ from companion.estimation import (
     SLOPED,
     BestEstimate,
     Explained,
+    coning,
+    hides_shaking,
     kind_of,
     times_of_change,
 )
@@ -214,8 +216,18 @@ def _while_shaken(episode: Episode, others: tuple[Episode, ...]) -> bool:
     )
 
 
+def _may_be_coning(episode: Episode, size: float, best: BestEstimate) -> bool:
+    """Whether a gyro reads no more too much than its shaking adds up to, of which a low-pass may hide any part."""
+    return (
+        episode.kind == "gyro_bias"
+        and hides_shaking(best.imu)
+        and size < float(np.linalg.norm(coning(best.imu, episode.start, episode.end)))
+    )
+
+
 _ANOTHER = "A second sensor of the same kind in the log would tell, another IMU before all."
 _FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
+_CUTOFF = "The cutoff of the gyro's low-pass, a parameter of the vehicle, in the log would tell."
 _HEADING = "GPS while the vehicle moves, a second IMU or a second compass in the log would tell."
 
 
@@ -235,6 +247,8 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment", ""),
         (_while_shaken(episode, others),
          "it is there only while the IMU scatters more: shaking that its samples fold down reads like it", _FASTER),
+        (_may_be_coning(episode, size, best),
+         "the gyro is shaken so much that what its low-pass hides of the shaking may add up to it", _CUTOFF),
         (size < SIGMAS * sigma, "its size is hardly more than its σ", _FASTER),
         (other is not None,
          f"{_named(other)} explains as much at that time, or far more: one may be what the other leaves", _ANOTHER),

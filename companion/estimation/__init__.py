@@ -5,6 +5,7 @@ from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.competition import CREEPS, times_of_change
 from companion.estimation.constant_errors import allowing
 from companion.estimation.explanations import KINDS, SLOPED, Kind, kind_of
+from companion.estimation.low_pass import coning, hides_shaking, restored
 from companion.estimation.model import (
     ATTITUDE,
     CONSTANTS,
@@ -69,9 +70,11 @@ __all__ = [
     "allan_deviation",
     "allowing",
     "confirmed_sampling",
+    "coning",
     "corrected",
     "folded_gain",
     "folded_onto",
+    "hides_shaking",
     "imu_spectrum",
     "kind_of",
     "main_axis",
@@ -80,6 +83,7 @@ __all__ = [
     "other_reading",
     "peaks",
     "quantisation_bound",
+    "restored",
     "sampling_of",
     "smooth",
     "stretches",

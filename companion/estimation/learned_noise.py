@@ -24,7 +24,6 @@ from companion.estimation.model import (
     VELOCITY,
     ProcessNoise,
 )
-from companion.estimation.noise_density import scatter_between_samples
 from companion.estimation.setup import Setup
 from companion.estimation.spectrum import neighbourhoods
 from companion.estimation.system import (
@@ -79,7 +78,7 @@ def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
         least, most = limits["accel_noise"]
         limits["accel_noise"] = (
             least,
-            float(np.clip(_WHITER * scatter_between_samples(setup.imu.accel, setup.imu.rate_hz), least, most)),
+            float(np.clip(_WHITER * setup.scatter[1], least, most)),
         )
     return limits
 
@@ -87,10 +86,9 @@ def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
 def scatter(setup: Setup) -> tuple[float, float]:
     """Densities by which gyro and accelerometer scatter between samples, rad/s/√Hz and m/s²/√Hz.
 
-    By second differences, of the noisiest axis; not less than what may be learned at least.
+    Not less than what may be learned at least.
     """
-    limits, imu = noise_limits(setup), setup.imu
-    gyro, accel = (scatter_between_samples(values, imu.rate_hz) for values in (imu.gyro, imu.accel))
+    limits, (gyro, accel) = noise_limits(setup), setup.scatter
     return max(gyro, limits["gyro_noise"][0]), max(accel, limits["accel_noise"][0])
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.estimation.earth_field import EarthField, field_at
+from companion.estimation.low_pass import restored, undelayed
 from companion.estimation.measurements import (
     GPS_LATENCY_S,
     MICROTESLA,
@@ -19,7 +20,7 @@ from companion.estimation.measurements import (
     vector_readings,
 )
 from companion.estimation.model import CONSTANT_STATES, CONSTANTS, States
-from companion.estimation.noise_density import spectral_noise
+from companion.estimation.noise_density import scatter_between_samples, spectral_noise
 from companion.estimation.rest import at_rest
 from companion.estimation.system import Index
 from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin, interpolated, nearest
@@ -43,7 +44,7 @@ _LOWEST_HZ = 8.0  # below it a keyframe interval has no motion of its own betwee
 class Setup:
     """The problem: everything but the states."""
 
-    imu: ImuTrack
+    imu: ImuTrack  # at the times that it speaks of, as before its low-pass
     index: Index  # (K,) samples at which keyframes stand
     t: Array  # (K,) s
     broken: BoolArray  # (K-1,) whether the IMU has a hole between two keyframes
@@ -52,9 +53,8 @@ class Setup:
     gravity: float
     constants: Array  # (39,) prior means
     constants_sigma: Array  # (39,)
-    spectral_noise: tuple[
-        float, float
-    ]  # rad/s/√Hz, m/s²/√Hz: of the readings, by the spectra of gyro and accelerometer
+    spectral_noise: tuple[float, float]  # rad/s/√Hz, m/s²/√Hz: of gyro and accelerometer as they read, by spectra
+    scatter: tuple[float, float]  # the same of their noisiest axes, by second differences
     notes: tuple[str, ...]
     restless: Array  # (K-1, 2) times by which the noise of gyro and accelerometer is larger than usual there
 
@@ -70,7 +70,7 @@ def set_up(
 
     untrusted: stretches (s) in which the IMU's readings are none: stuck, frozen, at the end of the range.
     """
-    track = _undelayed(flight.imu(imu))
+    track = undelayed(flight.imu(imu))
     if span is not None:
         first, last = np.searchsorted(track.t, span)
         track = track[int(first) : int(last)]
@@ -111,8 +111,10 @@ def set_up(
     if broken.any():
         notes.append(f"{int(broken.sum())} holes in {track.source}: the estimate begins anew after each")
     noise = spectral_noise(track, longest)
-    return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, tuple(notes),
-                 np.ones((len(index) - 1, 2)))  # fmt: skip
+    gyro, accel = (scatter_between_samples(read, track.rate_hz) for read in (track.gyro, track.accel))
+    track = restored(track, np.diff(track.t) > longest)
+    return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),
+                 tuple(notes), np.ones((len(index) - 1, 2)))  # fmt: skip
 
 
 def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
@@ -123,22 +125,6 @@ def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
 
     best = max(flight.gps, key=fixes, default=None)
     return best if best is not None and fixes(best) >= _FEWEST_FIXES else None
-
-
-def _undelayed(track: ImuTrack) -> ImuTrack:
-    """The track at the times that its gyro speaks of, with what the accelerometer felt then.
-
-    A low-pass of second order delays by √2 / (2π f). Where one of both is not known, it is as the other.
-    """
-    known = [f for f in (track.gyro_low_pass_hz, track.accel_low_pass_hz) if f is not None]
-    if not known:
-        return track
-    delays = [np.sqrt(2.0) / (2.0 * np.pi * cutoff) if cutoff > 0 else 0.0 for cutoff in known]
-    gyro, accel = delays[0], delays[-1]
-    force = track.accel
-    if gyro != accel:
-        force = interpolated(track.t + accel - gyro, track.t, track.accel)
-    return replace(track, t=track.t - gyro, accel=force)
 
 
 def _broken(

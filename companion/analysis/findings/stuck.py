@@ -35,6 +35,7 @@ _MORE = 1.01  # for sums of floats are no whole steps
 _CHANCE = 1e-3  # of a stretch like it anywhere in a healthy flight
 _LAST_DIGIT, _FLICKER = 2.0**-22, 2.0**-20  # of a float of 32 bits: its last digit, and its last two bits more
 _NEARLY = 0.005  # of what another axis changes by from sample to sample
+_PLACE = 0.02  # of what another axis changes by: within it a reading stays in its place
 _QUIETER = 0.1  # than its quietest seconds
 _CALM = 0.25  # of what the other axes change by in half of the flight
 
@@ -179,6 +180,8 @@ def _stopped(
         changes = slice(stretch.start, stretch.stop - 1)
         own = change[changes]
         # nine tenths of it: a low-pass takes its time to settle
+        if _wanders(sensor, axes, stretch):
+            continue
         flickers = np.quantile(own, 0.9) > _LAST_DIGIT * np.abs(sensor.readings[stretch.start, axes.axes]).max()
         # the motors shake all axes: where another one is calm too, none need show any noise
         calm = (np.median(axes.beside[changes], axis=0) < _CALM * usual).any()
@@ -191,6 +194,12 @@ def _stopped(
             if not sensor.step and not _is_quieter_than_ever(comparison, own, stretch, quietest):
                 continue
         yield stretch.start, stretch.stop - 1
+
+
+def _wanders(sensor: _Sensor, axes: _Axes, stretch: slice) -> bool:
+    """Whether readings that hardly change from one to the next go somewhere in a stretch: beside others that shake."""
+    settled = sensor.readings[stretch.start + (stretch.stop - stretch.start) // 10 : stretch.stop, axes.axes]
+    return bool((np.ptp(settled, axis=0) > _PLACE * axes.beside[stretch].max(axis=1).mean()).any())
 
 
 def _is_quieter_than_ever(comparison: Comparison, change: Array, stretch: slice, quietest: float) -> bool:

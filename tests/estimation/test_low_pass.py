@@ -1,0 +1,111 @@
+"""What a low-pass takes away of a vehicle's shaking, and what that shaking adds up to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from companion.estimation import coning, hides_shaking, smooth
+from companion.estimation.low_pass import restored, undelayed
+from companion.model import Array, ImuTrack
+from companion.strapdown import motions, preintegrate, quaternion
+from tests.flights import flown, seconds, with_imu
+
+CORNER_HZ, RATE_HZ, FINE = 20.0, 100.0, 20
+ANGLE, SHAKING_HZ = 0.02, 15.0
+
+
+def low_passed(values: Array, rate_hz: float, corner_hz: float = CORNER_HZ) -> Array:
+    """Behind a Butterworth filter of second order, from rest at the first value."""
+    b, a = signal.butter(2, corner_hz, fs=rate_hz)
+    return np.asarray(signal.lfilter(b, a, values - values[0], axis=0) + values[0])
+
+
+def shaken(t: Array) -> Array:
+    """Rates (N, 3) about x and y, a quarter of a turn apart: a cone."""
+    omega = 2.0 * np.pi * SHAKING_HZ
+    return ANGLE * omega * np.column_stack([np.cos(omega * t), np.sin(omega * t), np.zeros(len(t))])
+
+
+def track(seconds: float = 20.0) -> tuple[ImuTrack, ImuTrack]:
+    """As it is, and as a gyro behind a low-pass reads it."""
+    fine = np.arange(round(seconds * RATE_HZ) * FINE) / (RATE_HZ * FINE)
+    truth, still = shaken(fine), np.tile([0.0, 0.0, -9.8], (round(seconds * RATE_HZ), 1))
+    own, read = (
+        ImuTrack(fine[::FINE], gyro[::FINE], still, "RAW_IMU", gyro_low_pass_hz=CORNER_HZ, accel_low_pass_hz=CORNER_HZ)
+        for gyro in (truth, low_passed(truth, RATE_HZ * FINE))
+    )
+    return own, read
+
+
+def turned_about_z(one: ImuTrack) -> float:
+    """rad/s, by whole periods of the shaking between two times far from the ends."""
+    period = round(RATE_HZ / 5.0)  # three of the shaking
+    i = np.array([5, 95]) * period
+    q = preintegrate(one).q[i]
+    way = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:1]), q[1:]))[0]
+    return float(way[2] / np.ptp(one.t[i]))
+
+
+def test_a_low_pass_hides_a_part_of_what_shaking_adds_up_to_and_it_is_given_back() -> None:
+    own, read = track()
+    true, hidden = turned_about_z(own), turned_about_z(read)
+    assert true == pytest.approx(0.5 * ANGLE**2 * 2.0 * np.pi * SHAKING_HZ, rel=0.03)
+    assert hidden == pytest.approx(true / (1.0 + (SHAKING_HZ / CORNER_HZ) ** 4), rel=0.02)
+    given = restored(undelayed(read), np.zeros(len(read) - 1, np.bool_))
+    assert turned_about_z(given) == pytest.approx(true, rel=0.02)
+    inside = slice(100, -100)
+    then = np.column_stack([np.interp(given.t[inside], own.t, axis) for axis in own.gyro.T])
+    assert np.abs(shaken(given.t[inside]) - given.gyro[inside]).max() < 0.03 * np.abs(then).max()
+
+
+def test_what_is_constant_or_beside_a_hole_stays_as_it_is() -> None:
+    _, read = track(4.0)
+    holes = np.zeros(len(read) - 1, np.bool_)
+    even = replace(read, gyro=np.tile([0.1, -0.2, 0.3], (len(read), 1)))
+    np.testing.assert_allclose(restored(even, holes).gyro, even.gyro, rtol=1e-12)
+    holes[200] = True
+    beside = np.flatnonzero((restored(read, holes).gyro == read.gyro).all(axis=1))
+    reach = round(4.0 * RATE_HZ / CORNER_HZ)
+    assert (beside[0], beside[-1], len(beside)) == (201 - reach, 200 + reach, 2 * reach)
+
+
+@pytest.mark.parametrize("corner_hz", [None, 0.0, 90.0])
+def test_where_no_low_pass_is_known_or_its_corner_is_beyond_the_samples_nothing_is_done(
+    corner_hz: float | None,
+) -> None:
+    _, read = track(2.0)
+    one = replace(read, gyro_low_pass_hz=corner_hz, accel_low_pass_hz=corner_hz)
+    np.testing.assert_array_equal(restored(one, np.zeros(len(one) - 1, np.bool_)).gyro, one.gyro)
+    assert hides_shaking(one) == (corner_hz != 0.0)
+    assert not hides_shaking(read)
+
+
+def test_the_rate_that_shaking_adds_up_to_is_measured() -> None:
+    own, _ = track()
+    rate = 0.5 * ANGLE**2 * 2.0 * np.pi * SHAKING_HZ
+    np.testing.assert_allclose(coning(own, 5.0, 15.0), [0.0, 0.0, rate], atol=0.05 * rate)
+    slow = replace(own, gyro=np.column_stack([np.cos(0.3 * own.t), np.sin(0.3 * own.t), 0.0 * own.t]))
+    assert np.abs(coning(slow, 5.0, 15.0)).max() < 1e-4
+    assert not coning(own, 5.0, 5.0).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("known", [True, False])
+def test_a_vehicle_that_shakes_has_no_biased_gyro(known: bool) -> None:
+    """Its controller oscillates: of what that adds up to 10 mrad/s are hidden where the low-pass is not known."""
+    angle = 1.5 * ANGLE
+    own, fine = (
+        motions.coning(seconds(40.0, rate), angle=angle, frequency=SHAKING_HZ, amplitude=(6.0, 5.0, 2.0))
+        for rate in (RATE_HZ, RATE_HZ * FINE)
+    )
+    corner = CORNER_HZ if known else None
+    gyro, accel = (low_passed(readings, RATE_HZ * FINE)[::FINE] for readings in (fine.gyro, fine.accel))
+    read = with_imu(flown(own), gyro=gyro, accel=accel, gyro_low_pass_hz=corner, accel_low_pass_hz=corner)
+    bias = np.median(smooth(read).states.gyro_bias[:, 2])
+    whole = 0.5 * angle**2 * 2.0 * np.pi * SHAKING_HZ
+    hidden = 0.0 if known else whole * (1.0 - 1.0 / (1.0 + (SHAKING_HZ / CORNER_HZ) ** 4))
+    assert abs(bias) == pytest.approx(hidden, abs=1.5e-3)
