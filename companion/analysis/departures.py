@@ -20,6 +20,7 @@ from companion.estimation import (
     BestEstimate,
     corrected,
     kind_of,
+    shaking,
     times_of_change,
 )
 from companion.model import Array, EstimatorReset, Flight
@@ -41,6 +42,7 @@ _AXES: Mapping[str, tuple[str, slice]] = {
 }
 """Quantity → what it is of, and its components in NED."""
 
+_SHAKEN_S = 1.0  # either way
 _SETTLED_S = 10.0  # on a bench, after which an estimator has aligned
 _WELL = 0.5  # of what an estimator in order may be off by: an estimate that is known so well is judged as it is
 _BETTER = 0.5  # of the σ of a heading: that of its change, where the change is known far better
@@ -71,9 +73,11 @@ def departures(
     askew = quaternion.exp(-np.array([*tilted, 0.0]))
     error = attitude_error(reference.q_ned_frd, quaternion.multiply(best.q_ned_frd, askew))
     error = error - _lag(error, best, judged)
+    heading, doubt = _heading_off(error[:, 2], best, judged, flight.resets)
+    shaken = _shaken(best)
     off = {
-        "tilt": (length(error[:, :2]), _greatest(best.sigma(ATTITUDE)[:, :2])),
-        "heading": _heading_off(error[:, 2], best, judged, flight.resets),
+        "tilt": (length(error[:, :2]), np.hypot(shaken, _greatest(best.sigma(ATTITUDE)[:, :2]))),
+        "heading": (heading, np.hypot(shaken, doubt)),
     }
     known = judged & reference.position_known
     if "gps_position" in best.residuals and known.sum() > 5:
@@ -102,6 +106,14 @@ def departures(
                 felt = _imu_confirms(best, reference, name, value, peak)
                 departed.append(Departure(name, float(t[first]), float(t[last]), size, own, recovers, felt, stepped))
     return tuple(sorted(departed, key=lambda d: d.start))
+
+
+def _shaken(best: BestEstimate) -> Array:
+    """(K,) rad, 1σ of what two attitudes differ by that tell the shaking of a vehicle at other times, around each."""
+    _, turned = shaking(best.imu)
+    square = np.concatenate([[0.0], np.cumsum((turned**2).sum(axis=1))])
+    first, last = (np.searchsorted(best.imu.t, best.t + apart) for apart in (-_SHAKEN_S, _SHAKEN_S))
+    return np.asarray(np.sqrt(2.0 * (square[last] - square[first]) / np.maximum(last - first, 1)))
 
 
 def _imu_confirms(best: BestEstimate, reference: Reference, quantity: str, value: Array, peak: int) -> bool:

@@ -5,7 +5,7 @@ from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.competition import CREEPS, times_of_change
 from companion.estimation.constant_errors import allowing
 from companion.estimation.explanations import KINDS, SLOPED, Kind, kind_of
-from companion.estimation.low_pass import coning, hides_shaking, restored
+from companion.estimation.low_pass import coning, hides_shaking, restored, shaking
 from companion.estimation.model import (
     ATTITUDE,
     CONSTANTS,
@@ -85,6 +85,7 @@ __all__ = [
     "quantisation_bound",
     "restored",
     "sampling_of",
+    "shaking",
     "smooth",
     "stretches",
     "times_of_change",

@@ -59,19 +59,20 @@ def hides_shaking(track: ImuTrack) -> bool:
 
 
 def coning(track: ImuTrack, begin: float, end: float) -> Array:
-    """(3,) rad/s, the mean rate that shaking adds up to between two times (s), as far as the gyro shows it.
-
-    That of ½ ∫ θ × ω dt, with the part of the turns θ that is quicker than `_SLOW_S`.
-    """
-    during = slice(*np.searchsorted(track.t, (begin, end)).tolist())
-    t, gyro = track.t[during], track.gyro[during]
-    span = min(max(1, round(_SLOW_S * track.rate_hz)), len(t))
-    if span < 2:
+    """(3,) rad/s, the mean rate that shaking adds up to between two times (s), by the gyro: ½ ∫ θ × ω dt."""
+    part = track[slice(*np.searchsorted(track.t, (begin, end)).tolist())]
+    if len(part) < 2:
         return np.zeros(3)
-    quick = _less_its_mean(gyro, span)
-    steps = np.diff(t)[:, None] * 0.5 * (quick[1:] + quick[:-1])
-    turned = _less_its_mean(np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]), span)
-    return np.asarray(0.5 * np.cross(turned, quick).mean(axis=0))
+    rate, turned = shaking(part)
+    return np.asarray(0.5 * np.cross(turned, rate).mean(axis=0))
+
+
+def shaking(track: ImuTrack) -> tuple[Array, Array]:
+    """(N, 3) rad/s, (N, 3) rad: the rates, and the turns, that are quicker than `_SLOW_S`."""
+    span = max(1, min(round(_SLOW_S * track.rate_hz), len(track)))
+    rate = _less_its_mean(track.gyro, span)
+    steps = np.diff(track.t)[:, None] * 0.5 * (rate[1:] + rate[:-1])
+    return rate, _less_its_mean(np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]), span)
 
 
 def _less_its_mean(values: Array, span: int) -> Array:

@@ -394,6 +394,25 @@ def test_what_is_there_only_while_an_imu_is_shaken_accuses_nobody(
 
 
 @pytest.mark.parametrize(
+    ("corner_hz", "size", "side"),
+    [(None, 0.02, "data"), (None, 0.05, "imu"), (20.0, 0.02, "imu"), (60.0, 0.02, "data")],
+)
+def test_a_gyro_that_cones_by_as_much_accuses_nobody_where_its_low_pass_hides_some(
+    best: BestEstimate, corner_hz: float | None, size: float, side: str
+) -> None:
+    """30 mrad/s of an IMU at 100 Hz; of a corner that is known and sampled what is hidden was given back."""
+    track, omega = best.imu, 2.0 * np.pi * 15.0
+    coned = np.sqrt(2.0 * 0.03 * omega) * np.column_stack(
+        [np.cos(omega * track.t), np.sin(omega * track.t), 0.0 * track.t]
+    )
+    shaken = replace(best, imu=replace(track, gyro=track.gyro + coned, gyro_low_pass_hz=corner_hz))
+    off = replace(step(ONSET, np.inf, size), gain=400.0)
+    (told,) = findings_of(episodes(replace(shaken, explained=(off,))), (), shaken)
+    assert told.side == side
+    assert ("what its low-pass hides" in told.evidence) == (side == "data")
+
+
+@pytest.mark.parametrize(
     ("begun", "gain", "misled"), [(ONSET, 200.0, 1), (ONSET - 12.0, 200.0, 0), (ONSET - 12.0, 9e3, 1)]
 )
 def test_a_departure_follows_what_begins_with_it_or_explains_far_more(

@@ -463,6 +463,18 @@ def test_a_gyro_that_tells_no_noise_is_not_stuck() -> None:
     assert "stuck_axis" not in kinds(assess(in_milliradians(), GENERIC))
 
 
+@pytest.mark.parametrize("goes", [0.03, 0.0])
+def test_an_axis_without_noise_that_goes_somewhere_beside_others_that_shake_is_not_stuck(goes: float) -> None:
+    """A simulated gyro whose yaw dies out, while a controller oscillates about the other axes."""
+    flight = flown(lively(40.0))
+    imu = flight.imu()
+    shaken, quiet = imu.gyro.copy(), (imu.t >= 30.0) & (imu.t < 36.0)
+    shaken[:, :2] += 1.5 * np.column_stack([np.sin(90.0 * imu.t), np.cos(90.0 * imu.t)])
+    shaken[quiet, 2] = 0.02 + goes * np.exp(-(imu.t[quiet] - 30.0))
+    found = reading_faults(flight, compare(with_imu(flight, gyro=shaken, gyro_step=0.0)), GENERIC, ReferenceSpec())
+    assert ("stuck_axis" in {f.kind for f in found}) == (goes == 0.0)
+
+
 @pytest.mark.parametrize("begin", [22.0, 38.0, 54.0])
 def test_an_axis_that_misses_what_all_other_sensors_saw_is_stuck(begin: float) -> None:
     """It reads one value in the time of a quick manoeuvre; the others may be calm."""

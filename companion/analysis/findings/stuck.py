@@ -34,8 +34,9 @@ _FEWEST_FELT = 2  # samples of another IMU
 _MORE = 1.01  # for sums of floats are no whole steps
 _CHANCE = 1e-3  # of a stretch like it anywhere in a healthy flight
 _LAST_DIGIT, _FLICKER = 2.0**-22, 2.0**-20  # of a float of 32 bits: its last digit, and its last two bits more
-_NEARLY = 0.005  # of what another axis changes by from sample to sample
-_PLACE = 0.02  # of what another axis changes by: within it a reading stays in its place
+_NEARLY = 0.005  # of what another axis changes by from sample to sample, or this one when it does
+_EVER, _MOVES = 0.99, 4.0  # quantile; times what is nothing, between readings of an axis that is not stuck all the time
+_FAR = 20.0  # changes from sample to sample, as they are on average
 _QUIETER = 0.1  # than its quietest seconds
 _CALM = 0.25  # of what the other axes change by in half of the flight
 
@@ -79,7 +80,11 @@ def _all_axes(track: ImuTrack) -> Iterator[_Axes]:
 def unchanged(readings: Array) -> BoolArray:
     """Where each of readings (N, 3) is the one before, (N-1, 3). Floats flicker in their last digits."""
     change = np.abs(np.diff(readings, axis=0))
-    nothing = _NEARLY * max(map(median, change.T)) if len(change) else 0.0
+    if not len(change):
+        return np.zeros((0, 3), np.bool_)
+    nothing, own = np.full(3, _NEARLY * max(map(median, change.T))), _NEARLY * np.quantile(change, _EVER, axis=0)
+    moves = np.ptp(np.quantile(readings, (1.0 - _EVER, _EVER), axis=0), axis=0) > _MOVES * nothing
+    nothing[moves] = np.minimum(nothing, own)[moves]  # the others may be shaken alone
     return np.asarray(change <= np.maximum(nothing, _FLICKER * np.abs(readings[1:])))
 
 
@@ -180,7 +185,7 @@ def _stopped(
         changes = slice(stretch.start, stretch.stop - 1)
         own = change[changes]
         # nine tenths of it: a low-pass takes its time to settle
-        if _wanders(sensor, axes, stretch):
+        if _goes_somewhere(sensor.readings[stretch, axes.axes]):
             continue
         flickers = np.quantile(own, 0.9) > _LAST_DIGIT * np.abs(sensor.readings[stretch.start, axes.axes]).max()
         # the motors shake all axes: where another one is calm too, none need show any noise
@@ -196,10 +201,10 @@ def _stopped(
         yield stretch.start, stretch.stop - 1
 
 
-def _wanders(sensor: _Sensor, axes: _Axes, stretch: slice) -> bool:
-    """Whether readings that hardly change from one to the next go somewhere in a stretch: beside others that shake."""
-    settled = sensor.readings[stretch.start + (stretch.stop - stretch.start) // 10 : stretch.stop, axes.axes]
-    return bool((np.ptp(settled, axis=0) > _PLACE * axes.beside[stretch].max(axis=1).mean()).any())
+def _goes_somewhere(readings: Array) -> bool:
+    """Whether readings (n, m) get far in the second half of a stretch: what flickers gets no further than some changes."""
+    later = readings[len(readings) // 2 :]
+    return bool((np.ptp(later, axis=0) > _FAR * np.abs(np.diff(later, axis=0)).mean(axis=0)).any())
 
 
 def _is_quieter_than_ever(comparison: Comparison, change: Array, stretch: slice, quietest: float) -> bool:
