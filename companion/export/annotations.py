@@ -2,7 +2,8 @@
 
 The format is version 1 of docs/annotations.md in PX4/flight_review (app/plot_app/annotations.py): sources with
 categories, each of which names a plot and has intervals. Flight Review has no field for the severity: it stands before
-the text, and the worst of a category is its colour. Texts above its limits are cut here, between words.
+the text, and the worst of a category is its colour. Texts above its limits are cut here, between words, and of too many
+findings the least serious are left out.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def _lines(verdict: Verdict) -> Iterator[str]:
     """YAML, every text as a JSON string, which YAML reads as it is: nothing in it can be taken for markup."""
     yield f"# {_text(verdict.summary)}"
     yield "version: 1"
-    findings = sorted(verdict.findings, key=lambda f: (f.kind, f.start_s))[:_MOST_INTERVALS]
+    findings = sorted(by_severity(verdict.findings)[:_MOST_INTERVALS], key=lambda f: (f.kind, f.start_s))
     if not findings:
         yield "sources: []"
         return

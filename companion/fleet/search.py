@@ -15,7 +15,7 @@ from companion.model import CompanionError, InputError
 
 _LOGS = (".tlog", ".ulg")
 # Firmware and archives have these names too: their content tells.
-_PERHAPS = (".bin", ".log", ".gz", ".xz", ".bz2", ".zst")
+_PERHAPS = (".bin", ".log", ".gz", ".xz", ".bz2", ".zst", ".zip")
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +106,11 @@ class _Walk:
                 return False
             if looks_like_a_log(path, dialect=self._dialect):
                 return True
-        except (OSError, CompanionError):
+        except OSError:
             return True  # it cannot be read: its row shall say so
+        except CompanionError:
+            if not path.lower().endswith(".zip"):  # of several files, or of something else
+                return True
         self.no_logs.append(path)
         return False
 

@@ -79,3 +79,13 @@ def test_the_command_writes_it(tmp_path: Path) -> None:
     log = str(BUNDLED / "copter-demo-100hz.tlog")
     assert main(["export", log, "--format", "annotations", "-o", str(tmp_path / "a.yaml")]) == 0
     assert read(tmp_path / "a.yaml")
+
+
+def test_of_too_many_findings_the_least_serious_are_left_out(tmp_path: Path) -> None:
+    """Flight Review takes a thousand intervals."""
+    many = [finding("accel_shock", "info", float(i), i + 0.5) for i in range(1200)]
+    write_annotations(
+        tmp_path / "a.yaml", Verdict("imu_suspect", "Suspect.", (*many, finding("stuck_axis", "error", 9.0, 9.5)))
+    )
+    shocks, stuck = read(tmp_path / "a.yaml")
+    assert (len(shocks["intervals"]), len(stuck["intervals"])) == (999, 1)

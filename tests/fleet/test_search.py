@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import os
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -26,14 +27,18 @@ def test_a_folder_is_searched_by_content(tmp_path: Path) -> None:
     below.mkdir(parents=True)
     (below / "a.TLOG").write_bytes(TLOG)
     (below / "a.tlog.gz").write_bytes(gzip.compress(TLOG))
+    for name, logs in {"b.zip": ["b.tlog"], "two.zip": ["b.tlog", "c.tlog"]}.items():
+        with zipfile.ZipFile(tmp_path / name, "w") as archive:
+            for log in logs:
+                archive.writestr(log, TLOG)
     (tmp_path / "b.BIN").write_bytes(DATAFLASH)
     (tmp_path / "c.ulg").write_bytes(b"ULog\x01\x12\x35")
     (tmp_path / "firmware.bin").write_bytes(bytes(range(256)) * 40)
     (tmp_path / "archive.gz").write_bytes(gzip.compress(b"letters " * 500))
     (tmp_path / "notes.txt").write_text("no log")
     found = find_logs([str(tmp_path)])
-    assert [Path(log.path).name for log in found.logs] == ["a.TLOG", "a.tlog.gz", "b.BIN", "c.ulg"]
-    assert sorted(Path(path).name for path in found.no_logs) == ["archive.gz", "firmware.bin"]
+    assert [Path(log.path).name for log in found.logs] == ["a.TLOG", "a.tlog.gz", "b.BIN", "b.zip", "c.ulg"]
+    assert sorted(Path(path).name for path in found.no_logs) == ["archive.gz", "firmware.bin", "two.zip"]
 
 
 def test_what_cannot_be_read_is_taken_so_that_its_row_says_why(tmp_path: Path) -> None:

@@ -202,7 +202,7 @@ def _stopped(
 
 
 def _goes_somewhere(readings: Array) -> bool:
-    """Whether readings (n, m) get far in the second half of a stretch: what flickers gets no further than some changes."""
+    """Whether readings (n, m) get further in the second half of a stretch than what flickers in its place."""
     later = readings[len(readings) // 2 :]
     return bool((np.ptp(later, axis=0) > _FAR * np.abs(np.diff(later, axis=0)).mean(axis=0)).any())
 

@@ -72,12 +72,15 @@ def legend(vehicle: str, *, has_position: bool) -> str:
     return _block(f"<div>{escape(vehicle)}</div>" + "".join(f"<div>{row}</div>" for row in rows))
 
 
+_STALE = f"<style>.uplot,canvas[data-engine]{{opacity:{palette.QUIET};filter:grayscale(0.8)}}</style>"
+
+
 def numbers(
     sample: Sample, free: Sequence[float] | None, free_age_s: float, *, has_position: bool, silent: bool = False
 ) -> str:
     """The errors now: since the last anchor, and of the free run (tilt and heading °, velocity m/s, position m).
 
-    silent: nothing is received, so that they are those of the last sample, and are dimmed.
+    silent: nothing is received, so that they are those of the last sample, and are dimmed with picture and charts.
     """
     rows = [
         ("since anchor", f"{sample.since_anchor_s:.1f} s", f"{free_age_s:.0f} s"),
@@ -92,7 +95,7 @@ def numbers(
     known = free is not None and all(map(math.isfinite, free))
     cells = ((name, first, second.format(*free) if known and free is not None else "") for name, first, second in rows)
     if silent:
-        return _table(("Error when last heard", "IMU", "free run"), cells, f"opacity:{palette.QUIET}")
+        return _STALE + _table(("Error when last heard", "IMU", "free run"), cells, f"opacity:{palette.QUIET}")
     return _table(("Error", "IMU", "free run"), cells)
 
 

@@ -89,6 +89,7 @@ def test_the_numbers_of_a_silent_link_are_those_of_the_last_sample() -> None:
     )
     assert "when last heard" not in heard
     assert "Error when last heard" in silent
+    assert ("canvas" in silent, "canvas" in heard) == (True, False)  # the picture and the charts are dimmed too
     tilt = f"{film.last.tilt_deg:.2f}°</td>"
     assert f';opacity:{palette.QUIET}">{tilt}' in silent
     assert tilt in heard
