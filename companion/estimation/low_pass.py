@@ -22,7 +22,7 @@ _LEAST = 0.5  # of the corner: below it hardly anything was taken away
 _STEEPNESS = 8
 _LASTS = 4.0  # of the filter's 1 / f: what it does to a sample is over then
 _FREQUENCIES = 2048
-_SLOW_S = 0.5  # what lasts for longer is no shaking
+_SLOW_S = 0.2  # what lasts for longer is no shaking
 
 
 def undelayed(track: ImuTrack) -> ImuTrack:
@@ -76,9 +76,11 @@ def shaking(track: ImuTrack) -> tuple[Array, Array]:
 
 
 def _less_its_mean(values: Array, span: int) -> Array:
-    """Values (N, 3) less their mean over so many samples around each."""
-    mean = np.column_stack([np.convolve(column, np.full(span, 1.0 / span), mode="same") for column in values.T])
-    return np.asarray(values - mean)
+    """Values (N, 3) less their mean over about so many samples around each."""
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
+    at = np.arange(len(values))
+    first, last = np.maximum(at - span // 2, 0), np.minimum(at + span // 2 + 1, len(values))
+    return np.asarray(values - (total[last] - total[first]) / (last - first)[:, None])
 
 
 def _corners(track: ImuTrack) -> tuple[float, float] | None:
