@@ -76,8 +76,8 @@ def departures(
     heading, doubt = _heading_off(error[:, 2], best, judged, flight.resets)
     shaken = _shaken(best)
     off = {
-        "tilt": (length(error[:, :2]), np.hypot(shaken, _greatest(best.sigma(ATTITUDE)[:, :2]))),
-        "heading": (heading, np.hypot(shaken, doubt)),
+        "tilt": (length(error[:, :2]), np.hypot(_greatest(best.sigma(ATTITUDE)[:, :2]), _beyond("tilt", shaken))),
+        "heading": (heading, np.hypot(doubt, _beyond("heading", shaken))),
     }
     known = judged & reference.position_known
     if "gps_position" in best.residuals and known.sum() > 5:
@@ -114,6 +114,11 @@ def _shaken(best: BestEstimate) -> Array:
     square = np.concatenate([[0.0], np.cumsum((turned**2).sum(axis=1))])
     first, last = (np.searchsorted(best.imu.t, best.t + apart) for apart in (-_SHAKEN_S, _SHAKEN_S))
     return np.asarray(np.sqrt(2.0 * (square[last] - square[first]) / np.maximum(last - first, 1)))
+
+
+def _beyond(quantity: str, sigma: Array) -> Array:
+    """(K,) 1σ, what is more in some σ (K,) than an estimator in order may be off by."""
+    return np.asarray(np.sqrt(np.maximum(sigma**2 - _TOLERANCE[quantity][0] ** 2, 0.0)))
 
 
 def _imu_confirms(best: BestEstimate, reference: Reference, quantity: str, value: Array, peak: int) -> bool:
