@@ -248,7 +248,8 @@ def _best(
     *,
     enough: bool,
 ) -> tuple[BestEstimate | None, list[Finding]]:
-    """The best estimate, with the IMU's readings left out where they are none; None where there can be none.
+    """The best estimate, with the IMU's readings left out where they are none; None where there can be none, or where
+    they are of other units.
 
     And what it says of the readings: an axis that is stuck, or, of a flight that is long enough to be judged, another
     way to read the axes that fits far better.

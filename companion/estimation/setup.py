@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from companion.estimation.earth_field import EarthField, field_at
-from companion.estimation.low_pass import restored, undelayed
+from companion.estimation.low_pass import BoolArray, restored, undelayed
 from companion.estimation.measurements import (
     GPS_LATENCY_S,
     MICROTESLA,
@@ -25,8 +24,6 @@ from companion.estimation.rest import at_rest
 from companion.estimation.system import Index
 from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin, interpolated, nearest
 from companion.strapdown import preintegrate, quaternion
-
-BoolArray = npt.NDArray[np.bool_]
 
 _SPACING_S = (0.2, 1.0)  # between keyframes, at least and at most
 _KEYFRAMES = 1000  # a longer flight has them further apart

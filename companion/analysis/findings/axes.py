@@ -22,7 +22,7 @@ _NOTHING = 0.015  # misfit of a good sensor
 _ASKEW = np.radians(12.0)  # less is a trim
 _ADVICE = "Set the board's orientation to how it is mounted, and calibrate again."
 _LEAST = 0.04  # below it a bias explains it as well
-_FEWEST = 20  # windows
+_FEWEST = 10  # windows; of those with motion, for units
 _NEARLY, _MOSTLY = np.log(1.5), 0.8  # within such a factor of the usual one, in such a share of the windows
 _MOVED = 0.05  # of the squares about the axis with most: about others there is too little
 _REST = 0.1  # of the squares of what is read, that the motion may leave
@@ -107,7 +107,7 @@ def _times(own: Array, read: Array, *, biased: bool = False) -> float | None:
     """
     moved, heard = length(own), length(read)
     busy = (moved >= np.median(moved)) & (moved > 0) & (heard > 0)
-    if not busy.any():
+    if busy.sum() < _FEWEST:
         return None
     times = heard[busy] / moved[busy]
     usual = np.abs(np.log(times / np.median(times))) < _NEARLY
