@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, AttitudeTrack, Flight, Phase, PhaseKind
+from companion.model import Array, AttitudeTrack, ControlTrack, Flight, Phase, PhaseKind
 
 BoolArray = npt.NDArray[np.bool_]
 Span = tuple[float, float]
@@ -45,6 +45,7 @@ _RECOVERED_S = 2.0  # in control for so long, the vehicle has been caught: a fli
 _LASTING_S = 0.3
 _BEFORE_S = 3.0  # so long before the vehicle is over, control may have been lost
 _FRESH_S = 0.5  # age of a desired attitude that still holds
+_FOLLOWS_S = 2.0  # that a vehicle may take to follow another desired attitude
 
 
 def phases(flight: Flight) -> tuple[Phase, ...]:
@@ -227,14 +228,25 @@ def _over(flight: Flight, track: AttitudeTrack) -> tuple[BoolArray, str]:
     over = np.linalg.norm(track.rates, axis=1) > _TUMBLING
     if flight.vehicle.type in _UPRIGHT:
         over |= level < np.cos(_OVER)
-    control = flight.control
-    if control is not None and len(control):
-        last = np.maximum(np.searchsorted(control.t, track.t, side="right") - 1, 0)
-        fresh = np.abs(track.t - control.t[last]) < _FRESH_S
-        # The third axes alone: heading may be anything without control being lost.
-        apart = (_down(track.q_ned_frd) * _down(control.q_ned_frd[last])).sum(axis=1)
-        over |= fresh & (apart < np.cos(_OVER))
+    if flight.control is not None and len(flight.control):
+        over |= _unfollowed(track, flight.control)
     return np.asarray(over), "the attitude is beyond control until the end"
+
+
+def _unfollowed(track: AttitudeTrack, control: ControlTrack) -> BoolArray:
+    """(N,) where the attitude is far from the desired one, and not because that has just become another.
+
+    The third axes alone: heading may be anything without control being lost.
+    """
+    t, down, desired = track.t, _down(track.q_ned_frd), _down(control.q_ned_frd)
+    last = np.maximum(np.searchsorted(control.t, t, side="right") - 1, 0)
+    fresh = np.abs(t - control.t[last]) < _FRESH_S
+    apart = np.asarray(fresh & ((down * desired[last]).sum(axis=1) < np.cos(_OVER)))
+    for begin, end in _runs(apart):
+        lately = slice(*np.searchsorted(control.t, [t[begin] - _FOLLOWS_S, t[begin]]))
+        if (desired[lately] @ down[begin] > np.cos(0.5 * _OVER)).any():
+            apart[begin : min(np.searchsorted(t, t[begin] + _FOLLOWS_S), end + 1)] = False
+    return apart
 
 
 def _down(q: Array) -> Array:

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from companion.analysis.attribution import bias_at_the_end
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Windows, left_out
 from companion.analysis.episode import BIAS_UNITS, SENSORS, SIGMAS
@@ -78,20 +79,20 @@ def lasting(
 ) -> Verdict:
     """The verdict on a later piece of a flight: a bias that was found before is no less a fault while it lasts.
 
-    Where its onset lies before the piece, a bias looks like what a calibration has left.
+    Where its onset lies before the piece, a bias looks like what a calibration has left; and what the autopilot was
+    misled by looks like its own.
     suspected: whom the last piece that could be judged speaks against. sound, best: the best estimates of the last
     piece in which nobody was suspect, and of this one.
     """
-    if verdict.status != "consistent" or suspected is None or sound is None or best is None:
+    if verdict.status == "imu_suspect" or suspected is None or sound is None or best is None:
         return verdict
     sensor = suspected.sensor
     if suspected.side != "imu" or sensor not in BIAS_UNITS or sound.imu.source != best.imu.source:
         return verdict
     kind = kind_of(f"{sensor}_bias")
-    then, now = (np.median(getattr(one.states, kind.name), axis=0) for one in (sound, best))
-    sigmas = [np.median(getattr(one, f"{kind.name}_sigma"), axis=0) for one in (sound, best)]
+    (then, before), (now, after) = (bias_at_the_end(one, kind.name) for one in (sound, best))
     axis = int(np.argmax(np.abs(now - then)))
-    size, sigma = float((now - then)[axis]), float(np.hypot(*sigmas)[axis])
+    size, sigma = float((now - then)[axis]), float(np.hypot(before, after)[axis])
     if abs(size) < max(kind.least, SIGMAS * sigma):
         return verdict
     unit, scale, decimals = BIAS_UNITS[sensor]

@@ -18,6 +18,7 @@ ONSET_PRICE = 2.0 * float(np.log(ONSETS))
 _END_PRICE = 2.0 * float(np.log(4))  # whether it lasts for 8, 16, 32 or 64 s
 _PASSING = 2.0 * float(np.log(1000))  # an IMU's bias that comes and goes, beside a field that a vehicle flies past
 WORTH = 20.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
+_ABOUT_S = 2.0  # before a fault, in which a rough stretch shows that it lies in
 PROMISING = 10.0  # and from which on it is weighed again
 
 
@@ -89,10 +90,11 @@ def gain_beside(choice: Choice, problem: Problem, solution: Solution, prior: Pri
 
 
 def unrest(choice: Choice, problem: Problem, solution: Solution) -> float:
-    """How many times more the IMU scatters while a fault of it is at work than in the whole flight; at least 1.
+    """How many times more the IMU scatters about a fault of it than in the whole flight; at least 1.
 
     Of a solution that has the fault in it. Noise was learned where the flight is typical: where it is rougher, as by
-    vibration or a touch of the ground, chance does as much as so much less evidence.
+    vibration, a launch or a touch of the ground, chance does as much as so much less evidence. The moments before the
+    fault belong to it: one that has only begun explains what scatters since, but not what scattered before.
     """
     if choice.kind.side != "imu":
         return 1.0
@@ -100,7 +102,7 @@ def unrest(choice: Choice, problem: Problem, solution: Solution) -> float:
     e, d = solution.disturbances
     own = np.diagonal(d, axis1=1, axis2=2)[:, block]
     unlikely = (e[:, block] ** 2 / np.where(own > 0.0, own, np.inf)).sum(axis=1)
-    within = (problem.t[1:] > choice.onset) & (problem.t[:-1] < choice.end)
+    within = (problem.t[1:] > choice.onset - _ABOUT_S) & (problem.t[:-1] < choice.end)
     return max(1.0, float(unlikely[within].mean() / max(unlikely.mean(), 1e-300))) if within.any() else 1.0
 
 

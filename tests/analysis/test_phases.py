@@ -158,6 +158,20 @@ def test_what_may_turn_over_is_lost_only_where_it_was_not_to(kind: str) -> None:
     assert phases(story(roll=OVER, vehicle=vehicle, control=level))[-1].kind == "impact"
 
 
+@pytest.mark.parametrize(("after_s", "kind"), [(0.5, "flight"), (1.5, "flight"), (4.0, "impact")])
+def test_what_is_wanted_otherwise_all_at_once_may_be_followed(after_s: float, kind: str) -> None:
+    """A plane that is told to bank to the other side, 90° away, as a link has it: only so much of it has been heard."""
+    vehicle = Vehicle(1, 1, "ARDUPILOTMEGA", "FIXED_WING")
+    banks = np.where(T > 60.0, np.radians(45.0), -np.radians(45.0))
+    wanted = ControlTrack(T + 1000.0, from_euler(banks, 0 * T, 0 * T))
+    stays = story(roll=np.full(len(T), -np.radians(45.0)), vehicle=vehicle, control=wanted)
+    heard = stays.attitude.t < 1060.0 + after_s if stays.attitude else T > 0.0
+    attitude = AttitudeTrack(
+        T[heard] + 1000.0, from_euler(banks[0] + 0 * T[heard], 0 * T[heard], 0 * T[heard]), np.zeros((heard.sum(), 3))
+    )
+    assert phases(replace(stays, attitude=attitude, duration=60.0 + after_s))[-1].kind == kind
+
+
 def test_a_board_that_is_turned_by_hand_has_lost_nothing() -> None:
     assert "impact" not in [part.kind for part in phases(story(roll=OVER, events=()))]
 

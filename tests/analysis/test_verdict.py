@@ -14,7 +14,7 @@ import companion as c
 from benchmarks.accuracy.answer import answer
 from benchmarks.accuracy.cutting import cut
 from benchmarks.accuracy.labels import load_labels, outcome
-from companion.analysis import GENERIC, PARTS, Assessment, Finding, assess, lasting
+from companion.analysis import GENERIC, PARTS, Assessment, Finding, Verdict, assess, lasting
 from companion.app.sensors import load_imu_spec
 from companion.model import Array, CompassTrack, Flight, GpsTrack, Series
 from companion.simulate.circuit import square
@@ -491,6 +491,9 @@ def test_a_bias_is_a_fault_as_long_as_it_lasts_though_its_onset_lies_before_the_
     assert (said.cause.kind, said.cause.axis) == ("gyro_bias", "z")
     assert said.cause.size == pytest.approx(0.015, abs=2e-3)
     assert said.cause.onset_s == pytest.approx(begin, abs=2.0)
+    misled = Verdict("autopilot_suspect", "whom the gyro misleads", ())
+    assert lasting(misled, onset.verdict.cause, sound.best, later.best).status == "imu_suspect"
+    assert lasting(onset.verdict, onset.verdict.cause, sound.best, later.best) is onset.verdict
     assert "more than until 44.0 s, when nobody was suspect" in said.summary
     assert lasting(later.verdict, None, sound.best, later.best) is later.verdict
     blamed = replace(onset.verdict.cause or said.cause, side="autopilot")

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from companion.estimation import kind_of
-from companion.estimation.choice import WORTH, gain_beside, price
+from companion.estimation.choice import WORTH, gain_beside, price, unrest
 from companion.estimation.competition import detectable
+from companion.estimation.model import VELOCITY
 from companion.estimation.weighing import candidate
 
 
@@ -49,3 +50,16 @@ def test_what_a_choice_gains_is_read_at_its_own_unknowns() -> None:
     beside: Any = SimpleNamespace(constants_sigma=np.full(6, prior))
     expected = (0.02**2 + 0.01**2) / sigma**2 - 6.0 * np.log(prior / sigma) - price(choice.kind, "step")
     assert gain_beside(choice, problem, solution, beside, after=1) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("rough", [True, False])
+def test_a_fault_that_has_only_begun_is_weighed_at_the_noise_in_which_it_lies(rough: bool) -> None:
+    """A step half a second before the end explains what scatters since; that a launch shakes shows just before it."""
+    t = np.arange(0.0, 10.01, 0.2)
+    e, d = np.ones((50, 15)), np.tile(np.eye(15), (50, 1, 1))
+    e[(t[1:] > 8.0) & (t[1:] < 9.5), VELOCITY] = 6.0 if rough else 1.0
+    problem: Any = SimpleNamespace(t=t)
+    solution: Any = SimpleNamespace(disturbances=(e, d))
+    choice: Any = SimpleNamespace(kind=kind_of("accel_bias"), onset=9.5, end=np.inf)
+    more = unrest(choice, problem, solution)
+    assert more > 3.0 if rough else more == pytest.approx(1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ HORIZON_S = 40.0
 tells. What lasted longer than that is in the record of alarms."""
 
 MOST_S = 90.0
-"""And as long as somebody is suspect: without its onset a fault looks like another."""
+"""And from an alarm on until nobody is suspect: without its onset a fault looks like another."""
 
 _BEFORE_S = 20.0  # of data before an alarm that still lasts
 _LOOK_S = 20.0  # of data for a look at the newest
@@ -89,6 +90,7 @@ class Judge:
         self._stream = Stream(dialect=dialect, window_s=1.2 * MOST_S, dequantise=dequantise)
         self._newest = 0.0
         self.last = Opinion("", "nothing has been received", 0.0)  # what was said last
+        self._since = math.inf  # s UNIX, the first alarm since nobody was suspect
         self._judged: Flight | None = None
 
     @property
@@ -104,6 +106,7 @@ class Judge:
     def forget(self) -> None:
         """Begin the record anew: another IMU or another vehicle is judged from now on."""
         self.last, self._judged = Opinion("", "judging anew", self._newest), None
+        self._since = math.inf
 
     def judge(self) -> Opinion:
         """What is to be said now."""
@@ -114,7 +117,12 @@ class Judge:
         if flight is not None:
             opinion = replace(opinion, vehicle=str(flight.vehicle))
         if status in _SUSPECT:
-            opinion = replace(opinion, alarms=_noted(last, status, text, self._newest))
+            opinion = replace(
+                opinion, alarms=_noted(last.alarms, self._since, Alarm(status, text, self._newest, self._newest))
+            )
+            self._since = min(self._since, self._newest)
+        elif status == "consistent":
+            self._since = math.inf
         self.last = replace(opinion, was_consistent=last.was_consistent or status == "consistent")
         return self.last
 
@@ -141,10 +149,8 @@ class Judge:
 
     @property
     def _horizon_s(self) -> float:
-        """Of data that are judged: more while an alarm lasts, so that its onset stays in them."""
-        if self.last.status not in _SUSPECT:
-            return HORIZON_S
-        return min(max(HORIZON_S, self._newest - self.last.alarms[-1].first + _BEFORE_S), self.most_s)
+        """Of data that are judged: more until an alarm has cleared, so that its onset stays in them."""
+        return min(max(HORIZON_S, self._newest - self._since + _BEFORE_S), self.most_s)
 
     def _imu_of(self, flight: Flight) -> str | None:
         return self.imu if self.imu in flight.imus else None
@@ -178,13 +184,14 @@ class Judge:
 _WHERE = {"standing": "on the ground", "landed": "after landing"}
 
 
-def _noted(last: Opinion, status: State, text: str, now: float) -> tuple[Alarm, ...]:
-    """The alarms with this one: the last goes on if it is of the same side and was said the last time."""
-    *earlier, newest = last.alarms or (None,)
-    if newest is not None and newest.status == status == last.status:
-        newest = replace(newest, text=text, last=now)
-        return (*(alarm for alarm in earlier if alarm), newest)
-    alarms = (*last.alarms, Alarm(status, text, now, now))
+def _noted(alarms: tuple[Alarm, ...], since: float, new: Alarm) -> tuple[Alarm, ...]:
+    """The alarms with this one: the last goes on if it is of the same side, and nobody said since that all is well.
+
+    since: s UNIX, the first alarm since then.
+    """
+    if alarms and alarms[-1].status == new.status and alarms[-1].last >= since:
+        return (*alarms[:-1], replace(new, first=alarms[-1].first))
+    alarms = (*alarms, new)
     return (alarms[0], *alarms[1:][-_MOST_ALARMS + 1 :])  # the first says what the session's verdict is
 
 

@@ -60,6 +60,17 @@ def test_it_clears_when_the_fault_is_gone_and_keeps_the_record() -> None:
     assert text.count("gyro z") == 2
 
 
+def test_an_alarm_that_has_not_cleared_is_one_and_its_onset_stays_in_what_is_judged() -> None:
+    """To be unable to tell for a moment clears nobody."""
+    unsure = Verdict("insufficient_data", "cannot tell", ())
+    said = Said(*[GOOD] * 8, BAD, *[unsure] * 4, BAD, unsure, GOOD, unsure)
+    last = list(opinions(said, seconds=85.0))[-1]
+    lengths = [round(flight.duration) for flight in said.flights]
+    assert lengths[7:15] == [40, 40, 40, 40, 40, 40, 45, 50], "from 20 s before the alarm at 45 s on"
+    assert lengths[15:] == [55, 40], "until it has cleared"
+    assert [(alarm.text, round(alarm.last - alarm.first)) for alarm in last.alarms] == [("gyro z", 25)]
+
+
 def test_the_data_behind_it_are_the_last_seconds_and_memory_does_not_grow() -> None:
     said = Said(*[GOOD] * 40)
     last = list(opinions(said, every_s=10.0, seconds=240.0))[-1]
