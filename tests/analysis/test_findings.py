@@ -295,6 +295,25 @@ def test_a_simulated_gyro_without_noise_is_not_stuck_where_nothing_turns() -> No
     assert "stuck_axis" in kinds(assess(with_imu(flight, gyro=lost, gyro_step=0.0), GENERIC))
 
 
+@pytest.mark.parametrize("yaws_on", [False, True])
+def test_a_simulated_boat_that_halts_and_rolls_on_sticks_no_yaw(yaws_on: bool) -> None:
+    """What a gyro without noise does not turn about it reads as evenly as what it has lost, while the others go on."""
+    flight = flown(motions.rest(seconds(60, 50)))
+    imu, attitude, rng = flight.imu(), flight.require_attitude(), np.random.default_rng(3)
+    halt = imu.t[0] + 45.0
+
+    def angles(t: Array, swings: bool) -> Array:
+        yaw = np.where((t < halt) | swings, np.sin(2.0 * (t - halt)), 0.0)
+        return np.column_stack([0.2 * np.sin(t), 0.08 * np.cos(t), 0.3 * yaw])
+
+    swaying = turned(flight, angles(attitude.t, yaws_on))
+    rates = np.gradient(angles(imu.t, False), imu.t, axis=0)
+    flickers = rates + 1e-5 * rng.normal(size=rates.shape)
+    flickers[imu.t > halt, 2] += 2.5e-3
+    found = reading_faults(flight, compare(with_imu(swaying, gyro=flickers, gyro_step=0.0)), GENERIC, ReferenceSpec())
+    assert ("stuck_axis" in {f.kind for f in found}) == yaws_on
+
+
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
 @pytest.mark.parametrize("step", [0.0, 1e-3])
 def test_a_whole_sensor_that_stops_while_the_other_goes_on(sensor: str, step: float) -> None:

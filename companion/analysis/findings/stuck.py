@@ -37,6 +37,7 @@ _LAST_DIGIT, _FLICKER = 2.0**-22, 2.0**-20  # of a float of 32 bits: its last di
 _NEARLY = 0.005  # of what another axis changes by from sample to sample, or this one when it does
 _EVER, _MOVES = 0.99, 4.0  # quantile; times what is nothing, between readings of an axis that is not stuck all the time
 _FAR = 20.0  # changes from sample to sample, as they are on average
+_MISSED = 0.8  # quantile of what a gyro does not read of the attitude's turns: a step is in less than a fifth
 _QUIETER = 0.1  # than its quietest seconds
 _CALM = 0.25  # of what the other axes change by in half of the flight
 
@@ -183,11 +184,10 @@ def _stopped(
         if still.max() > _BESIDE:
             continue
         changes = slice(stretch.start, stretch.stop - 1)
-        own = change[changes]
         # nine tenths of it: a low-pass takes its time to settle
         if _goes_somewhere(sensor.readings[stretch, axes.axes]):
             continue
-        flickers = np.quantile(own, 0.9) > _LAST_DIGIT * np.abs(sensor.readings[stretch.start, axes.axes]).max()
+        flickers = np.quantile(change[changes], 0.9) > _LAST_DIGIT * np.abs(sensor.readings[stretch.start, axes.axes]).max()
         # the motors shake all axes: where another one is calm too, none need show any noise
         calm = (np.median(axes.beside[changes], axis=0) < _CALM * usual).any()
         if flickers or calm or not restless:
@@ -196,7 +196,7 @@ def _stopped(
                 continue
             if sensor.step and not _should_have_moved(comparison, autopilot, others, axes, stretch):
                 continue
-            if not sensor.step and not _is_quieter_than_ever(comparison, own, stretch, quietest):
+            if not sensor.step and not _is_quieter_than_ever(comparison, axes, stretch, quietest):
                 continue
         yield stretch.start, stretch.stop - 1
 
@@ -207,16 +207,21 @@ def _goes_somewhere(readings: Array) -> bool:
     return bool((np.ptp(later, axis=0) > _FAR * np.abs(np.diff(later, axis=0)).mean(axis=0)).any())
 
 
-def _is_quieter_than_ever(comparison: Comparison, change: Array, stretch: slice, quietest: float) -> bool:
-    """Whether an axis changes far less in a stretch of samples than in its quietest seconds.
+def _is_quieter_than_ever(comparison: Comparison, axes: _Axes, stretch: slice, quietest: float) -> bool:
+    """Whether axes change far less in a stretch of samples than in their quietest seconds, though the vehicle moves.
 
-    change: (n,) from sample to sample in the stretch. Only while the vehicle turns, or is tilted away, for half of it
-    or more: at rest nothing changes, a simulated sensor has no noise of its own, and an aligned heading is a step.
+    Only while it turns, or is tilted away, for half of it or more: at rest nothing changes, a simulated sensor has no
+    noise of its own, and an aligned heading is a step. And a gyro's only where they do not read what it turns.
     """
-    q = comparison.reference.q_ned_frd[stretch]
+    sensor, q = axes.sensor, comparison.reference.q_ned_frd[stretch]
+    change = sensor.change[stretch.start : stretch.stop - 1, axes.axes].max(axis=1)
     down, span = heading_free(q), max(1, round(_TURN_PART * len(q)))
-    turned = length(quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:])))
-    moves = max(np.median(length(np.cross(down, down[:1]))), np.median(turned)) >= MOVED
+    turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:]))
+    moves = max(np.median(length(np.cross(down, down[:1]))), np.median(length(turned))) >= MOVED
+    if sensor.name == "gyro":
+        lasted = sensor.t[stretch][span:] - sensor.t[stretch][:-span]
+        missed = np.abs(turned - sensor.readings[stretch].mean(axis=0) * lasted[:, None])
+        moves &= np.quantile(missed[:, axes.axes].max(axis=1), _MISSED) >= MOVED
     return bool(moves) and float(change.mean()) < _QUIETER * quietest
 
 
@@ -227,11 +232,7 @@ def _quietest(change: Array, rate_hz: float) -> float:
 
 
 def _should_have_moved(
-    comparison: Comparison,
-    autopilot: ReferenceSpec,
-    others: Sequence[ImuTrack],
-    axes: _Axes,
-    stretch: slice,
+    comparison: Comparison, autopilot: ReferenceSpec, others: Sequence[ImuTrack], axes: _Axes, stretch: slice
 ) -> bool:
     """Whether something was to be read along an axis that reads the same whole steps, or along two of a whole sensor.
 
