@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.estimation.explanations import kind_of
-from companion.estimation.iteration import estimate, likelihood, start_of
+from companion.estimation.iteration import PASSES, Start, estimate, likelihood, start_of
 from companion.estimation.model import BestEstimate, ProcessNoise, corrected
-from companion.estimation.setup import set_up, unaided_guess
+from companion.estimation.setup import Setup, set_up, unaided_guess
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight
 from companion.strapdown import preintegrate, quaternion
 
@@ -26,6 +26,7 @@ _FEW = 30  # intervals, from which on something can be said of them
 _WORTHWHILE = 1.3  # times less noise if these axes were not off at all: what they spoil on the others comes on top
 _SURELY = 2.0  # σ of an onset
 _LONGEST_S = 100.0  # that is read otherwise: a wrong axis is wrong all the time
+_FIRST = 6  # passes, that tell the ways apart: what contradicts itself is far from the end of its iteration then
 _CLEARLY = 2.0  # times less noise, in every interval and on every axis: chance has no part in it
 
 
@@ -125,24 +126,42 @@ def other_reading(
     part = _least_followed(best.t, motion) if best.t[-1] - best.t[0] > _LONGEST_S else span
     track = flight.imu(best.imu.source)
 
-    def tried(turn: tuple[Array, Array]) -> tuple[float, float]:
-        """What it needs of noise, and how likely it makes all witnesses."""
+    def begun(turn: tuple[Array, Array]) -> tuple[Setup, Start] | None:
+        """Where to begin with readings that are turned; None where that cannot be."""
         turned = replace(track, gyro=track.gyro @ turn[0].T, accel=track.accel @ turn[1].T)
+        other = replace(flight, imus={**flight.imus, track.source: turned})
         try:
-            setup = set_up(
-                replace(flight, imus={**flight.imus, track.source: turned}), track.source, gravity, part, untrusted
-            )
-            settled, linear = estimate(setup, start_of(setup, unaided_guess(setup, flight)), polished=False)
-        except (DataError, np.linalg.LinAlgError):
-            return np.inf, -np.inf
-        return _size(settled.noise), likelihood(settled, linear)
+            setup = set_up(other, track.source, gravity, part, untrusted)
+            return setup, start_of(setup, unaided_guess(setup, flight))
+        except DataError:
+            return None
 
     with np.errstate(over="ignore", invalid="ignore"):
-        as_it_is = tried((np.eye(3), np.eye(3)))  # with nothing explained, as the others
-        noise = {words: tried(turn) for words, turn in ways.items()}
-    words = max(noise, key=lambda name: noise[name][1])
-    fits = as_it_is[0] / noise[words][0]
-    return Reading(words, fits) if np.isfinite(as_it_is[0]) and fits > _CLEARLY else None
+        tried = {words: _gone_on(begun(turn), _FIRST) for words, turn in ways.items()}
+        words = max(tried, key=lambda name: tried[name].likelihood)
+        as_it_is = _gone_on(begun((np.eye(3), np.eye(3))))  # with nothing explained, as the others
+        fits = as_it_is.noise / _gone_on(tried[words].at).noise
+    return Reading(words, fits) if np.isfinite(as_it_is.noise) and fits > _CLEARLY else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tried:
+    """How far the estimate of readings has come: what they need of noise, and how likely that makes all witnesses."""
+
+    at: tuple[Setup, Start] | None
+    noise: float = np.inf
+    likelihood: float = -np.inf
+
+
+def _gone_on(at: tuple[Setup, Start] | None, passes: int = PASSES) -> _Tried:
+    if at is None:
+        return _Tried(None)
+    setup, start = at
+    try:
+        settled, linear = estimate(setup, start, polished=False, passes=passes)
+    except (DataError, np.linalg.LinAlgError):
+        return _Tried(None)
+    return _Tried((setup, settled), _size(settled.noise), likelihood(settled, linear))
 
 
 def _spared(motion: Motion, gyro: npt.NDArray[np.bool_], accel: npt.NDArray[np.bool_]) -> float:

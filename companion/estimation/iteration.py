@@ -110,7 +110,7 @@ def _of_prior(prior: Prior, states: Array, constants: Array) -> float:
     return float(((states / prior.sigma) ** 2).sum() + ((constants / prior.constants_sigma) ** 2).sum())
 
 
-_PASSES = 20  # at most
+PASSES = 20  # at most
 _LEARN_FROM = 1  # the pass after which densities are learned
 _WEIGHTS_FROM = 4  # the pass after which outliers weigh less, whether or not densities have settled
 _WEIGHTED = 2  # passes with such weights, at least
@@ -144,12 +144,13 @@ def estimate(
     *,
     white: bool = False,
     polished: bool = True,
+    passes: int = PASSES,
 ) -> tuple[Start, Linear]:
     """The iteration with what is accepted: where it settles, and the linear problem there.
 
     limits: of the densities of the IMU, in place of what may be learned. white: what is left over is taken for white
     noise, however long it lasts: as it is not where something unexplained is in it. polished: whether the states follow
-    the noise as it is learned at last, for who needs more than the noise.
+    the noise as it is learned at last, for who needs more than the noise. passes: at most so many, before these.
     """
     noise, scale, change = start.noise, dict(start.scale), dict[str, float]()
     weights, weighted = dict[str, Array](), 0
@@ -172,7 +173,7 @@ def estimate(
 
     uphill, linear = False, about(Point(start.states, np.zeros(0)))
     point = Point(start.states, np.zeros(len(linear.prior.constants_sigma) - CONSTANT_STATES))
-    for count in range(_PASSES):
+    for count in range(passes):
         step, largest = Step.of(linear, point.sizes), np.inf
         if count >= _LEARN_FROM or start.near:
             noise, scale, change = learn(linear, noise, scale, limits, change, setup.spectral_noise)
@@ -181,7 +182,7 @@ def estimate(
                 weights = outlier_weights(linear)
                 weighted += 1
         there = uphill or step.gain < _LEARNING  # as near as it comes
-        if (weighted >= _WEIGHTED and largest < _SETTLED and there) or count == _PASSES - 1:
+        if (weighted >= _WEIGHTED and largest < _SETTLED and there) or count == passes - 1:
             break
         del linear  # before the next is made: of a long flight two are more than all else
         point, linear, uphill = moved(step)
