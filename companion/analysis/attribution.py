@@ -42,6 +42,7 @@ from companion.model import Array, words
 
 _OVERSHOOTS = 2.0  # times what misled it: a height that is off by more has another cause
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
+_SURELY = 2.0  # σ of its onset, by which an episode began in flight: a scale shows from where the vehicle moves on
 _CERTAIN = 4.0  # σ of both together, from which on a departure is the autopilot's alone
 
 
@@ -177,7 +178,7 @@ def findings_of(
             words += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
         if rival := rivals(episode):
             words += f" ({rival})"
-        constant = severity == "error" and episode.start <= times_of_change(best.t)[0]
+        constant = severity == "error" and episode.start - _SURELY * episode.start_sigma <= times_of_change(best.t)[0]
         if constant:
             why, would_tell = _CONSTANT, ""
         if why:

@@ -351,6 +351,10 @@ def test_what_was_wrong_from_the_beginning_on_accuses_nobody(flight: Flight, bes
     harmed = departures(headed(flight, 40.0), early, Limits())
     (finding,) = findings_of(episodes(early), harmed, early)
     assert (finding.side, finding.severity, finding.undecided) == ("data", "warning", True)
+    for sigma, side in ((1.0, "imu"), (4.0, "data")):  # as a scale, which shows only from the launch on
+        launched = replace(step(begin + 8.0, np.inf, 0.05), onset_sigma=sigma)
+        late = replace(best, explained=(launched,))
+        assert [one.side for one in findings_of(episodes(late), (), late)] == [side]
 
 
 def test_what_another_sensors_explanation_leaves_accuses_nobody(best: BestEstimate) -> None:
