@@ -8,7 +8,7 @@ A departure that follows an episode is its consequence; one that follows nothing
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -26,101 +26,20 @@ from companion.analysis.episode import (
     said,
     size_told,
 )
-from companion.analysis.finding import Finding, Severity, Side, runs
-from companion.analysis.reference import length
+from companion.analysis.finding import Finding, Severity, Side
 from companion.estimation import (
-    KINDS,
-    SLOPED,
     BestEstimate,
-    Explained,
     coning,
     hides_shaking,
     kind_of,
     times_of_change,
 )
-from companion.model import Array, words
+from companion.model import words
 
 _OVERSHOOTS = 2.0  # times what misled it: a height that is off by more has another cause
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
 _SURELY = 2.0  # σ of its onset, by which an episode began in flight: a scale shows from where the vehicle moves on
 _CERTAIN = 4.0  # σ of both together, from which on a departure is the autopilot's alone
-
-
-def episodes(best: BestEstimate) -> tuple[Episode, ...]:
-    """What was explained, kind by kind, as times with a beginning, an end and a size; in order of time."""
-    episodes: list[Episode] = []
-    for kind in KINDS:
-        parts = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
-        if parts:
-            episodes += _episodes_of(parts, kind.side, kind.least, best)
-    return tuple(sorted(episodes, key=lambda e: e.start))
-
-
-def _episodes_of(parts: list[Explained], witness: str, least: float, best: BestEstimate) -> Iterator[Episode]:
-    last = float(best.t[-1])
-    grid = np.unique(np.concatenate([np.linspace(parts[0].onset, last, 400), [p.onset for p in parts]]))
-    share = np.array([_at_work(part, grid) for part in parts])
-    level = share.T @ np.array([part.size for part in parts])
-    size, sigma = length(level), _sigma(parts, share, level, best)
-    for first, final in runs(np.asarray(size >= 0.5 * least)):
-        here = slice(first, final + 1)
-        if float(size[here].max()) < least:
-            continue
-        peak = first + int(np.argmax(size[here] - SIGMAS * sigma[here]))  # where it surely is largest
-        before = [p for p in parts if p.onset <= grid[first] + 1e-9]
-        cause = before[-1] if before[-1].shape not in SLOPED else next(p for p in before if p.shape in SLOPED)
-        yield Episode(
-            cause.kind,
-            witness,
-            cause.onset,
-            cause.onset_sigma,
-            float(grid[final]) if final < len(grid) - 1 else np.inf,
-            level[peak],
-            float(sigma[peak]),
-            cause.gain,
-            cause.others,
-            any(part.seconded for part in before),
-        )
-
-
-def _at_work(part: Explained, t: Array) -> Array:
-    """(N,) how much of the size of what was explained is there at times t: of a ramp so many seconds of it."""
-    if part.shape == "shock":
-        return ((t >= part.onset) & (t <= part.onset + 1.0)).astype(np.float64)
-    if part.shape in SLOPED:
-        return np.asarray(np.clip(t, part.onset, part.end) - part.onset)
-    return ((t >= part.onset) & (t < part.end)).astype(np.float64)
-
-
-def bias_at_the_end(best: BestEstimate, kind: str) -> tuple[Array, Array]:
-    """(3,) and its 1σ: what a sensor of the IMU reads too much at the end, of itself and by what was explained.
-
-    kind: "gyro_bias", rad/s, or "accel_bias", m/s².
-    """
-    bias = np.median(getattr(best.states, kind), axis=0)
-    variance = np.median(getattr(best, f"{kind}_sigma"), axis=0) ** 2
-    for part in (one for one in best.explained if one.kind == kind):
-        share = float(_at_work(part, best.t[-1:])[0])
-        bias, variance = bias + share * part.size, variance + (share * part.sigma) ** 2
-    return bias, np.sqrt(variance)
-
-
-def _sigma(parts: list[Explained], share: Array, level: Array, best: BestEstimate) -> Array:
-    """(N,) 1σ of the length of a sum (N, m) of so much (P, N) of each part.
-
-    Two that begin together are known together, while each by itself may be anything.
-    """
-    along = level / np.maximum(length(level), 1e-300)[:, None]
-    joint = np.zeros((len(level), len(best.explained_covariance)))
-    variance = np.zeros(len(level))
-    for part, much in zip(parts, share, strict=True):
-        weight = much[:, None] * along
-        if part.place is None:
-            variance += ((weight * part.sigma) ** 2).sum(axis=1)
-        else:
-            joint[:, part.place] += weight
-    variance += ((joint @ best.explained_covariance) * joint).sum(axis=1)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def is_serious(episode: Episode) -> bool:
@@ -153,9 +72,15 @@ def _cause_among(departure: Departure, all_episodes: tuple[Episode, ...]) -> Epi
 
 
 def findings_of(
-    all_episodes: tuple[Episode, ...], departed: tuple[Departure, ...], best: BestEstimate
+    all_episodes: tuple[Episode, ...],
+    departed: tuple[Departure, ...],
+    best: BestEstimate,
+    jumps: Sequence[Finding] = (),
 ) -> list[Finding]:
-    """Episodes and departures as findings: causes as errors, consequences as warnings, the harmless as information."""
+    """Episodes and departures as findings: causes as errors, consequences as warnings, the harmless as information.
+
+    jumps: those of the autopilot's heading and position.
+    """
     out: list[Finding] = []
     end_of_all = float(best.t[-1])
     causes = [_cause_among(d, all_episodes) for d in departed]
@@ -191,7 +116,7 @@ def findings_of(
                            bool(why) and (harmed or not constant)))  # fmt: skip
     own = [d for d, cause in zip(departed, causes, strict=True) if cause is None]
     by_imu = min((d.start for d in own if d.as_the_imu), default=np.inf)
-    return out + [_own(d, best, by_imu) for d in own]
+    return out + [_own(d, best, by_imu, _steps(d, jumps)) for d in own]
 
 
 _CREEPS = kind_of("gps_position").least_slow  # m
@@ -314,15 +239,25 @@ def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> tupl
     return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
 
 
-def _own(departure: Departure, best: BestEstimate, by_imu: float) -> Finding:
+_STEPS = {"heading": "heading_jump", "position": "position_jump"}
+_NEAR_S, _BLURRED_S = 5.0, 20.0  # a departure may be noticed so long after it began
+
+
+def _steps(departure: Departure, jumps: Sequence[Finding]) -> bool:
+    """Whether a departure begins with a jump of the autopilot's own: it is its own then, however uncertain its size."""
+    own = [one for one in jumps if one.kind == _STEPS.get(departure.quantity) and one.severity == "error"]
+    return any(-_BLURRED_S < one.start_s - departure.start < _NEAR_S for one in own)
+
+
+def _own(departure: Departure, best: BestEstimate, by_imu: float, steps: bool) -> Finding:
     """A departure that nothing explains: the sensors agree with one another, and the estimate does not with them.
 
-    by_imu: s, when the first one began in which the IMU sides with the autopilot.
+    by_imu: s, when the first one began in which the IMU sides with the autopilot. steps: whether it begins with a jump.
 
-    Without GPS, where a fault of a sensor explains it nearly as well, or where it is not far beyond what both may be
-    off by, it is said and accuses nobody.
+    But for these, without GPS, where a fault of a sensor explains it nearly as well, or where it is not far beyond what
+    both may be off by, it is said and accuses nobody.
     """
-    why, would_tell = _why_unsure(departure, best, by_imu)
+    why, would_tell = ("", "") if steps else _why_unsure(departure, best, by_imu)
     unsure = bool(why)
     words = f"its estimate is off by {departure} against the best estimate of the sensors, which agree with each other"
     if unsure:

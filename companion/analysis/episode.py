@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.analysis.finding import Cause, Side
-from companion.estimation import BestEstimate, Size, kind_of, main_axis, turn_of_the_field
+from companion.analysis.finding import Cause, Side, runs
+from companion.analysis.reference import length
+from companion.estimation import (
+    KINDS,
+    SLOPED,
+    BestEstimate,
+    Explained,
+    Size,
+    kind_of,
+    main_axis,
+    turn_of_the_field,
+)
 from companion.model import Array
 
 CLOSE, FAR = 3.0, 7.0  # log-likelihood: one to twenty, one to a thousand
@@ -66,6 +76,83 @@ class Departure:
     def __str__(self) -> str:
         scale = np.degrees(1.0) if self.quantity in ("tilt", "heading") else 1.0
         return f"{self.size * scale:.1f} ± {self.sigma * scale:.1f}{_UNITS[self.quantity]} in {self.quantity}"
+
+
+def episodes(best: BestEstimate) -> tuple[Episode, ...]:
+    """What was explained, kind by kind, as times with a beginning, an end and a size; in order of time."""
+    episodes: list[Episode] = []
+    for kind in KINDS:
+        parts = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
+        if parts:
+            episodes += _episodes_of(parts, kind.side, kind.least, best)
+    return tuple(sorted(episodes, key=lambda e: e.start))
+
+
+def _episodes_of(parts: list[Explained], witness: str, least: float, best: BestEstimate) -> Iterator[Episode]:
+    last = float(best.t[-1])
+    grid = np.unique(np.concatenate([np.linspace(parts[0].onset, last, 400), [p.onset for p in parts]]))
+    share = np.array([_at_work(part, grid) for part in parts])
+    level = share.T @ np.array([part.size for part in parts])
+    size, sigma = length(level), _sigma(parts, share, level, best)
+    for first, final in runs(np.asarray(size >= 0.5 * least)):
+        here = slice(first, final + 1)
+        if float(size[here].max()) < least:
+            continue
+        peak = first + int(np.argmax(size[here] - SIGMAS * sigma[here]))  # where it surely is largest
+        before = [p for p in parts if p.onset <= grid[first] + 1e-9]
+        cause = before[-1] if before[-1].shape not in SLOPED else next(p for p in before if p.shape in SLOPED)
+        yield Episode(
+            cause.kind,
+            witness,
+            cause.onset,
+            cause.onset_sigma,
+            float(grid[final]) if final < len(grid) - 1 else np.inf,
+            level[peak],
+            float(sigma[peak]),
+            cause.gain,
+            cause.others,
+            any(part.seconded for part in before),
+        )
+
+
+def _at_work(part: Explained, t: Array) -> Array:
+    """(N,) how much of the size of what was explained is there at times t: of a ramp so many seconds of it."""
+    if part.shape == "shock":
+        return ((t >= part.onset) & (t <= part.onset + 1.0)).astype(np.float64)
+    if part.shape in SLOPED:
+        return np.asarray(np.clip(t, part.onset, part.end) - part.onset)
+    return ((t >= part.onset) & (t < part.end)).astype(np.float64)
+
+
+def bias_at_the_end(best: BestEstimate, kind: str) -> tuple[Array, Array]:
+    """(3,) and its 1σ: what a sensor of the IMU reads too much at the end, of itself and by what was explained.
+
+    kind: "gyro_bias", rad/s, or "accel_bias", m/s².
+    """
+    bias = np.median(getattr(best.states, kind), axis=0)
+    variance = np.median(getattr(best, f"{kind}_sigma"), axis=0) ** 2
+    for part in (one for one in best.explained if one.kind == kind):
+        share = float(_at_work(part, best.t[-1:])[0])
+        bias, variance = bias + share * part.size, variance + (share * part.sigma) ** 2
+    return bias, np.sqrt(variance)
+
+
+def _sigma(parts: list[Explained], share: Array, level: Array, best: BestEstimate) -> Array:
+    """(N,) 1σ of the length of a sum (N, m) of so much (P, N) of each part.
+
+    Two that begin together are known together, while each by itself may be anything.
+    """
+    along = level / np.maximum(length(level), 1e-300)[:, None]
+    joint = np.zeros((len(level), len(best.explained_covariance)))
+    variance = np.zeros(len(level))
+    for part, much in zip(parts, share, strict=True):
+        weight = much[:, None] * along
+        if part.place is None:
+            variance += ((weight * part.sigma) ** 2).sum(axis=1)
+        else:
+            joint[:, part.place] += weight
+    variance += ((joint @ best.explained_covariance) * joint).sum(axis=1)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def axis_of(episode: Episode) -> str:

@@ -8,10 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from companion.analysis.attribution import bias_at_the_end
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Windows, left_out
-from companion.analysis.episode import BIAS_UNITS, SENSORS, SIGMAS
+from companion.analysis.episode import BIAS_UNITS, SENSORS, SIGMAS, bias_at_the_end
 from companion.analysis.finding import Cause, Finding
 from companion.estimation import BestEstimate, kind_of
 from companion.model import brief, counted

@@ -16,6 +16,7 @@ import numpy as np
 
 from companion.estimation.explanations import KINDS
 from companion.estimation.linearisation import Linear
+from companion.estimation.low_pass import BoolArray
 from companion.estimation.measurements import LEAST, NOMINAL
 from companion.estimation.model import (
     ATTITUDE,
@@ -26,10 +27,7 @@ from companion.estimation.model import (
 )
 from companion.estimation.setup import Setup
 from companion.estimation.spectrum import neighbourhoods
-from companion.estimation.system import (
-    measurement_residual,
-    measurement_variance,
-)
+from companion.estimation.system import Index, measurement_residual, measurement_variance
 from companion.model import Array, percentile
 from companion.strapdown import MOVED, quaternion
 
@@ -50,7 +48,11 @@ vehicle moves shows more, vibration folded down by the sampling less than what t
 
 _TRUNCATED_S = 0.2  # for so long the error of a reading that is cut to whole steps may stay the same
 _STRETCHES = 12  # of the flight
-_TYPICAL = 65.0  # percentile of the stretches: a third of a log may stand still, a third may hold a fault
+_TYPICAL, _MEDIAN = (
+    65.0,
+    50.0,
+)  # percentiles of the stretches: a third of a log may stand still, a third may hold a fault
+_FEWEST_MOVING = 24  # intervals or readings in motion, from which on these alone tell
 _HUBER, _NEIGHBOURS = 4.0, 7
 _LAGS = 15
 _WHITER = 3.0  # times what shows between samples, of a filter that makes it less
@@ -137,7 +139,8 @@ def learn(
     """
     solution = linear.solution
     across_holes = linear.variance[:, 0] > 0.1
-    usual = np.flatnonzero(~across_holes | across_holes.all())
+    still = _at_rest(linear)
+    usual, typical = _moving(still[:-1] & still[1:], ~across_holes | across_holes.all())
     count = max(1, min(_STRETCHES, len(usual) // 8))
     # what is off in the same way all through a stretch is a bias, and no noise
     e = _in_body(linear)[usual]
@@ -155,7 +158,7 @@ def learn(
         believed = _BELIEF / len(e) / noise.density(cause) ** 2
         above = np.einsum("ki,kij,kj->k", e[:, own], v, e[:, own]) + believed * (expected / noise.density(cause)) ** 2
         below = np.einsum("kij,kij->k", d[:, own, own], v) * (1.0 - count / len(e)) + believed
-        step = _further(0.5 * np.log(_typical(above, below)), before.get(cause, 0.0))
+        step = _further(0.5 * np.log(_typical(above, below, typical)), before.get(cause, 0.0))
         densities[cause] = float(np.clip(noise.density(cause) * np.exp(step), *limits[cause]))
     learned = dict(scale)
     for one in linear.measurements:
@@ -166,7 +169,8 @@ def learn(
         above = (left**2 * information).sum(axis=1)
         below = (1.0 - np.minimum(information * measurement_variance(one, solution), 1.0)).sum(axis=1)
         least = LEAST[one.name] / float(np.median(one.sigma / scale[one.name]))
-        step = _further(0.5 * np.log(_typical(above, below)), before.get(one.name, 0.0))
+        told, typical = _moving(still[one.keyframe])
+        step = _further(0.5 * np.log(_typical(above[told], below[told], typical)), before.get(one.name, 0.0))
         bounds = limits.get(one.name, (min(least, 1.0), _MOST))
         learned[one.name] = float(np.clip(scale[one.name] * np.exp(step), *bounds))
     change = {cause: float(np.log(value / noise.density(cause))) for cause, value in densities.items()}
@@ -195,8 +199,30 @@ def _in_turn(q: Array, e: Array) -> Array:
     return out
 
 
-def _typical(above: Array, below: Array) -> float:
-    """The ratio of the sums in a typical stretch, between 1/100 and 100; 1 where nothing says it."""
+def _at_rest(linear: Linear) -> BoolArray:
+    """(K,) whether the vehicle rests at a keyframe."""
+    still = np.zeros(len(linear.problem.t), np.bool_)
+    for one in linear.measurements:
+        if one.name.startswith("rest"):
+            still[one.keyframe] = True
+    return still
+
+
+def _moving(still: BoolArray, good: BoolArray | None = None) -> tuple[Index, float]:
+    """Which of some intervals or readings tell of the noise in flight, and the percentile of them that is typical.
+
+    Those at rest (N,) are quieter, and left out: as many of the percentile's as they are, as long as some others tell.
+    """
+    good = np.ones(len(still), np.bool_) if good is None else good
+    moving = np.flatnonzero(good & ~still)
+    if len(moving) < _FEWEST_MOVING:
+        return np.flatnonzero(good), _TYPICAL
+    part = 1.0 - len(moving) / int(good.sum())
+    return moving, max((_TYPICAL - 100.0 * part) / (1.0 - part), _MEDIAN)
+
+
+def _typical(above: Array, below: Array, typical: float) -> float:
+    """The ratio of the sums in the stretch at a percentile, between 1/100 and 100; 1 where nothing says it."""
     count = min(_STRETCHES, len(above) // 8)
     parts = count if count >= 3 else 1
     sums = np.array([[part.sum() for part in np.array_split(one, parts)] for one in (above, below)])
@@ -204,7 +230,7 @@ def _typical(above: Array, below: Array) -> float:
     if not len(below):
         return 1.0
     ratio = above / np.maximum(below, above / 100.0)  # at most 100: a quotient of what is absurd overflows
-    return float(np.clip(percentile(ratio, _TYPICAL), 0.01, 100.0))
+    return float(np.clip(percentile(ratio, typical), 0.01, 100.0))
 
 
 def coloured(linear: Linear) -> dict[str, float]:
@@ -213,13 +239,14 @@ def coloured(linear: Linear) -> dict[str, float]:
     White noise of this size says as much about what changes slowly as the correlated errors do: it grows by the root of
     the sum of the autocorrelation.
     """
+    still = _at_rest(linear)
+    moving, _ = _moving(still[:-1] & still[1:])
     grown = {
-        one.name: _lasting(measurement_residual(one, linear.solution) / one.sigma)
+        one.name: _lasting((measurement_residual(one, linear.solution) / one.sigma)[_moving(still[one.keyframe])[0]])
         for one in linear.measurements
         if not one.name.startswith("rest")
     }
-    e = _in_body(linear)
-    sigma = np.sqrt(linear.variance)
+    e, sigma = _in_body(linear)[moving], np.sqrt(linear.variance)[moving]
     return grown | {"gyro": _lasting((e * sigma)[:, ATTITUDE]), "accel": _lasting((e * sigma)[:, VELOCITY])}
 
 

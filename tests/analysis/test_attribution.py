@@ -10,10 +10,10 @@ import pytest
 
 from benchmarks.accuracy.answer import CAUSES
 from companion.analysis import GENERIC
-from companion.analysis.attribution import episodes, findings_of, follows
+from companion.analysis.attribution import findings_of, follows
 from companion.analysis.comparison import compare
 from companion.analysis.departures import departures
-from companion.analysis.episode import Departure, Episode, cause_of, said
+from companion.analysis.episode import Departure, Episode, cause_of, episodes, said
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings
 from companion.analysis.imu_spec import ReferenceSpec

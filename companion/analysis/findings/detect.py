@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from companion.analysis.attribution import episodes, findings_of
+from companion.analysis.attribution import findings_of
 from companion.analysis.autopilot_error import known_biases
 from companion.analysis.comparison import Comparison
 from companion.analysis.departures import departures
-from companion.analysis.episode import SIGMAS
+from companion.analysis.episode import SIGMAS, episodes
 from companion.analysis.finding import Finding, by_severity
 from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.installation import Installation, installation, level
@@ -76,11 +76,10 @@ def findings(
         while_judged = tuple(one for one in episodes(best) if one.start - SIGMAS * one.start_sigma < landed)
         departed = departures(flight, best, limits, tilted)
         departed = tuple(one for one in departed if not _is_led_to(one.start, one.end, faults))
-        all_findings += findings_of(while_judged, departed, best)
+        all_findings += findings_of(while_judged, departed, best, jumps)
         all_findings += known_biases(flight, best)
         all_findings += parting_findings(flight, comparison.track, best)
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
-        all_findings = [_sudden(f, jumps) for f in all_findings]
         jumps = [_confirmed(f, all_findings, best) for f in jumps]
     all_findings += jumps
     all_findings = [with_witnesses(f, flight) for f in all_findings if not _follows(f, all_findings)]
@@ -136,16 +135,6 @@ def _landed(flight: Flight) -> float:
     return last.start if last.kind == "landed" else np.inf
 
 
-def _sudden(doubted: Finding, jumps: Sequence[Finding]) -> Finding:
-    """A departure that begins with a jump of the autopilot's own is the autopilot's, however uncertain its size."""
-    own = {"heading_off": "heading_jump", "position_off": "position_jump"}.get(doubted.kind)
-    if doubted.severity != "warning" or not any(
-        f.kind == own and f.severity == "error" and -_BLURRED_S < f.start_s - doubted.start_s < _NEAR_S for f in jumps
-    ):
-        return doubted
-    return replace(doubted, side="autopilot", severity="error")
-
-
 def _confirmed(jump: Finding, others: Sequence[Finding], best: BestEstimate) -> Finding:
     """A jump, as serious as the best estimate takes the autopilot to be at that time.
 
@@ -182,7 +171,6 @@ def _is_led_to(start: float, end: float, others: Sequence[Finding]) -> bool:
 
 _NEAR_S = 5.0
 _TOLD_S = 1.0  # heartbeats tell once a second whether a vehicle is armed
-_BLURRED_S = 20.0  # a departure may be noticed so long after it began
 _CAUSES = ("stuck_axis", "frozen", "units_wrong", "axes_wrong", "clocks_diverge")
 _MOUNTING_RAD = np.radians(2.0)
 
