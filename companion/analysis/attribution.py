@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from companion.analysis.episode import (
+    BIAS_UNITS,
     CLOSE,
     FAR,
     SENSORS,
@@ -27,6 +28,7 @@ from companion.analysis.episode import (
     size_told,
 )
 from companion.analysis.finding import Finding, Severity, Side
+from companion.analysis.reference import length
 from companion.estimation import (
     BestEstimate,
     coning,
@@ -123,6 +125,7 @@ _CREEPS = kind_of("gps_position").least_slow  # m
 _OF_HEIGHT = ("gps_height", "barometer")  # kinds that mislead nothing else
 _TOGETHER_S, _HALF, _FAR_MORE = 2.0, 0.5, 20.0  # s; of the evidence; times the evidence
 _AGAINST_ITSELF = ("gps_position", "gps_velocity")  # kinds that the GPS shows without an IMU
+_FEWEST = 8  # samples
 _BY_THE_IMU_ALONE, _BURSTS = ("gps_motion",), 3  # kinds that no other witness speaks against
 _CONSTANT = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"
 _CONTRADICTED = (
@@ -164,6 +167,34 @@ def _may_be_coning(episode: Episode, size: float, best: BestEstimate) -> bool:
     )
 
 
+def _may_be_folded(episode: Episode, best: BestEstimate) -> bool:
+    """Whether a bias is no more than what scatters between the samples adds up to, folded down, while it is there.
+
+    As where a launch or a violent manoeuvre shakes the IMU: by up to as much as white noise of that size would.
+    """
+    sensor = episode.kind.removesuffix("_bias")
+    part = best.imu[slice(*np.searchsorted(best.imu.t, (episode.start, episode.end)).tolist())]
+    if sensor not in BIAS_UNITS or len(part) < _FEWEST:
+        return False
+    scatter = np.diff(getattr(part, sensor), n=2, axis=0).std(axis=0) / np.sqrt(6.0)  # of white noise: 1 + 4 + 1
+    return bool(length(episode.size / np.maximum(scatter, 1e-300)) * np.sqrt(len(part)) < SIGMAS)
+
+
+def _may_be_a_shock(episode: Episode, others: tuple[Episode, ...]) -> bool:
+    """Whether a moment that the IMU missed explains it nearly as well, or what it begins with.
+
+    After a second or two a launch that was sampled too slowly looks like a fault that has come to stay.
+    """
+
+    def shock(one: Episode) -> bool:
+        sensor = one.kind.split("_")[0]
+        return one.witness == "imu" and one.gain - gain_of(one, f"{sensor}_shock") < 2.0 * FAR
+
+    apart = _TOGETHER_S + SIGMAS * episode.start_sigma
+    begun = (one for one in others if one.kind.split("_")[0] == episode.kind.split("_")[0])
+    return any(shock(one) for one in begun if -apart < episode.start - one.start < apart + SIGMAS * one.start_sigma)
+
+
 _ANOTHER = "A second sensor of the same kind in the log would tell, another IMU before all."
 _FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
 _CUTOFF = "The cutoff of the gyro's low-pass, a parameter of the vehicle, in the log would tell."
@@ -179,6 +210,7 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
     other = _is_left_of(episode, others)
     rival = rival_of_another(episode, FAR if noisy else CLOSE)
     passing_gyro = episode.kind.startswith("gyro") and np.isfinite(episode.end)
+    by_the_compass = not episode.seconded and (passing_gyro or episode.kind == "gyro_scale")
     gyro_or_compass = episode.witness == "compass" and gain_of(episode, "gyro") > _HALF * episode.gain
     reasons = (
         (episode.kind.endswith("_unrest"), "shaking does this: no sensor is blamed for its noise", ""),
@@ -188,13 +220,16 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
          "it is there only while the IMU scatters more: shaking that its samples fold down reads like it", _FASTER),
         (_may_be_coning(episode, size, best),
          "the gyro is shaken so much that what its low-pass hides of the shaking may add up to it", _CUTOFF),
+        (_may_be_a_shock(episode, others),
+         "a moment that the IMU missed explains it nearly as well: no sensor is blamed for a single moment", _FASTER),
+        (_may_be_folded(episode, best),
+         "the IMU is shaken so much while it is there that its samples may fold down as much", _FASTER),
         (size < SIGMAS * sigma, "its size is hardly more than its σ", _FASTER),
         (other is not None,
          f"{_named(other)} explains as much at that time, or far more: one may be what the other leaves", _ANOTHER),
         (episode.kind in _BY_THE_IMU_ALONE and best.bursts >= _BURSTS,
          "the IMU is shaken in bursts that look the same: it cannot be told which of them is wrong", _FASTER),
-        (passing_gyro and not episode.seconded,
-         "only the compass speaks against the gyro, and it ends again: it cannot be told which of the two is wrong",
+        (by_the_compass, "only the compass speaks against the gyro: it cannot be told which of the two is wrong",
          _HEADING),
         (gyro_or_compass and "gps_position" not in best.residuals,
          "without GPS only the gyro speaks against the compass: it cannot be told which of the two is wrong", _HEADING),

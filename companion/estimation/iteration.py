@@ -154,9 +154,8 @@ def estimate(
     """
     noise, scale, change = start.noise, dict(start.scale), dict[str, float]()
     weights, weighted = dict[str, Array](), 0
-    limits = limits or noise_limits(setup)
+    limits, path = limits or noise_limits(setup), carried(setup, start.states, start.path)
     wide, grown = noise, dict[str, float]()
-    path = carried(setup, start.states, start.path)
 
     def about(point: Point) -> Linear:
         return linearise(setup, path, point.states, wide, scale, weights, accepted, grown, sizes=point.sizes)

@@ -37,7 +37,6 @@ from companion.estimation.weighing import bursts
 from companion.model import STANDARD_GRAVITY, DataError, Flight
 
 _MOST_EXPLAINED = 6
-_YOUNG_S = 3.0  # a fault of the IMU
 _LOUDER = 4  # times that the noise of a restless time is corrected
 
 
@@ -242,30 +241,13 @@ def _tried(
     as_learned = possible.estimated if limits is None else None
     again, linear = as_learned or estimate(setup, start, [*accepted, moved])
     beside = gain_beside(moved, linear.problem, linear.solution, linear.prior)
-    rough = max(unrest(moved, linear.problem, linear.solution), _while_young(moved, setup, linear))
-    gain = max(choice.gain, beside) / rough
+    gain = max(choice.gain, beside) / unrest(moved, linear.problem, linear.solution)
     final = (
         moved.in_noise(choice.gain / gain)
         if moved is choice
         else replace(moved, gain=gain).with_others(gain - choice.gain)
     )
     return Tried(final, setup, again, linear)
-
-
-def _while_young(choice: Choice, setup: Setup, linear: Linear) -> float:
-    """How many times larger the variance of the IMU's noise may be while a fault of it has only begun; at least 1.
-
-    In so short a time a violent manoeuvre, folded down by the samples, looks like a fault: by up to as much as these
-    scatter, whatever the noise of the flight was before it.
-    """
-    begun = float(linear.problem.t[-1]) - choice.onset
-    if choice.kind.side != "imu" or begun > _YOUNG_S:
-        return 1.0
-    gyro, accel = scatter(setup)
-    shown, noise = (
-        (gyro, linear.noise.gyro_noise) if choice.kind.name.startswith("gyro") else (accel, linear.noise.accel_noise)
-    )
-    return max(1.0, (shown / noise) ** 2)
 
 
 def _result(

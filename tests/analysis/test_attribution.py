@@ -357,6 +357,39 @@ def test_what_was_wrong_from_the_beginning_on_accuses_nobody(flight: Flight, bes
         assert [one.side for one in findings_of(episodes(late), (), late)] == [side]
 
 
+@pytest.mark.parametrize(("shock", "side"), [(80.0, "imu"), (90.0, "data")])
+def test_what_may_be_a_moment_that_was_missed_accuses_nobody(best: BestEstimate, shock: float, side: str) -> None:
+    """Nor what begins with it: the one takes up what the other leaves."""
+    launch = replace(step(ONSET, np.inf, 0.05), others=(("gyro_shock", "shock", shock),))
+    scale = Explained("gyro_scale", "step", ONSET + 1.5, 0.1, np.inf, np.array([0.0, 0.5, 0.0]), np.full(3, 0.01), 90.0)
+    found = findings_of(episodes(replace(best, explained=(launch, scale))), (), best)
+    assert [one.side for one in found] == [side, side]
+    later = replace(scale, onset=ONSET + 10.0)
+    found = findings_of(episodes(replace(best, explained=(launch, later))), (), best)
+    assert [one.side for one in found] == [side, "imu"]
+
+
+@pytest.mark.parametrize(("times", "side"), [(0.5, "data"), (2.0, "imu")])
+def test_a_bias_of_what_the_samples_fold_down_accuses_nobody(best: BestEstimate, times: float, side: str) -> None:
+    """An IMU that is shaken by as much between two samples, for as long as it is there."""
+    imu, last = best.imu, 2.0
+    inside = (imu.t >= ONSET) & (imu.t < ONSET + last)
+    shaken = imu.gyro + 0.5 * np.random.default_rng(2).standard_normal(imu.gyro.shape) * inside[:, None]
+    size = times * 3.0 * 0.5 / np.sqrt(inside.sum())
+    off = replace(best, imu=replace(imu, gyro=shaken), explained=(step(ONSET, ONSET + last, size),))
+    assert [one.side for one in findings_of(episodes(off), (), off)] == [side]
+
+
+@pytest.mark.parametrize(("kind", "side"), [("gyro_scale", "data"), ("gyro_bias", "imu")])
+def test_a_gyros_scale_that_only_the_compass_speaks_of_accuses_nobody(best: BestEstimate, kind: str, side: str) -> None:
+    """Iron near it and its own lag make a compass turn too much or too little; a bias that stays they do not make."""
+    size = np.array([0.0, 0.0, 0.4])
+    off = replace(
+        best, explained=(Explained(kind, "step", ONSET, 0.1, np.inf, size, 0.01 * size, 100.0, seconded=False),)
+    )
+    assert [one.side for one in findings_of(episodes(off), (), off)] == [side]
+
+
 def test_what_another_sensors_explanation_leaves_accuses_nobody(best: BestEstimate) -> None:
     weak = replace(step(ONSET - 1.0, np.inf, 0.05), gain=100.0)
     jump = Explained("gps_position", "step", ONSET, 0.1, np.inf, np.array([30.0, 0.0]), np.full(2, 0.3), 5000.0)
