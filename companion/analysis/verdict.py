@@ -46,7 +46,7 @@ def decide(
     causes = sorted((f for f in findings if f.severity == "error" and f.side != "data"), key=lambda f: f.start_s)
     lacking = _lacking(judged, expected, findings, bool(causes))
     if lacking is not None or expected is None:
-        return Verdict("insufficient_data", lacking or "This log cannot tell.", findings)
+        return Verdict("insufficient_data", lacking or "Cannot tell.", findings)
     if causes:
         first = _first(causes)
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
@@ -55,7 +55,7 @@ def decide(
         return Verdict(status, told, findings, _cause(first))
     doubt = _doubt(judged, expected, findings, best)
     if doubt is not None:
-        return Verdict("insufficient_data", f"This log cannot tell: {doubt}.", findings)
+        return Verdict("insufficient_data", f"Cannot tell: {doubt}.", findings)
     return Verdict(
         "consistent",
         f"IMU and autopilot agree within the expected error ({_share(judged, expected)}).{_unwitnessed(best)}",
@@ -135,12 +135,12 @@ def _lacking(judged: Windows, expected: Expected | None, findings: tuple[Finding
         return f"Loss of control: {lost.evidence}. Before it no sensor is at fault."
     data = [f for f in findings if f.side == "data" and f.severity == "error"]
     if data:
-        return f"This log cannot tell: {data[0].evidence}."
+        return f"Cannot tell: {data[0].evidence}."
     if expected is None or len(judged.start) < FEWEST_WINDOWS:
         reasons = left_out(judged.excluded)
         why = f"left out: {reasons}" if reasons else f"the flight is short: it takes {FEWEST_WINDOWS * JUDGED_S:g} s"
         usable = f"only {counted(len(judged.start), 'window')}" if len(judged.start) else "no window"
-        return f"This log cannot tell: {usable} of {JUDGED_S:g} s can be used ({why})."
+        return f"Cannot tell: {usable} of {JUDGED_S:g} s can be used ({why})."
     return None
 
 

@@ -152,7 +152,7 @@ def unexaminable(flight: Flight, settings: Settings = _DEFAULTS) -> Unexamined |
         flight.imu()
         flight.require_attitude()
     except DataError as error:
-        verdict = Verdict("insufficient_data", f"This log cannot tell: {error}", ())
+        verdict = Verdict("insufficient_data", f"Cannot tell: {error}", ())
         return Unexamined(flight, verdict, _gaps(flight, limits_of(settings)))
     return None
 

@@ -46,7 +46,7 @@ def test_what_cannot_be_told_is_said_rather_than_that_nothing_explains_it(share:
     expected: Any = SimpleNamespace(inside={"attitude": share})
     seen = Finding("gyro_bias", "data", "warning", 10.0, 20.0, "gyro or compass", "", undecided=True)
     verdict = decide(judged, expected, (seen,), None, "RAW_IMU")
-    assert (verdict.status, verdict.summary) == ("insufficient_data", "This log cannot tell: gyro or compass.")
+    assert (verdict.status, verdict.summary) == ("insufficient_data", "Cannot tell: gyro or compass.")
     nothing = decide(judged, expected, (), None, "RAW_IMU")
     assert nothing.status == ("insufficient_data" if share < 0.7 else "consistent")
 
@@ -79,4 +79,4 @@ def test_too_few_windows_say_in_words_why(usable: int, excluded: dict[str, int],
     judged: Any = SimpleNamespace(start=range(usable), excluded=excluded)
     verdict = decide(judged, None, (), None, "RAW_IMU")
     assert verdict.status == "insufficient_data"
-    assert verdict.summary.startswith(f"This log cannot tell: {said}")
+    assert verdict.summary.startswith(f"Cannot tell: {said}")

@@ -260,7 +260,7 @@ def test_a_log_with_nothing_to_compare(
     make(log)
     assert main(["analyze", str(log)]) == 2
     said = capsys.readouterr()
-    assert said.out.startswith("INSUFFICIENT DATA  This log cannot tell: ")
+    assert said.out.startswith("INSUFFICIENT DATA  Cannot tell: ")
     assert expected in said.out
     assert "Record" in said.out or "Ask" in said.out
     assert said.err.startswith("companion: nothing was analysed.")

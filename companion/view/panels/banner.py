@@ -48,7 +48,7 @@ def waiting(sentence: str) -> str:
 
 def clause(sentence: str) -> str:
     """A verdict's sentence without what its status says already: "Suspect the IMU: stuck." is "stuck."."""
-    for known in ("Suspect the IMU: ", "Suspect the autopilot's estimate: ", "This log cannot tell: "):
+    for known in ("Suspect the IMU: ", "Suspect the autopilot's estimate: ", "Cannot tell: "):
         if sentence.startswith(known):
             return sentence[len(known) :]
     return sentence
