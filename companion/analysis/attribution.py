@@ -13,7 +13,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from companion.analysis.episode import (
-    BIAS_UNITS,
     CLOSE,
     FAR,
     SENSORS,
@@ -28,7 +27,6 @@ from companion.analysis.episode import (
     size_told,
 )
 from companion.analysis.finding import Finding, Severity, Side
-from companion.analysis.reference import length
 from companion.estimation import (
     BestEstimate,
     coning,
@@ -168,16 +166,18 @@ def _may_be_coning(episode: Episode, size: float, best: BestEstimate) -> bool:
 
 
 def _may_be_folded(episode: Episode, best: BestEstimate) -> bool:
-    """Whether a bias is no more than what scatters between the samples adds up to, folded down, while it is there.
+    """Whether what an IMU reads wrongly is no more than what scatters between its samples while it is there adds up to.
 
-    As where a launch or a violent manoeuvre shakes the IMU: by up to as much as white noise of that size would.
+    As where a launch or a violent manoeuvre shakes it, which its samples fold down: as white noise of that size would.
     """
-    sensor = episode.kind.removesuffix("_bias")
+    sensor, _, what = episode.kind.partition("_")
     part = best.imu[slice(*np.searchsorted(best.imu.t, (episode.start, episode.end)).tolist())]
-    if sensor not in BIAS_UNITS or len(part) < _FEWEST:
+    if what not in ("bias", "scale") or len(part) < _FEWEST:
         return False
-    scatter = np.diff(getattr(part, sensor), n=2, axis=0).std(axis=0) / np.sqrt(6.0)  # of white noise: 1 + 4 + 1
-    return bool(length(episode.size / np.maximum(scatter, 1e-300)) * np.sqrt(len(part)) < SIGMAS)
+    read = getattr(part, sensor)
+    variance = np.maximum((np.diff(read, n=2, axis=0) ** 2).mean(axis=0) / 6.0, 1e-300)  # of white noise: 1 + 4 + 1
+    scaled = np.maximum((read**2).mean(axis=0) - variance, 0.0) if what == "scale" else np.ones(3)
+    return float((episode.size**2 * scaled / variance).sum()) * len(part) < SIGMAS**2
 
 
 def _may_be_a_shock(episode: Episode, others: tuple[Episode, ...]) -> bool:

@@ -48,11 +48,8 @@ vehicle moves shows more, vibration folded down by the sampling less than what t
 
 _TRUNCATED_S = 0.2  # for so long the error of a reading that is cut to whole steps may stay the same
 _STRETCHES = 12  # of the flight
-_TYPICAL, _MEDIAN = (
-    65.0,
-    50.0,
-)  # percentiles of the stretches: a third of a log may stand still, a third may hold a fault
-_FEWEST_MOVING = 24  # intervals or readings in motion, from which on these alone tell
+_TYPICAL = 65.0  # percentile of the stretches: a third of a log may stand still, a third may hold a fault
+_RESTING, _FEWEST_MOVING = 1.0 / 3.0, 24  # part of a log, and intervals or readings in motion that tell without it
 _HUBER, _NEIGHBOURS = 4.0, 7
 _LAGS = 15
 _WHITER = 3.0  # times what shows between samples, of a filter that makes it less
@@ -140,7 +137,7 @@ def learn(
     solution = linear.solution
     across_holes = linear.variance[:, 0] > 0.1
     still = _at_rest(linear)
-    usual, typical = _moving(still[:-1] & still[1:], ~across_holes | across_holes.all())
+    usual = _telling(still[:-1] & still[1:], ~across_holes | across_holes.all())
     count = max(1, min(_STRETCHES, len(usual) // 8))
     # what is off in the same way all through a stretch is a bias, and no noise
     e = _in_body(linear)[usual]
@@ -158,7 +155,7 @@ def learn(
         believed = _BELIEF / len(e) / noise.density(cause) ** 2
         above = np.einsum("ki,kij,kj->k", e[:, own], v, e[:, own]) + believed * (expected / noise.density(cause)) ** 2
         below = np.einsum("kij,kij->k", d[:, own, own], v) * (1.0 - count / len(e)) + believed
-        step = _further(0.5 * np.log(_typical(above, below, typical)), before.get(cause, 0.0))
+        step = _further(0.5 * np.log(_typical(above, below)), before.get(cause, 0.0))
         densities[cause] = float(np.clip(noise.density(cause) * np.exp(step), *limits[cause]))
     learned = dict(scale)
     for one in linear.measurements:
@@ -169,8 +166,8 @@ def learn(
         above = (left**2 * information).sum(axis=1)
         below = (1.0 - np.minimum(information * measurement_variance(one, solution), 1.0)).sum(axis=1)
         least = LEAST[one.name] / float(np.median(one.sigma / scale[one.name]))
-        told, typical = _moving(still[one.keyframe])
-        step = _further(0.5 * np.log(_typical(above[told], below[told], typical)), before.get(one.name, 0.0))
+        told = _telling(still[one.keyframe])
+        step = _further(0.5 * np.log(_typical(above[told], below[told])), before.get(one.name, 0.0))
         bounds = limits.get(one.name, (min(least, 1.0), _MOST))
         learned[one.name] = float(np.clip(scale[one.name] * np.exp(step), *bounds))
     change = {cause: float(np.log(value / noise.density(cause))) for cause, value in densities.items()}
@@ -208,21 +205,19 @@ def _at_rest(linear: Linear) -> BoolArray:
     return still
 
 
-def _moving(still: BoolArray, good: BoolArray | None = None) -> tuple[Index, float]:
-    """Which of some intervals or readings tell of the noise in flight, and the percentile of them that is typical.
+def _telling(still: BoolArray, good: BoolArray | None = None) -> Index:
+    """Which of some intervals or readings tell of the noise in flight: where more than a third rest (N,), the others.
 
-    Those at rest (N,) are quieter, and left out: as many of the percentile's as they are, as long as some others tell.
+    Those at rest are quieter, and what is typical of them all would be the quiet of the ground.
     """
     good = np.ones(len(still), np.bool_) if good is None else good
-    moving = np.flatnonzero(good & ~still)
-    if len(moving) < _FEWEST_MOVING:
-        return np.flatnonzero(good), _TYPICAL
-    part = 1.0 - len(moving) / int(good.sum())
-    return moving, max((_TYPICAL - 100.0 * part) / (1.0 - part), _MEDIAN)
+    moving = good & ~still
+    few = moving.sum() < _FEWEST_MOVING
+    return np.flatnonzero(good if few or still[good].mean() <= _RESTING else moving)
 
 
-def _typical(above: Array, below: Array, typical: float) -> float:
-    """The ratio of the sums in the stretch at a percentile, between 1/100 and 100; 1 where nothing says it."""
+def _typical(above: Array, below: Array) -> float:
+    """The ratio of the sums in a typical stretch, between 1/100 and 100; 1 where nothing says it."""
     count = min(_STRETCHES, len(above) // 8)
     parts = count if count >= 3 else 1
     sums = np.array([[part.sum() for part in np.array_split(one, parts)] for one in (above, below)])
@@ -230,7 +225,7 @@ def _typical(above: Array, below: Array, typical: float) -> float:
     if not len(below):
         return 1.0
     ratio = above / np.maximum(below, above / 100.0)  # at most 100: a quotient of what is absurd overflows
-    return float(np.clip(percentile(ratio, typical), 0.01, 100.0))
+    return float(np.clip(percentile(ratio, _TYPICAL), 0.01, 100.0))
 
 
 def coloured(linear: Linear) -> dict[str, float]:
@@ -240,9 +235,9 @@ def coloured(linear: Linear) -> dict[str, float]:
     the sum of the autocorrelation.
     """
     still = _at_rest(linear)
-    moving, _ = _moving(still[:-1] & still[1:])
+    moving = _telling(still[:-1] & still[1:])
     grown = {
-        one.name: _lasting((measurement_residual(one, linear.solution) / one.sigma)[_moving(still[one.keyframe])[0]])
+        one.name: _lasting((measurement_residual(one, linear.solution) / one.sigma)[_telling(still[one.keyframe])])
         for one in linear.measurements
         if not one.name.startswith("rest")
     }
