@@ -213,8 +213,7 @@ def _lost(flight: Flight, airborne: list[Span]) -> tuple[float, str] | None:
         flying = next((span for span in airborne if span[0] <= start <= span[1] + 1.0), None)
         if flying is None or armed is None or _recovered(track.t, over, last, flying[1]):
             continue
-        ends = stop >= track.t[-1] - 1.0
-        if stop - start < _LASTING_S and not ends:
+        if stop - start < _LASTING_S:
             continue
         onset = _onset(flight, start)
         return (min(onset, crashed[0]) if crashed and crashed[0] >= flying[0] else onset), what
@@ -225,28 +224,27 @@ def _over(flight: Flight, track: AttitudeTrack) -> tuple[BoolArray, str]:
     """(N,) where the attitude is beyond control, and how that shows."""
     w, x, y, z = track.q_ned_frd.T
     level = w * w - x * x - y * y + z * z  # cosine of the angle between body and world down
-    over = np.linalg.norm(track.rates, axis=1) > _TUMBLING
-    if flight.vehicle.type in _UPRIGHT:
-        over |= level < np.cos(_OVER)
+    over = (level < np.cos(_OVER)) & (flight.vehicle.type in _UPRIGHT)
     if flight.control is not None and len(flight.control):
-        over |= _unfollowed(track, flight.control)
-    return np.asarray(over), "the attitude is beyond control until the end"
+        followed, unfollowed = _as_desired(track, flight.control)
+        over = (over & ~followed) | unfollowed
+    return over | (np.linalg.norm(track.rates, axis=1) > _TUMBLING), "the attitude is beyond control until the end"
 
 
-def _unfollowed(track: AttitudeTrack, control: ControlTrack) -> BoolArray:
-    """(N,) where the attitude is far from the desired one, and not because that has just become another.
+def _as_desired(track: AttitudeTrack, control: ControlTrack) -> tuple[BoolArray, BoolArray]:
+    """(N,), (N,) where the attitude is about the desired one; and far from it, not because that has just changed.
 
     The third axes alone: heading may be anything without control being lost.
     """
     t, down, desired = track.t, _down(track.q_ned_frd), _down(control.q_ned_frd)
     last = np.maximum(np.searchsorted(control.t, t, side="right") - 1, 0)
-    fresh = np.abs(t - control.t[last]) < _FRESH_S
-    apart = np.asarray(fresh & ((down * desired[last]).sum(axis=1) < np.cos(_OVER)))
+    fresh, alike = np.abs(t - control.t[last]) < _FRESH_S, (down * desired[last]).sum(axis=1)
+    apart = np.asarray(fresh & (alike < np.cos(_OVER)))
     for begin, end in _runs(apart):
         lately = slice(*np.searchsorted(control.t, [t[begin] - _FOLLOWS_S, t[begin]]))
         if (desired[lately] @ down[begin] > np.cos(0.5 * _OVER)).any():
             apart[begin : min(np.searchsorted(t, t[begin] + _FOLLOWS_S), end + 1)] = False
-    return apart
+    return np.asarray(fresh & (alike > np.cos(0.5 * _OVER))), apart
 
 
 def _down(q: Array) -> Array:

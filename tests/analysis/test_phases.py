@@ -172,6 +172,21 @@ def test_what_is_wanted_otherwise_all_at_once_may_be_followed(after_s: float, ki
     assert phases(replace(stays, attitude=attitude, duration=60.0 + after_s))[-1].kind == kind
 
 
+@pytest.mark.parametrize(
+    ("wanted", "heard_s", "kind"), [(70.0, 1.0, "flight"), (0.0, 1.0, "impact"), (0.0, 0.2, "flight")]
+)
+def test_a_copter_that_leans_far_because_it_was_told_to_is_in_control(wanted: float, heard_s: float, kind: str) -> None:
+    """On a link the last that was heard is always the end: what has only begun may be a flip."""
+    leans = np.radians(np.where(T > 60.0, 70.0, 0.0))
+    flown = story(
+        roll=leans,
+        control=ControlTrack(T + 1000.0, from_euler(np.where(T > 60.0, np.radians(wanted), 0.0), 0 * T, 0 * T)),
+    )
+    track, heard = flown.require_attitude(), 60.0 + heard_s > T
+    track = AttitudeTrack(track.t[heard], track.q_ned_frd[heard], 0.0 * track.rates[heard])
+    assert phases(replace(flown, attitude=track, duration=60.0 + heard_s))[-1].kind == kind
+
+
 def test_a_board_that_is_turned_by_hand_has_lost_nothing() -> None:
     assert "impact" not in [part.kind for part in phases(story(roll=OVER, events=()))]
 
