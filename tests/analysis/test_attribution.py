@@ -14,7 +14,7 @@ from companion.analysis.attribution import findings_of, follows
 from companion.analysis.comparison import compare
 from companion.analysis.departures import departures
 from companion.analysis.episode import Departure, Episode, cause_of, episodes, said
-from companion.analysis.finding import Finding
+from companion.analysis.finding import Cause, Finding
 from companion.analysis.findings import findings
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.reference import Limits, reference_at
@@ -355,6 +355,19 @@ def test_what_was_wrong_from_the_beginning_on_accuses_nobody(flight: Flight, bes
         launched = replace(step(begin + 8.0, np.inf, 0.05), onset_sigma=sigma)
         late = replace(best, explained=(launched,))
         assert [one.side for one in findings_of(episodes(late), (), late)] == [side]
+
+
+@pytest.mark.parametrize(("moved", "side"), [(0.0, "data"), (2.0, "data"), (6.0, "autopilot")])
+def test_a_departure_that_begins_with_a_jump_of_the_autopilots_own_is_the_autopilots(
+    best: BestEstimate, moved: float, side: str
+) -> None:
+    """However uncertain its size, and as far as the jump makes it."""
+    cause = Cause("position_jump", "autopilot", ONSET, ONSET + 0.2, size=moved, unit="m")
+    jump = Finding("position_jump", "autopilot", "error", ONSET, ONSET + 0.2, "steps", "look", cause=cause)
+    away = Departure("position", ONSET - 1.0, ONSET + 5.0, 7.0, 1.9)
+    (told,) = findings_of((), (away,), best, [jump] if moved else [])
+    assert told.side == side
+    assert ("it cannot be told" in told.evidence) == (side == "data")
 
 
 @pytest.mark.parametrize(("shock", "side"), [(80.0, "imu"), (90.0, "data")])
