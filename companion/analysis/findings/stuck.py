@@ -183,11 +183,11 @@ def _stopped(
             continue
         if still.max() > _BESIDE:
             continue
-        changes = slice(stretch.start, stretch.stop - 1)  # nine tenths of it: a low-pass takes its time to settle
+        changes = slice(stretch.start, stretch.stop - 1)
         if _goes_somewhere(sensor.readings[stretch, axes.axes]):
             continue
         reads = np.abs(sensor.readings[stretch.start, axes.axes]).max()
-        flickers = np.quantile(change[changes], 0.9) > _LAST_DIGIT * reads
+        flickers = np.quantile(change[changes], 0.9) > _LAST_DIGIT * reads  # a low-pass takes its time to settle
         # the motors shake all axes: where another one is calm too, none need show any noise
         calm = (np.median(axes.beside[changes], axis=0) < _CALM * usual).any()
         if flickers or calm or not restless:
