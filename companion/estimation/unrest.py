@@ -25,7 +25,7 @@ _CUTS = 96  # between which it may begin and end
 _PRICE = 4.0 * float(np.log(_CUTS))  # of both
 _TIMES = (1.0, 1.4, 2.0, 2.8)  # what is tried, of what the scatter alone says
 _SHORTEST_S = 2.0  # what lasts for less is a shock
-_UNDERTOLD = 30.0  # times more than at first order may be gained, 26 at most in flights with faults of every kind
+_UNDERTOLD = 30.0  # times more than at first order may be gained, 26 at most in ten logs with faults
 _LOUDER = 2.0  # twice the logarithm of the likelihood ratio, for which its size is corrected
 
 
