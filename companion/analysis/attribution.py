@@ -19,6 +19,7 @@ from companion.analysis.episode import (
     SIGMAS,
     Departure,
     Episode,
+    axis_of,
     cause_of,
     gain_of,
     rival_of_another,
@@ -210,7 +211,9 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
     other = _is_left_of(episode, others)
     rival = rival_of_another(episode, FAR if noisy else CLOSE)
     passing_gyro = episode.kind.startswith("gyro") and np.isfinite(episode.end)
-    by_the_compass = not episode.seconded and (passing_gyro or episode.kind == "gyro_scale")
+    # GPS and gravity tell of a scale about any axis but the vertical
+    alone = episode.kind == "gyro_scale" and axis_of(episode) != "z"
+    by_the_compass = not episode.seconded and (passing_gyro or alone)
     gyro_or_compass = episode.witness == "compass" and gain_of(episode, "gyro") > _HALF * episode.gain
     reasons = (
         (episode.kind.endswith("_unrest"), "shaking does this: no sensor is blamed for its noise", ""),
