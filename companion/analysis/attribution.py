@@ -284,14 +284,12 @@ _NEAR_S, _BLURRED_S = 5.0, 20.0  # a departure may be noticed so long after it b
 def _steps(departure: Departure, jumps: Sequence[Finding]) -> bool:
     """Whether a departure begins with a jump of the autopilot's own: it is its own then, however uncertain its size.
 
-    A jump that is a small part of it is none of its causes.
+    Of a position only where it is itself a step: between two lanes an estimate may jump there and back.
     """
-
-    def makes(jump: Finding) -> bool:
-        return jump.cause is None or jump.cause.size is None or jump.cause.size > _HALF * departure.size
-
-    own = (one for one in jumps if one.kind == _STEPS.get(departure.quantity) and one.severity == "error")
-    return any(-_BLURRED_S < one.start_s - departure.start < _NEAR_S and makes(one) for one in own)
+    if departure.quantity == "position" and not departure.sudden:
+        return False
+    own = [one for one in jumps if one.kind == _STEPS.get(departure.quantity) and one.severity == "error"]
+    return any(-_BLURRED_S < one.start_s - departure.start < _NEAR_S for one in own)
 
 
 def _own(departure: Departure, best: BestEstimate, by_imu: float, steps: bool) -> Finding:
