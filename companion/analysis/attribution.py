@@ -188,8 +188,8 @@ def _may_be_a_shock(episode: Episode, others: tuple[Episode, ...]) -> bool:
     """
 
     def shock(one: Episode) -> bool:
-        sensor = one.kind.split("_")[0]
-        return one.witness == "imu" and one.gain - gain_of(one, f"{sensor}_shock") < 2.0 * FAR
+        sensor, _, what = one.kind.partition("_")
+        return what in ("bias", "scale") and one.gain - gain_of(one, f"{sensor}_shock") < 2.0 * FAR
 
     apart = _TOGETHER_S + SIGMAS * episode.start_sigma
     begun = (one for one in others if one.kind.split("_")[0] == episode.kind.split("_")[0])
