@@ -76,10 +76,10 @@ def shaking(track: ImuTrack) -> tuple[Array, Array]:
 
 
 def _less_its_mean(values: Array, span: int) -> Array:
-    """Values (N, 3) less their mean over about so many samples around each."""
+    """Values (N, 3) less their mean over so many samples around each, at the ends over those that are there."""
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
     at = np.arange(len(values))
-    first, last = np.maximum(at - span // 2, 0), np.minimum(at + span // 2 + 1, len(values))
+    first, last = np.maximum(at - span // 2, 0), np.minimum(at + span - span // 2, len(values))
     return np.asarray(values - (total[last] - total[first]) / (last - first)[:, None])
 
 
