@@ -30,6 +30,7 @@ from companion.analysis.episode import (
 from companion.analysis.finding import Finding, Severity, Side
 from companion.estimation import (
     BestEstimate,
+    between_samples,
     coning,
     hides_shaking,
     kind_of,
@@ -176,7 +177,7 @@ def _may_be_folded(episode: Episode, best: BestEstimate) -> bool:
     if what not in ("bias", "scale") or len(part) < _FEWEST:
         return False
     read = getattr(part, sensor)
-    variance = np.maximum((np.diff(read, n=2, axis=0) ** 2).mean(axis=0) / 6.0, 1e-300)  # of white noise: 1 + 4 + 1
+    variance = np.maximum(between_samples(read) ** 2, 1e-300)
     scaled = np.maximum((read**2).mean(axis=0) - variance, 0.0) if what == "scale" else np.ones(3)
     return float((episode.size**2 * scaled / variance).sum()) * len(part) < SIGMAS**2
 

@@ -15,6 +15,7 @@ from companion.estimation import (
     BestEstimate,
     Explained,
     Size,
+    at_work,
     kind_of,
     main_axis,
     turn_of_the_field,
@@ -119,9 +120,7 @@ def _at_work(part: Explained, t: Array) -> Array:
     """(N,) how much of the size of what was explained is there at times t: of a ramp so many seconds of it."""
     if part.shape == "shock":
         return ((t >= part.onset) & (t <= part.onset + 1.0)).astype(np.float64)
-    if part.shape in SLOPED:
-        return np.asarray(np.clip(t, part.onset, part.end) - part.onset)
-    return ((t >= part.onset) & (t < part.end)).astype(np.float64)
+    return np.asarray(at_work(part.shape, np.array([part.onset]), np.array([part.end]), t, t)[0])
 
 
 def bias_at_the_end(best: BestEstimate, kind: str) -> tuple[Array, Array]:

@@ -4,7 +4,7 @@ from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures
 from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.competition import CREEPS, times_of_change
 from companion.estimation.constant_errors import allowing
-from companion.estimation.explanations import KINDS, SLOPED, Kind, kind_of
+from companion.estimation.explanations import KINDS, SLOPED, Kind, at_work, kind_of
 from companion.estimation.low_pass import coning, hides_shaking, restored, shaking
 from companion.estimation.model import (
     ATTITUDE,
@@ -23,6 +23,7 @@ from companion.estimation.model import (
 from companion.estimation.noise_density import (
     Sampling,
     WhiteNoise,
+    between_samples,
     confirmed_sampling,
     folded_gain,
     quantisation_bound,
@@ -69,6 +70,8 @@ __all__ = [
     "WhiteNoise",
     "allan_deviation",
     "allowing",
+    "at_work",
+    "between_samples",
     "confirmed_sampling",
     "coning",
     "corrected",

@@ -18,7 +18,7 @@ ONSET_PRICE = 2.0 * float(np.log(ONSETS))
 _END_PRICE = 2.0 * float(np.log(4))  # whether it lasts for 8, 16, 32 or 64 s
 _PASSING = 2.0 * float(np.log(1000))  # an IMU's bias that comes and goes, beside a field that a vehicle flies past
 WORTH = 20.0  # twice the logarithm of the likelihood ratio, from which on an explanation is accepted
-_ABOUT_S = 2.0  # before a fault, in which a rough stretch shows that it lies in
+_ABOUT_S = 2.0  # before a fault, where it shows that the fault lies in a rough stretch
 PROMISING = 10.0  # and from which on it is weighed again
 
 

@@ -136,8 +136,13 @@ def spectral_noise(track: ImuTrack, hole_s: float) -> tuple[float, float]:
 
 def scatter_between_samples(readings: Array, rate_hz: float) -> float:
     """Density u/√Hz of the noisiest axis of readings (N, 3), by second differences: as if they were white."""
-    rough = max(float(np.diff(axis, n=2).std()) for axis in readings.T) / np.sqrt(6.0)  # of white noise: 1 + 4 + 1
-    return float(rough / np.sqrt(rate_hz))
+    return float(between_samples(readings).max() / np.sqrt(rate_hz))
+
+
+def between_samples(readings: Array) -> Array:
+    """(3,) 1σ of each axis of readings (N, 3), by second differences: as if they were white."""
+    rough = np.array([np.diff(axis, n=2).std() for axis in readings.T])
+    return np.asarray(rough / np.sqrt(6.0))  # of white noise: 1 + 4 + 1
 
 
 def _together(densities: Array) -> float:

@@ -196,7 +196,7 @@ def _stopped(
                 continue
             if sensor.step and not _should_have_moved(comparison, autopilot, others, axes, stretch):
                 continue
-            if not sensor.step and not _is_quieter_than_ever(comparison, axes, stretch, quietest):
+            if not sensor.step and not _is_quieter_than_ever(comparison, axes, change[changes], stretch, quietest):
                 continue
         yield stretch.start, stretch.stop - 1
 
@@ -207,14 +207,14 @@ def _goes_somewhere(readings: Array) -> bool:
     return bool((np.ptp(later, axis=0) > _FAR * np.abs(np.diff(later, axis=0)).mean(axis=0)).any())
 
 
-def _is_quieter_than_ever(comparison: Comparison, axes: _Axes, stretch: slice, quietest: float) -> bool:
+def _is_quieter_than_ever(comparison: Comparison, axes: _Axes, change: Array, stretch: slice, quietest: float) -> bool:
     """Whether axes change far less in a stretch of samples than in their quietest seconds, though the vehicle moves.
 
-    Only while it turns, or is tilted away, for half of it or more: at rest nothing changes, a simulated sensor has no
-    noise of its own, and an aligned heading is a step. And a gyro's only where they do not read what it turns.
+    change: (n,) from sample to sample in the stretch. Only while it turns, or is tilted away, for half of it or more:
+    at rest nothing changes, a simulated sensor has no noise of its own, and an aligned heading is a step. And a gyro's
+    only where they do not read what it turns.
     """
     sensor, q = axes.sensor, comparison.reference.q_ned_frd[stretch]
-    change = sensor.change[stretch.start : stretch.stop - 1, axes.axes].max(axis=1)
     down, span = heading_free(q), max(1, round(_TURN_PART * len(q)))
     turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:]))
     moves = max(np.median(length(np.cross(down, down[:1]))), np.median(length(turned))) >= MOVED
