@@ -18,11 +18,11 @@ import numpy.typing as npt
 from companion.analysis.budget import ATTITUDE, POSITION, budget, chi_square_95, nees, stacked
 from companion.analysis.comparison import Comparison, windows
 from companion.analysis.drift import DriftRow, drift_of
-from companion.analysis.episode import BIAS_UNITS, SENSORS
+from companion.analysis.episode import BIAS_UNITS, SENSORS, SIGMAS
 from companion.analysis.finding import Cause, Finding, digits
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec
 from companion.analysis.phases import phases
-from companion.estimation import BestEstimate, kind_of
+from companion.estimation import BestEstimate, Explained, kind_of
 from companion.model import Array, Flight, ImuTrack, interpolated
 
 _HORIZON_S = 5.0
@@ -76,6 +76,7 @@ _LEAST: Mapping[str, float] = {"gyro": 8e-3, "accel": 0.4}
 _TRIED = 64  # times at which a step is looked for at first
 _UNHEARD_S = 10.0  # after which one of them may have been calibrated anew
 _CERTAIN = 8.0  # σ of the difference
+_AT_ONCE_S = 5.0  # within which two changes are taken for one
 _ABRUPT = 4.0  # times less is left of the difference's changes when one step is taken out
 
 
@@ -166,19 +167,24 @@ def _parting(sensor: str, t: Array, off: Array) -> Parting | None:
 
 
 def parting_findings(flight: Flight, used: ImuTrack, best: BestEstimate) -> list[Finding]:
-    """What another IMU of the flight did, or reads all the time, that the best estimate's own does not."""
-    if any(kind_of(e.kind).side == "imu" for e in best.explained):
-        return []
+    """What another IMU of the flight did, or reads all the time, that the best estimate's own does not.
+
+    Where its own has an error of another time, what both read all the time tells nothing of the other.
+    """
+    own = tuple(e for e in best.explained if kind_of(e.kind).side == "imu")
     spans = [(p.start, p.end) for p in phases(flight) if p.kind == "flight"]
     findings: list[Finding] = []
     for track in _others(flight, used):
         between = differences(used, track, spans)
         parted = list(partings(between))
         findings += [
-            _finding(flight, used, track, one, known=_would_show(best, one, one.onset))
+            _finding(flight, used, track, one, known=_would_show(best, one, one.onset), alone=not own)
             for one in parted
             if _would_show(best, one, 0.5 * float(best.t[0] + best.t[-1]))
+            and not any(_may_be(one, error) for error in own)
         ]
+        if own:
+            continue
         steady = ((sensor, off) for sensor, (_, off) in between.items() if all(one.sensor != sensor for one in parted))
         findings += [f for sensor, off in steady if (f := _biased(used, track, sensor, off, best))]
     return findings
@@ -228,8 +234,15 @@ def _would_show(best: BestEstimate, one: Parting, onset: float) -> bool:
     return bool(least < float(np.linalg.norm(one.size)))
 
 
-def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting, *, known: bool) -> Finding:
-    """known: whether it is known which of the two it is."""
+def _may_be(one: Parting, own: Explained) -> bool:
+    """Whether a parting may be an error of the best estimate's own IMU, of whichever sensor: it began when that did."""
+    return abs(one.onset - own.onset) < max(SIGMAS * float(np.hypot(one.onset_sigma, own.onset_sigma)), _AT_ONCE_S)
+
+
+def _finding(
+    flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting, *, known: bool, alone: bool = True
+) -> Finding:
+    """known: whether it is known which of the two it is. alone: whether the one that is judged shows no error ever."""
     kind, (unit, scale, decimals) = kind_of(f"{one.sensor}_bias"), BIAS_UNITS[one.sensor]
     in_use = flight.imu_in_use
     flown = set() if in_use is None else {int(instance) for instance in in_use.instance}
@@ -239,7 +252,8 @@ def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting, *, k
         f"from {one.onset:.1f} ± {one.onset_sigma:.1f} s to the end"
     )
     advice = f"Calibrate IMU {track.instance}; if it steps again, disable it: the autopilot may switch to it."
-    words += ", which agrees with all other sensors" if known else ": too short a time to tell which of them is wrong"
+    agrees = ", which agrees with all other sensors" if alone else ", which shows no change then"
+    words += agrees if known else ": too short a time to tell which of them is wrong"
     if known and flown == {used.instance}:
         words += f"; the autopilot flew on IMU {used.instance}: its estimate is right"
     return Finding(
