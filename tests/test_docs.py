@@ -85,7 +85,7 @@ def test_a_documented_command_works(
         return  # installing is what .ci/run begins with
     if words[:2] == ["companion", "view"]:
         served = [word for word in words if word != "--open"]
-        with started(*served, "--port", "18080", cwd=desk(page), env=environment()) as process:
+        with started(*served, "--port", "0", cwd=desk(page), env=environment()) as process:
             assert "http://" in next_line(process, process.stdout)
             ended(process, signal.SIGINT)
         assert process.returncode == 0

@@ -73,7 +73,7 @@ class ViewSettings(_Section, frozen=True):
     """How the replay is served."""
 
     host: str = "127.0.0.1"
-    port: Annotated[int, msgspec.Meta(ge=1, le=65535)] = 8080
+    port: Annotated[int, msgspec.Meta(ge=0, le=65535)] = 8080
     token: bool = False
     reanchor_s: NotNegative = 10.0
     map_url: str = "https://tile.openstreetmap.org/{z}/{x}/{y}.png"

@@ -30,7 +30,9 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     options.add_integration(parser)
     options.add_figures(parser)
     parser.add_argument("--host", help="address to serve on (default: 127.0.0.1, this computer alone)")
-    parser.add_argument("--port", type=int, help="port to serve on (default: 8080; the next free one when taken)")
+    parser.add_argument(
+        "--port", type=int, help="port to serve on, 0 for any free one (default: 8080; the next free one when taken)"
+    )
     parser.add_argument(
         "--token",
         action="store_true",
@@ -104,7 +106,7 @@ def _replay(arguments: argparse.Namespace) -> int:
         map_shown=arguments.map,
         port=settings.view.port,
     ) as viewer:
-        if viewer.port != settings.view.port:
+        if viewer.port != settings.view.port > 0:
             options.say(f"port {settings.view.port} is taken: using {viewer.port}")
         if viewer.warning:
             options.say(viewer.warning)

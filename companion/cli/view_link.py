@@ -101,7 +101,7 @@ def _choice(arguments: argparse.Namespace, settings: Settings) -> ReplayChoice:
 
 
 def _announce(arguments: argparse.Namespace, settings: Settings, viewer: LiveViewer, recorder: Recorder | None) -> None:
-    if viewer.port != settings.view.port:
+    if viewer.port != settings.view.port > 0:
         live.say(f"port {settings.view.port} is taken: using {viewer.port}")
     if viewer.warning:
         live.say(viewer.warning)

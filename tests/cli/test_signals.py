@@ -17,7 +17,7 @@ IN_BACKGROUND = ("sh", "-c", "trap '' INT; exec \"$@\"", "sh")
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
     ("words", "code"),
-    [(("view", "demo", "--port", "18080"), 0), (("view", "udpin:127.0.0.1:0", "--no-record"), 2)],
+    [(("view", "demo", "--port", "0"), 0), (("view", "udpin:127.0.0.1:0", "--no-record"), 2)],
     ids=["a flight", "a link on which nobody is heard"],
 )
 def test_a_server_in_the_background_is_ended(words: tuple[str, ...], code: int, end: int) -> None:

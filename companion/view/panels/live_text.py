@@ -85,7 +85,7 @@ def numbers(
     rows = [
         ("since anchor", f"{sample.since_anchor_s:.1f} s", f"{free_age_s:.0f} s"),
         ("tilt", f"{sample.tilt_deg:.2f}°", "{0:.2f}°"),
-        ("heading", f"{sample.heading_deg:+.2f}°", "{1:+.2f}°"),
+        ("heading", f"{sample.heading_deg:+z.2f}°", "{1:+z.2f}°"),
     ]
     if has_position:
         rows += [

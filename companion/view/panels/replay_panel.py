@@ -130,7 +130,7 @@ def _numbers(sample: Sample, film: Footage, since_start: float, cell: float) -> 
     rows = [
         ("Since boot", f"{sample.t:.2f} s", f"{since_start:.1f} s into the log"),
         ("Since anchor", f"{sample.since_anchor_s:.1f} s", "" if sample.known else "autopilot silent here"),
-        ("Attitude error", f"{sample.tilt_deg:.2f}° tilt", f"{sample.heading_deg:+.2f}° heading"),
+        ("Attitude error", f"{sample.tilt_deg:.2f}° tilt", f"{sample.heading_deg:+z.2f}° heading"),
     ]
     if has_position:
         rows.append(("Velocity error", f"{sample.velocity_mps:.2f} m/s", f"grid squares {cell:g} m"))
