@@ -42,6 +42,7 @@ _AXES: Mapping[str, tuple[str, slice]] = {
 }
 """Quantity → what it is of, and its components in NED."""
 
+_TELLING, _FEWEST_TELLING, _LONGEST_LAG_S = 0.1, 10, 0.1  # rad/s and changes that tell of a lag; s
 _SHAKEN_S = 1.0  # either way
 _SETTLED_S = 10.0  # on a bench, after which an estimator has aligned
 _WELL = 0.5  # of what an estimator in order may be off by: an estimate that is known so well is judged as it is
@@ -210,16 +211,21 @@ def _judged(flight: Flight, t: Array) -> BoolArray:
 def _lag(error: Array, best: BestEstimate, judged: BoolArray) -> Array:
     """(K, 3) what a constant lag between the IMU's clock and the attitude's makes of the error, NED: no fault.
 
-    Of how the error varies with the rate: what is off throughout is no lag, nor is what an even turn adds to it.
+    Of how the error changes with the rate from one keyframe to the next: what is off throughout is no lag, nor what
+    drifts, which on a circle may look like one. The median of what each change says, as often as it tells of it.
     """
     rate = quaternion.rotate(best.q_ned_frd, best.imu.gyro[best.index])
-    varies = rate - np.median(rate[judged], axis=0)
-    turning = judged & (length(varies) > 0.1)
-    if turning.sum() < 10:
+    both = judged[1:] & judged[:-1]
+    changed, off = np.diff(rate, axis=0)[both], np.diff(error, axis=0)[both]
+    weight = (changed**2).sum(axis=1)
+    telling = weight > _TELLING**2
+    if telling.sum() < _FEWEST_TELLING:
         return np.zeros_like(error)
-    off = (error - np.median(error[judged], axis=0))[turning]
-    lag = float(np.median((off * varies[turning]).sum(axis=1) / (varies[turning] ** 2).sum(axis=1)))
-    return np.asarray(rate * np.clip(lag, -0.1, 0.1))
+    weight, said = weight[telling], (off * changed).sum(axis=1)[telling] / weight[telling]
+    order = np.argsort(said)
+    up_to = np.cumsum(weight[order])
+    lag = float(said[order][np.searchsorted(up_to, 0.5 * up_to[-1])])
+    return np.asarray(rate * np.clip(lag, -_LONGEST_LAG_S, _LONGEST_LAG_S))
 
 
 _UNITS: Mapping[str, tuple[str, str, float, float]] = {

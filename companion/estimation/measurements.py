@@ -10,7 +10,7 @@ the latency:
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -144,6 +144,18 @@ def gps_readings(track: GpsTrack, t: Array, origin: tuple[float, float, float], 
 def vector_readings(name: str, when: Array, value: Array, t: Array, spacing: float) -> Readings:
     """Readings (M, d) of a witness with the nominal σ at keyframes t (K,)."""
     return _at_keyframes(name, when, value, np.full(value.shape, NOMINAL[name]), t, spacing)
+
+
+def averaged(one: Readings, when: Array, value: Array, half_s: Array) -> Readings:
+    """Readings (M, d) that are each the mean of those at times `when` (N,) within half_s (M,) of it, either way alike.
+
+    What scatters from one to the next is less by the root of their number; what changes evenly meanwhile cancels.
+    """
+    i = np.searchsorted(when, one.t)
+    n = np.minimum(i - np.searchsorted(when, one.t - half_s), np.searchsorted(when, one.t + half_s, "right") - 1 - i)
+    sums = np.concatenate([np.zeros((1, 1 + value.shape[1])), np.cumsum(np.column_stack([when, value]), axis=0)])
+    mean = (sums[i + n + 1] - sums[i - n]) / (2 * n + 1)[:, None]
+    return replace(one, t=mean[:, 0], value=mean[:, 1:])
 
 
 def _at_keyframes(name: str, when: Array, value: Array, sigma: Array, t: Array, spacing: float) -> Readings:

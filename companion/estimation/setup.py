@@ -15,6 +15,7 @@ from companion.estimation.measurements import (
     MICROTESLA,
     NOMINAL,
     Readings,
+    averaged,
     gps_readings,
     vector_readings,
 )
@@ -30,6 +31,7 @@ _KEYFRAMES = 1000  # a longer flight has them further apart
 _WITHOUT_GPS_S = 0.5
 _HOLE_S, _HOLE_PERIODS = 0.1, 3.0
 _COMPASS_APART_S = 0.05  # of three samples between which the field was read: it is some hundredths of a second old
+_AVERAGED_S, _HARDLY_RAD = 0.1, 0.15  # of a field either way, at most: what turns by so much is short by 0.4 %
 _FEWEST_FIXES = 5
 _AROUND_S = 2.0  # of a keyframe, either way: forces and fields whose mean a first guess is made of
 _FEWEST = 8  # intervals between keyframes without a hole
@@ -186,9 +188,18 @@ def _compass(flight: Flight, track: ImuTrack, t: Array, spacing: float, notes: l
     if not good.all():
         when, field = when[good], field[good]
     readings = vector_readings("compass", when, field, t, spacing)
+    readings = averaged(readings, when, field, _hardly_turned(track, readings.t))
     sample = np.clip(np.searchsorted(track.t, readings.t), 0, len(track) - 1).astype(np.intp)
     sample = three_samples(track, sample, _COMPASS_APART_S, before=2)
     return [replace(readings, value=readings.value * MICROTESLA, sample=sample)]
+
+
+def _hardly_turned(track: ImuTrack, t: Array) -> Array:
+    """(M,) s, for how long before and after times t (M,) a mean of directions is as good as one that is turned back."""
+    turned = np.cumsum(track.gyro[1:] * np.diff(track.t)[:, None], axis=0)
+    before, after = (interpolated(t + apart, track.t[1:], turned) for apart in (-_AVERAGED_S, _AVERAGED_S))
+    angle = 0.5 * np.linalg.norm(after - before, axis=1)
+    return np.asarray(_AVERAGED_S * _HARDLY_RAD / np.maximum(angle, _HARDLY_RAD))
 
 
 def three_samples(track: ImuTrack, samples: Index, apart_s: float, *, before: int) -> Index:

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.estimation.measurements import GPS_LATENCY_S
+from companion.estimation.earth_field import field_at
+from companion.estimation.measurements import GPS_LATENCY_S, MICROTESLA
 from companion.estimation.setup import set_up, unaided_guess
-from companion.model import STANDARD_GRAVITY, Array
+from companion.model import STANDARD_GRAVITY, Array, CompassTrack, Origin, interpolated
 from companion.strapdown import quaternion
-from tests.estimation.sensed import sensed, with_imu
+from tests.estimation.sensed import EPOCH, PLACE, sensed, with_imu
 
 
 @pytest.mark.parametrize(
@@ -69,3 +70,19 @@ def test_every_fix_has_its_keyframe() -> None:
         gps = flight.gps[0]
         setup = set_up(replace(flight, gps=(replace(gps, t=gps.t + late),)), None, STANDARD_GRAVITY, None)
         assert max(len(one.t) for one in setup.readings if one.name.startswith("gps")) >= len(gps) - 2
+
+
+@pytest.mark.parametrize("path", ["rest", "coning"])
+def test_a_quick_compass_is_averaged_as_far_as_the_vehicle_hardly_turns(path: str) -> None:
+    """Eleven readings scatter by a third of one; the mean of directions far apart would be too short."""
+    flight, truth = sensed(40.0, path)
+    earth = field_at(Origin(*PLACE), EPOCH)
+    assert earth is not None
+    field = quaternion.rotate(quaternion.conjugate(truth.q_ned_frd), np.tile(earth.ned, (len(truth.t), 1)))
+    read = (field + 2e-6 * np.random.default_rng(1).standard_normal(field.shape))[::2]
+    quick = replace(flight, compasses=(CompassTrack(truth.t[::2], read, "RAW_IMU"),))
+    one = next(r for r in set_up(quick, None, STANDARD_GRAVITY, None).readings if r.name == "compass")
+    off = one.value - MICROTESLA * interpolated(one.t, truth.t, field)
+    assert off.std() < (0.75 if path == "rest" else 1.5)
+    size = np.linalg.norm(one.value, axis=1).mean() / (MICROTESLA * np.linalg.norm(earth.ned))
+    assert size == pytest.approx(1.0, abs=0.01)
