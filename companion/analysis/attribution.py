@@ -34,6 +34,7 @@ from companion.estimation import (
     coning,
     hides_shaking,
     kind_of,
+    longest_step,
     times_of_change,
 )
 from companion.model import words
@@ -197,8 +198,17 @@ def _may_be_a_shock(episode: Episode, others: tuple[Episode, ...]) -> bool:
     return any(shock(one) for one in begun if -apart < episode.start - one.start < apart + SIGMAS * one.start_sigma)
 
 
+def _began_unheard(episode: Episode, best: BestEstimate) -> bool:
+    """Whether a motion that an IMU should have felt may have begun while it was not heard."""
+    t, sure = best.imu.t, SIGMAS * episode.start_sigma
+    hole = np.diff(t) > longest_step(best.imu)
+    begun = (t[:-1] < episode.start + sure) & (t[1:] > episode.start - sure)
+    return episode.kind in _BY_THE_IMU_ALONE and bool((hole & begun).any())
+
+
 _ANOTHER = "A second sensor of the same kind in the log would tell, another IMU before all."
 _FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
+_WHOLE = "A log without holes, as the one on board may be, would tell."
 _CUTOFF = "The cutoff of the gyro's low-pass, a parameter of the vehicle, in the log would tell."
 _HEADING = "GPS while the vehicle moves, a second IMU or a second compass in the log would tell."
 
@@ -233,6 +243,8 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
          f"{_named(other)} explains as much at that time, or far more: one may be what the other leaves", _ANOTHER),
         (episode.kind in _BY_THE_IMU_ALONE and best.bursts >= _BURSTS,
          "the IMU is shaken in bursts that look the same: it cannot be told which of them is wrong", _FASTER),
+        (_began_unheard(episode, best),
+         "the IMU was not heard when it began: whether it felt that motion cannot be told", _WHOLE),
         (by_the_compass, "only the compass speaks against the gyro: it cannot be told which of the two is wrong",
          _HEADING),
         (gyro_or_compass and "gps_position" not in best.residuals,

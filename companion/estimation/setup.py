@@ -105,7 +105,7 @@ def set_up(
             readings.append(vector_readings("barometer", one.t[good], one.altitude[good][:, None], t, 2 * spacing))
     readings += _rest(flight, track, t)
     constants = _constants(field_at(origin, flight.epoch), readings)
-    longest = max(_HOLE_S, _HOLE_PERIODS * float(np.median(np.diff(track.t))))
+    longest = longest_step(track)
     broken = _broken(flight, track, index, longest, untrusted)
     if broken.any():
         notes.append(f"{int(broken.sum())} holes in {track.source}: the estimate begins anew after each")
@@ -192,6 +192,11 @@ def _compass(flight: Flight, track: ImuTrack, t: Array, spacing: float, notes: l
     sample = np.clip(np.searchsorted(track.t, readings.t), 0, len(track) - 1).astype(np.intp)
     sample = three_samples(track, sample, _COMPASS_APART_S, before=2)
     return [replace(readings, value=readings.value * MICROTESLA, sample=sample)]
+
+
+def longest_step(track: ImuTrack) -> float:
+    """s, between two samples (of two or more): a longer one is a hole."""
+    return max(_HOLE_S, _HOLE_PERIODS * float(np.median(np.diff(track.t))))
 
 
 def _hardly_turned(track: ImuTrack, t: Array) -> Array:

@@ -399,6 +399,20 @@ def test_what_may_be_a_moment_that_was_missed_accuses_nobody(best: BestEstimate,
     assert [one.side for one in found] == [side, "imu"]
 
 
+@pytest.mark.parametrize(("unheard", "side"), [(ONSET, "data"), (ONSET - 10.0, "autopilot")])
+def test_a_motion_that_began_while_the_imu_was_not_heard_accuses_nobody(
+    best: BestEstimate, unheard: float, side: str
+) -> None:
+    """Whatever it would have felt: as on a link that loses packets while a plane is launched."""
+    moves = Explained("gps_motion", "step", ONSET, 0.5, np.inf, np.array([7.0, 0.0]), np.full(2, 0.5), 60.0)
+    imu, heard = best.imu, np.abs(best.imu.t - unheard) > 0.2
+    holed = replace(
+        best, imu=replace(imu, t=imu.t[heard], gyro=imu.gyro[heard], accel=imu.accel[heard]), explained=(moves,)
+    )
+    away = Departure("position", ONSET + 3.0, ONSET + 40.0, 50.0, 1.0)
+    assert [one.side for one in findings_of(episodes(holed), (away,), holed)][:1] == [side]
+
+
 @pytest.mark.parametrize(("times", "side"), [(0.5, "data"), (2.0, "imu")])
 def test_a_bias_of_what_the_samples_fold_down_accuses_nobody(best: BestEstimate, times: float, side: str) -> None:
     """An IMU that is shaken by as much between two samples, for as long as it is there."""
