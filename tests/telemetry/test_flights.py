@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import companion as c
 from companion.mavlink import Decoder, load_dialect
-from companion.model import DataError
+from companion.model import DataError, ImuTrack
 from companion.telemetry.arrival import arrival
 from tests.recordings import BUNDLED, recording
 from tests.tlogs import EPOCH, Writer
@@ -391,6 +391,15 @@ def test_a_rate_is_a_count_and_no_interval() -> None:
     bursts = np.concatenate([t + 4e-4 * np.arange(10) for t in (1.0, 31.0, 61.0)])
     assert arrival(bursts, 0).rate_hz == pytest.approx(29 / 60, rel=0.01)
     assert arrival(np.array([np.nan, 3.0]), 0).rate_hz is None
+
+
+@pytest.mark.parametrize("intervals", [[0.008, 0.008, 0.014], [0.008, 0.012], [0.012, 0.008, 0.012, 0.008, 0.01]])
+def test_the_rate_of_an_imu_is_that_of_its_usual_intervals(intervals: list[float]) -> None:
+    t = np.cumsum(np.tile(intervals, 500))
+    kept = np.delete(t, np.arange(7, len(t), 40))  # lost on the way
+    for one in (t, kept):
+        track = ImuTrack(one, np.zeros((len(one), 3)), np.zeros((len(one), 3)))
+        assert track.rate_hz == pytest.approx(100.0, rel=0.03)
 
 
 def test_the_bundled_demo_flight() -> None:
