@@ -103,7 +103,8 @@ class ImuTrack(Sampled):
             return 0.0
         intervals = self.t[1:] - self.t[:-1]
         middle = median(intervals)
-        return 1.0 / float(intervals[np.abs(intervals - middle) < _USUAL * middle].mean())
+        usual = intervals[np.abs(intervals - middle) < _USUAL * middle]
+        return 1.0 / float(usual.mean() if len(usual) else middle)
 
     @property
     def low_pass_hz(self) -> float | None:

@@ -402,6 +402,10 @@ def test_the_rate_of_an_imu_is_that_of_its_usual_intervals(intervals: list[float
         assert track.rate_hz == pytest.approx(100.0, rel=0.03)
 
 
+def test_an_imu_without_usual_intervals_has_the_rate_of_their_median() -> None:
+    assert ImuTrack(np.array([0.0, 1.0, 11.0]), np.zeros((3, 3)), np.zeros((3, 3))).rate_hz == pytest.approx(1 / 5.5)
+
+
 def test_the_bundled_demo_flight() -> None:
     (flight,) = c.open_log(BUNDLED / "copter-demo-100hz.tlog")
     assert (str(flight.vehicle), flight.vehicle.type, flight.vehicle.firmware) == ("1:1", "QUADROTOR", "4.7.0-dev")
