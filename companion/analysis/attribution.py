@@ -186,12 +186,16 @@ def _may_be_folded(episode: Episode, best: BestEstimate) -> bool:
 def _may_be_a_shock(episode: Episode, others: tuple[Episode, ...]) -> bool:
     """Whether a moment that the IMU missed explains it nearly as well, or what it begins with.
 
-    After a second or two a launch that was sampled too slowly looks like a fault that has come to stay.
+    After a second or two a launch or a touchdown that was sampled too slowly looks like a fault that has come to stay.
+    How seldom such a moment is does not count against it: at those times it is not.
     """
 
     def shock(one: Episode) -> bool:
         sensor, _, what = one.kind.partition("_")
-        return what in ("bias", "scale") and one.gain - gain_of(one, f"{sensor}_shock") < 2.0 * FAR
+        if what not in ("bias", "scale"):
+            return False
+        missed = kind_of(f"{sensor}_shock")
+        return one.gain - gain_of(one, missed.name) - missed.rarity < 2.0 * FAR
 
     apart = _TOGETHER_S + SIGMAS * episode.start_sigma
     begun = (one for one in others if one.kind.split("_")[0] == episode.kind.split("_")[0])
@@ -235,7 +239,8 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
         (_may_be_coning(episode, size, best),
          "the gyro is shaken so much that what its low-pass hides of the shaking may add up to it", _CUTOFF),
         (_may_be_a_shock(episode, others),
-         "a moment that the IMU missed explains it nearly as well: no sensor is blamed for a single moment", _FASTER),
+         "but for how seldom that is, a moment that the IMU missed explains it as well: no sensor is blamed for one",
+         _FASTER),
         (_may_be_folded(episode, best),
          "the IMU is shaken so much while it is there that its samples may fold down as much", _FASTER),
         (size < SIGMAS * sigma, "its size is hardly more than its σ", _FASTER),
