@@ -23,7 +23,7 @@ from companion.estimation import (
     shaking,
     times_of_change,
 )
-from companion.model import Array, EstimatorReset, Flight
+from companion.model import Array, EstimatorReset, Flight, weighted_median
 from companion.strapdown import preintegrate, quaternion
 
 _LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0, "position": 3.0, "height": 5.0}
@@ -222,10 +222,7 @@ def _lag(error: Array, best: BestEstimate, judged: BoolArray) -> Array:
     if telling.sum() < _FEWEST_TELLING:
         return np.zeros_like(error)
     weight, said = weight[telling], (off * changed).sum(axis=1)[telling] / weight[telling]
-    order = np.argsort(said)
-    up_to = np.cumsum(weight[order])
-    lag = float(said[order][np.searchsorted(up_to, 0.5 * up_to[-1])])
-    return np.asarray(rate * np.clip(lag, -_LONGEST_LAG_S, _LONGEST_LAG_S))
+    return np.asarray(rate * np.clip(weighted_median(said, weight), -_LONGEST_LAG_S, _LONGEST_LAG_S))
 
 
 _UNITS: Mapping[str, tuple[str, str, float, float]] = {

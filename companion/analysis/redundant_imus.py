@@ -239,9 +239,7 @@ def _may_be(one: Parting, own: Explained) -> bool:
     return abs(one.onset - own.onset) < max(SIGMAS * float(np.hypot(one.onset_sigma, own.onset_sigma)), _AT_ONCE_S)
 
 
-def _finding(
-    flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting, *, known: bool, alone: bool = True
-) -> Finding:
+def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting, *, known: bool, alone: bool) -> Finding:
     """known: whether it is known which of the two it is. alone: whether the one that is judged shows no error ever."""
     kind, (unit, scale, decimals) = kind_of(f"{one.sensor}_bias"), BIAS_UNITS[one.sensor]
     in_use = flight.imu_in_use

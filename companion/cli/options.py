@@ -270,6 +270,11 @@ def say(text: str) -> None:
     print(text, file=sys.stderr)
 
 
+def other_port(asked: int, served: int) -> str:
+    """What is said where another port than the one that was asked for is served on; nothing where any would do."""
+    return f"port {asked} is taken: using {served}" if asked not in (0, served) else ""
+
+
 def _matches(flight: Flight, arguments: argparse.Namespace) -> bool:
     asked = str(arguments.vehicle) if arguments.vehicle is not None else None
     vehicle = asked is None or asked in {str(flight.vehicle), str(flight.vehicle.sysid)}

@@ -106,8 +106,8 @@ def _replay(arguments: argparse.Namespace) -> int:
         map_shown=arguments.map,
         port=settings.view.port,
     ) as viewer:
-        if viewer.port != settings.view.port > 0:
-            options.say(f"port {settings.view.port} is taken: using {viewer.port}")
+        if other := options.other_port(settings.view.port, viewer.port):
+            options.say(other)
         if viewer.warning:
             options.say(viewer.warning)
         with live.until_told(outlive_terminal=False) as told:

@@ -101,8 +101,8 @@ def _choice(arguments: argparse.Namespace, settings: Settings) -> ReplayChoice:
 
 
 def _announce(arguments: argparse.Namespace, settings: Settings, viewer: LiveViewer, recorder: Recorder | None) -> None:
-    if viewer.port != settings.view.port > 0:
-        live.say(f"port {settings.view.port} is taken: using {viewer.port}")
+    if other := options.other_port(settings.view.port, viewer.port):
+        live.say(other)
     if viewer.warning:
         live.say(viewer.warning)
     where = f"recording into {recorder.path}" if recorder else "not recorded"

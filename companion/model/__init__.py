@@ -43,6 +43,7 @@ from companion.model.tracks import (
     nearest,
     of_kind,
     percentile,
+    weighted_median,
 )
 from companion.model.wording import brief, counted, words
 
@@ -96,5 +97,6 @@ __all__ = [
     "ned_from_geodetic",
     "of_kind",
     "percentile",
+    "weighted_median",
     "words",
 ]

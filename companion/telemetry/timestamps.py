@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array
+from companion.model import Array, weighted_median
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -78,10 +78,9 @@ def left_out(streams: Mapping[str, Array], apart: Mapping[str, BoolArray]) -> li
 
 def _middle(streams: list[Array]) -> float:
     """The median of the streams' medians, each with the weight of its samples."""
-    middles, weights = np.array([np.median(t) for t in streams]), np.array([len(t) for t in streams])
-    order = np.argsort(middles)
-    passed = np.cumsum(weights[order])
-    return float(middles[order][np.searchsorted(passed, passed[-1] / 2)]) if streams else 0.0
+    if not streams:
+        return 0.0
+    return weighted_median(np.array([np.median(t) for t in streams]), np.array([float(len(t)) for t in streams]))
 
 
 def _core(t: Array) -> tuple[float, float]:
