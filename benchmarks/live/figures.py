@@ -1,6 +1,6 @@
-"""What the live page costs: `python benchmarks/live/figures.py [minutes]`.
+"""What the live page costs: `python benchmarks/live/figures.py [minutes (10)] [IMU rate (400 Hz)]`.
 
-A simulated vehicle sends 400 Hz of RAW_IMU, 100 of ATTITUDE and 50 of LOCAL_POSITION_NED from a process of its own;
+A simulated vehicle sends RAW_IMU, 100 Hz of ATTITUDE and 50 of LOCAL_POSITION_NED from a process of its own;
 `companion view` runs as its users run it, with one page open in headless Chromium. Printed: samples lost, resident
 memory after the first minute and at the end, CPU of the companion and of the verdict's processes, and how old a pose
 is when it is written to viser, from the moment at which the simulator sent the packet or could have.
@@ -26,16 +26,16 @@ import companion as c
 from companion.links import open_port, parse_address
 from companion.simulate import SimulatedVehicle, fly, serve
 
-STREAMS = {"RAW_IMU": 400.0, "ATTITUDE": 100.0, "LOCAL_POSITION_NED": 50.0}
+RATES_HZ = {"ATTITUDE": 100.0, "LOCAL_POSITION_NED": 50.0}
 LINK, PAGE = 14_771, 8_771
 CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 EVERY_S = 10.0
 
 
-def vehicle(seconds: float, begun: Any) -> None:
+def vehicle(seconds: float, imu_hz: float, begun: Any) -> None:
     """The simulator's process. begun: s of the machine's steady clock, when the vehicle booted."""
-    flying = SimulatedVehicle(fly(seconds), streams=STREAMS)
+    flying = SimulatedVehicle(fly(seconds), streams={"RAW_IMU": imu_hz, **RATES_HZ})
     port = open_port(parse_address(f"udpout:127.0.0.1:{LINK}"))
     begun.value = time.monotonic()
     serve(flying, port)
@@ -67,10 +67,10 @@ def beside(process: psutil.Process) -> float:
     return float(sum(one.user + one.system for one in times))
 
 
-def run(minutes: float, folder: str) -> None:
+def run(minutes: float, imu_hz: float, folder: str) -> None:
     """Measure and print."""
     begun = multiprocessing.get_context("spawn").Value("d", 0.0)
-    simulator = multiprocessing.get_context("spawn").Process(target=vehicle, args=(60 * minutes + 60, begun))
+    simulator = multiprocessing.get_context("spawn").Process(target=vehicle, args=(60 * minutes + 60, imu_hz, begun))
     command = [sys.executable, __file__, "page", folder]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as served, sync_playwright() as playwright:
         assert served.stdout is not None
@@ -94,7 +94,7 @@ def run(minutes: float, folder: str) -> None:
     simulator.terminate()
     (flight,) = c.open_log(f"{folder}/live.tlog")
     imu = flight.imu("RAW_IMU")
-    sent = round((imu.t[-1] - imu.t[0]) * STREAMS["RAW_IMU"]) + 1
+    sent = round((imu.t[-1] - imu.t[0]) * imu_hz) + 1
     own = cpu[-1].user + cpu[-1].system - cpu[0].user - cpu[0].system
     minute = int(60 / EVERY_S) - 1
     t, at = np.load(f"{folder}/shown.npy").T
@@ -111,4 +111,5 @@ if __name__ == "__main__":
     if sys.argv[1:2] == ["page"]:
         page(sys.argv[2])
     with tempfile.TemporaryDirectory() as scratch:
-        run(float(sys.argv[1]) if len(sys.argv) > 1 else 10.0, str(Path(scratch)))
+        minutes, rate = (*map(float, sys.argv[1:]), *(10.0, 400.0)[len(sys.argv) - 1 :])
+        run(minutes, rate, str(Path(scratch)))
