@@ -119,7 +119,8 @@ def findings_of(
                            bool(why) and (harmed or not constant)))  # fmt: skip
     own = [d for d, cause in zip(departed, causes, strict=True) if cause is None]
     by_imu = min((d.start for d in own if d.as_the_imu), default=np.inf)
-    return out + [_own(d, best, by_imu, _steps(d, jumps)) for d in own]
+    # an estimator that has to follow an IMU which the other sensors contradict jumps to and fro
+    return out + [_own(d, best, by_imu, _steps(d, jumps) and not best.contradicted) for d in own]
 
 
 _CREEPS = kind_of("gps_position").least_slow  # m

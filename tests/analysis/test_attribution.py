@@ -387,6 +387,16 @@ def test_a_departure_that_begins_with_a_jump_of_the_autopilots_own_is_the_autopi
     assert ("it cannot be told" in told.evidence) == (side == "data")
 
 
+def test_an_estimator_that_jumps_as_its_imu_is_contradicted_is_not_accused(best: BestEstimate) -> None:
+    """It has to follow a gyro that wanders, and corrects itself again and again."""
+    noisy = replace(best, noise=replace(best.noise, gyro_noise=1e3 * best.scatter[0]))
+    jump = Finding("position_jump", "autopilot", "error", ONSET, ONSET + 0.2, "steps", "look")
+    away = Departure("position", ONSET - 1.0, ONSET + 5.0, 100.0, 1.0, sudden=True)
+    (told,) = findings_of((), (away,), noisy, [jump])
+    assert (told.side, told.undecided) == ("data", True)
+    assert "far more noise than it shows" in told.evidence
+
+
 @pytest.mark.parametrize(("shock", "side"), [(70.0, "imu"), (80.0, "data")])
 def test_what_may_be_a_moment_that_was_missed_accuses_nobody(best: BestEstimate, shock: float, side: str) -> None:
     """Nor what begins with it: the one takes up what the other leaves."""
