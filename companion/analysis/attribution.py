@@ -119,8 +119,9 @@ def findings_of(
                            bool(why) and (harmed or not constant)))  # fmt: skip
     own = [d for d, cause in zip(departed, causes, strict=True) if cause is None]
     by_imu = min((d.start for d in own if d.as_the_imu), default=np.inf)
-    # an estimator that has to follow an IMU which the other sensors contradict jumps to and fro
-    return out + [_own(d, best, by_imu, _steps(d, jumps) and not best.contradicted) for d in own]
+    # an estimator jumps too to be rid of what an IMU led it to
+    led = [best.contradicted or d.start >= by_imu for d in own]
+    return out + [_own(d, best, by_imu, _steps(d, jumps) and not by) for d, by in zip(own, led, strict=True)]
 
 
 _CREEPS = kind_of("gps_position").least_slow  # m
@@ -249,6 +250,8 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
          f"{_named(other)} explains as much at that time, or far more: one may be what the other leaves", _ANOTHER),
         (episode.kind in _BY_THE_IMU_ALONE and best.bursts >= _BURSTS,
          "the IMU is shaken in bursts that look the same: it cannot be told which of them is wrong", _FASTER),
+        (episode.slow and size < kind_of(episode.kind).least_slow + SIGMAS * sigma,
+         f"a {words(episode.witness)} in order creeps as far", _RECEIVER),
         (_began_unheard(episode, best),
          "the IMU was not heard when it began: whether it felt that motion cannot be told", _WHOLE),
         (by_the_compass, "only the compass speaks against the gyro: it cannot be told which of the two is wrong",

@@ -215,18 +215,18 @@ def trailing(comparison: Comparison, horizon: float) -> Windows:
 
 
 LEFT_OUT = {
-    "imu_gap": "over a hole in the IMU",
+    "imu_gap": "across an IMU gap",
     "no_attitude": "without an attitude",
-    "attitude_jump": "over a jump of the attitude",
+    "attitude_jump": "across an attitude jump",
     "no_position": "without a position",
-    "position_jump": "over a jump of the position",
+    "position_jump": "across a position jump",
     "not_judged": "while the estimator aligned, after landing or loss of control",
 }
 """Why a window is left out → the same in words, after how many they are."""
 
 
 def left_out(excluded: Mapping[str, int]) -> str:
-    """How many windows are left out for which reason, in words: "9 over a hole in the IMU"; "" for none."""
+    """How many windows are left out for which reason, in words: "9 across an IMU gap"; "" for none."""
     return ", ".join(f"{count} {LEFT_OUT[reason]}" for reason, count in excluded.items())
 
 

@@ -20,7 +20,7 @@ from companion.estimation import (
     main_axis,
     turn_of_the_field,
 )
-from companion.model import Array
+from companion.model import Array, words
 
 CLOSE, FAR = 3.0, 7.0  # log-likelihood: one to twenty, one to a thousand
 SIGMAS = 3.0  # from which on something stands out
@@ -47,6 +47,7 @@ class Episode:
     gain: float  # twice the log-likelihood ratio
     others: tuple[tuple[str, str, float], ...]  # the next best explanations and their gains
     seconded: bool = True  # of a gyro: whether anything but the compass speaks against it
+    slow: bool = False  # whether it grows, and is not there at once
 
     @property
     def magnitude(self) -> float:
@@ -113,6 +114,7 @@ def _episodes_of(parts: list[Explained], witness: str, least: float, best: BestE
             cause.gain,
             cause.others,
             any(part.seconded for part in before),
+            cause.shape in SLOPED,
         )
 
 
@@ -232,4 +234,4 @@ def rivals(episode: Episode) -> str:
         return ""
     kind, worse = rival
     less = "far less likely" if worse > FAR else f"{max(np.exp(worse), 1.0):.0f} times less likely"
-    return f"next best: {kind.replace('_', ' ')}, {less}"
+    return f"next best: {words(kind)}, {less}"

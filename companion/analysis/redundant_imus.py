@@ -235,8 +235,9 @@ def _would_show(best: BestEstimate, one: Parting, onset: float) -> bool:
 
 
 def _may_be(one: Parting, own: Explained) -> bool:
-    """Whether a parting may be an error of the best estimate's own IMU, of whichever sensor: it began when that did."""
-    return abs(one.onset - own.onset) < max(SIGMAS * float(np.hypot(one.onset_sigma, own.onset_sigma)), _AT_ONCE_S)
+    """Whether a parting may be an error of the best estimate's own IMU, of any of its sensors, that begins or ends."""
+    apart = min(abs(one.onset - own.onset), abs(one.onset - own.end))
+    return apart < max(SIGMAS * float(np.hypot(one.onset_sigma, own.onset_sigma)), _AT_ONCE_S)
 
 
 def _finding(flight: Flight, used: ImuTrack, track: ImuTrack, one: Parting, *, known: bool, alone: bool) -> Finding:

@@ -70,7 +70,7 @@ def _all_the_same(judged: Windows, expected: Expected, source: str) -> str:
     """
     if min(expected.inside.values()) < 1.0:
         return ""
-    return f" {source} and the autopilot agree all the same: {_share(judged, expected)}."
+    return f" {source} and the autopilot nevertheless agree: {_share(judged, expected)}."
 
 
 def lasting(
@@ -119,7 +119,7 @@ def _unwitnessed(best: BestEstimate | None) -> str:
     """What both may have wrong together, as no third witness was there; "" elsewhere."""
     if best is None or "gps_position" in best.residuals:
         return ""
-    return " There is no GPS: whether the position is right was not judged."
+    return " No GPS data: the position could not be verified."
 
 
 def _share(judged: Windows, expected: Expected) -> str:
@@ -132,13 +132,14 @@ def _lacking(judged: Windows, expected: Expected | None, findings: tuple[Finding
     """Why nothing can be judged; None where it can."""
     lost = next((f for f in findings if f.kind == "control_lost"), None)
     if lost is not None and not has_cause:
-        return f"Loss of control: {lost.evidence}. Before it no sensor is at fault."
+        return f"Loss of control: {lost.evidence}. No sensor fault was found before that."
     data = [f for f in findings if f.side == "data" and f.severity == "error"]
     if data:
         return f"Cannot tell: {data[0].evidence}."
     if expected is None or len(judged.start) < FEWEST_WINDOWS:
         reasons = left_out(judged.excluded)
-        why = f"left out: {reasons}" if reasons else f"the flight is short: it takes {FEWEST_WINDOWS * JUDGED_S:g} s"
+        short = f"the flight is too short: at least {FEWEST_WINDOWS * JUDGED_S:g} s are needed"
+        why = f"left out: {reasons}" if reasons else short
         usable = f"only {counted(len(judged.start), 'window')}" if len(judged.start) else "no window"
         return f"Cannot tell: {usable} of {JUDGED_S:g} s can be used ({why})."
     return None
@@ -152,7 +153,8 @@ def _doubt(judged: Windows, expected: Expected, findings: tuple[Finding, ...], b
     worst = min(expected.inside, key=lambda name: expected.inside[name])
     if expected.inside[worst] >= _CONSISTENT_SHARE:
         return None
-    why = "no single cause explains it" if best is not None else "no third witness tells which is wrong"
+    unknown = "no independent sensor (GPS, compass) tells which is wrong"
+    why = "no single cause explains it" if best is not None else unknown
     return f"IMU and autopilot differ in {worst} by more than expected (only {_share(judged, expected)}), and {why}"
 
 

@@ -15,7 +15,7 @@ from companion.app.examination import Examination, examine
 from companion.app.recording import Recording
 from companion.cli import options, sensor_lines, tables
 from companion.documents import contrast_document, encode
-from companion.model import DataError, SettingsError
+from companion.model import DataError, SettingsError, words
 from companion.present import QUANTITIES, fixed
 from companion.strapdown import METHODS
 
@@ -39,7 +39,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         commands,
         "compare",
         "Two flights side by side: which drifts more?",
-        "Two flights, or one flight before and after a change, side by side: what drifts more, and is it chance?",
+        "Two flights, or one before and after a change, side by side: which drifts more, and is that significant?",
         "companion compare flight.tlog --correction-b imu.toml",
     )
     parser.add_argument("b", metavar="B", nargs="?", help="the other log (default: the same, with an option for B)")
@@ -181,9 +181,9 @@ def _finding_lines(difference: Contrast) -> list[str]:
         for kind in dict.fromkeys(finding.kind for finding in several):
             evidence = [finding.evidence for finding in several if finding.kind == kind]
             more = f" (and {len(evidence) - 1} more)" if len(evidence) > 1 else ""
-            lines.append(f"Finding {title}: {kind.replace('_', ' ')}. {escape(evidence[0])}{more}")
+            lines.append(f"Finding {title}: {words(kind)}. {escape(evidence[0])}{more}")
     if difference.kept:
-        lines.append(f"Findings in both: {', '.join(kind.replace('_', ' ') for kind in difference.kept)}")
+        lines.append(f"Findings in both: {', '.join(words(kind) for kind in difference.kept)}")
     return lines or ["Findings: none in either"]
 
 

@@ -61,13 +61,13 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     parser.add_argument("paths", metavar="PATH", nargs="+", help="logs, folders to search for logs, or patterns")
     parser.add_argument(
-        "-o", "--output", metavar="DIR", required=True, help="folder of the results; what it knows is not done again"
+        "-o", "--output", metavar="DIR", required=True, help="output folder; logs already analysed in it are skipped"
     )
     cluster = parser.add_mutually_exclusive_group()
     cluster.add_argument("--workers", type=_count, metavar="N", help="processes to start (default: one per processor)")
     cluster.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler to use instead, as tcp://HOST:8786")
     parser.add_argument("--reports", action="store_true", help="write the report of every flight, linked from the page")
-    parser.add_argument("--retry", action="store_true", help="examine those again that ended in an error")
+    parser.add_argument("--retry", action="store_true", help="retry logs that ended in an error")
     parser.add_argument(
         "--memory", type=_positive, metavar="GB", default=MEMORY_GB, help=f"for one log (default: {MEMORY_GB:g})"
     )
@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
     if fleet.complete:
         return 0
     left = fleet.logs - fleet.examined - fleet.unchanged
-    options.say(f"stopped: {counted(left, 'log')} left. What is done is kept; the same command goes on from there.")
+    options.say(f"stopped: {counted(left, 'log')} left. Results are kept; run the same command again to resume.")
     return 130
 
 

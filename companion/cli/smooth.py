@@ -46,8 +46,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = options.add_command(
         commands,
         "smooth",
-        "The best estimate of the trajectory, without the autopilot's",
-        "Where it really was: the best estimate of the trajectory from all sensors, without the autopilot's.",
+        "The best estimate of the trajectory from all sensors, without the EKF",
+        "Where it really was: the best estimate of the trajectory from all sensors, independent of the EKF.",
         "companion smooth flight.tlog -o best.tum",
     )
     options.add_flight_choice(parser)
@@ -145,9 +145,10 @@ def explained_lines(explanations: Sequence[Explained]) -> Iterator[str]:
             f"{value:.3g} ± {sigma:.2g}" for value, sigma in zip(one.size * factor, one.sigma * factor, strict=True)
         )
         until = f" to {one.end:.1f}" if np.isfinite(one.end) else ""
-        second = f"; next best: {one.others[0][0].replace('_', ' ')}" if one.others else ""
+        other = next((kind for kind, *_ in one.others if kind != one.kind), "")
+        second = f"; next best: {words(other)}" if other else ""
         yield (
-            f"  {one.kind.replace('_', ' ')}, {one.shape}: {size} {unit} from {one.onset:.1f} ± "
+            f"  {words(one.kind)}, {one.shape}: {size} {unit} from {one.onset:.1f} ± "
             f"{one.onset_sigma:.1f}{until} s (2 ln likelihood ratio {one.gain:.0f}{second})"
         )
     if not explanations:

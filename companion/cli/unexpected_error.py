@@ -22,7 +22,7 @@ def tell(error: BaseException, arguments: Sequence[str]) -> int:
     except Exception:  # noqa: BLE001  (there is nobody behind this border)
         path = None
     where = f"Send in {path} and, if you may, the log" if path else "The report of it cannot be written"
-    _say(f"companion: this is a fault of companion, and not yours: {what}. {where}.")
+    _say(f"companion: internal error (a bug in companion): {what}. {where}.")
     return EXIT_CODE
 
 

@@ -305,7 +305,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("barometer", "the barometer jumps or creeps",
          by_length("the barometer", "m"),
          "Shield it from wind and light.",
-         "barometer", "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift("barometer")),
+         "barometer", "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift("barometer"), least_slow=15.0),
 )  # fmt: skip
 """What may be wrong. An explanation that is not in this table does not exist."""
 

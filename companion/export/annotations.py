@@ -16,6 +16,7 @@ from pathlib import Path
 
 from companion.analysis import Finding, Verdict, by_severity
 from companion.export.table import Format
+from companion.model import words
 
 _MOST_TEXT, _MOST_NAME, _MOST_INTERVALS, _MOST_CATEGORIES = 200, 64, 1000, 50  # of Flight Review
 _SEVERITY_COLOURS = {"error": "#d55e00", "warning": "#e69f00", "info": "#0072b2"}
@@ -51,7 +52,7 @@ def _lines(verdict: Verdict) -> Iterator[str]:
     kinds = [list(group) for _, group in groupby(findings, key=lambda f: f.kind)]
     for group in kinds[:_MOST_CATEGORIES]:
         kind, severity = group[0].kind, by_severity(group)[0].severity
-        yield f"      - category: {json.dumps(_cut(kind.replace('_', ' '), _MOST_NAME))}"
+        yield f"      - category: {json.dumps(_cut(words(kind), _MOST_NAME))}"
         yield f"        graph: {json.dumps(graph_of(kind))}"
         yield f"        color: {json.dumps(_SEVERITY_COLOURS[severity])}"
         yield "        intervals:"

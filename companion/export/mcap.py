@@ -19,7 +19,7 @@ from companion.analysis import Assessment, Replay
 from companion.export import foxglove
 from companion.export.kml import COLOURS, geodetic, paths, places
 from companion.export.table import Contents, Format, Table, series_name
-from companion.model import Array, Flight, InputError
+from companion.model import Array, Flight, InputError, words
 
 _NED_IN_ENU = np.array([[0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0]])  # half a turn about north-east: swaps and flips
 _FLU_IN_FRD = np.array([[0.0, 1.0, 0.0, 0.0]])  # half a turn about forward
@@ -106,9 +106,7 @@ def _topics(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Top
     rows = [foxglove.log(foxglove.level_of(text.severity), text.text, str(flight.vehicle)) for text in texts]
     yield Topic("/statustext", foxglove.LOG, np.array([text.t for text in texts]), rows)
     findings = sorted(assessed.verdict.findings, key=lambda finding: finding.start_s)
-    rows = [
-        foxglove.log(foxglove.LEVELS[f.severity], f"{f.kind.replace('_', ' ')}: {f.evidence}", f.side) for f in findings
-    ]
+    rows = [foxglove.log(foxglove.LEVELS[f.severity], f"{words(f.kind)}: {f.evidence}", f.side) for f in findings]
     yield Topic("/findings", foxglove.LOG, np.array([finding.start_s for finding in findings]), rows)
 
 

@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 _CONNECT_S = 10.0  # for a scheduler to answer, and for it to have a worker
 _SPARE_S = 60.0  # for a worker that has died to come again, and for what a scheduler does between two answers
 _LOOK_S = 0.02  # between two looks for a log that is done
-_KEPT = "What was done is kept: the same command goes on from there when it is back."
+_KEPT = "What was done is kept: run the same command again when it is back."
 _ON_THE_WAY = 1000  # logs that are handed to the scheduler at a time: all would be slow for tens of thousands
 
 

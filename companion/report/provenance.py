@@ -66,7 +66,7 @@ def log_facts(
         rows = [[e.kind, e.text, f"{e.t:.2f}"] for e in flight.events[:MOST_TEXTS]]
         title = f"Arming, modes and errors ({_count(flight.events)})"
         body += details(title, table(["event", "", "s"], rows, words=2))
-    body += details(f"What the vehicle said ({_count(flight.texts)})", said) if flight.texts else ""
+    body += details(f"Vehicle messages ({_count(flight.texts)})", said) if flight.texts else ""
     if flight.parameters:
         values = [[name, f"{value:g}"] for name, value in sorted(flight.parameters.items())]
         body += details(f"Parameters of the vehicle ({len(values)})", table(["parameter", "value"], values))
@@ -91,7 +91,7 @@ def again(source: Source, settings: Settings, command: str, chosen: Sequence[tup
     )
     return Section(
         "again",
-        "To make this again",
+        "Reproduce this report",
         table(["", ""], rows, words=2) + details("Every setting", file) + (document if chosen else ""),
     )
 

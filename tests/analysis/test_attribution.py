@@ -360,6 +360,24 @@ def test_a_gps_that_contradicts_itself_needs_no_imu(flight: Flight, best: BestEs
     assert (found.kind, found.side) == (kind, side)
 
 
+@pytest.mark.parametrize(("kind", "rate", "side"), [
+    ("gps_position", 0.4, "data"), ("gps_position", 1.0, "autopilot"), ("barometer", 0.5, "data"),
+])  # fmt: skip
+def test_what_creeps_no_further_than_one_in_order_accuses_nobody(
+    flight: Flight, best: BestEstimate, kind: str, rate: float, side: str
+) -> None:
+    """Of a ramp the size at its end counts, and its σ: 12 ± 1.5 m of a GPS may be the 11 m of one in order."""
+    known = kind_of(kind)
+    size = np.zeros(2 if known.side == "gps" else 1)
+    size[0] = rate
+    shape = "creep" if "creep" in known.shapes else "ramp"
+    creeping = Explained(kind, shape, ONSET, 1.0, np.inf, size, np.full(len(size), 0.05), 300.0)
+    slow = replace(best, explained=(creeping,))
+    away = Departure("height" if kind == "barometer" else "position", ONSET + 5.0, ONSET + 30.0, 12.0, 1.0)
+    told = next(one for one in findings_of(episodes(slow), (away,), slow) if one.kind == kind)
+    assert (told.side, "in order creeps as far" in told.evidence) == (side, side == "data")
+
+
 def test_what_was_wrong_from_the_beginning_on_accuses_nobody(flight: Flight, best: BestEstimate) -> None:
     begin = float(best.t[0])
     early = replace(best, explained=(step(begin + 1.0, np.inf, 0.05),))
@@ -395,6 +413,8 @@ def test_an_estimator_that_jumps_as_its_imu_is_contradicted_is_not_accused(best:
     (told,) = findings_of((), (away,), noisy, [jump])
     assert (told.side, told.undecided) == ("data", True)
     assert "far more noise than it shows" in told.evidence
+    before = Departure("tilt", ONSET - 10.0, ONSET - 5.0, 0.3, 0.01, as_the_imu=True)
+    assert [one.side for one in findings_of((), (before, away), best, [jump])] == ["data", "data"]
 
 
 @pytest.mark.parametrize(("shock", "side"), [(70.0, "imu"), (80.0, "data")])

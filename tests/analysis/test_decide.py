@@ -57,7 +57,7 @@ def test_a_suspicion_beside_windows_that_all_agree_says_so(share: float) -> None
     judged: Any = SimpleNamespace(start=range(31), excluded={})
     expected: Any = SimpleNamespace(inside={"attitude": 1.0, "position": share})
     slow = cause("gps_motion", "autopilot", 66.6, 0.4, "gps")
-    said = "RAW_IMU and the autopilot agree all the same: 100 % of 31 windows of 5 s inside the 95 % bound."
+    said = "RAW_IMU and the autopilot nevertheless agree: 100 % of 31 windows of 5 s inside the 95 % bound."
     verdict = decide(judged, expected, (slow,), None, "RAW_IMU")
     assert verdict.status == "autopilot_suspect"
     assert verdict.summary.endswith(said) == (share == 1.0)
@@ -66,8 +66,8 @@ def test_a_suspicion_beside_windows_that_all_agree_says_so(share: float) -> None
 @pytest.mark.parametrize(
     ("usable", "excluded", "said"),
     [
-        (0, {}, "no window of 5 s can be used (the flight is short: it takes 15 s)"),
-        (1, {"imu_gap": 9}, "only 1 window of 5 s can be used (left out: 9 over a hole in the IMU)"),
+        (0, {}, "no window of 5 s can be used (the flight is too short: at least 15 s are needed)"),
+        (1, {"imu_gap": 9}, "only 1 window of 5 s can be used (left out: 9 across an IMU gap)"),
         (
             2,
             {"no_position": 1, "not_judged": 3},

@@ -111,6 +111,8 @@ def test_the_one_that_agrees_with_all_other_sensors_is_not_accused(flight: Fligh
     assert (later.kind, later.severity) == ("accel_bias", "error")
     assert later.evidence.endswith("which shows no change then")
     assert parting_findings(both, flight.imu(), replace(best, explained=(replace(before, onset_sigma=6.0),))) == []
+    ended = replace(before, end=ONSET + 1.0)
+    assert parting_findings(both, flight.imu(), replace(best, explained=(ended,))) == [], "its own error ended then"
     assert parting_findings(both, flight.imu(), replace(best, detectable={"accel_bias": 1.0})) == []
 
 

@@ -471,7 +471,7 @@ def test_agreement_without_gps_says_what_was_not_judged() -> None:
     seen, blind = (assess(flight, GENERIC).verdict for flight in (flown(), flown(gps=())))
     assert seen.status == blind.status == "consistent"
     assert seen.summary.endswith("bound).")
-    assert blind.summary.endswith("There is no GPS: whether the position is right was not judged.")
+    assert blind.summary.endswith("No GPS data: the position could not be verified.")
 
 
 @pytest.mark.parametrize("gone", [False, True])

@@ -261,7 +261,7 @@ def test_ctrl_c_keeps_what_is_done(tmp_path: Path, capsys: Captured, scheduler: 
     os.killpg(running.process.pid, signal.SIGINT)
     code, out, err = running.end()
     assert code == 130
-    assert "the same command goes on from there" in err
+    assert "run the same command again to resume" in err
     assert "Traceback" not in err
     kept = len(table(tmp_path / "results"))
     assert 3 <= kept < 8

@@ -150,9 +150,9 @@ def test_controls_reckon_anew(page: Page, flight: Flight) -> None:
         visit(page, viewer)
         choose(page, "Integrator", "Euler (simplest)")
         until(lambda: asked[-1].how.method == "euler", "the integrator")
-        expect(page.get_by_text(re.compile(r"Reckoning for \d+ s"))).to_be_visible()
+        expect(page.get_by_text(re.compile(r"Recomputing for \d+ s"))).to_be_visible()
         seen.set()
-        expect(page.get_by_text("Reckoning for")).to_have_count(0)  # done
+        expect(page.get_by_text("Recomputing for")).to_have_count(0)  # done
         choose(page, "IMU", "SCALED_IMU2")
         until(lambda: asked[-1].imu == "SCALED_IMU2", "the IMU")
         choose(page, "Interpolation", "Linear")

@@ -29,7 +29,7 @@ _REST = 0.1  # of the squares of what is read, that the motion may leave
 _MULTIPLE = 2.0  # or a half: what is less off is no unit
 _EXACT = 0.03  # by which a factor of units may be missed
 _DOES = {"gyro": "turns", "accel": "feels"}
-_THOUSAND = {1e3: "whole units, where thousandths are sent", 1e-3: "thousandths, where whole units are sent"}
+_THOUSAND = {1e3: "thousandths, where whole units are meant", 1e-3: "whole units, where thousandths are meant"}
 _UNITS = {
     "gyro": {np.degrees(1.0): "degrees, where radians are meant", np.radians(1.0): "radians, where degrees are meant"}
     | _THOUSAND,

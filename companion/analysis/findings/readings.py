@@ -51,7 +51,7 @@ def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuSp
                 start,
                 end,
                 f"{counted(len(group), 'sample')} of the {SENSORS[name]} at the end of its range, {most:.1f} {unit}"
-                + ("; a shock does this too: no sensor is accused of a moment" if moment else ""),
+                + ("; a shock does this too: a single event is not counted as a sensor fault" if moment else ""),
                 "Damp the mounting, or set a larger range: a shock, vibration or a turn is more than it can read.",
                 cause=Cause(f"{name}_clipping", "imu", start, end, sensor=name),
             )

@@ -23,9 +23,9 @@ def rate_warning(flight: Flight, rate_hz: float) -> str | None:
     if rate_hz >= _LOW_HZ:
         return None
     if rate_hz < _USELESS_HZ:
-        lost = "too low to integrate: motion between the samples is lost, and most of the drift is that"
+        lost = "too low to integrate: motion between samples is lost and causes most of the drift"
     else:
-        lost = "low: quick motion between the samples is lost, and the drift has a part of that"
+        lost = "low: fast motion between samples is lost, which adds to the drift"
     return f"{rate_hz:.0f} Hz is {lost}. {flight.how_to_record}."
 
 
@@ -58,7 +58,7 @@ def rate_findings(flight: Flight, comparison: Comparison, sampling_share: float)
             (
                 "Look at the link's quality, or use the on-board log. "
                 if not flight.on_board
-                else "The logger could not keep up: look at the card, and log less else. "
+                else "The logger could not keep up: check the SD card, or log fewer other messages. "
             )
             + "Windows over holes are left out.",
         )
@@ -86,7 +86,7 @@ def stamp_findings(
             f"{period * 1e3:.0f} ms",
             "The processor was too busy to sample evenly. Look at its load, and log less."
             if flight.on_board
-            else "The autopilot stamps when it sends, not when it samples: a busy link or processor moves the samples. "
+            else "The autopilot timestamps on sending, not on sampling: a busy link or processor causes jitter. "
             "Ask for fewer messages, or use the on-board log.",
         )
     if len(lags) < 2:

@@ -94,7 +94,7 @@ def _clips(series: Series) -> Iterator[Finding]:
             clipped.end_s,
             f"{counted(round(clipped.readings), 'reading')} at the end of the accelerometer's range "
             f"({series.source}, {clipped.column})",
-            "Damp the mounting: what is clipped is lost, and the reckoning drifts by it.",
+            "Damp the mounting: clipped samples are lost and add drift.",
         )
 
 
@@ -114,5 +114,5 @@ def noise_findings(comparison: Comparison, measured: tuple[float, float], imu: I
                 float(track.t[-1]),
                 f"noise of {density * factor:.0f} {unit} in flight, {density / sheet:.0f} times the "
                 f"{sheet * factor:.3g} of {imu.name}",
-                "Vibration reaches the sensor: look at its figures and at the damping. The verdict allows for it.",
+                "Vibration reaches the sensor: check vibration levels and damping. The verdict takes it into account.",
             )

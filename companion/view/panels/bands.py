@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from companion.model import Array, Flight
+from companion.model import Array, Flight, words
 from companion.present import palette
 from companion.view.state.sample import Footage
 
@@ -46,7 +46,7 @@ def bands(flight: Flight, film: Footage) -> Bands:
     if switched and switched[0][1] == "disarmed":  # it was armed before the log began
         armed.insert(0, Span(film.start, switched[0][0], "armed"))
     findings = film.insight.assessment.verdict.findings if film.insight else ()
-    said = tuple(Span(f.start_s, f.end_s, f"{f.kind.replace('_', ' ')}: {f.evidence}", f.severity) for f in findings)
+    said = tuple(Span(f.start_s, f.end_s, f"{words(f.kind)}: {f.evidence}", f.severity) for f in findings)
     height = None
     if film.replay.has_position:
         some = np.unique(np.linspace(0, len(film.replay.t) - 1, PROFILE_POINTS).round().astype(np.intp))

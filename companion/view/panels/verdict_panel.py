@@ -8,6 +8,7 @@ from html import escape
 import viser
 
 from companion.analysis import Finding
+from companion.model import words
 from companion.present import Rgb, palette
 from companion.view.panels import verdict_tables
 from companion.view.state import events
@@ -81,7 +82,7 @@ class _FindingCard:
         self._button.visible = self._evidence.visible = finding is not None
         if finding is None:
             return
-        self._button.label = short(f"{finding.start_s:.1f} s: {finding.kind.replace('_', ' ')}")
+        self._button.label = short(f"{finding.start_s:.1f} s: {words(finding.kind)}")
         self._button.icon = ICONS.get(finding.severity, ICONS["info"])
         self._button.color = palette.SEVERITIES[finding.severity]
         self._button.hint = finding.advice or None

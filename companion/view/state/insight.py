@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from companion.analysis import Assessment, Expectation, ImuNoise, RedundantImu, Replay, WindowErrors
-from companion.model import Array
+from companion.model import Array, words
 from companion.view.state.marks import Mark
 
 MOST = 1e12
@@ -29,8 +29,7 @@ class Insight:
     def marks(self) -> tuple[Mark, ...]:
         """The findings as marks of the timeline, in the order of the verdict."""
         return tuple(
-            Mark(f.start_s, f"{f.kind.replace('_', ' ')}: {f.evidence}", "finding")
-            for f in self.assessment.verdict.findings
+            Mark(f.start_s, f"{words(f.kind)}: {f.evidence}", "finding") for f in self.assessment.verdict.findings
         )
 
 

@@ -145,7 +145,7 @@ class Work:
         if seconds < PATIENCE_S:
             return ""
         if self._reckoner.busy:
-            return f"Reckoning for {seconds:.0f} s. Another choice takes its place."
+            return f"Recomputing for {seconds:.0f} s. Changing a setting restarts it."
         return f"The analysis has worked for {seconds:.0f} s." if self._examiner.busy else ""
 
     def close(self) -> None:
