@@ -364,7 +364,7 @@ def test_a_gps_that_contradicts_itself_needs_no_imu(flight: Flight, best: BestEs
     ("gps_position", 0.4, "data"), ("gps_position", 1.0, "autopilot"), ("barometer", 0.5, "data"),
 ])  # fmt: skip
 def test_what_creeps_no_further_than_one_in_order_accuses_nobody(
-    flight: Flight, best: BestEstimate, kind: str, rate: float, side: str
+    best: BestEstimate, kind: str, rate: float, side: str
 ) -> None:
     """Of a ramp the size at its end counts, and its σ: 12 ± 1.5 m of a GPS may be the 11 m of one in order."""
     known = kind_of(kind)
