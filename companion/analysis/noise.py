@@ -196,7 +196,7 @@ def _notes(noise: ImuNoise, track: ImuTrack) -> Iterator[str]:
             "record 10 minutes or more in which the vehicle stands still"
         )
     if flight is not None and flight.gyro is None:
-        yield f"{noise.rate_hz:.1f} Hz is too low to tell noise from motion in flight: 10 Hz are needed"
+        yield f"{noise.rate_hz:.1f} Hz is too low to tell noise from motion in flight: more than 10 Hz are needed"
     if how.confirmed is False:
         yield f"the log says a low-pass of {how.corner_hz:g} Hz, but the spectrum at rest does not show that"
     if track.bias_removed:

@@ -144,7 +144,7 @@ _MOST_LINES = 23  # in _COLUMNS, and the prompt: an old terminal's window; one t
 _COLUMNS = 80
 _WIDEST = 100
 _SHOWN_S = 10.0  # the horizon that is told
-_LABEL = 18  # columns of "Would have shown"
+_LABEL = 18  # columns of "Detectable"
 _ADVICES = 2
 
 
@@ -178,7 +178,7 @@ def _rows(assessment: Assessment, warning: str) -> Iterator[tuple[str, str]]:
     yield f"After {_SHOWN_S:g} s", _drift(assessment)
     could = assessment.sensitivity
     if could.smallest:
-        yield "Would have shown", str(could)
+        yield "Detectable", str(could)
     for why in could.not_judged:
         yield "Not judged", why
     told = [

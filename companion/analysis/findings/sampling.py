@@ -40,7 +40,7 @@ def rate_findings(flight: Flight, comparison: Comparison, sampling_share: float)
             "error",
             float(track.t[0]),
             float(track.t[-1]),
-            f"{track.source} at {rate:.1f} Hz"
+            f"{track.source} at {rate:.1f} Hz is too slow"
             + (f"; sampling is {sampling_share:.0%} of the expected attitude error" if sampling_share > 0.05 else ""),
             f"{flight.how_to_record}.",
         )
@@ -56,7 +56,7 @@ def rate_findings(flight: Flight, comparison: Comparison, sampling_share: float)
             f"{track.source} has {counted(len(holes), 'hole')}, {lost:.1f} s in all, "
             f"the longest {np.diff(track.t).max():.2f} s",
             (
-                "Look at the link's quality, or use the on-board log. "
+                "Check the link quality, or use the on-board log. "
                 if not flight.on_board
                 else "The logger could not keep up: check the SD card, or log fewer other messages. "
             )
