@@ -46,7 +46,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser = options.add_command(
         commands,
         "smooth",
-        "The best estimate of the trajectory from all sensors, without the EKF",
+        "Best estimate of the trajectory from all sensors, without the EKF",
         "Where it really was: the best estimate of the trajectory from all sensors, independent of the EKF.",
         "companion smooth flight.tlog -o best.tum",
     )

@@ -139,7 +139,7 @@ def _said(error: BaseException) -> str:
         return printable(f"{error.filename or 'a file'}: {error.strerror or error}")
     if isinstance(error, MemoryError | SystemError):  # the second is what C code makes of memory that it does not get
         return "it needs more memory than a log is given. Give it more: --memory GB --retry"
-    return printable(f"the analysis failed with {type(error).__name__}: {error}. This is a fault of companion.")
+    return printable(f"the analysis failed with {type(error).__name__}: {error}. This is a bug in companion.")
 
 
 @functools.lru_cache(maxsize=4)

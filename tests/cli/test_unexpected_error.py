@@ -34,7 +34,7 @@ def test_what_nobody_foresaw_is_one_sentence_a_report_and_an_exit_code(
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert main(["info", DEMO]) == 70
     said = capsys.readouterr().err
-    assert said.startswith("companion: this is a fault of companion")
+    assert said.startswith("companion: internal error (a bug in companion)")
     assert "Traceback" not in said
     assert said.count("\n") == 1
     found = re.search(r"Send in (\S+)", said)
