@@ -1,4 +1,4 @@
-"""What the live page costs: `python benchmarks/live/figures.py [minutes (10)] [IMU rate (400 Hz)]`.
+"""What the live page costs: `python benchmarks/live/figures.py [MINUTES [IMU_HZ]]`.
 
 A simulated vehicle sends RAW_IMU, 100 Hz of ATTITUDE and 50 of LOCAL_POSITION_NED from a process of its own;
 `companion view` runs as its users run it, with one page open in headless Chromium. Printed: samples lost, resident
@@ -8,6 +8,7 @@ is when it is written to viser, from the moment at which the simulator sent the 
 
 from __future__ import annotations
 
+import argparse
 import multiprocessing
 import os
 import signal
@@ -110,6 +111,9 @@ def run(minutes: float, imu_hz: float, folder: str) -> None:
 if __name__ == "__main__":
     if sys.argv[1:2] == ["page"]:
         page(sys.argv[2])
+    parser = argparse.ArgumentParser(description="what the live page costs")
+    parser.add_argument("minutes", nargs="?", type=float, default=10.0)
+    parser.add_argument("imu_hz", nargs="?", type=float, default=400.0)
+    asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        minutes, rate = (*map(float, sys.argv[1:]), *(10.0, 400.0)[len(sys.argv) - 1 :])
-        run(minutes, rate, str(Path(scratch)))
+        run(asked.minutes, asked.imu_hz, str(Path(scratch)))

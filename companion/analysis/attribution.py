@@ -119,12 +119,9 @@ def findings_of(
                            bool(why) and (harmed or not constant)))  # fmt: skip
     own = [d for d, cause in zip(departed, causes, strict=True) if cause is None]
     by_imu = min((d.start for d in own if d.as_the_imu), default=np.inf)
-    # an estimator jumps too to be rid of what an IMU led it to
-    led = [best.contradicted or d.start >= by_imu for d in own]
-    return out + [_own(d, best, by_imu, _steps(d, jumps) and not by) for d, by in zip(own, led, strict=True)]
+    return out + [_own(d, best, by_imu, _steps(d, jumps)) for d in own]
 
 
-_CREEPS = kind_of("gps_position").least_slow  # m
 _OF_HEIGHT = ("gps_height", "barometer")  # kinds that mislead nothing else
 _TOGETHER_S, _HALF, _FAR_MORE = 2.0, 0.5, 20.0  # s; of the evidence; times the evidence
 _AGAINST_ITSELF = ("gps_position", "gps_velocity")  # kinds that the GPS shows without an IMU
@@ -219,6 +216,11 @@ _CUTOFF = "The cutoff of the gyro's low-pass, a parameter of the vehicle, in the
 _HEADING = "GPS while the vehicle moves, a second IMU or a second compass in the log would tell."
 
 
+def _creeps_in_order(kind: str, size: float, sigma: float) -> bool:
+    """Whether what goes off slowly may go no further than that of a sensor in order."""
+    return size < kind_of(kind).least_slow + SIGMAS * sigma
+
+
 def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, ...]) -> tuple[str, str]:
     """Why an episode that looks like a fault accuses nobody, empty where it does; and what would tell.
 
@@ -250,7 +252,7 @@ def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, 
          f"{_named(other)} explains as much at that time, or far more: one may be what the other leaves", _ANOTHER),
         (episode.kind in _BY_THE_IMU_ALONE and best.bursts >= _BURSTS,
          "the IMU is shaken in bursts that look the same: it cannot be told which of them is wrong", _FASTER),
-        (episode.slow and size < kind_of(episode.kind).least_slow + SIGMAS * sigma,
+        (episode.slow and _creeps_in_order(episode.kind, size, sigma),
          f"a {words(episode.witness)} in order creeps as far", _RECEIVER),
         (_began_unheard(episode, best),
          "the IMU was not heard when it began: whether it felt that motion cannot be told", _WHOLE),
@@ -284,7 +286,7 @@ def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> tupl
     slowly_off = departure.quantity == "position" and not departure.sudden
     reasons = (
         ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong", _WITNESS),
-        (slowly_off and departure.size < _CREEPS + SIGMAS * departure.sigma,
+        (slowly_off and _creeps_in_order("gps_position", departure.size, departure.sigma),
          "a GPS in order creeps as far: it cannot be told which of them is wrong", _RECEIVER),
         (best.contradicted, _CONTRADICTED, _FASTER),
         (departure.recovers, "it was so when this began, and the estimate recovers: what led to it lies before",
@@ -322,7 +324,8 @@ def _own(departure: Departure, best: BestEstimate, by_imu: float, steps: bool) -
     But for these, without GPS, where a fault of a sensor explains it nearly as well, or where it is not far beyond what
     both may be off by, it is said and accuses nobody.
     """
-    why, would_tell = ("", "") if steps else _why_unsure(departure, best, by_imu)
+    led = best.contradicted or departure.start >= by_imu  # an estimator jumps too to be rid of what an IMU led it to
+    why, would_tell = ("", "") if steps and not led else _why_unsure(departure, best, by_imu)
     unsure = bool(why)
     words = f"its estimate is off by {departure} against the best estimate of the sensors, which agree with each other"
     if unsure:

@@ -235,7 +235,7 @@ def _would_show(best: BestEstimate, one: Parting, onset: float) -> bool:
 
 
 def _may_be(one: Parting, own: Explained) -> bool:
-    """Whether a parting may be an error of the best estimate's own IMU, of any of its sensors, that begins or ends."""
+    """Whether a parting may be an error of the estimate's own IMU: one begins or ends then, of whichever sensor."""
     apart = min(abs(one.onset - own.onset), abs(one.onset - own.end))
     return apart < max(SIGMAS * float(np.hypot(one.onset_sigma, own.onset_sigma)), _AT_ONCE_S)
 

@@ -144,7 +144,7 @@ _MOST_LINES = 23  # in _COLUMNS, and the prompt: an old terminal's window; one t
 _COLUMNS = 80
 _WIDEST = 100
 _SHOWN_S = 10.0  # the horizon that is told
-_LABEL = 18  # columns of "Detectable"
+_LABEL = 18  # columns of what stands before a line
 _ADVICES = 2
 
 

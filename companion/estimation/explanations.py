@@ -56,6 +56,7 @@ _MOMENTS = 4.0 * float(np.log(1000 / 24))  # both its ends are moments: of a tho
 _OFTEN = 8  # measurements, less than which show no change
 _DEGREES = float(np.degrees(1.0))
 _GPS = ("gps_position", "gps_height", "gps_velocity", "gps_climb")
+_HEIGHT_CREEPS = 15.0  # m, of a GPS in order, against which alone a barometer's height is known
 _LIVELY = {GYRO_BIAS.start: 0.2, ACCEL_BIAS.start: 1.5}  # rad/s, m/s², root mean square
 
 
@@ -275,7 +276,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("gps_height", "the GPS height jumps, creeps or is off for a time",
          by_length("the GPS height", "m"),
          "Usual under trees and beside walls; fly on the barometer.",
-         "gps", "m", ("step", "ramp", "pulse"), 50.0, 5.0, _shift("gps_height"), least_slow=15.0),
+         "gps", "m", ("step", "ramp", "pulse"), 50.0, 5.0, _shift("gps_height"), least_slow=_HEIGHT_CREEPS),
     Kind("gps_motion", "GPS velocity and position move as the vehicle does not",
          by_length("the GPS reports a motion that no other sensor feels: it", "m/s"),
          "Position and velocity go off together: look at the receiver, and at interference or spoofing.",
@@ -305,7 +306,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("barometer", "the barometer jumps or creeps",
          by_length("the barometer", "m"),
          "Shield it from wind and light.",
-         "barometer", "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift("barometer"), least_slow=15.0),
+         "barometer", "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift("barometer"), least_slow=_HEIGHT_CREEPS),
 )  # fmt: skip
 """What may be wrong. An explanation that is not in this table does not exist."""
 
