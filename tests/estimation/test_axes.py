@@ -41,15 +41,8 @@ def smoothed(words: str) -> BestEstimate:
     return smooth(misread(words), span=SPAN)
 
 
-@pytest.mark.parametrize(
-    ("words", "lost"),
-    [
-        ("gyro x is mirrored", False),
-        ("gyro x is mirrored", True),
-        ("accelerometer x is mirrored", False),
-        ("axes x and y are exchanged", False),
-    ],
-)
+@pytest.mark.parametrize("lost", [False, True])
+@pytest.mark.parametrize("words", ["gyro x is mirrored", "accelerometer x is mirrored", "axes x and y are exchanged"])
 def test_the_way_that_fits_is_found(words: str, lost: bool) -> None:
     """Whether the autopilot flew well with it, or tumbled in its own estimate."""
     flight = misread(words)

@@ -83,7 +83,7 @@ def bad_flights(bad_log: Path) -> list[Flight]:
     return list(c.open_log(bad_log))
 
 
-@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=9, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, 1000), st.sampled_from([200, 3000, 100_000]))
 def test_however_it_is_cut_a_stream_gives_the_flights_of_the_log(
     bad_log: Path, bad_flights: list[Flight], seed: int, largest: int
