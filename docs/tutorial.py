@@ -58,7 +58,7 @@ print("position error grows with t to the power of", ", ".join(f"{slope:.1f}" fo
 
 # %% [markdown]
 # ## An error put in by hand is found
-# From 100 s on the gyro reads 10 mrad/s (0.6 °/s) too much about the right axis.
+# From 100 s on the gyro has a bias of 10 mrad/s (0.6 °/s) about the right axis.
 
 # %%
 imu = flight.imu()
@@ -67,7 +67,7 @@ spoiled = replace(flight, imus={imu.source: replace(imu, gyro=imu.gyro + added)}
 suspect = c.examine(spoiled).assessment
 print(suspect.verdict.status, "-", suspect.verdict.summary)
 
-# > imu_suspect - Suspect the IMU: gyro y reads 10.0 ± 0.5 mrad/s too much, from 100.1 ± 0.4 s to the end.
+# > imu_suspect - Suspect the IMU: gyro y bias 10.0 ± 0.5 mrad/s, from 100.1 ± 0.4 s to the end.
 
 # %% [markdown]
 # ## An error from the first second on is calibration

@@ -1,7 +1,7 @@
 """Healthy flights made as imperfect as real ones: `python benchmarks/accuracy/imperfect.py [LOG_OR_FOLDER ...]`.
 
 Nothing is broken, but the GPS wanders, the compass feels the motors, biases drift with temperature, scales are a per
-cent off, the IMU shakes, the log has holes. The small EKF (ekf.py) lives with it as a real one would. Nobody is to be
+cent off, the IMU shakes, the log has gaps. The small EKF (ekf.py) lives with it as a real one would. Nobody is to be
 blamed, unless the EKF's estimate really went off by more than an estimator in order does.
 """
 

@@ -102,9 +102,8 @@ def run(minutes: float, imu_hz: float, folder: str) -> None:
     late = 1e3 * (at - begun.value - t)[len(t) // 20 :]
     print(f"{elapsed:.0f} s: {sent - len(imu)} of {sent} RAW_IMU samples lost, {flight.duration:.0f} s recorded")
     print(f"companion {own / elapsed:.1%} of a core, verdicts beside it {(verdicts[-1] - verdicts[0]) / elapsed:.1%}")
-    print(
-        f"resident {resident[minute]:.1f} MB after a minute, {resident[-1]:.1f} MB at the end, {max(resident):.1f} most"
-    )
+    tens = ", ".join(f"{one:.1f}" for one in resident[minute :: 10 * (minute + 1)])
+    print(f"resident, MB: every ten minutes {tens}, {resident[-1]:.1f} at the end, {max(resident):.1f} most")
     print(f"pose latency {np.median(late):.0f} ms median, {np.percentile(late, 95):.0f} ms p95 ({len(late)} poses)")
 
 

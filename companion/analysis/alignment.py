@@ -49,7 +49,7 @@ class Alignment:
     magnetic_rad: float | None  # heading by the magnetometer, with the declination where it is known; None without one
     magnetic_error_rad: float | None  # that less the autopilot's
     declination_rad: float  # 0 where it is not known
-    later: tuple[Later, ...]  # after LATER_S and at the end of the track, as far as it goes without a hole
+    later: tuple[Later, ...]  # after LATER_S and at the end of the track, as far as it goes without a gap
     notes: tuple[str, ...]
 
     def freed(self, track: ImuTrack) -> ImuTrack:
@@ -135,10 +135,10 @@ def _later(
         track, method=comparison.how.method, middle=comparison.how.middle, segments=comparison.how.segments
     )
     last, notes = len(track) - 1, []
-    holes = np.flatnonzero(comparison.holes[start:])
-    if len(holes):
-        last = start + int(holes[0])
-        notes.append(f"reckoned to {track.t[last]:.1f} s: the IMU has a hole there")
+    gaps = np.flatnonzero(comparison.gaps[start:])
+    if len(gaps):
+        last = start + int(gaps[0])
+        notes.append(f"reckoned to {track.t[last]:.1f} s: the IMU has a gap there")
     known = np.flatnonzero(comparison.reference.attitude_known[: last + 1])
     if not len(known) or known[-1] <= start or len(track) < 2:
         return (), notes

@@ -194,7 +194,7 @@ def assess(
     third = best if best is not None and _independent(best) else None
     usual = figures if third is None else in_flight(figures, third)
     drift, comparison = drift_over(comparison, sets), comparison.forgotten()
-    told = comparison.of(clean if third is None else restored(_unbiased(clean, third), comparison.holes))
+    told = comparison.of(clean if third is None else restored(_unbiased(clean, third), comparison.gaps))
     judged = _while_judged(windows(told, JUDGED_S), told.track.t, parts)
     return Assessment(
         comparison=comparison,

@@ -34,10 +34,9 @@ from companion.estimation import (
     coning,
     hides_shaking,
     kind_of,
-    longest_step,
     times_of_change,
 )
-from companion.model import words
+from companion.model import longest_step, words
 
 _OVERSHOOTS = 2.0  # times what misled it: a height that is off by more has another cause
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
@@ -204,14 +203,14 @@ def _may_be_a_shock(episode: Episode, others: tuple[Episode, ...]) -> bool:
 def _began_unheard(episode: Episode, best: BestEstimate) -> bool:
     """Whether a motion that an IMU should have felt may have begun while it was not heard."""
     t, sure = best.imu.t, SIGMAS * episode.start_sigma
-    hole = np.diff(t) > longest_step(best.imu)
+    gap = np.diff(t) > longest_step(best.imu.t)
     begun = (t[:-1] < episode.start + sure) & (t[1:] > episode.start - sure)
-    return episode.kind in _BY_THE_IMU_ALONE and bool((hole & begun).any())
+    return episode.kind in _BY_THE_IMU_ALONE and bool((gap & begun).any())
 
 
 _ANOTHER = "A second sensor of the same kind in the log would tell, another IMU before all."
 _FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
-_WHOLE = "A log without holes, as the one on board may be, would tell."
+_WHOLE = "A log without gaps, as the one on board may be, would tell."
 _CUTOFF = "The cutoff of the gyro's low-pass, a parameter of the vehicle, in the log would tell."
 _HEADING = "GPS while the vehicle moves, a second IMU or a second compass in the log would tell."
 

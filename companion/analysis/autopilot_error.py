@@ -170,7 +170,6 @@ def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:
             "info",
             begin,
             end,
-            f"{name} {'xyz'[axis]} reads {reads} {unit} too much; the autopilot's estimator takes {takes} off "
-            f"({held.source})",
+            f"{name} {'xyz'[axis]} bias {reads} {unit}; the autopilot's estimator takes {takes} off ({held.source})",
             "No fault: the estimator knows it and removes it. A calibration at rest would spare it the work.",
         )

@@ -37,7 +37,7 @@ class Comparison:
     position: PositionTrack | None
     reference: Reference  # at the samples of the track
     how: Integration
-    holes: BoolArray  # (N-1,) intervals of the track that are a hole
+    gaps: BoolArray  # (N-1,) intervals of the track that are a gap
     attitude_steps: Array  # (J, 2) s, jumps of the autopilot's attitude
     position_steps: Array  # (J, 2) s, jumps of its position
 
@@ -104,7 +104,7 @@ class Comparison:
             return replace(self, track=track)
         limits = self.how.limits
         reference = reference_at(self.attitude, self.position, track.t, limits)
-        return replace(self, track=track, reference=reference, holes=np.diff(track.t) > limits.hole(track.t))
+        return replace(self, track=track, reference=reference, gaps=np.diff(track.t) > limits.longest_step(track.t))
 
     def beside(self, reference: Reference) -> Comparison:
         """The same beside another judge, who never jumps; the pass over the track is as it was."""
@@ -178,7 +178,7 @@ def compare(
         position=position,
         reference=reference_at(attitude, position, track.t, limits),
         how=how,
-        holes=np.diff(track.t) > limits.hole(track.t),
+        gaps=np.diff(track.t) > limits.longest_step(track.t),
         attitude_steps=attitude_jumps(attitude, limits),
         position_steps=position_jumps(position, limits) if position else np.zeros((0, 2)),
     )
@@ -187,7 +187,7 @@ def compare(
 
 
 def windows(comparison: Comparison, horizon: float, part: Part | None = None) -> Windows:
-    """Windows of `horizon` seconds end to end, without those that have a hole, an unknown end or a jump in them.
+    """Windows of `horizon` seconds end to end, without those that have a gap, an unknown end or a jump in them.
 
     A flight that has a position is judged where it has one. part: of a longer flight, of which the comparison is a
     piece. Raises ValueError for a horizon that is not positive.
@@ -233,9 +233,9 @@ def left_out(excluded: Mapping[str, int]) -> str:
 def _usable(
     comparison: Comparison, start: IntArray, end: IntArray, has_position: bool
 ) -> tuple[BoolArray, dict[str, int]]:
-    """Which of the windows have no hole, no unknown end and no jump in them, and how many have which."""
+    """Which of the windows have no gap, no unknown end and no jump in them, and how many have which."""
     track, reference = comparison.track, comparison.reference
-    running = np.concatenate([[0], np.cumsum(comparison.holes)])
+    running = np.concatenate([[0], np.cumsum(comparison.gaps)])
     reasons = {
         "imu_gap": running[end] > running[start],
         "no_attitude": ~(reference.attitude_known[start] & reference.attitude_known[end]),
@@ -300,7 +300,7 @@ def _grid(comparison: Comparison, horizon: float, part: Part | None) -> tuple[In
     if origin is None or len(numbers) < 2:
         return np.zeros(0, np.intp), np.zeros(0, np.intp)
     index = nearest(t, origin + horizon * numbers.astype(np.float64))
-    apart = np.diff(index) > 0  # in a hole, or at a very low rate, two edges can fall on one sample
+    apart = np.diff(index) > 0  # in a gap, or at a very low rate, two edges can fall on one sample
     return index[:-1][apart], index[1:][apart]
 
 

@@ -105,7 +105,7 @@ def drift(
 ) -> Drift:
     """The drift of the flight's IMU against its autopilot after each horizon (s).
 
-    Windows with a hole in the IMU samples, with an unknown state at an end, or over a jump of the autopilot's attitude
+    Windows with a gap in the IMU samples, with an unknown state at an end, or over a jump of the autopilot's attitude
     or position are left out and counted. A flight that has a position is judged where it has one: before, the
     estimator is still starting up. One without any is compared in attitude alone. One pass over the samples serves
     every window.

@@ -101,7 +101,7 @@ def by_severity(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 def digits(value: Array, decimals: int) -> str:
     """The components of a vector in words."""
-    return ", ".join(f"{v:.{decimals}f}" for v in value)
+    return ", ".join(f"{v:z.{decimals}f}" for v in value)
 
 
 def run_edges(flags: BoolArray) -> tuple[IntArray, IntArray]:

@@ -29,7 +29,7 @@ class FreeState:
 class FreeRun:
     """Call `take` with every new replay of the flight's newest seconds; it goes on from where it was.
 
-    A hole in the samples ends the run, because integrating across one is the largest false error there is: the next
+    A gap in the samples ends the run, because integrating across one is the largest false error there is: the next
     `take` begins another at the anchor of its replay.
     """
 
@@ -61,7 +61,7 @@ class FreeRun:
             self._end("its samples are forgotten")
             return None
         steps = np.diff(track.t[at:end])
-        if len(steps) and steps.max() > how.limits.hole(track.t):
+        if len(steps) and steps.max() > how.limits.longest_step(track.t):
             self._end(f"the IMU was silent for {steps.max():.1f} s")
             return None
         reckoner = Reckoner(settled, method=how.method, middle=how.middle, segments=how.segments, gravity=how.gravity)

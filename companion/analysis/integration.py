@@ -17,7 +17,7 @@ class Integration:
     middle: str = "cubic"  # the signal between two samples: linear or cubic
     segments: int = 1  # steps between two samples
     gravity: float = STANDARD_GRAVITY  # m/s², along NED's down
-    limits: Limits = field(default_factory=Limits)  # what is a hole, what is a jump
+    limits: Limits = field(default_factory=Limits)  # what is a gap, what is a jump
 
 
 DEFAULT = Integration()

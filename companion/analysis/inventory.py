@@ -1,4 +1,4 @@
-"""What a flight has: every sensor and every estimate in it, its rate and its holes."""
+"""What a flight has: every sensor and every estimate in it, its rate and its gaps."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.model import STANDARD_GRAVITY, Array, Flight, FlowTrack, GpsTrack, ImuTrack, RangeTrack
+from companion.model import STANDARD_GRAVITY, Array, Flight, FlowTrack, GpsTrack, ImuTrack, RangeTrack, longest_step
 
-_HOLE_PERIODS = 3.0  # a longer interval than so many median ones is a hole
 _SERIES = {
     "vibration": "vibration", "attitude": "other attitude", "estimator": "test ratios", "innovation": "innovations",
     "variance": "variances", "accuracy": "accuracies", "test_ratio": "test ratios", "aiding": "aiding",
@@ -30,7 +29,7 @@ class Item:
     source: str  # the message, record or topic
     samples: int
     rate_hz: float | None  # samples per second from the first to the last; None for fewer than two
-    holes: int  # intervals longer than three median ones
+    gaps: int
     longest_gap_s: float | None
     about: str = ""  # what else is known of it, in words
 
@@ -98,12 +97,11 @@ def _items(flight: Flight) -> Iterator[Item]:
 
 
 def _item(kind: str, source: str, t: Array, about: str = "") -> Item:
-    gaps = np.diff(t)
-    if not len(gaps):
+    steps = np.diff(t)
+    if not len(steps):
         return Item(kind, source, len(t), None, 0, None, about)
-    period = float(np.median(gaps))
-    rate, holes = len(gaps) / float(t[-1] - t[0]), int((gaps > _HOLE_PERIODS * period).sum())
-    return Item(kind, source, len(t), rate, holes, float(gaps.max()), about)
+    rate, gaps = len(steps) / float(t[-1] - t[0]), int((steps > longest_step(t)).sum())
+    return Item(kind, source, len(t), rate, gaps, float(steps.max()), about)
 
 
 def _about_imu(imu: ImuTrack) -> str:

@@ -100,21 +100,21 @@ class ImuNoise:
 def imu_noise(flight: Flight, imu: str, figures: ImuSpec, limits: Limits) -> ImuNoise:
     """The noise of the IMU message `imu` of a flight.
 
-    Raises DataError when the flight lacks it, or when it neither rests for ten seconds nor has a stretch without holes
+    Raises DataError when the flight lacks it, or when it neither rests for ten seconds nor has a stretch without gaps
     that is long enough for a spectrum.
     """
     track = flight.imu(imu)
-    hole = limits.hole(track.t)
+    gap = limits.longest_step(track.t)
     still = rests(flight, track, figures)
     chosen = _chosen(still)
     longest = max(chosen, key=lambda rest: rest.duration_s, default=None)
-    sampling = confirmed_sampling(_part(track, longest), hole) if longest else sampling_of(track)
-    resting = tuple(told for rest in chosen if (told := _rest_noise(_part(track, rest), sampling, hole)))
-    flying = _flight_noise(_only(track, _flown(flight, track, still)), sampling, hole)
+    sampling = confirmed_sampling(_part(track, longest), gap) if longest else sampling_of(track)
+    resting = tuple(told for rest in chosen if (told := _rest_noise(_part(track, rest), sampling, gap)))
+    flying = _flight_noise(_only(track, _flown(flight, track, still)), sampling, gap)
     if not resting and flying is None:
         raise DataError(
             f"{track.source} has {len(track)} samples in {track.t[-1] - track.t[0]:.1f} s: no rest of {_SHORT_S:g} s "
-            f"and no stretch without a hole that is long enough for a spectrum. {flight.how_to_record}."
+            f"and no stretch without a gap that is long enough for a spectrum. {flight.how_to_record}."
         )
     noise = ImuNoise(track.source, track.rate_hz, sampling, figures, resting, flying, ())
     return replace(noise, notes=tuple(_notes(noise, track)))
@@ -133,7 +133,7 @@ def _part(track: ImuTrack, rest: Rest) -> ImuTrack:
 
 
 def _only(track: ImuTrack, mask: BoolArray) -> ImuTrack:
-    """The samples of a mask: what is cut out is a hole."""
+    """The samples of a mask: what is cut out is a gap."""
     interval = None if track.interval is None else track.interval[mask]
     return replace(track, t=track.t[mask], gyro=track.gyro[mask], accel=track.accel[mask], interval=interval)
 
@@ -146,9 +146,9 @@ def _flown(flight: Flight, track: ImuTrack, still: tuple[Rest, ...]) -> BoolArra
     return mask & flying if flying.any() else mask
 
 
-def _rest_noise(track: ImuTrack, sampling: Sampling, hole: float) -> RestNoise | None:
-    """The Allan deviation over the longest stretch of a rest that has no hole; single lost samples are closed up."""
-    a, b = max(stretches(track.t, hole), key=lambda edges: edges[1] - edges[0], default=(0, 0))
+def _rest_noise(track: ImuTrack, sampling: Sampling, gap: float) -> RestNoise | None:
+    """The Allan deviation over the longest stretch of a rest that has no gap; single lost samples are closed up."""
+    a, b = max(stretches(track.t, gap), key=lambda edges: edges[1] - edges[0], default=(0, 0))
     part = track[a:b]
     if len(part) < 2:
         return None
@@ -177,12 +177,12 @@ def _axis(
     return AxisNoise(fitted.white, fitted.instability, fitted.walk, hidden=False) if fitted else None
 
 
-def _flight_noise(track: ImuTrack, sampling: Sampling, hole: float) -> FlightNoise | None:
-    spectrum = imu_spectrum(track, hole)
+def _flight_noise(track: ImuTrack, sampling: Sampling, gap: float) -> FlightNoise | None:
+    spectrum = imu_spectrum(track, gap)
     if spectrum is None:
         return None
-    gyro, accel = (white_noise(track, sensor, hole, sampling) for sensor in _SENSORS)
-    seconds = float(sum(track.t[b - 1] - track.t[a] for a, b in stretches(track.t, hole)))
+    gyro, accel = (white_noise(track, sensor, gap, sampling) for sensor in _SENSORS)
+    seconds = float(sum(track.t[b - 1] - track.t[a] for a, b in stretches(track.t, gap)))
     return FlightNoise(seconds, spectrum, gyro, accel, peaks(spectrum, spectrum.gyro), peaks(spectrum, spectrum.accel))
 
 

@@ -205,8 +205,8 @@ def _biased(used: ImuTrack, track: ImuTrack, sensor: str, off: Array, best: Best
         "warning",
         float(track.t[0]),
         float(track.t[-1]),
-        f"{track.source} (IMU {track.instance}): {SENSORS[sensor]} reads ({digits(scale * bias, decimals)}) ± "
-        f"{float(sigma.max()) * scale:.{decimals}f} {unit} too much all the time; {used.source} (IMU {used.instance}), "
+        f"{track.source} (IMU {track.instance}): {SENSORS[sensor]} bias ({digits(scale * bias, decimals)}) ± "
+        f"{float(sigma.max()) * scale:.{decimals}f} {unit} all the time; {used.source} (IMU {used.instance}), "
         "which was judged, agrees with all other sensors",
         f"Calibrate IMU {track.instance} at rest: the autopilot may switch to it.",
     )

@@ -9,7 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, AttitudeTrack, PositionTrack, median
+from companion.model import GAP_PERIODS, GAP_S, Array, AttitudeTrack, PositionTrack, longest_step
 from companion.strapdown import quaternion
 
 
@@ -33,17 +33,14 @@ _BLOCK = 4096  # samples at a time
 class Limits:
     """What makes a stretch of samples unusable. A stretch is left out and counted, never patched over."""
 
-    gap_periods: float = 3.0  # a hole is longer than so many median sample periods ...
-    gap_s: float = 0.1  # ... and longer than this, s
+    gap_periods: float = GAP_PERIODS
+    gap_s: float = GAP_S
     position_jump_m: float = 1.0  # step that the velocity does not explain
     attitude_jump_deg: float = 5.0  # step that the body rates do not explain
 
-    def hole(self, t: Array) -> float:
-        """The longest sample interval, s, of a track with times t (N,) that is not a hole.
-
-        Integrating across a hole is the largest false error there is: 1 s in a turn is 30° of attitude.
-        """
-        return max(self.gap_s, self.gap_periods * median(t[1:] - t[:-1])) if len(t) > 1 else 0.0
+    def longest_step(self, t: Array) -> float:
+        """The longest sample interval, s, of a track with times t (N,) that is not a gap."""
+        return longest_step(t, self.gap_periods, self.gap_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +101,7 @@ class Reference:
 def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Array, limits: Limits) -> Reference:
     """The state at times t (N,): slerp for attitude, cubic Hermite (position and velocity) for position.
 
-    Velocity is linear between samples. Nothing is extrapolated, nothing is known inside a hole (`Limits.hole`).
+    Velocity is linear between samples. Nothing is extrapolated, nothing is known inside a gap (`Limits.longest_step`).
     Between two samples the body may have turned otherwise than at one rate: by a steady angular acceleration, which the
     rates at both ends tell, it is off by u (1 - u) h |Δω| / 2.
     Raises ValueError for an attitude track without samples.
@@ -113,10 +110,10 @@ def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Arr
         raise ValueError("an attitude track needs a sample")
     if position is not None and not len(position):
         position = None
-    attitude_known = _known(attitude.t, t, limits.hole(attitude.t))
+    attitude_known = _known(attitude.t, t, limits.longest_step(attitude.t))
     position_known = np.zeros(len(t), np.bool_)
     if position is not None:
-        position_known = attitude_known & _known(position.t, t, limits.hole(position.t))
+        position_known = attitude_known & _known(position.t, t, limits.longest_step(position.t))
     return Reference(t, attitude_known, position_known, partial(_states, attitude, position, t))
 
 
@@ -191,7 +188,7 @@ def _bracket(samples: Array, t: Array) -> tuple[IntArray, Array]:
     return i, np.clip((t - samples[i]) / np.where(h > 0, h, 1.0), 0.0, 1.0)
 
 
-def _known(samples: Array, t: Array, hole: float) -> BoolArray:
-    """Whether each t lies between two samples without a hole, s, between them."""
-    whole = np.append(np.diff(samples) <= hole, hole >= 0.0)
+def _known(samples: Array, t: Array, gap: float) -> BoolArray:
+    """Whether each t lies between two samples without a gap, s, between them."""
+    whole = np.append(np.diff(samples) <= gap, gap >= 0.0)
     return np.asarray((t >= samples[0]) & (t <= samples[-1]) & whole[_before(samples, t)])

@@ -36,7 +36,7 @@ class Replay:
     position_error: Array  # (N, 3) autopilot minus IMU, NED m
     anchors: Array  # (A,) s, where the reckoning was (re)started from the autopilot's state
     has_position: bool
-    reference_valid: BoolArray  # (N,) False where the autopilot's messages have a hole: its state is interpolated
+    reference_valid: BoolArray  # (N,) False where the autopilot's messages have a gap: its state is interpolated
     from_rest: bool = False  # the reckoning began from the IMU's own alignment at rest, not from the autopilot's state
 
 
@@ -85,7 +85,7 @@ def replay(
     t = track.t[shown]
     anchors = np.array([usable[0]])
     if reanchor_s is not None:
-        turn = np.unique(np.floor((t - t[0]) / reanchor_s))  # not those in holes, which may be of any length
+        turn = np.unique(np.floor((t - t[0]) / reanchor_s))  # not those in gaps, which may be of any length
         turn = np.unique(np.concatenate([turn - 1, turn, turn + 1]))
         wanted = t[0] + reanchor_s * turn[(turn > 0) & (turn <= (t[-1] - t[0]) / reanchor_s)]
         later = nearest(track.t, wanted)
@@ -155,7 +155,7 @@ def go_on(
     """A replay carried on to the newest samples, with its anchors: its last rows, and those that are new.
 
     imu, attitude, position: the newest samples, from some before the end of `before` on. None where they do not join
-    it: a hole, samples that are too few or too late, or an anchor between them.
+    it: a gap, samples that are too few or too late, or an anchor between them.
     """
     has_position = before.has_position
     if (
@@ -172,7 +172,7 @@ def go_on(
     known = np.flatnonzero(reference.position_known if has_position else reference.attitude_known)
     last = int(known[-1]) if len(known) else -1
     part, shown = slice(first - CONTEXT, last + 1), slice(first, last + 1)
-    if last < first + BACK or np.diff(imu.t[part]).max() > how.limits.hole(imu.t):
+    if last < first + BACK or np.diff(imu.t[part]).max() > how.limits.longest_step(imu.t):
         return None
     path = preintegrate(imu[part], method=how.method, middle=how.middle, segments=how.segments)
     state = (a[-1 - BACK] for a in (before.q_imu, before.velocity_imu, before.position_imu))

@@ -116,7 +116,7 @@ def _quiet(blocks: _Blocks, track: ImuTrack, imu: ImuSpec) -> BoolArray:
     possible = (heavy < imu.accel.offset + imu.accel.scale_tolerance * STANDARD_GRAVITY) & (
         turning < 2.0 * imu.gyro.offset
     )
-    quiet = possible & (np.diff(blocks.t) < 2.0 * blocks.size / max(track.rate_hz, 1e-9))  # no hole in it
+    quiet = possible & (np.diff(blocks.t) < 2.0 * blocks.size / max(track.rate_hz, 1e-9))  # no gap in it
     for spread, step, sheet, most in (
         (blocks.gyro_spread, track.gyro_step, imu.gyro.noise_density, _MOST[0]),
         (blocks.accel_spread, track.accel_step, imu.accel.noise_density, _MOST[1]),

@@ -48,7 +48,7 @@ class Examination:
     flight: Flight
     assessment: Assessment
     beside: Callable[[], tuple[RedundantImu, ...]] = field(repr=False)
-    gaps: Mapping[str, int]  # holes of each IMU message
+    gaps: Mapping[str, int]  # gaps of each IMU message
     correction: str | None  # the file that was applied
     alignment: Alignment | None  # the IMU aligned by itself at rest, where that was asked for
 
@@ -64,7 +64,7 @@ class Unexamined:
 
     flight: Flight
     verdict: Verdict  # what is missing, and what to ask for
-    gaps: Mapping[str, int]  # holes of each IMU message
+    gaps: Mapping[str, int]  # gaps of each IMU message
 
 
 _DEFAULTS = Settings()
@@ -240,7 +240,7 @@ def autopilot_of(settings: Settings, flight: Flight) -> ReferenceSpec:
 
 
 def _gaps(flight: Flight, limits: Limits) -> dict[str, int]:
-    return {name: int((np.diff(track.t) > limits.hole(track.t)).sum()) for name, track in flight.imus.items()}
+    return {name: int((np.diff(track.t) > limits.longest_step(track.t)).sum()) for name, track in flight.imus.items()}
 
 
 def _figures(flight: Flight, imu: str, imu_model: str | None) -> ImuSpec:

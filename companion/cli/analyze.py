@@ -20,7 +20,7 @@ from companion.cli.info import reference_line
 from companion.cli.tables import SIGNS, span, status_text, wrapped
 from companion.documents import analysis_document, encode, unexamined_document
 from companion.model import DataError, counted
-from companion.present import fixed, words
+from companion.present import fixed, vehicle_words, words
 from companion.strapdown import METHODS
 
 
@@ -100,9 +100,9 @@ def _print(examined: Examination, console: Console) -> None:
     middle = f", {table.middle} middle sample" if METHODS[table.method].looks_inside else ""
     lines = [
         "",
-        f"[bold]Vehicle {vehicle}, boot {flight.boot}[/]: {vehicle.kind}, {flight.duration:.1f} s",
+        f"[bold]Vehicle {vehicle}, boot {flight.boot}[/]: {vehicle_words(vehicle)}, {flight.duration:.1f} s",
         f"IMU:       {table.imu} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
-        + (f", {counted(gaps, 'hole')}" if gaps else ""),
+        + (f", {counted(gaps, 'gap')}" if gaps else ""),
         f"IMU noise model: {assessment.figures.name} ({escape(assessment.figures.reason)})",
         *sensor_lines.noise_lines(assessment),
         sensor_lines.autopilot_line(assessment),
@@ -158,7 +158,7 @@ def first_screen(examined: Examination, width: int) -> list[str]:
     head[0] = head[0].replace(escape(status), status_text(assessment.verdict.status), 1)
     vehicle = flight.vehicle
     head += wrapped(
-        f"Vehicle {vehicle}, boot {flight.boot}: {vehicle.kind}, {flight.duration:.1f} s; "
+        f"Vehicle {vehicle}, boot {flight.boot}: {vehicle_words(vehicle)}, {flight.duration:.1f} s; "
         f"{assessment.drift.imu} at {track.rate_hz:.1f} Hz",
         width,
         2,

@@ -17,6 +17,7 @@ from companion.app.recording import Recording, Source
 from companion.cli import many_logs, options, tables
 from companion.documents import encode, info_document
 from companion.model import Flight, SettingsError, counted
+from companion.present import vehicle_words
 
 _MOST_SHOWN = 16  # flights
 _WIDE = 1000  # columns: more than any table needs
@@ -127,7 +128,7 @@ def _print_flight(console: Console, flight: Flight) -> None:
     vehicle = flight.vehicle
     clock = f"boot clock {flight.start:.1f} to {flight.start + flight.duration:.1f} s"
     named = f"Vehicle {vehicle}, boot {flight.boot}"
-    title = tables.wrapped(f"{named}: {vehicle.kind}, {flight.duration:.1f} s ({clock})", console.width, 2)
+    title = tables.wrapped(f"{named}: {vehicle_words(vehicle)}, {flight.duration:.1f} s ({clock})", console.width, 2)
     title[0] = title[0].replace(named, f"[bold]{named}[/]", 1)
     console.print("\n" + "\n".join(title), highlight=False)
     _print_facts(console, _facts(flight))
@@ -175,16 +176,16 @@ def _print_sensors(console: Console, flight: Flight) -> None:
 
 def _sensors(items: Sequence[Item], *, with_words: bool) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    narrow = ("\nsamples", "mean\nHz", "\nholes", "\ngap s")
-    figures = ("samples", "mean Hz", "holes", "longest s") if with_words else narrow
+    narrow = ("\nsamples", "mean\nHz", "\ngaps", "max\ns")
+    figures = ("samples", "mean Hz", "gaps", "longest s") if with_words else narrow
     for heading in ("sensor", "from", *figures, "") if with_words else ("\nsensor", "\nfrom", *figures):
         words = heading not in figures
         table.add_column(heading, justify="left" if words else "right", no_wrap=True)
     for item in items:
         rate = "" if item.rate_hz is None else f"{item.rate_hz:.1f}"
         gap = "" if item.longest_gap_s is None else f"{item.longest_gap_s:.2f}"
-        holes = f"{item.holes}" if item.holes else ""
-        cells = (item.kind, escape(item.source), f"{item.samples}", rate, holes, gap)
+        gaps = f"{item.gaps}" if item.gaps else ""
+        cells = (item.kind, escape(item.source), f"{item.samples}", rate, gaps, gap)
         table.add_row(*cells, *[escape(item.about)] * with_words)
     return table
 

@@ -16,7 +16,7 @@ from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.cli import options, tables
 from companion.model import CompanionError, Flight, SettingsError, counted
-from companion.present import fixed
+from companion.present import autopilot_words, fixed
 
 _HORIZON_S = 10.0
 _OF_ONE = ("json", "full", "vehicle", "boot")
@@ -128,7 +128,7 @@ def _cells(name: str, flight: Flight) -> Iterable[str]:
     for item in inventory(flight):
         items.setdefault(item.kind, []).append(item)
     yield name
-    yield f"{flight.vehicle.autopilot} {flight.vehicle}, boot {flight.boot}"
+    yield f"{autopilot_words(flight.vehicle.autopilot)} {flight.vehicle}, boot {flight.boot}"
     for kind in _COLUMNS:
         yield " ".join(_rate(item) for item in items.get(kind, []))
     yield used_imus(flight)

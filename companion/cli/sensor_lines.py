@@ -97,7 +97,7 @@ def calibration_lines(assessment: Assessment) -> Iterator[str]:
         yield f"  if mounting is 0   accelerometer bias {', '.join(parts)} m/s²"
     if fit.observable[place][2] and not fit.observable[PARTS["accel_scale"]][2]:
         value, sigma = fit.level_force
-        yield f"  at 1 g             z reads {value:.3f} ± {sigma:.3f} m/s² too much: bias and scale together"
+        yield f"  at 1 g             z is off by {value:.3f} ± {sigma:.3f} m/s²: bias and scale together"
     if (gain := held_out_gain(assessment)) is not None:
         yield f"  out of sample      median of {counted(gain.windows, 'window')} of the second half, by the first"
         yield f"    autopilot's      {gain.by_autopilot}"

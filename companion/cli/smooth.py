@@ -96,7 +96,7 @@ def _print(flight: Flight, best: BestEstimate, errors: Sequence[AutopilotError],
     )
     for title, table in (
         ("Measurements used", _measurements(best)),
-        ("Biases (read too much)", _biases(best, believed)),
+        ("Biases (truth = reading - bias)", _biases(best, believed)),
         ("Noise in flight, learned", _noise(flight, best)),
         ("Constants of the flight", _constants(best)),
         ("Autopilot minus best estimate", _errors(errors)),

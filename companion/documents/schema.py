@@ -57,7 +57,7 @@ class SensorObject(msgspec.Struct, frozen=True):
     source: str
     samples: int
     rate_hz: float | None
-    holes: int
+    gaps: int
     longest_gap_s: float | None
     about: str
 

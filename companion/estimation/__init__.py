@@ -31,7 +31,6 @@ from companion.estimation.noise_density import (
     white_noise,
 )
 from companion.estimation.phrases import Size, main_axis, turn_of_the_field
-from companion.estimation.setup import longest_step
 from companion.estimation.smoother import smooth
 from companion.estimation.spectrum import (
     Peak,
@@ -81,7 +80,6 @@ __all__ = [
     "hides_shaking",
     "imu_spectrum",
     "kind_of",
-    "longest_step",
     "main_axis",
     "motion_between",
     "noise_figures",

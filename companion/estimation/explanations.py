@@ -51,7 +51,7 @@ def _begun(a: Array, b: Array) -> Array:
     return np.where(b > a, np.clip(b / np.where(b > a, b - a, 1.0), 0.0, 1.0), (a >= 0).astype(np.float64))
 
 
-_SHOCK = 10.0  # what an IMU misses in a moment it otherwise shows: a hole, readings at their end, vibration
+_SHOCK = 10.0  # what an IMU misses in a moment it otherwise shows: a gap, readings at their end, vibration
 _MOMENTS = 4.0 * float(np.log(1000 / 24))  # both its ends are moments: of a thousand keyframes, not of 24 stretches
 _OFTEN = 8  # measurements, less than which show no change
 _DEGREES = float(np.degrees(1.0))
@@ -230,7 +230,7 @@ def _in_its_noise(_: Problem) -> None:
     """No error of any size: what it changes is the noise (`unrest`)."""
 
 
-_LOOK_AT_THE_MOUNTING = "A shock, strong vibration or lost samples: look at the mounting and the log's holes."
+_LOOK_AT_THE_MOUNTING = "A shock, strong vibration or lost samples: look at the mounting and the log's gaps."
 _LOOK_AT_THE_VIBRATION = "Vibration: look at propellers, motors and the mounting; log the IMU faster than it shakes."
 
 KINDS: tuple[Kind, ...] = (

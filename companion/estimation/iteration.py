@@ -243,8 +243,8 @@ def _resumed(setup: Setup, first: Start, before: BestEstimate) -> Start | None:
     own, still = before.states, np.zeros((len(k), 3))
     path = preintegrate(corrected(track, before))
     q, _, _ = path.carry(nearest(track.t, t[k]), setup.index, own.q_ned_frd[k], still, still)
-    holes = np.append(0, np.cumsum(setup.broken))
-    carried = holes <= holes[np.searchsorted(setup.t, t[seen[-1]], side="right") - 1]  # without one since its end
+    gaps = np.append(0, np.cumsum(setup.broken))
+    carried = gaps <= gaps[np.searchsorted(setup.t, t[seen[-1]], side="right") - 1]  # without one since its end
     q = np.where(carried[:, None], q, first.states.q_ned_frd)
     gyro, accel = (interpolated(setup.t, t, bias) for bias in (own.gyro_bias, own.accel_bias))
     states = replace(first.states, q_ned_frd=q, gyro_bias=gyro, accel_bias=accel, constants=own.constants)

@@ -135,9 +135,9 @@ def learn(
     gyro and accelerometer show, believed beforehand: an inverse gamma distribution of the variance.
     """
     solution = linear.solution
-    across_holes = linear.variance[:, 0] > 0.1
+    across_gaps = linear.variance[:, 0] > 0.1
     still = _at_rest(linear)
-    usual = _telling(still[:-1] & still[1:], ~across_holes | across_holes.all())
+    usual = _telling(still[:-1] & still[1:], ~across_gaps | across_gaps.all())
     count = max(1, min(_STRETCHES, len(usual) // 8))
     # what is off in the same way all through a stretch is a bias, and no noise
     e = _in_body(linear)[usual]

@@ -40,7 +40,7 @@ from companion.strapdown import MOVED, Preintegration, error_sums, preintegrate,
 BIAS_SIGMA = (0.02, 0.08)  # rad/s, m/s², 1σ at the first keyframe: what real parts show (config/imu/README.md)
 
 
-_HOLE = (2.0, 30.0, 100.0)  # rad, m/s, m per s: what may happen while the IMU is not heard
+_GAP = (2.0, 30.0, 100.0)  # rad, m/s, m per s: what may happen while the IMU is not heard
 
 
 _APART_S = 0.1  # of three samples about a keyframe, among which its fix was taken
@@ -132,7 +132,7 @@ def linearise(
     if setup.broken.any():
         lasted = np.diff(setup.t)[setup.broken][:, None]
         unheard = np.minimum(lasted / _ANEW_S, 1.0)
-        wander = [w * (1 + lasted) for w in _HOLE] + [w * unheard for w in BIAS_SIGMA]
+        wander = [w * (1 + lasted) for w in _GAP] + [w * unheard for w in BIAS_SIGMA]
         wide = np.concatenate([np.repeat(one, 3, axis=1) for one in wander], axis=1)
         covariance[setup.broken] += wide[:, :, None] ** 2 * np.eye(STATES)
     back = turn.swapaxes(-1, -2)
@@ -252,8 +252,8 @@ def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     _, velocity, position = path.path.carry(index, samples, s.q_ned_frd, s.velocity, s.position, gravity=setup.gravity)
     velocity -= s.velocity[:, None]
     position -= s.position[:, None] + s.velocity[:, None] * when[..., None]
-    beside_hole = np.concatenate(([False], setup.broken)) | np.concatenate((setup.broken, [False]))
-    heard = (when[:, 2] - when[:, 0] < LONGEST_S) & ~beside_hole  # across a hole the IMU tells nothing
+    beside_gap = np.concatenate(([False], setup.broken)) | np.concatenate((setup.broken, [False]))
+    heard = (when[:, 2] - when[:, 0] < LONGEST_S) & ~beside_gap  # across a gap the IMU tells nothing
     velocity *= heard[:, None, None]
     position *= heard[:, None, None]
     velocity[..., 2] -= setup.gravity * when

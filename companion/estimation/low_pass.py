@@ -40,15 +40,15 @@ def undelayed(track: ImuTrack) -> ImuTrack:
     return replace(track, t=track.t - gyro, accel=force)
 
 
-def restored(track: ImuTrack, holes: BoolArray) -> ImuTrack:
+def restored(track: ImuTrack, gaps: BoolArray) -> ImuTrack:
     """The readings of before the low-pass, but for its delay, which the track's times do without.
 
-    holes: (N-1,) whether samples are missing between two; beside one the readings stay as they are.
+    gaps: (N-1,) whether samples are missing between two; beside one the readings stay as they are.
     """
     known = _corners(track)
     if known is None:
         return track
-    gyro, accel = (_given_back(track, *one, holes) for one in zip((track.gyro, track.accel), known, strict=True))
+    gyro, accel = (_given_back(track, *one, gaps) for one in zip((track.gyro, track.accel), known, strict=True))
     return replace(track, gyro=gyro, accel=accel)
 
 
@@ -89,7 +89,7 @@ def _corners(track: ImuTrack) -> tuple[float, float] | None:
     return (known[0], known[-1]) if known else None
 
 
-def _given_back(track: ImuTrack, read: Array, corner_hz: float, holes: BoolArray) -> Array:
+def _given_back(track: ImuTrack, read: Array, corner_hz: float, gaps: BoolArray) -> Array:
     """Readings (N, 3) with the amplitudes that they had before a Butterworth low-pass of second order."""
     highest = min(_OF_RATE * track.rate_hz, _OF_CORNER * corner_hz)
     if corner_hz <= 0 or highest < _LEAST * corner_hz:
@@ -98,7 +98,7 @@ def _given_back(track: ImuTrack, read: Array, corner_hz: float, holes: BoolArray
     reach = len(kernel) // 2
     padded = np.pad(read, ((reach, reach), (0, 0)), mode="edge")
     out = np.column_stack([np.convolve(column, kernel, mode="valid") for column in padded.T])
-    passed = np.concatenate([[0], np.cumsum(holes)])
+    passed = np.concatenate([[0], np.cumsum(gaps)])
     first, last = np.clip(np.arange(len(read)) + np.array([[-reach], [reach]]), 0, len(read) - 1)
     return np.where((passed[first] == passed[last])[:, None], out, read)
 

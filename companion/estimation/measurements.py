@@ -57,7 +57,7 @@ UNITS: Mapping[str, str] = {
 
 
 GPS_LATENCY_S = 0.1  # of an ordinary receiver: keyframes stand where its fixes were taken, as far as that is known
-LONGEST_S = 0.6  # between three samples from which a moment between them is read: two that lie further apart: a hole
+LONGEST_S = 0.6  # between three samples from which a moment between them is read: two that lie further apart: a gap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -237,8 +237,8 @@ def _compass(one: Readings, states: States, path: Preintegration, index: Index, 
     start, samples = path.row(index[one.keyframe]), path.row(one.sample)
     turned = quaternion.log(quaternion.multiply(quaternion.conjugate(path.q[start])[:, None], path.q[samples]))
     when = path.t[samples]
-    across_hole = when[:, 2] - when[:, 0] > LONGEST_S
-    turned[across_hole] = turned[across_hole, 2:]
+    across_gap = when[:, 2] - when[:, 0] > LONGEST_S
+    turned[across_gap] = turned[across_gap, 2:]
     angle, rate = _through(when, turned, one.t - states.constant("compass_latency"))
     q = quaternion.multiply(states.q_ned_frd[one.keyframe], quaternion.exp(angle))
     matrix = quaternion.to_matrix(q).swapaxes(-1, -2)

@@ -87,7 +87,7 @@ def folded_gain(frequency_hz: Array, rate_hz: float, sampling: Sampling) -> Arra
 
 
 def white_noise(
-    track: ImuTrack, sensor: Literal["gyro", "accel"], hole_s: float, sampling: Sampling | None = None
+    track: ImuTrack, sensor: Literal["gyro", "accel"], gap_s: float, sampling: Sampling | None = None
 ) -> WhiteNoise | None:
     """The white noise of an IMU in motion or at rest; None where no band or too little time is left to read it in.
 
@@ -100,7 +100,7 @@ def white_noise(
     if band is None:
         return None
     length = max(round(_SEGMENT_S * rate), 2)
-    begin = segments(track.t, hole_s, length)
+    begin = segments(track.t, gap_s, length)
     if len(begin) < _FEWEST_SEGMENTS:
         return None
     begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), _MOST_SEGMENTS)).round().astype(np.int64)]
@@ -122,12 +122,12 @@ def white_noise(
     return WhiteNoise(sampled, density if known else None, sigma * total, band, hidden)
 
 
-def spectral_noise(track: ImuTrack, hole_s: float) -> tuple[float, float]:
+def spectral_noise(track: ImuTrack, gap_s: float) -> tuple[float, float]:
     """Densities (rad/s/√Hz, m/s²/√Hz) of gyro and accelerometer by their spectra, all axes together.
 
     Where no band is left to read them in, by how neighbouring samples differ. Not all that a gyro shows is noise.
     """
-    gyro, accel = (white_noise(track, sensor, hole_s) for sensor in ("gyro", "accel"))
+    gyro, accel = (white_noise(track, sensor, gap_s) for sensor in ("gyro", "accel"))
     return (
         _OWN * (scatter_between_samples(track.gyro, track.rate_hz) if gyro is None else _together(gyro.sampled)),
         scatter_between_samples(track.accel, track.rate_hz) if accel is None else _together(accel.sampled),
@@ -149,14 +149,14 @@ def _together(densities: Array) -> float:
     return float(np.sqrt(np.mean(np.square(densities))))
 
 
-def confirmed_sampling(track: ImuTrack, hole_s: float) -> Sampling:
+def confirmed_sampling(track: ImuTrack, gap_s: float) -> Sampling:
     """How a track at rest was sampled, by the log and by its spectrum.
 
     Noise of a sensor at rest is white; where it falls off with frequency as a second-order low-pass does, there is one.
     The mean over an interval cannot be seen: its noise is white.
     """
     told, rate, length = sampling_of(track), track.rate_hz, segment_length(max(track.rate_hz, 1.0))
-    begin = segments(track.t, hole_s, length)
+    begin = segments(track.t, gap_s, length)
     if len(begin) < 2 * _FEWEST_SEGMENTS or rate < 4.0 * _NARROWEST_HZ:
         return told
     begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), _MOST_SEGMENTS)).round().astype(np.int64)]

@@ -34,14 +34,14 @@ def main_axis(value: Array) -> str:
 
 
 def by_axes(sensor: str, unit: str, factor: float, decimals: int) -> Phrase:
-    """'gyro z reads 14.9 ± 0.6 mrad/s too much', or all three where more than one is off."""
+    """'gyro z bias 14.9 ± 0.6 mrad/s', or all three where more than one is off."""
 
     def phrase(size: Size) -> str:
-        parts = [f"{v * factor:.{decimals}f}" for v in size.value]
+        parts = [f"{v * factor:z.{decimals}f}" for v in size.value]
         spread = f"± {size.sigma * factor:.{decimals}f} {unit}"
         if axis := main_axis(size.value):
-            return f"{sensor} {axis} reads {parts['xyz'.index(axis)]} {spread} too much"
-        return f"{sensor} reads ({', '.join(parts)}) {spread} too much"
+            return f"{sensor} {axis} bias {parts['xyz'.index(axis)]} {spread}"
+        return f"{sensor} bias ({', '.join(parts)}) {spread}"
 
     return phrase
 

@@ -23,18 +23,17 @@ from companion.estimation.model import CONSTANT_STATES, CONSTANTS, States
 from companion.estimation.noise_density import scatter_between_samples, spectral_noise
 from companion.estimation.rest import at_rest
 from companion.estimation.system import Index
-from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin, interpolated, nearest
+from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin, interpolated, longest_step, nearest
 from companion.strapdown import preintegrate, quaternion
 
 _SPACING_S = (0.2, 1.0)  # between keyframes, at least and at most
 _KEYFRAMES = 1000  # a longer flight has them further apart
 _WITHOUT_GPS_S = 0.5
-_HOLE_S, _HOLE_PERIODS = 0.1, 3.0
 _COMPASS_APART_S = 0.05  # of three samples between which the field was read: it is some hundredths of a second old
 _AVERAGED_S, _HARDLY_RAD = 0.1, 0.15  # of a field either way, at most: what turns by so much is short by 0.4 %
 _FEWEST_FIXES = 5
 _AROUND_S = 2.0  # of a keyframe, either way: forces and fields whose mean a first guess is made of
-_FEWEST = 8  # intervals between keyframes without a hole
+_FEWEST = 8  # intervals between keyframes without a gap
 _MOST_FELT = 10.0  # g, median: what turns hard for a while does not do so for half of a flight
 _LOWEST_HZ = 8.0  # below it a keyframe interval has no motion of its own between two samples
 
@@ -46,7 +45,7 @@ class Setup:
     imu: ImuTrack  # at the times that it speaks of, as before its low-pass
     index: Index  # (K,) samples at which keyframes stand
     t: Array  # (K,) s
-    broken: BoolArray  # (K-1,) whether the IMU has a hole between two keyframes
+    broken: BoolArray  # (K-1,) whether the IMU has a gap between two keyframes
     readings: tuple[Readings, ...]
     origin: Origin | None
     gravity: float
@@ -105,10 +104,10 @@ def set_up(
             readings.append(vector_readings("barometer", one.t[good], one.altitude[good][:, None], t, 2 * spacing))
     readings += _rest(flight, track, t)
     constants = _constants(field_at(origin, flight.epoch), readings)
-    longest = longest_step(track)
+    longest = longest_step(track.t)
     broken = _broken(flight, track, index, longest, untrusted)
     if broken.any():
-        notes.append(f"{int(broken.sum())} holes in {track.source}: the estimate begins anew after each")
+        notes.append(f"{int(broken.sum())} gaps in {track.source}: the estimate begins anew after each")
     noise = spectral_noise(track, longest)
     gyro, accel = (scatter_between_samples(read, track.rate_hz) for read in (track.gyro, track.accel))
     track = restored(track, np.diff(track.t) > longest)
@@ -130,15 +129,15 @@ def _broken(
     flight: Flight, track: ImuTrack, index: Index, longest: float, untrusted: Sequence[tuple[float, float]]
 ) -> BoolArray:
     """(K-1,) whether readings are missing between two keyframes, or not to be trusted."""
-    hole, t = np.concatenate([[0], np.cumsum(np.diff(track.t) > longest)]), track.t[index]
-    broken = np.diff(hole[index]) > 0
+    gap, t = np.concatenate([[0], np.cumsum(np.diff(track.t) > longest)]), track.t[index]
+    broken = np.diff(gap[index]) > 0
     for first, last in untrusted:
         broken |= (t[1:] > first) & (t[:-1] < last)
     whole = len(broken) - int(broken.sum())
     if whole < _FEWEST:
         raise DataError(
             f"{track.source} has readings to trust in {whole} of {len(broken)} intervals: an estimate of the path "
-            f"needs {_FEWEST} without holes. {flight.how_to_record}."
+            f"needs {_FEWEST} without gaps. {flight.how_to_record}."
         )
     return np.asarray(broken)
 
@@ -192,11 +191,6 @@ def _compass(flight: Flight, track: ImuTrack, t: Array, spacing: float, notes: l
     sample = np.clip(np.searchsorted(track.t, readings.t), 0, len(track) - 1).astype(np.intp)
     sample = three_samples(track, sample, _COMPASS_APART_S, before=2)
     return [replace(readings, value=readings.value * MICROTESLA, sample=sample)]
-
-
-def longest_step(track: ImuTrack) -> float:
-    """s, between two samples (of two or more): a longer one is a hole."""
-    return max(_HOLE_S, _HOLE_PERIODS * float(np.median(np.diff(track.t))))
 
 
 def _hardly_turned(track: ImuTrack, t: Array) -> Array:
@@ -341,7 +335,7 @@ def _unit(vectors: Array, otherwise: int) -> Array:
 
 
 def _between(t: Array, begin: float, end: float, step: float) -> Array:
-    """Steps from `begin` to `end` that have a sample nearby: a hole of years takes no memory."""
+    """Steps from `begin` to `end` that have a sample nearby: a gap of years takes no memory."""
     inside = t[np.searchsorted(t, begin) : np.searchsorted(t, end)]
     steps = np.unique(np.floor((inside - begin) / step + 0.5))
     wanted = begin + steps * step

@@ -49,17 +49,17 @@ class Vibration:
     accel: Array  # (M, 3) standard deviation of the specific force about its moving mean, FRD, m/s²
 
 
-def imu_spectrum(track: ImuTrack, hole_s: float) -> Spectrum | None:
-    """The spectra of an IMU (Welch 1967), over all the stretches of it without a hole; None where none is long enough.
+def imu_spectrum(track: ImuTrack, gap_s: float) -> Spectrum | None:
+    """The spectra of an IMU (Welch 1967), over all the stretches of it without a gap; None where none is long enough.
 
-    hole_s: sample intervals that are longer than this are holes. Samples are taken as even within a segment: device
+    gap_s: sample intervals that are longer than this are gaps. Samples are taken as even within a segment: device
     clocks jitter by less than a tenth of a period.
     """
     rate = track.rate_hz
     if not rate:
         return None
     length = segment_length(rate)
-    begin = segments(track.t, hole_s, length)
+    begin = segments(track.t, gap_s, length)
     if not len(begin):
         return None
     parts = np.array_split(begin, -(-len(begin) // _AT_ONCE))
@@ -76,15 +76,15 @@ def segment_length(rate_hz: float) -> int:
     return int(np.clip(2 ** np.floor(np.log2(_SEGMENT_S * rate_hz)), _FEWEST, _MOST))
 
 
-def segments(t: Array, hole_s: float, length: int) -> IntArray:
-    """The first samples (S,) of segments of `length` samples that overlap by half and have no hole in them."""
-    begin = [np.arange(a, b - length + 1, length - length // 2) for a, b in stretches(t, hole_s)]
+def segments(t: Array, gap_s: float, length: int) -> IntArray:
+    """The first samples (S,) of segments of `length` samples that overlap by half and have no gap in them."""
+    begin = [np.arange(a, b - length + 1, length - length // 2) for a, b in stretches(t, gap_s)]
     return np.concatenate([*begin, np.zeros(0, np.int64)]).astype(np.int64)
 
 
-def stretches(t: Array, hole_s: float) -> list[tuple[int, int]]:
-    """Where samples at times t (N,) s follow one another without a hole: [first, end) of each stretch."""
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(t) > hole_s) + 1, [len(t)]])
+def stretches(t: Array, gap_s: float) -> list[tuple[int, int]]:
+    """Where samples at times t (N,) s follow one another without a gap: [first, end) of each stretch."""
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(t) > gap_s) + 1, [len(t)]])
     return [(a, b) for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True) if b - a > 1]
 
 
@@ -143,7 +143,7 @@ def folded_onto(frequency_hz: float, rate_hz: float, count: int = 3) -> tuple[fl
     return tuple(sorted(both)[:count])
 
 
-def vibration(track: ImuTrack, hole_s: float) -> Vibration | None:
+def vibration(track: ImuTrack, gap_s: float) -> Vibration | None:
     """The specific force that is left above about 5 Hz, second by second; None below 20 Hz.
 
     After ArduPilot's VIBE, which is the same from the IMU at its full rate; what the stream's own low-pass and rate
@@ -154,7 +154,7 @@ def vibration(track: ImuTrack, hole_s: float) -> Vibration | None:
         return None
     slow, second = round(_SLOW_S * rate) | 1, round(_VIBRATION_S * rate)
     times, levels = [], []
-    for a, b in stretches(track.t, hole_s):
+    for a, b in stretches(track.t, gap_s):
         if b - a < slow + second:
             continue
         running = np.cumsum(np.vstack([np.zeros(3), track.accel[a:b]]), axis=0)

@@ -71,7 +71,7 @@ def write_mcap(
 
 def _topics(flight: Flight, shown: Replay, assessed: Assessment) -> Iterator[Topic]:
     t = shown.t
-    beats = t[0] + _STATIC_S * np.unique(np.floor((t - t[0]) / _STATIC_S))  # none in holes, which may be of any length
+    beats = t[0] + _STATIC_S * np.unique(np.floor((t - t[0]) / _STATIC_S))  # none in gaps, which may be of any length
     for parent, child, q in (
         ("enu", "ned", _NED_IN_ENU),
         ("autopilot_frd", "autopilot", _FLU_IN_FRD),

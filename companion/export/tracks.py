@@ -158,7 +158,7 @@ def _reckoning(flight: Flight, shown: Replay) -> Table:
         *vectors("attitude_error", shown.attitude_error, "rad", "rad", "NED"),
         *vectors("velocity_error", shown.velocity_error, "m/s", "mps", "NED"),
         *vectors("position_error", shown.position_error, "m", "m", "NED"),
-        Column("autopilot_known", shown.reference_valid.astype(np.int64), "", "0 inside a hole of its messages"),
+        Column("autopilot_known", shown.reference_valid.astype(np.int64), "", "0 inside a gap of its messages"),
     )
     if not shown.has_position:
         columns = tuple(c for c in columns if not c.name.startswith(("velocity", "position")))

@@ -200,7 +200,7 @@ class Link:
         return "try another --dialect" if damage.unknown_frames or damage.bad_crc_frames else advice
 
     def _count_lost(self, frames: Frames) -> None:
-        """Holes in the sequence of each sender. One that comes late fills its hole; a copy fills none."""
+        """Gaps in the sequence of each sender. One that comes late fills its gap; a copy fills none."""
         sender = frames.sysid.astype(np.int64) << 8 | frames.compid
         for who in np.unique(sender).tolist() if (sender != sender[0]).any() else sender[:1].tolist():
             ids = (who >> 8, who & 255)

@@ -25,7 +25,7 @@ from companion.model import CompanionError
 _log = logging.getLogger(__name__)
 _HEARTBEAT_S = 1.0
 _LEAVING_S = (0.5, 0.4, 0.3, 0.3)  # to hear that the intervals are restored, at each attempt
-_GATHER_S, _GATHER_CALM_S = 0.02, 1 / 15  # for one decoding: while answers are due, and else
+_GATHER_S, _GATHER_CALM_S = 0.02, 0.08  # s, for one decoding: while answers are due, and else
 _SPACING_S = 0.005  # between requests then: a burst would overrun a receive buffer
 _HEARD = (
     "HEARTBEAT", "COMMAND_ACK", "MESSAGE_INTERVAL", "PARAM_VALUE", "AUTOPILOT_VERSION", "ATTITUDE", "SCALED_IMU",

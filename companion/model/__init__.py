@@ -29,6 +29,8 @@ from companion.model.geodesy import (
 )
 from companion.model.imu_messages import IMU_MESSAGES
 from companion.model.tracks import (
+    GAP_PERIODS,
+    GAP_S,
     STANDARD_GRAVITY,
     Array,
     AttitudeTrack,
@@ -39,6 +41,7 @@ from companion.model.tracks import (
     Series,
     Trajectory,
     interpolated,
+    longest_step,
     median,
     nearest,
     of_kind,
@@ -49,6 +52,8 @@ from companion.model.wording import brief, counted, words
 
 __all__ = [
     "ECCENTRICITY_SQUARED",
+    "GAP_PERIODS",
+    "GAP_S",
     "IMU_MESSAGES",
     "SEMI_MAJOR_AXIS",
     "STANDARD_GRAVITY",
@@ -92,6 +97,7 @@ __all__ = [
     "from_euler",
     "geodetic_from_ned",
     "interpolated",
+    "longest_step",
     "median",
     "nearest",
     "ned_from_geodetic",

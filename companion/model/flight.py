@@ -44,11 +44,6 @@ class Vehicle:
     def __str__(self) -> str:
         return f"{self.sysid}:{self.compid}"
 
-    @property
-    def kind(self) -> str:
-        """Autopilot, firmware where it is known, and type: `PX4 1.16.0 QUADROTOR`."""
-        return " ".join(filter(None, (self.autopilot, self.firmware, self.type)))
-
 
 @dataclass(frozen=True, slots=True)
 class MessageStats:

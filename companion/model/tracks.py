@@ -222,6 +222,18 @@ def nearest(samples: Array, t: Array) -> npt.NDArray[np.intp]:
     return index - (t - samples[index - 1] < samples[index] - t)
 
 
+GAP_PERIODS, GAP_S = 3.0, 0.1
+"""A gap is longer than so many median sample periods, and than so many s."""
+
+
+def longest_step(t: Array, periods: float = GAP_PERIODS, least_s: float = GAP_S) -> float:
+    """s, from one sample at times t (N,) to the next: a longer one is a gap. 0 of fewer than two samples.
+
+    Integrating across a gap is the largest false error there is: 1 s in a turn is 30° of attitude.
+    """
+    return max(least_s, periods * median(np.diff(t))) if len(t) > 1 else 0.0
+
+
 def median(values: Array) -> float:
     """Of finite values (N,), one or more: as NumPy's, which takes ten times as long for a few hundred."""
     half = len(values) // 2

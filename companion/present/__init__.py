@@ -3,7 +3,7 @@
 from companion.model import words
 from companion.present import markup, palette
 from companion.present.columns import AXES, QUANTITIES, STATISTICS, Quantity, held_out_gain
-from companion.present.formats import fixed, length, percent, short, significant, vehicle_words
+from companion.present.formats import autopilot_words, fixed, length, percent, short, significant, vehicle_words
 from companion.present.markup import Link, details, paragraph, table, text
 from companion.present.palette import Rgb, of_imus
 
@@ -14,6 +14,7 @@ __all__ = [
     "Link",
     "Quantity",
     "Rgb",
+    "autopilot_words",
     "details",
     "fixed",
     "held_out_gain",

@@ -44,10 +44,14 @@ def length(metres: float) -> str:
     return f"{metres / 1000:.2f} km"
 
 
+def autopilot_words(autopilot: str) -> str:
+    """What people call an autopilot of MAV_AUTOPILOT."""
+    return {"ARDUPILOTMEGA": "ArduPilot"}.get(autopilot, autopilot)
+
+
 def vehicle_words(vehicle: Vehicle) -> str:
-    """What a vehicle is, in words: untrusted text."""
-    autopilot = {"ARDUPILOTMEGA": "ArduPilot"}.get(vehicle.autopilot, vehicle.autopilot)
-    return words(f"{autopilot} {vehicle.type.lower()}")
+    """Autopilot, firmware where it is known, and type: `ArduPilot 4.7.0 quadrotor`; untrusted text."""
+    return words(" ".join(filter(None, (autopilot_words(vehicle.autopilot), vehicle.firmware, vehicle.type.lower()))))
 
 
 def _decimals(size: float) -> int:

@@ -84,7 +84,7 @@ def _readings(subject: Subject, kind: str, low: float, high: float) -> list[trac
     """Gyro and accelerometer; one of them alone for a kind that names it."""
     track = subject.comparison.track
     part = _between(track.t, low, high)
-    breaks = traces.gaps(track.t[part], subject.comparison.how.limits.hole(track.t))
+    breaks = traces.gaps(track.t[part], subject.comparison.how.limits.longest_step(track.t))
     both = {"gyro": ("gyro, rad/s", track.gyro), "accel": ("accel, m/s²", track.accel)}
     named = [name for name in both if name in kind] or list(both)
     return [traces.Panel(both[name][0], _axes(track.t[part], both[name][1][part], breaks)) for name in named]

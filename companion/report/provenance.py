@@ -40,7 +40,7 @@ def log_facts(
         ("boot clock", f"{flight.start:.2f} to {flight.start + flight.duration:.2f} s"),
     ]
     rates = table(
-        ["IMU message", "samples", "rate, Hz", "holes", "longest gap, s", "duplicates"],
+        ["IMU message", "samples", "rate, Hz", "gaps", "longest gap, s", "duplicates"],
         [[i.message, i.samples, f"{i.rate_hz:.1f}", i.gaps, _seconds(i.longest_gap_s), i.duplicates] for i in imus],
         name="rates-table",
     )

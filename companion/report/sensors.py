@@ -50,7 +50,7 @@ def calibration(subject: Subject) -> Section:
     if subject.comparison.has_position and not fit.accel_scale.observable[2]:
         level = fit.level_force_mps2
         gain += paragraph(
-            f"At 1 g the accelerometer's down axis reads {level.value:.3f} ± {level.sigma:.3f} m/s² too much: bias and "
+            f"At 1 g the accelerometer's down axis is off by {level.value:.3f} ± {level.sigma:.3f} m/s²: bias and "
             "scale together."
         )
     if (held_out := held_out_gain(subject.assessment)) is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from companion.analysis import Verdict, rate_warning
 from companion.app.recording import Source
 from companion.model import Flight
-from companion.present import palette, short, text
+from companion.present import palette, short, text, vehicle_words
 from companion.report.subject import Subject
 from companion.view import worst_stretch
 
@@ -51,7 +51,8 @@ def _beside(told: str, ground: str) -> str:
 def _title(flight: Flight, source: Source, used: str) -> str:
     """The log's name, and under it who flew when."""
     vehicle = flight.vehicle
-    parts = [f"Vehicle {vehicle}, boot {flight.boot}", vehicle.kind, _date(flight), f"{flight.duration:.1f} s", used]
+    who = (f"Vehicle {vehicle}, boot {flight.boot}", vehicle_words(vehicle))
+    parts = [*who, _date(flight), f"{flight.duration:.1f} s", used]
     return f'<h1>{text(source.path.name)}</h1><p class="quiet">{text(" · ".join(filter(None, parts)))}</p>'
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.model import Array
+from companion.model import Array, longest_step
 from companion.present import palette
 from companion.view import extremes
 
@@ -43,12 +43,9 @@ def line(
     return curve(x, y, name, colour, **more)
 
 
-def gaps(t: Array, hole: float | None = None) -> Array:
-    """(G,) the times after which a track with times t (N,) has a hole (s; None: three median intervals and 0.5 s)."""
-    steps = np.diff(t)
-    if hole is None:
-        hole = max(3.0 * float(np.median(steps)), 0.5) if len(steps) else 0.0
-    return t[1:][steps > hole]
+def gaps(t: Array, gap: float | None = None) -> Array:
+    """(G,) the times after which a track with times t (N,) has a gap (s; None: as of any track)."""
+    return t[1:][np.diff(t) > (longest_step(t) if gap is None else gap)]
 
 
 def curve(x: Array, y: Array, name: str, colour: palette.Rgb, *, width: float = 1.4, **more: Any) -> Trace:

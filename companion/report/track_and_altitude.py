@@ -87,7 +87,7 @@ def track(
 
 
 def regained(shown: Replay) -> Array:
-    """When the autopilot's state becomes known again after a hole, s: there its line is interrupted."""
+    """When the autopilot's state becomes known again after a gap, s: there its line is interrupted."""
     return shown.t[1:][np.diff(shown.reference_valid.astype(np.int8)) > 0]
 
 

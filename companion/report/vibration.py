@@ -20,9 +20,9 @@ def spectra(subject: Subject) -> Section:
     """Power spectral densities beside the sensor's own noise."""
     title = "IMU spectra"
     comparison, figures = subject.comparison, subject.assessment.figures
-    spectrum = imu_spectrum(comparison.track, comparison.how.limits.hole(comparison.track.t))
+    spectrum = imu_spectrum(comparison.track, comparison.how.limits.longest_step(comparison.track.t))
     if spectrum is None:
-        reason = "Not drawn: no stretch without a hole is long enough for a spectrum (32 samples)."
+        reason = "Not drawn: no stretch without a gap is long enough for a spectrum (32 samples)."
         return Section("spectra", title, paragraph(reason))
     panels = [
         traces.Panel(
@@ -47,7 +47,7 @@ def _side_by_side(subject: Subject, own: Spectrum) -> str:
     by_imu = {
         name: spectrum
         for name, track in subject.flight.imus.items()
-        if (spectrum := own if track is used else imu_spectrum(track, limits.hole(track.t))) is not None
+        if (spectrum := own if track is used else imu_spectrum(track, limits.longest_step(track.t))) is not None
     }
     if len(by_imu) < 2:
         return ""
@@ -75,7 +75,7 @@ def shaking(subject: Subject) -> Section:
     seen = _seen(subject)
     if told is None and seen is None:
         rate = subject.comparison.track.rate_hz
-        why = f"{rate:.1f} Hz is too slow" if rate < _FEWEST_HZ else "no stretch without a hole is long enough"
+        why = f"{rate:.1f} Hz is too slow" if rate < _FEWEST_HZ else "no stretch without a gap is long enough"
         words = f"Not drawn: the vehicle did not tell its vibration, and {why} to see it in {subject.numbers.used_imu}."
         return Section("vibration", title, paragraph(words))
     return Section("vibration", title, (told or "") + (seen or ""))
@@ -106,7 +106,7 @@ def _told(subject: Subject) -> str | None:
 def _seen(subject: Subject) -> str | None:
     """What is left of it in the samples."""
     comparison = subject.comparison
-    seen = vibration(comparison.track, comparison.how.limits.hole(comparison.track.t))
+    seen = vibration(comparison.track, comparison.how.limits.longest_step(comparison.track.t))
     if seen is None:
         return None
     lines = [traces.line(seen.t, seen.accel[:, i], name, colour) for i, (name, colour) in enumerate(AXES)]

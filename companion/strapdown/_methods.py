@@ -127,7 +127,7 @@ class Scheme:
         if self.looks_ahead and longest > UNEVEN * dt.min():
             notes.append(
                 f"more than {UNEVEN:g} times as long as a neighbour: {int(uneven(dt).sum())} of {len(dt)} intervals "
-                "(a hole, or a burst of samples); the signal is taken as a line there"
+                "(a gap, or a burst of samples); the signal is taken as a line there"
             )
         if np.abs(imu.gyro).max() * longest > np.pi / np.sqrt(3.0):
             rate = np.linalg.norm(imu.gyro, axis=1)

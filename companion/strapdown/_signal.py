@@ -29,7 +29,7 @@ MIDDLES: Final = ("linear", "cubic")
 """How the signal runs inside an interval."""
 
 UNEVEN: Final = 30.0
-"""An interval this many times as long as a neighbour gets the line: across a hole, or beside two samples sent in one
+"""An interval this many times as long as a neighbour gets the line: across a gap, or beside two samples sent in one
 burst, the cubic would multiply the noise of the readings (by about 3/16 of the ratio)."""
 
 
@@ -172,7 +172,7 @@ def pieces(imu: ImuTrack, first: int, last: int) -> Pieces:
 def _slopes(t: Array, own: Array, x: Array, join: npt.NDArray[np.bool_], *, at_start: bool, at_end: bool) -> Array:
     """Slopes (6, n) over the intervals `own` (n,) of means x (6, n): of the parabola with the means of three of them.
 
-    One-sided at an end of the track; beside a hole the line's to the other side, between two holes zero. Written with
+    One-sided at an end of the track; beside a gap the line's to the other side, between two gaps zero. Written with
     the parabola's second derivative, for which the means of unequal intervals count (Colella & Woodward 1984, eq. 1.7,
     in other words).
     """

@@ -134,7 +134,7 @@ def stale_start(clock: Clock) -> int:
     """How many packets at the head of a boot are left over from before it: the clock jumps on, log time does not.
 
     Radios and routers hand out what they had buffered: 1-11 packets, then +41 to +294 s with no gap in log time. Log
-    time is measured by its own speed in the rest of the boot: in a replay at 30x a true hole looks short as well.
+    time is measured by its own speed in the rest of the boot: in a replay at 30x a true gap looks short as well.
     """
     head = clock.t[: _WINDOW + 1]
     for i in np.flatnonzero(np.diff(head) > STALE_JUMP_S)[::-1]:

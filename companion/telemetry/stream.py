@@ -31,7 +31,7 @@ from companion.telemetry.flights import NEEDED, flights
 from companion.telemetry.parameters import known_ranges, with_facts
 from companion.telemetry.split import Crowd, senders
 
-_AHEAD_S = 5.0  # of what is known: a time that is further on than that is none of this flight's, or after a hole
+_AHEAD_S = 5.0  # of what is known: a time that is further on than that is none of this flight's, or after a gap
 _SAME_S = 1e-6
 
 
@@ -55,7 +55,7 @@ def newest_tracks(
 ) -> NewestTracks | None:
     """The tracks of these messages, by name: the last of those that the flight was made of, and what has come since.
 
-    None where they cannot simply go on from it: after a reboot or a hole, where their times are not those of the
+    None where they cannot simply go on from it: after a reboot or a gap, where their times are not those of the
     flight, or where one of them says nothing. Then the whole flight is to be looked at.
     """
     turn = convert.trim(flight.parameters) if flight.vehicle.autopilot == "ARDUPILOTMEGA" else None

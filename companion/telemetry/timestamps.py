@@ -1,7 +1,7 @@
 """Time stamps that leave the flight's own course, as one flipped bit makes them: what carries one is left out, counted.
 
 A .bin and a .ulg have no checksum, and a frame with a right one may still lie: one such time makes a flight of
-thousands of years, and every grid over it larger than memory. What the autopilot itself does to its clock stays: holes,
+thousands of years, and every grid over it larger than memory. What the autopilot itself does to its clock stays: gaps,
 reboots, steps back, and packets that come late or twice.
 """
 
@@ -51,7 +51,7 @@ def off_course(streams: Mapping[str, Array], course: Course) -> dict[str, BoolAr
     Per stream: those that stand apart from the median of five, while the stream goes on as before. The first and last
     two of a stream, where nothing follows, and all of a stream of less than seven: those that lie further from what the
     other samples of all streams cover than any silence is long. In between, no sample of a stream whose times only rise
-    is ever left out, however long its holes are.
+    is ever left out, however long its gaps are.
     """
     middle = _middle([t for t in streams.values() if len(t)]) if np.isfinite(course.away_s) else np.nan
     apart = {name: _apart(t, _elsewhere(t, middle, course.away_s), course.disorder_s) for name, t in streams.items()}

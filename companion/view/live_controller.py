@@ -25,8 +25,8 @@ from companion.view.state.history import History, Past, free_errors, present
 from companion.view.state.sample import Footage, Sample
 from companion.view.viewport import Viewport
 
-LOOK_HZ = 15.0
-TURN_HZ = 16.5  # at most: a turn begins when something has arrived, which what is gathered for does 15 times a second
+LOOK_HZ = 12.5
+TURN_HZ = 13.7  # at most: a turn begins when something has arrived, which what is gathered for does 12.5 times a second
 _LATE_S = 0.03  # longer than that nothing is waited for: a turn without anything new costs as much as one with it
 ALONE_HZ = 4.0  # looks while no browser is open
 _SUNK_M = 0.5  # below the ground before the ground gives way

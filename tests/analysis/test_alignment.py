@@ -112,14 +112,14 @@ def test_a_flight_that_never_rests_says_what_it_found() -> None:
         aligned(noisy(motions.coning(seconds(40, 100), angle=0.3, frequency=0.3)))
 
 
-def test_a_hole_ends_the_reckoning() -> None:
+def test_a_gap_ends_the_reckoning() -> None:
     flight = noisy(rest_then_motion())
     imu = flight.imu()
     away = np.abs(imu.t - imu.t[0] - 25) > 0.5
-    holed = replace(imu, t=imu.t[away], gyro=imu.gyro[away], accel=imu.accel[away])
-    found = aligned(replace(flight, imus={"RAW_IMU": holed}))
+    gapped = replace(imu, t=imu.t[away], gyro=imu.gyro[away], accel=imu.accel[away])
+    found = aligned(replace(flight, imus={"RAW_IMU": gapped}))
     assert found.later[-1].since_s == pytest.approx(14.5, abs=0.6)
-    assert "hole" in found.notes[-1]
+    assert "gap" in found.notes[-1]
 
 
 def test_the_replay_from_rest_follows_the_truth_unanchored() -> None:

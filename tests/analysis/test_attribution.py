@@ -436,11 +436,11 @@ def test_a_motion_that_began_while_the_imu_was_not_heard_accuses_nobody(
     """Whatever it would have felt: as on a link that loses packets while a plane is launched."""
     moves = Explained("gps_motion", "step", ONSET, 0.5, np.inf, np.array([7.0, 0.0]), np.full(2, 0.5), 60.0)
     imu, heard = best.imu, np.abs(best.imu.t - unheard) > 0.2
-    holed = replace(
+    gapped = replace(
         best, imu=replace(imu, t=imu.t[heard], gyro=imu.gyro[heard], accel=imu.accel[heard]), explained=(moves,)
     )
     away = Departure("position", ONSET + 3.0, ONSET + 40.0, 50.0, 1.0)
-    assert [one.side for one in findings_of(episodes(holed), (away,), holed)][:1] == [side]
+    assert [one.side for one in findings_of(episodes(gapped), (away,), gapped)][:1] == [side]
 
 
 @pytest.mark.parametrize(("times", "side"), [(0.5, "data"), (2.0, "imu")])
@@ -696,6 +696,6 @@ def test_what_cannot_be_told_says_so_first_and_what_would_tell(best: BestEstimat
     episode = Episode("gyro_bias", "imu", ONSET, 0.1, ONSET + 10.0, size, 1e-3, 100.0, (), seconded)
     (finding,) = findings_of((episode,), (), best)
     assert finding.undecided != seconded
-    assert finding.evidence.startswith("gyro z reads 80.0" if seconded else "perhaps gyro z reads 80.0")
+    assert finding.evidence.startswith("gyro z bias 80.0" if seconded else "perhaps gyro z bias 80.0")
     assert (finding.advice == kind_of("gyro_bias").advice) == seconded
     assert finding.advice.endswith("would tell.") != seconded

@@ -92,7 +92,7 @@ def test_too_few_windows_bound_nothing() -> None:
 
 def test_findings_of_one_alone() -> None:
     a = judged(flight())
-    biased = Finding("gyro_bias", "imu", "error", 20.0, 30.0, "gyro z reads 15 mrad/s too much", "Calibrate it.")
+    biased = Finding("gyro_bias", "imu", "error", 20.0, 30.0, "gyro z bias 15 mrad/s", "Calibrate it.")
     b = replace(a, verdict=replace(a.verdict, findings=(*a.verdict.findings, biased)))
     assert "gyro_bias" in {finding.kind for finding in contrast(a, b, same_flight=False).new}
     assert {finding.kind for finding in contrast(b, a, same_flight=False).gone} >= {"gyro_bias"}
@@ -101,9 +101,9 @@ def test_findings_of_one_alone() -> None:
 def test_windows_that_one_lacks_are_left_out_of_the_pairs() -> None:
     whole = flight(0.01)
     track = whole.imu("RAW_IMU")
-    holed = replace(track, t=np.delete(track.t, slice(1000, 1100)), gyro=np.delete(track.gyro, slice(1000, 1100), 0),
+    gapped = replace(track, t=np.delete(track.t, slice(1000, 1100)), gyro=np.delete(track.gyro, slice(1000, 1100), 0),
                     accel=np.delete(track.accel, slice(1000, 1100), 0))  # fmt: skip
-    found = contrast(judged(whole), judged(replace(whole, imus={"RAW_IMU": holed})), same_flight=True)
+    found = contrast(judged(whole), judged(replace(whole, imus={"RAW_IMU": gapped})), same_flight=True)
     row = found.rows[0]
     assert row.b.windows < row.a.windows
     assert row.changes["attitude"].ratio == pytest.approx(1.0, abs=1e-3)

@@ -71,7 +71,7 @@ def test_one_pass_equals_integrating_every_window_by_itself() -> None:
         assert position == pytest.approx(motion.position[e] - alone.position[-1], abs=1e-9)
 
 
-def test_windows_over_a_hole_are_left_out_and_counted() -> None:
+def test_windows_over_a_gap_are_left_out_and_counted() -> None:
     t = seconds(60, 100)
     imu_t = np.delete(t, slice(2510, 2590))  # 0.8 s missing, more than a turn of the cone
     flight = with_imu(flight_of(motions.coning(t)), motions.coning(imu_t).imu)
@@ -82,7 +82,7 @@ def test_windows_over_a_hole_are_left_out_and_counted() -> None:
     assert row.attitude_deg.max < 0.01
     bridged = drift(flight, horizons=(5,), how=Integration(limits=Limits(gap_s=10))).rows[0]
     assert bridged.attitude_deg
-    assert bridged.attitude_deg.max > 1.0, "the test's hole would not have mattered"
+    assert bridged.attitude_deg.max > 1.0, "the test's gap would not have mattered"
 
 
 def test_windows_over_jumps_are_left_out_and_counted() -> None:

@@ -93,7 +93,7 @@ def test_a_lossy_radio_blames_the_data() -> None:
     assert not [f for f in found.verdict.findings if f.side != "data"]
 
 
-def test_a_hole_of_the_link_is_no_loss_of_the_position() -> None:
+def test_a_gap_of_the_link_is_no_loss_of_the_position() -> None:
     """Nothing is heard for 8 s: that says nothing about GPS or estimator. Without position alone, it does."""
     flight = flown(CIRCLE)
     position = flight.position

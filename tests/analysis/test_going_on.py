@@ -72,11 +72,11 @@ def test_what_does_not_join_does_not_go_on() -> None:
     anchored = replay(until(22.0), reanchor_s=None, start_s=21.98)
     imu, attitude, position = between(21.5, 22.6)
     kept = (imu.t < 22.1) | (imu.t > 22.4)
-    hole = replace(imu, t=imu.t[kept], gyro=imu.gyro[kept], accel=imu.accel[kept])
+    gap = replace(imu, t=imu.t[kept], gyro=imu.gyro[kept], accel=imu.accel[kept])
     late = between(22.1, 22.6)
     cases: tuple[tuple[Replay, LatestOnly], ...] = (
         (anchored, (imu, attitude, position)),
-        (BEFORE, (hole, attitude, position)),
+        (BEFORE, (gap, attitude, position)),
         (BEFORE, late),
         (BEFORE, (imu, attitude, between(21.0, 21.5)[2])),
     )

@@ -115,14 +115,14 @@ def test_a_short_log_is_refused_with_what_it_has() -> None:
         noise(flying(2.0, 100.0))
 
 
-def test_holes_cost_no_more_than_what_is_in_them() -> None:
+def test_gaps_cost_no_more_than_what_is_in_them() -> None:
     whole = standing(300.0, 50.0)
     track = whole.imu()
     t = track.t - track.t[0]
     kept = ~((t > 130) & (t < 150)) & (np.random.default_rng(1).random(len(t)) > 0.01)
     broken = ImuTrack(track.t[kept], track.gyro[kept], track.accel[kept], source="RAW_IMU")
     found = noise(replace(whole, imus={"RAW_IMU": broken}))
-    assert len(found.rests) == 2, "on either side of the hole"
+    assert len(found.rests) == 2, "on either side of the gap"
     for rest in found.rests:
         for axis in rest.gyro_axes:
             assert axis is not None

@@ -46,12 +46,12 @@ def test_a_steady_turn_is_a_relative_error_that_grows_with_the_step() -> None:
         assert rpe(turned, step).attitude_deg.median == pytest.approx(np.degrees(0.01 * step / 100), rel=1e-9)
 
 
-def test_holes_are_no_part_of_it() -> None:
+def test_gaps_are_no_part_of_it() -> None:
     shown = replay(flight_of(motions.circle(seconds(20, 100))))
     bad = shown.position_error.copy()
     bad[500:600] = 1e3
-    holed = replace(shown, position_error=bad, reference_valid=np.asarray(bad[:, 0] < 1e2))
-    found = ape(holed)
+    gapped = replace(shown, position_error=bad, reference_valid=np.asarray(bad[:, 0] < 1e2))
+    found = ape(gapped)
     assert found.samples == len(shown.t) - 100
     assert found.position_m is not None
     assert found.position_m.max < 1

@@ -126,7 +126,7 @@ def test_a_steady_bias_of_another_imu_is_told_and_accuses_nobody(flight: Flight,
     own = np.median(best.states.gyro_bias, axis=0)
     (found,) = told(gyro=np.array([0.0, 0.0, -0.025]) - own)
     assert (found.kind, found.side, found.severity, found.cause) == ("imus_disagree", "imu", "warning", None)
-    assert "IMU[1] (IMU 1): gyro reads" in found.evidence
+    assert "IMU[1] (IMU 1): gyro bias (0.0, 0.0, -25.0)" in found.evidence
     assert "-25.0) ± " in found.evidence
     assert [f.kind for f in told(accel=np.array([0.4, 0.0, 0.0]))] == ["imus_disagree"]
     assert told(gyro=np.array([0.0, 0.0, 0.012]), accel=np.array([0.0, 0.12, 0.0])) == []

@@ -46,7 +46,7 @@ def test_at_the_messages_it_is_the_messages() -> None:
     assert at.position_known.all()
 
 
-def test_nothing_is_known_outside_or_in_a_hole() -> None:
+def test_nothing_is_known_outside_or_in_a_gap() -> None:
     t = np.delete(seconds(10, 20), slice(60, 80))  # 13.0 to 14.0 s is missing
     flight = flight_of(motions.rest(t))
     assert flight.attitude

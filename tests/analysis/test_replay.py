@@ -49,8 +49,8 @@ def test_an_anchor_waits_while_the_position_is_unknown() -> None:
     position = FLIGHT.position
     assert position
     keep = (position.t < 19.0) | (position.t > 23.0)
-    holed = replace(BIASED, position=PositionTrack(position.t[keep], position.position[keep], position.velocity[keep]))
-    shown = replay(holed, reanchor_s=10.0)
+    gapped = replace(BIASED, position=PositionTrack(position.t[keep], position.position[keep], position.velocity[keep]))
+    shown = replay(gapped, reanchor_s=10.0)
     assert shown.anchors[1] == pytest.approx(23.01, abs=0.02)
     assert not shown.reference_valid[(shown.t > 19.01) & (shown.t < 22.99)].any()
 

@@ -95,12 +95,12 @@ def test_the_free_run_is_that_of_the_whole_flight(whole: Flight) -> None:
     assert compared > 50
 
 
-def test_a_free_run_ends_at_a_hole_and_begins_again(whole: Flight) -> None:
+def test_a_free_run_ends_at_a_gap_and_begins_again(whole: Flight) -> None:
     imu = whole.imu()
     a, b = np.searchsorted(imu.t, imu.t[0] + np.array([10.0, 12.0]))
-    holed = replace(imu, t=np.delete(imu.t, slice(a, b)), gyro=np.delete(imu.gyro, slice(a, b), axis=0),
+    gapped = replace(imu, t=np.delete(imu.t, slice(a, b)), gyro=np.delete(imu.gyro, slice(a, b), axis=0),
                     accel=np.delete(imu.accel, slice(a, b), axis=0))  # fmt: skip
-    flight = replace(whole, imus={imu.source: holed})
+    flight = replace(whole, imus={imu.source: gapped})
     free, anchors, ended = FreeRun(), [], []
     for piece in pieces(flight, span=20.0, step=1.0):
         if len(piece.imu()) < 100 or piece.position is None:

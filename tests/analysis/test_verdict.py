@@ -89,7 +89,7 @@ def test_a_step_of_a_bias_is_the_imus_with_its_axis_size_and_time(
     assert found.verdict.status == "imu_suspect"
     assert errors(found) == [kind]
     axis = "xyz"[int(np.argmax(np.abs(size)))]
-    assert f"{'gyro' if 'gyro' in kind else 'accelerometer'} {axis} reads" in found.verdict.summary
+    assert f"{'gyro' if 'gyro' in kind else 'accelerometer'} {axis} bias" in found.verdict.summary
     assert found.best
     (step,) = (e for e in found.best.explained if e.kind == kind)
     spread = float(np.linalg.norm(step.sigma))

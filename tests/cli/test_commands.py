@@ -102,7 +102,7 @@ def test_the_table_has_a_line_for_each_flight(tmp_path: Path, capsys: Captured) 
     rows = {line[0]: dict(zip(head, line, strict=True)) for line in lines}
     demo = rows["copter-demo-100hz.tlog"]
     assert (demo["IMU"], demo["GPS"], demo["attitude"]) == ("99.7 24.9", "2", "49.9")
-    assert demo["vehicle"] == "ARDUPILOTMEGA 1:1, boot 1"
+    assert demo["vehicle"] == "ArduPilot 1:1, boot 1"
     assert rows["broken.tlog"]["vehicle"].startswith("not read:")
 
 
@@ -110,7 +110,7 @@ def test_a_folder_is_shown_as_a_table(tmp_path: Path, capsys: Captured) -> None:
     (tmp_path / "demo.tlog").symlink_to(DEMO)
     assert main(["info", str(tmp_path)]) == 0
     *_, row = capsys.readouterr().out.splitlines()
-    assert row.startswith("| demo.tlog | ARDUPILOTMEGA 1:1, boot 1 |")
+    assert row.startswith("| demo.tlog | ArduPilot 1:1, boot 1 |")
 
 
 def test_several_logs_are_shown_as_a_table(capsys: Captured) -> None:
@@ -146,7 +146,7 @@ def test_info_says_what_would_be_used(capsys: Captured) -> None:
     assert "estimator used: IMU 0 (EK3_PRIMARY)" in out
     assert "announced: 2 heading resets" in out
     assert re.search(r"GPS +GPS_RAW_INT +203 +2\.0", out)
-    assert "ARDUPILOTMEGA 4.7.0-dev QUADROTOR" in out
+    assert "ArduPilot 4.7.0-dev quadrotor" in out
 
 
 @pytest.mark.parametrize("columns", [60, 80, 130])

@@ -56,7 +56,7 @@ def compass_in_a_motors_field(flight: Flight) -> Flight:
     return replace(flight, compasses=(replace(compass, field=compass.field + [4e-4, -3e-4, 5e-4]),))
 
 
-def hole(flight: Flight) -> Flight:
+def gap(flight: Flight) -> Flight:
     imu = flight.imu()
     keep = (imu.t < 12.0) | (imu.t > 16.0)
     return with_imu(flight, replace(imu, t=imu.t[keep], gyro=imu.gyro[keep], accel=imu.accel[keep]))
@@ -124,7 +124,7 @@ BAD: dict[Callable[[Flight], Flight], str] = {
     imu_alone: "no GPS",
     compass_zero: "no compass is used",
     compass_in_a_motors_field: "no compass is used",
-    hole: "hole",
+    gap: "gap",
     gps_of_nan: "",
     all_nan: "",
     gps_of_another_clock: "GPS",

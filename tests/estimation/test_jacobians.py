@@ -163,7 +163,7 @@ def test_the_motion_is_linear_as_it_says(
 
 
 def test_where_the_imu_is_not_heard_no_fix_tells_its_latency(problem: tuple[Setup, CarriedImu, States]) -> None:
-    """Between holes a velocity is told by nothing: with a latency it would explain any noise of a height."""
+    """Between gaps a velocity is told by nothing: with a latency it would explain any noise of a height."""
     setup, path, states = problem
     broken = setup.t[1:] > 6.0
     deaf = replace(setup, broken=broken)

@@ -62,13 +62,13 @@ def test_a_low_pass_hides_a_part_of_what_shaking_adds_up_to_and_it_is_given_back
     assert np.abs(shaken(given.t[inside]) - given.gyro[inside]).max() < 0.03 * np.abs(then).max()
 
 
-def test_what_is_constant_or_beside_a_hole_stays_as_it_is() -> None:
+def test_what_is_constant_or_beside_a_gap_stays_as_it_is() -> None:
     _, read = track(4.0)
-    holes = np.zeros(len(read) - 1, np.bool_)
+    gaps = np.zeros(len(read) - 1, np.bool_)
     even = replace(read, gyro=np.tile([0.1, -0.2, 0.3], (len(read), 1)))
-    np.testing.assert_allclose(restored(even, holes).gyro, even.gyro, rtol=1e-12)
-    holes[200] = True
-    beside = np.flatnonzero((restored(read, holes).gyro == read.gyro).all(axis=1))
+    np.testing.assert_allclose(restored(even, gaps).gyro, even.gyro, rtol=1e-12)
+    gaps[200] = True
+    beside = np.flatnonzero((restored(read, gaps).gyro == read.gyro).all(axis=1))
     reach = round(4.0 * RATE_HZ / CORNER_HZ)
     assert (beside[0], beside[-1], len(beside)) == (201 - reach, 200 + reach, 2 * reach)
 

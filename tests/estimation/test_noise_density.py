@@ -26,7 +26,7 @@ pytestmark = pytest.mark.slow
 
 GYRO, ACCEL = 1e-4, 1.5e-3  # rad/s/√Hz, m/s²/√Hz
 LOOP_HZ = 400
-HOLE = 0.1
+GAP = 0.1
 
 
 @cache
@@ -52,7 +52,7 @@ def recorded(motion: str, filter_hz: float, rate: int, *, told: bool = True) -> 
 def test_the_density_behind_a_low_pass(motion: str, rate: int) -> None:
     track = recorded(motion, 20.0, rate)
     for sensor, truth in (("gyro", GYRO), ("accel", ACCEL)):
-        found = white_noise(track, sensor, HOLE)  # type: ignore[arg-type]
+        found = white_noise(track, sensor, GAP)  # type: ignore[arg-type]
         assert found is not None
         assert found.sensor is not None
         np.testing.assert_allclose(found.sensor, truth, rtol=0.15)
@@ -66,7 +66,7 @@ def test_the_density_of_readings_that_nothing_filters(motion: str, rate: int) ->
     """An instant's reading of a 400 Hz sensor carries all of its noise: at 25 Hz, four times the density."""
     track = recorded(motion, 0.0, rate)
     for sensor, truth in (("gyro", GYRO), ("accel", ACCEL)):
-        found = white_noise(track, sensor, HOLE)  # type: ignore[arg-type]
+        found = white_noise(track, sensor, GAP)  # type: ignore[arg-type]
         assert found is not None
         np.testing.assert_allclose(found.sampled, truth * np.sqrt(LOOP_HZ / rate), rtol=0.15)
         assert found.sensor is None, "what the samples do not tell is not made up"
@@ -74,7 +74,7 @@ def test_the_density_of_readings_that_nothing_filters(motion: str, rate: int) ->
 
 @pytest.mark.parametrize("rate", [100, 400])
 def test_a_filter_that_the_log_does_not_tell_changes_little(rate: int) -> None:
-    found = white_noise(recorded("square", 20.0, rate, told=False), "accel", HOLE)
+    found = white_noise(recorded("square", 20.0, rate, told=False), "accel", GAP)
     assert found is not None
     np.testing.assert_allclose(found.sampled, ACCEL, rtol=0.15)
 
@@ -89,27 +89,27 @@ def test_means_over_the_interval_have_the_sensors_density(every: int) -> None:
 
     t = whole.t[:count:every]
     track = ImuTrack(t, mean(whole.gyro), mean(whole.accel), interval=np.full(len(t), every / LOOP_HZ))
-    found = white_noise(track, "gyro", HOLE)
+    found = white_noise(track, "gyro", GAP)
     assert found is not None
     assert found.sensor is not None
     np.testing.assert_allclose(found.sensor, GYRO, rtol=0.15)
     np.testing.assert_allclose(found.sampled, GYRO, rtol=0.15)
-    assert confirmed_sampling(track, HOLE) == sampling_of(track), "a mean leaves white noise white"
+    assert confirmed_sampling(track, GAP) == sampling_of(track), "a mean leaves white noise white"
 
 
 @pytest.mark.parametrize("rate", [100, 400])
 def test_the_spectrum_confirms_what_the_log_says(rate: int) -> None:
-    assert confirmed_sampling(recorded("rest", 20.0, rate), HOLE).confirmed is True
+    assert confirmed_sampling(recorded("rest", 20.0, rate), GAP).confirmed is True
     wrong = replace(recorded("rest", 0.0, rate), gyro_low_pass_hz=20.0)
-    assert confirmed_sampling(wrong, HOLE).confirmed is False
-    untold = confirmed_sampling(recorded("rest", 20.0, rate, told=False), HOLE)
+    assert confirmed_sampling(wrong, GAP).confirmed is False
+    untold = confirmed_sampling(recorded("rest", 20.0, rate, told=False), GAP)
     assert (untold.kind, untold.source) == ("filtered", "spectrum")
     assert untold.corner_hz == pytest.approx(20.0, rel=0.1)
-    assert confirmed_sampling(recorded("rest", 0.0, rate), HOLE).kind == "point"
+    assert confirmed_sampling(recorded("rest", 0.0, rate), GAP).kind == "point"
 
 
 def test_at_a_low_rate_the_log_is_taken_at_its_word() -> None:
-    assert confirmed_sampling(recorded("rest", 20.0, 25), HOLE).confirmed is None
+    assert confirmed_sampling(recorded("rest", 20.0, 25), GAP).confirmed is None
 
 
 def test_what_folds_is_what_the_filter_passes() -> None:
@@ -125,7 +125,7 @@ def test_what_folds_is_what_the_filter_passes() -> None:
 def test_vibration_in_a_part_of_the_band_and_of_the_time_is_not_noise() -> None:
     track = recorded("rest", 0.0, 100)
     shaking = 0.5 * np.sin(2 * np.pi * 8.5 * track.t) + 3.0 * np.sin(2 * np.pi * 5.0 * track.t) * (track.t < 10)
-    found = white_noise(replace(track, accel=track.accel + shaking[:, None]), "accel", HOLE)
+    found = white_noise(replace(track, accel=track.accel + shaking[:, None]), "accel", GAP)
     assert found is not None
     np.testing.assert_allclose(found.sampled, 2 * ACCEL, rtol=0.15)
 

@@ -92,7 +92,7 @@ def test_a_fault_in_the_newest_seconds_is_found_alike() -> None:
     assert apart(resumed, anew) < 0.1
 
 
-def test_nothing_is_carried_across_a_hole() -> None:
+def test_nothing_is_carried_across_a_gap() -> None:
     whole = window(flown(), 1)
     imu = whole.imu()
     begin = whole.start + LAG - 3.0

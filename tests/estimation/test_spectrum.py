@@ -1,4 +1,4 @@
-"""Spectra: scipy's Welch is the oracle where there is no hole, Parseval's theorem the law."""
+"""Spectra: scipy's Welch is the oracle where there is no gap, Parseval's theorem the law."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from companion.estimation import folded_onto, imu_spectrum, peaks, vibration
 from companion.estimation.spectrum import neighbourhoods, periodograms
 from companion.model import ImuTrack
 
-HOLE = 0.1
+GAP = 0.1
 
 
 def noise(seconds: float, rate: float, density: float, seed: int = 1) -> ImuTrack:
@@ -19,11 +19,11 @@ def noise(seconds: float, rate: float, density: float, seed: int = 1) -> ImuTrac
     return ImuTrack(np.arange(n) / rate, values[0], values[1])
 
 
-def test_a_track_without_holes_has_scipys_spectrum() -> None:
+def test_a_track_without_gaps_has_scipys_spectrum() -> None:
     import scipy.signal  # noqa: PLC0415  (slow to import, and every process of the tests collects this file)
 
     track = noise(100.0, 128.0, 1e-3)
-    found = imu_spectrum(track, HOLE)
+    found = imu_spectrum(track, GAP)
     assert found is not None
     f, density = scipy.signal.welch(track.gyro, 128.0, nperseg=512, axis=0)
     np.testing.assert_allclose(found.frequency_hz, f)
@@ -43,21 +43,21 @@ def test_every_window_and_length_has_scipys_periodogram(window: str, length: int
 
 
 def test_white_noise_has_its_density_at_every_frequency() -> None:
-    spectrum = imu_spectrum(noise(300, 100, 2e-3), HOLE)
+    spectrum = imu_spectrum(noise(300, 100, 2e-3), GAP)
     assert spectrum is not None
     assert spectrum.segments > 100
     np.testing.assert_allclose(np.sqrt(0.5 * spectrum.gyro[1:-1].mean(axis=0)), 2e-3, rtol=0.03)
     assert spectrum.frequency_hz[-1] == pytest.approx(50.0)
 
 
-def test_no_segment_lies_across_a_hole() -> None:
+def test_no_segment_lies_across_a_gap() -> None:
     whole = noise(60, 100, 1e-3)
     kept = np.flatnonzero((whole.t < 20) | (whole.t > 31))
     broken = ImuTrack(whole.t[kept], whole.gyro[kept] + 5.0 * (whole.t[kept] > 25)[:, None], whole.accel[kept])
-    spectrum = imu_spectrum(broken, HOLE)
+    spectrum = imu_spectrum(broken, GAP)
     assert spectrum is not None
-    assert spectrum.gyro.max() < 2e-5  # the step of 5 rad/s over the hole is in no segment
-    assert imu_spectrum(whole[:20], HOLE) is None
+    assert spectrum.gyro.max() < 2e-5  # the step of 5 rad/s over the gap is in no segment
+    assert imu_spectrum(whole[:20], GAP) is None
 
 
 def test_a_line_in_the_spectrum_is_found_with_its_size_and_its_aliases() -> None:
@@ -65,7 +65,7 @@ def test_a_line_in_the_spectrum_is_found_with_its_size_and_its_aliases() -> None
     shaken = quiet.accel.copy()
     shaken[:, 1] += 0.3 * np.sqrt(2) * np.sin(2 * np.pi * 83.0 * quiet.t)  # folded down to 17 Hz
     track = ImuTrack(quiet.t, quiet.gyro, shaken)
-    spectrum = imu_spectrum(track, HOLE)
+    spectrum = imu_spectrum(track, GAP)
     assert spectrum is not None
     (peak,) = peaks(spectrum, spectrum.accel)
     assert peak.axis == 1
@@ -80,13 +80,13 @@ def test_vibration_leaves_the_flown_motion_out() -> None:
     accel = np.zeros((len(t), 3))
     accel[:, 0] = 5.0 * np.sin(2 * np.pi * 0.3 * t)
     accel[:, 2] = -9.80665 + 3.0 * np.sqrt(2) * np.sin(2 * np.pi * 37.0 * t)
-    found = vibration(ImuTrack(t, np.zeros_like(accel), accel), HOLE)
+    found = vibration(ImuTrack(t, np.zeros_like(accel), accel), GAP)
     assert found is not None
     assert found.accel[:, 0].max() < 0.1
     np.testing.assert_allclose(found.accel[:, 2], 3.0, rtol=0.05)
     assert found.t[0] < 1.5
     assert found.t[-1] > 28
-    assert vibration(ImuTrack(t[::20], accel[::20], accel[::20]), HOLE) is None
+    assert vibration(ImuTrack(t[::20], accel[::20], accel[::20]), GAP) is None
 
 
 @pytest.mark.parametrize("begin", [9.0, 9.3, 9.75])
@@ -95,7 +95,7 @@ def test_vibration_is_told_at_the_time_of_the_shaking(begin: float) -> None:
     t = np.arange(4000) / 200
     accel = np.zeros((len(t), 3))
     accel[:, 1] = np.where((t >= begin) & (t < begin + 1.0), 4.0 * np.sin(2 * np.pi * 60.0 * t), 0.0)
-    found = vibration(ImuTrack(t, np.zeros_like(accel), accel), HOLE)
+    found = vibration(ImuTrack(t, np.zeros_like(accel), accel), GAP)
     assert found is not None
     assert np.average(found.t, weights=found.accel[:, 1] ** 2) == pytest.approx(begin + 0.5, abs=0.02)
 

@@ -179,7 +179,7 @@ def test_bad_input_is_named() -> None:
         dense_attitude(track, q, np.array([0.5]), segments=0)
 
 
-def test_beside_a_hole_or_a_burst_the_line_is_taken_and_it_is_said() -> None:
+def test_beside_a_gap_or_a_burst_the_line_is_taken_and_it_is_said() -> None:
     """Two samples 10 µs apart would multiply the noise of the readings by hundreds in the cubic next to them."""
     t = np.sort(np.concatenate((np.arange(100) * 0.02, [0.5 + 1e-5])))
     t[60:] += 2.0

@@ -100,7 +100,7 @@ def test_a_small_gap_or_overlap_of_the_clock_is_bridged() -> None:
 
 
 @pytest.mark.parametrize("share", [0.01, 0.4])
-def test_means_with_holes_between_them_are_readings(share: float) -> None:
+def test_means_with_gaps_between_them_are_readings(share: float) -> None:
     """As of a log that holds only every hundredth integral."""
     motion = motions.coning(np.linspace(0.0, 2.0, 101))
     sparse = replace(motion.imu, interval=np.full(101, share * 0.02))

@@ -120,15 +120,15 @@ def struct_stamp() -> bytes:
 
 
 def test_a_clock_that_runs_ahead_is_known_between_the_packets_on_either_side(log: Writer) -> None:
-    """What comes in the beginning of a hole between two ATTITUDE says little of it; the others bound it to some ms."""
+    """What comes in the beginning of a gap between two ATTITUDE says little of it; the others bound it to some ms."""
     for i in range(1000):
         t, place = i / 50, i % 100
-        hole = 50 < place < 95
+        gap = 50 < place < 95
         if i % 50 == 0:
             log.heartbeat(t)
-        if i % 5 == 0 and not hole:
+        if i % 5 == 0 and not gap:
             log.attitude(t, 20.0 + t)
-        if not hole or place < 65:
+        if not gap or place < 65:
             log.raw_imu(t + 1e-3, 20.0 + t + 2.5)
     assert c.open_log(log.close())[0].imu().t[0] == pytest.approx(20.0, abs=0.03)
 
@@ -174,8 +174,8 @@ def test_a_clock_that_is_set_back_again_and_again_is_told_in_a_few_notes(log: Wr
     assert len(flight.imu()) == 5 * 100 + 151, "of each but the last the first two seconds stay"
 
 
-def test_a_hole_in_a_replay_is_no_stale_start(log: Writer) -> None:
-    """Played 30 times too fast, a hole of 15 s after the first packets is half a second of log time."""
+def test_a_gap_in_a_replay_is_no_stale_start(log: Writer) -> None:
+    """Played 30 times too fast, a gap of 15 s after the first packets is half a second of log time."""
     for i in range(10):
         log.attitude(i * 0.02 / 30, 3 + i * 0.02)
     for i in range(2000):

@@ -22,7 +22,7 @@ regular = st.builds(
 
 
 @given(steps=st.lists(st.floats(0, 1e3), min_size=7, max_size=60), course=st.sampled_from(COURSES))
-def test_times_that_only_rise_stay_whatever_holes_they_have(steps: list[float], course: Course) -> None:
+def test_times_that_only_rise_stay_whatever_gaps_they_have(steps: list[float], course: Course) -> None:
     steps[:3], steps[-2:] = [0.1] * 3, [0.1] * 2
     assert not off_course({"ATTITUDE": np.cumsum(steps)}, course)
 

@@ -290,12 +290,12 @@ def test_two_browsers_have_a_camera_each(browser: Browser, page: Page, flight: F
 def test_what_is_expected_and_what_is_not_known(wide_page: Page, flight: Flight) -> None:
     page = wide_page
 
-    def with_a_hole(flight: Flight, choice: ReplayChoice) -> Reckoning:
+    def with_a_gap(flight: Flight, choice: ReplayChoice) -> Reckoning:
         replay = reckon(flight, choice)
         known = np.abs(replay.t - (BOOT + 33.0)) > 2.0
         return Reckoning(replace(replay, reference_valid=known), chosen_track(flight, choice))
 
-    with Viewer([flight], with_a_hole, examine, port=next_port(page)) as viewer:
+    with Viewer([flight], with_a_gap, examine, port=next_port(page)) as viewer:
         visit(page, viewer)
         viewer.post(events.Seek(BOOT + 33.0))
         viewer.post(events.SetArrows(True))

@@ -44,10 +44,10 @@ def jump_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
 def _position_findings(comparison: Comparison, position: PositionTrack, settled: float) -> Iterator[Finding]:
     """Jumps of the position, those close together as one, and times without any position."""
     steps = comparison.position_steps
-    lost = steps[:, 1] - steps[:, 0] > comparison.how.limits.hole(position.t)
+    lost = steps[:, 1] - steps[:, 0] > comparison.how.limits.longest_step(position.t)
     for start, end in steps[lost]:
         if _unheard(comparison, start, end):
-            continue  # the link has a hole, which says nothing about the estimator
+            continue  # the link has a gap, which says nothing about the estimator
         i, j = np.searchsorted(position.t, [start, end])
         yield Finding(
             "position_lost",
@@ -82,8 +82,8 @@ def _position_findings(comparison: Comparison, position: PositionTrack, settled:
 
 def _unheard(comparison: Comparison, start: float, end: float) -> bool:
     """Whether the IMU's messages are missing too for most of a time without position."""
-    t, holes = comparison.track.t, np.flatnonzero(comparison.holes)
-    missing = np.minimum(t[holes + 1], end) - np.maximum(t[holes], start)
+    t, gaps = comparison.track.t, np.flatnonzero(comparison.gaps)
+    missing = np.minimum(t[gaps + 1], end) - np.maximum(t[gaps], start)
     return float(missing[missing > 0].sum()) > 0.5 * (end - start)
 
 

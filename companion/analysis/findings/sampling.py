@@ -12,7 +12,7 @@ from companion.analysis.reference import BoolArray
 from companion.model import Array, Flight, counted, median
 from companion.strapdown import quaternion
 
-_LOST = 8.0  # periods from which on an interval is a hole
+_LOST = 8.0  # periods from which on an interval is a gap
 _UNEVEN, _UNEVEN_S = 0.2, 0.004  # of a period, s
 _MOVED_S, _SPOILT_S = 0.05, 0.1  # s
 _LOW_HZ, _USELESS_HZ = 40.0, 10.0  # RAW_IMU is low-passed at 20 Hz: below twice that, motion aliases into the samples
@@ -44,23 +44,23 @@ def rate_findings(flight: Flight, comparison: Comparison, sampling_share: float)
             + (f"; sampling is {sampling_share:.0%} of the expected attitude error" if sampling_share > 0.05 else ""),
             f"{flight.how_to_record}.",
         )
-    holes = np.flatnonzero(comparison.holes)
-    if len(holes):
-        lost = float((track.t[holes + 1] - track.t[holes]).sum())
+    gaps = np.flatnonzero(comparison.gaps)
+    if len(gaps):
+        lost = float((track.t[gaps + 1] - track.t[gaps]).sum())
         yield Finding(
             "samples_missing",
             "data",
             "warning" if lost > 0.01 * (track.t[-1] - track.t[0]) else "info",
-            float(track.t[holes[0]]),
-            float(track.t[holes[-1] + 1]),
-            f"{track.source} has {counted(len(holes), 'hole')}, {lost:.1f} s in all, "
+            float(track.t[gaps[0]]),
+            float(track.t[gaps[-1] + 1]),
+            f"{track.source} has {counted(len(gaps), 'gap')}, {lost:.1f} s in all, "
             f"the longest {np.diff(track.t).max():.2f} s",
             (
                 "Check the link quality, or use the on-board log. "
                 if not flight.on_board
                 else "The logger could not keep up: check the SD card, or log fewer other messages. "
             )
-            + "Windows over holes are left out.",
+            + "Windows over gaps are left out.",
         )
 
 
@@ -121,7 +121,7 @@ def lags(comparison: Comparison) -> list[tuple[float, float, float]]:
     if track.rate_hz < 1 / _TURN_S or track.t[-1] - track.t[0] < _PARTS * 4 * _MOST_S:
         return []
     if (track.t[-1] - track.t[0]) / _GRID_S > _MOST_POINTS * len(track):
-        return []  # mostly holes
+        return []  # mostly gaps
     grid = np.arange(track.t[0] + _TURN_S, track.t[-1] - _TURN_S, _GRID_S)
     ends = [np.clip(np.searchsorted(track.t, grid + half), 0, len(track) - 1) for half in (-_TURN_S / 2, _TURN_S / 2)]
     good = reference.attitude_known[ends[0]] & reference.attitude_known[ends[1]] & (ends[1] > ends[0])

@@ -160,7 +160,7 @@ def _stopped(
     comparison: Comparison, autopilot: ReferenceSpec, others: Sequence[ImuTrack], axes: _Axes
 ) -> Iterator[tuple[int, int]]:
     """First and last sample of the stretches in which some axes are stuck."""
-    sensor, holes, known = axes.sensor, comparison.holes, comparison.reference.attitude_known
+    sensor, gaps, known = axes.sensor, comparison.gaps, comparison.reference.attitude_known
     first, last = run_edges(axes.same)
     lasted = sensor.t[last + 1] - sensor.t[first]
     even = np.flatnonzero(lasted > STOPPED_S)
@@ -174,7 +174,7 @@ def _stopped(
     spreads = _beside_others(axes, others) if sensor.step and (lasted > STUCK_S).any() else []
     for i in even:
         stretch = slice(int(first[i]), int(last[i]) + 2)
-        if holes[stretch].any():
+        if gaps[stretch].any():
             continue
         still = axes.beside_same[stretch].mean(axis=0)
         alone = still.min() <= _BESIDE  # else it is the whole sensor

@@ -51,7 +51,7 @@ def vibration_findings(comparison: Comparison, flight: Flight) -> Iterator[Findi
             said = True
             yield from _level(series.t, series.values[:, :3], series.source, _HIGH)
         yield from _clips(series)
-    level = vibration(comparison.track, comparison.how.limits.hole(comparison.track.t))
+    level = vibration(comparison.track, comparison.how.limits.longest_step(comparison.track.t))
     if not said and level is not None:
         yield from _level(
             level.t, level.accel, f"what the samples of {comparison.track.source} show of it", _HIGH_IN_SAMPLES

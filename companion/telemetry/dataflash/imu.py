@@ -37,7 +37,7 @@ NUMBERS: Mapping[str, tuple[str, ...]] = {
 """Columns that these records must have."""
 
 _SPAN = 64  # samples over which the times of a FIFO are smoothed: it is read every 1-2 ms, 1-16 samples at once
-_HOLE = 8.0  # of the mean interval: samples are missing
+_GAP = 8.0  # of the mean interval: samples are missing
 
 
 def imu_tracks(
@@ -113,7 +113,7 @@ def _paired(gyro: Records, accel: Records) -> tuple[Array, Array, Array]:
     if len(t) < 2 or len(when) < 2:
         return t[:0], rate[:0], force[:0]
     after = np.searchsorted(when, t).clip(1, len(when) - 1)
-    inside = (t >= when[0]) & (t <= when[-1]) & (when[after] - when[after - 1] < _HOLE * _mean_step(when))
+    inside = (t >= when[0]) & (t <= when[-1]) & (when[after] - when[after - 1] < _GAP * _mean_step(when))
     t, rate = t[inside], rate[inside]
     return t, rate, interpolated(t, when, force)
 
@@ -154,13 +154,13 @@ def _even(t: Array) -> Array:
 
 
 def _mean_step(t: Array) -> float:
-    """s between samples, holes not counted."""
+    """s between samples, gaps not counted."""
     step = np.diff(t)
     return float(step[step <= _longest_step(step)].mean())
 
 
 def _longest_step(step: Array) -> float:
-    """s, what is longer is a hole: in each read of a FIFO one step is long, and holes are seldom."""
+    """s, what is longer is a gap: in each read of a FIFO one step is long, and gaps are seldom."""
     return 3.0 * float(np.percentile(step, 99))
 
 
@@ -180,7 +180,7 @@ _AXES = "xyz"
 
 
 def batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[RawSeries | None]:
-    """The samples of each sensor as a series, rad/s or m/s², at the sensor's rate with holes between the batches."""
+    """The samples of each sensor as a series, rad/s or m/s², at the sensor's rate with gaps between the batches."""
     if not {"ISBH", "ISBD"} <= records.keys():
         return
     heads, data = records["ISBH"], records["ISBD"]

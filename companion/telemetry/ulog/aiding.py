@@ -45,7 +45,7 @@ from companion.telemetry.ulog.topics import (
 _FIX_2D, _FIX_3D = 2, 3  # GPS_FIX_TYPE
 _EXTRAPOLATED = 8  # of PX4: the receiver goes on from its last fix
 _HECTOPASCAL = 2000.0  # below it a pressure is in hPa: no air weighs more or, in Pa, less
-_TRUTH_HOLE = 0.2  # s: across a longer one the truth is not interpolated
+_TRUTH_GAP = 0.2  # s: across a longer one the truth is not interpolated
 
 
 def gps_tracks(topics: Topics, notes: list[str]) -> tuple[GpsTrack, ...]:
@@ -214,13 +214,13 @@ def _moved(t: Array, topic: Topic, origin: Origin | None) -> tuple[Array, Array]
     i = np.clip(np.searchsorted(own, t) - 1, 0, len(own) - 2)
     h = (own[i + 1] - own[i])[:, None]
     u = (t[:, None] - own[i][:, None]) / h
-    hole = (u < 0.0) | (u > 1.0) | (h > _TRUTH_HOLE)
+    gap = (u < 0.0) | (u > 1.0) | (h > _TRUTH_GAP)
     velocity = speed[i] + u * (speed[i + 1] - speed[i])
     position = (
         (1 + 2 * u) * (1 - u) ** 2 * at[i] + u * (1 - u) ** 2 * h * speed[i]
         + u * u * (3 - 2 * u) * at[i + 1] + u * u * (u - 1) * h * speed[i + 1]
     )  # fmt: skip
-    return np.where(hole, np.nan, velocity), np.where(hole, np.nan, position)
+    return np.where(gap, np.nan, velocity), np.where(gap, np.nan, position)
 
 
 def _sensors(

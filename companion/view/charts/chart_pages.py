@@ -35,7 +35,7 @@ ERRORS, HORIZON, READINGS, NOISE, DRIFT, RATES = PAGES
 CHARTS = 3
 _NOTHING = {
     HORIZON: "No window of this length can be used.",
-    NOISE: "Neither a rest of 10 s nor a stretch without holes that is long enough for a spectrum.",
+    NOISE: "Neither a rest of 10 s nor a stretch without gaps that is long enough for a spectrum.",
 }
 
 

@@ -12,7 +12,7 @@ from companion.view.state.decimation import Indices, extremes
 
 MOST_POINTS = 250
 """Points a chart: a moving cursor resends them all, several times a second, to every browser."""
-MOST_HOLES = 20
+MOST_GAPS = 20
 """Gaps a chart can show; of more, the longest."""
 
 
@@ -22,20 +22,20 @@ class Curves:
 
     t: Array  # (M,) s, boot clock
     values: tuple[Array, ...]  # each (M,)
-    hole: Array  # (M,) 1 where the autopilot's state is not known, else 0
+    gap: Array  # (M,) 1 where the autopilot's state is not known, else 0
 
     def at(self, now: float) -> tuple[Array, ...]:
-        """The chart's columns: times, values, and a last one that shades the holes and has a line at `now`.
+        """The chart's columns: times, values, and a last one that shades the gaps and has a line at `now`.
 
-        On a scale of 0 to 1 a hole is a block from edge to edge (2), and elsewhere the column's base lies out of sight
+        On a scale of 0 to 1 a gap is a block from edge to edge (2), and elsewhere the column's base lies out of sight
         (-1). The line leaps from the base to the other and back. A gap of NaN would do as well, but then a number that
         is not finite would be on its way to the screen.
         """
         k = int(np.searchsorted(self.t, now))
         inserted = (np.insert(v, k, [np.interp(now, self.t, v)] * 3) for v in self.values)
-        inside = float(self.hole[min(k, len(self.hole) - 1)] * self.hole[max(k - 1, 0)])
+        inside = float(self.gap[min(k, len(self.gap) - 1)] * self.gap[max(k - 1, 0)])
         here = np.array([inside, 1 - inside, inside])
-        shade = 3 * np.insert(self.hole, k, here) - 1
+        shade = 3 * np.insert(self.gap, k, here) - 1
         return (np.insert(self.t, k, [now] * 3), *inserted, shade)
 
 
@@ -55,17 +55,17 @@ def curves(
     for t, values in lines:
         cut = _cut(t, part)
         groups.setdefault(id(t), (t[cut], []))[1].append(values[cut])
-    holes, flags, edges = np.zeros(1), np.zeros(1), np.zeros(0)
+    gaps, flags, edges = np.zeros(1), np.zeros(1), np.zeros(0)
     if known is not None:
         cut = _cut(known[0], part)
-        holes = known[0][cut]
-        beside, flags = _edges(holes, 1.0 - known[1][cut])
-        edges = holes[beside]
+        gaps = known[0][cut]
+        beside, flags = _edges(gaps, 1.0 - known[1][cut])
+        edges = gaps[beside]
     share = (most - len(edges)) // len(groups)
     kept = [t[extremes(tuple(values), max(share, 2 * len(values) + 2))] for t, values in groups.values() if len(t)]
     times = np.unique(np.concatenate([*kept, edges]))
     drawn = tuple(np.interp(times, t, v) if len(t) else np.zeros(len(times)) for t, v in lines)
-    last = np.clip(np.searchsorted(holes, times, side="right") - 1, 0, len(holes) - 1)
+    last = np.clip(np.searchsorted(gaps, times, side="right") - 1, 0, len(gaps) - 1)
     return Curves(times, drawn, flags[last])
 
 
@@ -76,15 +76,15 @@ def _cut(t: Array, part: tuple[float, float] | None) -> slice:
     return slice(low, min(int(np.searchsorted(t, part[1], side="left")) + 1, len(t)))
 
 
-def _edges(t: Array, hole: Array) -> tuple[Indices, Array]:
-    """The samples on both sides of where a hole begins or ends, and the holes without those too many to show."""
-    flags = np.concatenate([[0.0], hole, [0.0]])
+def _edges(t: Array, gap: Array) -> tuple[Indices, Array]:
+    """The samples on both sides of where a gap begins or ends, and the gaps without those too many to show."""
+    flags = np.concatenate([[0.0], gap, [0.0]])
     begins, ends = np.flatnonzero(np.diff(flags) > 0), np.flatnonzero(np.diff(flags) < 0)  # [begin, end)
-    if len(begins) > MOST_HOLES:
-        longest = np.sort(np.argsort(t[ends - 1] - t[begins])[-MOST_HOLES:])
+    if len(begins) > MOST_GAPS:
+        longest = np.sort(np.argsort(t[ends - 1] - t[begins])[-MOST_GAPS:])
         begins, ends = begins[longest], ends[longest]
-        hole = np.zeros(len(t))
+        gap = np.zeros(len(t))
         for begin, end in zip(begins, ends, strict=True):
-            hole[begin:end] = 1.0
+            gap[begin:end] = 1.0
     beside = np.concatenate([begins - 1, begins, ends - 1, ends])
-    return np.unique(beside[(beside >= 0) & (beside < len(t))]).astype(np.intp), hole
+    return np.unique(beside[(beside >= 0) & (beside < len(t))]).astype(np.intp), gap

@@ -58,7 +58,7 @@ def reading_drawings(film: Footage, flight: Flight) -> list[Drawing]:
 
 
 def rate_drawings(flight: Flight, colours: Mapping[str, Rgb]) -> list[Drawing]:
-    """How often each IMU and the autopilot's estimate came, and the longest holes in them."""
+    """How often each IMU and the autopilot's estimate came, and the longest gaps in them."""
     tracks: list[tuple[str, Rgb, Array, tuple[float, ...] | None]] = [
         (name, colours[name], track.t, None) for name, track in flight.imus.items()
     ]

@@ -23,7 +23,7 @@ _STARTS = np.cumsum([0, *_WIDTHS.values()])
 _SLICES = {name: slice(a, b) for name, a, b in zip(_WIDTHS, _STARTS[:-1], _STARTS[1:], strict=True)}
 """The columns of a row."""
 
-_HOLE_S = 1.0  # between two rows: the link was silent
+_GAP_S = 1.0  # between two rows: the link was silent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +100,7 @@ class History:
         t = rows[:, 0] - rows[-1, 0]
         errors = rows[:, _SLICES["errors"]]
         known = (rows[:, _SLICES["valid"]][:, 0] > 0) & (np.abs(errors) < MOST).all(axis=1)
-        gap = np.flatnonzero(np.diff(t) > _HOLE_S)
+        gap = np.flatnonzero(np.diff(t) > _GAP_S)
         known[gap] = known[gap + 1] = False
         age = rows[:, 0] - rows[:, _SLICES["anchor"]][:, 0]
         shown = np.where(known[:, None], errors, 0.0)
@@ -120,7 +120,7 @@ class History:
         t = rows[:, 0] - end
         column = {name: rows[:, part] for name, part in _SLICES.items()}
         valid = column["valid"][:, 0] > 0
-        gap = np.flatnonzero(np.diff(t) > _HOLE_S)
+        gap = np.flatnonzero(np.diff(t) > _GAP_S)
         valid[gap] = valid[gap + 1] = False
         film = footage(
             Reckoning(

@@ -40,7 +40,7 @@ class Sample:
     velocity_imu: Array  # (3,) NED, m/s
     velocity_ref: Array  # (3,) NED, m/s, the autopilot's
     covariance: Array  # (3, 3) of the expected position error, NED, m²; zero where nothing is expected
-    known: bool  # whether the autopilot's state is known here, or only interpolated across a hole
+    known: bool  # whether the autopilot's state is known here, or only interpolated across a gap
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -35,9 +35,9 @@ def test_a_part_is_drawn_from_edge_to_edge_and_finer(low: float, length: float) 
 
 
 @given(st.lists(st.tuples(st.integers(0, 5900), st.integers(1, 200)), max_size=30), st.floats(100.0, 160.0))
-def test_holes_are_shaded_where_they_are(holes: list[tuple[int, int]], now: float) -> None:
+def test_gaps_are_shaded_where_they_are(gaps: list[tuple[int, int]], now: float) -> None:
     known = np.ones(len(T))
-    for begin, length in holes:
+    for begin, length in gaps:
         known[begin : begin + length] = 0.0
     drawn = curves([(T, SINE)], (T, known))
     t, sine, shade = drawn.at(now)
@@ -45,12 +45,12 @@ def test_holes_are_shaded_where_they_are(holes: list[tuple[int, int]], now: floa
     assert np.isfinite([t, sine, shade]).all()
     assert (np.diff(t) >= 0).all()
     if np.count_nonzero(np.diff(known) < 0) + (known[0] == 0) <= 20:  # else only the longest
-        beside = np.interp(T, drawn.t, drawn.hole)
+        beside = np.interp(T, drawn.t, drawn.gap)
         np.testing.assert_allclose(beside, 1.0 - known, atol=1e-9)
 
 
 @given(st.floats(100.0, 160.0))
-def test_the_line_at_the_instant_reaches_from_edge_to_edge_in_a_hole_too(now: float) -> None:
+def test_the_line_at_the_instant_reaches_from_edge_to_edge_in_a_gap_too(now: float) -> None:
     known = (T < 120.0).astype(np.float64)
     t, _, shade = curves([(T, SINE)], (T, known)).at(now)
     here = shade[t == now]

@@ -50,7 +50,7 @@ def test_the_sentence_does_not_say_the_status_again() -> None:
 
 
 def test_a_line_does_not_end_between_a_value_and_its_error() -> None:
-    assert "2.99&nbsp;±&nbsp;0.02 m/s²" in banner("imu_suspect", "accelerometer x reads 2.99 ± 0.02 m/s² too much.")
+    assert "2.99&nbsp;±&nbsp;0.02 m/s²" in banner("imu_suspect", "accelerometer x bias 2.99 ± 0.02 m/s².")
 
 
 def test_what_is_seen_through_has_an_edge_that_a_dark_page_does_not_swallow() -> None:

@@ -63,17 +63,17 @@ def test_the_newest_rows_are_kept_in_order() -> None:
     assert len(history) == 0
 
 
-def test_a_silence_is_a_hole_in_the_charts() -> None:
+def test_a_silence_is_a_gap_in_the_charts() -> None:
     history = History(60.0, 10.0)
     t0 = float(WHOLE.t[0])
     for t in [*np.arange(1.0, 5.0, 0.1), *np.arange(12.0, 15.0, 0.1)]:
         history.add(until(t0 + t), None)
     past = history.past()
     valid = past.film.replay.reference_valid
-    hole = np.flatnonzero(np.diff(past.film.replay.t) > 1.0)
-    assert len(hole) == 1
-    assert not valid[hole[0]]
-    assert not valid[hole[0] + 1]
+    gap = np.flatnonzero(np.diff(past.film.replay.t) > 1.0)
+    assert len(gap) == 1
+    assert not valid[gap[0]]
+    assert not valid[gap[0] + 1]
     assert valid.sum() == len(valid) - 2
     assert np.isnan(past.free).all()
 
