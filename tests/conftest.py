@@ -96,7 +96,7 @@ def state_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
 def browser() -> Iterator[Browser]:
     """Of each module its own: Playwright keeps an event loop running, which other modules' asyncio would meet."""
     if not CHROMIUM.exists():
-        reason = f"no Chromium at {CHROMIUM}: apt-get install chromium, or set CHROMIUM to its path"
+        reason = f"no Chromium at {CHROMIUM}: apt-get install chromium-headless-shell, or set CHROMIUM to its path"
         if os.environ.get("CI") == "true":
             pytest.fail(reason)
         pytest.skip(reason)

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import signal
 
 from companion.estimation import coning, hides_shaking, smooth
 from companion.estimation.low_pass import restored, undelayed
@@ -20,8 +19,10 @@ ANGLE, SHAKING_HZ = 0.02, 15.0
 
 def low_passed(values: Array, rate_hz: float, corner_hz: float = CORNER_HZ) -> Array:
     """Behind a Butterworth filter of second order, from rest at the first value."""
-    b, a = signal.butter(2, corner_hz, fs=rate_hz)
-    return np.asarray(signal.lfilter(b, a, values - values[0], axis=0) + values[0])
+    import scipy.signal  # noqa: PLC0415  (slow to import, and every process of the tests collects this file)
+
+    b, a = scipy.signal.butter(2, corner_hz, fs=rate_hz)
+    return np.asarray(scipy.signal.lfilter(b, a, values - values[0], axis=0) + values[0])
 
 
 def shaken(t: Array) -> Array:
