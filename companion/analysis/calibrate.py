@@ -40,8 +40,9 @@ _NEAR = 1.0
 """A step below this part of the standard errors leaves the derivatives as they are."""
 _BEYOND_S = 5.0
 """Readings that are kept beyond the last window: the fit may shift their times."""
-_STILL = 0.02
-"""The fit stands still when no figure moves by more than this part of its standard error."""
+_STILL, _SHORTER = 0.02, 0.9
+"""The fit stands still when no figure moves by more than this part of its standard error, or steps get hardly shorter:
+where it shifts the times, windows that begin a sample later or earlier lead to and fro."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +90,7 @@ def calibrate(
     prior = _prior(imu, autopilot)
     comparison, seen = own, own.track[: int(np.searchsorted(own.track.t, until + _BEYOND_S))]
     values = np.zeros(_COUNT)
-    weight, near = np.ones(0), False
+    weight, near, before = np.ones(0), False, np.inf
     for _ in range(iterations):
         chosen = windows(comparison, horizon)
         chosen = chosen.only(comparison.track.t[chosen.end] <= until)
@@ -107,9 +108,9 @@ def calibrate(
         weight = np.minimum(1.0, chi_square_95(size) / np.maximum(normalised, 1e-12))
         values = values + step[:_COUNT]
         moved = float((np.abs(step[:_COUNT]) / np.sqrt(np.diag(joint)[:_COUNT])).max())
-        if moved < _STILL:
+        if moved < _STILL or (near and moved > _SHORTER * before):
             break
-        near = moved < _NEAR
+        near, before = moved < _NEAR, moved
         comparison = own.of(Correction.of(values).apply(seen))
     spread = float(np.median(normalised)) / size
     joint = joint * max(1.0, spread)

@@ -16,6 +16,7 @@ from companion.analysis.findings import findings, missed_findings
 from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.detect import reading_faults
 from companion.analysis.findings.jumps import jump_findings
+from companion.analysis.findings.readings import never_repeats
 from companion.analysis.findings.sampling import lags
 from companion.analysis.findings.vibration import clip_counts
 from companion.analysis.imu_spec import ReferenceSpec
@@ -632,3 +633,16 @@ def test_a_rate_that_a_vehicle_keeps_is_no_end_of_a_range(rate_hz: int) -> None:
 def clipped(flight: Flight, gyro: Array) -> list[Finding]:
     compared = compare(flight, track=with_imu(flight, gyro=gyro).imu())
     return [f for f in reading_faults(flight, compared, GENERIC, ReferenceSpec()) if f.kind == "gyro_clipping"]
+
+
+def test_noise_that_shows_at_another_reading_says_nothing_of_zero() -> None:
+    """Where readings are cut towards 0 a step there is twice as wide: a healthy axis rests there, and nowhere else."""
+    rng = np.random.default_rng(4)
+    reads = np.trunc(12.0 + rng.normal(0.0, 3.0, 4000))
+    reads[2000:2300] = 0.0
+    elsewhere = np.ones(len(reads) - 1, np.bool_)
+    elsewhere[2000:2299] = False
+    same, beside = (np.diff(reads) == 0.0)[elsewhere], reads[1:][elsewhere]
+    assert never_repeats(same, 100.0)
+    assert never_repeats(same, 100.0, beside, 12.0)
+    assert not never_repeats(same, 100.0, beside, 0.0)

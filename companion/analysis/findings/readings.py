@@ -131,13 +131,29 @@ def by_second(change: Array, rate_hz: float) -> Array:
     return change[: len(change) // block * block].reshape(-1, block)
 
 
-def never_repeats(same: BoolArray, rate_hz: float) -> bool:
+def never_repeats(same: BoolArray, rate_hz: float, readings: Array | None = None, level: float = 0.0) -> bool:
     """Whether no second has many samples that are the one before, (n,): the noise is above the steps.
 
-    To read the same for a second is then no chance, however little the vehicle moves.
+    To read the same for a second is then no chance, however little the vehicle moves. Of readings (n,) only the seconds
+    that reach a level count: where they are cut towards 0, a step there is twice as wide as elsewhere.
     """
     seconds = by_second(same.astype(np.float64), rate_hz).mean(axis=1)
+    if readings is not None:
+        read = by_second(readings, rate_hz)
+        seconds = seconds[(read.min(axis=1) <= level) & (level <= read.max(axis=1))]
     return len(seconds) >= FEWEST_SECONDS and float(seconds.max()) < _SELDOM
+
+
+def swing(readings: Array) -> float:
+    """Between what a fifth of the readings (n,) are below and a fifth above: a yaw reset is no turn."""
+    low, high = np.percentile(readings, [20, 80])
+    return float(high - low)
+
+
+def evened(readings: Array, part: float) -> Array:
+    """Means over a part of a stretch of readings (n,)."""
+    span = max(1, round(part * len(readings)))
+    return np.convolve(readings, np.full(span, 1.0 / span), "valid")
 
 
 def heading_free(q: Array) -> Array:

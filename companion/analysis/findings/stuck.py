@@ -15,8 +15,10 @@ from companion.analysis.findings.readings import (
     MOVED,
     beside,
     by_second,
+    evened,
     heading_free,
     never_repeats,
+    swing,
 )
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.reference import BoolArray, length
@@ -168,7 +170,8 @@ def _stopped(
         return
     change = sensor.change[:, axes.axes].max(axis=1)
     elsewhere = beside(len(change), first[even], last[even])
-    restless = never_repeats(axes.same[elsewhere], sensor.rate_hz)
+    stepped = bool(sensor.step) and len(axes.axes) == 1
+    alike = sensor.readings[1:, axes.axes[0]][elsewhere] if stepped else None
     quietest = 0.0 if sensor.step else _quietest(change[elsewhere], sensor.rate_hz)
     usual = np.median(axes.beside, axis=0)
     spreads = _beside_others(axes, others) if sensor.step and (lasted > STUCK_S).any() else []
@@ -190,7 +193,8 @@ def _stopped(
         flickers = np.quantile(change[changes], 0.9) > _LAST_DIGIT * reads  # a low-pass takes its time to settle
         # the motors shake all axes: where another one is calm too, none need show any noise
         calm = (np.median(axes.beside[changes], axis=0) < _CALM * usual).any()
-        if flickers or calm or not restless:
+        level = float(sensor.readings[stretch.start, axes.axes[0]])
+        if flickers or calm or not never_repeats(axes.same[elsewhere], sensor.rate_hz, alike, level):
             # while it goes on, the newest readings are newer than the autopilot's newest attitude
             if lasted[i] <= STUCK_S or known[stretch].mean() < _KNOWN:
                 continue
@@ -254,12 +258,14 @@ def _should_have_moved(
         felt = [(own - mean)[:, axes.axes] + usual for own, mean in each]
         return any(enough(np.abs(own - level).mean(axis=0) > _FEW * step) for own in felt)
     if meanwhile:  # what changed: a gyro's bias may step between its usual reading and this one
-        return any(enough([_swing(_evened(o.gyro[at, i])) >= _SOME * step for i in axes.axes]) for o, at in meanwhile)
+        return any(
+            enough([swing(evened(o.gyro[at, i], _TURN_PART)) >= _SOME * step for i in axes.axes]) for o, at in meanwhile
+        )
     lasted = float(t[-1] - t[0])
     noise = autopilot.attitude_noise * (STANDARD_GRAVITY if name == "accel" else np.sqrt(2.0) / (_TURN_PART * lasted))
     should = _should_read(comparison, name, stretch)
     least = max((MANY if name == "accel" else _SOME) * step, 2 * noise)
-    return enough([_swing(should[:, i]) >= least for i in axes.axes])
+    return enough([swing(should[:, i]) >= least for i in axes.axes])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -315,18 +321,6 @@ def _never_so_still(seconds: _Seconds, begin: float, end: float) -> bool:
     # Laplace's rule of succession
     still = (1.0 + (elsewhere & (seconds.own == 0)).sum()) / (2.0 + elsewhere.sum())
     return bool(len(seconds.start) * still ** (alike & during).sum() < _CHANCE)
-
-
-def _swing(readings: Array) -> float:
-    """Between what a fifth of the readings (n,) are below and a fifth above: a yaw reset is no turn."""
-    low, high = np.percentile(readings, [20, 80])
-    return float(high - low)
-
-
-def _evened(readings: Array) -> Array:
-    """Means over as much of a stretch of readings (n,) as the autopilot's turn is told over."""
-    span = max(1, round(_TURN_PART * len(readings)))
-    return np.convolve(readings, np.full(span, 1.0 / span), "valid")
 
 
 def _should_read(comparison: Comparison, name: str, stretch: slice) -> Array:
