@@ -16,7 +16,7 @@ from companion.analysis.findings import findings, missed_findings
 from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.detect import reading_faults
 from companion.analysis.findings.jumps import jump_findings
-from companion.analysis.findings.readings import never_repeats
+from companion.analysis.findings.readings import goes_to_and_fro
 from companion.analysis.findings.sampling import lags
 from companion.analysis.findings.vibration import clip_counts
 from companion.analysis.imu_spec import ReferenceSpec
@@ -635,14 +635,10 @@ def clipped(flight: Flight, gyro: Array) -> list[Finding]:
     return [f for f in reading_faults(flight, compared, GENERIC, ReferenceSpec()) if f.kind == "gyro_clipping"]
 
 
-def test_noise_that_shows_at_another_reading_says_nothing_of_zero() -> None:
-    """Where readings are cut towards 0 a step there is twice as wide: a healthy axis rests there, and nowhere else."""
-    rng = np.random.default_rng(4)
-    reads = np.trunc(12.0 + rng.normal(0.0, 3.0, 4000))
-    reads[2000:2300] = 0.0
-    elsewhere = np.ones(len(reads) - 1, np.bool_)
-    elsewhere[2000:2299] = False
-    same, beside = (np.diff(reads) == 0.0)[elsewhere], reads[1:][elsewhere]
-    assert never_repeats(same, 100.0)
-    assert never_repeats(same, 100.0, beside, 12.0)
-    assert not never_repeats(same, 100.0, beside, 0.0)
+def test_a_turn_that_changes_every_reading_is_no_noise() -> None:
+    """Of whole steps: an axis that swings and then rests is in order, one that is noisy and then rests is stuck."""
+    t = np.arange(0.0, 40.0, 0.01)
+    swing, noise = np.trunc(200.0 * np.sin(4.0 * t)), np.random.default_rng(4).normal(0.0, 4.0, len(t))
+    assert not goes_to_and_fro(np.diff(swing), 100.0)
+    assert goes_to_and_fro(np.diff(np.trunc(noise)), 100.0)
+    assert goes_to_and_fro(np.diff(np.trunc(200.0 * np.sin(t) + noise)), 100.0)

@@ -18,7 +18,7 @@ _FROZEN_S = 0.5
 _TOGETHER_S = 1.0  # shocks closer than this are one finding
 _MOMENT_S = 0.05  # a shorter end of the range is a shock, which no sensor is accused of
 _OFTEN_S = 0.15  # in all, and it is none
-_SELDOM = 0.25  # of the samples of a second
+_SELDOM, _BACK = 0.25, 0.1  # of the samples of a second
 _FLAT = 0.003  # of the level, that neighbours on a top differ by
 _EDGE = 0.03  # of the level, that is lower beside it
 _SCATTER = 1.5  # times what neighbours differ by: as far many samples of noise are apart
@@ -131,17 +131,20 @@ def by_second(change: Array, rate_hz: float) -> Array:
     return change[: len(change) // block * block].reshape(-1, block)
 
 
-def never_repeats(same: BoolArray, rate_hz: float, readings: Array | None = None, level: float = 0.0) -> bool:
+def never_repeats(same: BoolArray, rate_hz: float) -> bool:
     """Whether no second has many samples that are the one before, (n,): the noise is above the steps.
 
-    To read the same for a second is then no chance, however little the vehicle moves. Of readings (n,) only the seconds
-    that reach a level count: where they are cut towards 0, a step there is twice as wide as elsewhere.
+    To read the same for a second is then no chance, however little the vehicle moves.
     """
     seconds = by_second(same.astype(np.float64), rate_hz).mean(axis=1)
-    if readings is not None:
-        read = by_second(readings, rate_hz)
-        seconds = seconds[(read.min(axis=1) <= level) & (level <= read.max(axis=1))]
     return len(seconds) >= FEWEST_SECONDS and float(seconds.max()) < _SELDOM
+
+
+def goes_to_and_fro(change: Array, rate_hz: float) -> bool:
+    """Whether changes (n,) turn back in every second, as those of noise do, and of no vehicle that only turns."""
+    back = np.append(change[1:] * change[:-1] < 0.0, False).astype(np.float64)
+    seconds = by_second(back, rate_hz).mean(axis=1)
+    return len(seconds) >= FEWEST_SECONDS and float(seconds.min()) > _BACK
 
 
 def swing(readings: Array) -> float:

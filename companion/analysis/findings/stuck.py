@@ -16,6 +16,7 @@ from companion.analysis.findings.readings import (
     beside,
     by_second,
     evened,
+    goes_to_and_fro,
     heading_free,
     never_repeats,
     swing,
@@ -170,8 +171,9 @@ def _stopped(
         return
     change = sensor.change[:, axes.axes].max(axis=1)
     elsewhere = beside(len(change), first[even], last[even])
-    stepped = bool(sensor.step) and len(axes.axes) == 1
-    alike = sensor.readings[1:, axes.axes[0]][elsewhere] if stepped else None
+    restless = never_repeats(axes.same[elsewhere], sensor.rate_hz)
+    if restless and sensor.step and len(axes.axes) == 1:  # a turn changes whole steps too, and need not go on
+        restless = goes_to_and_fro(np.diff(sensor.readings[:, axes.axes[0]])[elsewhere], sensor.rate_hz)
     quietest = 0.0 if sensor.step else _quietest(change[elsewhere], sensor.rate_hz)
     usual = np.median(axes.beside, axis=0)
     spreads = _beside_others(axes, others) if sensor.step and (lasted > STUCK_S).any() else []
@@ -193,8 +195,7 @@ def _stopped(
         flickers = np.quantile(change[changes], 0.9) > _LAST_DIGIT * reads  # a low-pass takes its time to settle
         # the motors shake all axes: where another one is calm too, none need show any noise
         calm = (np.median(axes.beside[changes], axis=0) < _CALM * usual).any()
-        level = float(sensor.readings[stretch.start, axes.axes[0]])
-        if flickers or calm or not never_repeats(axes.same[elsewhere], sensor.rate_hz, alike, level):
+        if flickers or calm or not restless:
             # while it goes on, the newest readings are newer than the autopilot's newest attitude
             if lasted[i] <= STUCK_S or known[stretch].mean() < _KNOWN:
                 continue
