@@ -139,9 +139,6 @@ def other_reading(
     with np.errstate(over="ignore", invalid="ignore"):
         tried = {words: _gone_on(begun(turn), _FIRST) for words, turn in ways.items()}
         words = max(tried, key=lambda name: tried[name].likelihood)
-        rivals = [one.noise for name, one in tried.items() if name != words]
-        if min(rivals, default=np.inf) < _CLEARLY * tried[words].noise:
-            return None  # where readings fit better whichever way they are read, it is not the axes
         as_it_is = _gone_on(begun((np.eye(3), np.eye(3))))  # with nothing explained, as the others
         fits = as_it_is.noise / _gone_on(tried[words].at).noise
     return Reading(words, fits) if np.isfinite(as_it_is.noise) and fits > _CLEARLY else None

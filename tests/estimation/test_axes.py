@@ -73,13 +73,6 @@ def test_an_estimate_that_follows_a_wrong_axis_astray_is_no_excuse() -> None:
     assert other.words == "axes x and y are exchanged"
 
 
-def test_where_two_ways_fit_alike_it_is_not_the_axes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The beginning of a noisy hover fitted better with any two axes exchanged: it lacked an explanation."""
-    words = "gyro x is mirrored"
-    monkeypatch.setattr("companion.estimation.axes.WAYS", {words: WAYS[words], "another one that fits": WAYS[words]})
-    assert other_reading(misread(words), smoothed(words), span=SPAN) is None
-
-
 def test_only_what_surely_began_in_flight_is_left_out() -> None:
     """A wrong axis is wrong from the beginning: an error of the IMU that may be as old may be what it looks like."""
     best = smoothed("gyro x is mirrored")
