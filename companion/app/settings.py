@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import msgspec
 
 from companion.app.toml_file import read_toml
-from companion.model import InputError, SettingsError
+from companion.model import GAP_PERIODS, GAP_S, InputError, SettingsError
 from companion.strapdown import METHODS
 
 Positive = Annotated[float, msgspec.Meta(gt=0, le=1e6)]  # the upper bound keeps infinity out
@@ -49,8 +49,8 @@ class DriftSettings(_Section, frozen=True):
     """Which windows the drift is measured over."""
 
     horizons_s: Annotated[tuple[Positive, ...], msgspec.Meta(min_length=1)] = (1.0, 2.0, 5.0, 10.0, 30.0)
-    gap_periods: Positive = 3.0
-    gap_s: NotNegative = 0.1
+    gap_periods: Positive = GAP_PERIODS
+    gap_s: NotNegative = GAP_S
     position_jump_m: Positive = 1.0
     attitude_jump_deg: Positive = 5.0
 

@@ -41,7 +41,7 @@ class LiveController:
         self.newest = 0.0  # s, boot clock, of the pose that was written last
         self._stirred = True  # whether somebody looks otherwise than before
         self._shown: tuple[str, int] | None = None  # vehicle and boot
-        self._introduced: tuple[str, bool, tuple[str, ...]] | None = None  # IMU, whether there is a position, all IMUs
+        self._introduced: tuple[str, bool, tuple[str, ...]] | None = None  # who, whether there is a position, all IMUs
         self._film: Footage | None = None  # the present
         self._free: tuple[tuple[float, ...], float, Array | None] | None = None  # errors, age s, position
         self._held: tuple[Past, float] | None = None  # what is looked back at, and where, s before its end
@@ -166,14 +166,14 @@ class LiveController:
         self.viewport.reframe()
 
     def _introduce(self, seen: Seen, film: Footage) -> None:
-        now = (seen.imu, seen.replay.has_position, tuple(seen.flight.imus))
+        vehicle = seen.flight.vehicle
+        who = f"{vehicle_words(vehicle)}, vehicle {vehicle}, boot {seen.flight.boot}, {seen.imu}"
+        now = (who, seen.replay.has_position, tuple(seen.flight.imus))
         if now == self._introduced:
             return
         if self._introduced is None or self._introduced[1] != seen.replay.has_position:
             self._lay_out(seen, film)
         self._introduced, self._stirred = now, True
-        vehicle = seen.flight.vehicle
-        who = f"{vehicle_words(vehicle)}, vehicle {vehicle}, boot {seen.flight.boot}, {seen.imu}"
         self._panel.introduce(who, tuple(seen.flight.imus), has_position=seen.replay.has_position)
         self._is_due.at_once()  # the numbers of another IMU do not stand below its name
 

@@ -54,7 +54,7 @@ def test_every_part_is_closed_finite_and_faces_outward(drone: Drone) -> None:
         assert mesh.faces.max() < len(mesh.vertices)
         edges = np.concatenate([mesh.faces[:, [i, (i + 1) % 3]] for i in range(3)])
         there, back = {tuple(e) for e in edges.tolist()}, {tuple(e[::-1]) for e in edges.tolist()}
-        assert there == back  # every edge is walked once each way: no gaps, one orientation
+        assert there == back  # every edge is walked once each way: no holes, one orientation
         assert all(volume(solid) > 0 for solid in solids(mesh))
 
 
