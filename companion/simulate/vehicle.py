@@ -68,6 +68,7 @@ class SimulatedVehicle:
         self.flown = flown
         self.heard: Counter[str] = Counter()  # messages received, by name
         self.sent: Counter[str] = Counter()  # messages made, by name, before the link loses any
+        self.boots = 0  # how often it has started
         self._autopilot: Autopilot = autopilot
         self._ids = sysid, compid
         self._armed = flown.armed
@@ -169,6 +170,7 @@ class SimulatedVehicle:
         if self._tell_parameters:
             for name in self._parameters:
                 self._say_parameter(name)
+        self.boots += 1
 
     def _happen(self, t: float) -> None:
         while self._events and self._events[0][0] <= t:
