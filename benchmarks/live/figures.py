@@ -29,6 +29,7 @@ from companion.simulate import SimulatedVehicle, fly, serve
 
 RATES_HZ = {"ATTITUDE": 100.0, "LOCAL_POSITION_NED": 50.0}
 LINK, PAGE = 14_771, 8_771
+POSES = "poses.f64"  # time of the flight and of the machine's steady clock, s, of each
 CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 EVERY_S = 10.0
@@ -47,18 +48,19 @@ def page(folder: str) -> None:
     from companion.cli import main  # noqa: PLC0415  (only here)
     from companion.view.scene.scene import Scene  # noqa: PLC0415
 
-    shown: list[tuple[float, float]] = []
-    show = Scene.show
-
-    def noted(self: Scene, sample: Any, *more: Any) -> None:
-        show(self, sample, *more)
-        if not shown or shown[-1][0] != sample.t:
-            shown.append((sample.t, time.monotonic()))
-
-    Scene.show = noted  # type: ignore[method-assign]
+    show, latest = Scene.show, -1.0
     words = ["view", f"udpin:127.0.0.1:{LINK}", "--listen-only", "--port", str(PAGE), "-o", f"{folder}/live.tlog"]
-    code = main(words)
-    np.save(f"{folder}/shown.npy", np.array(shown))
+    with Path(folder, POSES).open("wb") as notes:  # kept here they would look like memory of the companion's
+
+        def noted(self: Scene, sample: Any, *more: Any) -> None:
+            nonlocal latest
+            show(self, sample, *more)
+            if latest != sample.t:
+                latest = sample.t
+                notes.write(np.array([sample.t, time.monotonic()]).tobytes())
+
+        Scene.show = noted  # type: ignore[method-assign]
+        code = main(words)
     sys.exit(code)
 
 
@@ -98,7 +100,7 @@ def run(minutes: float, imu_hz: float, folder: str) -> None:
     sent = round((imu.t[-1] - imu.t[0]) * imu_hz) + 1
     own = cpu[-1].user + cpu[-1].system - cpu[0].user - cpu[0].system
     minute = int(60 / EVERY_S) - 1
-    t, at = np.load(f"{folder}/shown.npy").T
+    t, at = np.fromfile(f"{folder}/{POSES}").reshape(-1, 2).T
     late = 1e3 * (at - begun.value - t)[len(t) // 20 :]
     print(f"{elapsed:.0f} s: {sent - len(imu)} of {sent} RAW_IMU samples lost, {flight.duration:.0f} s recorded")
     print(f"companion {own / elapsed:.1%} of a core, verdicts beside it {(verdicts[-1] - verdicts[0]) / elapsed:.1%}")

@@ -23,7 +23,7 @@ from companion.strapdown import Preintegration, Propagation, Sums, error_sums, j
 
 IntArray = npt.NDArray[np.intp]
 
-_SHORT = 20_000  # samples: the passes over so many take 3 MB
+_SHORT = 100_000  # samples: the passes over so many take 15 MB
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from companion.estimation.competition import rivals
 from companion.estimation.explanations import kind_of
 from companion.estimation.iteration import PASSES, Start, estimate, likelihood, start_of
 from companion.estimation.model import BestEstimate, ProcessNoise, corrected
 from companion.estimation.setup import Setup, set_up, unaided_guess
+from companion.estimation.smoother import best_of
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight
 from companion.strapdown import preintegrate, quaternion
 
@@ -140,8 +142,11 @@ def other_reading(
         tried = {words: _gone_on(begun(turn), _FIRST) for words, turn in ways.items()}
         words = max(tried, key=lambda name: tried[name].likelihood)
         as_it_is = _gone_on(begun((np.eye(3), np.eye(3))))  # with nothing explained, as the others
-        fits = as_it_is.noise / _gone_on(tried[words].at).noise
-    return Reading(words, fits) if np.isfinite(as_it_is.noise) and fits > _CLEARLY else None
+        read_so = _gone_on(tried[words].at)
+        fits = as_it_is.noise / read_so.noise
+        if not (np.isfinite(as_it_is.noise) and fits > _CLEARLY):
+            return None
+        return Reading(words, fits) if read_so.likelihood > _likeliest(as_it_is) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,6 +167,20 @@ def _gone_on(at: tuple[Setup, Start] | None, passes: int = PASSES) -> _Tried:
     except (DataError, np.linalg.LinAlgError):
         return _Tried(None)
     return _Tried((setup, settled), _size(settled.noise), likelihood(settled, linear))
+
+
+def _likeliest(tried: _Tried) -> float:
+    """How likely readings make all witnesses where one error that is no other way to read them explains what it can.
+
+    Of a few seconds of flight, a moment's shock is less noise by as much as axes that are exchanged.
+    """
+    if tried.at is None:
+        return tried.likelihood
+    setup, start = tried.at
+    settled, linear = estimate(setup, start)
+    without = likelihood(settled, linear)
+    best = best_of(setup, settled, (), rivals(linear.problem, linear.solution))
+    return without if best is None else max(without, likelihood(best.settled, best.linear))
 
 
 def _spared(motion: Motion, gyro: npt.NDArray[np.bool_], accel: npt.NDArray[np.bool_]) -> float:

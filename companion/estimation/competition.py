@@ -47,6 +47,16 @@ def choose(problem: Problem, solution: Solution) -> tuple[Choice, ...]:
 
     That is of a kind that is linear in small sizes alone: its first order says less of it than it explains.
     """
+    best, *others = rivals(problem, solution) or (None,)
+    if best is None or best.gain < PROMISING:
+        return ()
+    least = max(_UNTOLD * best.gain, WORTH)
+    untold = [] if best.kind.retimes else [one for one in others if one.kind.retimes and one.gain > least]
+    return (best, *untold[:1])
+
+
+def rivals(problem: Problem, solution: Solution) -> tuple[Choice, ...]:
+    """The explanations that promise most, best first; none where none promises anything."""
     grid = scan(problem, solution, ONSETS + 1)
     weighed = (_weighed(problem, solution, grid, kind, shape) for kind in KINDS for shape in kind.shapes)
     candidates = sorted((one for one in weighed if one is not None), key=_net, reverse=True)
@@ -54,13 +64,8 @@ def choose(problem: Problem, solution: Solution) -> tuple[Choice, ...]:
         return ()
     refined = ((_refined(problem, solution, one, grid), one) for one in candidates[:_REFINED])
     fine = sorted(refined, key=lambda both: _net(both[0]), reverse=True)
-    best, *others = (one for one, _ in fine)
-    if _net(best) < PROMISING:
-        return ()
-    least = max(_UNTOLD * _net(best), WORTH)
-    untold = [] if best.kind.retimes else [one for one in others if one.kind.retimes and _net(one) > least]
-    ranked = [best, *others, *candidates[_REFINED:]]
-    return tuple(_chosen(one, dict(fine)[one], ranked) for one in (best, *untold[:1]))
+    ranked = [*(one for one, _ in fine), *candidates[_REFINED:]]
+    return tuple(_chosen(one, coarse, ranked) for one, coarse in fine)
 
 
 def _chosen(one: Candidate, coarse: Candidate, ranked: Sequence[Candidate]) -> Choice:
