@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import viser
+from viser.infra._infra import _remap_binary_placeholder_indices
 
 from companion.view.scene.drone import Move
 
@@ -18,7 +19,12 @@ class Recording:
     """What a scene shows from now on. Moves are given to it; what else changes it sees by itself."""
 
     def __init__(self, server: viser.ViserServer) -> None:
-        self._recorded = server.get_scene_serializer()
+        self._recorded = recorded = server.get_scene_serializer()
+        self._places: dict[bytes, int] = {}  # of the bytes of a buffer, in the recording
+        buffers, recorded._binary_buffers = recorded._binary_buffers, []
+        places = [self._place(buffer) for buffer in buffers]
+        for _, message in recorded._messages:
+            _remap_binary_placeholder_indices(message, places)
 
     def add(self, moves: Iterable[Move]) -> None:
         """Record moves of this instant, without a write to the server, to which nobody listens.
@@ -48,6 +54,12 @@ class Recording:
 
     def _buffered(self, array: np.ndarray[Any, Any]) -> dict[str, object]:
         """Where the bytes of an array are in the recording."""
+        return {"__binary_index": self._place(array.data), "dtype": _FLOAT32}
+
+    def _place(self, buffer: memoryview) -> int:
+        """Where these bytes are, each kept once: what is there twice viser looks for in every message at the end."""
         buffers = self._recorded._binary_buffers
-        buffers.append(array.data)
-        return {"__binary_index": len(buffers) - 1, "dtype": _FLOAT32}
+        place = self._places.setdefault(bytes(buffer), len(buffers))
+        if place == len(buffers):
+            buffers.append(buffer)
+        return place

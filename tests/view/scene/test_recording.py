@@ -67,6 +67,8 @@ def test_moves_are_recorded_as_viser_records_them(server: viser.ViserServer) -> 
     for moves in frames:
         ours.add(moves)
         ours.wait(STEP)
+    buffers = [bytes(buffer) for buffer in ours._recorded._binary_buffers]
+    assert len(set(buffers)) == len(buffers) < len(theirs._binary_buffers) + len(frames), "each is kept once"
     html = ours.html(dark=False)
     for moves in frames:
         for move in moves:
