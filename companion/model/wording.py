@@ -16,10 +16,10 @@ def counted(count: int, noun: str) -> str:
 
 def words(name: str) -> str:
     """An identifier as people write it."""
-    return " ".join(_ABBREVIATIONS.get(word, word) for word in name.split("_"))
+    return " ".join(_WRITTEN.get(word, word) for word in name.split("_"))
 
 
-_ABBREVIATIONS = {"gps": "GPS", "imu": "IMU", "imus": "IMUs"}
+_WRITTEN = {"gps": "GPS", "imu": "IMU", "imus": "IMUs", "accel": "accelerometer"}
 
 
 LINES, WIDTH = 5, 100
