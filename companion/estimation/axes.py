@@ -16,7 +16,7 @@ import numpy.typing as npt
 from companion.estimation.competition import rivals
 from companion.estimation.explanations import kind_of
 from companion.estimation.iteration import PASSES, Start, estimate, likelihood, start_of
-from companion.estimation.model import BestEstimate, ProcessNoise, corrected
+from companion.estimation.model import BestEstimate, corrected
 from companion.estimation.setup import Setup, set_up, unaided_guess
 from companion.estimation.smoother import best_of
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight
@@ -30,6 +30,7 @@ _SURELY = 2.0  # σ of an onset
 _LONGEST_S = 100.0  # that is read otherwise: a wrong axis is wrong all the time
 _FIRST = 6  # passes, that tell the ways apart: what contradicts itself is far from the end of its iteration then
 _CLEARLY = 2.0  # times less noise, in every interval and on every axis: chance has no part in it
+_OF_NOISE = 12.0  # twice the logarithm of a likelihood that noise has in an interval: two sensors of three axes
 
 
 Motion = tuple[tuple[Array, Array], tuple[Array, Array]]
@@ -41,7 +42,7 @@ class Reading:
     """Another way to read the IMU, and how much better it fits."""
 
     words: str
-    fits: float  # how many times less noise it needs
+    fits: float  # how many times less noise it needs, in the end of all witnesses, as if it were the IMU's
 
 
 def _mirrored(axis: int) -> Array:
@@ -143,19 +144,23 @@ def other_reading(
         words = max(tried, key=lambda name: tried[name].likelihood)
         as_it_is = _gone_on(begun((np.eye(3), np.eye(3))))  # with nothing explained, as the others
         read_so = _gone_on(tried[words].at)
-        fits = as_it_is.noise / read_so.noise
-        if not (np.isfinite(as_it_is.noise) and fits > _CLEARLY):
+        if not np.isfinite(as_it_is.likelihood) or read_so.fits_beside(as_it_is.likelihood) <= _CLEARLY:
             return None
-        return Reading(words, fits) if read_so.likelihood > _likeliest(as_it_is) else None
+        fits = read_so.fits_beside(_likeliest(as_it_is))
+    return Reading(words, fits) if fits > _CLEARLY else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tried:
-    """How far the estimate of readings has come: what they need of noise, and how likely that makes all witnesses."""
+    """How far the estimate of readings has come, and how likely it makes all witnesses."""
 
     at: tuple[Setup, Start] | None
-    noise: float = np.inf
     likelihood: float = -np.inf
+
+    def fits_beside(self, likelihood: float) -> float:
+        """How many times less noise of the IMU alone would be as much likelier, whichever witness it is that fits."""
+        intervals = 1 if self.at is None else len(self.at[0].t) - 1
+        return float(np.exp((self.likelihood - likelihood) / (_OF_NOISE * intervals)))
 
 
 def _gone_on(at: tuple[Setup, Start] | None, passes: int = PASSES) -> _Tried:
@@ -166,7 +171,7 @@ def _gone_on(at: tuple[Setup, Start] | None, passes: int = PASSES) -> _Tried:
         settled, linear = estimate(setup, start, polished=False, passes=passes)
     except (DataError, np.linalg.LinAlgError):
         return _Tried(None)
-    return _Tried((setup, settled), _size(settled.noise), likelihood(settled, linear))
+    return _Tried((setup, settled), likelihood(settled, linear))
 
 
 def _likeliest(tried: _Tried) -> float:
@@ -177,9 +182,12 @@ def _likeliest(tried: _Tried) -> float:
     if tried.at is None:
         return tried.likelihood
     setup, start = tried.at
-    settled, linear = estimate(setup, start)
+    try:
+        settled, linear = estimate(setup, start)
+        best = best_of(setup, settled, (), rivals(linear.problem, linear.solution))
+    except (DataError, np.linalg.LinAlgError):
+        return tried.likelihood
     without = likelihood(settled, linear)
-    best = best_of(setup, settled, (), rivals(linear.problem, linear.solution))
     return without if best is None else max(without, likelihood(best.settled, best.linear))
 
 
@@ -204,8 +212,3 @@ def _least_followed(t: Array, motion: Motion) -> tuple[float, float]:
     end = np.searchsorted(t, t + _LONGEST_S, side="right") - 1
     first = int(np.argmax(total[end] - total))
     return float(t[first]), float(t[end[first]])
-
-
-def _size(noise: ProcessNoise) -> float:
-    """The geometric mean of what both sensors need."""
-    return float(np.sqrt(noise.gyro_noise * noise.accel_noise))

@@ -96,7 +96,9 @@ def _weighed(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape
     first, last = times_of_change(problem.t)
     inside = np.flatnonzero((grid.cuts >= first) & (grid.cuts <= last))
     if shape == "creep" or comes_and_goes(kind, shape):
-        return grid.weighed(kind, shape, *_pairs(inside))
+        begin, end = _pairs(inside)
+        lasts = (grid.cuts[end] - grid.cuts[begin] >= _LEAST_S[kind.side]) | (shape == "creep")
+        return grid.weighed(kind, shape, begin[lasts], end[lasts])
     if shape == "ramp" or kind.side == "imu":
         return grid.weighed(kind, shape, inside)
     sudden = np.sort(pushes(problem, solution) if kind.summed else jumps(problem, solution, kind))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,10 +10,15 @@ import numpy as np
 import pytest
 
 from companion.estimation import kind_of
-from companion.estimation.choice import WORTH, gain_beside, price, unrest
-from companion.estimation.competition import detectable
+from companion.estimation.choice import WORTH, comes_and_goes, gain_beside, price, unrest
+from companion.estimation.competition import detectable, rivals
+from companion.estimation.iteration import estimate, start_of
+from companion.estimation.learned_noise import believing, noise_limits, scatter
 from companion.estimation.model import VELOCITY
+from companion.estimation.setup import first_guess, set_up
 from companion.estimation.weighing import candidate
+from companion.model import STANDARD_GRAVITY
+from tests.estimation.sensed import sensed, with_imu
 
 
 @pytest.mark.parametrize("known", [(4e5, 4e5, 4e5), (3e6, 2e5, 5e5), (2e5, 9e5, 3e6)])
@@ -63,3 +69,20 @@ def test_a_fault_that_has_only_begun_is_weighed_at_the_noise_in_which_it_lies(ro
     choice: Any = SimpleNamespace(kind=kind_of("accel_bias"), onset=9.5, end=np.inf)
     more = unrest(choice, problem, solution)
     assert more > 3.0 if rough else more == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_an_imu_that_errs_for_a_moment_has_no_bias_that_comes_and_goes(sensor: str) -> None:
+    """For 1.5 s of half a minute: it is a shock, which accuses nobody, or something that lasts for 5 s and more."""
+    flight, _ = sensed(30.0, "circle", rate=50.0)
+    imu = flight.imu()
+    readings = getattr(imu, sensor).copy()
+    middle = imu.t[0] + 15.0
+    readings[(imu.t > middle) & (imu.t < middle + 1.5)] += {"gyro": 0.03, "accel": 0.5}[sensor]
+    flight = with_imu(flight, replace(imu, **{sensor: readings}))
+    setup = set_up(flight, None, STANDARD_GRAVITY, None, ())
+    limits = believing(noise_limits(setup), scatter(setup))
+    _, linear = estimate(setup, start_of(setup, first_guess(setup, flight)), limits=limits, white=True)
+    promising = rivals(linear.problem, linear.solution)
+    assert promising[0].gain > 30.0
+    assert all(one.end - one.onset >= 5.0 for one in promising if comes_and_goes(one.kind, one.shape))
