@@ -1,8 +1,9 @@
 """Axes of an IMU that are mirrored or exchanged: which way to read it fits the other witnesses?
 
 A smoother that is told a wrong axis takes what contradicts it for noise, far more than the readings themselves scatter
-by. Then the IMU is read in other ways, and the one that makes all witnesses likeliest is the one that is true: to the
-IMU alone, axes exchanged twice are a board that is turned, which only the compass contradicts.
+by. Then the IMU is read in other ways. The one that makes all witnesses likeliest is true, if they are far
+likelier so than by any single error of another kind. To the IMU alone, axes exchanged twice are a board that is turned,
+which only the compass contradicts.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Reading:
     """Another way to read the IMU, and how much better it fits."""
 
     words: str
-    fits: float  # how many times less noise it needs, in the end of all witnesses, as if it were the IMU's
+    fits: float  # how much likelier all witnesses are, as a factor by which the IMU's noise would be less
 
 
 def _mirrored(axis: int) -> Array:
@@ -158,7 +159,7 @@ class _Tried:
     likelihood: float = -np.inf
 
     def fits_beside(self, likelihood: float) -> float:
-        """How many times less noise of the IMU alone would be as much likelier, whichever witness it is that fits."""
+        """How many times less noise of the IMU would be as much likelier: that other witnesses fit worse, costs."""
         intervals = 1 if self.at is None else len(self.at[0].t) - 1
         return float(np.exp((self.likelihood - likelihood) / (_OF_NOISE * intervals)))
 
