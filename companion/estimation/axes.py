@@ -1,9 +1,9 @@
 """Axes of an IMU that are mirrored or exchanged: which way to read it fits the other witnesses?
 
 A smoother that is told a wrong axis takes what contradicts it for noise, far more than the readings themselves scatter
-by. Then the IMU is read in other ways. The one that makes all witnesses likeliest is true, if they are far
-likelier so than by any single error of another kind. To the IMU alone, axes exchanged twice are a board that is turned,
-which only the compass contradicts.
+by. Then the IMU is read in other ways. The one that makes all witnesses likeliest is true, if they are far likelier so
+than by any single error of another kind. To the IMU alone, axes exchanged twice are a board that is turned, which only
+the compass contradicts.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from companion.estimation.competition import rivals
 from companion.estimation.explanations import kind_of
-from companion.estimation.iteration import PASSES, Start, estimate, likelihood, start_of
+from companion.estimation.iteration import PASSES, Start, estimate, in_noise, likelihood, start_of
 from companion.estimation.model import BestEstimate, corrected
 from companion.estimation.setup import Setup, set_up, unaided_guess
 from companion.estimation.smoother import best_of
@@ -31,7 +31,6 @@ _SURELY = 2.0  # σ of an onset
 _LONGEST_S = 100.0  # that is read otherwise: a wrong axis is wrong all the time
 _FIRST = 6  # passes, that tell the ways apart: what contradicts itself is far from the end of its iteration then
 _CLEARLY = 2.0  # times less noise, in every interval and on every axis: chance has no part in it
-_OF_NOISE = 12.0  # twice the logarithm of a likelihood that noise has in an interval: two sensors of three axes
 
 
 Motion = tuple[tuple[Array, Array], tuple[Array, Array]]
@@ -161,7 +160,7 @@ class _Tried:
     def fits_beside(self, likelihood: float) -> float:
         """How many times less noise of the IMU would be as much likelier: that other witnesses fit worse, costs."""
         intervals = 1 if self.at is None else len(self.at[0].t) - 1
-        return float(np.exp((self.likelihood - likelihood) / (_OF_NOISE * intervals)))
+        return in_noise(self.likelihood - likelihood, intervals)
 
 
 def _gone_on(at: tuple[Setup, Start] | None, passes: int = PASSES) -> _Tried:

@@ -95,9 +95,11 @@ def _weighed(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape
         return weigh_shocks(problem, solution, kind, shape, _SHOCKS[kind.name, shape])
     first, last = times_of_change(problem.t)
     inside = np.flatnonzero((grid.cuts >= first) & (grid.cuts <= last))
-    if shape == "creep" or comes_and_goes(kind, shape):
+    if shape == "creep":
+        return grid.weighed(kind, shape, *_pairs(inside))
+    if comes_and_goes(kind, shape):
         begin, end = _pairs(inside)
-        lasts = (grid.cuts[end] - grid.cuts[begin] >= _LEAST_S[kind.side]) | (shape == "creep")
+        lasts = grid.cuts[end] - grid.cuts[begin] >= _LEAST_S[kind.side]
         return grid.weighed(kind, shape, begin[lasts], end[lasts])
     if shape == "ramp" or kind.side == "imu":
         return grid.weighed(kind, shape, inside)

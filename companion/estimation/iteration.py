@@ -118,6 +118,7 @@ _NEAR, _SETTLED = 0.15, 0.05  # changes of the logarithm of a density
 _LEARNING = 0.1  # of the misfit, that may be left to gain while the noise still changes a little with every pass
 _POLISHED = 4  # passes with the noise that lasts, at most
 _FAR = (4e-3, 0.1)  # rad/s, m/s²: a bias further off than this changes the path by more than its first order
+_OF_SENSOR = 6.0  # twice the logarithm of a likelihood, that the noise of a sensor of three axes has in an interval
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,8 +208,13 @@ def _finite(states: States, setup: Setup) -> States:
 def likelihood(settled: Start, linear: Linear) -> float:
     """Twice the logarithm of the likelihood at the noise that was learned, but for a constant: what fits needs less."""
     noise, scale = settled.noise, settled.scale
-    of_imu = -6.0 * len(linear.variance) * float(np.log(noise.gyro_noise) + np.log(noise.accel_noise))
+    of_imu = -_OF_SENSOR * len(linear.variance) * float(np.log(noise.gyro_noise) + np.log(noise.accel_noise))
     return of_imu - 2.0 * sum(m.residual.size * float(np.log(scale[m.name])) for m in linear.measurements)
+
+
+def in_noise(more: float, intervals: int) -> float:
+    """How many times less noise of both sensors makes so many intervals likelier by `more`, as `likelihood` has it."""
+    return float(np.exp(more / (2.0 * _OF_SENSOR * intervals)))
 
 
 def carried(setup: Setup, states: States, before: CarriedImu | None) -> CarriedImu:

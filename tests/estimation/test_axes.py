@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from companion.app.recording import read_recording
 from companion.estimation import BestEstimate, other_reading, smooth
-from companion.estimation.axes import WAYS, _Tried, followed, motion_between
-from companion.estimation.iteration import likelihood
-from companion.estimation.model import Explained, ProcessNoise
+from companion.estimation.axes import WAYS, followed, motion_between
+from companion.estimation.model import Explained
 from companion.model import Array, Flight
 from companion.strapdown import quaternion
 from tests.estimation.sensed import sensed, with_imu
@@ -114,19 +111,6 @@ def test_a_shock_that_other_axes_would_explain_too_is_none(span: tuple[float, fl
     best = smooth(flight, span=span)
     assert "gyro_shock" in [one.kind for one in best.explained]
     assert other_reading(flight, best, span=span) is None
-
-
-def test_a_fit_is_a_factor_of_noise() -> None:
-    """Both sensors at half the noise, and the other witnesses as they were: a fit of 2."""
-    linear: Any = SimpleNamespace(variance=np.ones((10, 15)), measurements=())
-
-    def made_likely(part: float) -> float:
-        settled: Any = SimpleNamespace(noise=ProcessNoise(2e-3 * part, 5e-2 * part, 1e-4, 2e-3), scale={})
-        return likelihood(settled, linear)
-
-    setup: Any = SimpleNamespace(t=np.arange(11.0))
-    read_so = _Tried((setup, SimpleNamespace()), made_likely(0.5))  # type: ignore[arg-type]
-    assert read_so.fits_beside(made_likely(1.0)) == pytest.approx(2.0)
 
 
 def test_each_way_undoes_itself() -> None:

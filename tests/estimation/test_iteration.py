@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from companion.estimation import iteration
 from companion.estimation.choice import Choice
 from companion.estimation.explanations import kind_of
-from companion.estimation.iteration import LITTLE, Point, Step, carried, estimate, start_of
+from companion.estimation.iteration import LITTLE, Point, Step, carried, estimate, in_noise, likelihood, start_of
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import CarriedImu, Linear, linearise
 from companion.estimation.setup import first_guess, set_up
@@ -133,3 +134,17 @@ def test_where_no_step_leads_down_the_iteration_ends(monkeypatch: pytest.MonkeyP
     estimate(setup, replace(settled, states=start.states), [choice])
     assert any(uphill), "the problem is too easy to show anything"
     assert len(passes) < 15
+
+
+def test_what_is_likelier_by_noise_alone_is_a_factor_of_noise() -> None:
+    """Both sensors at half the noise, and the other witnesses as they were."""
+    linear: Any = SimpleNamespace(variance=np.ones((10, 15)), measurements=())
+
+    def made_likely(part: float) -> float:
+        noise = replace(START, gyro_noise=2e-3 * part, accel_noise=5e-2 * part)
+        settled: Any = SimpleNamespace(noise=noise, scale={})
+        return likelihood(settled, linear)
+
+    more = made_likely(0.5) - made_likely(1.0)
+    assert more == pytest.approx(2.0 * 10 * 2 * 3 * np.log(2.0)), "of ten intervals, two sensors, three axes"
+    assert in_noise(more, 10) == pytest.approx(2.0)
