@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import itertools
+import os
 import socket
 import threading
 from collections.abc import Iterator
@@ -13,11 +15,22 @@ from companion.links import open_port, parse_address
 from companion.simulate import Faults, Flown, SimulatedVehicle, fly, serve
 from tests.waiting import LIMIT_S
 
+_PORTS = range(20_000, 32_000)
+"""Below those that systems hand out by themselves: nobody is given one while a test is about to open it, and no client
+that waits for it to open connects to itself."""
+
+_tried = itertools.count(97 * os.getpid())  # test processes have neighbouring numbers, and begin far apart
+
 
 def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """A port of this computer that nobody has, by UDP nor by TCP; another one each time."""
+    for number in itertools.islice(_tried, len(_PORTS)):
+        port = _PORTS[number % len(_PORTS)]
+        with contextlib.suppress(OSError), contextlib.ExitStack() as probes:
+            for kind in (socket.SOCK_DGRAM, socket.SOCK_STREAM):
+                probes.enter_context(socket.socket(socket.AF_INET, kind)).bind(("127.0.0.1", port))
+            return port
+    raise AssertionError("no port is free on this machine")
 
 
 @contextlib.contextmanager
