@@ -177,6 +177,8 @@ class TcpPort:
         try:
             end.settimeout(timeout_s)
             end.connect(self._where)
+            if end.getsockname() == end.getpeername():  # with itself, and whoever wants to listen there no longer can
+                raise ConnectionRefusedError(errno.ECONNREFUSED, "nobody listens")
         except OSError:
             end.close()
             raise

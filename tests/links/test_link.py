@@ -27,6 +27,7 @@ from companion.links import (
 from companion.model import InputError
 from tests.links.link import link_frames
 from tests.links.peers import frames_until, ids, listener, serial_cable, udp_peer
+from tests.simulated import free_port
 from tests.waiting import LIMIT_S, wait_for
 
 TARGET = Target(1, 1)
@@ -279,6 +280,19 @@ def test_udpout_to_a_closed_port_waits_for_it_to_open() -> None:
             link.send(requests.heartbeat())
             assert len(link.receive(0.02)) == 0
         assert link.problem
+
+
+def test_a_connection_with_itself_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """TCP allows it where the system happens to give a client the very port that it looks for."""
+
+    class OfThisPort(socket.socket):
+        def connect(self, address: Any) -> None:
+            self.bind(address)
+            super().connect(address)
+
+    monkeypatch.setattr(socket, "socket", OfThisPort)
+    with pytest.raises(InputError, match="nothing answers at .* \\(nobody listens\\)"):
+        Link(f"tcp:127.0.0.1:{free_port()}")
 
 
 def test_a_tcp_peer_may_close_and_come_back() -> None:
