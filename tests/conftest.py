@@ -28,7 +28,7 @@ _REMEMBERED = (
     ("companion.analysis.assessment", "expected_over"),
     ("companion.analysis.pose_error", "budget"),
     ("companion.analysis.redundant_imus", "budget"),
-    ("companion.report.playback", "replay_page"),
+    ("companion.view.export", "replay_page"),
 )
 """Pure functions that take long, in the modules that ask them."""
 

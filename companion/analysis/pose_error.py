@@ -14,7 +14,8 @@ import numpy as np
 
 from companion.analysis.assessment import Assessment
 from companion.analysis.budget import ATTITUDE, POSITION, VELOCITY, budget, expected_over
-from companion.analysis.comparison import IntArray, Windows, windows
+from companion.analysis.comparison import Comparison, IntArray, Windows, windows
+from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.reference import attitude_error, length
 from companion.analysis.replay import Replay
 from companion.model import Array, nearest
@@ -116,8 +117,10 @@ class Expectation:
         return np.degrees(attitude), velocity, position
 
 
-def expected_since_anchor(assessment: Assessment, shown: Replay) -> Expectation | None:
-    """What the budget allows `shown` to be off by: a replay of the track that was assessed, integrated alike.
+def expected_since_anchor(
+    comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec, shown: Replay
+) -> Expectation | None:
+    """What the budget allows `shown` to be off by: a replay of the track that is compared, integrated alike.
 
     None where it runs on for longer than two minutes from an anchor, has more anchors than can be worked out, or began
     from rest: the budget is of windows that begin from the autopilot's state.
@@ -127,12 +130,12 @@ def expected_since_anchor(assessment: Assessment, shown: Replay) -> Expectation 
     ends = np.append(shown.anchors[1:], shown.t[-1])
     if np.max(ends - shown.anchors) > _LONGEST_S or 3 * len(shown.anchors) > _POINTS:
         return None
-    t = assessment.comparison.track.t
+    t = comparison.track.t
     steps = np.linspace(0.0, 1.0, _POINTS // len(shown.anchors)) ** 1.5
     wanted = shown.anchors[:, None] + steps * (ends - shown.anchors)[:, None]
     start = np.repeat(nearest(t, shown.anchors), len(steps))
     end = np.maximum(nearest(t, wanted.ravel()), start)
-    allowed = budget(assessment.comparison, Windows(0.0, start, end, {}), assessment.figures, assessment.autopilot)
+    allowed = budget(comparison, Windows(0.0, start, end, {}), figures, autopilot)
     times = t[end].reshape(wanted.shape).copy()
     times[:-1, -1] -= 1e-6  # the last before the next anchor
     times, first = np.unique(times.ravel(), return_index=True)

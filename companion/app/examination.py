@@ -16,6 +16,7 @@ from companion.analysis import (
     Alignment,
     Assessment,
     Comparison,
+    Correction,
     ImuNoise,
     ImuSpec,
     Integration,
@@ -123,26 +124,19 @@ def _examined(
     anchor: str,
 ) -> Examination:
     assessment = assess_imu(flight, settings, imu=imu, imu_model=imu_model, correction=correction, how=how)
-    how = assessment.comparison.how
-
-    def compare_imu(name: str) -> Comparison:
-        own = assessment.comparison.track.source == name and correction is None
-        return assessment.comparison if own else compare(flight, imu=name, how=how)
+    comparison = assessment.comparison
 
     def beside() -> tuple[RedundantImu, ...]:
-        return each_imu(
-            flight, compare_imu, lambda name: _figures(flight, name, imu_model), autopilot_of(settings, flight)
-        )
+        own = comparison if correction is None else None
+        return imus_of(flight, settings, imu_model=imu_model, how=comparison.how, own=own)
 
     return Examination(
         flight,
         assessment,
         beside,
-        _gaps(flight, how.limits),
+        _gaps(flight, comparison.how.limits),
         str(correction) if correction is not None else None,
-        align(flight, assessment.comparison, assessment.figures, autopilot_of(settings, flight))
-        if anchor == "rest"
-        else None,
+        align(flight, comparison, assessment.figures, autopilot_of(settings, flight)) if anchor == "rest" else None,
     )
 
 
@@ -155,6 +149,40 @@ def unexaminable(flight: Flight, settings: Settings = _DEFAULTS) -> Unexamined |
         verdict = Verdict("insufficient_data", f"Cannot tell: {error}", ())
         return Unexamined(flight, verdict, _gaps(flight, limits_of(settings)))
     return None
+
+
+def imus_of(
+    flight: Flight,
+    settings: Settings,
+    *,
+    imu_model: str | None = None,
+    how: Integration | None = None,
+    own: Comparison | None = None,
+) -> tuple[RedundantImu, ...]:
+    """Every IMU of a flight, uncorrected. own: a comparison that is there already. The rest is as in `examine`."""
+    how = how or integration_of(settings, flight)
+
+    def compared(name: str) -> Comparison:
+        return own if own is not None and own.track.source == name else compare(flight, imu=name, how=how)
+
+    return each_imu(flight, compared, lambda name: _figures(flight, name, imu_model), autopilot_of(settings, flight))
+
+
+def comparison_of(
+    flight: Flight,
+    settings: Settings,
+    *,
+    imu: str | None = None,
+    imu_model: str | None = None,
+    correction: str | Path | None = None,
+) -> tuple[Comparison, ImuSpec, ReferenceSpec]:
+    """What an examination begins with: one IMU beside the autopilot, and how far off each may be.
+
+    Arguments and errors as `examine`.
+    """
+    track = _correction(correction).apply(flight.imu(imu))
+    comparison = compare(flight, track=track, how=integration_of(settings, flight))
+    return comparison, _figures(flight, track.source, imu_model), autopilot_of(settings, flight)
 
 
 @_cannot_tell()
@@ -180,7 +208,7 @@ def assess_imu(
         horizons=settings.drift.horizons_s,
         imu=name,
         how=how or integration_of(settings, flight),
-        correction=load_correction(correction) if correction is not None else NO_CORRECTION,
+        correction=_correction(correction),
         before=before,
     )
 
@@ -241,6 +269,10 @@ def autopilot_of(settings: Settings, flight: Flight) -> ReferenceSpec:
 
 def _gaps(flight: Flight, limits: Limits) -> dict[str, int]:
     return {name: int((np.diff(track.t) > limits.longest_step(track.t)).sum()) for name, track in flight.imus.items()}
+
+
+def _correction(path: str | Path | None) -> Correction:
+    return NO_CORRECTION if path is None else load_correction(path)
 
 
 def _figures(flight: Flight, imu: str, imu_model: str | None) -> ImuSpec:

@@ -79,7 +79,7 @@ class Answers:
             trailing=errors(comparison, trailing(comparison, choice.horizon_s)),
             horizon_s=choice.horizon_s,
             redundant_imus=examined.redundant_imus,
-            expected=expected_since_anchor(assessment, film.replay),
+            expected=expected_since_anchor(comparison, assessment.figures, assessment.autopilot, film.replay),
             noise=_noise_of(flight, assessment),
         )
 

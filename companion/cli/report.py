@@ -6,10 +6,12 @@ import argparse
 import gc
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 from companion.app import destination
-from companion.app.examination import examine, unexaminable
+from companion.app.examination import comparison_of, examine, imus_of, unexaminable
+from companion.app.resources import begun
 from companion.cli import options
 
 
@@ -45,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _written(arguments: argparse.Namespace) -> int:
-    from companion.report import bare_html, report_html  # noqa: PLC0415  (--help needs none of it)
+    from companion.report import bare_html, made_apart, report_html  # noqa: PLC0415  (--help needs none of it)
 
     path = Path(arguments.output or f"{Path(arguments.log).stem}.html")
     destination.check(path, force=arguments.force)
@@ -57,12 +59,15 @@ def _written(arguments: argparse.Namespace) -> int:
         summary = lacking.verdict.summary
         page = bare_html(lacking, recording.source, settings, command=command)
     else:
-        examined = examine(
-            flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
-        )
+        chosen = {"imu": arguments.imu, "imu_model": arguments.imu_model, "correction": arguments.correction}
+        begin = comparison_of(flight, settings, **chosen)
+        with_playback = not arguments.no_playback
+        apart = begun(lambda: made_apart(flight, *begin, settings, with_playback=with_playback))
+        imus = begun(lambda: imus_of(flight, settings, imu_model=arguments.imu_model))
+        examined = replace(examine(flight, settings, **chosen), beside=imus)
         summary = examined.assessment.verdict.summary
         page = report_html(
-            examined, recording.source, settings, command=command, with_playback=not arguments.no_playback
+            examined, recording.source, settings, command=command, with_playback=with_playback, apart=apart
         )
     with destination.replacing(path) as part:
         part.write_text(page, encoding="utf-8")

@@ -19,7 +19,7 @@ def errors(subject: Subject) -> Section:
     shown = subject.replay
     if shown is None:
         return Section("errors", title, paragraph(f"Not drawn: {subject.why_no_replay}"))
-    expected = subject.expected
+    expected = subject.apart().expected
     panels = error_panels(shown, expected)
     severe = [(f.start_s, f.end_s) for f in subject.severe if not subject.is_throughout(f)]
     figure = traces.stack(panels, traces.TIME, spans=severe)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.analysis import ImuNoise, RestNoise, imu_noise
+from companion.analysis import ImuNoise, RestNoise
 from companion.estimation import AllanDeviation, Coefficient
-from companion.model import STANDARD_GRAVITY, DataError
+from companion.model import STANDARD_GRAVITY
 from companion.present import palette, paragraph, short, table
 from companion.report import traces
 from companion.report.html_page import Section
@@ -21,11 +21,9 @@ _SENSORS = (
 def noise(subject: Subject) -> Section:
     """White noise of each axis at rest, in flight and by the data sheet; the Allan deviation of the longest rest."""
     title = "IMU noise"
-    used, flight = subject.comparison.track.source, subject.flight
-    try:
-        measured = imu_noise(flight, used, subject.assessment.figures, subject.comparison.how.limits)
-    except DataError as error:
-        return Section("noise", title, paragraph(f"Not told: {error}"))
+    measured = subject.apart().noise
+    if isinstance(measured, str):
+        return Section("noise", title, paragraph(f"Not told: {measured}"))
     rows = []
     for key, name, factor, unit in _SENSORS:
         for i, (axis, _) in enumerate(AXES):

@@ -21,7 +21,9 @@ def plot_errors(shown: Replay, assessment: Assessment | None = None) -> Any:
 
     Returns a `plotly.graph_objects.Figure`; so do the others. Raises InputError when plotly is not installed.
     """
-    expected = None if assessment is None else expected_since_anchor(assessment, shown)
+    expected = None
+    if assessment is not None:
+        expected = expected_since_anchor(assessment.comparison, assessment.figures, assessment.autopilot, shown)
     panels = error_panels(shown, expected)
     return _figure(stack(panels, TIME), 60 + 190 * len(panels))
 

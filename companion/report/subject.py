@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import dataclass
 
 from companion import present
-from companion.analysis import Assessment, Comparison, Expectation, Replay, expected_since_anchor, replay
+from companion.analysis import Assessment, Comparison, Replay
 from companion.app.examination import Examination
 from companion.app.recording import Source
 from companion.app.settings import Settings
 from companion.documents import FindingObject, analysis_document, schema
-from companion.model import CompanionError, Flight
+from companion.model import Flight
 from companion.present import palette
+from companion.report.apart import Apart, replay_of
 from companion.report.charts import Charts
 
 
-@dataclass(frozen=True, eq=False)  # without slots: what is expected is kept
+@dataclass(frozen=True, slots=True, eq=False)
 class Subject:
     """One flight, examined. Tables are made from `document`: what `companion analyze --json` prints."""
 
@@ -26,6 +27,7 @@ class Subject:
     document: schema.Analysis
     replay: Replay | None
     why_no_replay: str
+    apart: Callable[[], Apart]
     charts: Charts
 
     @property
@@ -58,11 +60,6 @@ class Subject:
         """That of the IMU that was used."""
         return self.colours[self.comparison.track.source]
 
-    @cached_property
-    def expected(self) -> Expectation | None:
-        """What is expected of the replay's errors, which takes a quarter of a short flight's report."""
-        return None if self.replay is None else expected_since_anchor(self.assessment, self.replay)
-
     @property
     def severe(self) -> list[FindingObject]:
         """The findings that are more than a remark."""
@@ -80,22 +77,12 @@ class Subject:
         return float(t[0]), float(t[-1])
 
 
-def subject_of(examined: Examination, source: Source, settings: Settings, charts: Charts) -> Subject:
-    """Everything that the sections share; where there is no replay, why."""
-    comparison = examined.assessment.comparison
-    track, flight = comparison.track, examined.flight
-    shown, why = None, ""
-    try:
-        shown = replay(
-            replace(flight, imus={**flight.imus, track.source: track}),
-            imu=track.source,
-            how=comparison.how,
-            reanchor_s=settings.view.reanchor_s or None,
-            reference=comparison.reference,
-        )
-    except CompanionError as error:
-        why = str(error)
-    return Subject(examined, source, settings, analysis_document(source, examined), shown, why, charts)
+def subject_of(
+    examined: Examination, source: Source, settings: Settings, charts: Charts, apart: Callable[[], Apart]
+) -> Subject:
+    """Everything that the sections share."""
+    shown, why = replay_of(examined.flight, examined.assessment.comparison, settings)
+    return Subject(examined, source, settings, analysis_document(source, examined), shown, why, apart, charts)
 
 
 AXES: tuple[tuple[str, palette.Rgb], ...] = tuple(zip(present.AXES, palette.AXES, strict=True))

@@ -67,7 +67,7 @@ def examine(flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
     seen = with_track(flight, film.track or flight.imu(choice.imu))
     found = assess_imu(seen, Settings(), imu=choice.imu, how=choice.integration(flight))
     over = errors(found.comparison, trailing(found.comparison, choice.horizon_s))
-    expected = expected_since_anchor(found, film.replay)
+    expected = expected_since_anchor(found.comparison, found.figures, found.autopilot, film.replay)
     return Insight(found, over, choice.horizon_s, expected=expected)
 
 
