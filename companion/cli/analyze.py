@@ -20,7 +20,7 @@ from companion.cli.info import reference_line
 from companion.cli.tables import SIGNS, span, status_text, wrapped
 from companion.documents import analysis_document, encode, unexamined_document
 from companion.model import DataError, counted
-from companion.present import fixed, vehicle_words, words
+from companion.present import clause, fixed, vehicle_words, words
 from companion.strapdown import METHODS
 
 
@@ -154,7 +154,7 @@ def first_screen(examined: Examination, width: int) -> list[str]:
     width = min(width, _WIDEST)
     flight, track = examined.flight, examined.flight.imu(assessment.drift.imu)
     status = words(assessment.verdict.status).upper()
-    head = wrapped(f"{status}  {assessment.verdict.summary}", width, 2)
+    head = wrapped(f"{status}  {clause(assessment.verdict.summary)}", width, 2)
     head[0] = head[0].replace(escape(status), status_text(assessment.verdict.status), 1)
     vehicle = flight.vehicle
     head += wrapped(

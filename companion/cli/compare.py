@@ -16,7 +16,7 @@ from companion.app.recording import Recording
 from companion.cli import options, sensor_lines, tables
 from companion.documents import contrast_document, encode
 from companion.model import DataError, SettingsError, words
-from companion.present import QUANTITIES, fixed
+from companion.present import QUANTITIES, clause, fixed
 from companion.strapdown import METHODS
 
 _OF_B = {
@@ -105,7 +105,7 @@ def _print(
             + (f", corrected by {escape(examined.correction)}" if examined.correction else ""),
             highlight=False,
         )
-        console.print(f"   {escape(verdict.summary)}", highlight=False)
+        console.print(f"   {escape(clause(verdict.summary))}", highlight=False)
     if not any(row.changes for row in difference.rows):
         console.print("\nNo horizon has usable windows in both: nothing to compare.")
     else:

@@ -16,7 +16,7 @@ from companion.app.recording import read_recording
 from companion.app.settings import Settings
 from companion.cli import options, tables
 from companion.model import CompanionError, Flight, SettingsError, counted
-from companion.present import autopilot_words, fixed
+from companion.present import autopilot_words, clause, fixed
 
 _HORIZON_S = 10.0
 _OF_ONE = ("json", "full", "vehicle", "boot")
@@ -107,7 +107,7 @@ def _judged(flight: Flight, settings: Settings, arguments: argparse.Namespace) -
     """Status, sentence, and how far the IMU drifts."""
     lacking = unexaminable(flight, settings)
     if lacking is not None:
-        return lacking.verdict.status, lacking.verdict.summary, ""
+        return lacking.verdict.status, clause(lacking.verdict.summary), ""
     try:
         examined = examine(
             flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
@@ -120,7 +120,7 @@ def _judged(flight: Flight, settings: Settings, arguments: argparse.Namespace) -
             parts = [f"{fixed(row.attitude_deg.median)}°"]
             parts += [f"{fixed(row.position_m.median)} m"] if row.position_m is not None else []
             drift = ", ".join(parts)
-    return examined.verdict.status, examined.verdict.summary, drift
+    return examined.verdict.status, clause(examined.verdict.summary), drift
 
 
 def _cells(name: str, flight: Flight) -> Iterable[str]:

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion.analysis import Assessment, Drift, Expected, Finding, RedundantImu, Statistic, Verdict, left_out
-from companion.present import QUANTITIES, STATISTICS, fixed, words
+from companion.present import QUANTITIES, STATISTICS, clause, fixed, words
 
 _STATUS = {
     "consistent": "green",
@@ -38,7 +38,7 @@ def console() -> Console:
 
 def verdict_lines(verdict: Verdict, *, most: int = 8) -> Iterator[str]:
     """The verdict, and the findings under it."""
-    yield f"{status_text(verdict.status)}  {escape(verdict.summary)}"
+    yield f"{status_text(verdict.status)}  {escape(clause(verdict.summary))}"
     for finding in verdict.findings[:most]:
         kind = words(finding.kind)
         yield f"  {SIGNS[finding.severity]} {span(finding)}: {kind}. {escape(finding.evidence)}"

@@ -3,7 +3,7 @@
 from companion.model import words
 from companion.present import markup, palette
 from companion.present.columns import AXES, QUANTITIES, STATISTICS, Quantity, held_out_gain
-from companion.present.formats import autopilot_words, fixed, length, percent, short, significant, vehicle_words
+from companion.present.formats import autopilot_words, clause, fixed, length, percent, short, significant, vehicle_words
 from companion.present.markup import Link, details, paragraph, table, text
 from companion.present.palette import Rgb, of_imus
 
@@ -15,6 +15,7 @@ __all__ = [
     "Quantity",
     "Rgb",
     "autopilot_words",
+    "clause",
     "details",
     "fixed",
     "held_out_gain",

@@ -56,3 +56,11 @@ def vehicle_words(vehicle: Vehicle) -> str:
 
 def _decimals(size: float) -> int:
     return 3 if size < 1 else 2 if size < 10 else 1 if size < 100 else 0
+
+
+def clause(sentence: str) -> str:
+    """A verdict's sentence without what its status says already: "Suspect the IMU: stuck." is "stuck."."""
+    for known in ("Suspect the IMU: ", "Suspect the autopilot's estimate: ", "Cannot tell: "):
+        if sentence.startswith(known):
+            return sentence[len(known) :]
+    return sentence

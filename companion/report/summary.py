@@ -10,7 +10,7 @@ import numpy as np
 from companion.analysis import Verdict, rate_warning
 from companion.app.recording import Source
 from companion.model import Flight
-from companion.present import palette, short, text, vehicle_words
+from companion.present import clause, palette, short, text, vehicle_words
 from companion.report.subject import Subject
 from companion.view import worst_stretch
 
@@ -58,8 +58,9 @@ def _title(flight: Flight, source: Source, used: str) -> str:
 
 def _banner(status: str, summary: str) -> str:
     title = f"{palette.SIGNS[status]} {text(_MEANS[status])}"
-    told = re.sub(r"(?<=\d) (?=%)", _NO_BREAK, summary)
-    return f'<div class="verdict {text(status)}" id="verdict"><h2>{title}</h2><p>{text(told)}</p></div>'
+    told = re.sub(r"(?<=\d) (?=%)", _NO_BREAK, clause(summary))
+    sentence = told[:1].upper() + told[1:]
+    return f'<div class="verdict {text(status)}" id="verdict"><h2>{title}</h2><p>{text(sentence)}</p></div>'
 
 
 def _date(flight: Flight) -> str:

@@ -7,7 +7,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.present import fixed, length, percent, short, significant
+from companion.present import clause, fixed, length, percent, short, significant
 
 SIZES = st.floats(5e-4, 99_999.0)
 
@@ -31,3 +31,8 @@ def test_what_is_not_there_is_a_dash() -> None:
 
 def test_a_length_is_told_as_people_say_it() -> None:
     assert [length(x) for x in (1.234, 12.34, 123.4, 1234.0)] == ["1.23 m", "12.3 m", "123 m", "1.23 km"]
+
+
+def test_the_sentence_does_not_say_the_status_again() -> None:
+    assert clause("Suspect the IMU: stuck at 12 s.") == "stuck at 12 s."
+    assert clause("IMU and autopilot agree.") == "IMU and autopilot agree."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from companion.present import Rgb, palette, words
+from companion.present import Rgb, clause, palette, words
 from companion.view.panels.controls import NARROW, NARROW_WINDOW, SIDE
 
 COLOURS: dict[str, Rgb] = {
@@ -44,14 +44,6 @@ def colour_of(status: str, *, stale: bool = False) -> Rgb:
 def waiting(sentence: str) -> str:
     """The same while there is no verdict: why not, in words. Untrusted text."""
     return _banner(sentence, palette.CONTROLS)
-
-
-def clause(sentence: str) -> str:
-    """A verdict's sentence without what its status says already: "Suspect the IMU: stuck." is "stuck."."""
-    for known in ("Suspect the IMU: ", "Suspect the autopilot's estimate: ", "Cannot tell: "):
-        if sentence.startswith(known):
-            return sentence[len(known) :]
-    return sentence
 
 
 def _banner(text: str, colour: Rgb) -> str:

@@ -8,7 +8,7 @@ import pytest
 
 from companion.analysis.verdict import Status
 from companion.present import palette
-from companion.view.panels.banner import COLOURS, banner, clause, waiting
+from companion.view.panels.banner import COLOURS, banner, waiting
 from companion.view.panels.verdict_tables import swatch
 
 WHITE = (255, 255, 255)
@@ -42,11 +42,6 @@ def test_every_status_has_a_sign_and_a_colour_on_which_white_is_read(status: str
     assert palette.SIGNS[status]
     assert status in COLOURS
     assert status.replace("_", " ").upper() in banner(status, "They agree.")
-
-
-def test_the_sentence_does_not_say_the_status_again() -> None:
-    assert clause("Suspect the IMU: stuck at 12 s.") == "stuck at 12 s."
-    assert clause("IMU and autopilot agree.") == "IMU and autopilot agree."
 
 
 def test_a_line_does_not_end_between_a_value_and_its_error() -> None:
