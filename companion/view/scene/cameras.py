@@ -25,7 +25,7 @@ FIELD_OF_VIEW = np.radians(45.0)  # vertical
 
 ASPECT = 0.8  # width by height of what the panels leave of a window; a wider one shows more
 MARGIN = 0.9  # share of the picture that a flight may fill
-COVERED = 0.24  # share of the picture's height that the timeline covers, at the bottom
+COVERED = 0.3  # share of the height that the timeline covers, at the bottom, of a window of 800 pixels
 ASTRAY = 4.0  # times the size of a path is a point of the other that is not framed with it
 ENOUGH = 5000  # points of a path to frame it by
 NARROW_COVERED, NARROW_AWAY = 0.6, 1.9  # the same of a phone held upright, and how much farther away that is
