@@ -122,7 +122,7 @@ def _times(own: Array, read: Array, *, biased: bool = False) -> float | None:
     moved = own @ axes[:, much > _MOVED * much[-1]]
     by, *_ = np.linalg.lstsq(moved, read)
     sizes = np.linalg.svd(by, compute_uv=False)
-    alike = np.log(sizes[0] / sizes[-1]) < _NEARLY and ((read - moved @ by) ** 2).sum() < _REST * (read**2).sum()
+    alike = sizes[0] < np.exp(_NEARLY) * sizes[-1] and ((read - moved @ by) ** 2).sum() < _REST * (read**2).sum()
     return float(np.sqrt(sizes[0] * sizes[-1])) if alike else None
 
 
