@@ -54,13 +54,13 @@ def vehicle_words(vehicle: Vehicle) -> str:
     return words(" ".join(filter(None, (autopilot_words(vehicle.autopilot), vehicle.firmware, vehicle.type.lower()))))
 
 
-def _decimals(size: float) -> int:
-    return 3 if size < 1 else 2 if size < 10 else 1 if size < 100 else 0
-
-
 def clause(sentence: str) -> str:
     """A verdict's sentence without what its status says already: "Suspect the IMU: stuck." is "stuck."."""
     for known in ("Suspect the IMU: ", "Suspect the autopilot's estimate: ", "Cannot tell: "):
         if sentence.startswith(known):
             return sentence[len(known) :]
     return sentence
+
+
+def _decimals(size: float) -> int:
+    return 3 if size < 1 else 2 if size < 10 else 1 if size < 100 else 0
