@@ -175,13 +175,14 @@ def comparison_of(
     imu: str | None = None,
     imu_model: str | None = None,
     correction: str | Path | None = None,
+    how: Integration | None = None,
 ) -> tuple[Comparison, ImuSpec, ReferenceSpec]:
     """What an examination begins with: one IMU beside the autopilot, and how far off each may be.
 
     Arguments and errors as `examine`.
     """
     track = _correction(correction).apply(flight.imu(imu))
-    comparison = compare(flight, track=track, how=integration_of(settings, flight))
+    comparison = compare(flight, track=track, how=how or integration_of(settings, flight))
     return comparison, _figures(flight, track.source, imu_model), autopilot_of(settings, flight)
 
 
@@ -222,10 +223,7 @@ def align_imu(
     how: Integration | None = None,
 ) -> Alignment:
     """One IMU aligned by itself at rest. Arguments and errors as `examine`."""
-    comparison = compare(flight, imu=imu, how=how or integration_of(settings, flight))
-    return align(
-        flight, comparison, _figures(flight, comparison.track.source, imu_model), autopilot_of(settings, flight)
-    )
+    return align(flight, *comparison_of(flight, settings, imu=imu, imu_model=imu_model, how=how))
 
 
 def noise_of(
