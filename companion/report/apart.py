@@ -23,6 +23,8 @@ from companion.model import CompanionError, DataError, Flight
 class Apart:
     """Of one IMU of a flight."""
 
+    replay: Replay | None
+    why_no_replay: str
     expected: Expectation | None  # of the replay's errors; None without a replay, or where nothing can be expected
     noise: ImuNoise | str  # or why it is not told
     player: str | None  # the 3D replay as an HTML document; None when there is nothing to play, or it is not wanted
@@ -38,20 +40,20 @@ def made_apart(
     with_playback: bool,
 ) -> Apart:
     """figures, autopilot: how far off the IMU and the autopilot may be."""
-    shown, _ = replay_of(flight, comparison, settings)
+    shown, why = _replay_of(flight, comparison, settings)
     expected = None if shown is None else expected_since_anchor(comparison, figures, autopilot, shown)
     try:
         noise: ImuNoise | str = imu_noise(flight, comparison.track.source, figures, comparison.how.limits)
     except DataError as error:
         noise = str(error)
     if not with_playback or shown is None:
-        return Apart(expected, noise, None)
+        return Apart(shown, why, expected, noise, None)
     from companion.view import Reckoning, replay_page  # noqa: PLC0415  (brings viser, which is slow to import)
 
-    return Apart(expected, noise, replay_page(Reckoning(shown, comparison.track), flight))
+    return Apart(shown, why, expected, noise, replay_page(Reckoning(shown, comparison.track), flight))
 
 
-def replay_of(flight: Flight, comparison: Comparison, settings: Settings) -> tuple[Replay | None, str]:
+def _replay_of(flight: Flight, comparison: Comparison, settings: Settings) -> tuple[Replay | None, str]:
     """The replay of the IMU that is compared; where there is none, why."""
     track = comparison.track
     try:

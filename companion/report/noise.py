@@ -21,7 +21,7 @@ _SENSORS = (
 def noise(subject: Subject) -> Section:
     """White noise of each axis at rest, in flight and by the data sheet; the Allan deviation of the longest rest."""
     title = "IMU noise"
-    measured = subject.apart().noise
+    measured = subject.apart.noise
     if isinstance(measured, str):
         return Section("noise", title, paragraph(f"Not told: {measured}"))
     rows = []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 
 import msgspec
 
@@ -41,14 +40,11 @@ def report_html(
     """
     charts, settings, assessment = Charts(), settings or Settings(), examined.assessment
 
-    @cache
     def made() -> Apart:
-        if apart is not None:
-            return apart()
         begin = assessment.comparison, assessment.figures, assessment.autopilot
         return made_apart(examined.flight, *begin, settings, with_playback=with_playback)
 
-    subject = subject_of(examined, source, settings, charts, made)
+    subject = subject_of(examined, source, settings, charts, apart or made)
     first = head(subject, ground(subject.flight, subject.replay, subject.colour, charts, subject.assessment.best))
     sections = [
         findings(subject),

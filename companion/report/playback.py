@@ -15,9 +15,9 @@ _WORDS = (
 def playback(subject: Subject) -> tuple[Section, str | None]:
     """The section, and the replay as an HTML document; None when there is nothing to play."""
     title = "3D playback"
-    player = subject.apart().player
+    player = subject.apart.player
     if player is None:
-        return Section("playback", title, paragraph(f"Not made: {subject.why_no_replay}")), None
+        return Section("playback", title, paragraph(f"Not made: {subject.apart.why_no_replay}")), None
     frame = (
         '<div id="playback-place"><button id="playback-start" type="button">Load the 3D playback</button></div>'
         '<p class="paper">The 3D playback is in the file that this was printed from: open it in a browser.</p>'

@@ -13,7 +13,7 @@ from companion.app.settings import Settings
 from companion.documents import FindingObject, analysis_document, schema
 from companion.model import Flight
 from companion.present import palette
-from companion.report.apart import Apart, replay_of
+from companion.report.apart import Apart
 from companion.report.charts import Charts
 
 
@@ -25,15 +25,18 @@ class Subject:
     source: Source
     settings: Settings
     document: schema.Analysis
-    replay: Replay | None
-    why_no_replay: str
-    apart: Callable[[], Apart]
+    apart: Apart
     charts: Charts
 
     @property
     def flight(self) -> Flight:
         """As it was read."""
         return self.examined.flight
+
+    @property
+    def replay(self) -> Replay | None:
+        """What is drawn over time; None where it cannot be made."""
+        return self.apart.replay
 
     @property
     def assessment(self) -> Assessment:
@@ -80,9 +83,8 @@ class Subject:
 def subject_of(
     examined: Examination, source: Source, settings: Settings, charts: Charts, apart: Callable[[], Apart]
 ) -> Subject:
-    """Everything that the sections share."""
-    shown, why = replay_of(examined.flight, examined.assessment.comparison, settings)
-    return Subject(examined, source, settings, analysis_document(source, examined), shown, why, apart, charts)
+    """Everything that the sections share. apart: waited for when all else is done."""
+    return Subject(examined, source, settings, analysis_document(source, examined), apart(), charts)
 
 
 AXES: tuple[tuple[str, palette.Rgb], ...] = tuple(zip(present.AXES, palette.AXES, strict=True))

@@ -111,7 +111,7 @@ def _worst(subject: Subject) -> list[tuple[str, str]]:
         ("farthest apart", f"{short(worst.apart_m)} m"),
         (f"seconds since boot, {alone:.1f} s on the IMU alone", f"at {worst.end_s:.1f} s"),
     ]
-    expected = subject.apart().expected
+    expected = subject.apart.expected
     if expected is not None:
         sigma = float(np.interp(worst.end_s, expected.t, expected.lengths[2]))
         if sigma > 0:
