@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import weakref
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import viser
@@ -47,14 +49,32 @@ _STYLE = (
 )
 
 
+@dataclass(slots=True)
+class _Heard:
+    """What an input was set to last, as far as its listener and `write` know."""
+
+    known: object
+    overwritten: tuple[object, object] | None = None  # what a browser had said, untold yet, and what took its place
+
+
+_heard: dict[int, _Heard] = {}  # by the identity of the input: viser's cannot be hashed
+
+
 def listen(handle: Any, post: events.Post, event: Callable[[], events.Event]) -> None:
     """Post `event` when a browser changes `handle`; what this thread writes itself is no event.
 
-    `post` is called in the server's event loop and must not block.
+    `post` is called in the server's event loop and must not block. The handle has what the browser said before anybody
+    is told, and `write` may come between: then it is given back what the browser said.
     """
+    one = _heard[id(handle)] = _Heard(handle.value)
+    weakref.finalize(handle, _heard.pop, id(handle), None)
 
     async def changed(update: Any) -> None:
         if update.client_id is not None:
+            said, written = one.overwritten or (None, None)
+            if one.overwritten is not None and handle.value == written:
+                handle.value = said
+            one.known, one.overwritten = handle.value, None
             post(event())
 
     handle.on_update(changed)
@@ -94,7 +114,12 @@ def listen_to_clicks(scene: viser.SceneApi, post: events.Post) -> None:
 
 def write(handle: Any, value: object) -> None:
     """Set an input's value. Untyped, because viser declares the setter where mypy does not see it."""
+    one, before = _heard.get(id(handle)), handle.value
     handle.value = value
+    if one is not None:
+        if before not in (one.known, handle.value):
+            one.overwritten = before, handle.value
+        one.known = handle.value
 
 
 def bounded(value: object, low: float, default: float, high: float) -> float:

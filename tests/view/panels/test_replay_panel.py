@@ -15,6 +15,15 @@ from companion.view.state.sample import footage
 from tests.view.circles import make_flight, recompute
 
 
+class Dropdown:
+    """Stands for viser's."""
+
+    value = ""
+
+    def on_update(self, _: Callable[..., object]) -> None:
+        """Nothing is heard."""
+
+
 class Gui:
     """Stands for viser's: keeps the pieces of markup in order."""
 
@@ -25,11 +34,8 @@ class Gui:
         self.markup.append(SimpleNamespace(content=content))
         return self.markup[-1]
 
-    def add_dropdown(self, *_: object, **__: object) -> SimpleNamespace:
-        def heard(_: Callable[..., object]) -> None:
-            pass
-
-        return SimpleNamespace(on_update=heard)
+    def add_dropdown(self, *_: object, **__: object) -> Dropdown:
+        return Dropdown()
 
 
 def test_the_expected_error_is_a_length() -> None:

@@ -1,0 +1,66 @@
+"""What a browser changes is heard, though the page sets the same input meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from companion.view.panels.controls import listen, write
+from companion.view.state import events
+
+
+class Handle:
+    """An input as viser has it: it takes what a browser says, and tells its listener in a second step."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+        self._changed: Callable[[Any], Awaitable[None]] | None = None
+
+    def on_update(self, changed: Callable[[Any], Awaitable[None]]) -> None:
+        self._changed = changed
+
+    def tell(self) -> None:
+        assert self._changed is not None
+        asyncio.run(self._changed(SimpleNamespace(client_id=1)))  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def heard() -> tuple[Handle, list[Any]]:
+    """An input that shows 1, and what is posted of it."""
+    handle, posted = Handle(1.0), list[Any]()
+    listen(handle, posted.append, lambda: events.SetReanchor(handle.value))
+    write(handle, 1.0)
+    return handle, posted
+
+
+def test_what_is_written_before_a_change_is_told_does_not_take_its_place(heard: tuple[Handle, list[Any]]) -> None:
+    handle, posted = heard
+    handle.value = 4.0
+    write(handle, 1.0)  # the end of what was asked for before
+    handle.tell()
+    assert posted == [events.SetReanchor(4.0)]
+    assert handle.value == 4.0, "and it is shown"
+
+
+def test_a_change_that_was_heard_may_be_taken_back(heard: tuple[Handle, list[Any]]) -> None:
+    handle, posted = heard
+    for said in (4.0, 5.0, 4.0):
+        handle.value = said
+        handle.tell()
+        write(handle, 1.0)
+        assert handle.value == 1.0
+        assert posted[-1] == events.SetReanchor(said)
+
+
+def test_what_others_have_set_is_no_change_of_a_browser(heard: tuple[Handle, list[Any]]) -> None:
+    """As a list sets itself to the first of its options, where it shows none of them."""
+    handle, posted = heard
+    handle.value = 7.0
+    write(handle, 2.0)
+    handle.value = 3.0
+    handle.tell()
+    assert posted == [events.SetReanchor(3.0)]
