@@ -141,7 +141,7 @@ def learn(
     count = max(1, min(_STRETCHES, len(usual) // 8))
     # what is off in the same way all through a stretch is a bias, and no noise
     e = _in_body(linear)[usual]
-    e = np.concatenate([part - part.mean(axis=0) for part in np.array_split(e, count)])
+    e -= _means(e, count)
     e = _in_turn(linear.states.q_ned_frd[usual], e)
     moved = slice(0, 9)  # by the densities that are learned: attitude, velocity and position
     turn = np.zeros((len(usual), 9, 9))
@@ -165,7 +165,7 @@ def learn(
         left = measurement_residual(one, solution)
         above = (left**2 * information).sum(axis=1)
         below = (1.0 - np.minimum(information * measurement_variance(one, solution), 1.0)).sum(axis=1)
-        least = LEAST[one.name] / float(np.median(one.sigma / scale[one.name]))
+        least = LEAST[one.name] / percentile(one.sigma.ravel() / scale[one.name], 50.0)
         told = _telling(still[one.keyframe])
         step = _further(0.5 * np.log(_typical(above[told], below[told])), before.get(one.name, 0.0))
         bounds = limits.get(one.name, (min(least, 1.0), _MOST))
@@ -216,11 +216,26 @@ def _telling(still: BoolArray, good: BoolArray | None = None) -> Index:
     return np.flatnonzero(good if few or still[good].mean() <= _RESTING else moving)
 
 
+def _stretches(count: int, parts: int) -> Index:
+    """(parts,) where stretches of `count` values begin, which are of one length, the first ones longer by one."""
+    each, more = divmod(count, parts)
+    return np.arange(parts) * each + np.minimum(np.arange(parts), more)
+
+
+def _means(values: Array, parts: int) -> Array:
+    """For each of the values (N, d) the mean of its stretch."""
+    begin = _stretches(len(values), parts)
+    lengths = np.diff(begin, append=len(values))
+    return np.repeat(np.add.reduceat(values, begin) / lengths[:, None], lengths, axis=0)
+
+
 def _typical(above: Array, below: Array) -> float:
     """The ratio of the sums in a typical stretch, between 1/100 and 100; 1 where nothing says it."""
+    if not len(above):
+        return 1.0
     count = min(_STRETCHES, len(above) // 8)
-    parts = count if count >= 3 else 1
-    sums = np.array([[part.sum() for part in np.array_split(one, parts)] for one in (above, below)])
+    begin = _stretches(len(above), count if count >= 3 else 1)
+    sums = np.add.reduceat(np.stack((above, below)), begin, axis=1)
     above, below = sums[:, np.isfinite(sums).all(axis=0) & (sums[1] > 0.0)]
     if not len(below):
         return 1.0
@@ -269,7 +284,7 @@ def outlier_weights(linear: Linear) -> dict[str, Array]:
         left = measurement_residual(one, linear.solution) / one.sigma
         if len(left) <= _NEIGHBOURS:
             continue
-        typical = np.median(neighbourhoods(left, _NEIGHBOURS), axis=-1)
+        typical = np.partition(neighbourhoods(left, _NEIGHBOURS), _NEIGHBOURS // 2, axis=-1)[..., _NEIGHBOURS // 2]
         size = np.abs(left - typical).max(axis=1)
         weights[one.name] = np.minimum(1.0, _HUBER / np.maximum(size, 1e-9)) ** 2
     return weights

@@ -84,6 +84,7 @@ class CarriedImu:
 
     bias: tuple[Array, Array]  # rad/s, m/s²
     path: Preintegration  # at the samples that are asked for
+    about: Index  # (K, 3) samples before, at and after each keyframe
     transition: Array  # (K-1, 15, 15), in the frame in which the track begins
     sums: Mapping[str, Array]
     gyro_matrix: Array  # (K-1, 9, 9)
@@ -98,10 +99,12 @@ def carry_imu(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
     raw = error_sums(track, path, setup.index[:-1], setup.index[1:])
     read = [readings.sample.ravel() for readings in setup.readings]
     count = len(setup.index) - 1
-    path = path.at(np.unique(np.concatenate([setup.index, _about(setup).ravel(), *read])))
+    about = three_samples(track, setup.index, _APART_S, before=1)
+    path = path.at(np.unique(np.concatenate([setup.index, about.ravel(), *read])))
     return CarriedImu(
         bias,
         path,
+        about,
         raw.transition,
         raw.noise,
         raw.gyro_matrix.reshape(count, 9, 9),
@@ -247,7 +250,7 @@ def _motion_constants(path: CarriedImu, turn: Array) -> Array:
 
 def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     track, index, s = setup.imu, setup.index, states
-    samples = _about(setup)
+    samples = path.about
     when = track.t[samples] - setup.t[:, None]
     _, velocity, position = path.path.carry(index, samples, s.q_ned_frd, s.velocity, s.position, gravity=setup.gravity)
     velocity -= s.velocity[:, None]
@@ -259,11 +262,6 @@ def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     velocity[..., 2] -= setup.gravity * when
     position[..., 2] -= 0.5 * setup.gravity * when**2
     return Kinematics(setup.t, track.gyro[index] - s.gyro_bias, when, velocity, position, heard, setup.gravity)
-
-
-def _about(setup: Setup) -> Index:
-    """(K, 3) samples before, at and after each keyframe."""
-    return three_samples(setup.imu, setup.index, _APART_S, before=1)
 
 
 def _prior(setup: Setup, states: States) -> Prior:

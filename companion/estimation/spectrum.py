@@ -111,7 +111,7 @@ def periodograms(values: Array, begin: IntArray, rate_hz: float, length: int, wi
 def neighbourhoods(values: Array, size: int) -> Array:
     """(N, ..., size) of values (N, ...): each with its neighbours, an odd number in all; the ends are repeated."""
     half = size // 2
-    padded = np.pad(values, ((half, half), *((0, 0),) * (values.ndim - 1)), mode="edge")
+    padded = np.concatenate((values[:1].repeat(half, axis=0), values, values[-1:].repeat(half, axis=0)))
     return np.lib.stride_tricks.sliding_window_view(padded, size, axis=0)
 
 
