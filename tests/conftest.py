@@ -1,16 +1,19 @@
 from __future__ import annotations
 
+import contextlib
 import gc
 import importlib
 import os
 import signal
 from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
 from playwright.sync_api import Browser, sync_playwright
 
+from tests.recordings import ROOT
 from tests.remembered import remembering
 from tests.view.browsing import CHROMIUM, FLAGS, rank_with_the_tests
 
@@ -40,6 +43,18 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 def pytest_xdist_auto_num_workers() -> int:
     """Two processes more than cores: those of the browser and of live links wait most of the time."""
     return (os.cpu_count() or 1) + 2
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection(session: pytest.Session) -> None:
+    """Processes that share the files begin to load them at different ones: what one has compiled the others find."""
+    worker, tests = os.environ.get("PYTEST_XDIST_WORKER"), Path(__file__).parent
+    if worker and tests in [Path(asked).resolve() for asked in session.config.args]:
+        files = sorted(tests.rglob("test_*.py"))
+        first = len(files) * int(worker.removeprefix("gw")) // int(os.environ["PYTEST_XDIST_WORKER_COUNT"])
+        for file in files[first:] + files[:first]:
+            with contextlib.suppress(Exception, pytest.skip.Exception):  # told when it is collected
+                importlib.import_module(".".join(file.relative_to(ROOT).with_suffix("").parts))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
