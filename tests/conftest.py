@@ -48,7 +48,7 @@ def pytest_xdist_auto_num_workers() -> int:
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection(session: pytest.Session) -> None:
     """Processes that share the files begin to load them at different ones: what one has compiled the others find."""
-    worker, tests = os.environ.get("PYTEST_XDIST_WORKER"), Path(__file__).parent
+    worker, tests = os.environ.get("PYTEST_XDIST_WORKER"), ROOT / "tests"
     if worker and tests in [Path(asked).resolve() for asked in session.config.args]:
         files = sorted(tests.rglob("test_*.py"))
         first = len(files) * int(worker.removeprefix("gw")) // int(os.environ["PYTEST_XDIST_WORKER_COUNT"])

@@ -54,7 +54,7 @@ class _Heard:
     """What an input was set to last, as far as its listener and `write` know."""
 
     known: object
-    overwritten: tuple[object, object] | None = None  # what a browser had said, untold yet, and what took its place
+    unheard: object = None  # what a browser had said, and `write` has overwritten before the listener was told
 
 
 _heard: dict[int, _Heard] = {}  # by the identity of the input: viser's cannot be hashed
@@ -71,10 +71,9 @@ def listen(handle: Any, post: events.Post, event: Callable[[], events.Event]) ->
 
     async def changed(update: Any) -> None:
         if update.client_id is not None:
-            said, written = one.overwritten or (None, None)
-            if one.overwritten is not None and handle.value == written:
-                handle.value = said
-            one.known, one.overwritten = handle.value, None
+            if one.unheard is not None and handle.value == one.known:
+                handle.value = one.unheard
+            one.known, one.unheard = handle.value, None
             post(event())
 
     handle.on_update(changed)
@@ -118,7 +117,7 @@ def write(handle: Any, value: object) -> None:
     handle.value = value
     if one is not None:
         if before not in (one.known, handle.value):
-            one.overwritten = before, handle.value
+            one.unheard = before
         one.known = handle.value
 
 

@@ -37,10 +37,14 @@ def heard() -> tuple[Handle, list[Any]]:
     return handle, posted
 
 
-def test_what_is_written_before_a_change_is_told_does_not_take_its_place(heard: tuple[Handle, list[Any]]) -> None:
+@pytest.mark.parametrize("written", [(1.0,), (1.5, 2.0)], ids=["what was asked for before", "the time while it plays"])
+def test_what_is_written_before_a_change_is_told_does_not_take_its_place(
+    heard: tuple[Handle, list[Any]], written: tuple[float, ...]
+) -> None:
     handle, posted = heard
     handle.value = 4.0
-    write(handle, 1.0)  # the end of what was asked for before
+    for value in written:
+        write(handle, value)
     handle.tell()
     assert posted == [events.SetReanchor(4.0)]
     assert handle.value == 4.0, "and it is shown"
