@@ -68,15 +68,24 @@
   document.head.append(library);
 
   const options = {
-    responsive: true,
     displaylogo: false,
     modeBarButtonsToRemove: ["lasso2d", "select2d", "autoScale2d"],
     toImageButtonOptions: { format: "svg" },
   };
+  // A chart is as wide as its place, whatever made that wider or narrower: the window, a scroll bar, the end of a print.
+  const drawn = new Map();
+  const places = new ResizeObserver((changed) => {
+    for (const { target, contentRect } of changed) {
+      if (contentRect.width && contentRect.width !== drawn.get(target)) Plotly.Plots.resize(target);
+      drawn.set(target, contentRect.width);
+    }
+  });
   const charts = [];
   for (const [i, figure] of JSON.parse(content("figures")).entries()) {
     const chart = document.getElementById(`chart${i + 1}`);
+    drawn.set(chart, chart.getBoundingClientRect().width);
     await Plotly.newPlot(chart, figure.data, figure.layout, options);
+    places.observe(chart);
     charts.push(chart);
     await new Promise((resume) => setTimeout(resume));
   }

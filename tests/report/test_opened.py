@@ -76,6 +76,7 @@ def test_the_page_asks_nobody_and_complains_of_nothing(opened: Watched, path: Pa
     page.emulate_media(media="print")
     assert dark.evaluate("e => getComputedStyle(e).fill") == "rgb(0, 0, 0)"
     assert not page.locator("iframe").is_visible()
+    page.locator("iframe").evaluate("player => player.remove()")  # it plays, which takes a core from the tests after
 
     assert opened.trouble == []
     assert [url for url in opened.requests if not url.startswith(("data:", "blob:"))] == [path.as_uri()]
@@ -92,6 +93,14 @@ def test_a_telephone_scrolls_down_and_not_sideways(opened: Watched) -> None:
     page.emulate_media(media="screen")
     page.set_viewport_size({"width": 360, "height": 700})
     until(lambda: page.evaluate("document.documentElement.scrollWidth") <= 360, "no wider than the telephone")
+
+
+def test_charts_are_as_wide_as_their_places_though_the_window_stays(opened: Watched) -> None:
+    page = opened.page
+    over = "[...document.querySelectorAll('.chart')].map(c => c.querySelector('.main-svg').clientWidth - c.clientWidth)"
+    for padding in (60, 10):
+        page.evaluate("padding => document.body.style.padding = `0 ${padding}px`", padding)
+        until(lambda: all(abs(one) <= 1 for one in page.evaluate(over)), "charts as wide as their places")
 
 
 def test_what_a_vehicle_says_does_not_run(browser: Browser, tmp_path: Path) -> None:
