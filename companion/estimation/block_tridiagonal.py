@@ -16,7 +16,7 @@ import numpy as np
 from companion.model import Array
 
 _ROUNDING = 1e-12
-_FEW = 24  # blocks, of which LAPACK inverts one after the other sooner than a loop over their rows all of them
+_FEW = 16  # blocks, of which LAPACK inverts one after the other sooner than a loop over their rows all of them
 _TOGETHER = 512  # blocks that stay in cache
 
 
@@ -53,7 +53,8 @@ class Factor:
 
     def solve(self, rhs: Array) -> Array:
         """x (K, n, m) with A x = rhs (K, n, m)."""
-        x = rhs / self.scale[..., None]
+        scale = (1.0 / self.scale)[..., None]
+        x = rhs * scale
         views = [x]  # every level's part of the same memory, in which first the right-hand side stands
         for level in self.levels:
             odd, even = views[-1][1::2], views[-1][0::2]
@@ -68,7 +69,7 @@ class Factor:
                 odd[part] = level.inverse[part] @ odd[part]
                 odd[part] -= level.left[part] @ even[part]
                 odd[joined] -= level.right[joined] @ even[after]
-        x /= self.scale[..., None]
+        x *= scale
         return x
 
     def inverse_blocks(self) -> tuple[Array, Array]:
@@ -121,8 +122,8 @@ def factorise(diagonal: Array, upper: Array) -> Factor:
 
 def _scaled(blocks: Array, rows: Array, columns: Array, out: Array | None = None) -> Array:
     """Blocks (K, n, n) divided by scales (K, n) of their rows and columns, into `out` where it is given."""
-    out = np.divide(blocks, rows[:, :, None], out=out)
-    out /= columns[:, None, :]
+    out = np.multiply(blocks, (1.0 / rows)[:, :, None], out=out)
+    out *= (1.0 / columns)[:, None, :]
     return out
 
 
@@ -131,12 +132,20 @@ def inverses(blocks: Array) -> Array:
 
     Raises numpy.linalg.LinAlgError for what is not positive definite.
     """
+    root = roots(blocks)
+    return np.asarray(root.swapaxes(-1, -2) @ root.copy())  # numpy takes far longer for the square of one array
+
+
+def roots(blocks: Array) -> Array:
+    """R (M, n, n) with Rᵀ R the inverses of positive definite blocks (M, n, n).
+
+    Raises numpy.linalg.LinAlgError for what is not positive definite.
+    """
     try:
         lower = np.linalg.cholesky(blocks)
     except np.linalg.LinAlgError:  # by rounding: the diagonal is about 1, and what is not observed is next to nothing
         lower = np.linalg.cholesky(blocks + _ROUNDING * np.eye(blocks.shape[-1]))
-    root = _lower_inverses(np.asarray(lower, np.float64))
-    return np.asarray(root.swapaxes(-1, -2) @ root)
+    return _lower_inverses(np.asarray(lower, np.float64))
 
 
 def _lower_inverses(lower: Array) -> Array:

@@ -273,6 +273,6 @@ def _prior(setup: Setup, states: States) -> Prior:
 
 
 def _inverse(covariance: Array) -> Array:
-    scale = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    scale = 1.0 / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     scale = scale[:, :, None] * scale[:, None, :]
-    return np.asarray(inverses(covariance / scale) / scale)
+    return np.asarray(inverses(covariance * scale) * scale)

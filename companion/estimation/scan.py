@@ -8,11 +8,13 @@ between any two cuts is a sum of such columns, so its b and V are sums too.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
+from companion.estimation.block_tridiagonal import factorise, roots
 from companion.estimation.explanations import KINDS, SLOPED, Kind, Problem, Signature
 from companion.estimation.model import STATES
 from companion.estimation.system import Index, Solution
@@ -89,15 +91,15 @@ def _said(
         places[kind] = slice(at, at + columns[kind] * m)
         at = places[kind].stop
     beside = stack.beside_constants(solution)
-    inside, at_cuts, inverse = _eliminated(solution, stack)
+    inside, at_cuts, inverse = _eliminated(solution, stack, places.values())
     known = solution.constants_covariance
     said = {}
-    for kind, place in places.items():
+    for (kind, place), taken in zip(places.items(), inside, strict=True):
         r, own = at_cuts[:, :, place], beside[:, :, place]
         v = -(r.swapaxes(-1, -2)[:, None] @ (inverse @ r[None]))  # (S, S, p, p)
         v -= own.swapaxes(-1, -2)[:, None] @ (known @ own)[None]
         each = np.arange(len(cuts))
-        v[each, each] += stack.v[:, place, place] - inside[:, place, place]
+        v[each, each] += stack.v[:, place, place] - taken
         shape = (len(cuts), columns[kind], -1)
         m = signatures[kind].unknowns
         both = v.transpose(0, 2, 1, 3).reshape(*shape[:2], m, *shape[:2], m)
@@ -158,8 +160,8 @@ class _Stack:
         return out
 
 
-def _eliminated(solution: Solution, stack: _Stack) -> tuple[Array, Array, Array]:
-    """What eliminating the keyframes inside every stretch takes from the columns' information (S, p, p).
+def _eliminated(solution: Solution, stack: _Stack, places: Iterable[slice]) -> tuple[list[Array], Array, Array]:
+    """What eliminating the keyframes inside every stretch takes from the information (S, p, p) of columns in places.
 
     And what it leaves of the columns (S, 30, p), at the first keyframe of the stretch and at that of the next, and the
     inverse (S, S, 30, 30) of the system of those keyframes. The columns are used up: they are of no use any more.
@@ -172,26 +174,30 @@ def _eliminated(solution: Solution, stack: _Stack) -> tuple[Array, Array, Array]
     r, last = stack.own.reshape(count, length, STATES, width), stack.last / s[length::length, :, None]
     d_0, u_0 = _blocks(solution, s, 0, length)
     first, after, columns = slice(0, STATES), slice(STATES, 2 * STATES), slice(2 * STATES, None)
-    total = np.zeros((count, 2 * STATES + width, 2 * STATES + width))
+    total = np.zeros((count, STATES, 2 * STATES + width))
     # what is still to be eliminated: its coupling to the first keyframe, itself, and the columns
     to_first, own, column = u_0.swapaxes(-1, -2), np.zeros_like(d_0), np.zeros_like(last)
     for k in range(1, length):
         d, u = _blocks(solution, s, k, length)
-        beside = np.concatenate((to_first, u, r[:, k] + column), axis=2)
-        taken = beside.swapaxes(-1, -2) @ np.linalg.solve(d + own, beside)
-        total += taken
+        beside = roots(d + own) @ np.concatenate((to_first, u, r[:, k] + column), axis=2)
+        taken = beside[:, :, : 2 * STATES].swapaxes(-1, -2) @ beside
+        total += taken[:, first]
         to_first, own, column = -taken[:, after, first], -taken[:, after, after], -taken[:, after, columns]
-    reduced = np.zeros((count + 1, STATES, count + 1, STATES))
-    i = np.arange(count)
-    reduced[i, :, i] = d_0 - total[:, first, first]
-    reduced[count, :, count] = np.eye(STATES)
-    reduced[i + 1, :, i + 1] += own
-    reduced[i + 1, :, i], reduced[i, :, i + 1] = to_first, to_first.swapaxes(-1, -2)
-    size = (count + 1) * STATES
-    inverse = np.linalg.inv(reduced.reshape(size, size)).reshape(reduced.shape).transpose(0, 2, 1, 3)
-    near = np.concatenate((inverse[:-1], inverse[1:]), axis=2)
-    left = np.concatenate((r[:, 0] - total[:, first, columns], last + column), axis=1)
-    return total[:, columns, columns], left, np.concatenate((near[:, :-1], near[:, 1:]), axis=3)
+        r[:, k] = beside[:, :, columns]
+    inside = r[:, 1:].reshape(count, -1, width)
+    squares = [inside[:, :, place].swapaxes(-1, -2) @ inside[:, :, place].copy() for place in places]
+    diagonal = np.concatenate((d_0 - total[:, :, first], np.eye(STATES)[None]))
+    diagonal[1:] += own
+    left = np.concatenate((r[:, 0] - total[:, :, columns], last + column), axis=1)
+    return squares, left, _inverse(diagonal, to_first.swapaxes(-1, -2))
+
+
+def _inverse(diagonal: Array, upper: Array) -> Array:
+    """(S, S, 2n, 2n) of the inverse of S + 1 block-tridiagonal blocks of n, the parts of every two neighbours."""
+    count, n = diagonal.shape[:2]
+    every = np.eye(count * n).reshape(count, n, count * n)
+    inverse = factorise(diagonal, upper).solve(every).reshape(count * n, count * n)
+    return sliding_window_view(inverse, (2 * n, 2 * n))[::n, ::n]
 
 
 def _blocks(solution: Solution, s: Array, k: int, length: int) -> tuple[Array, Array]:

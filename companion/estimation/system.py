@@ -22,7 +22,7 @@ from companion.model import Array
 Index = npt.NDArray[np.intp]
 
 _ROUNDING = 1e-8
-_BLOCK = 256  # keyframes at a time: what is made on the way stays small
+_BLOCK = 128  # keyframes at a time: what is made on the way stays small
 _ALL = slice(None)
 
 
@@ -134,21 +134,21 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
     upper = np.empty((max(count - 1, 0), STATES, STATES))
     for first in range(0, count, _BLOCK):
         own, after = slice(first, min(first + _BLOCK, count - 1)), slice(first + 1, first + 1 + _BLOCK)
-        seen = np.concatenate((motion.transition[own], motion.constants[own], -motion.residual[own, :, None]), axis=2)
-        weighted = motion.weight[own] @ seen
-        rows = motion.transition[own].swapaxes(-1, -2) @ weighted
-        diagonal[own] += rows[..., :STATES]
-        border[own] += rows[..., STATES:]
-        diagonal[after] += motion.weight[own]
-        border[after] -= weighted[..., STATES:]
-        inner += _crossed(motion.constants[own], weighted[..., STATES:])
-        upper[own] = -weighted[..., :STATES].swapaxes(-1, -2)
+        phi, weight = motion.transition[own], motion.weight[own]
+        beside = np.concatenate((motion.constants[own], -motion.residual[own, :, None]), axis=2)
+        weighted, weighted_beside = weight @ phi, weight @ beside
+        diagonal[own] += phi.swapaxes(-1, -2) @ weighted
+        diagonal[after] += weight
+        border[own] += phi.swapaxes(-1, -2) @ weighted_beside
+        border[after] -= weighted_beside
+        inner += _crossed(beside, weighted_beside)[:-1]
+        upper[own] = -weighted.swapaxes(-1, -2)
 
-        seen = _whitened(first, min(first + _BLOCK, count), measurements, constants)
-        rows = seen[..., :STATES].swapaxes(-1, -2) @ seen
-        diagonal[first : first + _BLOCK] += rows[..., :STATES]
-        border[first : first + _BLOCK] += rows[..., STATES:]
-        inner += _crossed(seen[..., STATES:-1], seen[..., STATES:])
+        own = slice(first, min(first + _BLOCK, count))
+        h, beside = _whitened(own, measurements, constants)
+        diagonal[own] += h.swapaxes(-1, -2) @ h.copy()
+        border[own] += h.swapaxes(-1, -2) @ beside
+        inner += _crossed(beside, beside)[:-1]
 
     factor = factorise(diagonal, upper)
     del upper
@@ -161,27 +161,33 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
     return Solution(motion, diagonal, factor, x0 - y @ c, c, y, covariance)
 
 
-def _whitened(first: int, last: int, measurements: Sequence[Measurement], constants: int) -> Array:
-    """(last - first, D, 15 + C + 1) H, H_c and r of all witnesses at some keyframes, divided by σ; zero for no reading.
+def _whitened(own: slice, measurements: Sequence[Measurement], constants: int) -> tuple[Array, Array]:
+    """H (k, D, 15), and H_c with r (k, D, C + 1), of all witnesses at some keyframes, divided by σ; zero for no reading.
 
     A witness has one reading at a keyframe, and its keyframes ascend.
     """
-    out = np.zeros((last - first, sum(one.residual.shape[1] for one in measurements), STATES + constants + 1))
+    shape = own.stop - own.start, sum(one.residual.shape[1] for one in measurements)
+    h, beside = np.zeros((*shape, STATES)), np.zeros((*shape, constants + 1))
     at = 0
     for one in measurements:
-        part = slice(*np.searchsorted(one.keyframe, (first, last)).tolist())
+        part = slice(*np.searchsorted(one.keyframe, (own.start, own.stop)).tolist())
         root = np.sqrt(one.weight[part, None]) / one.sigma[part]
-        place, here = slice(at, at + root.shape[1]), one.keyframe[part] - first
-        out[here, place, :STATES] = one.states[part] * root[..., None]
-        out[here, place, STATES:-1] = one.constants[part] * root[..., None]
-        out[here, place, -1] = one.residual[part] * root
+        place, here = slice(at, at + root.shape[1]), one.keyframe[part] - own.start
+        h[here, place] = one.states[part] * root[..., None]
+        beside[here, place, :-1] = one.constants[part] * root[..., None]
+        beside[here, place, -1] = one.residual[part] * root
         at = place.stop
-    return out
+    return h, beside
 
 
 def _crossed(a: Array, b: Array) -> Array:
     """Σ over k of a_kᵀ b_k: a (K, n, i), b (K, n, j), the sum (i, j)."""
     return np.asarray(a.reshape(-1, a.shape[2]).T @ b.reshape(-1, b.shape[2]))
+
+
+def _times(a: Array, b: Array) -> Array:
+    """a @ b of a (K, n, i) and one b (i, j), as one product."""
+    return np.asarray((a.reshape(-1, a.shape[2]) @ b).reshape(*a.shape[:2], -1))
 
 
 def motion_residual(motion: Motion, solution: Solution) -> Array:
@@ -242,7 +248,7 @@ def motion_residual_covariance(
     chain = phi @ own[:-1][part] @ phi.swapaxes(-1, -2) - crossed - crossed.swapaxes(-1, -2) + own[1:][part]
     y = solution.border
     constants = motion.constants[part] - phi @ y[:-1][part] + y[1:][part]
-    return np.asarray(chain + constants @ solution.constants_covariance @ constants.swapaxes(-1, -2))
+    return np.asarray(chain + _times(constants, solution.constants_covariance) @ constants.swapaxes(-1, -2))
 
 
 def measurement_variance(one: Measurement, solution: Solution) -> Array:
@@ -253,6 +259,6 @@ def measurement_variance(one: Measurement, solution: Solution) -> Array:
         part = slice(first, first + _BLOCK)
         h, k = one.states[part], one.keyframe[part]
         constants = one.constants[part] - h @ solution.border[k]
-        chain = ((h @ own[k]) * h).sum(axis=2)
-        variance[part] = chain + ((constants @ solution.constants_covariance) * constants).sum(axis=2)
+        variance[part] = np.einsum("kij,kij->ki", h @ own[k], h)
+        variance[part] += np.einsum("kij,kij->ki", _times(constants, solution.constants_covariance), constants)
     return variance
