@@ -162,7 +162,7 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
 
 
 def _whitened(own: slice, measurements: Sequence[Measurement], constants: int) -> tuple[Array, Array]:
-    """H (k, D, 15), and H_c with r (k, D, C + 1), of all witnesses at some keyframes, divided by σ; zero for no reading.
+    """H (k, D, 15), and H_c with r (k, D, C + 1), of all witnesses at some keyframes, by σ; zero for no reading.
 
     A witness has one reading at a keyframe, and its keyframes ascend.
     """

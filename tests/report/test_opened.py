@@ -71,10 +71,11 @@ def test_the_page_asks_nobody_and_complains_of_nothing(opened: Watched, path: Pa
     until(lambda: near(pixels(page.locator("iframe")), palette.IMU) > 50, "the IMU's path in the playback")
     assert page.locator("iframe").get_attribute("sandbox") == "allow-scripts"
 
-    dark = page.locator(".chart .main-svg text").first
-    assert dark.evaluate("e => getComputedStyle(e).fill") == "rgb(230, 233, 236)"
+    words = page.locator(".chart .main-svg text").first
+    fill = "text => getComputedStyle(text).fill"
+    assert words.evaluate(fill) == "rgb(230, 233, 236)"
     page.emulate_media(media="print")
-    assert dark.evaluate("e => getComputedStyle(e).fill") == "rgb(0, 0, 0)"
+    until(lambda: words.evaluate(fill) == "rgb(0, 0, 0)", "black on paper, in charts drawn anew for its width")
     assert not page.locator("iframe").is_visible()
     page.locator("iframe").evaluate("player => player.remove()")  # it plays, which takes a core from the tests after
 
