@@ -140,19 +140,22 @@ def part_at(path: Path) -> str:
 
 
 @cache
-def tree(path: Path) -> ast.Module:
-    """What a module says, parsed once for all tests."""
-    return ast.parse(path.read_text(encoding="utf-8"))
+def nodes(path: Path) -> tuple[ast.AST, ...]:
+    """All that a module says, parsed once for all tests."""
+    return tuple(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
 
 
-def imports(path: Path) -> Iterator[str]:
+@cache
+def imports(path: Path) -> tuple[str, ...]:
     """Every module that a file imports, wherever in it."""
-    for node in ast.walk(tree(path)):
+    names: list[str] = []
+    for node in nodes(path):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            names += (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: imports are absolute"
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            names += (f"{node.module}.{alias.name}" for alias in node.names)
+    return tuple(names)
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
@@ -192,7 +195,7 @@ def test_the_core_is_pure(part: str) -> None:
         assert standard <= PURE, f"{path} imports {standard - PURE}"
         calls = {
             node.func.id
-            for node in ast.walk(tree(path))
+            for node in nodes(path)
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
         }
         assert not calls & IMPURE_CALLS, f"{path} calls {calls & IMPURE_CALLS}"
@@ -255,16 +258,16 @@ def test_no_function_is_long() -> None:
     long = {
         f"{path.relative_to(PACKAGE)}: {node.name}": lines
         for path in MODULES
-        for node in ast.walk(tree(path))
+        for node in nodes(path)
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         and (lines := (node.end_lineno or 0) - node.lineno + 1) > 60
     }
     assert not long
 
 
-def bound_names(tree: ast.AST) -> Iterator[tuple[int, str]]:
+def bound_names(path: Path) -> Iterator[tuple[int, str]]:
     """Line and name of what a module binds: variables, parameters, attributes, functions, classes, imports."""
-    for node in ast.walk(tree):
+    for node in nodes(path):
         match node:
             case ast.Name(id=name, ctx=ast.Store()) | ast.Attribute(attr=name, ctx=ast.Store()):
                 yield node.lineno, name
@@ -281,6 +284,6 @@ def test_nothing_is_called_found() -> None:
     assert not [
         f"{path.relative_to(PACKAGE)}:{line}"
         for path in MODULES
-        for line, name in bound_names(tree(path))
+        for line, name in bound_names(path)
         if name.lower().strip("_") == "found"
     ]
