@@ -193,11 +193,7 @@ def test_the_core_is_pure(part: str) -> None:
     for path in (p for p in MODULES if part_at(p) == part):
         standard = {name.split(".")[0] for name in imports(path)} & sys.stdlib_module_names
         assert standard <= PURE, f"{path} imports {standard - PURE}"
-        calls = {
-            node.func.id
-            for node in nodes(path)
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
-        }
+        calls = {node.func.id for node in nodes(path) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
         assert not calls & IMPURE_CALLS, f"{path} calls {calls & IMPURE_CALLS}"
 
 
