@@ -30,11 +30,9 @@ _REMEMBERED = (
     ("companion.cli.smooth", "smooth"),
     ("companion.analysis.assessment", "calibrate"),
     ("companion.analysis.assessment", "expected_over"),
-    ("companion.analysis.pose_error", "budget"),
-    ("companion.analysis.redundant_imus", "budget"),
     ("companion.view.export", "replay_page"),
 )
-"""Pure functions that take long, in the modules that ask them."""
+"""Pure functions that take longer than to write down what they answer, in the modules that ask them."""
 
 # A shell that starts the tests in the background has SIGINT ignored, and so would every process of theirs.
 signal.signal(signal.SIGINT, signal.default_int_handler)
