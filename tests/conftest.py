@@ -15,7 +15,6 @@ from playwright.sync_api import Browser, sync_playwright
 
 from tests.recordings import ROOT
 from tests.remembered import remembering
-from tests.turns import take_long_turns
 from tests.view.browsing import CHROMIUM, FLAGS, rank_with_the_tests
 
 # The same examples every time, and no deadline: neither chance nor a busy machine is a failure.
@@ -36,10 +35,6 @@ _REMEMBERED = (
 
 # A shell that starts the tests in the background has SIGINT ignored, and so would every process of theirs.
 signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-if "PYTEST_XDIST_WORKER" in os.environ:
-    take_long_turns()
 
 
 @pytest.hookimpl(optionalhook=True)
