@@ -92,7 +92,7 @@ class Factor:
                 between[1::2][joined] = to_right[:there]
             diagonal, beside = wider, between
         s = self.scale
-        return _scaled(diagonal, s, s, out=diagonal), _scaled(beside, s[:-1], s[1:], out=beside)
+        return scaled(diagonal, s, s, out=diagonal), scaled(beside, s[:-1], s[1:], out=beside)
 
 
 def factorise(diagonal: Array, upper: Array) -> Factor:
@@ -103,8 +103,8 @@ def factorise(diagonal: Array, upper: Array) -> Factor:
     scale = np.sqrt(np.diagonal(diagonal, axis1=1, axis2=2))
     if not (np.isfinite(scale).all() and (scale > 0).all()):
         raise np.linalg.LinAlgError("the matrix is not positive definite: an unknown is not determined by anything")
-    d = _scaled(diagonal, scale, scale)
-    u = _scaled(upper, scale[:-1], scale[1:])
+    d = scaled(diagonal, scale, scale)
+    u = scaled(upper, scale[:-1], scale[1:])
     levels: list[_Level] = []
     while len(d) > 1:
         odd, even = d[1::2], d[0::2].copy()
@@ -120,7 +120,7 @@ def factorise(diagonal: Array, upper: Array) -> Factor:
     return Factor(levels, inverses(d), scale)
 
 
-def _scaled(blocks: Array, rows: Array, columns: Array, out: Array | None = None) -> Array:
+def scaled(blocks: Array, rows: Array, columns: Array, out: Array | None = None) -> Array:
     """Blocks (K, n, n) divided by scales (K, n) of their rows and columns, into `out` where it is given."""
     out = np.multiply(blocks, (1.0 / rows)[:, :, None], out=out)
     out *= (1.0 / columns)[:, None, :]
@@ -132,8 +132,12 @@ def inverses(blocks: Array) -> Array:
 
     Raises numpy.linalg.LinAlgError for what is not positive definite.
     """
-    root = roots(blocks)
-    return np.asarray(root.swapaxes(-1, -2) @ root.copy())  # numpy takes far longer for the square of one array
+    return gram(roots(blocks))
+
+
+def gram(blocks: Array) -> Array:
+    """The Gram matrices aᵀ a (M, n, n) of each of blocks (M, i, n)."""
+    return np.asarray(blocks.swapaxes(-1, -2) @ blocks.copy())  # of one array with itself numpy takes twice as long
 
 
 def roots(blocks: Array) -> Array:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from companion.estimation.block_tridiagonal import inverses
+from companion.estimation.block_tridiagonal import inverses, scaled
 from companion.estimation.choice import Choice, with_choice
 from companion.estimation.explanations import Problem
 from companion.estimation.measurements import LONGEST_S, Kinematics, measure
@@ -273,6 +273,5 @@ def _prior(setup: Setup, states: States) -> Prior:
 
 
 def _inverse(covariance: Array) -> Array:
-    scale = 1.0 / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    scale = scale[:, :, None] * scale[:, None, :]
-    return np.asarray(inverses(covariance * scale) * scale)
+    scale = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    return scaled(inverses(scaled(covariance, scale, scale)), scale, scale)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from companion.estimation.block_tridiagonal import factorise, roots
+from companion.estimation.block_tridiagonal import factorise, gram, roots, scaled
 from companion.estimation.explanations import KINDS, SLOPED, Kind, Problem, Signature
 from companion.estimation.model import STATES
 from companion.estimation.system import Index, Solution
@@ -185,7 +185,7 @@ def _eliminated(solution: Solution, stack: _Stack, places: Iterable[slice]) -> t
         to_first, own, column = -taken[:, after, first], -taken[:, after, after], -taken[:, after, columns]
         r[:, k] = beside[:, :, columns]
     inside = r[:, 1:].reshape(count, -1, width)
-    squares = [inside[:, :, place].swapaxes(-1, -2) @ inside[:, :, place].copy() for place in places]
+    squares = [gram(inside[:, :, place]) for place in places]
     diagonal = np.concatenate((d_0 - total[:, :, first], np.eye(STATES)[None]))
     diagonal[1:] += own
     left = np.concatenate((r[:, 0] - total[:, :, columns], last + column), axis=1)
@@ -211,6 +211,5 @@ def _blocks(solution: Solution, s: Array, k: int, length: int) -> tuple[Array, A
     right = -(motion.weight[k::length] @ motion.transition[k::length]).swapaxes(-1, -2)
     for out, blocks, columns in ((d, solution.diagonal[k::length], here), (u, right, after)):
         some = slice(len(blocks))
-        np.divide(blocks, here[some, :, None], out=out[some])
-        out[some] /= columns[some, None]
+        scaled(blocks, here[some], columns[some], out=out[some])
     return d, u

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from companion.estimation.block_tridiagonal import Factor, factorise
+from companion.estimation.block_tridiagonal import Factor, factorise, gram
 from companion.estimation.model import STATES
 from companion.model import Array
 
@@ -113,7 +113,7 @@ class Solution:
         out = self.marginals.copy()
         for first in range(0, len(out), _BLOCK):
             y = self.border[first : first + _BLOCK]
-            out[first : first + _BLOCK] += y @ self.constants_covariance @ y.swapaxes(-1, -2)
+            out[first : first + _BLOCK] += _times(y, self.constants_covariance) @ y.swapaxes(-1, -2)
         return out
 
 
@@ -146,7 +146,7 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
 
         own = slice(first, min(first + _BLOCK, count))
         h, beside = _whitened(own, measurements, constants)
-        diagonal[own] += h.swapaxes(-1, -2) @ h.copy()
+        diagonal[own] += gram(h)
         border[own] += h.swapaxes(-1, -2) @ beside
         inner += _crossed(beside, beside)[:-1]
 

@@ -73,27 +73,25 @@
     toImageButtonOptions: { format: "svg" },
   };
   // A chart is as wide as its place, whatever made that wider or narrower: the window, a scroll bar, the end of a print.
-  const drawn = new Map();
+  const drawn = new Map(); // chart → its place's width, px
   const places = new ResizeObserver((changed) => {
     for (const { target, contentRect } of changed) {
       if (contentRect.width && contentRect.width !== drawn.get(target)) Plotly.Plots.resize(target);
       drawn.set(target, contentRect.width);
     }
   });
-  const charts = [];
   for (const [i, figure] of JSON.parse(content("figures")).entries()) {
     const chart = document.getElementById(`chart${i + 1}`);
     drawn.set(chart, chart.getBoundingClientRect().width);
     await Plotly.newPlot(chart, figure.data, figure.layout, options);
     places.observe(chart);
-    charts.push(chart);
     await new Promise((resume) => setTimeout(resume));
   }
 
   // Paper is as wide as A4 between its margins, whatever the window is.
   const PAPER = 680;
   addEventListener("beforeprint", () => {
-    for (const chart of charts) {
+    for (const chart of drawn.keys()) {
       const scale = chart.classList.contains("square") ? 0.9 : 0.8;
       Plotly.relayout(chart, {
         width: Math.min(PAPER, chart.clientWidth),
@@ -103,7 +101,7 @@
     }
   });
   addEventListener("afterprint", () => {
-    for (const chart of charts) Plotly.relayout(chart, { width: null, height: null, autosize: true });
+    for (const chart of drawn.keys()) Plotly.relayout(chart, { width: null, height: null, autosize: true });
   });
   document.documentElement.dataset.ready = "yes";
 })();
