@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.estimation.choice import Choice
-from companion.estimation.learned_noise import START, coloured, learn, noise_limits, outlier_weights
+from companion.estimation.learned_noise import START, Change, coloured, learn, noise_limits, outlier_weights
 from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
 from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
 from companion.estimation.setup import Setup
@@ -153,7 +153,7 @@ def estimate(
     noise, however long it lasts: as it is not where something unexplained is in it. polished: whether the states follow
     the noise as it is learned at last, for who needs more than the noise. passes: at most so many, before these.
     """
-    noise, scale, change = start.noise, dict(start.scale), dict[str, float]()
+    noise, scale, change = start.noise, dict(start.scale), dict[str, Change]()
     weights, weighted = dict[str, Array](), 0
     limits, path = limits or noise_limits(setup), carried(setup, start.states, start.path)
     wide, grown = noise, dict[str, float]()
@@ -177,7 +177,7 @@ def estimate(
         step, largest = Step.of(linear, point.sizes), np.inf
         if count >= _LEARN_FROM or start.near:
             noise, scale, change = learn(linear, noise, scale, limits, change, setup.spectral_noise)
-            wide, largest = noise, max(map(abs, change.values()))
+            wide, largest = noise, max(abs(one.size) for one in change.values())
             if weighted or accepted or largest < _NEAR or count >= _WEIGHTS_FROM:
                 weights = outlier_weights(linear)
                 weighted += 1

@@ -10,7 +10,7 @@ taken: a fault in a part of the flight does not pass for noise in all of it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,12 +55,20 @@ _LAGS = 15
 _WHITER = 3.0  # times what shows between samples, of a filter that makes it less
 _MOST = 100.0  # of the scale of a witness' σ
 _LASTING = 8.0  # times what its readings scatter by: no noise
-_SLOW = 0.3  # ratio of one step to the one before, from which on the series is summed
-_FURTHEST = np.log(10.0)
+_SLOW = 0.3  # ratio of one step to the one before, either way, from which on the series is summed
+_FURTHEST, _TIMES = np.log(10.0), 5.0  # a step goes, and times what it would without its series
 
 
 _OF_WITNESS = {kind.name: kind for kind in KINDS if kind.name in NOMINAL}
 """Witness → what is wrong with it where it alone is off by so much."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """What a step has changed a density by."""
+
+    size: float  # of the logarithm
+    plain: bool  # whether it is one of a series, and not where such a series leads
 
 
 def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
@@ -125,13 +133,13 @@ def learn(
     noise: ProcessNoise,
     scale: Mapping[str, float],
     limits: Mapping[str, tuple[float, float]],
-    before: Mapping[str, float],
+    before: Mapping[str, Change],
     spectral: tuple[float, float],
-) -> tuple[ProcessNoise, dict[str, float], dict[str, float]]:
+) -> tuple[ProcessNoise, dict[str, float], dict[str, Change]]:
     """One step of learning: densities of the process noise, the scale of every witness' σ, and the change of each.
 
     limits: of the densities of the IMU, and of the scales of witnesses that have any.
-    before: the changes of the step before; changes are of the logarithm. spectral: the densities that the spectra of
+    before: the changes of the step before. spectral: the densities that the spectra of
     gyro and accelerometer show, believed beforehand: an inverse gamma distribution of the variance.
     """
     solution = linear.solution
@@ -150,13 +158,14 @@ def learn(
     e = (turn.swapaxes(-1, -2) @ e[:, moved, None])[..., 0]
     d = turn.swapaxes(-1, -2) @ solution.disturbances[1][usual, moved, moved] @ turn
     densities: dict[str, float] = {}
+    change: dict[str, Change] = {}
     for cause, expected in zip(CAUSES[:2], spectral, strict=True):
         own, v = MOVED[cause], linear.sums[cause][usual]
         believed = _BELIEF / len(e) / noise.density(cause) ** 2
         above = np.einsum("ki,kij,kj->k", e[:, own], v, e[:, own]) + believed * (expected / noise.density(cause)) ** 2
         below = np.einsum("kij,kij->k", d[:, own, own], v) * (1.0 - count / len(e)) + believed
-        step = _further(0.5 * np.log(_typical(above, below)), before.get(cause, 0.0))
-        densities[cause] = float(np.clip(noise.density(cause) * np.exp(step), *limits[cause]))
+        step = _further(0.5 * np.log(_typical(above, below)), before.get(cause))
+        densities[cause], change[cause] = _changed(noise.density(cause), step, limits[cause])
     learned = dict(scale)
     for one in linear.measurements:
         if one.name.startswith("rest"):
@@ -167,19 +176,28 @@ def learn(
         below = (1.0 - np.minimum(information * measurement_variance(one, solution), 1.0)).sum(axis=1)
         least = LEAST[one.name] / percentile(one.sigma.ravel() / scale[one.name], 50.0)
         told = _telling(still[one.keyframe])
-        step = _further(0.5 * np.log(_typical(above[told], below[told])), before.get(one.name, 0.0))
+        step = _further(0.5 * np.log(_typical(above[told], below[told])), before.get(one.name))
         bounds = limits.get(one.name, (min(least, 1.0), _MOST))
-        learned[one.name] = float(np.clip(scale[one.name] * np.exp(step), *bounds))
-    change = {cause: float(np.log(value / noise.density(cause))) for cause, value in densities.items()}
-    change |= {name: float(np.log(value / scale[name])) for name, value in learned.items()}
+        learned[one.name], change[one.name] = _changed(scale[one.name], step, bounds)
     return replace(noise, **densities), learned, change
 
 
-def _further(step: float, before: float) -> float:
-    """A step as long as the geometric series goes that it and the step before begin (Aitken 1926)."""
-    ratio = step / before if before else 0.0
-    far = step / (1.0 - ratio) if _SLOW < ratio < 1.0 else step
-    return float(np.clip(far, -_FURTHEST, _FURTHEST))
+def _further(step: float, before: Change | None) -> Change:
+    """A step as far as the geometric series leads that it and the step before begin (Aitken 1926).
+
+    A series that goes to and fro ends before its next step does. Where the step before is none of the series, but where
+    one led, another has to be taken first.
+    """
+    ratio = step / before.size if before is not None and before.plain and before.size else 0.0
+    goes_on = _SLOW < abs(ratio) < 1.0
+    times = min(1.0 / (1.0 - ratio), _TIMES) if goes_on else 1.0
+    return Change(float(np.clip(times * step, -_FURTHEST, _FURTHEST)), not goes_on)
+
+
+def _changed(value: float, step: Change, limits: tuple[float, float]) -> tuple[float, Change]:
+    """A density after a step, and what has changed: it stays within limits."""
+    after = float(np.clip(value * np.exp(step.size), *limits))
+    return after, replace(step, size=float(np.log(after / value)))
 
 
 def _in_body(linear: Linear) -> Array:
