@@ -50,6 +50,13 @@ def anchor_now(page: Page) -> None:
     until(lambda: since_anchor(page)[1] < time.monotonic() - pressed + 2.0)
 
 
+def stands_still(page: Page, recording: Path, more: int) -> bool:
+    """Whether what is shown stays as it is while so many bytes more are recorded."""
+    held, size = since_anchor(page), recording.stat().st_size
+    until(lambda: recording.stat().st_size > size + more)
+    return since_anchor(page) == held
+
+
 def chart_ends(page: Page) -> tuple[float, int]:
     """Where the first chart ends, and how many points it has."""
     script = """() => {
@@ -117,10 +124,9 @@ def test_a_live_session_and_the_next_one(browser: Browser, page: Page, tmp_path:
 
             page.get_by_role("button", name="Pause", exact=True).click()
             expect(page.get_by_text("PAUSED")).to_be_visible()
-            for _ in range(2):  # the first time the last numbers may still be on their way
-                held, size = since_anchor(page), recording.stat().st_size
-                until(lambda size=size: recording.stat().st_size > size + 10_000)  # type: ignore[misc]
-            assert since_anchor(page) == held
+            until(lambda: stands_still(page, recording, 10_000))  # the last numbers may still be on their way
+            held = since_anchor(page)
+            assert stands_still(page, recording, 20_000)
             page.mouse.click(640, 250)  # on the ground: the keys go to the page
             for _ in range(3):
                 page.keyboard.press("ArrowLeft")
