@@ -56,7 +56,8 @@ _WHITER = 3.0  # times what shows between samples, of a filter that makes it les
 _MOST = 100.0  # of the scale of a witness' σ
 _LASTING = 8.0  # times what its readings scatter by: no noise
 _SLOW = 0.3  # ratio of one step to the one before, either way, from which on the series is summed
-_FURTHEST, _TIMES = np.log(10.0), 5.0  # a step goes, and times what it would without its series
+_FURTHEST = np.log(10.0)
+_TIMES = 5.0  # further than a plain step, at most: a ratio near 1 is seldom that of a series
 
 
 _OF_WITNESS = {kind.name: kind for kind in KINDS if kind.name in NOMINAL}
@@ -139,8 +140,8 @@ def learn(
     """One step of learning: densities of the process noise, the scale of every witness' σ, and the change of each.
 
     limits: of the densities of the IMU, and of the scales of witnesses that have any.
-    before: the changes of the step before. spectral: the densities that the spectra of
-    gyro and accelerometer show, believed beforehand: an inverse gamma distribution of the variance.
+    before: the changes of the step before. spectral: the densities that the spectra of gyro and accelerometer show,
+    believed beforehand: an inverse gamma distribution of the variance.
     """
     solution = linear.solution
     across_gaps = linear.variance[:, 0] > 0.1
@@ -185,8 +186,7 @@ def learn(
 def _further(step: float, before: Change | None) -> Change:
     """A step as far as the geometric series leads that it and the step before begin (Aitken 1926).
 
-    A series that goes to and fro ends before its next step does. Where the step before is none of the series, but where
-    one led, another has to be taken first.
+    One that goes to and fro ends before its next step does. A step that is as far as a series leads begins none.
     """
     ratio = step / before.size if before is not None and before.plain and before.size else 0.0
     goes_on = _SLOW < abs(ratio) < 1.0
