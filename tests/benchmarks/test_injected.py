@@ -102,10 +102,10 @@ def test_cutting_and_thinning_keep_what_there_is(demo: Flight) -> None:
 
 def test_a_whole_flight_is_judged() -> None:
     numbers = {fault.name: i for i, fault in enumerate(FAULTS)}
-    chosen = ((-1, 0, 0.0), (numbers["position jumps"], 2, 0.5), (numbers["gyro bias, step (z)"], 1, 0.5))
+    chosen = ((-1, 0, 0.0), (numbers["position jumps"], 2, 0.5), (numbers["GPS jumps"], 2, 0.5))
     rows = judged(Case(str(DEMO), 0, "simulator", False, chosen))
     assert [row.fault for row in rows] == [
-        "none, recorded estimate", "none, the EKF's estimate", "position jumps", "gyro bias, step (z)",
+        "none, recorded estimate", "none, the EKF's estimate", "position jumps", "GPS jumps",
     ]  # fmt: skip
     assert [row.result for row in rows] == ["clear", "clear", "found", "found"]
     assert "position jumps, m" in table(rows, {fault.name: fault.unit for fault in FAULTS})
