@@ -477,7 +477,7 @@ def test_agreement_without_gps_says_what_was_not_judged() -> None:
 @pytest.mark.parametrize("gone", [False, True])
 def test_a_bias_is_a_fault_as_long_as_it_lasts_though_its_onset_lies_before_the_piece(gone: bool) -> None:
     """As on a link, where the last seconds are judged: what stands all through them looks calibrated."""
-    flight = flown(motions.circle(seconds(110, 50)), fixes_hz=5.0)
+    flight = flown(motions.circle(seconds(110, 50)))
     begin, end = 45.0, 70.0 if gone else np.inf
     spoilt = misread(flight, gyro=[0.0, 0.0, 0.015], begin=begin, end=end)
     sound, onset, later = (assess(cut(spoilt, a, b), GENERIC) for a, b in ((10.0, 44.0), (20.0, 62.0), (78.0, 118.0)))

@@ -24,7 +24,7 @@ ONSET = 20.0
 def late_by(flight: Flight, truth: Motion, seconds: float) -> Flight:
     """The fixes from the onset on are so much older."""
     (gps,) = flight.gps
-    older = gps_of(truth, np.random.default_rng(8), latency=LATENCY + seconds, rate=5.0)
+    older = gps_of(truth, np.random.default_rng(8), latency=LATENCY + seconds, rate=2.5)
     after = gps.t >= ONSET
     columns = {
         name: np.where(
@@ -38,7 +38,7 @@ def late_by(flight: Flight, truth: Motion, seconds: float) -> Flight:
 @pytest.mark.parametrize("seconds", [0.4, 1.0])
 @pytest.mark.slow
 def test_fixes_that_come_late_are_put_where_the_vehicle_was(seconds: float) -> None:
-    flight, truth = sensed(45.0, seed=3, fixes_hz=5.0)
+    flight, truth = sensed(45.0, seed=3)
     found = smooth(late_by(flight, truth, seconds))
     (late,) = found.explained
     assert (late.kind, late.shape) == ("gps_latency", "step")
@@ -51,7 +51,7 @@ def test_fixes_that_come_late_are_put_where_the_vehicle_was(seconds: float) -> N
 @pytest.mark.slow
 def test_no_fix_tells_of_what_has_not_happened_yet() -> None:
     """What looks like fixes from the future, as slow errors of a velocity do, is not the time."""
-    flight, truth = sensed(45.0, seed=3, fixes_hz=5.0)
+    flight, truth = sensed(45.0, seed=3)
     found = smooth(late_by(flight, truth, -0.6))
     assert "gps_latency" not in {one.kind for one in found.explained}
 
@@ -80,7 +80,7 @@ def chosen(kind: str, gain: float, *others: tuple[str, str, float]) -> Choice:
 @pytest.mark.slow
 def test_the_whole_estimate_decides_between_what_is_linear_and_what_is_not(faulty: str) -> None:
     """At first order an accelerometer that reads too little may explain more of a late GPS than its latency does."""
-    flight, truth = sensed(45.0, seed=3, fixes_hz=5.0)
+    flight, truth = sensed(45.0, seed=3)
     if faulty == "gps_latency":
         flight = late_by(flight, truth, 1.0)
     else:
@@ -101,7 +101,7 @@ def test_the_whole_estimate_decides_between_what_is_linear_and_what_is_not(fault
 @pytest.mark.slow
 def test_the_onset_is_sought_again_with_the_size_known() -> None:
     """At first order a latency may show from where the vehicle turned, long after the fixes came late."""
-    flight, truth = sensed(45.0, seed=3, fixes_hz=5.0)
+    flight, truth = sensed(45.0, seed=3)
     setup = set_up(late_by(flight, truth, 1.0), None, STANDARD_GRAVITY, None)
     start = start_of(setup, first_guess(setup, flight))
     possible = retimed(setup, start, [], replace(chosen("gps_latency", 300.0), onset=ONSET + 6.0))
