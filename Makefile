@@ -2,9 +2,11 @@
 PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
+PIP    := -m pip install --quiet --disable-pip-version-check --no-compile
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 8 --dist loadfile --no-loadscope-reorder --durations 10
 
-# Each of the many processes of the tests would compile the package anew.
+# What is imported is compiled then, once: of all that is installed, which takes as long again, that is little.
+# Without bytecode each of the many processes of the tests would compile it anew.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo demo-live test check fuzz bench format clean
@@ -46,14 +48,14 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.installed: pyproject.toml | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[report,export,fleet,zstd]'
+	$(BIN)/python $(PIP) --editable '.[report,export,fleet,zstd]'
 	touch $@
 
 $(VENV)-bench/.installed: pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m venv $(VENV)-bench
-	$(VENV)-bench/bin/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
+	$(VENV)-bench/bin/python $(PIP) --editable '.[bench]'
 	touch $@
 
 $(VENV)/.developer: pyproject.toml | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(BIN)/python $(PIP) --editable '.[dev]'
 	touch $@ $(VENV)/.installed
