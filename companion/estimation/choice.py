@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,6 +46,13 @@ class Choice:
         """The same where all others gain so much more."""
         return replace(self, others=tuple((kind, shape, gain + nearer) for kind, shape, gain in self.others))
 
+    def beside(self, tried: Mapping[tuple[str, str], float]) -> Choice:
+        """The same where it is known of some others, kind and shape, by how much less they are worth."""
+        others = tuple(
+            (k, shape, self.gain - tried.get((k, shape), self.gain - gain)) for k, shape, gain in self.others
+        )
+        return replace(self, others=others)
+
     def of(self, problem: Problem) -> Signature | None:
         """The signature of what changes."""
         whole = self.kind.signature(problem)
@@ -85,8 +92,20 @@ def gain_beside(choice: Choice, problem: Problem, solution: Solution, prior: Pri
         return 0.0
     own = slice(len(solution.c) - after - signature.unknowns, len(solution.c) - after)
     size, known = solution.c[own] + choice.taken, np.linalg.inv(solution.constants_covariance[own, own])
-    paid = float(np.linalg.slogdet(known)[1] + 2.0 * np.log(prior.constants_sigma[own]).sum())
-    return float(size @ known @ size) - paid - price(choice.kind, choice.shape)
+    return float(size @ known @ size) - _paid(solution, prior, own) - price(choice.kind, choice.shape)
+
+
+def cost(choice: Choice, problem: Problem, solution: Solution, prior: Prior) -> float:
+    """What a choice whose sizes are the last unknowns of a solution pays, as twice the logarithm of a likelihood."""
+    signature = choice.of(problem)
+    paid = 0.0 if signature is None else _paid(solution, prior, slice(-signature.unknowns, None))
+    return paid + price(choice.kind, choice.shape)
+
+
+def _paid(solution: Solution, prior: Prior, own: slice) -> float:
+    """Occam's factor: sizes that could have been anything."""
+    known = -float(np.linalg.slogdet(solution.constants_covariance[own, own])[1])
+    return known + 2.0 * float(np.log(prior.constants_sigma[own]).sum())
 
 
 def unrest(choice: Choice, problem: Problem, solution: Solution) -> float:

@@ -34,6 +34,7 @@ _LEAST_S = {"imu": 5.0, "gps": 0.5, "compass": 2.0, "barometer": 2.0}  # what la
 _MARGIN_S, _MARGIN = 3.0, 0.1  # s, and of the flight
 _REFINED = 4  # of the best, whose times are sought further
 _UNTOLD = 0.3  # of what explains most
+_NEARLY = 0.9  # the same of another side, beside which the first order does not tell which of them it is
 CREEPS = {"gps_position": 30.0, "compass_field": 10.0}
 """Kind of a witness → s in which it goes off evenly, for what would have been called of it."""
 _SHOCKS = {
@@ -43,16 +44,18 @@ _SHOCKS = {
 
 
 def choose(problem: Problem, solution: Solution) -> tuple[Choice, ...]:
-    """The best further explanation, none where none promises to pay for itself; and one that may be better yet.
+    """The best further explanation, none where none promises to pay for itself; and those that may be better yet.
 
-    That is of a kind that is linear in small sizes alone: its first order says less of it than it explains.
+    One of a kind that is linear in small sizes alone: its first order says less of it than it explains. And one of
+    another side that explains nearly as much: of an error that is learned as noise the first order says little.
     """
     best, *others = rivals(problem, solution) or (None,)
     if best is None or best.gain < PROMISING:
         return ()
     least = max(_UNTOLD * best.gain, WORTH)
     untold = [] if best.kind.retimes else [one for one in others if one.kind.retimes and one.gain > least]
-    return (best, *untold[:1])
+    near = [one for one in others if one.kind.side != best.kind.side and one.gain > max(_NEARLY * best.gain, WORTH)]
+    return (best, *untold[:1], *(one for one in near[:1] if one not in untold[:1]))
 
 
 def rivals(problem: Problem, solution: Solution) -> tuple[Choice, ...]:

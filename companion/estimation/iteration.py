@@ -114,10 +114,11 @@ PASSES = 20  # at most
 _LEARN_FROM = 1  # the pass after which densities are learned
 _WEIGHTS_FROM = 4  # the pass after which outliers weigh less, whether or not densities have settled
 _WEIGHTED = 2  # passes with such weights, at least
-_NEAR, _SETTLED = 0.15, 0.05  # changes of the logarithm of a density
+_NEAR, SETTLED = 0.15, 0.05  # changes of the logarithm of a density
 _LEARNING = 0.1  # of the misfit, that may be left to gain while the noise still changes a little with every pass
 _POLISHED = 4  # passes with the noise that lasts, at most
 _FAR = (4e-3, 0.1)  # rad/s, m/s²: a bias further off than this changes the path by more than its first order
+_ROUGHLY = 5.0  # times as far it still changes it by less than the noise, for as long as that is being learned
 _OF_SENSOR = 6.0  # twice the logarithm of a likelihood, that the noise of a sensor of three axes has in an interval
 
 
@@ -155,7 +156,8 @@ def estimate(
     """
     noise, scale, change = start.noise, dict(start.scale), dict[str, Change]()
     weights, weighted = dict[str, Array](), 0
-    limits, path = limits or noise_limits(setup), carried(setup, start.states, start.path)
+    roughly = _ROUGHLY
+    limits, path = limits or noise_limits(setup), carried(setup, start.states, start.path, roughly)
     wide, grown = noise, dict[str, float]()
 
     def about(point: Point) -> Linear:
@@ -165,7 +167,7 @@ def estimate(
         """Where a step leads; the misfits along it are compared with the IMU carried as before."""
         nonlocal path
         point, linear, uphill = step.taken(about)
-        before, path = path, carried(setup, point.states, path)
+        before, path = path, carried(setup, point.states, path, roughly)
         if path is not before:
             del linear
             linear = about(point)
@@ -182,13 +184,14 @@ def estimate(
                 weights = outlier_weights(linear)
                 weighted += 1
         there = uphill or step.gain < _LEARNING  # as near as it comes
-        if (weighted >= _WEIGHTED and largest < _SETTLED and there) or count == passes - 1:
+        if (weighted >= _WEIGHTED and largest < SETTLED and there) or count == passes - 1:
             break
         del linear  # before the next is made: of a long flight two are more than all else
         point, linear, uphill = moved(step)
         del step  # its weights are as large as the motion of the next
     grown = dict.fromkeys(coloured(linear), 1.0) if white else coloured(linear)
     wide = replace(noise, gyro_noise=noise.gyro_noise * grown["gyro"], accel_noise=noise.accel_noise * grown["accel"])
+    roughly = 1.0
     for _ in range(_POLISHED if polished else 0):
         del linear
         point, linear, _ = moved(step)  # noqa: F821  (ruff takes the break above for none)
@@ -217,11 +220,16 @@ def in_noise(more: float, intervals: int) -> float:
     return float(np.exp(more / (2.0 * _OF_SENSOR * intervals)))
 
 
-def carried(setup: Setup, states: States, before: CarriedImu | None) -> CarriedImu:
-    """The IMU carried with the biases of the states; as it was before, where it was and they differ by little."""
+def carried(setup: Setup, states: States, before: CarriedImu | None, times: float = 1.0) -> CarriedImu:
+    """The IMU carried with the biases of the states; as it was before, where it was and they differ by little.
+
+    times: as much as where the path has to be that of its first order.
+    """
     bias = np.median(states.gyro_bias, axis=0), np.median(states.accel_bias, axis=0)
-    if before is not None and all(np.abs(b - c).max() < far for b, c, far in zip(bias, before.bias, _FAR, strict=True)):
-        return before
+    if before is not None:
+        apart = (np.abs(one - other).max() for one, other in zip(bias, before.bias, strict=True))
+        if all(one < times * far for one, far in zip(apart, _FAR, strict=True)):
+            return before
     return carry_imu(setup, bias)
 
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.estimation.choice import PROMISING, WORTH, Choice, explained, gain_beside, promising, unrest
+from companion.estimation.choice import PROMISING, WORTH, Choice, cost, explained, gain_beside, promising, unrest
 from companion.estimation.competition import choose, detectable
 from companion.estimation.constant_errors import constant_errors, of_first_half
-from companion.estimation.iteration import Start, estimate, likelihood, resuming, start_of
+from companion.estimation.iteration import SETTLED, Start, estimate, in_noise, likelihood, resuming, start_of
 from companion.estimation.learned_noise import believing, lasting, noise_limits, scatter
 from companion.estimation.linearisation import Linear
 from companion.estimation.measurements import UNITS
@@ -156,6 +156,21 @@ class Tried:
     settled: Start
     linear: Linear
 
+    @property
+    def name(self) -> tuple[str, str]:
+        """Kind and shape."""
+        return self.choice.kind.name, self.choice.shape
+
+    @property
+    def worth(self) -> float:
+        """Twice the logarithm of its likelihood, less what it pays, but for a constant."""
+        linear = self.linear
+        return likelihood(self.settled, linear) - cost(self.choice, linear.problem, linear.solution, linear.prior)
+
+    def differs(self, other: Tried) -> bool:
+        """Whether one is worth clearly more than the other."""
+        return in_noise(abs(self.worth - other.worth), len(self.linear.variance)) > 1.0 + SETTLED
+
 
 def _explained_further(
     setup: Setup, start: Start, settled: Start, linear: Linear, accepted: Sequence[Choice], shown: tuple[float, float]
@@ -218,16 +233,23 @@ def _chosen_within(setup: Setup, start: Start, accepted: Sequence[Choice], limit
 def best_of(
     setup: Setup, start: Start, accepted: Sequence[Choice], choices: Sequence[Choice], limits: Limits | None = None
 ) -> Tried | None:
-    """That of some choices, the first of them the best at first order, which explains most; None for none."""
+    """That of some choices, the first of them the best at first order, which explains most; None for none.
+
+    Between others than those of which the first order says too little, a whole estimate decides only where they differ
+    by more than the noise has settled to.
+    """
     tried = [one for choice in choices if (one := _tried(setup, start, accepted, choice, limits)) is not None]
     if len(tried) < 2:
         return tried[0] if tried else None
-    likely = [likelihood(one.settled, one.linear) for one in tried]
-    best = tried[likely.index(max(likely))]
-    if best is tried[0]:
-        return best
-    nearer = choices[1].gain - choices[0].gain - (max(likely) - likely[0])
-    return replace(best, choice=best.choice.with_others(nearer))
+    first = tried[0]
+    told = [first, *(one for one in tried[1:] if one.choice.kind.retimes or one.differs(first))]
+    best = max(told, key=lambda one: one.worth)
+    less = {one.name: best.worth - one.worth for one in told if one is not best}
+    choice = best.choice
+    if best is not first:  # the others are as far from the first as it is
+        gain = next(gain for kind, shape, gain in choice.others if (kind, shape) == first.name)
+        choice = choice.with_others(choice.gain - gain - less[first.name])
+    return replace(best, choice=choice.beside(less))
 
 
 def _tried(

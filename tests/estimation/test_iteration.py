@@ -16,9 +16,9 @@ from companion.estimation.choice import Choice
 from companion.estimation.explanations import kind_of
 from companion.estimation.iteration import LITTLE, Point, Step, carried, estimate, in_noise, likelihood, start_of
 from companion.estimation.learned_noise import START
-from companion.estimation.linearisation import CarriedImu, Linear, linearise
-from companion.estimation.setup import first_guess, set_up
-from companion.model import STANDARD_GRAVITY
+from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
+from companion.estimation.setup import Setup, first_guess, set_up
+from companion.model import STANDARD_GRAVITY, Array
 from companion.strapdown import quaternion
 from tests.estimation.sensed import sensed, with_imu
 
@@ -108,6 +108,26 @@ def test_the_misfits_along_a_step_are_of_one_pass_over_the_imu(monkeypatch: pyte
     estimate(setup, start_of(setup, first_guess(setup, flight)))
     assert all(len(set(map(id, passes[step]))) == 1 for step in steps)
     assert len(set(map(id, passes))) > 1, "it was never carried anew"
+
+
+@pytest.mark.parametrize(("bias", "polished", "anew"), [(0.01, False, 0), (0.01, True, 1), (0.04, False, 1)])
+def test_the_imu_is_carried_anew_for_a_far_bias_and_at_last_for_any(
+    bias: float, polished: bool, anew: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the noise is learned the first order of 10 mrad/s is near enough; for the path it is not."""
+    flight, _ = sensed(20.0, "circle", rate=50.0, biases=(np.array([bias, 0.0, 0.0]), np.zeros(3)))
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    passes = list[tuple[Array, Array]]()
+
+    def noted(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
+        passes.append(bias)
+        return carry_imu(setup, bias)
+
+    monkeypatch.setattr(iteration, "carry_imu", noted)
+    settled, _ = estimate(setup, start_of(setup, first_guess(setup, flight)), polished=polished)
+    assert len(passes) >= 1 + anew if anew else len(passes) == 1
+    off = np.median(settled.states.gyro_bias, axis=0) - passes[-1][0]
+    assert np.abs(off).max() < (4e-3 if polished else 0.02)
 
 
 def test_where_no_step_leads_down_the_iteration_ends(monkeypatch: pytest.MonkeyPatch) -> None:
