@@ -155,8 +155,7 @@ def estimate(
     the noise as it is learned at last, for who needs more than the noise. passes: at most so many, before these.
     """
     noise, scale, change = start.noise, dict(start.scale), dict[str, Change]()
-    weights, weighted = dict[str, Array](), 0
-    roughly = _ROUGHLY
+    weights, weighted, roughly = dict[str, Array](), 0, _ROUGHLY
     limits, path = limits or noise_limits(setup), carried(setup, start.states, start.path, roughly)
     wide, grown = noise, dict[str, float]()
 
@@ -190,8 +189,7 @@ def estimate(
         point, linear, uphill = moved(step)
         del step  # its weights are as large as the motion of the next
     grown = dict.fromkeys(coloured(linear), 1.0) if white else coloured(linear)
-    wide = replace(noise, gyro_noise=noise.gyro_noise * grown["gyro"], accel_noise=noise.accel_noise * grown["accel"])
-    roughly = 1.0
+    wide, roughly = noise.louder(grown["gyro"], grown["accel"]), 1.0
     for _ in range(_POLISHED if polished else 0):
         del linear
         point, linear, _ = moved(step)  # noqa: F821  (ruff takes the break above for none)

@@ -51,6 +51,10 @@ class ProcessNoise:
         """The density of a cause by its name."""
         return float(getattr(self, cause))
 
+    def louder(self, gyro: float, accel: float) -> ProcessNoise:
+        """The same where gyro and accelerometer scatter so many times more."""
+        return replace(self, gyro_noise=gyro * self.gyro_noise, accel_noise=accel * self.accel_noise)
+
     def contradicts(self, scatter: tuple[float, float]) -> bool:
         """Whether gyro or accelerometer needs far more than its readings scatter by, in the same units."""
         return any(
@@ -222,9 +226,7 @@ class BestEstimate:
             max([1.0, *(float(e.size[0]) for e in self.explained if e.kind == f"{sensor}_unrest")])
             for sensor in ("gyro", "accel")
         )
-        noise = self.noise
-        loudest = replace(noise, gyro_noise=gyro * noise.gyro_noise, accel_noise=accel * noise.accel_noise)
-        return loudest.contradicts(self.scatter)
+        return self.noise.louder(gyro, accel).contradicts(self.scatter)
 
     def sigma(self, block: slice) -> Array:
         """(K, 3) 1σ of a block of the error: ATTITUDE, VELOCITY or POSITION."""
