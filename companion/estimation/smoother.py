@@ -167,10 +167,6 @@ class Tried:
         linear = self.linear
         return likelihood(self.settled, linear) - cost(self.choice, linear.problem, linear.solution, linear.prior)
 
-    def differs(self, other: Tried) -> bool:
-        """Whether one is worth clearly more than the other."""
-        return in_noise(abs(self.worth - other.worth), len(self.linear.variance)) > 1.0 + SETTLED
-
 
 def _explained_further(
     setup: Setup, start: Start, settled: Start, linear: Linear, accepted: Sequence[Choice], shown: tuple[float, float]
@@ -241,10 +237,17 @@ def best_of(
     tried = [one for choice in choices if (one := _tried(setup, start, accepted, choice, limits)) is not None]
     if len(tried) < 2:
         return tried[0] if tried else None
-    first = tried[0]
-    told = [first, *(one for one in tried[1:] if one.choice.kind.retimes or one.differs(first))]
-    best = max(told, key=lambda one: one.worth)
-    less = {one.name: best.worth - one.worth for one in told if one is not best}
+    first, worth = tried[0], {one.name: one.worth for one in tried}
+    intervals, clearly = len(first.linear.variance), 1.0 + SETTLED
+    told = [
+        one
+        for one in tried
+        if one is first
+        or one.choice.kind.retimes
+        or in_noise(abs(worth[one.name] - worth[first.name]), intervals) > clearly
+    ]
+    best = max(told, key=lambda one: worth[one.name])
+    less = {one.name: worth[best.name] - worth[one.name] for one in told if one is not best}
     choice = best.choice
     if best is not first:  # the others are as far from the first as it is
         gain = next(gain for kind, shape, gain in choice.others if (kind, shape) == first.name)
