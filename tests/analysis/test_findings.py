@@ -357,6 +357,25 @@ def test_a_whole_gyro_that_reads_zero_at_rest_is_not_stuck() -> None:
     assert not reading_faults(bench, compare(bench), GENERIC, ReferenceSpec())
 
 
+@pytest.mark.parametrize("moves", [False, True])
+def test_two_accelerometers_at_rest_whose_biases_step_are_not_stuck(moves: bool) -> None:
+    """Readings in whole steps, without noise; one is stuck where the other feels that the vehicle is moved."""
+    flight = flown(motions.rest(seconds(60, 50)))
+    imu, rng = flight.imu(), np.random.default_rng(7)
+    later = imu.t > imu.t[0] + 35.0
+
+    def read(bias: list[float], moved: float) -> Array:
+        rocks = moved * np.sin(imu.t - imu.t[0])[:, None] * [1.0, 1.0, 0.0]
+        return np.round([0.0, 0.0, -STANDARD_GRAVITY] + later[:, None] * (np.array(bias) + rocks), 2)
+
+    gyro = np.round(5e-3 * rng.normal(size=imu.gyro.shape), 3)
+    own = replace(imu, gyro=gyro, accel=read([0.15, -0.1, 0.2], 0.0), accel_step=0.01, gyro_step=1e-3)
+    other = replace(own, source="SCALED_IMU2", instance=1, accel=read([0.04, 0.04, -0.1], 0.3 * moves))
+    both = replace(flight, imus={own.source: own, other.source: other})
+    found = reading_faults(both, compare(both, imu=own.source), GENERIC, ReferenceSpec())
+    assert [f.evidence[:5] for f in found if f.kind == "stuck_axis"] == ["accel"] * moves
+
+
 def test_the_scale_of_a_gyro_in_a_turn_that_goes_on_is_no_bias() -> None:
     flight = flown(motions.spin(seconds(40, 50), (0.9, -1.2, 1.5)))
     imu = flight.imu()

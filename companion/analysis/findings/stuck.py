@@ -254,10 +254,14 @@ def _should_have_moved(
     meanwhile = [(o, during) for o, during in meanwhile if during.sum() > _FEWEST_FELT]
     if meanwhile and name == "accel":
         level, usual = readings[stretch].mean(axis=0), np.median(readings, axis=0)
-        # two accelerometers differ by their biases, throughout
-        each = [(o.accel[during], np.median(o.accel, axis=0)) for o, during in meanwhile]
-        felt = [(own - mean)[:, axes.axes] + usual for own, mean in each]
-        return any(enough(np.abs(own - level).mean(axis=0) > _FEW * step) for own in felt)
+        for other, during in meanwhile:
+            own = other.accel[during][:, axes.axes]
+            # two accelerometers differ by their biases, which may step: one that reads the same too feels nothing new
+            felt = own - np.median(other.accel[:, axes.axes], axis=0) + usual
+            moved = np.ptp(own, axis=0) > _MORE * (step + other.accel_step)
+            if enough(moved & (np.abs(felt - level).mean(axis=0) > _FEW * step)):
+                return True
+        return False
     if meanwhile:  # what changed: a gyro's bias may step between its usual reading and this one
         return any(
             enough([swing(evened(o.gyro[at, i], _TURN_PART)) >= _SOME * step for i in axes.axes]) for o, at in meanwhile
