@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import multiprocessing
 import signal
 import threading
 import time
@@ -35,9 +36,12 @@ def local_cluster(workers: int | None, most: int) -> Iterator[Client]:
     `most`: as many as there is work for.
     """
     distributed = _distributed()
-    from dask.system import CPU_COUNT  # noqa: PLC0415  (comes with distributed)
+    from dask import config  # noqa: PLC0415  (comes with distributed)
+    from dask.system import CPU_COUNT  # noqa: PLC0415
 
     with contextlib.ExitStack() as stack:
+        if "forkserver" in multiprocessing.get_all_start_methods():  # imports once what every worker needs
+            stack.enter_context(config.set({"distributed.worker.multiprocessing-method": "forkserver"}))
         with _interrupts_wait(), _failing("the worker processes cannot be started ({}). Try fewer: --workers 1"):
             cluster = distributed.LocalCluster(
                 n_workers=min(workers or CPU_COUNT, most),

@@ -230,8 +230,12 @@ class Running:
         wait_for(begun, "three logs are done")
 
     def workers(self) -> list[psutil.Process]:
-        found = psutil.Process(self.process.pid).children(recursive=True)
-        return [child for child in found if "spawn_main" in " ".join(child.cmdline())]
+        (server,) = [
+            child
+            for child in psutil.Process(self.process.pid).children()
+            if "multiprocessing.forkserver" in " ".join(child.cmdline())
+        ]
+        return server.children()
 
     def end(self) -> tuple[int, str, str]:
         out, err = ended(self.process)
