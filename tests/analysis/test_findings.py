@@ -366,7 +366,8 @@ def test_two_accelerometers_at_rest_whose_biases_step_are_not_stuck(moves: bool)
 
     def read(bias: list[float], moved: float) -> Array:
         rocks = moved * np.sin(imu.t - imu.t[0])[:, None] * [1.0, 1.0, 0.0]
-        return np.round([0.0, 0.0, -STANDARD_GRAVITY] + later[:, None] * (np.array(bias) + rocks), 2)
+        felt = np.array([0.0, 0.0, -STANDARD_GRAVITY]) + later[:, None] * (np.array(bias) + rocks)
+        return np.asarray(np.round(felt, 2))
 
     gyro = np.round(5e-3 * rng.normal(size=imu.gyro.shape), 3)
     own = replace(imu, gyro=gyro, accel=read([0.15, -0.1, 0.2], 0.0), accel_step=0.01, gyro_step=1e-3)

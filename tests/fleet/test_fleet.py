@@ -230,12 +230,10 @@ class Running:
         wait_for(begun, "three logs are done")
 
     def workers(self) -> list[psutil.Process]:
-        (server,) = [
-            child
-            for child in psutil.Process(self.process.pid).children()
-            if "multiprocessing.forkserver" in " ".join(child.cmdline())
-        ]
-        return server.children()
+        children = psutil.Process(self.process.pid).children()
+        (server,) = [child for child in children if "multiprocessing.forkserver" in " ".join(child.cmdline())]
+        workers: list[psutil.Process] = server.children()
+        return workers
 
     def end(self) -> tuple[int, str, str]:
         out, err = ended(self.process)
