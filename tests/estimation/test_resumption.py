@@ -24,7 +24,7 @@ LAG, STEP = 40.0, 4.0
 
 @cache
 def flown() -> Flight:
-    return sensed(60.0, "square", seed=3, fixes_hz=5.0)[0]
+    return sensed(60.0, "square", seed=3)[0]
 
 
 def window(flight: Flight, number: int) -> Flight:
