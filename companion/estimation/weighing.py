@@ -161,41 +161,46 @@ def weigh(
         return None
     factors = tuple(changed(problem, solution, signature))
     together = max(_FEWEST, _KEYFRAMES // len(problem.t))
-    parts = [slice(first, first + together) for first in range(0, len(onset), together)]
-    told = [_told(solution, factors, kind, shape, onset[part], end[part]) for part in parts]
-    b, v = (np.concatenate(one) for one in zip(*told, strict=True))
+    b, v = _told(solution, factors, kind, shape, onset, end, together)
     return candidate(kind, shape, problem, (onset, end), b, v)
 
 
 def _told(
-    solution: Solution, factors: Sequence[Factors], kind: Kind, shape: str, onset: Array, end: Array
+    solution: Solution, factors: Sequence[Factors], kind: Kind, shape: str, onset: Array, end: Array, together: int
 ) -> tuple[Array, Array]:
-    """The gradient b (T, m) and the information V (T, m, m) of an explanation from onsets (T,) to ends (T,) s."""
-    count, states = solution.x.shape
-    tries, m = len(onset), factors[0].b.shape[1]
-    column = np.zeros((count, states, tries, m))
-    border = np.zeros((solution.border.shape[2], tries, m))
-    b, v = np.zeros((tries, m)), np.zeros((tries, m, m))
+    """The gradient b (T, m) and the information V (T, m, m) of an explanation from onsets (T,) to ends (T,) s.
+
+    Whatever lasts from a moment to another is the sum of what lasts between those that lie between them, so 49 pairs of
+    7 onsets and 7 ends cost as much as 13. together: of these, at most so many at a time.
+    """
+    moments = np.unique(np.concatenate((onset, end)))
+    tries, pieces = len(onset), len(moments) - 1
+    if pieces > together and tries > 1:
+        halves = (
+            _told(solution, factors, kind, shape, onset[part], end[part], together)
+            for part in (slice(tries // 2), slice(tries // 2, None))
+        )
+        b, v = (np.concatenate(one) for one in zip(*halves, strict=True))
+        return b, v
+    within = ((moments[:-1] >= onset[:, None]) & (moments[1:] <= end[:, None])).astype(np.float64)  # (T, P)
+    (count, states), m = solution.x.shape, factors[0].b.shape[1]
+    column = np.zeros((count, states, pieces, m))
+    border = np.zeros((solution.border.shape[2], pieces, m))
+    b, v = np.zeros((pieces, m)), np.zeros((tries, m, m))
     for one in factors:
-        share = at_work(kind.shape_at(one.witness, shape), onset, end, one.start, one.stop)
+        share = at_work(kind.shape_at(one.witness, shape), moments[:-1], moments[1:], one.start, one.stop)
         b += share @ one.b
-        v += np.tensordot(share**2, one.v, axes=1)
+        v += np.tensordot((within @ share) ** 2, one.v, axes=1)
         border += np.tensordot(share, one.border, axes=1).swapaxes(0, 1)
         column[one.keyframe] += one.rows[:, :, None, :] * share.T[:, None, :, None]
         if one.next_rows is not None:
             column[one.keyframe + 1] += one.next_rows[:, :, None, :] * share.T[:, None, :, None]
-    flat = column.reshape(count, states, tries * m)
-    solved = solution.factor.solve(flat)
-    y = solution.border.reshape(count * states, -1)
-    rest = border - (y.T @ flat.reshape(count * states, -1)).reshape(border.shape)
-    v -= _squares(column.reshape(-1, tries, m), solved.reshape(-1, tries, m))
-    v -= _squares(rest, np.tensordot(solution.constants_covariance, rest, axes=1))
-    return b, v
-
-
-def _squares(a: Array, b: Array) -> Array:
-    """(T, m, m) Σ over the first axis of aᵀ b: a, b (N, T, m)."""
-    return np.asarray(a.transpose(1, 2, 0) @ b.transpose(1, 0, 2))
+    flat = column.reshape(count * states, pieces * m)
+    solved = solution.factor.solve(column.reshape(count, states, -1)).reshape(flat.shape)
+    rest = border.reshape(-1, pieces * m) - solution.border.reshape(count * states, -1).T @ flat
+    made_up = (flat.T @ solved + rest.T @ (solution.constants_covariance @ rest)).reshape(pieces, m, pieces, m)
+    crossed = np.tensordot(within, made_up, axes=1)  # (T, m, P, m)
+    return within @ b, v - np.einsum("tipj,tp->tij", crossed, within)
 
 
 def weigh_shocks(problem: Problem, solution: Solution, kind: Kind, shape: str, block: slice) -> Candidate:

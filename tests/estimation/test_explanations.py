@@ -291,6 +291,27 @@ def test_the_scan_says_what_weighing_each_onset_says(linear: Linear, name: str, 
         np.testing.assert_allclose(found.gain, alone.gain, rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.parametrize("together", [10**6, 1])
+@pytest.mark.parametrize(("name", "shape"), [law for law in GRID_LAWS if law[1] in ("pulse", "creep", "ramp")])
+def test_what_is_weighed_together_is_each_alone(
+    linear: Linear, name: str, shape: str, together: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A law: from moment to moment is the sum of all that lies between, whatever else is tried."""
+    monkeypatch.setattr("companion.estimation.weighing._KEYFRAMES", together)
+    onset, end = np.array([5.1, 9.0, 5.1, 16.2]), np.array([9.0, 14.7, 14.7, 18.0])
+    ends = shape != "ramp"
+    problem, solution, kind = linear.problem, linear.solution, kind_of(name)
+    found = weigh(problem, solution, kind, shape, onset, end if ends else None)
+    assert found is not None
+    for i in range(len(onset)):
+        alone = weigh(problem, solution, kind, shape, onset[i : i + 1], end[i : i + 1] if ends else None)
+        assert alone is not None
+        covariance = alone.covariance[0]
+        np.testing.assert_allclose(found.size[i], alone.size[0], rtol=1e-6, atol=1e-6 * np.sqrt(covariance.max()))
+        np.testing.assert_allclose(found.covariance[i], covariance, rtol=1e-6, atol=1e-9 * covariance.max())
+        assert found.gain[i] == pytest.approx(alone.gain[0], rel=1e-6, abs=1e-6)
+
+
 def tries(onset: list[float], gain: list[float]) -> Candidate:
     count = len(onset)
     sizes = np.zeros((count, 3)), np.zeros((count, 3, 3))
