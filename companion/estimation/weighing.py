@@ -171,7 +171,7 @@ def _told(
     """The gradient b (T, m) and the information V (T, m, m) of an explanation from onsets (T,) to ends (T,) s.
 
     Whatever lasts from a moment to another is the sum of what lasts between those that lie between them, so 49 pairs of
-    7 onsets and 7 ends cost as much as 13. together: of these, at most so many at a time.
+    7 onsets and 7 ends cost as much as 13 stretches. together: at most so many of these at a time.
     """
     moments = np.unique(np.concatenate((onset, end)))
     tries, pieces = len(onset), len(moments) - 1
@@ -196,7 +196,7 @@ def _told(
         if one.next_rows is not None:
             column[one.keyframe + 1] += one.next_rows[:, :, None, :] * share.T[:, None, :, None]
     flat = column.reshape(count * states, pieces * m)
-    solved = solution.factor.solve(column.reshape(count, states, -1)).reshape(flat.shape)
+    solved = solution.factor.solve(flat.reshape(count, states, pieces * m)).reshape(flat.shape)
     rest = border.reshape(-1, pieces * m) - solution.border.reshape(count * states, -1).T @ flat
     made_up = (flat.T @ solved + rest.T @ (solution.constants_covariance @ rest)).reshape(pieces, m, pieces, m)
     crossed = np.tensordot(within, made_up, axes=1)  # (T, m, P, m)
