@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import multiprocessing
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -40,7 +40,7 @@ def local_cluster(workers: int | None, most: int) -> Iterator[Client]:
     from dask.system import CPU_COUNT  # noqa: PLC0415
 
     with contextlib.ExitStack() as stack:
-        if "forkserver" in multiprocessing.get_all_start_methods():  # imports once what every worker needs
+        if sys.platform == "linux":  # one process imports what every worker needs; elsewhere a copy of it may crash
             stack.enter_context(config.set({"distributed.worker.multiprocessing-method": "forkserver"}))
         with _interrupts_wait(), _failing("the worker processes cannot be started ({}). Try fewer: --workers 1"):
             cluster = distributed.LocalCluster(

@@ -230,10 +230,10 @@ class Running:
         wait_for(begun, "three logs are done")
 
     def workers(self) -> list[psutil.Process]:
-        children = psutil.Process(self.process.pid).children()
-        (server,) = [child for child in children if "multiprocessing.forkserver" in " ".join(child.cmdline())]
-        workers: list[psutil.Process] = server.children()
-        return workers
+        found = psutil.Process(self.process.pid).children(recursive=True)
+        told = [(child, " ".join(child.cmdline())) for child in found]
+        copies = [c for c, name in told if "multiprocessing.forkserver" in name and c.ppid() != self.process.pid]
+        return copies or [child for child, name in told if "spawn_main" in name]
 
     def end(self) -> tuple[int, str, str]:
         out, err = ended(self.process)
