@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from companion.estimation.block_tridiagonal import roots
 from companion.estimation.explanations import KINDS
 from companion.estimation.linearisation import Linear
 from companion.estimation.low_pass import BoolArray
@@ -27,7 +28,7 @@ from companion.estimation.model import (
 )
 from companion.estimation.setup import Setup
 from companion.estimation.spectrum import neighbourhoods
-from companion.estimation.system import Index, measurement_residual, measurement_variance
+from companion.estimation.system import Index, measurement_residual, measurement_variance, motion_residual, solve
 from companion.model import Array, percentile
 from companion.strapdown import MOVED, quaternion
 
@@ -149,7 +150,7 @@ def learn(
     usual = _telling(still[:-1] & still[1:], ~across_gaps | across_gaps.all())
     count = max(1, min(_STRETCHES, len(usual) // 8))
     # what is off in the same way all through a stretch is a bias, and no noise
-    e = _in_body(linear)[usual]
+    e = _in_body(linear, solution.disturbances[0])[usual]
     e -= _means(e, count)
     e = _in_turn(linear.states.q_ned_frd[usual], e)
     moved = slice(0, 9)  # by the densities that are learned: attitude, velocity and position
@@ -200,9 +201,8 @@ def _changed(value: float, step: Change, limits: tuple[float, float]) -> tuple[f
     return after, replace(step, size=float(np.log(after / value)))
 
 
-def _in_body(linear: Linear) -> Array:
+def _in_body(linear: Linear, e: Array) -> Array:
     """Disturbances (K-1, 15) in FRD: in the body a bias stands still."""
-    e, _ = linear.solution.disturbances
     return _in_turn(quaternion.conjugate(linear.states.q_ned_frd[:-1]), e)
 
 
@@ -262,10 +262,11 @@ def _typical(above: Array, below: Array) -> float:
 
 
 def coloured(linear: Linear) -> dict[str, float]:
-    """What the σ of a witness, or of the IMU, has to grow by because its errors last.
+    """Factor by which the σ of each aiding sensor, gyro and accelerometer has to grow because its errors are correlated.
 
     White noise of this size says as much about what changes slowly as the correlated errors do: it grows by the root of
-    the sum of the autocorrelation.
+    the sum of the autocorrelation. Smoothed disturbances of the motion are correlated even where its noise is white, by
+    as much as those of a data set drawn with white noise.
     """
     still = _at_rest(linear)
     moving = _telling(still[:-1] & still[1:])
@@ -274,8 +275,25 @@ def coloured(linear: Linear) -> dict[str, float]:
         for one in linear.measurements
         if not one.name.startswith("rest")
     }
-    e, sigma = _in_body(linear)[moving], np.sqrt(linear.variance)[moving]
-    return grown | {"gyro": _lasting((e * sigma)[:, ATTITUDE]), "accel": _lasting((e * sigma)[:, VELOCITY])}
+    sigma = np.sqrt(linear.variance)[moving]
+    own, white = ((_in_body(linear, e)[moving] * sigma) for e in (linear.solution.disturbances[0], _drawn(linear)))
+    for sensor, block in (("gyro", ATTITUDE), ("accel", VELOCITY)):
+        grown[sensor] = max(1.0, _lasting(own[:, block]) / _lasting(white[:, block]))
+    return grown
+
+
+def _drawn(linear: Linear) -> Array:
+    """Smoothed disturbances (K-1, 15) of one data set drawn with the noise that the problem states."""
+    rng = np.random.default_rng(0)  # any draw serves, and the same log gets the same answer
+    motion, prior = linear.motion, linear.prior
+    noise = roots(motion.weight).swapaxes(-1, -2) @ rng.standard_normal((*motion.residual.shape, 1))
+    heard = [
+        replace(one, residual=rng.standard_normal(one.residual.shape) / np.sqrt(np.maximum(one.information, 1e-300)))
+        for one in linear.measurements
+    ]
+    zero = replace(prior, residual=np.zeros_like(prior.residual), constants_residual=np.zeros_like(prior.constants_residual))
+    drawn = solve(len(linear.problem.t), replace(motion, residual=noise[..., 0]), heard, zero)
+    return np.asarray((motion.weight @ motion_residual(drawn.motion, drawn)[..., None])[..., 0])
 
 
 def _lasting(values: Array) -> float:

@@ -160,10 +160,9 @@ def linearise(
 
 
 def _sums(setup: Setup, path: CarriedImu) -> Mapping[str, Array]:
-    """Cause → (K-1, n, n) per squared density, larger where the IMU is restless."""
-    times = dict(zip(RESTLESS, setup.restless.T, strict=True))
-    larger = {cause: value[:, None, None] ** 2 * path.sums[cause] for cause, value in times.items() if value.max() > 1}
-    return {**path.sums, **larger}
+    """Cause → (K-1, n, n) per squared density, larger where the IMU scatters more than it usually does."""
+    times = zip(RESTLESS, setup.restless.T, strict=True)
+    return {**path.sums, **{cause: value[:, None, None] ** 2 * path.sums[cause] for cause, value in times}}
 
 
 def _turn(setup: Setup, path: CarriedImu, states: States) -> Array:

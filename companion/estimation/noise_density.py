@@ -256,3 +256,34 @@ def _quiet_share(freedom: float) -> float:
     """
     narrow = 2.0 / (9.0 * freedom)
     return float((1.0 - narrow + _NORMAL.inv_cdf(_QUIET) * np.sqrt(narrow)) ** 3)
+
+
+_FEWEST_DIFFERENCES = 8
+_AROUND_S = 1.5  # s either way, over which the noise is taken as one: vibration changes with throttle, in seconds
+_LEAST_SCATTER, _MOST_SCATTER = 0.1, 30.0  # times the median: bias walk and timing remain where nothing shakes
+
+
+def relative_scatter(track: ImuTrack, t: Array, longest_s: float) -> Array:
+    """(K-1, 2) the scatter of gyro and accelerometer about each interval between times t (K,) s, over its median.
+
+    By second differences, in which steady motion cancels; of readings in whole steps no less than the steps' own noise.
+    Differences across gaps longer than longest_s are left out.
+    """
+    middle, dt = 0.5 * (t[1:] + t[:-1]), np.diff(track.t)
+    whole = np.maximum(dt[1:], dt[:-1]) <= longest_s
+    when = track.t[1:-1]
+    first, last = np.searchsorted(when, middle - _AROUND_S), np.searchsorted(when, middle + _AROUND_S)
+    count = np.concatenate([[0], np.cumsum(whole)])
+    out = np.ones((len(middle), 2))
+    for column, (readings, step) in enumerate(((track.gyro, track.gyro_step), (track.accel, track.accel_step))):
+        square = (np.diff(readings, n=2, axis=0) ** 2).sum(axis=1) * whole / 6.0  # of white noise: 1 + 4 + 1
+        total = np.concatenate([[0.0], np.cumsum(square)])
+        number = count[last] - count[first]
+        variance = (total[last] - total[first]) / np.maximum(number, 1) + 3.0 * step**2 / 12.0
+        known = (number >= _FEWEST_DIFFERENCES) & (variance > 0.0)
+        if known.any():
+            scatter = np.sqrt(np.where(known, variance, 1.0))
+            usual = np.median(scatter[known])
+            out[known, column] = np.clip(scatter[known] / usual, _LEAST_SCATTER, _MOST_SCATTER)
+    return out
+

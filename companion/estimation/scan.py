@@ -15,7 +15,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from companion.estimation.block_tridiagonal import factorise, gram, roots, scaled
-from companion.estimation.explanations import KINDS, SLOPED, Kind, Problem, Signature
+from companion.estimation.explanations import KINDS, SLOPED, Kind, Problem, Signature, kind_of
 from companion.estimation.model import STATES
 from companion.estimation.system import Index, Solution
 from companion.estimation.weighing import Candidate, Factors, candidate, changed
@@ -32,27 +32,32 @@ class Scan:
     cuts: Array  # (S,) s, where stretches begin
     said: Mapping[str, tuple[Array, Array]]  # kind → b (S, G, m) and V (S, G, m, S, G, m)
 
+    def score(self, kind: str, shape: str, onset: Index, end: Index | None = None) -> tuple[Array, Array] | None:
+        """The gradient b (T, m) and the information V (T, m, m) of a kind and shape between cuts, by their numbers (T,).
+
+        None where the flight has nothing that it would change.
+        """
+        if kind not in self.said or not len(onset):
+            return None
+        row = kind_of(kind)
+        end = np.full(len(onset), len(self.cuts)) if end is None else end
+        b, v = self.said[kind]
+        groups = [self._shares(row.shape_at(group, shape), onset, end) for group in ("", *row.summed[:1])]
+        share = np.concatenate([one[:, :, : row.moments] for one in groups], axis=2).reshape(len(onset), -1)
+        m = b.shape[2]
+        crossed = (share @ v.reshape(share.shape[1], -1)).reshape(len(onset), m, -1, m)
+        return share @ b.reshape(-1, m), np.einsum("tmqn,tq->tmn", crossed, share)
+
     def weighed(self, kind: Kind, shape: str, onset: Index, end: Index | None = None) -> Candidate | None:
         """The likelihood of a kind and shape between cuts, by their numbers (T,).
 
         None where the flight has nothing that it would change.
         """
-        if kind.name not in self.said or not len(onset):
+        score = self.score(kind.name, shape, onset, end)
+        if score is None:
             return None
-        end = np.full(len(onset), len(self.cuts)) if end is None else end
-        b, v = self.said[kind.name]
-        groups = [self._shares(kind.shape_at(group, shape), onset, end) for group in ("", *kind.summed[:1])]
-        share = np.concatenate([one[:, :, : kind.moments] for one in groups], axis=2).reshape(len(onset), -1)
-        m = b.shape[2]
-        crossed = (share @ v.reshape(share.shape[1], -1)).reshape(len(onset), m, -1, m)
-        return candidate(
-            kind,
-            shape,
-            self.problem,
-            (self.cuts[onset], np.append(self.cuts, np.inf)[end]),
-            share @ b.reshape(-1, m),
-            np.einsum("tmqn,tq->tmn", crossed, share),
-        )
+        span = self.cuts[onset], np.append(self.cuts, np.inf)[len(self.cuts) if end is None else end]
+        return candidate(kind, shape, self.problem, (span[0], np.broadcast_to(span[1], span[0].shape)), *score)
 
     def _shares(self, shape: str, onset: Index, end: Index) -> Array:
         """(T, S, 2) how much of the even and of the growing column of every stretch a shape has."""

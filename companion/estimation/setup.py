@@ -20,7 +20,7 @@ from companion.estimation.measurements import (
     vector_readings,
 )
 from companion.estimation.model import CONSTANT_STATES, CONSTANTS, States
-from companion.estimation.noise_density import scatter_between_samples, spectral_noise
+from companion.estimation.noise_density import relative_scatter, scatter_between_samples, spectral_noise
 from companion.estimation.rest import at_rest
 from companion.estimation.system import Index
 from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin, interpolated, longest_step, nearest
@@ -54,7 +54,7 @@ class Setup:
     spectral_noise: tuple[float, float]  # rad/s/√Hz, m/s²/√Hz: of gyro and accelerometer as they read, by spectra
     scatter: tuple[float, float]  # the same of their noisiest axes, by second differences
     notes: tuple[str, ...]
-    restless: Array  # (K-1, 2) times by which the noise of gyro and accelerometer is larger than usual there
+    restless: Array  # (K-1, 2) noise of gyro and accelerometer in each interval, as times its median in the flight
 
 
 def set_up(
@@ -110,9 +110,10 @@ def set_up(
         notes.append(f"{int(broken.sum())} gaps in {track.source}: the estimate begins anew after each")
     noise = spectral_noise(track, longest)
     gyro, accel = (scatter_between_samples(read, track.rate_hz) for read in (track.gyro, track.accel))
+    scattering = relative_scatter(track, t, longest)
     track = restored(track, np.diff(track.t) > longest)
     return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),
-                 tuple(notes), np.ones((len(index) - 1, 2)))  # fmt: skip
+                 tuple(notes), scattering)  # fmt: skip
 
 
 def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
