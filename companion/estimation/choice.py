@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.estimation.explanations import ENDING, SLOPED, Kind, Problem, Signature, at_work
-from companion.estimation.model import ATTITUDE, CONSTANT_STATES, STATES, VELOCITY, Explained
+from companion.estimation.model import ATTITUDE, CONSTANT_STATES, VELOCITY, Explained
 from companion.estimation.system import Prior, Solution
 from companion.model import Array
 
@@ -132,7 +132,7 @@ def with_choice(problem: Problem, prior: Prior, choice: Choice) -> tuple[Problem
         return problem, prior
     onset, end = np.array([choice.onset]), np.array([choice.end])
     motion, measurements, m = problem.motion, list(problem.measurements), signature.unknowns
-    column = np.zeros((len(problem.t) - 1, STATES, m))
+    column = np.zeros((*motion.residual.shape, m))
     if signature.motion is not None:
         column = signature.motion * at_work(choice.shape, onset, end, problem.t[:-1], problem.t[1:])[0][:, None, None]
     motion = replace(motion, constants=np.concatenate((motion.constants, column), axis=2))

@@ -7,7 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from companion.estimation.linearisation import BIAS_SIGMA, Linear
-from companion.estimation.model import ACCEL_BIAS, CONSTANTS, GYRO_BIAS, STATES, ConstantErrors, States
+from companion.estimation.model import ACCEL_BIAS, CONSTANTS, GYRO_BIAS, ConstantErrors, States
 from companion.estimation.system import Motion, Solution, solve
 
 _BIASES = slice(GYRO_BIAS.start, ACCEL_BIAS.stop)
@@ -19,7 +19,7 @@ _SCALES = (np.array([6, 10, 14]), np.array([15, 19, 23]))  # the diagonals of bo
 def constant_errors(states: States, solution: Solution) -> ConstantErrors:
     """The errors that last, about which the problem was made linear and solved."""
     count = len(states.velocity)
-    every = np.zeros((count, STATES, 6))
+    every = np.zeros((*solution.x.shape, 6))
     every[:, _BIASES] = np.eye(6) / count
     by_constants = -solution.border[:, _BIASES].mean(axis=0)  # what the mean changes by with them
     along = by_constants @ solution.constants_covariance
@@ -47,7 +47,7 @@ def of_first_half(linear: Linear) -> tuple[float, ConstantErrors]:
         rows = ("t", "keyframe", "residual", "states", "constants", "sigma", "weight")
         heard.append(replace(one, **{name: getattr(one, name)[:until] for name in rows}))
     solution = solve(count, motion, heard, linear.prior)
-    part = ("q_ned_frd", "velocity", "position", "gyro_bias", "accel_bias")
+    part = ("q_ned_frd", "velocity", "position", "gyro_bias", "accel_bias", "slow")
     begun = replace(states, **{name: getattr(states, name)[:count] for name in part})
     return middle, constant_errors(begun.moved(solution.x, solution.c), solution)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, STATES, VELOCITY
+from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, VELOCITY
 from companion.estimation.phrases import Phrase, by_axes, by_length, by_number, by_turn_of_the_field
 from companion.estimation.system import Measurement, Motion
 from companion.model import Array
@@ -142,7 +142,7 @@ def _bias(block: slice, *resting: str) -> Callable[[Problem], Signature | None]:
     """A bias u beside the one that the states have; witnesses at rest read it too."""
 
     def signature(problem: Problem) -> Signature | None:
-        out = np.zeros((len(problem.t) - 1, STATES, 3))
+        out = np.zeros((*problem.motion.residual.shape, 3))
         out[:, :9] = problem.motion.transition[:, :9, block]
         read = {n: np.tile(np.eye(3), (len(one.t), 1, 1)) for n in resting if (one := problem.witness(n)) is not None}
         return Signature(out, read)
@@ -164,7 +164,7 @@ def _scale(block: slice) -> Callable[[Problem], Signature | None]:
         else:
             force = np.diff(problem.velocity, axis=0) / lasted - [0.0, 0.0, problem.gravity]
             felt = quaternion.rotate(quaternion.conjugate(q[:-1]), force)
-        out = np.zeros((len(lasted), STATES, 3))
+        out = np.zeros((*problem.motion.residual.shape, 3))
         lively = np.sqrt((felt**2).mean(axis=0)) > _LIVELY[block.start]  # else it is the noise that is scaled
         out[:, :9] = problem.motion.transition[:, :9, block] * (felt * lively)[:, None, :]
         return Signature(out, {})
@@ -176,7 +176,7 @@ def _shock(block: slice) -> Callable[[Problem], Signature | None]:
     """A turn or a push u within a moment that the IMU has not felt."""
 
     def signature(problem: Problem) -> Signature | None:
-        out = np.zeros((len(problem.t) - 1, STATES, 3))
+        out = np.zeros((*problem.motion.residual.shape, 3))
         out[:, block] = np.eye(3)
         return Signature(out, {})
 

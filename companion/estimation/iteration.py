@@ -21,6 +21,7 @@ from companion.estimation.choice import Choice
 from companion.estimation.learned_noise import START, Change, coloured, learn, noise_limits, outlier_weights
 from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
 from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
+from companion.estimation.measurements import SLOW
 from companion.estimation.setup import Setup
 from companion.estimation.system import Prior, misfit, squares
 from companion.model import Array, DataError, interpolated, nearest
@@ -129,13 +130,15 @@ class Start:
     states: States
     noise: ProcessNoise
     scale: Mapping[str, float]
+    slow: Mapping[str, float]  # aiding sensor → 1σ of its slow error
     path: CarriedImu | None = None  # the IMU as it was carried last
     near: bool = False  # to where it ends: what the first pass leaves tells of the noise already
 
 
 def start_of(setup: Setup, guess: States) -> Start:
     """Where nothing is learned yet: every σ wide."""
-    return Start(guess, START, {r.name: 1.0 if r.name.startswith("rest") else 3.0 for r in setup.readings})
+    scale = {r.name: 1.0 if r.name.startswith("rest") else 3.0 for r in setup.readings}
+    return Start(guess, START, scale, {name: SLOW[name][0] for name in setup.slow})
 
 
 def estimate(
@@ -157,10 +160,10 @@ def estimate(
     noise, scale, change = start.noise, dict(start.scale), dict[str, Change]()
     weights, weighted, roughly = dict[str, Array](), 0, _ROUGHLY
     limits, path = limits or noise_limits(setup), carried(setup, start.states, start.path, roughly)
-    wide, grown = noise, dict[str, float]()
+    wide, slow = noise, dict(start.slow)
 
     def about(point: Point) -> Linear:
-        return linearise(setup, path, point.states, wide, scale, weights, accepted, grown, sizes=point.sizes)
+        return linearise(setup, path, point.states, wide, scale, weights, slow, accepted, sizes=point.sizes)
 
     def moved(step: Step) -> tuple[Point, Linear, bool]:
         """Where a step leads; the misfits along it are compared with the IMU carried as before."""
@@ -197,7 +200,7 @@ def estimate(
         step = Step.of(linear, point.sizes)
         if step.gain < LITTLE:
             break
-    return Start(_finite(step.at(1.0).states, setup), noise, scale, path), linear
+    return Start(_finite(step.at(1.0).states, setup), noise, scale, slow, path), linear
 
 
 def _finite(states: States, setup: Setup) -> States:
@@ -260,4 +263,4 @@ def _resumed(setup: Setup, first: Start, before: BestEstimate) -> Start | None:
     q = np.where(carried[:, None], q, first.states.q_ned_frd)
     gyro, accel = (interpolated(setup.t, t, bias) for bias in (own.gyro_bias, own.accel_bias))
     states = replace(first.states, q_ned_frd=q, gyro_bias=gyro, accel_bias=accel, constants=own.constants)
-    return Start(states, before.noise, {**first.scale, **before.measurement_scale}, near=True)
+    return Start(states, before.noise, {**first.scale, **before.measurement_scale}, first.slow, near=True)

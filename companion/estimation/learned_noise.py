@@ -23,6 +23,7 @@ from companion.estimation.model import (
     ATTITUDE,
     CAUSES,
     POSITION,
+    STATES,
     VELOCITY,
     ProcessNoise,
 )
@@ -262,7 +263,7 @@ def _typical(above: Array, below: Array) -> float:
 
 
 def coloured(linear: Linear) -> dict[str, float]:
-    """Factor by which the σ of each aiding sensor, gyro and accelerometer has to grow because its errors are correlated.
+    """Factor by which the noise of gyro and accelerometer has to grow because it is correlated in time.
 
     White noise of this size says as much about what changes slowly as the correlated errors do: it grows by the root of
     the sum of the autocorrelation. Smoothed disturbances of the motion are correlated even where its noise is white, by
@@ -270,16 +271,12 @@ def coloured(linear: Linear) -> dict[str, float]:
     """
     still = _at_rest(linear)
     moving = _telling(still[:-1] & still[1:])
-    grown = {
-        one.name: _lasting((measurement_residual(one, linear.solution) / one.sigma)[_telling(still[one.keyframe])])
-        for one in linear.measurements
-        if not one.name.startswith("rest")
-    }
     sigma = np.sqrt(linear.variance)[moving]
-    own, white = ((_in_body(linear, e)[moving] * sigma) for e in (linear.solution.disturbances[0], _drawn(linear)))
-    for sensor, block in (("gyro", ATTITUDE), ("accel", VELOCITY)):
-        grown[sensor] = max(1.0, _lasting(own[:, block]) / _lasting(white[:, block]))
-    return grown
+    own, white = ((_in_body(linear, e)[moving, :STATES] * sigma) for e in (linear.solution.disturbances[0], _drawn(linear)))
+    return {
+        sensor: max(1.0, _lasting(own[:, block]) / _lasting(white[:, block]))
+        for sensor, block in (("gyro", ATTITUDE), ("accel", VELOCITY))
+    }
 
 
 def _drawn(linear: Linear) -> Array:

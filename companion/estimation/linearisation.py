@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from types import MappingProxyType
 
 import numpy as np
 
 from companion.estimation.block_tridiagonal import inverses, scaled
 from companion.estimation.choice import Choice, with_choice
 from companion.estimation.explanations import Problem
-from companion.estimation.measurements import LONGEST_S, Kinematics, measure
+from companion.estimation.measurements import LONGEST_S, SLOW, Kinematics, measure
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -119,8 +118,8 @@ def linearise(
     noise: ProcessNoise,
     scale: Mapping[str, float],
     weights: Mapping[str, Array],
+    slow: Mapping[str, float],
     accepted: Sequence[Choice] = (),
-    colour: Mapping[str, float] = MappingProxyType({}),
     *,
     sizes: Array = _NOTHING,
 ) -> Linear:
@@ -142,17 +141,31 @@ def linearise(
     shift = _shift(path, states, turn)
     transition, constants = turn @ path.transition @ back, _motion_constants(path, turn)
     weight = turn @ _inverse(covariance) @ back
-    motion = Motion(np.empty(weight.shape[:2]), transition, constants, weight)  # of which the residual comes last
+    keeps, wanders = _slow_motion(setup, slow)
+    motion = Motion(  # of which the residual comes last
+        np.empty((len(weight), STATES + keeps.shape[1])),
+        _beside(transition, keeps),
+        np.concatenate((constants, np.zeros((*keeps.shape, CONSTANT_STATES))), axis=1),
+        _beside(weight, 1.0 / wanders),
+    )
     turned, variance = turn[:, ATTITUDE, ATTITUDE].copy(), np.diagonal(covariance, axis1=1, axis2=2).copy()
     del turn, covariance, back  # the solution needs the memory
     at = _kinematics(setup, path, states)
     measurements = []
     for readings in setup.readings:
         one = measure(readings, states, at, path.path, setup.index)
-        sigma = one.sigma * scale[one.name] * colour.get(one.name, 1.0)
-        measurements.append(replace(one, sigma=sigma, weight=weights.get(one.name, one.weight)))
+        sigma = one.sigma * scale[one.name]
+        h = np.concatenate((one.states, np.zeros((*one.residual.shape, keeps.shape[1]))), axis=2)
+        left = one.residual
+        if one.name in setup.slow:
+            place = setup.slow[one.name]
+            h[:, :, place] = np.eye(place.stop - place.start)
+            left = left - states.slow[one.keyframe, place.start - STATES : place.stop - STATES]
+        measurements.append(
+            replace(one, residual=left, states=h, sigma=sigma, weight=weights.get(one.name, one.weight))
+        )
     problem = Problem(setup.t, states.q_ned_frd, states.velocity, setup.gravity, motion, tuple(measurements))
-    prior = _prior(setup, states)
+    prior = _prior(setup, states, slow)
     for choice in accepted:
         problem, prior = with_choice(problem, prior, choice)
     _predict(setup, path, states, problem.motion, shift, sizes)
@@ -196,7 +209,9 @@ def _predict(setup: Setup, path: CarriedImu, states: States, motion: Motion, shi
     if sizes.any():
         shift = shift + columns @ sizes
     residual, transition = motion.residual, motion.transition
-    residual[:] = _motion_residual(setup, path, states, shift)
+    residual[:, :STATES] = _motion_residual(setup, path, states, shift)
+    keeps = np.diagonal(transition[:, STATES:, STATES:], axis1=1, axis2=2)
+    residual[:, STATES:] = keeps * states.slow[:-1] - states.slow[1:]
     for block in (VELOCITY, POSITION):
         transition[:, block, ATTITUDE] -= skew(shift[:, block])
     back = quaternion.to_matrix(quaternion.exp(-residual[:, ATTITUDE]))
@@ -263,11 +278,33 @@ def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     return Kinematics(setup.t, track.gyro[index] - s.gyro_bias, when, velocity, position, heard, setup.gravity)
 
 
-def _prior(setup: Setup, states: States) -> Prior:
+def _slow_motion(setup: Setup, slow: Mapping[str, float]) -> tuple[Array, Array]:
+    """(K-1, S) what is left of a slow error after each interval, and the variance that it gains in it."""
+    lasted = np.diff(setup.t)[:, None]
+    time = np.concatenate([np.full(p.stop - p.start, SLOW[name][1]) for name, p in setup.slow.items()] or [np.zeros(0)])
+    keeps = np.exp(-lasted / time)
+    return keeps, _slow_sigma(setup, slow) ** 2 * (1.0 - keeps**2)
+
+
+def _slow_sigma(setup: Setup, slow: Mapping[str, float]) -> Array:
+    return np.concatenate([np.full(p.stop - p.start, slow[name]) for name, p in setup.slow.items()] or [np.zeros(0)])
+
+
+def _beside(blocks: Array, diagonal: Array) -> Array:
+    """Blocks (N, i, i) and beside them a diagonal (N, j): (N, i + j, i + j)."""
+    count, states, more = *blocks.shape[:2], diagonal.shape[1]
+    out = np.zeros((count, states + more, states + more))
+    out[:, :states, :states] = blocks
+    np.einsum("kii->ki", out)[:, states:] = diagonal
+    return out
+
+
+def _prior(setup: Setup, states: States, slow: Mapping[str, float]) -> Prior:
     """Position, velocity and attitude are free: their priors only keep the step finite (Levenberg)."""
     residual = np.zeros(STATES)
     residual[GYRO_BIAS], residual[ACCEL_BIAS] = -states.gyro_bias[0], -states.accel_bias[0]
-    sigma = np.repeat([1.0, 30.0, 100.0, *BIAS_SIGMA], 3)
+    residual = np.concatenate((residual, -states.slow[0]))
+    sigma = np.concatenate((np.repeat([1.0, 30.0, 100.0, *BIAS_SIGMA], 3), _slow_sigma(setup, slow)))
     return Prior(residual, sigma, setup.constants - states.constants, setup.constants_sigma)
 
 

@@ -72,13 +72,14 @@ class States:
     gyro_bias: Array  # (K, 3) rad/s, FRD: truth = reading - bias
     accel_bias: Array  # (K, 3) m/s²
     constants: Array  # (39,) in the order of CONSTANTS
+    slow: Array  # (K, S) slowly varying errors of the aiding sensors, in the units of their readings
 
     def constant(self, name: str) -> Array:
         """The value of one of CONSTANTS."""
         return np.asarray(self.constants[CONSTANTS[name][0]])
 
     def moved(self, x: Array, c: Array) -> States:
-        """The states with an error x (K, 15) and c (39,) taken out: truth = estimate ⊕ error.
+        """The states with an error x (K, 15 + S) and c (39,) taken out: truth = estimate ⊕ error.
 
         What follows in c are sizes of explanations, which are no states.
         """
@@ -89,6 +90,7 @@ class States:
             self.gyro_bias + x[:, GYRO_BIAS],
             self.accel_bias + x[:, ACCEL_BIAS],
             self.constants + c[:CONSTANT_STATES],
+            self.slow + x[:, STATES:],
         )
 
 

@@ -91,7 +91,7 @@ def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Choice], choice
         excess = []
         for onset in onsets:
             one = replace(choice, onset=float(onset))
-            linear = linearise(_moved(setup, one), path, states, settled.noise, settled.scale, {}, [*accepted, one])
+            linear = linearise(_moved(setup, one), path, states, settled.noise, settled.scale, {}, settled.slow, [*accepted, one])
             fitting = sum(m.residual.size for m in linear.measurements)
             excess.append(misfit(linear.motion, linear.measurements, linear.solution) - fitting)
         return np.array(excess)

@@ -16,7 +16,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from companion.estimation.block_tridiagonal import factorise, gram, roots, scaled
 from companion.estimation.explanations import KINDS, SLOPED, Kind, Problem, Signature, kind_of
-from companion.estimation.model import STATES
 from companion.estimation.system import Index, Solution
 from companion.estimation.weighing import Candidate, Factors, candidate, changed
 from companion.model import Array
@@ -116,8 +115,8 @@ def _said(
 class _Stack:
     """The columns of all kinds side by side, p of them, each repeated in every stretch of L keyframes."""
 
-    own: Array  # (S L, 15, p) at the keyframes of the stretch
-    last: Array  # (S, 15, p) at the keyframe with which the next one begins
+    own: Array  # (S L, n, p) at the keyframes of the stretch
+    last: Array  # (S, n, p) at the keyframe with which the next one begins
     border: Array  # (S, C, p) beside the constants
     b: Array  # (S, p)
     v: Array  # (S, p, p) of the factors themselves
@@ -125,9 +124,10 @@ class _Stack:
     @classmethod
     def empty(cls, stretches: int, length: int, width: int, solution: Solution) -> _Stack:
         """Columns that change nothing."""
+        states = solution.x.shape[1]
         return cls(
-            np.zeros((stretches * length, STATES, width)),
-            np.zeros((stretches, STATES, width)),
+            np.zeros((stretches * length, states, width)),
+            np.zeros((stretches, states, width)),
             np.zeros((stretches, solution.border.shape[2], width)),
             np.zeros((stretches, width)),
             np.zeros((stretches, width, width)),
@@ -168,30 +168,31 @@ class _Stack:
 def _eliminated(solution: Solution, stack: _Stack, places: Iterable[slice]) -> tuple[list[Array], Array, Array]:
     """What eliminating the keyframes inside every stretch takes from the information (S, p, p) of columns in places.
 
-    And what it leaves of the columns (S, 30, p), at the first keyframe of the stretch and at that of the next, and the
-    inverse (S, S, 30, 30) of the system of those keyframes. The columns are used up: they are of no use any more.
+    And what it leaves of the columns (S, 2 n, p), at the first keyframe of the stretch and at that of the next, and the
+    inverse (S, S, 2 n, 2 n) of the system of those keyframes. The columns are used up: they are of no use any more.
     """
     count, (_, width) = len(stack.last), stack.last.shape[1:]
     length = len(stack.own) // count
-    s = np.ones((count * length + 1, STATES))
+    states = solution.x.shape[1]
+    s = np.ones((count * length + 1, states))
     s[: len(solution.factor.scale)] = solution.factor.scale
     stack.own[:] /= s[:-1, :, None]
-    r, last = stack.own.reshape(count, length, STATES, width), stack.last / s[length::length, :, None]
+    r, last = stack.own.reshape(count, length, states, width), stack.last / s[length::length, :, None]
     d_0, u_0 = _blocks(solution, s, 0, length)
-    first, after, columns = slice(0, STATES), slice(STATES, 2 * STATES), slice(2 * STATES, None)
-    total = np.zeros((count, STATES, 2 * STATES + width))
+    first, after, columns = slice(0, states), slice(states, 2 * states), slice(2 * states, None)
+    total = np.zeros((count, states, 2 * states + width))
     # what is still to be eliminated: its coupling to the first keyframe, itself, and the columns
     to_first, own, column = u_0.swapaxes(-1, -2), np.zeros_like(d_0), np.zeros_like(last)
     for k in range(1, length):
         d, u = _blocks(solution, s, k, length)
         beside = roots(d + own) @ np.concatenate((to_first, u, r[:, k] + column), axis=2)
-        taken = beside[:, :, : 2 * STATES].swapaxes(-1, -2) @ beside
+        taken = beside[:, :, : 2 * states].swapaxes(-1, -2) @ beside
         total += taken[:, first]
         to_first, own, column = -taken[:, after, first], -taken[:, after, after], -taken[:, after, columns]
         r[:, k] = beside[:, :, columns]
     inside = r[:, 1:].reshape(count, -1, width)
     squares = [gram(inside[:, :, place]) for place in places]
-    diagonal = np.concatenate((d_0 - total[:, :, first], np.eye(STATES)[None]))
+    diagonal = np.concatenate((d_0 - total[:, :, first], np.eye(states)[None]))
     diagonal[1:] += own
     left = np.concatenate((r[:, 0] - total[:, :, columns], last + column), axis=1)
     return squares, left, _inverse(diagonal, to_first.swapaxes(-1, -2))
@@ -208,10 +209,11 @@ def _inverse(diagonal: Array, upper: Array) -> Array:
 def _blocks(solution: Solution, s: Array, k: int, length: int) -> tuple[Array, Array]:
     """Of the keyframe of number k in each of the S stretches of so many: its diagonal block and the one right of it.
 
-    (S, 15, 15), divided by their scales s (S L + 1, 15). After the last keyframe stand some that nothing is said of.
+    (S, n, n), divided by their scales s (S L + 1, n). After the last keyframe stand some that nothing is said of.
     """
     here, after = s[:-1][k::length], s[1:][k::length]
-    d, u = np.tile(np.eye(STATES), (len(here), 1, 1)), np.zeros((len(here), STATES, STATES))
+    states = s.shape[1]
+    d, u = np.tile(np.eye(states), (len(here), 1, 1)), np.zeros((len(here), states, states))
     motion = solution.motion
     right = -(motion.weight[k::length] @ motion.transition[k::length]).swapaxes(-1, -2)
     for out, blocks, columns in ((d, solution.diagonal[k::length], here), (u, right, after)):

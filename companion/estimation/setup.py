@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -14,12 +14,13 @@ from companion.estimation.measurements import (
     GPS_LATENCY_S,
     MICROTESLA,
     NOMINAL,
+    SLOW,
     Readings,
     averaged,
     gps_readings,
     vector_readings,
 )
-from companion.estimation.model import CONSTANT_STATES, CONSTANTS, States
+from companion.estimation.model import CONSTANT_STATES, CONSTANTS, STATES, States
 from companion.estimation.noise_density import relative_scatter, scatter_between_samples, spectral_noise
 from companion.estimation.rest import at_rest
 from companion.estimation.system import Index
@@ -54,6 +55,7 @@ class Setup:
     spectral_noise: tuple[float, float]  # rad/s/√Hz, m/s²/√Hz: of gyro and accelerometer as they read, by spectra
     scatter: tuple[float, float]  # the same of their noisiest axes, by second differences
     notes: tuple[str, ...]
+    slow: Mapping[str, slice]  # aiding sensor → place of its slow error among the states of a keyframe
     restless: Array  # (K-1, 2) noise of gyro and accelerometer in each interval, as times its median in the flight
 
 
@@ -113,7 +115,17 @@ def set_up(
     scattering = relative_scatter(track, t, longest)
     track = restored(track, np.diff(track.t) > longest)
     return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),
-                 tuple(notes), scattering)  # fmt: skip
+                 tuple(notes), slow_places(readings), scattering)  # fmt: skip
+
+
+def slow_places(readings: Sequence[Readings]) -> dict[str, slice]:
+    """Aiding sensor → place of its slow error among the states of a keyframe, behind those of the motion."""
+    places, at = dict[str, slice](), STATES
+    for one in readings:
+        if one.name in SLOW:
+            places[one.name] = slice(at, at + one.value.shape[1])
+            at = places[one.name].stop
+    return places
 
 
 def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
@@ -259,7 +271,8 @@ def first_guess(setup: Setup, flight: Flight) -> States:
         if rows is not None:
             target = position if one.name in ("gps_position", "gps_height") else velocity
             target[:, rows] = interpolated(setup.t, one.t, one.value)
-    return States(q, velocity, position, np.zeros((count, 3)), np.zeros((count, 3)), setup.constants.copy())
+    return States(q, velocity, position, np.zeros((count, 3)), np.zeros((count, 3)), setup.constants.copy(),
+                  np.zeros((count, sum(p.stop - p.start for p in setup.slow.values()))))  # fmt: skip
 
 
 def unaided_guess(setup: Setup, flight: Flight) -> States:

@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.estimation.block_tridiagonal import Factor, factorise, gram
-from companion.estimation.model import STATES
 from companion.model import Array
 
 Index = npt.NDArray[np.intp]
@@ -30,10 +29,10 @@ _ALL = slice(None)
 class Motion:
     """What the IMU says between neighbouring keyframes: residual = r + Φ x_k + G c - x_{k+1}."""
 
-    residual: Array  # (K-1, 15) predicted less nominal
-    transition: Array  # (K-1, 15, 15) Φ
-    constants: Array  # (K-1, 15, C) G
-    weight: Array  # (K-1, 15, 15) inverse of the process noise Q
+    residual: Array  # (K-1, n) predicted less nominal
+    transition: Array  # (K-1, n, n) Φ
+    constants: Array  # (K-1, n, C) G
+    weight: Array  # (K-1, n, n) inverse of the process noise Q
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +43,7 @@ class Measurement:
     t: Array  # (M,) s, of the readings
     keyframe: Index  # (M,), each once
     residual: Array  # (M, d) measured less what the nominal states predict
-    states: Array  # (M, d, 15) H
+    states: Array  # (M, d, n) H
     constants: Array  # (M, d, C) H_c
     sigma: Array  # (M, d) 1σ, with the learned scale; robust weights not in it
     weight: Array  # (M,) robust, 1 for what is believed
@@ -60,8 +59,8 @@ class Measurement:
 class Prior:
     """What is believed beforehand about the first keyframe and the constants: residual = r - x."""
 
-    residual: Array  # (15,)
-    sigma: Array  # (15,)
+    residual: Array  # (n,)
+    sigma: Array  # (n,)
     constants_residual: Array  # (C,)
     constants_sigma: Array  # (C,)
 
@@ -71,21 +70,21 @@ class Solution:
     """The least-squares solution, and what is needed to ask it further questions."""
 
     motion: Motion
-    diagonal: Array  # (K, 15, 15) blocks of A; those right of them are -(W Φ)'
+    diagonal: Array  # (K, n, n) blocks of A; those right of them are -(W Φ)'
     factor: Factor
-    x: Array  # (K, 15)
+    x: Array  # (K, n)
     c: Array  # (C,)
-    border: Array  # (K, 15, C) Y = A⁻¹ B
+    border: Array  # (K, n, C) Y = A⁻¹ B
     constants_covariance: Array  # (C, C)
 
     @property
     def marginals(self) -> Array:
-        """(K, 15, 15) blocks of A⁻¹ on the diagonal: the covariances of the keyframes, the constants known."""
+        """(K, n, n) blocks of A⁻¹ on the diagonal: the covariances of the keyframes, the constants known."""
         return self._inverted[0]
 
     @property
     def disturbances(self) -> tuple[Array, Array]:
-        """e (K-1, 15) and D (K-1, 15, 15): the smoothed disturbance of every interval, and its variance.
+        """e (K-1, n) and D (K-1, n, n): the smoothed disturbance of every interval, and its variance.
 
         e = W r̂, D = W - W cov(r̂) W. A shock u to the states at the end of an interval would raise twice the logarithm
         of the likelihood by e' D⁻¹ e, and its size is D⁻¹ e, of the components that it moves (de Jong, Penzer 1998).
@@ -109,7 +108,7 @@ class Solution:
         return blocks[0], e * known, d
 
     def covariances(self) -> Array:
-        """Covariance (K, 15, 15) of every keyframe, the constants unknown."""
+        """Covariance (K, n, n) of every keyframe, the constants unknown."""
         out = self.marginals.copy()
         for first in range(0, len(out), _BLOCK):
             y = self.border[first : first + _BLOCK]
@@ -122,16 +121,16 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
 
     Raises numpy.linalg.LinAlgError where something is not determined by any factor.
     """
-    constants = len(prior.constants_sigma)
-    diagonal = np.zeros((count, STATES, STATES))
-    border = np.zeros((count, STATES, constants + 1))  # B, and beside it the right-hand side
+    constants, states = len(prior.constants_sigma), len(prior.sigma)
+    diagonal = np.zeros((count, states, states))
+    border = np.zeros((count, states, constants + 1))  # B, and beside it the right-hand side
     inner = np.zeros((constants, constants + 1))
     inner[:, :-1] = np.diag(prior.constants_sigma**-2.0)
     inner[:, -1] = prior.constants_residual * prior.constants_sigma**-2.0
     diagonal[0] += np.diag(prior.sigma**-2.0)
     border[0, :, -1] += prior.residual * prior.sigma**-2.0
 
-    upper = np.empty((max(count - 1, 0), STATES, STATES))
+    upper = np.empty((max(count - 1, 0), states, states))
     for first in range(0, count, _BLOCK):
         own, after = slice(first, min(first + _BLOCK, count - 1)), slice(first + 1, first + 1 + _BLOCK)
         phi, weight = motion.transition[own], motion.weight[own]
@@ -145,7 +144,7 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
         upper[own] = -weighted.swapaxes(-1, -2)
 
         own = slice(first, min(first + _BLOCK, count))
-        h, beside = _whitened(own, measurements, constants)
+        h, beside = _whitened(own, measurements, states, constants)
         diagonal[own] += gram(h)
         border[own] += h.swapaxes(-1, -2) @ beside
         inner += _crossed(beside, beside)[:-1]
@@ -161,13 +160,13 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
     return Solution(motion, diagonal, factor, x0 - y @ c, c, y, covariance)
 
 
-def _whitened(own: slice, measurements: Sequence[Measurement], constants: int) -> tuple[Array, Array]:
-    """H (k, D, 15), and H_c with r (k, D, C + 1), of all witnesses at some keyframes, by σ; zero for no reading.
+def _whitened(own: slice, measurements: Sequence[Measurement], states: int, constants: int) -> tuple[Array, Array]:
+    """H (k, D, n), and H_c with r (k, D, C + 1), of all witnesses at some keyframes, by σ; zero for no reading.
 
     A witness has one reading at a keyframe, and its keyframes ascend.
     """
     shape = own.stop - own.start, sum(one.residual.shape[1] for one in measurements)
-    h, beside = np.zeros((*shape, STATES)), np.zeros((*shape, constants + 1))
+    h, beside = np.zeros((*shape, states)), np.zeros((*shape, constants + 1))
     at = 0
     for one in measurements:
         part = slice(*np.searchsorted(one.keyframe, (own.start, own.stop)).tolist())
@@ -191,7 +190,7 @@ def _times(a: Array, b: Array) -> Array:
 
 
 def motion_residual(motion: Motion, solution: Solution) -> Array:
-    """(K-1, 15) what the solution leaves of the motion factors."""
+    """(K-1, n) what the solution leaves of the motion factors."""
     return np.asarray(
         motion.residual
         + (motion.transition @ solution.x[:-1, :, None])[..., 0]
@@ -210,7 +209,7 @@ def measurement_residual(one: Measurement, solution: Solution) -> Array:
 def squares(motion: Array, weight: Array, measured: Iterable[tuple[Array, Array]]) -> float:
     """The sum of the squares of residuals, each divided by its σ.
 
-    motion (K-1, 15) with weight (K-1, 15, 15); measured: residuals (M, d) of a witness and their inverse variances.
+    motion (K-1, n) with weight (K-1, n, n); measured: residuals (M, d) of a witness and their inverse variances.
     """
     total = float(((weight @ motion[..., None])[..., 0] * motion).sum())
     return total + sum(float((left**2 * information).sum()) for left, information in measured)
@@ -238,7 +237,7 @@ def evidence(solution: Solution, measurements: Sequence[Measurement], prior: Pri
 def motion_residual_covariance(
     motion: Motion, solution: Solution, blocks: tuple[Array, Array], part: slice = _ALL
 ) -> Array:
-    """(K-1, 15, 15) posterior covariance of r + Φ x_k + G c - x_{k+1}; part: of these intervals alone.
+    """(K-1, n, n) posterior covariance of r + Φ x_k + G c - x_{k+1}; part: of these intervals alone.
 
     blocks: of A⁻¹, as `Factor.inverse_blocks` gives them.
     """
