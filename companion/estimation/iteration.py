@@ -180,7 +180,7 @@ def estimate(
     for count in range(passes):
         step, largest = Step.of(linear, point.sizes), np.inf
         if count >= _LEARN_FROM or start.near:
-            noise, scale, change = learn(linear, noise, scale, limits, change, setup.spectral_noise)
+            noise, scale, slow, change = learn(linear, setup, noise, scale, slow, limits, change)
             wide, largest = noise, max(abs(one.size) for one in change.values())
             if weighted or accepted or largest < _NEAR or count >= _WEIGHTS_FROM:
                 weights = outlier_weights(linear)

@@ -18,7 +18,7 @@ from companion.estimation.block_tridiagonal import roots
 from companion.estimation.explanations import KINDS
 from companion.estimation.linearisation import Linear
 from companion.estimation.low_pass import BoolArray
-from companion.estimation.measurements import LEAST, NOMINAL
+from companion.estimation.measurements import LEAST, NOMINAL, SLOW
 from companion.estimation.model import (
     ATTITUDE,
     CAUSES,
@@ -133,17 +133,18 @@ def lasting(setup: Setup, scale: Mapping[str, float], linear: Linear) -> dict[st
 
 def learn(
     linear: Linear,
+    setup: Setup,
     noise: ProcessNoise,
     scale: Mapping[str, float],
+    slow: Mapping[str, float],
     limits: Mapping[str, tuple[float, float]],
     before: Mapping[str, Change],
-    spectral: tuple[float, float],
-) -> tuple[ProcessNoise, dict[str, float], dict[str, Change]]:
+) -> tuple[ProcessNoise, dict[str, float], dict[str, float], dict[str, Change]]:
     """One step of learning: densities of the process noise, the scale of every witness' σ, and the change of each.
 
     limits: of the densities of the IMU, and of the scales of witnesses that have any.
-    before: the changes of the step before. spectral: the densities that the spectra of gyro and accelerometer show,
-    believed beforehand: an inverse gamma distribution of the variance.
+    before: the changes of the step before. The densities that the spectra of gyro and accelerometer show are believed
+    beforehand: an inverse gamma distribution of the variance.
     """
     solution = linear.solution
     across_gaps = linear.variance[:, 0] > 0.1
@@ -162,7 +163,7 @@ def learn(
     d = turn.swapaxes(-1, -2) @ solution.disturbances[1][usual, moved, moved] @ turn
     densities: dict[str, float] = {}
     change: dict[str, Change] = {}
-    for cause, expected in zip(CAUSES[:2], spectral, strict=True):
+    for cause, expected in zip(CAUSES[:2], setup.spectral_noise, strict=True):
         own, v = MOVED[cause], linear.sums[cause][usual]
         believed = _BELIEF / len(e) / noise.density(cause) ** 2
         above = np.einsum("ki,kij,kj->k", e[:, own], v, e[:, own]) + believed * (expected / noise.density(cause)) ** 2
@@ -182,7 +183,31 @@ def learn(
         step = _further(0.5 * np.log(_typical(above[told], below[told])), before.get(one.name))
         bounds = limits.get(one.name, (min(least, 1.0), _MOST))
         learned[one.name], change[one.name] = _changed(scale[one.name], step, bounds)
-    return replace(noise, **densities), learned, change
+    wandering = _slow_errors(linear, setup, slow)
+    for name, step in wandering.items():
+        median, spread, _ = SLOW[name]
+        wandering[name], change[f"slow {name}"] = _changed(
+            slow[name], _further(step, before.get(f"slow {name}")), (median / spread**2, median * spread**2)
+        )
+    return replace(noise, **densities), learned, wandering, change
+
+
+def _slow_errors(linear: Linear, setup: Setup, slow: Mapping[str, float]) -> dict[str, float]:
+    """By how much the logarithm of the σ of every slow error changes: as of the IMU's noise, with a log-normal prior.
+
+    A prior of ln σ with standard deviation s is worth 1 / (2 s²) observations of σ (its Fisher information is 2 each).
+    """
+    e, d = linear.solution.disturbances
+    apart = np.diff(setup.t)
+    steps = {}
+    for name, place in setup.slow.items():
+        median, spread, time = SLOW[name]
+        gained = (1.0 - np.exp(-2.0 * apart / time))[:, None]
+        variance, believed = slow[name] ** 2, 0.5 / np.log(spread) ** 2
+        above = float((e[:, place] ** 2 * gained).sum()) * variance + believed * median**2 / variance
+        below = float((np.einsum("kii->ki", d[:, place, place]) * gained).sum()) * variance + believed
+        steps[name] = 0.5 * float(np.log(above / below))
+    return steps
 
 
 def _further(step: float, before: Change | None) -> Change:

@@ -281,7 +281,7 @@ def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
 def _slow_motion(setup: Setup, slow: Mapping[str, float]) -> tuple[Array, Array]:
     """(K-1, S) what is left of a slow error after each interval, and the variance that it gains in it."""
     lasted = np.diff(setup.t)[:, None]
-    time = np.concatenate([np.full(p.stop - p.start, SLOW[name][1]) for name, p in setup.slow.items()] or [np.zeros(0)])
+    time = np.concatenate([np.full(p.stop - p.start, SLOW[name][2]) for name, p in setup.slow.items()] or [np.zeros(0)])
     keeps = np.exp(-lasted / time)
     return keeps, _slow_sigma(setup, slow) ** 2 * (1.0 - keeps**2)
 

@@ -50,12 +50,13 @@ LEAST: Mapping[str, float] = {
 }  # fmt: skip
 """Witness → the least 1σ that may be learned: below it stand errors of the model, such as soft iron and timing."""
 
-SLOW: Mapping[str, tuple[float, float]] = {
-    "gps_position": (0.12, 60.0), "gps_height": (0.5, 60.0), "gps_velocity": (0.035, 10.0), "gps_climb": (0.045, 10.0),
-    "compass": (0.4, 40.0), "barometer": (0.8, 60.0),
+SLOW: Mapping[str, tuple[float, float, float]] = {
+    "gps_position": (0.12, 2.0, 60.0), "gps_height": (0.5, 2.0, 60.0), "gps_velocity": (0.035, 2.5, 10.0),
+    "gps_climb": (0.045, 2.0, 10.0), "compass": (0.4, 2.0, 40.0), "barometer": (0.8, 1.5, 60.0),
 }  # fmt: skip
-"""Aiding sensor → 1σ in its unit, and correlation time in s, of the error that each component has beside white noise:
-first-order Gauss-Markov (P. S. Maybeck 1979, §4.11). Medians over ten healthy flights of six real vehicles."""
+"""Aiding sensor → the error that each component has beside white noise, first-order Gauss-Markov (P. S. Maybeck 1979,
+§4.11): the median of its 1σ in its unit, the factor of its spread (1σ), and the correlation time in s. Of ten healthy
+flights of six real vehicles."""
 
 UNITS: Mapping[str, str] = {
     "gps_position": "m", "gps_height": "m", "gps_velocity": "m/s", "gps_climb": "m/s", "compass": "µT",
