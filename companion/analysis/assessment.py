@@ -213,7 +213,7 @@ def assess(
 
 def _changes(one: Explained) -> bool:
     """Whether it is an error of the IMU that lasts for a while: then there is no constant one of the whole flight."""
-    return kind_of(one.kind).side == "imu" and not one.kind.endswith(("_unrest", "_shock"))
+    return kind_of(one.kind).side == "imu" and not kind_of(one.kind).nuisance
 
 
 def _made_worse(before: Drift | None, after: Drift | None, autopilot: ReferenceSpec) -> bool:

@@ -8,27 +8,26 @@ A departure that follows an episode is its consequence; one that follows nothing
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from companion.analysis.episode import (
-    CLOSE,
-    FAR,
     SENSORS,
     SIGMAS,
     Departure,
     Episode,
-    axis_of,
     cause_of,
-    gain_of,
-    rival_of_another,
-    rivals,
+    likelihoods,
+    own_odds,
+    percent,
+    rival,
     said,
     size_told,
 )
 from companion.analysis.finding import Finding, Severity, Side
 from companion.estimation import (
+    ACCUSED,
     BestEstimate,
     between_samples,
     coning,
@@ -36,8 +35,9 @@ from companion.estimation import (
     kind_of,
     times_of_change,
 )
-from companion.model import longest_step, words
+from companion.model import words
 
+_CANDIDATE = -3.0  # log odds from which on what is not in the estimate may be the reason: one to twenty
 _OVERSHOOTS = 2.0  # times what misled it: a height that is off by more has another cause
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
 _SURELY = 2.0  # σ of its onset, by which an episode began in flight: a scale shows from where the vehicle moves on
@@ -60,17 +60,13 @@ def follows(departure: Departure, episode: Episode) -> bool:
 
 
 def _cause_among(departure: Departure, all_episodes: tuple[Episode, ...]) -> Episode | None:
-    """The first episode that a departure may follow; or one that begins with it and explains as much, or far more."""
+    """The first episode that a departure may follow; of those that begin with it the likeliest."""
     may = [episode for episode in all_episodes if follows(departure, episode)]
-    if not may:
-        return None
-    first = may[0]
 
-    def fits(one: Episode) -> bool:
-        begins = abs(departure.start - one.start) <= _WITHIN_S + SIGMAS * one.start_sigma
-        return one.gain > (1.0 if begins else _FAR_MORE) * first.gain
+    def begins(one: Episode) -> bool:
+        return abs(departure.start - one.start) <= _WITHIN_S + SIGMAS * one.start_sigma
 
-    return max(filter(fits, may), key=lambda one: one.gain, default=first)
+    return max(filter(begins, may), key=own_odds, default=may[0] if may else None)
 
 
 def findings_of(
@@ -96,25 +92,25 @@ def findings_of(
         elif harmed and episode.witness == "imu":
             severity = "warning"
         side: Side = "imu" if episode.witness == "imu" else "autopilot" if harmed else "data"
-        why, would_tell = _why_undecided(episode, best, all_episodes) if severity == "error" else ("", "")
-        headline = words = said(episode, best)
+        why, would_tell = _why_undecided(episode, best) if severity == "error" else ("", "")
+        headline = said_of = said(episode, best)
         misled: tuple[str, ...] = ()
         if harmed:
             worst = {d.quantity: d for d in sorted(consequences, key=lambda d: d.size)}
             misled = tuple(str(d) for d in worst.values())
-            words += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
-        if rival := rivals(episode):
-            words += f" ({rival})"
+            said_of += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
+        if (next_best := rival(episode)) is not None:
+            said_of += f" (probability {percent(likelihoods(episode)[episode.witness])}; next: {words(next_best[0])}, {percent(next_best[1])})"
         constant = severity == "error" and episode.start - _SURELY * episode.start_sigma <= times_of_change(best.t)[0]
         if constant:
             why, would_tell = _CONSTANT, ""
         if why:
             side, severity, headline = "data", "warning", ""
-            words = f"{'perhaps ' if would_tell else ''}{words}; {why}"
+            said_of = f"{'perhaps ' if would_tell else ''}{said_of}; {why}"
         end = episode.end if np.isfinite(episode.end) else end_of_all
         cause = None if why else cause_of(episode, best, side, misled)
         advice = would_tell or kind_of(episode.kind).advice
-        out.append(Finding(episode.kind, side, severity, episode.start, end, words, advice, headline, cause,
+        out.append(Finding(episode.kind, side, severity, episode.start, end, said_of, advice, headline, cause,
                            bool(why) and (harmed or not constant)))  # fmt: skip
     own = [d for d, cause in zip(departed, causes, strict=True) if cause is None]
     by_imu = min((d.start for d in own if d.as_the_imu), default=np.inf)
@@ -122,39 +118,11 @@ def findings_of(
 
 
 _OF_HEIGHT = ("gps_height", "barometer")  # kinds that mislead nothing else
-_TOGETHER_S, _HALF, _FAR_MORE = 2.0, 0.5, 20.0  # s; of the evidence; times the evidence
-_AGAINST_ITSELF = ("gps_position", "gps_velocity")  # kinds that the GPS shows without an IMU
 _FEWEST = 8  # samples
-_BY_THE_IMU_ALONE, _BURSTS = ("gps_motion",), 3  # kinds that no other witness speaks against
 _CONSTANT = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"
 _CONTRADICTED = (
     "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which of them is wrong"
 )
-
-
-def _is_left_of(episode: Episode, others: tuple[Episode, ...]) -> str | None:
-    """The kind of an episode of another sensor of which this may be what it leaves; None where there is none.
-
-    Two sensors that fail together are far less likely than one whose explanation leaves something: so what begins with
-    this one and explains half as much, or more, is in doubt with it. What explains far more may leave something at any
-    time of the flight; but a height leaves nothing to the other axes.
-    """
-    for other in others:
-        apart = max(_TOGETHER_S, SIGMAS * float(np.hypot(episode.start_sigma, other.start_sigma)))
-        together = abs(other.start - episode.start) < apart and other.gain > _HALF * episode.gain
-        far_more = other.kind not in _OF_HEIGHT and other.gain > _FAR_MORE * episode.gain
-        if other.witness != episode.witness and (together or far_more):
-            return other.kind
-    return None
-
-
-def _while_shaken(episode: Episode, others: tuple[Episode, ...]) -> bool:
-    """Whether what an IMU reads wrongly is there only while it scatters more: folded down, shaking reads like it."""
-    apart = max(_TOGETHER_S, SIGMAS * episode.start_sigma)
-    return episode.witness == "imu" and any(
-        other.kind.endswith("_unrest") and other.start - apart < episode.start and episode.end <= other.end + apart
-        for other in others
-    )
 
 
 def _may_be_coning(episode: Episode, size: float, best: BestEstimate) -> bool:
@@ -181,38 +149,9 @@ def _may_be_folded(episode: Episode, best: BestEstimate) -> bool:
     return float((episode.size**2 * scaled / variance).sum()) * len(part) < SIGMAS**2
 
 
-def _may_be_a_shock(episode: Episode, others: tuple[Episode, ...]) -> bool:
-    """Whether a moment that the IMU missed explains it nearly as well, or what it begins with.
-
-    After a second or two a launch or a touchdown that was sampled too slowly looks like a fault that has come to stay.
-    How seldom such a moment is does not count against it: at those times it is not.
-    """
-
-    def shock(one: Episode) -> bool:
-        sensor, _, what = one.kind.partition("_")
-        if what not in ("bias", "scale"):
-            return False
-        missed = kind_of(f"{sensor}_shock")
-        return one.gain - gain_of(one, missed.name) - missed.rarity < 2.0 * FAR
-
-    apart = _TOGETHER_S + SIGMAS * episode.start_sigma
-    begun = (one for one in others if one.kind.split("_")[0] == episode.kind.split("_")[0])
-    return any(shock(one) for one in begun if -apart < episode.start - one.start < apart + SIGMAS * one.start_sigma)
-
-
-def _began_unheard(episode: Episode, best: BestEstimate) -> bool:
-    """Whether a motion that an IMU should have felt may have begun while it was not heard."""
-    t, sure = best.imu.t, SIGMAS * episode.start_sigma
-    gap = np.diff(t) > longest_step(best.imu.t)
-    begun = (t[:-1] < episode.start + sure) & (t[1:] > episode.start - sure)
-    return episode.kind in _BY_THE_IMU_ALONE and bool((gap & begun).any())
-
-
 _ANOTHER = "A second sensor of the same kind in the log would tell, another IMU before all."
 _FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
-_WHOLE = "A log without gaps, as the one on board may be, would tell."
 _CUTOFF = "The cutoff of the gyro's low-pass, a parameter of the vehicle, in the log would tell."
-_HEADING = "GPS while the vehicle moves, a second IMU or a second compass in the log would tell."
 
 
 def _creeps_in_order(kind: str, size: float, sigma: float) -> bool:
@@ -220,54 +159,40 @@ def _creeps_in_order(kind: str, size: float, sigma: float) -> bool:
     return size < kind_of(kind).least_slow + SIGMAS * sigma
 
 
-def _why_undecided(episode: Episode, best: BestEstimate, others: tuple[Episode, ...]) -> tuple[str, str]:
-    """Why an episode that looks like a fault accuses nobody, empty where it does; and what would tell.
-
-    The latter is empty where what to do against the episode itself is all there is to say.
-    """
-    noisy, (size, sigma, _) = best.contradicted, size_told(episode, best)
-    other = _is_left_of(episode, others)
-    rival = rival_of_another(episode, FAR if noisy else CLOSE)
-    passing_gyro = episode.kind.startswith("gyro") and np.isfinite(episode.end)
-    # GPS and gravity tell of a scale about any axis but the vertical
-    alone = episode.kind == "gyro_scale" and axis_of(episode) != "z"
-    by_the_compass = not episode.seconded and (passing_gyro or alone)
-    gyro_or_compass = episode.witness == "compass" and gain_of(episode, "gyro") > _HALF * episode.gain
+def _why_undecided(episode: Episode, best: BestEstimate) -> tuple[str, str]:
+    """Why an episode that looks like a fault accuses nobody, empty where it does; and what would tell."""
+    size, _, _ = size_told(episode, best)
     reasons = (
-        (episode.kind.endswith("_unrest"), "shaking does this: no sensor is blamed for its noise", ""),
-        (episode.kind.endswith("_shock"),
+        (kind_of(episode.kind).nuisance,
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment", ""),
-        (_while_shaken(episode, others),
-         "it is there only while the IMU scatters more: shaking that its samples fold down reads like it", _FASTER),
         (_may_be_coning(episode, size, best),
          "the gyro is shaken so much that what its low-pass hides of the shaking may add up to it", _CUTOFF),
-        (_may_be_a_shock(episode, others),
-         "but for how seldom that is, a moment that the IMU missed explains it as well: no sensor is blamed for one",
-         _FASTER),
         (_may_be_folded(episode, best),
          "the IMU is shaken so much while it is there that its samples may fold down as much", _FASTER),
-        (size < SIGMAS * sigma, "its size is hardly more than its σ", _FASTER),
-        (other is not None,
-         f"{_named(other)} explains as much at that time, or far more: one may be what the other leaves", _ANOTHER),
-        (episode.kind in _BY_THE_IMU_ALONE and best.bursts >= _BURSTS,
-         "the IMU is shaken in bursts that look the same: it cannot be told which of them is wrong", _FASTER),
-        (episode.slow and _creeps_in_order(episode.kind, size, sigma),
-         f"a {words(episode.witness)} in order creeps as far", _RECEIVER),
-        (_began_unheard(episode, best),
-         "the IMU was not heard when it began: whether it felt that motion cannot be told", _WHOLE),
-        (by_the_compass, "only the compass speaks against the gyro: it cannot be told which of the two is wrong",
-         _HEADING),
-        (gyro_or_compass and "gps_position" not in best.residuals,
-         "without GPS only the gyro speaks against the compass: it cannot be told which of the two is wrong", _HEADING),
-        (noisy and episode.witness != "imu" and episode.kind not in _AGAINST_ITSELF, _CONTRADICTED, _FASTER),
-        (rival is not None, f"{_named(rival)} explains it nearly as well: it cannot be told which of them is wrong",
-         _ANOTHER),
+        (best.contradicted and episode.witness != "imu" , _CONTRADICTED, _FASTER),
+        *_undecided(episode),
     )  # fmt: skip
     return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
 
 
-def _named(kind: str | None) -> str:
-    return words(kind or "")
+def _undecided(episode: Episode) -> Iterator[tuple[bool, str, str]]:
+    """Whether the probability that the sensor's side is at fault is too small to accuse it, and what else it may be."""
+    shares = likelihoods(episode)
+    own = "imu" if episode.witness == "imu" else "aiding"
+    by_side = {"imu": shares.get("imu", 0.0), "nobody": shares.get("nobody", 0.0)}
+    by_side["aiding"] = max(1.0 - sum(by_side.values()), 0.0)
+    other = max((side for side in by_side if side != own), key=lambda side: by_side[side])
+    likeliest = next((one.kind for one in episode.rivals if _side(one.kind) == other), "")
+    name = "no fault" if other == "nobody" else words(likeliest)
+    yield (
+        by_side[own] < ACCUSED,
+        f"cannot tell {words(episode.kind)} from {name} ({percent(by_side[own])} / {percent(by_side[other])})",
+        _ANOTHER,
+    )
+
+
+def _side(kind: str) -> str:
+    return "imu" if kind_of(kind).side == "imu" else "aiding"
 
 
 _WITNESS = "GPS while the vehicle moves, or a second IMU, in the log would tell."
@@ -280,7 +205,9 @@ _MEASURED = ("position", "height")  # by GPS and barometer, whatever a gyro, an 
 
 def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> tuple[str, str]:
     """Why a departure does not accuse the autopilot, empty where it does; and what would tell."""
-    promising = (sensor for kind in best.promising if (sensor := SENSORS.get(kind.split("_")[0])))
+    promising = (
+        sensor for one in best.further if one.log_odds > _CANDIDATE and (sensor := SENSORS.get(one.kind.split("_")[0]))
+    )
     sensor = None if departure.quantity in _MEASURED else next(promising, None)
     slowly_off = departure.quantity == "position" and not departure.sudden
     reasons = (

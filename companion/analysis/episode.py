@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,15 +14,16 @@ from companion.estimation import (
     SLOPED,
     BestEstimate,
     Explained,
+    Rival,
     Size,
     at_work,
     kind_of,
     main_axis,
+    probabilities,
     turn_of_the_field,
 )
-from companion.model import Array, words
+from companion.model import Array
 
-CLOSE, FAR = 3.0, 7.0  # log-likelihood: one to twenty, one to a thousand
 SIGMAS = 3.0  # from which on something stands out
 SENSORS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "compass": "compass"}
 """Sensor, as kinds begin with it → its name in words."""
@@ -44,9 +45,7 @@ class Episode:
     end: float  # s; infinite where it lasts to the end
     size: Array  # (m,) at its greatest, in the kind's unit
     sigma: float  # 1σ of its length
-    gain: float  # twice the log-likelihood ratio
-    others: tuple[tuple[str, str, float], ...]  # the next best explanations and their gains
-    seconded: bool = True  # of a gyro: whether anything but the compass speaks against it
+    rivals: tuple[Rival, ...]  # every hypothesis in its place, itself among them, the likeliest first
     slow: bool = False  # whether it grows, and is not there at once
 
     @property
@@ -111,9 +110,7 @@ def _episodes_of(parts: list[Explained], witness: str, least: float, best: BestE
             float(grid[final]) if final < len(grid) - 1 else np.inf,
             level[peak],
             float(sigma[peak]),
-            cause.gain,
-            cause.others,
-            any(part.seconded for part in before),
+            cause.rivals,
             cause.shape in SLOPED,
         )
 
@@ -178,7 +175,7 @@ def size_told(episode: Episode, best: BestEstimate) -> tuple[float, float, str]:
 def cause_of(episode: Episode, best: BestEstimate, side: Side, consequences: tuple[str, ...]) -> Cause:
     """The episode in numbers."""
     size, sigma, unit = size_told(episode, best)
-    rival = _rival(episode)
+    other = rival(episode)
     return Cause(
         kind=episode.kind,
         side=side,
@@ -190,8 +187,9 @@ def cause_of(episode: Episode, best: BestEstimate, side: Side, consequences: tup
         size=size,
         sigma=sigma,
         unit=unit,
-        rival="" if rival is None else rival[0],
-        rival_worse=None if rival is None else rival[1],
+        probability=likelihoods(episode).get(episode.witness),
+        rival="" if other is None else other[0],
+        rival_probability=None if other is None else other[1],
         consequences=consequences,
     )
 
@@ -203,35 +201,30 @@ def said(episode: Episode, best: BestEstimate) -> str:
     return f"{what}, from {episode.start:.1f} ± {episode.start_sigma:.1f} s {until}"
 
 
-def rival_of_another(episode: Episode, within: float) -> str | None:
-    """The kind of explanation that blames another, its log-likelihood within so much; None where there is none."""
-    side = kind_of(episode.kind).side
-    rival = _rival(replace(episode, others=tuple(o for o in episode.others if kind_of(o[0]).side != side)))
-    return rival[0] if rival is not None and rival[1] < within else None
+def likelihoods(episode: Episode) -> dict[str, float]:
+    """Probability that the IMU, the GPS, another sensor or nobody has the fault, at the time of the episode."""
+    return probabilities(episode.rivals) if episode.rivals else {episode.witness: 1.0}
 
 
-def gain_of(episode: Episode, sensor: str) -> float:
-    """The best gain of an explanation by another sensor, whose kinds begin with its name; 0 where there is none."""
-    return max((gain for kind, _, gain in episode.others if kind.startswith(sensor)), default=0.0)
+def own_odds(episode: Episode) -> float:
+    """Logarithm of the posterior odds of its own kind against nothing."""
+    return max((one.log_odds for one in episode.rivals if one.kind == episode.kind), default=0.0)
 
 
-def _rival(episode: Episode) -> tuple[str, float] | None:
-    """The next best kind of explanation, and by how much its log-likelihood is worse; None where nothing is near."""
+def rival(episode: Episode) -> tuple[str, float] | None:
+    """The likeliest hypothesis of another kind, and its probability; None where there is none."""
+    odds = np.array([0.0, *(one.log_odds for one in episode.rivals)])
+    share = np.exp(odds - odds.max())
+    share /= share.sum()
     named: dict[str, float] = {}
-    for kind, _, gain in episode.others:
-        if kind != episode.kind:
-            named[kind] = max(gain, named.get(kind, -np.inf))
-    if not named:
-        return None
-    kind = max(named, key=lambda name: named[name])
-    return kind, (episode.gain - max(named[kind], 0.0)) / 2.0
+    for one, part in zip(episode.rivals, share[1:], strict=True):
+        if one.kind != episode.kind:
+            named[one.kind] = named.get(one.kind, 0.0) + float(part)
+    return max(named.items(), key=lambda pair: pair[1]) if named else None
 
 
-def rivals(episode: Episode) -> str:
-    """The same in words; empty where nothing is near."""
-    rival = _rival(episode)
-    if rival is None:
-        return ""
-    kind, worse = rival
-    less = "far less likely" if worse > FAR else f"{max(np.exp(worse), 1.0):.0f} times less likely"
-    return f"next best: {words(kind)}, {less}"
+def percent(probability: float) -> str:
+    """A probability in words: never 0 or 100 %, which no evidence gives."""
+    if probability < 1e-3 or probability > 1.0 - 1e-3:
+        return "under 0.1 %" if probability < 0.5 else "over 99.9 %"
+    return f"{100.0 * probability:.{1 if min(probability, 1.0 - probability) < 0.02 else 0}f} %"

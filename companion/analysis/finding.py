@@ -68,8 +68,9 @@ class Cause:
     size: float | None = None  # length of the vector, at its greatest
     sigma: float | None = None
     unit: str = ""
-    rival: str = ""  # kind of the next best explanation; "" where none was near
-    rival_worse: float | None = None  # log-likelihood by which it explains less
+    probability: float | None = None  # that it is the cause, against every other hypothesis; None where not weighed
+    rival: str = ""  # kind of the next likeliest hypothesis
+    rival_probability: float | None = None
     consequences: tuple[str, ...] = ()  # what it did to the autopilot's estimate, in words
 
 

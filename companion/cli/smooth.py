@@ -17,7 +17,7 @@ from companion.app.examination import integration_of
 from companion.app.sensors import imu_spec_of
 from companion.cli import options, tables
 from companion.documents import encode, estimate_document
-from companion.estimation import CONSTANTS, SLOPED, BestEstimate, Explained, kind_of, smooth
+from companion.estimation import CONSTANTS, SLOPED, BestEstimate, Explained, kind_of, probabilities, smooth
 from companion.export import write_estimate_tum
 from companion.model import Array, BiasTrack, Flight, InputError
 from companion.present import fixed, words
@@ -145,11 +145,12 @@ def explained_lines(explanations: Sequence[Explained]) -> Iterator[str]:
             f"{value:.3g} ± {sigma:.2g}" for value, sigma in zip(one.size * factor, one.sigma * factor, strict=True)
         )
         until = f" to {one.end:.1f}" if np.isfinite(one.end) else ""
-        other = next((kind for kind, *_ in one.others if kind != one.kind), "")
+        other = next((rival.kind for rival in one.rivals if rival.kind != one.kind), "")
+        likely = "; ".join(f"{side} {share:.0%}" for side, share in probabilities(one.rivals).items() if share > 0.005)
         second = f"; next best: {words(other)}" if other else ""
         yield (
             f"  {words(one.kind)}, {one.shape}: {size} {unit} from {one.onset:.1f} ± "
-            f"{one.onset_sigma:.1f}{until} s (2 ln likelihood ratio {one.gain:.0f}{second})"
+            f"{one.onset_sigma:.1f}{until} s ({likely}{second})"
         )
     if not explanations:
         yield "  nothing: they agree within their noise"

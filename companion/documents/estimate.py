@@ -11,7 +11,7 @@ from companion.analysis import AutopilotError
 from companion.app.recording import Source
 from companion.documents.build import log_object, vehicle_object
 from companion.documents.schema import SCHEMA, LogObject, VehicleObject
-from companion.estimation import CONSTANTS, BestEstimate, Residuals, kind_of
+from companion.estimation import CONSTANTS, BestEstimate, Residuals, kind_of, probabilities
 from companion.model import BiasTrack, Flight
 
 
@@ -32,7 +32,8 @@ class RivalObject(msgspec.Struct, frozen=True):
 
     kind: str
     shape: str
-    gain: float
+    log_odds: float  # natural logarithm of its posterior odds against nothing
+    fault: float  # probability, if it occurred, that its size is harmful
 
 
 class ExplainedObject(msgspec.Struct, frozen=True):
@@ -47,9 +48,8 @@ class ExplainedObject(msgspec.Struct, frozen=True):
     size: tuple[float, ...]
     sigma: tuple[float, ...]
     unit: str
-    gain: float
-    others: list[RivalObject]
-    seconded: bool  # of a gyro: whether more than the compass speaks against it
+    probability: dict[str, float]  # by side, "nobody" among them
+    rivals: list[RivalObject]  # every hypothesis in its place, itself among them
 
 
 class BiasObject(msgspec.Struct, frozen=True):
@@ -137,9 +137,8 @@ def estimate_document(
                 tuple(one.size.tolist()),
                 tuple(one.sigma.tolist()),
                 kind_of(one.kind).unit,
-                one.gain,
-                [RivalObject(*other) for other in one.others],
-                one.seconded,
+                probabilities(one.rivals),
+                [RivalObject(other.kind, other.shape, other.log_odds, other.fault) for other in one.rivals],
             )
             for one in best.explained
         ],

@@ -35,8 +35,9 @@ class CauseObject(msgspec.Struct, frozen=True):
     size: float | None
     sigma: float | None
     unit: str
+    probability: float | None
     rival: str
-    rival_worse: float | None
+    rival_probability: float | None
     consequences: tuple[str, ...]
 
 

@@ -2,8 +2,8 @@
 
 from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures
 from companion.estimation.axes import Reading, motion_between, other_reading
-from companion.estimation.competition import CREEPS, times_of_change
 from companion.estimation.constant_errors import allowing
+from companion.estimation.evidence import ACCUSED, probabilities
 from companion.estimation.explanations import KINDS, SLOPED, Kind, at_work, kind_of
 from companion.estimation.low_pass import coning, hides_shaking, restored, shaking
 from companion.estimation.model import (
@@ -16,6 +16,7 @@ from companion.estimation.model import (
     Explained,
     ProcessNoise,
     Residuals,
+    Rival,
     States,
     corrected,
     without_errors,
@@ -31,6 +32,7 @@ from companion.estimation.noise_density import (
     white_noise,
 )
 from companion.estimation.phrases import Size, main_axis, turn_of_the_field
+from companion.estimation.search import CREEPS, times_of_change
 from companion.estimation.smoother import smooth
 from companion.estimation.spectrum import (
     Peak,
@@ -44,6 +46,7 @@ from companion.estimation.spectrum import (
 )
 
 __all__ = [
+    "ACCUSED",
     "ATTITUDE",
     "CONSTANTS",
     "CREEPS",
@@ -62,6 +65,7 @@ __all__ = [
     "ProcessNoise",
     "Reading",
     "Residuals",
+    "Rival",
     "Sampling",
     "Size",
     "Spectrum",
@@ -85,6 +89,7 @@ __all__ = [
     "noise_figures",
     "other_reading",
     "peaks",
+    "probabilities",
     "quantisation_bound",
     "restored",
     "sampling_of",

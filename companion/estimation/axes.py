@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from companion.estimation.competition import rivals
 from companion.estimation.explanations import kind_of
 from companion.estimation.iteration import PASSES, Start, estimate, in_noise, likelihood, start_of
+from companion.estimation.learned_noise import scatter
 from companion.estimation.model import BestEstimate, corrected
 from companion.estimation.setup import Setup, set_up, unaided_guess
-from companion.estimation.smoother import best_of
+from companion.estimation.smoother import Cause, next_cause
 from companion.model import STANDARD_GRAVITY, Array, DataError, Flight
 from companion.strapdown import preintegrate, quaternion
 
@@ -73,7 +73,7 @@ def followed(best: BestEstimate, motion: Motion) -> tuple[Array, Array]:
     plain = np.ones(len(seconds), np.bool_)
     for one in best.explained:
         began = one.onset - _SURELY * one.onset_sigma > best.t[0]  # else an axis that is read wrongly looks like it
-        if began and kind_of(one.kind).side == "imu" and not one.kind.endswith("_unrest"):
+        if began and kind_of(one.kind).side == "imu":
             plain &= (best.t[1:] < one.onset) | (best.t[:-1] > one.end)
     if plain.sum() < _FEW:
         plain[:] = True
@@ -184,11 +184,11 @@ def _likeliest(tried: _Tried) -> float:
     setup, start = tried.at
     try:
         settled, linear = estimate(setup, start)
-        best = best_of(setup, settled, (), rivals(linear.problem, linear.solution))
+        cause = next_cause(setup, start, settled, linear, (), scatter(setup))
     except (DataError, np.linalg.LinAlgError):
         return tried.likelihood
     without = likelihood(settled, linear)
-    return without if best is None else max(without, likelihood(best.settled, best.linear))
+    return max(without, likelihood(cause.settled, cause.linear)) if isinstance(cause, Cause) else without
 
 
 def _spared(motion: Motion, gyro: npt.NDArray[np.bool_], accel: npt.NDArray[np.bool_]) -> float:

@@ -51,8 +51,6 @@ def _begun(a: Array, b: Array) -> Array:
     return np.where(b > a, np.clip(b / np.where(b > a, b - a, 1.0), 0.0, 1.0), (a >= 0).astype(np.float64))
 
 
-_SHOCK = 10.0  # what an IMU misses in a moment it otherwise shows: a gap, readings at their end, vibration
-_MOMENTS = 4.0 * float(np.log(1000 / 24))  # both its ends are moments: of a thousand keyframes, not of 24 stretches
 _OFTEN = 8  # measurements, less than which show no change
 _DEGREES = float(np.degrees(1.0))
 _GPS = ("gps_position", "gps_height", "gps_velocity", "gps_climb")
@@ -111,14 +109,23 @@ class Kind:
     signature: Callable[[Problem], Signature | None]
     needs: str = ""  # the witness without which nothing can be said of it
     least_slow: float = 0.0  # the same of a ramp or creep, where that is more
-    serious: float = 0.0  # the size from which on it is a fault: three times what real parts change in flight
-    rarity: float = 0.0  # twice the logarithm of how much more seldom it is than the others
+    serious: float = 0.0  # of an IMU: three times what real parts change in flight; infinite for what is never a fault
+    rate: float = 0.1  # faults an hour
     summed: tuple[str, ...] = ()  # witnesses that read the integral of what the others read
     retimes: tuple[str, ...] = ()  # witnesses whose readings speak of another time: linear in nothing but small sizes
 
     def least_of(self, shape: str) -> float:
         """The smallest size that is called wrong; of what grows, at its end."""
         return max(self.least, self.least_slow) if shape in SLOPED else self.least
+
+    def harmful(self, shape: str) -> float:
+        """The size from which on it is a fault; of what grows, at its end."""
+        return self.serious if 0.0 < self.serious < np.inf else self.least_of(shape)
+
+    @property
+    def nuisance(self) -> bool:
+        """Whether it is no fault at any size."""
+        return self.serious == np.inf
 
     def of(self, problem: Problem) -> Signature | None:
         """Its signature in a problem; None where the flight has nothing that it would change, or no witness of it."""
@@ -226,87 +233,75 @@ def _rotation(problem: Problem) -> Signature | None:
     return Signature(None, {"compass": of_matrix @ skew(np.eye(3)).reshape(3, 9).T})
 
 
-def _in_its_noise(_: Problem) -> None:
-    """No error of any size: what it changes is the noise (`unrest`)."""
-
-
 _LOOK_AT_THE_MOUNTING = "A shock, strong vibration or lost samples: look at the mounting and the log's gaps."
-_LOOK_AT_THE_VIBRATION = "Vibration: look at propellers, motors and the mounting; log the IMU faster than it shakes."
 
 KINDS: tuple[Kind, ...] = (
     Kind("gyro_bias", "the gyro's bias steps, grows or comes and goes",
          by_axes("gyro", "mrad/s", 1e3, 1),
          "Let the gyro warm up and calibrate it at rest. If it steps again, fly on another IMU.",
-         "imu", "rad/s", ("step", "ramp", "pulse"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate"), serious=5e-3),
+         "imu", "rad/s", ("step", "ramp", "pulse"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate"), serious=5e-3, rate=1e-3),
     Kind("accel_bias", "the accelerometer's bias steps, grows or comes and goes",
          by_axes("accelerometer", "m/s²", 1.0, 2),
          "Calibrate the accelerometer. If it steps again without a shock or strong vibration, fly on another IMU.",
-         "imu", "m/s²", ("step", "ramp", "pulse"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position", serious=0.3),
+         "imu", "m/s²", ("step", "ramp", "pulse"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position", serious=0.3,
+         rate=1e-3),
     Kind("gyro_scale", "the gyro's scale changes",
          by_axes("gyro", "% of what it turns", 100.0, 1),
          "A gyro of wrong scale: check its range setting and its calibration.",
-         "imu", "", ("step",), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position", serious=0.03),
+         "imu", "", ("step", "pulse"), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position", serious=0.03, rate=3e-4),
     # parts are sold within 0.5 to 3 % (config/imu): one that changes by more than three times that is hardly the same
     Kind("accel_scale", "the accelerometer's scale changes",
          by_axes("accelerometer", "% of what it feels", 100.0, 1),
          "Calibrate the accelerometer in six positions.",
-         "imu", "", ("step",), 0.1, 0.02, _scale(ACCEL_BIAS), "gps_position", serious=0.03),
+         "imu", "", ("step", "pulse"), 0.1, 0.02, _scale(ACCEL_BIAS), "gps_position", serious=0.03, rate=3e-4),
     Kind("gyro_shock", "the gyro misses a turn, all at once",
          by_number("the gyro misses a turn of {:.0f} ± {:.0f}°", _DEGREES),
          _LOOK_AT_THE_MOUNTING,
-         "imu", "rad", ("shock",), 0.3, 0.035, _shock(ATTITUDE), serious=np.inf, rarity=_SHOCK),
+         "imu", "rad", ("shock",), 0.3, 0.035, _shock(ATTITUDE), serious=np.inf, rate=1.0),
     Kind("accel_shock", "the accelerometer misses a push, all at once",
          by_number("the accelerometer misses a push of {:.1f} ± {:.1f} m/s"),
          _LOOK_AT_THE_MOUNTING,
-         "imu", "m/s", ("shock",), 5.0, 0.5, _shock(VELOCITY), "gps_position", serious=np.inf,
-         rarity=_SHOCK),
-    Kind("gyro_unrest", "the gyro scatters more for a while",
-         by_number("the gyro scatters {:.1f} times more than in the rest of the flight"),
-         _LOOK_AT_THE_VIBRATION,
-         "imu", "", (), 3.0, 1.2, _in_its_noise, serious=np.inf),
-    Kind("accel_unrest", "the accelerometer scatters more for a while",
-         by_number("the accelerometer scatters {:.1f} times more than in the rest of the flight"),
-         _LOOK_AT_THE_VIBRATION,
-         "imu", "", (), 3.0, 1.2, _in_its_noise, serious=np.inf),
+         "imu", "m/s", ("shock",), 5.0, 0.5, _shock(VELOCITY), "gps_position", serious=np.inf, rate=1.0),
     # two fixes of a receiver of 2.5 m CEP, minutes apart, differ by less than 11 m in 99.9 % of cases; 3 σ in height
     Kind("gps_position", "the GPS position jumps, creeps or is off for a time",
          by_length("the GPS position", "m"),
          "Look at the antenna's view of the sky, its cable and at interference; a receiver of a second band helps.",
-         "gps", "m", ("step", "ramp", "pulse", "creep"), 50.0, 6.0, _shift("gps_position"), least_slow=11.0),
+         "gps", "m", ("step", "ramp", "pulse", "creep"), 50.0, 6.0, _shift("gps_position"), least_slow=11.0, rate=0.3),
     Kind("gps_height", "the GPS height jumps, creeps or is off for a time",
          by_length("the GPS height", "m"),
          "Usual under trees and beside walls; fly on the barometer.",
-         "gps", "m", ("step", "ramp", "pulse"), 50.0, 5.0, _shift("gps_height"), least_slow=_HEIGHT_CREEPS),
+         "gps", "m", ("step", "ramp", "pulse"), 50.0, 5.0, _shift("gps_height"), least_slow=_HEIGHT_CREEPS, rate=1.0),
     Kind("gps_motion", "GPS velocity and position move as the vehicle does not",
          by_length("the GPS reports a motion that no other sensor feels: it", "m/s"),
          "Position and velocity go off together: look at the receiver, and at interference or spoofing.",
-         "gps", "m/s", ("step", "pulse"), 3.0, 0.5, _motion, "gps_position", rarity=_MOMENTS,
+         "gps", "m/s", ("step", "pulse"), 3.0, 0.5, _motion, "gps_position", rate=0.01,
          summed=("gps_position",)),
     Kind("gps_velocity", "the GPS velocity is off",
          by_length("the GPS velocity", "m/s"),
          "Look at the antenna's view of the sky and at interference.",
-         "gps", "m/s", ("step", "ramp", "pulse"), 5.0, 0.5, _shift("gps_velocity")),
+         "gps", "m/s", ("step", "ramp", "pulse"), 5.0, 0.5, _shift("gps_velocity"), rate=0.3),
     Kind("gps_latency", "the GPS comes later than before",
          by_number("the GPS fixes come {:.3f} ± {:.3f} s later than before"),
          "Look at the receiver's rate and load and at the line to it; set the estimator's GPS delay.",
-         "gps", "s", ("step", "pulse"), 0.5, 0.15, _late, "gps_position", retimes=_GPS),
+         "gps", "s", ("step", "pulse"), 0.5, 0.15, _late, "gps_position", retimes=_GPS, rate=0.01),
     Kind("compass_field", "the field about the compass changes: it points elsewhere",
          by_turn_of_the_field,
          "Look for iron and currents near the compass and under the take-off place; calibrate it again, or use GPS for "
          "yaw.",
-         "compass", "µT", ("step", "ramp", "pulse", "creep"), 30.0, 3.0, _field),
+         "compass", "µT", ("step", "ramp", "pulse", "creep"), 30.0, 3.0, _field, rate=0.3),
     Kind("compass_turn", "the compass turns in its mounting",
          by_number("the compass turns by {:.0f} ± {:.0f}° in its mounting", _DEGREES),
          "Look at the mounting of the compass, and at its orientation setting.",
-         "compass", "rad", ("step", "ramp", "pulse"), 0.5, 0.1, _rotation),
+         "compass", "rad", ("step", "ramp", "pulse"), 0.5, 0.1, _rotation, rate=0.01),
     Kind("compass_iron", "a magnet or a current comes near the compass",
          by_length("the compass", "µT"),
          "Look for currents and iron near the compass: motors, cables.",
-         "compass", "µT", ("step",), 30.0, 4.0, _shift("compass")),
+         "compass", "µT", ("step", "pulse"), 30.0, 4.0, _shift("compass"), rate=0.1),
     Kind("barometer", "the barometer jumps or creeps",
          by_length("the barometer", "m"),
          "Shield it from wind and light.",
-         "barometer", "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift("barometer"), least_slow=_HEIGHT_CREEPS),
+         "barometer", "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift("barometer"), least_slow=_HEIGHT_CREEPS,
+         rate=1.0),
 )  # fmt: skip
 """What may be wrong. An explanation that is not in this table does not exist."""
 

@@ -20,8 +20,8 @@ import numpy as np
 from companion.estimation.choice import Choice
 from companion.estimation.learned_noise import START, Change, coloured, learn, noise_limits, outlier_weights
 from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
-from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
 from companion.estimation.measurements import SLOW
+from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
 from companion.estimation.setup import Setup
 from companion.estimation.system import Prior, misfit, squares
 from companion.model import Array, DataError, interpolated, nearest

@@ -297,7 +297,9 @@ def coloured(linear: Linear) -> dict[str, float]:
     still = _at_rest(linear)
     moving = _telling(still[:-1] & still[1:])
     sigma = np.sqrt(linear.variance)[moving]
-    own, white = ((_in_body(linear, e)[moving, :STATES] * sigma) for e in (linear.solution.disturbances[0], _drawn(linear)))
+    own, white = (
+        (_in_body(linear, e)[moving, :STATES] * sigma) for e in (linear.solution.disturbances[0], _drawn(linear))
+    )
     return {
         sensor: max(1.0, _lasting(own[:, block]) / _lasting(white[:, block]))
         for sensor, block in (("gyro", ATTITUDE), ("accel", VELOCITY))
@@ -313,7 +315,9 @@ def _drawn(linear: Linear) -> Array:
         replace(one, residual=rng.standard_normal(one.residual.shape) / np.sqrt(np.maximum(one.information, 1e-300)))
         for one in linear.measurements
     ]
-    zero = replace(prior, residual=np.zeros_like(prior.residual), constants_residual=np.zeros_like(prior.constants_residual))
+    zero = replace(
+        prior, residual=np.zeros_like(prior.residual), constants_residual=np.zeros_like(prior.constants_residual)
+    )
     drawn = solve(len(linear.problem.t), replace(motion, residual=noise[..., 0]), heard, zero)
     return np.asarray((motion.weight @ motion_residual(drawn.motion, drawn)[..., None])[..., 0])
 

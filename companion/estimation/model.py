@@ -94,6 +94,16 @@ class States:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Rival:
+    """One hypothesis in the place of a cause that was found, weighed at the same noise as all others there."""
+
+    kind: str  # of `explanations.KINDS`
+    shape: str
+    log_odds: float  # natural logarithm of its posterior odds against nothing
+    fault: float  # probability, if it occurred, that its size is harmful
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Explained:
     """One thing that changed during the flight, with its size, and what else it could have been."""
@@ -105,9 +115,7 @@ class Explained:
     end: float  # s, of a pulse; infinite for what stays
     size: Array  # (m,) in the unit of the kind; of a ramp per second
     sigma: Array  # (m,)
-    gain: float  # twice the logarithm of the likelihood ratio to the same without it, the price of its unknowns paid
-    others: tuple[tuple[str, str, float], ...] = ()  # (kind, shape, gain) of the next best explanations in its place
-    seconded: bool = True  # of a gyro: whether it would promise something without the compass
+    rivals: tuple[Rival, ...] = ()  # every hypothesis in its place, itself among them, the likeliest first
     place: slice | None = None  # of its size among those of `BestEstimate.explained_covariance`; None where it has no σ
 
 
@@ -192,7 +200,7 @@ class BestEstimate:
     origin: Origin | None = None  # the zero of the positions; None where no place on Earth is known
     explained: tuple[Explained, ...] = ()  # what was wrong, as far as the witnesses tell, the first in time first
     explained_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))  # of the sizes of all of them
-    promising: tuple[str, ...] = ()  # kinds that nearly pay for themselves, the best first, and are not in the estimate
+    further: tuple[Rival, ...] = ()  # the likeliest hypotheses beside those in the estimate
     detectable: Mapping[str, float] = field(default_factory=dict)  # kind → smallest that would have been called
     bursts: int = 0  # times that the IMU missed a push that neither chance nor anything explained makes
     heading_from: str = ""  # "compass", "GPS and acceleration", "first guess": which witness gives the heading
@@ -224,11 +232,7 @@ class BestEstimate:
     @property
     def contradicted(self) -> bool:
         """Whether the IMU fits the other witnesses only with far more noise than it shows, at any time."""
-        gyro, accel = (
-            max([1.0, *(float(e.size[0]) for e in self.explained if e.kind == f"{sensor}_unrest")])
-            for sensor in ("gyro", "accel")
-        )
-        return self.noise.louder(gyro, accel).contradicts(self.scatter)
+        return self.noise.contradicts(self.scatter)
 
     def sigma(self, block: slice) -> Array:
         """(K, 3) 1σ of a block of the error: ATTITUDE, VELOCITY or POSITION."""

@@ -286,4 +286,3 @@ def relative_scatter(track: ImuTrack, t: Array, longest_s: float) -> Array:
             usual = np.median(scatter[known])
             out[known, column] = np.clip(scatter[known] / usual, _LEAST_SCATTER, _MOST_SCATTER)
     return out
-

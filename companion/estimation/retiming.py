@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.estimation.choice import SHARPEST_S, Choice
-from companion.estimation.competition import times_of_change
 from companion.estimation.explanations import at_work
 from companion.estimation.iteration import Start, carried, estimate
 from companion.estimation.linearisation import Linear, linearise
+from companion.estimation.search import times_of_change
 from companion.estimation.setup import Setup
 from companion.estimation.system import misfit
-from companion.estimation.weighing import spread
 from companion.model import Array
 
 _TIMES = 4  # that a size is asked for again, at most
@@ -91,7 +90,9 @@ def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Choice], choice
         excess = []
         for onset in onsets:
             one = replace(choice, onset=float(onset))
-            linear = linearise(_moved(setup, one), path, states, settled.noise, settled.scale, {}, settled.slow, [*accepted, one])
+            linear = linearise(
+                _moved(setup, one), path, states, settled.noise, settled.scale, {}, settled.slow, [*accepted, one]
+            )
             fitting = sum(m.residual.size for m in linear.measurements)
             excess.append(misfit(linear.motion, linear.measurements, linear.solution) - fitting)
         return np.array(excess)
@@ -105,4 +106,6 @@ def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Choice], choice
         left = np.concatenate((left, misfits(fine)))[where]
         step = 2.0 * step / (_FINE - 1)
     best = float(onsets[np.argmin(left)])
-    return replace(choice, onset=best, onset_sigma=max(spread(onsets, -left, best), SHARPEST_S))
+    likely = np.gradient(onsets) * np.exp(0.5 * (left.min() - left))
+    sigma = float(np.sqrt(likely @ (onsets - best) ** 2 / likely.sum()))
+    return replace(choice, onset=best, onset_sigma=max(sigma, SHARPEST_S))

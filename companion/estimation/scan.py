@@ -17,7 +17,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from companion.estimation.block_tridiagonal import factorise, gram, roots, scaled
 from companion.estimation.explanations import KINDS, SLOPED, Kind, Problem, Signature, kind_of
 from companion.estimation.system import Index, Solution
-from companion.estimation.weighing import Candidate, Factors, candidate, changed
+from companion.estimation.weighing import Factors, changed
 from companion.model import Array
 
 _FEWEST, _KEYFRAMES = 3, 16_000  # kinds at a time, and kinds by keyframes: columns of 10 MB, and as much on the way
@@ -46,17 +46,6 @@ class Scan:
         m = b.shape[2]
         crossed = (share @ v.reshape(share.shape[1], -1)).reshape(len(onset), m, -1, m)
         return share @ b.reshape(-1, m), np.einsum("tmqn,tq->tmn", crossed, share)
-
-    def weighed(self, kind: Kind, shape: str, onset: Index, end: Index | None = None) -> Candidate | None:
-        """The likelihood of a kind and shape between cuts, by their numbers (T,).
-
-        None where the flight has nothing that it would change.
-        """
-        score = self.score(kind.name, shape, onset, end)
-        if score is None:
-            return None
-        span = self.cuts[onset], np.append(self.cuts, np.inf)[len(self.cuts) if end is None else end]
-        return candidate(kind, shape, self.problem, (span[0], np.broadcast_to(span[1], span[0].shape)), *score)
 
     def _shares(self, shape: str, onset: Index, end: Index) -> Array:
         """(T, S, 2) how much of the even and of the growing column of every stretch a shape has."""

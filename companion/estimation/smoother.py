@@ -7,15 +7,16 @@ estimate is made anew with what explains most, until nothing pays for itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.estimation.choice import PROMISING, WORTH, Choice, cost, explained, gain_beside, promising, unrest
-from companion.estimation.competition import choose, detectable
+from companion.estimation.choice import Choice, explained
 from companion.estimation.constant_errors import constant_errors, of_first_half
-from companion.estimation.iteration import SETTLED, Start, estimate, in_noise, likelihood, resuming, start_of
+from companion.estimation.evidence import Trial
+from companion.estimation.explanations import Problem
+from companion.estimation.iteration import Start, estimate, likelihood, resuming, start_of
 from companion.estimation.learned_noise import believing, lasting, noise_limits, scatter
 from companion.estimation.linearisation import Linear
 from companion.estimation.measurements import UNITS
@@ -25,19 +26,20 @@ from companion.estimation.model import (
     GYRO_BIAS,
     BestEstimate,
     Correlation,
-    Explained,
     Residuals,
+    Rival,
     States,
 )
-from companion.estimation.retiming import Limits, retimed
+from companion.estimation.retiming import retimed
+from companion.estimation.search import detectable, trials
 from companion.estimation.setup import Setup, guesses, set_up
-from companion.estimation.system import measurement_residual, solve
-from companion.estimation.unrest import Unrest, louder, restless, with_unrest
+from companion.estimation.system import Solution, measurement_residual, solve
 from companion.estimation.weighing import bursts
 from companion.model import STANDARD_GRAVITY, DataError, Flight
 
 _MOST_EXPLAINED = 6
-_LOUDER = 4  # times that the noise of a restless time is corrected
+_LIKELY, _DISTURBING, _HARMFUL = 0.0, 10.0, 0.5  # log odds to accept what is harmful, and what is not, by probability
+_FURTHER = 8  # of what was not accepted
 
 
 def smooth(
@@ -73,36 +75,27 @@ def smooth(
 
 
 def explain(setup: Setup, starts: Iterable[Start]) -> BestEstimate:
-    """The estimate with everything explained that has to be: one after the other, each time what explains most.
-
-    What is not explained was learned as noise, and hides in it. So an explanation that promises something is weighed
-    again with the noise that is learned beside it, from where the iteration began: an unexplained fault may have led it
-    to another heading.
+    """The estimate with every cause that the readings ask for: one after the other, each time the likeliest.
 
     starts: where the iteration may begin: at the first, and where the IMU does not fit then, at that which fits best.
     """
     accepted: list[Choice] = []
-    unrest: list[Explained] = []
-    nearly: tuple[str, ...] = ()
+    rivals: list[tuple[Rival, ...]] = []
     shown = scatter(setup)
     start, settled, linear = _begun(setup, starts, shown)
-    while len(accepted) + len(unrest) < _MOST_EXPLAINED:
-        further = _explained_further(setup, start, settled, linear, accepted, shown)
-        if further is None:
+    further: tuple[Rival, ...] = ()
+    while len(accepted) < _MOST_EXPLAINED:
+        found = next_cause(setup, start, settled, linear, accepted, shown)
+        if isinstance(found, Cause):
+            accepted.append(found.choice)
+            rivals.append(found.rivals)
+            setup, settled, linear = found.setup, found.settled, found.linear
+        else:
+            further = found
             break
-        if further.choice.gain < WORTH:
-            nearly = promising(further.choice)
-            break
-        if (larger := restless(linear, further.choice.gain)) is not None:
-            setup, settled, linear, larger = _calmed(setup, replace(settled, states=start.states), accepted, larger)
-            unrest.append(larger.explained(further.choice))
-            continue
-        accepted.append(further.choice)
-        setup, settled, linear = further.setup, further.settled, further.linear
-    best = _result(setup, settled, linear, _seconded(linear, accepted), shown)
-    return replace(
-        best, promising=nearly, explained=tuple(sorted((*best.explained, *unrest), key=lambda one: one.onset))
-    )
+    if len(accepted) > 1:
+        rivals = [_rivals(linear, accepted, i) or own for i, own in enumerate(rivals)]
+    return replace(_result(setup, settled, linear, accepted, rivals, shown), further=further)
 
 
 def _begun(setup: Setup, starts: Iterable[Start], shown: tuple[float, float]) -> tuple[Start, Start, Linear]:
@@ -115,168 +108,109 @@ def _begun(setup: Setup, starts: Iterable[Start], shown: tuple[float, float]) ->
     return max(tried, key=lambda one: likelihood(*one[1:]))
 
 
-def _calmed(setup: Setup, start: Start, accepted: Sequence[Choice], one: Unrest) -> tuple[Setup, Start, Linear, Unrest]:
-    """The estimate with a time in which the IMU scatters more, and by how much it does beside the noise of the rest."""
-    more, times = one, 1.0
-    for _ in range(_LOUDER):
-        setup, times = with_unrest(setup, more), times * more.times
-        settled, linear = estimate(setup, start, accepted)
-        more = replace(one, times=louder(linear, one))
-        if more.times == 1.0:
-            break
-    return setup, settled, linear, replace(one, times=times)
-
-
-def _seconded(linear: Linear, accepted: Sequence[Choice]) -> list[Choice]:
-    """What was accepted, and of each of the gyro's whether it would promise something without the compass.
-
-    About the vertical gyro and compass may be the only two: which of them is wrong, neither says.
-    """
-    problem = linear.problem
-    others = tuple(one for one in problem.measurements if one.name != "compass")
-    gyros = [one for one in accepted if one.kind.name.startswith("gyro")]
-    if not gyros or len(others) == len(problem.measurements):
-        return list(accepted)
-    without = solve(len(problem.t), problem.motion, others, linear.prior)
-    judged, after = [], 0
-    for one in reversed(accepted):
-        seconded = one not in gyros or gain_beside(one, problem, without, linear.prior, after) > PROMISING
-        judged.append(replace(one, seconded=seconded))
-        signature = one.of(problem)
-        after += 0 if signature is None else signature.unknowns
-    return judged[::-1]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class Tried:
-    """A choice with what it gains in the noise that is learned beside it, and the estimate with it."""
+class Cause:
+    """A hypothesis with the estimate that has it, and every hypothesis in its place at the same noise."""
 
     choice: Choice
     setup: Setup
     settled: Start
     linear: Linear
-
-    @property
-    def name(self) -> tuple[str, str]:
-        """Kind and shape."""
-        return self.choice.kind.name, self.choice.shape
-
-    @property
-    def worth(self) -> float:
-        """Twice the logarithm of its likelihood, less what it pays, but for a constant."""
-        linear = self.linear
-        return likelihood(self.settled, linear) - cost(self.choice, linear.problem, linear.solution, linear.prior)
+    rivals: tuple[Rival, ...] = ()
 
 
-def _explained_further(
+def next_cause(
     setup: Setup, start: Start, settled: Start, linear: Linear, accepted: Sequence[Choice], shown: tuple[float, float]
-) -> Tried | None:
-    """What explains most, and the estimate with it; None where nothing promises anything.
+) -> Cause | tuple[Rival, ...]:
+    """The likeliest further cause with its rivals; the rivals alone where none is likelier than not.
 
-    A fault that lasts for a good part of the flight is learned as noise of the IMU: its own may then promise nothing
-    any more, and of another witness' it is the IMU that seems to follow the other. So where it goes on to need far more
-    noise than it shows, what would explain most if it were believed is tried, and taken if that ends it.
-    shown: by which its readings scatter (`scatter`).
+    A fault that is not in the model is learned as noise, in which all hypotheses look alike. So each candidate gets an
+    estimate with the noise that is learned beside it, and all are weighed at the noise of the one that leaves least.
     """
     begin = replace(settled, states=start.states)
-    first = best_of(setup, begin, accepted, choose(linear.problem, linear.solution))
-    first = _off_for_long(setup, start, begin, accepted, first, (settled, linear)) or first
-    doubted = any(one.kind.side == "imu" for one in accepted)
-    if doubted or not (settled if first is None else first.settled).noise.contradicts(shown):
-        return first
-    limits = believing(noise_limits(setup), shown)
-    choices = _chosen_within(setup, start, accepted, limits)
-    if not choices or (first is not None and choices[0].kind.side == "imu"):
-        return first
-    second = best_of(setup, begin, accepted, choices, limits)
-    return first if second is None or second.settled.noise.contradicts(shown) else second
+    usual = trials(linear.problem, linear.solution)
+    candidates = _candidates(usual)
+    for limits in _doubted_noise(setup, settled, linear, accepted, shown):
+        _, believed = estimate(setup, start, accepted, limits, white=True)
+        candidates |= _candidates(trials(believed.problem, believed.solution))
+    tried = [one for choice in candidates.values() if (one := _with(setup, begin, accepted, choice)) is not None]
+    if not tried:
+        return tuple(one.rival for one in map(Choice.of_trial, usual[:_FURTHER]))
+    least = max(tried, key=lambda one: likelihood(one.settled, one.linear))
+    weighed = trials(*without(least.linear, [*accepted, least.choice], len(accepted)))
+    rivals = tuple(Choice.of_trial(one).rival for one in weighed)
+    best = Choice.of_trial(weighed[0])
+    if best.log_odds < (_LIKELY if best.fault > _HARMFUL else _DISTURBING):
+        return rivals[:_FURTHER]
+    own = next(one for one in tried if one is least or one.choice.name == best.name)
+    if best.name == least.choice.name:
+        own = least
+    elif own.choice.name != best.name:
+        other = _with(setup, begin, accepted, best)
+        own = least if other is None else other
+    return replace(own, rivals=rivals, choice=replace(own.choice, log_odds=best.log_odds, fault=best.fault))
 
 
-def _off_for_long(
-    setup: Setup,
-    start: Start,
-    begin: Start,
-    accepted: Sequence[Choice],
-    first: Tried | None,
-    without: tuple[Start, Linear],
-) -> Tried | None:
-    """What explains most if a witness that seems all noise is in order for most of the flight; None if it is noise.
-
-    An error that lasts for a third of a flight is learned as noise. Where its readings do not scatter so, what would
-    explain it if the noise were less is tried, and taken if that ends it.
-    first: what explains most with the noise that was learned; without: the estimate with nothing further explained.
-    """
-    settled, linear = without if first is None else (first.settled, first.linear)
-    limited = lasting(setup, settled.scale, linear)
-    if not limited:
-        return None
-    limits = noise_limits(setup) | limited
-    second = best_of(setup, begin, accepted, _chosen_within(setup, start, accepted, limits), limits)
-    if second is None or limited.keys() & lasting(second.setup, second.settled.scale, second.linear).keys():
-        return None
-    return second
+def _candidates(found: Sequence[Trial]) -> dict[tuple[str, str], Choice]:
+    """The likeliest hypotheses of every side that may be worth an estimate of their own."""
+    chosen: dict[tuple[str, str], Choice] = {}
+    counted: set[str] = set()
+    for one in found:
+        if one.worth_trying and one.kind.side not in counted:
+            counted.add(one.kind.side)
+            choice = Choice.of_trial(one)
+            chosen[choice.name] = choice
+    return chosen
 
 
-def _chosen_within(setup: Setup, start: Start, accepted: Sequence[Choice], limits: Limits) -> tuple[Choice, ...]:
-    """What explains most where the noise is within limits, as if what they are of were believed.
-
-    That estimate is let go here, before another is made: of a long flight one more is more than all else.
-    """
-    _, believed = estimate(setup, start, accepted, limits, white=True)
-    return choose(believed.problem, believed.solution)
-
-
-def best_of(
-    setup: Setup, start: Start, accepted: Sequence[Choice], choices: Sequence[Choice], limits: Limits | None = None
-) -> Tried | None:
-    """That of some choices, the first of them the best at first order, which explains most; None for none.
-
-    Between others than those of which the first order says too little, a whole estimate decides only where they differ
-    by more than the noise has settled to.
-    """
-    tried = [one for choice in choices if (one := _tried(setup, start, accepted, choice, limits)) is not None]
-    if len(tried) < 2:
-        return tried[0] if tried else None
-    first, worth = tried[0], {one.name: one.worth for one in tried}
-    intervals, clearly = len(first.linear.variance), 1.0 + SETTLED
-    told = [
-        one
-        for one in tried
-        if one is first
-        or one.choice.kind.retimes
-        or in_noise(abs(worth[one.name] - worth[first.name]), intervals) > clearly
-    ]
-    best = max(told, key=lambda one: worth[one.name])
-    less = {one.name: worth[best.name] - worth[one.name] for one in told if one is not best}
-    choice = best.choice
-    if best is not first:  # the others are as far from the first as it is
-        gain = next(gain for kind, shape, gain in choice.others if (kind, shape) == first.name)
-        choice = choice.with_others(choice.gain - gain - less[first.name])
-    return replace(best, choice=choice.beside(less))
+def _doubted_noise(
+    setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Choice], shown: tuple[float, float]
+) -> Iterator[dict[str, tuple[float, float]]]:
+    """Limits of the noise as if sensors that seem all noise were in order: what lasts for long is learned as noise."""
+    if settled.noise.contradicts(shown) and not any(one.kind.side == "imu" for one in accepted):
+        yield believing(noise_limits(setup), shown)
+    if limited := lasting(setup, settled.scale, linear):
+        yield noise_limits(setup) | limited
 
 
-def _tried(
-    setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice, limits: Limits | None = None
-) -> Tried | None:
-    """None for what cannot be. limits: of the densities of the IMU, as the choice was made with."""
-    possible = retimed(setup, start, accepted, choice, limits)
+def _with(setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice) -> Cause | None:
+    """The estimate with one more hypothesis; None for what cannot be."""
+    possible = retimed(setup, start, accepted, choice)
     if possible is None:
         return None
-    setup, moved = possible.setup, possible.choice
-    as_learned = possible.estimated if limits is None else None
-    again, linear = as_learned or estimate(setup, start, [*accepted, moved])
-    beside = gain_beside(moved, linear.problem, linear.solution, linear.prior)
-    gain = max(choice.gain, beside) / unrest(moved, linear.problem, linear.solution)
-    final = (
-        moved.in_noise(choice.gain / gain)
-        if moved is choice
-        else replace(moved, gain=gain).with_others(gain - choice.gain)
+    settled, linear = possible.estimated or estimate(possible.setup, start, [*accepted, possible.choice])
+    return Cause(possible.choice, possible.setup, settled, linear)
+
+
+def without(linear: Linear, accepted: Sequence[Choice], one: int) -> tuple[Problem, Solution]:
+    """The problem without one of the hypotheses that it has, at the same states and noise, and its solution."""
+    problem, prior = linear.problem, linear.prior
+    widths = [0 if (s := choice.of(problem)) is None else s.unknowns for choice in accepted]
+    first = CONSTANT_STATES + sum(widths[:one])
+    keep = np.delete(np.arange(len(prior.constants_sigma)), np.arange(first, first + widths[one]))
+    motion = replace(problem.motion, constants=problem.motion.constants[..., keep])
+    measurements = tuple(replace(m, constants=m.constants[..., keep]) for m in problem.measurements)
+    prior = replace(
+        prior, constants_residual=prior.constants_residual[keep], constants_sigma=prior.constants_sigma[keep]
     )
-    return Tried(final, setup, again, linear)
+    left = replace(problem, motion=motion, measurements=measurements)
+    return left, solve(len(problem.t), motion, measurements, prior)
+
+
+def _rivals(linear: Linear, accepted: Sequence[Choice], one: int) -> tuple[Rival, ...]:
+    """Every hypothesis in the place of one that was accepted, beside all others; empty where readings were moved."""
+    if accepted[one].taken:
+        return ()
+    return tuple(Choice.of_trial(other).rival for other in trials(*without(linear, accepted, one)))
 
 
 def _result(
-    setup: Setup, settled: Start, linear: Linear, accepted: Sequence[Choice], shown: tuple[float, float]
+    setup: Setup,
+    settled: Start,
+    linear: Linear,
+    accepted: Sequence[Choice],
+    rivals: Sequence[tuple[Rival, ...]],
+    shown: tuple[float, float],
 ) -> BestEstimate:
     states = settled.states
     covariance = linear.solution.covariances()
@@ -292,7 +226,7 @@ def _result(
     heading = "compass" if "compass" in residuals else "GPS and acceleration"
     if "gps_velocity" not in residuals and "compass" not in residuals:
         heading = "first guess"
-    parts, together = explained(linear.problem, linear.solution, accepted)
+    parts, together = explained(linear.problem, linear.solution, accepted, rivals)
     return BestEstimate(
         imu=setup.imu,
         index=setup.index,

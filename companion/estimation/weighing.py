@@ -1,8 +1,7 @@
-"""Which explanation pays most for what the witnesses do not agree on.
+"""Score statistics of hypotheses at times between the cuts of the grid.
 
-At the solution without an explanation, with b = -Sᵀ W r and V = Sᵀ W S less what the states can make up for, twice the
-logarithm of the likelihood ratio is bᵀ V⁻¹ b, and u = V⁻¹ b ± V⁻¹: no explanation needs a smoother of its own. All
-explanations compete at once, each pays for its unknowns and for the choice of its onset.
+At the solution without a hypothesis, with b = Sᵀ W r and V = Sᵀ W S less what the states can make up for, twice the
+logarithm of the likelihood ratio is bᵀ V⁻¹ b, and u = V⁻¹ b ± V⁻¹: none needs a smoother of its own.
 """
 
 from __future__ import annotations
@@ -11,9 +10,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from companion.estimation.explanations import SLOPED, Kind, Problem, Signature, at_work
+from companion.estimation.explanations import Kind, Problem, Signature, at_work
 from companion.estimation.model import VELOCITY
 from companion.estimation.system import Index, Solution, measurement_residual, motion_residual
 from companion.model import Array
@@ -21,49 +19,6 @@ from companion.model import Array
 _BEYOND_CHANCE = 24.0  # χ² of three: one interval in 40,000
 _UNUSUAL, _JUMPS = 8.0, 8  # a step of this many median steps, and how many are tried
 _FEWEST, _KEYFRAMES = 2, 12_000  # onsets at a time, and onsets by keyframes: columns of 20 MB, and as much on the way
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
-    """One explanation, at every onset that was tried."""
-
-    kind: Kind
-    shape: str
-    onset: Array  # (T,) s
-    end: Array  # (T,) s, of a pulse; infinite for what stays
-    gain: Array  # (T,) twice the log-likelihood ratio
-    size: Array  # (T, m)
-    covariance: Array  # (T, m, m)
-    axis: npt.NDArray[np.intp]  # (T,) the one component that changes; -1 for all
-
-    @property
-    def best(self) -> int:
-        """The onset with the greatest gain."""
-        return int(np.argmax(self.gain))
-
-    @property
-    def onset_sigma(self) -> float:
-        """1σ of the onset about its best, s, by all times that were tried: two far apart may be nearly as likely."""
-        when, which = np.unique(self.onset, return_inverse=True)
-        most = np.full(len(when), -np.inf)  # of all its ends
-        np.maximum.at(most, which, self.gain)
-        return spread(when, most, float(self.onset[self.best]))
-
-
-def spread(when: Array, gain: Array, about: float) -> float:
-    """1σ of a time about one of those that were tried, s.
-
-    when: (T,) s, ascending; gain: (T,) twice the logarithm of the likelihood of each, but for a constant.
-    """
-    lasts = np.gradient(when) if len(when) > 1 else np.ones(1)
-    likely = lasts * np.exp(0.5 * (gain - gain.max()))
-    return float(np.sqrt(likely @ (when - about) ** 2 / likely.sum()))
-
-
-def joined(parts: Sequence[Candidate]) -> Candidate:
-    """One kind and shape at the onsets of all parts, one or more."""
-    arrays = ("onset", "end", "gain", "size", "covariance", "axis")
-    return Candidate(parts[0].kind, parts[0].shape, *(np.concatenate([getattr(p, a) for p in parts]) for a in arrays))
 
 
 def jumps(problem: Problem, solution: Solution, kind: Kind) -> Array:
@@ -148,10 +103,10 @@ def changed(problem: Problem, solution: Solution, signature: Signature) -> Itera
         )
 
 
-def weigh(
+def score(
     problem: Problem, solution: Solution, kind: Kind, shape: str, onset: Array, end: Array | None = None
-) -> Candidate | None:
-    """The likelihood of a kind and shape from onsets (T,) to ends (T,) s.
+) -> tuple[Array, Array] | None:
+    """The gradient b (T, m) and the information V (T, m, m) of a kind and shape from onsets (T,) to ends (T,) s.
 
     None where the flight has nothing that it would change.
     """
@@ -160,9 +115,7 @@ def weigh(
     if signature is None:
         return None
     factors = tuple(changed(problem, solution, signature))
-    together = max(_FEWEST, _KEYFRAMES // len(problem.t))
-    b, v = _told(solution, factors, kind, shape, onset, end, together)
-    return candidate(kind, shape, problem, (onset, end), b, v)
+    return _told(solution, factors, kind, shape, onset, end, max(_FEWEST, _KEYFRAMES // len(problem.t)))
 
 
 def _told(
@@ -201,48 +154,3 @@ def _told(
     made_up = (flat.T @ solved + rest.T @ (solution.constants_covariance @ rest)).reshape(pieces, m, pieces, m)
     crossed = np.tensordot(within, made_up, axes=1)  # (T, m, P, m)
     return within @ b, v - np.einsum("tipj,tp->tij", crossed, within)
-
-
-def weigh_shocks(problem: Problem, solution: Solution, kind: Kind, shape: str, block: slice) -> Candidate:
-    """Shocks to a block of the states at every keyframe at once, of which the disturbances tell: a shock to a bias is a
-    step of it."""
-    e, d = solution.disturbances
-    onset = 0.5 * (problem.t[:-1] + problem.t[1:]) if shape == "shock" else problem.t[1:]
-    return candidate(kind, shape, problem, (onset, np.full(len(e), np.inf)), -e[:, block], d[:, block, block])
-
-
-def candidate(kind: Kind, shape: str, problem: Problem, span: tuple[Array, Array], b: Array, v: Array) -> Candidate:
-    """Sizes and gains, of all components together or of one alone, whichever pays more for its unknowns."""
-    onset, end = span
-    lasted = np.ones(len(onset))
-    if shape in SLOPED:
-        lasted = np.maximum(np.minimum(problem.t[-1], end) - onset, 1.0)
-    prior = (lasted / kind.prior) ** 2
-    m = b.shape[1]
-    v = 0.5 * (v + v.swapaxes(-1, -2))
-    values, vectors = np.linalg.eigh(v + prior[:, None, None] * np.eye(m))
-    values = np.maximum(values, prior[:, None])  # rounding
-    covariance = (vectors / values[:, None, :]) @ vectors.swapaxes(-1, -2)
-    size = (covariance @ b[..., None])[..., 0]
-    paid = np.log(values / prior[:, None]).sum(axis=1)  # Occam's factor: a size that could have been anything
-    gain = (b * size).sum(axis=1) - paid
-    own = np.maximum(np.diagonal(v, axis1=1, axis2=2), 0.0) + prior[:, None]
-    alone = b**2 / own - np.log(own / prior[:, None]) - 2.0 * np.log(m)
-    axis = alone.argmax(axis=1)
-    rows = np.arange(len(b))
-    better = (alone[rows, axis] > gain) & (m > 1)
-    one_size, one_covariance = np.zeros_like(size), np.zeros_like(covariance)
-    one_size[rows, axis] = b[rows, axis] / own[rows, axis]
-    one_covariance[rows, axis, axis] = 1.0 / own[rows, axis]
-    gain, size = np.where(better, alone[rows, axis], gain), np.where(better[:, None], one_size, size)
-    matters = np.linalg.norm(size, axis=1) * lasted >= kind.least_of(shape)
-    return Candidate(
-        kind,
-        shape,
-        onset,
-        end,
-        np.where(matters, gain, 0.0),
-        size,
-        np.where(better[:, None, None], one_covariance, covariance),
-        np.where(better, axis, -1),
-    )

@@ -135,15 +135,16 @@ def missed_findings(comparison: Comparison, best: BestEstimate) -> Iterator[Find
     reading. Along the axis the estimate differs from the readings by far more than it does elsewhere.
     """
     track = comparison.track
-    seconded = [one for one in best.explained if one.seconded]  # else only the compass says that it moved
-    sensors = {one.kind.partition("_")[0] for one in seconded} & {"gyro", "accel"}
+    sensors = {one.kind.partition("_")[0] for one in best.explained} & {"gyro", "accel"}
     if track.rate_hz < _STUCK_RATE_HZ or not sensors:
         return
     for name, (moved, read) in zip(("gyro", "accel"), motion_between(best), strict=True):
         if name not in sensors:
             continue
         sensor, missed = _Sensor(track, name), moved - read
-        when = [(e.onset, e.onset + 1.0 if e.shape == "shock" else e.end) for e in seconded if e.kind.startswith(name)]
+        when = [
+            (e.onset, e.onset + 1.0 if e.shape == "shock" else e.end) for e in best.explained if e.kind.startswith(name)
+        ]
         for axis in range(3):
             first, last = run_edges(np.asarray(sensor.same[:, axis]))
             for i in np.flatnonzero(track.t[last + 1] - track.t[first] > STUCK_S):

@@ -1,0 +1,185 @@
+"""The log evidence of a hypothesis: how much likelier it makes the readings, its size and its times integrated out.
+
+At the solution without it, with b = Sᵀ W r and V = Sᵀ W S (W: the smoother's whitening, states marginalised), a size
+u ~ N(0, σ² I) at known times multiplies the likelihood by exp ℓ,
+
+    ℓ = ½ bᵀ (V + σ⁻² I)⁻¹ b - ½ log |I + σ² V|
+
+(R. E. Kass, A. E. Raftery 1995; P. J. G. Teunissen 2018 for the statistic). Sizes are a mixture of two scales, small
+and frequent (nuisances, which parts in order show too) and large and rare (faults), of all components or of one alone.
+Times are integrated over a grid that is refined about its peak.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import logsumexp, ndtr
+
+from companion.estimation.explanations import KINDS, SLOPED, Kind, kind_of
+from companion.estimation.model import Rival
+from companion.model import Array
+
+_NUISANCES_PER_H = 10.0  # of each hypothesis: what parts in order show, every few minutes
+_NUISANCE = 0.2  # 1σ of their sizes, of what is called harmful: at that size both are equally likely
+_SECONDS_PER_H = 3600.0
+_CANDIDATE, _DISTURBS = -3.0, 7.0  # log odds of a fault, and of a nuisance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """One hypothesis in one shape, at every pair of times that was tried."""
+
+    kind: Kind
+    shape: str
+    onset: Array  # (T,) s
+    end: Array  # (T,) s, of what ends; infinite for what stays
+    weight: Array  # (T,) prior probability that it begins and ends within the cell about these times, if it occurs
+    log_bayes: Array  # (T, 2) of a nuisance and of a fault at these times against nothing, rates not counted
+    size: Array  # (T, m) of a fault
+    covariance: Array  # (T, m, m)
+    axis: npt.NDArray[np.intp]  # (T,) the one component that changes; -1 for all
+    hours: float  # of the flight
+
+    @property
+    def best(self) -> int:
+        """The times that are likeliest, whatever the width of their cell."""
+        return int(np.argmax(self.log_bayes.max(axis=1)))
+
+    @property
+    def log_odds(self) -> float:
+        """Posterior odds that it occurred, against that nothing did: rate, sizes and times integrated."""
+        return float(logsumexp(self._cells()))
+
+    @property
+    def worth_trying(self) -> bool:
+        """Whether an estimate with it may show a fault, or take out what disturbs the others."""
+        return bool(logsumexp(self._cells()[:, 1]) > _CANDIDATE or self.log_odds > _DISTURBS)
+
+    @property
+    def fault(self) -> float:
+        """Probability, if it occurred, that its size is harmful."""
+        cells = self._cells()
+        at = np.exp(cells - logsumexp(cells))
+        return float((at[:, 1] * self._beyond()).sum())
+
+    @property
+    def onset_sigma(self) -> float:
+        """1σ of the onset about the likeliest, s."""
+        cells = logsumexp(self._cells(), axis=1)
+        at = np.exp(cells - logsumexp(cells))
+        return float(np.sqrt(at @ (self.onset - self.onset[self.best]) ** 2))
+
+    def _cells(self) -> Array:
+        with np.errstate(divide="ignore"):
+            usual = self.kind.rate if self.kind.nuisance else _NUISANCES_PER_H
+            rates = np.log(np.array([usual, self.kind.rate]) * self.hours / len(self.kind.shapes))
+            return np.asarray(np.log(self.weight)[:, None] + rates + self.log_bayes)
+
+    def _beyond(self) -> Array:
+        """(T,) probability that the size of a fault is harmful."""
+        size = np.linalg.norm(self.size, axis=1)
+        along = self.size / np.maximum(size, 1e-300)[:, None]
+        sigma = np.sqrt(np.einsum("ti,tij,tj->t", along, self.covariance, along))
+        reached = lasted(self.shape, self.onset, self.end, self.hours)
+        return np.asarray(ndtr((size - self.kind.harmful(self.shape) / reached) / np.maximum(sigma, 1e-300)))
+
+
+def lasted(shape: str, onset: Array, end: Array, hours: float) -> Array:
+    """(T,) s that a size per second grows for; 1 for what is no ramp. At most the flight."""
+    if shape not in SLOPED:
+        return np.ones(len(onset))
+    return np.maximum(np.minimum(end - onset, hours * _SECONDS_PER_H), 1.0)
+
+
+def trial(
+    kind: Kind, shape: str, times: tuple[Array, Array, Array], flight: tuple[float, float], b: Array, v: Array
+) -> Trial:
+    """The evidence at times (onset, end, weight of the cell), each (T,), from gradients b (T, m) and V (T, m, m).
+
+    flight: its first and last keyframe, s.
+    """
+    onset, end, weight = times
+    hours = (flight[1] - flight[0]) / _SECONDS_PER_H
+    reached = lasted(shape, onset, np.minimum(end, flight[1]), hours)
+    harmful = kind.harmful(shape)
+    v = 0.5 * (v + v.swapaxes(-1, -2))
+    large, size, covariance, axis = _of_scale(b, v, kind.prior / reached)
+    if kind.nuisance:
+        small, large = large, np.full(len(b), -np.inf)
+    else:
+        small, *_ = _of_scale(b, v, _NUISANCE * harmful / reached)
+    return Trial(kind, shape, onset, end, weight, np.stack([small, large], axis=1), size, covariance, axis, hours)
+
+
+def _of_scale(b: Array, v: Array, sigma: Array) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:
+    """Log evidence (T,) of sizes with 1σ (T,), the size (T, m) and its covariance, and the one component or -1."""
+    count, m = b.shape
+    prior = sigma**-2.0
+    values, vectors = np.linalg.eigh(v + prior[:, None, None] * np.eye(m))
+    values = np.maximum(values, prior[:, None])  # rounding
+    covariance = (vectors / values[:, None, :]) @ vectors.swapaxes(-1, -2)
+    size = (covariance @ b[..., None])[..., 0]
+    whole = 0.5 * ((b * size).sum(axis=1) - np.log(values / prior[:, None]).sum(axis=1))
+    if m == 1:
+        return whole, size, covariance, np.full(count, -1, np.intp)
+    own = np.maximum(np.diagonal(v, axis1=1, axis2=2), 0.0) + prior[:, None]
+    alone = 0.5 * (b**2 / own - np.log(own / prior[:, None]))
+    axis = alone.argmax(axis=1)
+    rows = np.arange(count)
+    single = alone[rows, axis] - np.log(m) > whole
+    one_size, one_covariance = np.zeros_like(size), np.zeros_like(covariance)
+    one_size[rows, axis] = b[rows, axis] / own[rows, axis]
+    one_covariance[rows, axis, axis] = 1.0 / own[rows, axis]
+    mixed = logsumexp(np.column_stack([whole - np.log(2.0), alone - np.log(2.0 * m)]), axis=1)
+    return (
+        np.asarray(mixed),
+        np.where(single[:, None], one_size, size),
+        np.where(single[:, None, None], one_covariance, covariance),
+        np.where(single, axis, -1),
+    )
+
+
+def joined(parts: Sequence[Trial]) -> Trial:
+    """One hypothesis at the times of all parts, one or more."""
+    first = parts[0]
+    arrays = ("onset", "end", "weight", "log_bayes", "size", "covariance", "axis")
+    together = [np.concatenate([getattr(p, a) for p in parts]) for a in arrays]
+    return Trial(first.kind, first.shape, *together, first.hours)
+
+
+def kept(one: Trial, which: npt.NDArray[np.bool_]) -> Trial:
+    """The same at some of its times alone."""
+    arrays = ("onset", "end", "weight", "log_bayes", "size", "covariance", "axis")
+    return Trial(one.kind, one.shape, *(getattr(one, a)[which] for a in arrays), one.hours)
+
+
+def least_found(information: Array, kind: Kind, shape: str, hours: float, cell: float, reached: float = 1.0) -> Array:
+    """(T,) the size that is accused in 95 % of flights, of components known with information (T,) each.
+
+    With signal s √V the test statistic is N(s √V, 1)²: its 5 % quantile has to reach what odds of 19 to 1 ask for
+    (the minimal detectable bias, W. Baarda 1968). cell: prior probability of the times about an onset.
+    """
+    sigma = kind.prior / reached
+    asked = 2.0 * (_ODDS - np.log(kind.rate * hours / len(kind.shapes) * cell) + np.log(6.0))
+    asked = np.maximum(asked + np.log1p(information * sigma**2), 0.0)
+    return np.asarray((np.sqrt(asked) + _QUANTILE) / np.sqrt(np.maximum(information, 1e-300)))
+
+
+ACCUSED = 0.95  # probability from which on a side is accused
+_ODDS = float(np.log(ACCUSED / (1.0 - ACCUSED)))
+_QUANTILE = 1.6449  # 95 % of a normal distribution, one-sided
+
+
+def probabilities(rivals: Sequence[Rival]) -> dict[str, float]:
+    """Side → probability that a harmful fault of it is the cause; "nobody" for none, or for what is no fault."""
+    found = dict.fromkeys(("nobody", *(kind.side for kind in KINDS)), 0.0)
+    odds = np.array([0.0, *(one.log_odds for one in rivals)])
+    share = np.exp(odds - logsumexp(odds))
+    for one, part in zip(rivals, share[1:], strict=True):
+        found[kind_of(one.kind).side] += float(part) * one.fault
+    found["nobody"] = max(1.0 - sum(found.values()), 0.0)
+    return found

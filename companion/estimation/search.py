@@ -1,0 +1,196 @@
+"""Every hypothesis of the table, in every shape and at all times, at one linear problem and one noise."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.estimation.evidence import Trial, joined, kept, least_found, trial
+from companion.estimation.explanations import ENDING, KINDS, Kind, Problem, kind_of
+from companion.estimation.model import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, VELOCITY
+from companion.estimation.scan import Scan, scan
+from companion.estimation.system import Solution
+from companion.estimation.weighing import jumps, pushes, score
+from companion.model import Array
+
+_STRETCHES = 25
+_REFINED_NATS, _REFINED = 12.0, 6  # of the best: what is further behind it on the grid is not refined
+_ROUNDS, _POINTS = 3, 7
+_LEAST_S = {"imu": 5.0, "gps": 0.5, "compass": 2.0, "barometer": 2.0}  # what ends sooner is a shock, or a step
+_SHORTEST_S = 1.0
+_MARGIN_S, _MARGIN = 3.0, 0.1  # s, and of the flight
+CREEPS = {"gps_position": 30.0, "compass_field": 10.0}
+"""Kind of an aiding sensor → s in which it goes off evenly, for the size that would have been found."""
+_AT_EVERY_KEYFRAME = {
+    ("gyro_bias", "step"): GYRO_BIAS, ("accel_bias", "step"): ACCEL_BIAS,
+    ("gyro_shock", "shock"): ATTITUDE, ("accel_shock", "shock"): VELOCITY,
+}  # fmt: skip
+
+Shape = tuple[Kind, str]
+
+
+def trials(problem: Problem, solution: Solution) -> tuple[Trial, ...]:
+    """Every hypothesis and shape with its evidence, the likeliest first."""
+    grid = scan(problem, solution, _STRETCHES)
+    every = [
+        one
+        for kind in KINDS
+        for shape in kind.shapes
+        if (one := _on_the_grid(problem, solution, grid, kind, shape)) is not None
+    ]
+    every.sort(key=lambda one: -one.log_bayes.max())
+    least = every[0].log_bayes.max() - _REFINED_NATS if every else 0.0
+    fine = [
+        _refined(problem, solution, one, grid) if i < _REFINED and one.log_bayes.max() > least else one
+        for i, one in enumerate(every)
+    ]
+    return tuple(sorted(fine, key=lambda one: -one.log_odds))
+
+
+def times_of_change(t: Array) -> tuple[float, float]:
+    """From when to when something may be seen to change, of keyframes at t (K,), s.
+
+    What is wrong from the first seconds on is a constant: nothing before it can be compared.
+    """
+    begin, end = float(t[0]), float(t[-1])
+    margin = min(_MARGIN_S, _MARGIN * (end - begin))
+    return begin + margin, end - margin
+
+
+def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape: str) -> Trial | None:
+    """A kind and shape at the cuts of the grid, and where its readings step."""
+    if not kind.has_witness(problem):
+        return None
+    t = problem.t
+    first, last = times_of_change(t)
+    if (kind.name, shape) in _AT_EVERY_KEYFRAME:
+        block = _AT_EVERY_KEYFRAME[kind.name, shape]
+        e, d = solution.disturbances
+        onset = 0.5 * (t[:-1] + t[1:]) if shape == "shock" else t[1:]
+        inside = (onset >= first) & (onset <= last)
+        weight = np.diff(t) / (last - first)
+        never = np.full(len(e), np.inf)
+        every = _trial(problem, kind, shape, (onset, never, weight), (-e[:, block], d[:, block, block]))
+        return kept(every, inside) if inside.any() else None
+    inside = np.flatnonzero((grid.cuts >= first) & (grid.cuts <= last))
+    parts: list[Trial | None] = []
+    if shape in ENDING:
+        begin, end = _pairs(inside)
+        lasts = grid.cuts[end] - grid.cuts[begin] >= _LEAST_S[kind.side]
+        parts.append(_cells(problem, grid, kind, shape, begin[lasts], end[lasts]))
+    else:
+        parts.append(_cells(problem, grid, kind, shape, inside))
+    if kind.side != "imu" and shape in ("step", "pulse"):  # what steps between two readings is told to the reading
+        sudden = np.sort(pushes(problem, solution) if kind.summed else jumps(problem, solution, kind))
+        sudden = sudden[(sudden >= first) & (sudden <= last)]
+        begin, end = _pairs(sudden) if shape == "pulse" else (sudden, np.full(len(sudden), np.inf))
+        if len(begin):
+            width = np.full(len(begin), float(np.median(np.diff(t))))
+            parts.append(_at(problem, solution, kind, shape, begin, end, width, width))
+    found = [one for one in parts if one is not None]
+    return joined(found) if found else None
+
+
+def _cells(problem: Problem, grid: Scan, kind: Kind, shape: str, onset: Any, end: Any = None) -> Trial | None:
+    """At cuts of the grid by their numbers."""
+    found = grid.score(kind.name, shape, onset, end)
+    if found is None:
+        return None
+    width = float(np.diff(grid.cuts).max()) if len(grid.cuts) > 1 else _SHORTEST_S
+    begin = grid.cuts[onset]
+    final = np.full(len(begin), np.inf) if end is None else grid.cuts[end]
+    return _trial(problem, kind, shape, (begin, final, _weight(problem, begin, final, width, width)), found)
+
+
+def _at(
+    problem: Problem, solution: Solution, kind: Kind, shape: str, onset: Array, end: Array, wide: Array, long: Array
+) -> Trial | None:
+    """At any times; wide, long: (T,) s, widths of the cells about onset and end."""
+    found = score(problem, solution, kind, shape, onset, end)
+    if found is None:
+        return None
+    return _trial(problem, kind, shape, (onset, end, _weight(problem, onset, end, wide, long)), found)
+
+
+def _trial(
+    problem: Problem, kind: Kind, shape: str, times: tuple[Array, Array, Array], found: tuple[Array, Array]
+) -> Trial:
+    return trial(kind, shape, times, (float(problem.t[0]), float(problem.t[-1])), *found)
+
+
+def _weight(problem: Problem, onset: Array, end: Array, wide: Any, long: Any) -> Array:
+    """(T,) prior probability of cells of widths wide and long, s: onsets alike, durations alike in their logarithm."""
+    first, last = times_of_change(problem.t)
+    span = max(last - first, _SHORTEST_S)
+    share = np.minimum(wide / span, 1.0) * np.ones(len(onset))
+    ends = np.isfinite(end)
+    lasted = np.where(ends, np.maximum(end - onset, _SHORTEST_S), 1.0)
+    durations = max(float(np.log(span / _SHORTEST_S)), 1.0)
+    return np.asarray(np.where(ends, share * np.minimum(long / lasted / durations, 1.0), share))
+
+
+def _pairs(values: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Every two of ascending values."""
+    first, last = np.triu_indices(len(values), 1)
+    return values[first], values[last]
+
+
+def _refined(problem: Problem, solution: Solution, one: Trial, grid: Scan) -> Trial:
+    """The trial on a grid that is finer about its peak, in some rounds."""
+    if (one.kind.name, one.shape) in _AT_EVERY_KEYFRAME or len(grid.cuts) < 2:
+        return one
+    first, last = times_of_change(problem.t)
+    step = 0.5 * float(np.diff(grid.cuts).max())
+    on_jump = one.onset[one.best] not in grid.cuts
+    reach = 0.5 * float(np.median(np.diff(problem.t))) if on_jump else step
+    for _ in range(_ROUNDS):
+        begin, final = float(one.onset[one.best]), float(one.end[one.best])
+        shift, width = reach * np.linspace(-1.0, 1.0, _POINTS), 2.0 * reach / (_POINTS - 1)
+        onset, end = begin + shift, np.full(_POINTS, np.inf)
+        near = np.abs(one.onset - begin) <= reach
+        if np.isfinite(final):
+            onset, end = (x.ravel() for x in np.meshgrid(begin + shift, final + shift))
+            near &= np.abs(one.end - final) <= reach
+        right = (onset >= first) & (onset <= last) & (end > onset + _LEAST_S[one.kind.side])
+        right &= ~np.isfinite(end) | (end <= last)
+        if not right.any():
+            return one
+        cell = np.full(int(right.sum()), width)
+        fine = _at(problem, solution, one.kind, one.shape, onset[right], end[right], cell, cell)
+        if fine is None:
+            return one
+        one = joined([kept(one, ~near), fine]) if (~near).any() else fine
+        reach = 1.5 * width
+    return one
+
+
+def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
+    """Kind → the smallest that would have been accused in 95 % of flights like this, in the middle of it.
+
+    Of an IMU's bias a step, of an aiding sensor what `CREEPS` says; in the kind's unit.
+    """
+    smallest = {}
+    t = problem.t
+    hours = float(t[-1] - t[0]) / 3600.0
+    first, last = times_of_change(t)
+    count = len(t) - 1
+    middle = slice(count // 4, max(count // 4 + 1, 3 * count // 4))
+    cell = float(np.median(np.diff(t))) / max(last - first, _SHORTEST_S)
+    _, d = solution.disturbances
+    for (name, shape), block in _AT_EVERY_KEYFRAME.items():
+        kind = kind_of(name)
+        if shape != "step" or not kind.has_witness(problem):
+            continue
+        known = np.maximum(np.diagonal(d[middle, block, block], axis1=1, axis2=2).min(axis=1), 1e-300)
+        sizes = least_found(known, kind, shape, hours, cell)
+        smallest[name] = max(float(np.median(sizes)), kind.harmful(shape))
+    for name, lasts in CREEPS.items():
+        kind, onset = kind_of(name), 0.5 * (t[:1] + t[-1:] - lasts)
+        found = score(problem, solution, kind, "creep", onset, onset + lasts) if onset[0] >= first else None
+        if found is not None:
+            known = np.linalg.eigvalsh(found[1][0])[:1]
+            rate = least_found(np.maximum(known, 1e-300), kind, "creep", hours, cell, lasts)
+            smallest[name] = max(lasts * float(rate[0]), kind.harmful("creep"))
+    return smallest
