@@ -100,7 +100,8 @@ def findings_of(
             misled = tuple(str(d) for d in worst.values())
             said_of += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
         if (next_best := rival(episode)) is not None:
-            said_of += f" (probability {percent(likelihoods(episode)[episode.witness])}; next: {words(next_best[0])}, {percent(next_best[1])})"
+            sure, (kind, share) = likelihoods(episode)[episode.witness], next_best
+            said_of += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
         constant = severity == "error" and episode.start - _SURELY * episode.start_sigma <= times_of_change(best.t)[0]
         if constant:
             why, would_tell = _CONSTANT, ""

@@ -13,7 +13,8 @@ Times are integrated over a grid that is refined about its peak.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -143,21 +144,22 @@ def _of_scale(b: Array, v: Array, sigma: Array) -> tuple[Array, Array, Array, np
     )
 
 
+_BY_TIME = ("onset", "end", "weight", "log_bayes", "size", "covariance", "axis")
+
+
 def joined(parts: Sequence[Trial]) -> Trial:
     """One hypothesis at the times of all parts, one or more."""
-    first = parts[0]
-    arrays = ("onset", "end", "weight", "log_bayes", "size", "covariance", "axis")
-    together = [np.concatenate([getattr(p, a) for p in parts]) for a in arrays]
-    return Trial(first.kind, first.shape, *together, first.hours)
+    together: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts]) for name in _BY_TIME}
+    return replace(parts[0], **together)
 
 
 def kept(one: Trial, which: npt.NDArray[np.bool_]) -> Trial:
     """The same at some of its times alone."""
-    arrays = ("onset", "end", "weight", "log_bayes", "size", "covariance", "axis")
-    return Trial(one.kind, one.shape, *(getattr(one, a)[which] for a in arrays), one.hours)
+    some: dict[str, Any] = {name: getattr(one, name)[which] for name in _BY_TIME}
+    return replace(one, **some)
 
 
-def least_found(information: Array, kind: Kind, shape: str, hours: float, cell: float, reached: float = 1.0) -> Array:
+def least_found(information: Array, kind: Kind, hours: float, cell: float, reached: float = 1.0) -> Array:
     """(T,) the size that is accused in 95 % of flights, of components known with information (T,) each.
 
     With signal s √V the test statistic is N(s √V, 1)²: its 5 % quantile has to reach what odds of 19 to 1 ask for

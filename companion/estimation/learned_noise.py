@@ -183,12 +183,11 @@ def learn(
         step = _further(0.5 * np.log(_typical(above[told], below[told])), before.get(one.name))
         bounds = limits.get(one.name, (min(least, 1.0), _MOST))
         learned[one.name], change[one.name] = _changed(scale[one.name], step, bounds)
-    wandering = _slow_errors(linear, setup, slow)
-    for name, step in wandering.items():
-        median, spread, _ = SLOW[name]
-        wandering[name], change[f"slow {name}"] = _changed(
-            slow[name], _further(step, before.get(f"slow {name}")), (median / spread**2, median * spread**2)
-        )
+    wandering: dict[str, float] = {}
+    for name, growth in _slow_errors(linear, setup, slow).items():
+        (median, spread, _), key = SLOW[name], f"slow {name}"
+        bounds = median / spread**2, median * spread**2
+        wandering[name], change[key] = _changed(slow[name], _further(growth, before.get(key)), bounds)
     return replace(noise, **densities), learned, wandering, change
 
 

@@ -32,7 +32,7 @@ class Scan:
     said: Mapping[str, tuple[Array, Array]]  # kind → b (S, G, m) and V (S, G, m, S, G, m)
 
     def score(self, kind: str, shape: str, onset: Index, end: Index | None = None) -> tuple[Array, Array] | None:
-        """The gradient b (T, m) and the information V (T, m, m) of a kind and shape between cuts, by their numbers (T,).
+        """Gradient b (T, m) and information V (T, m, m) of a kind and shape between cuts, by their numbers (T,).
 
         None where the flight has nothing that it would change.
         """

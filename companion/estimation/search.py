@@ -69,11 +69,11 @@ def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, kind: Kind, s
         block = _AT_EVERY_KEYFRAME[kind.name, shape]
         e, d = solution.disturbances
         onset = 0.5 * (t[:-1] + t[1:]) if shape == "shock" else t[1:]
-        inside = (onset >= first) & (onset <= last)
+        judged = (onset >= first) & (onset <= last)
         weight = np.diff(t) / (last - first)
         never = np.full(len(e), np.inf)
         every = _trial(problem, kind, shape, (onset, never, weight), (-e[:, block], d[:, block, block]))
-        return kept(every, inside) if inside.any() else None
+        return kept(every, judged) if judged.any() else None
     inside = np.flatnonzero((grid.cuts >= first) & (grid.cuts <= last))
     parts: list[Trial | None] = []
     if shape in ENDING:
@@ -184,13 +184,13 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
         if shape != "step" or not kind.has_witness(problem):
             continue
         known = np.maximum(np.diagonal(d[middle, block, block], axis1=1, axis2=2).min(axis=1), 1e-300)
-        sizes = least_found(known, kind, shape, hours, cell)
+        sizes = least_found(known, kind, hours, cell)
         smallest[name] = max(float(np.median(sizes)), kind.harmful(shape))
     for name, lasts in CREEPS.items():
         kind, onset = kind_of(name), 0.5 * (t[:1] + t[-1:] - lasts)
         found = score(problem, solution, kind, "creep", onset, onset + lasts) if onset[0] >= first else None
         if found is not None:
             known = np.linalg.eigvalsh(found[1][0])[:1]
-            rate = least_found(np.maximum(known, 1e-300), kind, "creep", hours, cell, lasts)
+            rate = least_found(np.maximum(known, 1e-300), kind, hours, cell, lasts)
             smallest[name] = max(lasts * float(rate[0]), kind.harmful("creep"))
     return smallest

@@ -16,9 +16,9 @@ from companion.estimation.choice import Choice, explained
 from companion.estimation.constant_errors import constant_errors, of_first_half
 from companion.estimation.evidence import Trial
 from companion.estimation.explanations import Problem
-from companion.estimation.iteration import Start, estimate, likelihood, resuming, start_of
+from companion.estimation.iteration import Start, carried, estimate, likelihood, resuming, start_of
 from companion.estimation.learned_noise import believing, lasting, noise_limits, scatter
-from companion.estimation.linearisation import Linear
+from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.measurements import UNITS
 from companion.estimation.model import (
     ACCEL_BIAS,
@@ -137,9 +137,11 @@ def next_cause(
     if not tried:
         return tuple(one.rival for one in map(Choice.of_trial, usual[:_FURTHER]))
     least = max(tried, key=lambda one: likelihood(one.settled, one.linear))
-    weighed = trials(*without(least.linear, [*accepted, least.choice], len(accepted)))
-    rivals = tuple(Choice.of_trial(one).rival for one in weighed)
-    best = Choice.of_trial(weighed[0])
+    weighed = [Choice.of_trial(one) for one in trials(*_without_the_last(setup, least, accepted))]
+    if least.choice.taken:
+        weighed = [_as_moved(one, least) if one.name == least.choice.name else one for one in weighed]
+        weighed.sort(key=lambda one: -one.log_odds)
+    rivals, best = tuple(one.rival for one in weighed), weighed[0]
     if best.log_odds < (_LIKELY if best.fault > _HARMFUL else _DISTURBING):
         return rivals[:_FURTHER]
     own = next(one for one in tried if one is least or one.choice.name == best.name)
@@ -180,6 +182,28 @@ def _with(setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice
         return None
     settled, linear = possible.estimated or estimate(possible.setup, start, [*accepted, possible.choice])
     return Cause(possible.choice, possible.setup, settled, linear)
+
+
+def _without_the_last(setup: Setup, cause: Cause, accepted: Sequence[Choice]) -> tuple[Problem, Solution]:
+    """The problem of a cause without it, at its states and noise; with the readings where they were before it."""
+    if not cause.choice.taken:
+        return without(cause.linear, [*accepted, cause.choice], len(accepted))
+    settled = cause.settled
+    path = carried(setup, settled.states, settled.path)
+    linear = linearise(setup, path, settled.states, cause.linear.noise, settled.scale, {}, settled.slow, accepted)
+    return linear.problem, linear.solution
+
+
+def _as_moved(choice: Choice, cause: Cause) -> Choice:
+    """A hypothesis that is linear in small sizes alone, with the evidence that it has where it moved the readings.
+
+    Its size is known to 1σ there: the statistic is the square of size over σ, at the rate and times of the first order.
+    """
+    solution, moved = cause.linear.solution, cause.choice
+    variance = float(solution.constants_covariance[-1, -1])
+    size = float(solution.c[-1]) + moved.taken
+    found = 0.5 * (size**2 / variance + np.log(variance / choice.kind.prior**2))
+    return replace(choice, log_odds=max(choice.log_odds, moved.log_odds, found), fault=max(choice.fault, moved.fault))
 
 
 def without(linear: Linear, accepted: Sequence[Choice], one: int) -> tuple[Problem, Solution]:

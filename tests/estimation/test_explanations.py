@@ -9,16 +9,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from companion.estimation import KINDS, BestEstimate, Explained, kind_of, smooth
+from companion.estimation import ACCUSED, KINDS, BestEstimate, Explained, kind_of, probabilities, smooth
 from companion.estimation.choice import Choice, with_choice
-from companion.estimation.competition import CREEPS
 from companion.estimation.explanations import Problem
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import Linear, carry_imu, linearise
+from companion.estimation.measurements import SLOW
 from companion.estimation.scan import scan
+from companion.estimation.search import CREEPS
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Prior, Solution, motion_residual, solve
-from companion.estimation.weighing import Candidate, joined, weigh
+from companion.estimation.weighing import score
 from companion.model import STANDARD_GRAVITY, Array, Flight, geodetic_from_ned
 from companion.strapdown import quaternion
 from tests.estimation.sensed import PLACE, sensed, with_imu
@@ -95,6 +96,11 @@ FAULTS: dict[str, tuple[Callable[[Flight], Flight], str, float]] = {
 }
 
 
+def log_odds(one: Explained) -> float:
+    """Of what was found, against nothing."""
+    return next(rival.log_odds for rival in one.rivals if (rival.kind, rival.shape) == (one.kind, one.shape))
+
+
 @cache
 def found_in(fault: str) -> BestEstimate:
     flight, _ = sensed(60.0, fixes_hz=5.0 if fault == "gps motion" else 2.5)  # which half as many do not show
@@ -106,14 +112,13 @@ def test_an_injected_fault_is_found(fault: str) -> None:
     _, kind, size = FAULTS[fault]
     explained = found_in(fault).explained
     assert explained, "nothing found"
-    assert "unrest" not in {one.kind.partition("_")[2] for one in explained}, "taken for noise"
-    largest: Explained = max(explained, key=lambda one: one.gain)
+    largest: Explained = max(explained, key=log_odds)
     together = found_in(fault).explained_covariance
     for one in explained:
         assert one.place is not None
         np.testing.assert_allclose(np.sqrt(np.diagonal(together)[one.place]), one.sigma)
     assert largest.kind == kind
-    assert largest.gain > 30.0
+    assert probabilities(largest.rivals)[kind_of(kind).side] > ACCUSED
     all_of_it = np.sum([one.size for one in explained if (one.kind, one.shape) == (kind, largest.shape)], axis=0)
     assert np.linalg.norm(all_of_it) == pytest.approx(size, rel=0.25)
     assert abs(largest.onset - ONSET) < max(4.0 * largest.onset_sigma, 2.0)
@@ -164,7 +169,7 @@ def test_what_would_have_shown_shows(share: float, told: bool) -> None:
 
 def test_a_compass_that_turns_has_its_axis() -> None:
     """As the rotation of what it reads, in the body; to first order."""
-    largest = max(found_in("compass turn").explained, key=lambda one: one.gain)
+    largest = max(found_in("compass turn").explained, key=log_odds)
     np.testing.assert_allclose(largest.size, [0.2, 0.0, 0.42], atol=0.05)
 
 
@@ -172,8 +177,9 @@ def test_a_compass_that_turns_has_its_axis() -> None:
 def test_the_other_side_is_not_accused(fault: str) -> None:
     _, kind, _ = FAULTS[fault]
     side = kind_of(kind).side
-    others = [one for one in found_in(fault).explained if kind_of(one.kind).side != side]
-    assert sum(one.gain for one in others) < 0.2 * sum(one.gain for one in found_in(fault).explained)
+    for one in found_in(fault).explained:
+        shares = probabilities(one.rivals)
+        assert max(share for name, share in shares.items() if name not in (side, "nobody")) < 1.0 - ACCUSED
 
 
 @pytest.mark.parametrize("gps", [True, False], ids=["with GPS", "with the compass alone"])
@@ -192,7 +198,7 @@ def test_a_bias_that_comes_and_goes_has_its_times_and_its_size(gps: bool) -> Non
 
 
 @pytest.mark.parametrize("wrong", ["gyro", "compass"])
-def test_whether_more_than_the_compass_speaks_against_a_gyro_is_known(wrong: str) -> None:
+def test_gyro_and_compass_are_told_apart_by_gravity(wrong: str) -> None:
     """A field that turns evenly looks like a gyro; on a banked circle gravity knows which of the two it was."""
     flight, _ = sensed(90.0, "circle")
     imu, (compass,), q = flight.imu(), flight.compasses, flight.require_attitude()
@@ -205,8 +211,9 @@ def test_whether_more_than_the_compass_speaks_against_a_gyro_is_known(wrong: str
         world = quaternion.rotate(quaternion.exp(turn), quaternion.rotate(q.q_ned_frd[i], compass.field))
         field = quaternion.rotate(quaternion.conjugate(q.q_ned_frd[i]), world)
         flight = replace(flight, compasses=(replace(compass, field=field),))
-    largest = max(smooth(replace(flight, gps=())).explained, key=lambda one: one.gain)
-    assert (largest.kind, largest.shape, largest.seconded) == ("gyro_bias", "pulse", wrong == "gyro")
+    largest = max(smooth(replace(flight, gps=())).explained, key=log_odds)
+    shares = probabilities(largest.rivals)
+    assert max(shares, key=lambda side: shares[side]) == {"gyro": "imu", "compass": "compass"}[wrong]
 
 
 @pytest.fixture(scope="module")
@@ -216,9 +223,9 @@ def linear() -> Linear:
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     states = first_guess(setup, flight)
     path = carry_imu(setup, (np.zeros(3), np.zeros(3)))
-    scale = {one.name: 1.0 for one in setup.readings}
+    scale, slow = {one.name: 1.0 for one in setup.readings}, {name: SLOW[name][0] for name in setup.slow}
     for _ in range(4):
-        found = linearise(setup, path, states, START, scale, {})
+        found = linearise(setup, path, states, START, scale, {}, slow)
         states = states.moved(found.solution.x, found.solution.c)
     return found
 
@@ -238,43 +245,40 @@ LAWS = [(kind.name, shape) for kind in KINDS for shape in kind.shapes if shape n
 
 
 @pytest.mark.parametrize(("name", "shape"), LAWS)
-def test_the_gain_is_that_of_estimating_anew_with_the_unknowns(linear: Linear, name: str, shape: str) -> None:
-    """A law: weigh() asks the old solution what `solve` with further unknowns would say."""
+def test_the_score_is_that_of_estimating_anew_with_the_unknowns(linear: Linear, name: str, shape: str) -> None:
+    """A law: score() asks the old solution what `solve` with further unknowns would say."""
     kind = kind_of(name)
-    onset = np.array([11.3])
     problem, solution = linear.problem, linear.solution
-    weighed = weigh(problem, solution, kind, shape, onset)
-    assert weighed is not None
-    axis = int(weighed.axis[0])
-    choice = Choice(kind, shape, 11.3, np.inf, 0.1, axis, 0.0, ())
-    wider = with_choice(problem, linear.prior, choice)
+    found = score(problem, solution, kind, shape, np.array([11.3]))
+    assert found is not None
+    b, v = found[0][0], found[1][0]
+    wider = with_choice(problem, linear.prior, Choice(kind, shape, 11.3, np.inf, 0.1, -1, 0.0, 0.0))
     again = solve(len(problem.t), wider[0].motion, wider[0].measurements, wider[1])
-    unknowns = len(again.c) - len(solution.c)
-    size, covariance = weighed.size[0], weighed.covariance[0]
-    if axis >= 0:
-        size, covariance = size[axis : axis + 1], covariance[axis : axis + 1, axis : axis + 1]
-    np.testing.assert_allclose(again.c[-unknowns:], size, rtol=1e-4, atol=1e-3 * np.sqrt(covariance.max()))
+    unknowns = len(b)
+    covariance = np.linalg.inv(v + np.diag(wider[1].constants_sigma[-unknowns:] ** -2.0))
+    np.testing.assert_allclose(
+        again.c[-unknowns:], covariance @ b, rtol=1e-4, atol=1e-3 * float(np.sqrt(covariance.max()))
+    )
     np.testing.assert_allclose(
         again.constants_covariance[-unknowns:, -unknowns:], covariance, rtol=1e-4, atol=1e-4 * covariance.max()
     )
     better = misfit(problem, linear.prior, solution) - misfit(*wider, again)
-    lasted = max(float(problem.t[-1]) - 11.3, 1.0) if shape == "ramp" else 1.0
-    prior = np.full(unknowns, (lasted / kind.prior) ** 2)
-    paid = -np.linalg.slogdet(covariance * prior[:, None])[1] + (
-        2.0 * np.log(weighed.size.shape[1]) if axis >= 0 else 0
-    )
-    if np.linalg.norm(weighed.size[0]) * lasted >= kind.least:
-        assert weighed.gain[0] == pytest.approx(better - paid, rel=1e-3, abs=1e-3 * max(1.0, abs(better)))
-    else:
-        assert weighed.gain[0] == 0.0
+    assert b @ covariance @ b == pytest.approx(better, rel=1e-3, abs=1e-3 * max(1.0, abs(better)))
 
 
 GRID_LAWS = [(kind.name, shape) for kind in KINDS for shape in kind.shapes if shape != "shock"]
 
 
+def assert_same(one: tuple[Array, Array] | None, other: tuple[Array, Array] | None) -> None:
+    assert one is not None
+    assert other is not None
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-5, atol=1e-6 * float(np.abs(b).max()))
+
+
 @pytest.mark.parametrize(("name", "shape"), GRID_LAWS)
-def test_the_scan_says_what_weighing_each_onset_says(linear: Linear, name: str, shape: str) -> None:
-    """A law: columns of stretches, summed, are explanations from cut to cut; readings count from their keyframe on."""
+def test_the_scan_says_what_the_score_of_each_onset_says(linear: Linear, name: str, shape: str) -> None:
+    """A law: columns of stretches, summed, are hypotheses from cut to cut; readings count from their keyframe on."""
     kind = kind_of(name)
     at_keyframes = tuple(replace(one, t=linear.problem.t[one.keyframe]) for one in linear.problem.measurements)
     problem, solution = replace(linear.problem, measurements=at_keyframes), linear.solution
@@ -282,18 +286,13 @@ def test_the_scan_says_what_weighing_each_onset_says(linear: Linear, name: str, 
     ends = shape in ("pulse", "creep")
     for stretches in (9, len(problem.t)):  # of a short flight every keyframe is a cut, and none is inside
         grid = scan(problem, solution, stretches)
-        found = grid.weighed(kind, shape, onset, end if ends else None)
-        alone = weigh(problem, solution, kind, shape, grid.cuts[onset], grid.cuts[end] if ends else None)
-        assert found is not None
-        assert alone is not None
-        np.testing.assert_allclose(found.size, alone.size, rtol=1e-5, atol=1e-6 * np.abs(alone.size).max())
-        np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-5, atol=1e-7 * alone.covariance.max())
-        np.testing.assert_allclose(found.gain, alone.gain, rtol=1e-5, atol=1e-5)
+        found = grid.score(name, shape, onset, end if ends else None)
+        assert_same(found, score(problem, solution, kind, shape, grid.cuts[onset], grid.cuts[end] if ends else None))
 
 
 @pytest.mark.parametrize("together", [10**6, 1])
 @pytest.mark.parametrize(("name", "shape"), [law for law in GRID_LAWS if law[1] in ("pulse", "creep", "ramp")])
-def test_what_is_weighed_together_is_each_alone(
+def test_what_is_scored_together_is_each_alone(
     linear: Linear, name: str, shape: str, together: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A law: from moment to moment is the sum of all that lies between, whatever else is tried."""
@@ -301,29 +300,9 @@ def test_what_is_weighed_together_is_each_alone(
     onset, end = np.array([5.1, 9.0, 5.1, 16.2]), np.array([9.0, 14.7, 14.7, 18.0])
     ends = shape != "ramp"
     problem, solution, kind = linear.problem, linear.solution, kind_of(name)
-    found = weigh(problem, solution, kind, shape, onset, end if ends else None)
+    found = score(problem, solution, kind, shape, onset, end if ends else None)
     assert found is not None
     for i in range(len(onset)):
-        alone = weigh(problem, solution, kind, shape, onset[i : i + 1], end[i : i + 1] if ends else None)
-        assert alone is not None
-        covariance = alone.covariance[0]
-        np.testing.assert_allclose(found.size[i], alone.size[0], rtol=1e-6, atol=1e-6 * np.sqrt(covariance.max()))
-        np.testing.assert_allclose(found.covariance[i], covariance, rtol=1e-6, atol=1e-9 * covariance.max())
-        assert found.gain[i] == pytest.approx(alone.gain[0], rel=1e-6, abs=1e-6)
-
-
-def tries(onset: list[float], gain: list[float]) -> Candidate:
-    count = len(onset)
-    sizes = np.zeros((count, 3)), np.zeros((count, 3, 3))
-    ends, axes = np.full(count, np.inf), np.full(count, -1)
-    return Candidate(kind_of("gyro_bias"), "step", np.array(onset), ends, np.array(gain), *sizes, axes)
-
-
-def test_an_onset_that_may_be_another_is_as_unsure() -> None:
-    near = tries([10.0, 10.2, 10.4], [0.0, 100.0, 0.0])
-    assert near.onset_sigma < 1e-6
-    both = joined([near, tries([30.0, 30.2, 30.4], [0.0, 99.9, 0.0])])
-    assert both.onset_sigma == pytest.approx(20.0 * np.sqrt(0.49), abs=0.5)
-    # a time that stands for the ten seconds around it weighs a hundred times as much as one that stands for a tenth
-    coarse = tries([0.0, 10.0, 20.0, 30.0, 30.1, 30.2], [0.0, 100.0, 0.0, 0.0, 100.1, 0.0])
-    assert coarse.onset_sigma == pytest.approx(20.1 * np.sqrt(10.0 / 10.1), rel=0.01)
+        one = slice(i, i + 1)
+        alone = score(problem, solution, kind, shape, onset[one], end[one] if ends else None)
+        assert_same((found[0][one], found[1][one]), alone)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from companion.estimation.iteration import start_of
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import Linear, carry_imu, linearise
 from companion.estimation.setup import first_guess, set_up
@@ -24,7 +25,8 @@ def problem() -> Linear:
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     states = first_guess(setup, flight)
     path = carry_imu(setup, (np.zeros(3), np.zeros(3)))
-    return linearise(setup, path, states, START, {one.name: 1.0 for one in setup.readings}, {})
+    scale = {one.name: 1.0 for one in setup.readings}
+    return linearise(setup, path, states, START, scale, {}, start_of(setup, states).slow)
 
 
 def in_gtsam(linear: Linear) -> Any:

@@ -40,10 +40,10 @@ def contradicted(yaw_rate: float) -> tuple[Point, Callable[[Point], Linear]]:
     noise = replace(START, gyro_noise=5e-4, accel_noise=5e-3)
     scale = {one.name: 1.0 for one in setup.readings}
     guess = first_guess(setup, flight)
-    path = carried(setup, guess, None)
+    path, slow = carried(setup, guess, None), start_of(setup, guess).slow
 
     def about(point: Point) -> Linear:
-        return linearise(setup, path, point.states, noise, scale, {}, sizes=point.sizes)
+        return linearise(setup, path, point.states, noise, scale, {}, slow, sizes=point.sizes)
 
     return Point(guess, NOTHING), about
 
@@ -74,10 +74,10 @@ def test_the_misfit_falls_at_first_as_the_step_says() -> None:
 def test_a_step_that_leads_down_is_taken_whole() -> None:
     flight, _ = sensed(20.0, "circle", rate=50.0)
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
-    scale = {one.name: 3.0 for one in setup.readings}
+    scale, slow = {one.name: 3.0 for one in setup.readings}, start_of(setup, first_guess(setup, flight)).slow
 
     def about(point: Point) -> Linear:
-        return linearise(setup, carried(setup, point.states, None), point.states, START, scale, {})
+        return linearise(setup, carried(setup, point.states, None), point.states, START, scale, {}, slow)
 
     step = Step.of(about(Point(first_guess(setup, flight), NOTHING)), NOTHING)
     point, _, uphill = step.taken(about)

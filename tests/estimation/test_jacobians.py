@@ -10,6 +10,7 @@ import pytest
 
 from companion.estimation.choice import Choice
 from companion.estimation.explanations import kind_of
+from companion.estimation.iteration import start_of
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import CarriedImu, Linear, _kinematics, carry_imu, linearise
 from companion.estimation.measurements import UNITS, Kinematics, Readings, measure
@@ -39,7 +40,8 @@ def problem() -> tuple[Setup, CarriedImu, States]:
     constants[CONSTANTS["soft_iron"][0]] = rng.normal(size=9) * 0.03
     constants[CONSTANTS["compass_latency"][0]] = 0.02
     constants[CONSTANTS["gps_latency"][0]] = 0.15
-    states = first_guess(setup, flight).moved(moved, constants)
+    guess = first_guess(setup, flight)
+    states = guess.moved(np.concatenate((moved, np.zeros_like(guess.slow)), axis=1), constants)
     return setup, carry_imu(setup, BIASES), states
 
 
@@ -70,11 +72,11 @@ def test_a_measurement_is_linear_as_it_says(problem: tuple[Setup, CarriedImu, St
     for column in range(STATES):
         # of what the IMU felt since a late fix, the tilt is left to the motion
         function = held if name.startswith("gps") and column < 2 else predicted
-        x = np.zeros((len(setup.t), STATES))
+        x = np.zeros((len(setup.t), STATES + states.slow.shape[1]))
         x[:, column] = STEP
         found = derivative(function, states, x, none) / STEP
         np.testing.assert_allclose(found, exact.states[:, :, column], rtol=1e-5, atol=1e-5, err_msg=f"state {column}")
-    still = np.zeros((len(setup.t), STATES))
+    still = np.zeros_like(x)
     for column in range(CONSTANT_STATES):
         c = np.zeros(CONSTANT_STATES)
         c[column] = STEP
@@ -85,7 +87,7 @@ def test_a_measurement_is_linear_as_it_says(problem: tuple[Setup, CarriedImu, St
 
 
 def step_of(kind: str) -> Choice:
-    return Choice(kind_of(kind), "step", onset=6.0, end=np.inf, onset_sigma=0.1, axis=-1, gain=0.0, others=())
+    return Choice(kind_of(kind), "step", onset=6.0, end=np.inf, onset_sigma=0.1, axis=-1, log_odds=0.0, fault=0.0)
 
 
 def right_jacobian(turn: Array) -> Array:
@@ -123,13 +125,13 @@ def test_the_motion_is_linear_as_it_says(
         accel_bias=np.tile(BIASES[1] + apart * np.array([0.1, 0.2, -0.1]), (count, 1)),
         constants=constants,
     )
-    contradicting = np.zeros((count, STATES))
+    contradicting = np.zeros((count, STATES + states.slow.shape[1]))
     contradicting[:, ATTITUDE] = turned * np.random.default_rng(1).normal(size=(count, 3))
     states = states.moved(contradicting, np.zeros(CONSTANT_STATES))
-    scale = {one.name: 1.0 for one in setup.readings}
+    scale, slow = {one.name: 1.0 for one in setup.readings}, start_of(setup, guess).slow
 
     def made(of: States) -> Linear:
-        return linearise(setup, path, of, START, scale, {}, accepted, sizes=np.array(sizes))
+        return linearise(setup, path, of, START, scale, {}, slow, accepted, sizes=np.array(sizes))
 
     def left(of: States) -> Array:
         motion = made(of).motion
@@ -146,13 +148,13 @@ def test_the_motion_is_linear_as_it_says(
     size = np.repeat([1e-5, 1e-4, 1e-4, 1e-7, 1e-6], 3)
     none = np.zeros(CONSTANT_STATES)
     for column in range(STATES):
-        x = np.zeros((len(setup.t), STATES))
+        x = np.zeros_like(contradicting)
         x[::2, column] = size[column]
         found = changed(x, none, size[column])
         expected = exact.transition[:, :, column] * (x[:-1, column] > 0)[:, None]
         expected[:, column] -= x[1:, column] > 0
         np.testing.assert_allclose(found, expected, rtol=2e-3, atol=2e-3, err_msg=f"state {column}")
-    still = np.zeros((len(setup.t), STATES))
+    still = np.zeros_like(contradicting)
     for column in range(CONSTANT_STATES):
         c = np.zeros(CONSTANT_STATES)
         c[column] = 1e-5

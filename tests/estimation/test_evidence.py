@@ -1,0 +1,95 @@
+"""The log evidence of a hypothesis against direct integration, and the probabilities that it leads to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal, norm
+
+from companion.estimation import ACCUSED, KINDS, Rival, kind_of, probabilities
+from companion.estimation.evidence import Trial, joined, kept, least_found, trial
+from companion.model import Array
+
+HOUR = (0.0, 3600.0)
+
+
+def tried(b: Array, v: Array, onset: Array | None = None, kind: str = "gyro_bias", shape: str = "step") -> Trial:
+    """At some onsets, each standing for an even part of an hour's flight."""
+    count = len(b)
+    when = np.linspace(600.0, 3000.0, count) if onset is None else onset
+    weight = np.full(count, 1.0 / count)
+    return trial(kind_of(kind), shape, (when, np.full(count, np.inf), weight), HOUR, b, v)
+
+
+def test_the_evidence_of_one_component_is_its_integral() -> None:
+    """∫ exp(b u - ½ V u²) N(u; 0, σ²) du, by quadrature."""
+    kind = kind_of("gps_latency")
+    b, v = np.array([[40.0]]), np.array([[[900.0]]])
+    u = np.linspace(-4.0, 4.0, 200_001)
+    for column, sigma in ((0, kind.harmful("step") / 5.0), (1, kind.prior)):
+        integral = np.trapezoid(np.exp(b[0, 0] * u - 0.5 * v[0, 0, 0] * u**2) * norm.pdf(u, scale=sigma), u)
+        assert tried(b, v, kind="gps_latency").log_bayes[0, column] == pytest.approx(np.log(integral), rel=1e-6)
+
+
+def test_the_evidence_of_several_is_that_of_all_or_of_one_alone() -> None:
+    rng = np.random.default_rng(2)
+    root = rng.normal(size=(3, 3)) * 300.0
+    v, b = (root @ root.T)[None], rng.normal(size=(1, 3)) * 900.0
+    sigma = kind_of("gyro_bias").prior
+    with_all = multivariate_normal(np.zeros(3), v[0] + sigma**2 * v[0] @ v[0]).logpdf(b[0])
+    ratios = [with_all - multivariate_normal(np.zeros(3), v[0]).logpdf(b[0]) - np.log(2.0)]
+    for i in range(3):
+        own = v[0, i, i]
+        one = norm.logpdf(b[0, i], scale=np.sqrt(own + sigma**2 * own**2)) - norm.logpdf(b[0, i], scale=np.sqrt(own))
+        ratios.append(one - np.log(6.0))
+    assert tried(b, v).log_bayes[0, 1] == pytest.approx(np.logaddexp.reduce(ratios), rel=1e-6)
+
+
+def test_times_are_integrated_and_not_chosen() -> None:
+    """Splitting the cells of a grid changes nothing; an hour of nothing beside a peak costs as many cells."""
+    b, v = np.array([[0.0, 0.0, 30.0]]), np.eye(3)[None] * 100.0**2
+    one = tried(b, v)
+    many = tried(np.repeat(b, 7, axis=0), np.repeat(v, 7, axis=0))
+    assert many.log_odds == pytest.approx(one.log_odds)
+    everywhere = joined([one, tried(np.zeros((7, 3)), np.repeat(v, 7, axis=0))])
+    assert kept(everywhere, np.arange(8) == 0).log_odds == pytest.approx(one.log_odds)
+
+
+@pytest.mark.parametrize(("size", "harmful"), [(0.0, False), (2e-3, False), (12e-3, True)])
+def test_small_sizes_are_nuisances_and_large_ones_faults(size: float, harmful: bool) -> None:
+    v = np.eye(3)[None] / 3e-4**2
+    one = tried(v @ [0.0, size, 0.0], v)
+    assert (one.fault > ACCUSED) == harmful
+    assert one.fault > ACCUSED or one.fault < 0.05
+
+
+def test_what_is_never_a_fault_accuses_nobody() -> None:
+    shock = tried(np.array([[900.0, 0.0, 0.0]]), np.eye(3)[None] * 1e4, kind="gyro_shock", shape="shock")
+    assert shock.log_odds > 10.0
+    assert shock.fault == 0.0
+    assert probabilities([Rival("gyro_shock", "shock", shock.log_odds, shock.fault)])["nobody"] == pytest.approx(1.0)
+
+
+def test_probabilities_are_those_of_exclusive_hypotheses() -> None:
+    rivals = [Rival("gyro_bias", "step", np.log(70.0), 1.0), Rival("compass_field", "ramp", np.log(29.0), 1.0)]
+    found = probabilities(rivals)
+    assert sum(found.values()) == pytest.approx(1.0)
+    assert found["imu"] == pytest.approx(0.70)
+    assert found["compass"] == pytest.approx(0.29)
+    assert found["nobody"] == pytest.approx(0.01)
+    assert set(found) == {"nobody", *(kind.side for kind in KINDS)}
+
+
+def test_a_fault_of_the_detectable_size_is_accused_in_95_of_100_draws() -> None:
+    """Score statistics drawn with a fault of that size: b ~ N(V u, V)."""
+    rng, kind, cell = np.random.default_rng(5), kind_of("gyro_bias"), 1e-3
+    v = np.eye(3) / 3e-3**2
+    size = float(least_found(np.diag(v), kind, 1.0, cell)[0])
+    drawn = v @ [0.0, 0.0, size] + rng.multivariate_normal(np.zeros(3), v, size=400)
+    found = []
+    for b in drawn:
+        one = trial(
+            kind, "step", (np.array([1800.0]), np.array([np.inf]), np.array([cell])), HOUR, b[None], v[None]
+        )
+        found.append(probabilities([Rival(kind.name, "step", one.log_odds, one.fault)])["imu"] > ACCUSED)
+    assert 0.92 < np.mean(found) < 0.985
