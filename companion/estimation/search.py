@@ -16,7 +16,7 @@ from companion.estimation.weighing import jumps, pushes, score
 from companion.model import Array
 
 _STRETCHES = 25
-_REFINED_NATS, _REFINED = 12.0, 6  # of the best: what is further behind it on the grid is not refined
+_REFINED, _PART, _LEAST = 6, 0.5, 2.0  # of the best: what explains half as much on the coarse grid, and anything
 _ROUNDS, _POINTS = 3, 7
 _LEAST_S = {"imu": 5.0, "gps": 0.5, "compass": 2.0, "barometer": 2.0}  # what ends sooner is a shock, or a step
 _SHORTEST_S = 1.0
@@ -41,7 +41,7 @@ def trials(problem: Problem, solution: Solution) -> tuple[Trial, ...]:
         if (one := _on_the_grid(problem, solution, grid, kind, shape)) is not None
     ]
     every.sort(key=lambda one: -one.log_bayes.max())
-    least = every[0].log_bayes.max() - _REFINED_NATS if every else 0.0
+    least = max(_PART * every[0].log_bayes.max(), _LEAST) if every else 0.0
     fine = [
         _refined(problem, solution, one, grid) if i < _REFINED and one.log_bayes.max() > least else one
         for i, one in enumerate(every)
