@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.estimation import kind_of, smooth
+from companion.estimation import ACCUSED, kind_of, probabilities, smooth
 from companion.estimation.choice import Choice
 from companion.estimation.iteration import start_of
 from companion.estimation.measurements import GPS_LATENCY_S, Readings
 from companion.estimation.retiming import retimed
 from companion.estimation.setup import first_guess, set_up
-from companion.estimation.smoother import best_of
 from companion.model import STANDARD_GRAVITY, Flight
 from companion.strapdown import Motion
 from tests.estimation.sensed import LATENCY, errors, gps_of, sensed, with_imu
@@ -43,7 +42,8 @@ def test_fixes_that_come_late_are_put_where_the_vehicle_was(seconds: float) -> N
     (late,) = found.explained
     assert (late.kind, late.shape) == ("gps_latency", "step")
     assert late.size[0] == pytest.approx(seconds, abs=max(4.0 * float(late.sigma[0]), 0.02))
-    assert late.gain > 0.5 * (late.size[0] / late.sigma[0]) ** 2  # of all of it, not of what was left to the last pass
+    own = next(one for one in late.rivals if (one.kind, one.shape) == (late.kind, late.shape))
+    assert own.log_odds > 0.25 * (late.size[0] / late.sigma[0]) ** 2  # of all of it, not of what the last pass left
     assert late.onset == pytest.approx(ONSET, abs=max(3.0 * late.onset_sigma, 0.5))
     assert np.linalg.norm(errors(found, truth)[:, 6:8], axis=1).max() < 1.0  # at 1 s and 6 m/s it was 6 m
 
@@ -72,10 +72,6 @@ def test_a_late_reading_goes_to_the_keyframe_that_it_speaks_of() -> None:
     assert len(one.later(np.full(20, 1.0), t).t) == 15  # what speaks of the time before the first is left out
 
 
-def chosen(kind: str, gain: float, *others: tuple[str, str, float]) -> Choice:
-    return Choice(kind_of(kind), "step", ONSET, np.inf, 0.1, -1, gain, others)
-
-
 @pytest.mark.parametrize("faulty", ["gps_latency", "accel_scale"])
 @pytest.mark.slow
 def test_the_whole_estimate_decides_between_what_is_linear_and_what_is_not(faulty: str) -> None:
@@ -86,16 +82,11 @@ def test_the_whole_estimate_decides_between_what_is_linear_and_what_is_not(fault
     else:
         imu = flight.imu()
         flight = with_imu(flight, replace(imu, accel=imu.accel * np.where(imu.t >= ONSET, 0.9, 1.0)[:, None]))
-    setup = set_up(flight, None, STANDARD_GRAVITY, None)
-    start = start_of(setup, first_guess(setup, flight))
-    choices = chosen("accel_scale", 400.0), chosen("gps_latency", 320.0, ("accel_scale", "step", 400.0))
-    found = best_of(setup, start, [], choices)
-    assert found is not None
-    assert found.choice.kind.name == faulty
+    found = smooth(flight).explained
+    assert found[0].kind == faulty
     if faulty == "gps_latency":
-        assert found.choice.taken == pytest.approx(1.0, abs=0.05)
-        ((_, _, gain),) = found.choice.others
-        assert gain < found.choice.gain - 100.0  # far less likely, whatever the first order says
+        assert found[0].size[0] == pytest.approx(1.0, abs=0.05)
+    assert probabilities(found[0].rivals)[kind_of(faulty).side] > ACCUSED
 
 
 @pytest.mark.slow
@@ -104,7 +95,7 @@ def test_the_onset_is_sought_again_with_the_size_known() -> None:
     flight, truth = sensed(45.0, seed=3)
     setup = set_up(late_by(flight, truth, 1.0), None, STANDARD_GRAVITY, None)
     start = start_of(setup, first_guess(setup, flight))
-    possible = retimed(setup, start, [], replace(chosen("gps_latency", 300.0), onset=ONSET + 6.0))
+    possible = retimed(setup, start, [], Choice(kind_of("gps_latency"), "step", ONSET + 6.0, np.inf, 0.1, -1, 300.0, 1.0))
     assert possible is not None
     moved, found = possible.setup, possible.choice
     assert found.taken == pytest.approx(1.0, abs=0.05)
