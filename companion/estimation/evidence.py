@@ -25,7 +25,8 @@ from companion.estimation.model import Rival
 from companion.model import Array
 
 _NUISANCES_PER_H = 10.0  # of each hypothesis: what parts in order show, every few minutes
-_NUISANCE = 0.2  # 1σ of their sizes, of what is called harmful: at that size both are equally likely
+_BEATS_S = 5.0  # for which a vibration that is folded down may stay: its mean falls with the time beyond
+NUISANCE = 0.2  # 1σ of their sizes, of what is called harmful: at that size both are equally likely
 _SECONDS_PER_H = 3600.0
 _CANDIDATE, _DISTURBS = -3.0, 7.0  # log odds of a fault, and of a nuisance
 
@@ -77,7 +78,7 @@ class Trial:
     def _cells(self) -> Array:
         with np.errstate(divide="ignore"):
             usual = self.kind.rate if self.kind.nuisance else _NUISANCES_PER_H
-            rates = np.log(np.array([usual, self.kind.rate]) * self.hours / len(self.kind.shapes))
+            rates = np.log(np.array([usual / len(self.kind.shapes), self.kind.rate_of(self.shape)]) * self.hours)
             return np.asarray(np.log(self.weight)[:, None] + rates + self.log_bayes)
 
     def _beyond(self) -> Array:
@@ -97,11 +98,17 @@ def lasted(shape: str, onset: Array, end: Array, hours: float) -> Array:
 
 
 def trial(
-    kind: Kind, shape: str, times: tuple[Array, Array, Array], flight: tuple[float, float], b: Array, v: Array
+    kind: Kind,
+    shape: str,
+    times: tuple[Array, Array, Array],
+    flight: tuple[float, float],
+    b: Array,
+    v: Array,
+    aliased: float = 0.0,
 ) -> Trial:
     """The evidence at times (onset, end, weight of the cell), each (T,), from gradients b (T, m) and V (T, m, m).
 
-    flight: its first and last keyframe, s.
+    flight: its first and last keyframe, s. aliased: 1σ of nuisances that sampling makes of vibration.
     """
     onset, end, weight = times
     hours = (flight[1] - flight[0]) / _SECONDS_PER_H
@@ -112,7 +119,8 @@ def trial(
     if kind.nuisance:
         small, large = large, np.full(len(b), -np.inf)
     else:
-        small, *_ = _of_scale(b, v, _NUISANCE * harmful / reached)
+        beat = aliased * np.minimum(_BEATS_S / np.maximum(np.minimum(end, flight[1]) - onset, 1e-3), 1.0)
+        small, *_ = _of_scale(b, v, np.maximum(NUISANCE * harmful, beat) / reached)
     return Trial(kind, shape, onset, end, weight, np.stack([small, large], axis=1), size, covariance, axis, hours)
 
 
@@ -159,14 +167,14 @@ def kept(one: Trial, which: npt.NDArray[np.bool_]) -> Trial:
     return replace(one, **some)
 
 
-def least_found(information: Array, kind: Kind, hours: float, cell: float, reached: float = 1.0) -> Array:
+def least_found(information: Array, kind: Kind, shape: str, hours: float, cell: float, reached: float = 1.0) -> Array:
     """(T,) the size that is accused in 95 % of flights, of components known with information (T,) each.
 
     With signal s √V the test statistic is N(s √V, 1)²: its 5 % quantile has to reach what odds of 19 to 1 ask for
     (the minimal detectable bias, W. Baarda 1968). cell: prior probability of the times about an onset.
     """
     sigma = kind.prior / reached
-    asked = 2.0 * (_ODDS - np.log(kind.rate * hours / len(kind.shapes) * cell) + np.log(6.0))
+    asked = 2.0 * (_ODDS - np.log(kind.rate_of(shape) * hours * cell) + np.log(6.0))
     asked = np.maximum(asked + np.log1p(information * sigma**2), 0.0)
     return np.asarray((np.sqrt(asked) + _QUANTILE) / np.sqrt(np.maximum(information, 1e-300)))
 

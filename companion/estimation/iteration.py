@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.estimation.choice import Choice
-from companion.estimation.learned_noise import START, Change, coloured, learn, noise_limits, outlier_weights
+from companion.estimation.learned_noise import START, Change, coloured, learn, noise_limits, outlier_weights, shocks
 from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
 from companion.estimation.measurements import SLOW
 from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
@@ -160,10 +160,11 @@ def estimate(
     noise, scale, change = start.noise, dict(start.scale), dict[str, Change]()
     weights, weighted, roughly = dict[str, Array](), 0, _ROUGHLY
     limits, path = limits or noise_limits(setup), carried(setup, start.states, start.path, roughly)
-    wide, slow = noise, dict(start.slow)
+    wide, slow, shaken = noise, dict(start.slow), np.ones_like(setup.restless)
 
     def about(point: Point) -> Linear:
-        return linearise(setup, path, point.states, wide, scale, weights, slow, accepted, sizes=point.sizes)
+        louder = replace(setup, restless=setup.restless * shaken)
+        return linearise(louder, path, point.states, wide, scale, weights, slow, accepted, sizes=point.sizes)
 
     def moved(step: Step) -> tuple[Point, Linear, bool]:
         """Where a step leads; the misfits along it are compared with the IMU carried as before."""
@@ -183,7 +184,7 @@ def estimate(
             noise, scale, slow, change = learn(linear, setup, noise, scale, slow, limits, change)
             wide, largest = noise, max(abs(one.size) for one in change.values())
             if weighted or accepted or largest < _NEAR or count >= _WEIGHTS_FROM:
-                weights = outlier_weights(linear)
+                weights, shaken = outlier_weights(linear), shaken * shocks(linear)
                 weighted += 1
         there = uphill or step.gain < _LEARNING  # as near as it comes
         if (weighted >= _WEIGHTED and largest < SETTLED and there) or count == passes - 1:

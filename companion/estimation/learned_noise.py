@@ -338,14 +338,32 @@ def _lasting(values: Array) -> float:
 def outlier_weights(linear: Linear) -> dict[str, Array]:
     """Weights of readings that their own neighbours contradict: they count linearly, not by their square.
 
-    Readings that are off together keep their weight: whether it is they that are wrong is for the explanations to say.
+    Readings that are off together keep their weight: whether it is they that are wrong is for the hypotheses to say.
     """
-    weights = {}
-    for one in linear.measurements:
-        left = measurement_residual(one, linear.solution) / one.sigma
-        if len(left) <= _NEIGHBOURS:
-            continue
-        typical = np.partition(neighbourhoods(left, _NEIGHBOURS), _NEIGHBOURS // 2, axis=-1)[..., _NEIGHBOURS // 2]
-        size = np.abs(left - typical).max(axis=1)
-        weights[one.name] = np.minimum(1.0, _HUBER / np.maximum(size, 1e-9)) ** 2
-    return weights
+    return {
+        one.name: _beside_neighbours(measurement_residual(one, linear.solution) / one.sigma)
+        for one in linear.measurements
+        if len(one.t) > _NEIGHBOURS
+    }
+
+
+def shocks(linear: Linear) -> Array:
+    """(K-1, 2) times by which the noise of gyro and accelerometer is larger in intervals that their neighbours
+    contradict: a touch of the ground, a clipped or an aliased manoeuvre. What lasts, as a bias does, is none.
+    """
+    e, d = linear.solution.disturbances
+    out = np.ones((len(e), 2))
+    if len(e) <= _NEIGHBOURS:
+        return out
+    for column, block in enumerate((ATTITUDE, VELOCITY)):
+        known = np.diagonal(d, axis1=1, axis2=2)[:, block]
+        sigma = np.sqrt(np.where(known > 0.0, known, np.inf))
+        out[:, column] = _beside_neighbours(e[:, block] / sigma) ** -0.5
+    return out
+
+
+def _beside_neighbours(values: Array) -> Array:
+    """(M,) weights of normalised values (M, d): 1 where they are near the median of those around them."""
+    typical = np.partition(neighbourhoods(values, _NEIGHBOURS), _NEIGHBOURS // 2, axis=-1)[..., _NEIGHBOURS // 2]
+    size = np.abs(values - typical).max(axis=1)
+    return np.asarray(np.minimum(1.0, _HUBER / np.maximum(size, 1e-9)) ** 2)

@@ -164,7 +164,9 @@ def linearise(
         measurements.append(
             replace(one, residual=left, states=h, sigma=sigma, weight=weights.get(one.name, one.weight))
         )
-    problem = Problem(setup.t, states.q_ned_frd, states.velocity, setup.gravity, motion, tuple(measurements))
+    problem = Problem(
+        setup.t, states.q_ned_frd, states.velocity, setup.gravity, motion, tuple(measurements), setup.aliased
+    )
     prior = _prior(setup, states, slow)
     for choice in accepted:
         problem, prior = with_choice(problem, prior, choice)

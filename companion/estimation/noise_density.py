@@ -258,6 +258,25 @@ def _quiet_share(freedom: float) -> float:
     return float((1.0 - narrow + _NORMAL.inv_cdf(_QUIET) * np.sqrt(narrow)) ** 3)
 
 
+_ALIASED = 0.25  # 1σ of a slow error, as part of the scatter of readings that are sampled too slowly for it
+_SAMPLED_SLOWLY = 0.4  # corner of the low-pass, as part of the sampling rate
+
+
+def aliasing(track: ImuTrack) -> dict[str, float]:
+    """Kind of bias → 1σ (rad/s, m/s²) that a vibration may read like for seconds, when it is folded down near 0 Hz.
+
+    A line of vibration at a multiple of the sampling rate beats slowly with it, by up to its own amplitude. None of
+    readings that were averaged over their interval, or filtered well below the sampling rate.
+    """
+    how = sampling_of(track)
+    if how.kind == "averaged" or (how.corner_hz and how.corner_hz < _SAMPLED_SLOWLY * track.rate_hz):
+        return {}
+    return {
+        kind: _ALIASED * float(np.linalg.norm(between_samples(readings)))
+        for kind, readings in (("gyro_bias", track.gyro), ("accel_bias", track.accel))
+    }
+
+
 _FEWEST_DIFFERENCES = 8
 _AROUND_S = 1.5  # s either way, over which the noise is taken as one: vibration changes with throttle, in seconds
 _LEAST_SCATTER, _MOST_SCATTER = 0.1, 30.0  # times the median: bias walk and timing remain where nothing shakes

@@ -117,7 +117,8 @@ def _at(
 def _trial(
     problem: Problem, kind: Kind, shape: str, times: tuple[Array, Array, Array], found: tuple[Array, Array]
 ) -> Trial:
-    return trial(kind, shape, times, (float(problem.t[0]), float(problem.t[-1])), *found)
+    span = float(problem.t[0]), float(problem.t[-1])
+    return trial(kind, shape, times, span, *found, problem.aliased.get(kind.name, 0.0))
 
 
 def _weight(problem: Problem, onset: Array, end: Array, wide: Any, long: Any) -> Array:
@@ -184,13 +185,13 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
         if shape != "step" or not kind.has_witness(problem):
             continue
         known = np.maximum(np.diagonal(d[middle, block, block], axis1=1, axis2=2).min(axis=1), 1e-300)
-        sizes = least_found(known, kind, hours, cell)
+        sizes = least_found(known, kind, shape, hours, cell)
         smallest[name] = max(float(np.median(sizes)), kind.harmful(shape))
     for name, lasts in CREEPS.items():
         kind, onset = kind_of(name), 0.5 * (t[:1] + t[-1:] - lasts)
         found = score(problem, solution, kind, "creep", onset, onset + lasts) if onset[0] >= first else None
         if found is not None:
             known = np.linalg.eigvalsh(found[1][0])[:1]
-            rate = least_found(np.maximum(known, 1e-300), kind, hours, cell, lasts)
+            rate = least_found(np.maximum(known, 1e-300), kind, "creep", hours, cell, lasts)
             smallest[name] = max(lasts * float(rate[0]), kind.harmful("creep"))
     return smallest

@@ -21,7 +21,7 @@ from companion.estimation.measurements import (
     vector_readings,
 )
 from companion.estimation.model import CONSTANT_STATES, CONSTANTS, STATES, States
-from companion.estimation.noise_density import relative_scatter, scatter_between_samples, spectral_noise
+from companion.estimation.noise_density import aliasing, relative_scatter, scatter_between_samples, spectral_noise
 from companion.estimation.rest import at_rest
 from companion.estimation.system import Index
 from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin, interpolated, longest_step, nearest
@@ -54,6 +54,7 @@ class Setup:
     constants_sigma: Array  # (39,)
     spectral_noise: tuple[float, float]  # rad/s/√Hz, m/s²/√Hz: of gyro and accelerometer as they read, by spectra
     scatter: tuple[float, float]  # the same of their noisiest axes, by second differences
+    aliased: Mapping[str, float]  # kind of bias → what vibration may read like near zero frequency, 1σ, SI
     notes: tuple[str, ...]
     slow: Mapping[str, slice]  # aiding sensor → place of its slow error among the states of a keyframe
     restless: Array  # (K-1, 2) noise of gyro and accelerometer in each interval, as times its median in the flight
@@ -113,9 +114,10 @@ def set_up(
     noise = spectral_noise(track, longest)
     gyro, accel = (scatter_between_samples(read, track.rate_hz) for read in (track.gyro, track.accel))
     scattering = relative_scatter(track, t, longest)
+    aliased = aliasing(track)
     track = restored(track, np.diff(track.t) > longest)
     return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),
-                 tuple(notes), slow_places(readings), scattering)  # fmt: skip
+                 aliased, tuple(notes), slow_places(readings), scattering)  # fmt: skip
 
 
 def slow_places(readings: Sequence[Readings]) -> dict[str, slice]:

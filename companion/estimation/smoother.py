@@ -37,8 +37,9 @@ from companion.estimation.system import Solution, measurement_residual, solve
 from companion.estimation.weighing import bursts
 from companion.model import STANDARD_GRAVITY, DataError, Flight
 
-_MOST_EXPLAINED = 6
+_MOST_EXPLAINED = 4
 _LIKELY, _DISTURBING, _HARMFUL = 0.0, 10.0, 0.5  # log odds to accept what is harmful, and what is not, by probability
+_TRIED_PASSES = 8  # of the iteration, after which it shows which of several hypotheses leaves least
 _FURTHER = 8  # of what was not accepted
 
 
@@ -154,15 +155,12 @@ def next_cause(
 
 
 def _candidates(found: Sequence[Trial]) -> dict[tuple[str, str], Choice]:
-    """The likeliest hypotheses of every side that may be worth an estimate of their own."""
-    chosen: dict[tuple[str, str], Choice] = {}
-    counted: set[str] = set()
+    """The likeliest hypothesis of the IMU and of an aiding sensor, where they may be worth an estimate of their own."""
+    chosen: dict[bool, Choice] = {}
     for one in found:
-        if one.worth_trying and one.kind.side not in counted:
-            counted.add(one.kind.side)
-            choice = Choice.of_trial(one)
-            chosen[choice.name] = choice
-    return chosen
+        if one.worth_trying:
+            chosen.setdefault(one.kind.side == "imu", Choice.of_trial(one))
+    return {choice.name: choice for choice in chosen.values()}
 
 
 def _doubted_noise(
@@ -180,7 +178,9 @@ def _with(setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice
     possible = retimed(setup, start, accepted, choice)
     if possible is None:
         return None
-    settled, linear = possible.estimated or estimate(possible.setup, start, [*accepted, possible.choice])
+    settled, linear = possible.estimated or estimate(
+        possible.setup, start, [*accepted, possible.choice], passes=_TRIED_PASSES
+    )
     return Cause(possible.choice, possible.setup, settled, linear)
 
 

@@ -84,7 +84,7 @@ def test_a_fault_of_the_detectable_size_is_accused_in_95_of_100_draws() -> None:
     """Score statistics drawn with a fault of that size: b ~ N(V u, V)."""
     rng, kind, cell = np.random.default_rng(5), kind_of("gyro_bias"), 1e-3
     v = np.eye(3) / 3e-3**2
-    size = float(least_found(np.diag(v), kind, 1.0, cell)[0])
+    size = float(least_found(np.diag(v), kind, "step", 1.0, cell)[0])
     drawn = v @ [0.0, 0.0, size] + rng.multivariate_normal(np.zeros(3), v, size=400)
     found = []
     for b in drawn:
