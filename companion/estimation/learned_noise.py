@@ -29,7 +29,7 @@ from companion.estimation.model import (
 )
 from companion.estimation.setup import Setup
 from companion.estimation.spectrum import neighbourhoods
-from companion.estimation.system import Index, measurement_residual, measurement_variance, motion_residual, solve
+from companion.estimation.system import Index, measurement_residual, measurement_variance
 from companion.model import Array, percentile
 from companion.strapdown import MOVED, quaternion
 
@@ -308,17 +308,15 @@ def coloured(linear: Linear) -> dict[str, float]:
 def _drawn(linear: Linear) -> Array:
     """Smoothed disturbances (K-1, 15) of one data set drawn with the noise that the problem states."""
     rng = np.random.default_rng(0)  # any draw serves, and the same log gets the same answer
-    motion, prior = linear.motion, linear.prior
-    noise = roots(motion.weight).swapaxes(-1, -2) @ rng.standard_normal((*motion.residual.shape, 1))
+    motion, solution = linear.motion, linear.solution
+    noise = (roots(motion.weight).swapaxes(-1, -2) @ rng.standard_normal((*motion.residual.shape, 1)))[..., 0]
     heard = [
-        replace(one, residual=rng.standard_normal(one.residual.shape) / np.sqrt(np.maximum(one.information, 1e-300)))
+        (one, rng.standard_normal(one.residual.shape) / np.sqrt(np.maximum(one.information, 1e-300)))
         for one in linear.measurements
     ]
-    zero = replace(
-        prior, residual=np.zeros_like(prior.residual), constants_residual=np.zeros_like(prior.constants_residual)
-    )
-    drawn = solve(len(linear.problem.t), replace(motion, residual=noise[..., 0]), heard, zero)
-    return np.asarray((motion.weight @ motion_residual(drawn.motion, drawn)[..., None])[..., 0])
+    x, c = solution.redrawn(noise, heard)
+    left = noise + (motion.transition @ x[:-1, :, None])[..., 0] + motion.constants @ c - x[1:]
+    return np.asarray((motion.weight @ left[..., None])[..., 0])
 
 
 def _lasting(values: Array) -> float:

@@ -107,6 +107,24 @@ class Solution:
         d *= known[:, None, :]
         return blocks[0], e * known, d
 
+    def redrawn(self, motion: Array, measured: Sequence[tuple[Measurement, Array]]) -> tuple[Array, Array]:
+        """x (K, n) and c (C,) for other residuals of the same problem, of motion (K-1, n) and of each sensor (M, d).
+
+        Those of the priors are zero.
+        """
+        rhs, inner = np.zeros_like(self.x), np.zeros_like(self.c)
+        weighted = (self.motion.weight @ motion[..., None])[..., 0]
+        rhs[:-1] -= (self.motion.transition.swapaxes(-1, -2) @ weighted[..., None])[..., 0]
+        rhs[1:] += weighted
+        inner -= np.tensordot(self.motion.constants, weighted, axes=((0, 1), (0, 1)))
+        for one, residual in measured:
+            own = one.information * residual
+            rhs[one.keyframe] += np.einsum("mdi,md->mi", one.states, own)  # each keyframe once
+            inner += np.tensordot(one.constants, own, axes=((0, 1), (0, 1)))
+        border = self.border
+        c = self.constants_covariance @ (inner - np.tensordot(border, rhs, axes=((0, 1), (0, 1))))
+        return self.factor.solve(rhs[..., None])[..., 0] - border @ c, c
+
     def covariances(self) -> Array:
         """Covariance (K, n, n) of every keyframe, the constants unknown."""
         out = self.marginals.copy()
