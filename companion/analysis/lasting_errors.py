@@ -11,9 +11,10 @@ from companion.analysis.budget import lasting_step_error
 from companion.analysis.comparison import Comparison, Windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS
 from companion.analysis.imu_spec import ImuSpec
-from companion.analysis.reference import BoolArray, IntArray, Reference, States
+from companion.analysis.reference import BoolArray, IntArray, InterpolationError, Reference, States
 from companion.estimation import BestEstimate, ConstantErrors, allowing
 from companion.model import Array, ImuTrack
+from companion.strapdown import Preintegration
 
 _COMMON = ("gyro_bias", "accel_bias", "gyro_scale", "accel_scale", "gyro_misalignment", "accel_misalignment")
 """Parts of a calibration that the best estimate has figures of too."""
@@ -81,10 +82,15 @@ def beside_best(own: Comparison, best: BestEstimate, chosen: Windows) -> tuple[C
     known, nowhere = np.zeros(len(t), np.bool_), np.zeros(len(t), np.bool_)
     known[samples] = True
     placed = known if "gps_position" in best.residuals else nowhere
-    states = States(*best.at(t[samples]), np.zeros(len(samples)))
-    return own.beside(Reference(t, known, placed, partial(_looked_up, samples, states))), within
+    states = States(*best.at(t[samples]))
+    return own.beside(Reference(t, known, placed, partial(_looked_up, samples, states), _not_interpolated)), within
 
 
 def _looked_up(samples: IntArray, states: States, index: IntArray) -> States:
     """The states at samples `index`, of those at `samples`, ascending."""
     return states.rows(np.searchsorted(samples, index))
+
+
+def _not_interpolated(index: IntArray, _: Preintegration) -> InterpolationError:
+    """The best estimate follows the IMU from sample to sample."""
+    return InterpolationError(*(np.zeros(len(index)) for _ in range(3)))
