@@ -22,6 +22,7 @@ from companion.analysis.episode import (
     axis_of,
     cause_of,
     gain_of,
+    is_sized,
     rival_of_another,
     rivals,
     said,
@@ -36,7 +37,7 @@ from companion.estimation import (
     kind_of,
     times_of_change,
 )
-from companion.model import longest_step, words
+from companion.model import SensorInUse, longest_step, words
 
 _OVERSHOOTS = 2.0  # times what misled it: a height that is off by more has another cause
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
@@ -78,25 +79,32 @@ def findings_of(
     departed: tuple[Departure, ...],
     best: BestEstimate,
     jumps: Sequence[Finding] = (),
+    in_use: SensorInUse | None = None,
 ) -> list[Finding]:
-    """Episodes and departures as findings: causes as errors, consequences as warnings, the harmless as information.
+    """Episodes and departures as findings: causes as errors, the harmless as information if it is more than its σ.
 
-    jumps: those of the autopilot's heading and position.
+    jumps: those of the autopilot's heading and position. in_use: the IMU that it flew on; another one misleads nobody.
     """
     out: list[Finding] = []
-    end_of_all = float(best.t[-1])
-    causes = [_cause_among(d, all_episodes) for d in departed]
+    imu = best.imu.instance
+    may = tuple(e for e in all_episodes if e.witness != "imu" or in_use is None or in_use.uses(imu, e.start, e.end))
+    causes = [_cause_among(d, may) for d in departed]
     for episode in all_episodes:
         consequences = [d for d, cause in zip(departed, causes, strict=True) if cause is episode]
         harmed = bool(consequences)
         misleads = any(d.size >= _CERTAIN * d.sigma for d in consequences)
-        severity: Severity = "info"
+        severity: Severity = "warning" if harmed else "info"
         if misleads or (is_serious(episode) and (harmed or episode.witness == "imu")):
             severity = "error"
-        elif harmed and episode.witness == "imu":
-            severity = "warning"
+        if severity == "info" and not is_sized(episode, best):
+            continue
         side: Side = "imu" if episode.witness == "imu" else "autopilot" if harmed else "data"
-        why, would_tell = _why_undecided(episode, best, all_episodes) if severity == "error" else ("", "")
+        why, would_tell = (_HARDLY_OFF, _ANOTHER) if severity == "warning" else ("", "")
+        if severity == "error":
+            why, would_tell = _why_undecided(episode, best, all_episodes)
+        constant = severity == "error" and episode.start - _SURELY * episode.start_sigma <= times_of_change(best.t)[0]
+        if constant:
+            why, would_tell = _CONSTANT, ""
         headline = words = said(episode, best)
         misled: tuple[str, ...] = ()
         if harmed:
@@ -105,13 +113,10 @@ def findings_of(
             words += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
         if rival := rivals(episode):
             words += f" ({rival})"
-        constant = severity == "error" and episode.start - _SURELY * episode.start_sigma <= times_of_change(best.t)[0]
-        if constant:
-            why, would_tell = _CONSTANT, ""
         if why:
             side, severity, headline = "data", "warning", ""
             words = f"{'perhaps ' if would_tell else ''}{words}; {why}"
-        end = episode.end if np.isfinite(episode.end) else end_of_all
+        end = min(episode.end, float(best.t[-1]))
         cause = None if why else cause_of(episode, best, side, misled)
         advice = would_tell or kind_of(episode.kind).advice
         out.append(Finding(episode.kind, side, severity, episode.start, end, words, advice, headline, cause,
@@ -127,6 +132,7 @@ _AGAINST_ITSELF = ("gps_position", "gps_velocity")  # kinds that the GPS shows w
 _FEWEST = 8  # samples
 _BY_THE_IMU_ALONE, _BURSTS = ("gps_motion",), 3  # kinds that no other witness speaks against
 _CONSTANT = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"
+_HARDLY_OFF = "that close to what both may be off by, it cannot be told which of them is wrong"
 _CONTRADICTED = (
     "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which of them is wrong"
 )
@@ -294,8 +300,7 @@ def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> tupl
          _ANOTHER),
         (sensor is not None,
          f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong", _ANOTHER),
-        (departure.size < _CERTAIN * departure.sigma,
-         "that close to what both may be off by, it cannot be told which of them is wrong", _ANOTHER),
+        (departure.size < _CERTAIN * departure.sigma, _HARDLY_OFF, _ANOTHER),
     )  # fmt: skip
     return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
 

@@ -259,7 +259,8 @@ class Sensitivity:
 def sensitivity(best: BestEstimate | None) -> Sensitivity:
     """What a best estimate could have shown; without one, nothing by a third witness."""
     if best is None:
-        return Sensitivity({}, ("which side is wrong: no best estimate could be made, `companion smooth` says why",))
+        lacking = "what IMU and autopilot may have wrong together: no best estimate could be made"
+        return Sensitivity({}, (f"{lacking}, `companion smooth` says why",))
     smallest = {}
     for kind in ("gyro_bias", "accel_bias"):
         if kind in best.detectable:

@@ -17,6 +17,7 @@ from companion.analysis.episode import Departure, Episode, cause_of, episodes, s
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings
 from companion.analysis.imu_spec import ReferenceSpec
+from companion.analysis.noise import FlightDensity
 from companion.analysis.reference import Limits, reference_at
 from companion.estimation import KINDS, BestEstimate, Explained, Size, kind_of
 from companion.model import Array, EstimatorReset, Flight, PositionTrack
@@ -345,7 +346,7 @@ def test_what_comes_after_a_sensor_that_reads_nothing_is_no_earlier_faults(fligh
     stuck = Finding("stuck_axis", "imu", "error", ONSET, ONSET + 5.0, "reads the same", "do not fly on it")
 
     def severity(*faults: Finding) -> str:
-        found, _ = findings(away, comparison, 0.0, GENERIC, None, ReferenceSpec(), faults, biased)
+        found, _ = findings(away, comparison, None, GENERIC, FlightDensity(None, None), ReferenceSpec(), faults, biased)
         return next(one.severity for one in found if one.kind == "gyro_bias")
 
     assert (severity(), severity(stuck)) == ("error", "info")
@@ -631,7 +632,7 @@ def test_what_begins_together_is_known_together(best: BestEstimate) -> None:
     unknown = replace(known, explained_covariance=0.02**2 * np.eye(6))
     (one,) = episodes(unknown)
     assert one.sigma == pytest.approx(np.sqrt(2.0) * 0.02)
-    assert [finding.side for finding in findings_of((one,), (), unknown)] == ["data"]
+    assert [finding.undecided for finding in findings_of((one,), (), unknown)] == [True]
 
 
 def test_a_size_is_told_of_the_time_at_which_it_is_known(best: BestEstimate) -> None:

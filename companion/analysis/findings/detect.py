@@ -79,9 +79,10 @@ def findings(
         while_judged = tuple(one for one in episodes(best) if one.start - SIGMAS * one.start_sigma < landed)
         departed = departures(flight, best, limits, tilted)
         departed = tuple(one for one in departed if not _is_led_to(one.start, one.end, faults))
-        all_findings += findings_of(while_judged, departed, best, jumps)
+        all_findings += findings_of(while_judged, departed, best, jumps, flight.imu_in_use)
         all_findings += known_biases(flight, best)
-        all_findings += parting_findings(flight, comparison.track, best)
+        if not any(f.severity == "error" for f in faults):  # else its own readings are none to compare with
+            all_findings += parting_findings(flight, comparison.track, best)
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
         jumps = [_confirmed(f, all_findings, best) for f in jumps]
     all_findings += jumps
