@@ -20,12 +20,13 @@ from companion.analysis.findings import findings, missed_findings, reading_fault
 from companion.analysis.findings.axes import misread_finding
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.lasting_errors import beside_best, known_from
+from companion.analysis.lasting_errors import beside_best, known_from, level_force
 from companion.analysis.noise import FlightDensity, noise_in_flight
 from companion.analysis.phases import phases
 from companion.analysis.rest import Rest, rests
 from companion.analysis.verdict import AGREEING_S, FEWEST_WINDOWS, JUDGED_S, Agreement, Verdict, decide
 from companion.estimation import (
+    CONSTANTS,
     BestEstimate,
     ConstantErrors,
     Explained,
@@ -196,7 +197,7 @@ def assess(
     third = best if best is not None and _independent(best) else None
     usual = figures if third is None else in_flight(figures, third)
     drift, comparison = drift_over(comparison, sets), comparison.forgotten()
-    told = comparison.of(clean if third is None else restored(_unbiased(clean, third), comparison.gaps))
+    told = comparison.of(clean if third is None else restored(_unbiased(clean, third, flight), comparison.gaps))
     agreements = {
         horizon: _agreement(told, horizon, parts, usual, autopilot)
         for horizon in dict.fromkeys((*AGREEING_S, *horizons))
@@ -324,13 +325,18 @@ def in_flight(figures: ImuSpec, best: BestEstimate) -> ImuSpec:
     )
 
 
-def _unbiased(track: ImuTrack, best: BestEstimate) -> ImuTrack:
+def _unbiased(track: ImuTrack, best: BestEstimate, flight: Flight) -> ImuTrack:
     """The track without the usual bias of the best estimate, and without the scale and misalignment found beside it.
 
     A bias that the autopilot knows and removes is no fault; one without the other is nobody's. What real parts hardly
-    show is not taken off in silence.
+    show is not taken off in silence: of an accelerometer that is off by more nothing is.
     """
     states = best.states
+    if level_force(best, flight).unusual.any():
+        place, _ = CONSTANTS["accel_matrix"]
+        constants = states.constants.copy()
+        constants[place] = 0.0
+        states = replace(states, constants=constants, accel_bias=np.zeros_like(states.accel_bias))
 
     def usual(bias: Array, most: float) -> Array:
         return np.asarray(np.clip(np.median(bias, axis=0), -most, most))

@@ -29,6 +29,7 @@ from companion.analysis.episode import (
     size_told,
 )
 from companion.analysis.finding import Finding, Severity, Side
+from companion.analysis.lasting_errors import ALL_THE_TIME
 from companion.estimation import (
     BestEstimate,
     between_samples,
@@ -104,7 +105,7 @@ def findings_of(
             why, would_tell = _why_undecided(episode, best, all_episodes)
         constant = severity == "error" and episode.start - _SURELY * episode.start_sigma <= times_of_change(best.t)[0]
         if constant:
-            why, would_tell = _CONSTANT, ""
+            why, would_tell = ALL_THE_TIME, ""
         headline = words = said(episode, best)
         misled: tuple[str, ...] = ()
         if harmed:
@@ -131,7 +132,6 @@ _TOGETHER_S, _HALF, _FAR_MORE = 2.0, 0.5, 20.0  # s; of the evidence; times the 
 _AGAINST_ITSELF = ("gps_position", "gps_velocity")  # kinds that the GPS shows without an IMU
 _FEWEST = 8  # samples
 _BY_THE_IMU_ALONE, _BURSTS = ("gps_motion",), 3  # kinds that no other witness speaks against
-_CONSTANT = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"
 _HARDLY_OFF = "that close to what both may be off by, it cannot be told which of them is wrong"
 _CONTRADICTED = (
     "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which of them is wrong"

@@ -24,6 +24,7 @@ AGREEING_S = (JUDGED_S, 1.0, 2.0, 10.0, 30.0)
 
 FEWEST_WINDOWS = 3
 _MANY_WINDOWS = 10
+_CONSTANT = ("gyro_bias", "gyro_scale", "accel_bias", "accel_scale")  # that may have been there all the time
 _CONSISTENT_SHARE = 0.7  # of windows inside the 95 % bound: the windows of a flight share one draw of its biases
 
 
@@ -85,7 +86,7 @@ def decide(
         first = _first(causes)
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
-        told = f"Suspect {whom}: {_headline(first)}.{_all_the_same(worst, source)}"
+        told = f"Suspect {whom}: {_headline(first)}.{_all_the_same(agreements[0], source)}"
         return Verdict(status, told, findings, _cause(first))
     doubt = _doubt(worst, findings, best)
     if doubt is not None:
@@ -95,12 +96,12 @@ def decide(
     )
 
 
-def _all_the_same(worst: Agreement, source: str) -> str:
+def _all_the_same(judged: Agreement, source: str) -> str:
     """What has to be said beside a suspicion where every window is inside its bound; "" elsewhere.
 
     What goes off slowly, or on an IMU that the autopilot did not fly on, shows beside the other sensors alone.
     """
-    return "" if worst.share < 1.0 else f" {source} and the autopilot nevertheless agree: {worst}."
+    return "" if judged.share < 1.0 else f" {source} and the autopilot nevertheless agree: {judged}."
 
 
 def lasting(
@@ -177,8 +178,11 @@ def _doubt(worst: Agreement, findings: tuple[Finding, ...], best: BestEstimate |
     if worst.is_consistent:
         return None
     quantity = min(worst.inside, key=lambda name: worst.inside[name])
-    unknown = "no independent sensor (GPS, compass) tells which is wrong"
-    why = "no single cause explains it" if best is not None else unknown
+    why = "no single cause explains it"
+    if best is None:
+        why = "no independent sensor (GPS, compass) tells which is wrong"
+    elif explained := next((f.evidence for f in findings if f.severity == "warning" and f.kind in _CONSTANT), ""):
+        why = explained
     return f"IMU and autopilot differ in {quantity} by more than expected (only {worst}), and {why}"
 
 

@@ -23,6 +23,7 @@ from companion.analysis.findings.sampling import lags, rate_findings, stamp_find
 from companion.analysis.findings.stuck import stuck_findings
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
+from companion.analysis.lasting_errors import level_force_findings
 from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import phases
 from companion.analysis.redundant_imus import parting_findings
@@ -80,7 +81,7 @@ def findings(
         departed = departures(flight, best, limits, tilted)
         departed = tuple(one for one in departed if not _is_led_to(one.start, one.end, faults))
         all_findings += findings_of(while_judged, departed, best, jumps, flight.imu_in_use)
-        all_findings += known_biases(flight, best)
+        all_findings += [*known_biases(flight, best), *level_force_findings(best, flight)]
         if not any(f.severity == "error" for f in faults):  # else its own readings are none to compare with
             all_findings += parting_findings(flight, comparison.track, best)
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
