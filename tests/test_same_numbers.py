@@ -18,6 +18,7 @@ import companion as c
 from companion.app.examination import integration_of
 from companion.app.replay_page import Answers
 from companion.cli import main
+from companion.model import STANDARD_GRAVITY
 from companion.present import STATISTICS, palette
 from companion.view import ReplayChoice
 from companion.view.panels import verdict_tables
@@ -102,6 +103,20 @@ def test_the_terminal(flight: Document, capsys: Captured) -> None:
     for (value, sigma), figure, error in zip(shown, fitted["value"], fitted["sigma"], strict=True):
         assert same(value, 1e3 * figure)
         assert same(sigma, 1e3 * error)
+
+
+def test_the_noise(flight: Document, capsys: Captured) -> None:
+    """`noise` by axis, `smooth` and `analyze` of the worst one that the steps of the readings do not hide."""
+    assert main(["noise", DEMO, "--imu", flight["used_imu"], "--json"]) == 0
+    own = json.loads(capsys.readouterr().out)["flights"][0]["imus"][0]["flight"]
+    assert main(["smooth", DEMO, "--imu", flight["used_imu"]]) == 0
+    smoothed = capsys.readouterr().out
+    for sensor, factor, unit in (("gyro", 1e3 * np.degrees(1.0), "mdps"), ("accel", 1e6 / STANDARD_GRAVITY, "µg")):
+        axes = zip(own[sensor]["density"], own[sensor]["below_quantisation"], strict=True)
+        worst = max(density for density, hidden in axes if not hidden)
+        assert flight["figures"][f"measured_{sensor}_noise"] == worst
+        cells = next(line.split() for line in smoothed.splitlines() if line.split()[:2] == [sensor, unit])
+        assert same(cells[2], worst * factor)
 
 
 def test_the_export(flight: Document, tmp_path: Path) -> None:

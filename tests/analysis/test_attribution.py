@@ -20,7 +20,7 @@ from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.reference import Limits, reference_at
 from companion.estimation import KINDS, BestEstimate, Explained, Size, kind_of
-from companion.model import Array, EstimatorReset, Flight, PositionTrack
+from companion.model import Array, EstimatorReset, Flight, PositionTrack, SensorInUse
 from companion.strapdown import quaternion
 from tests.flights import turned
 
@@ -46,6 +46,18 @@ def step(onset: float, end: float, size: float) -> Explained:
 def test_an_estimate_that_agrees_does_not_depart(flight: Flight, best: BestEstimate) -> None:
     assert departures(flight, best, Limits()) == ()
     assert findings_of((), (), best) == []
+
+
+@pytest.mark.parametrize(("flown_on", "misled"), [(0, True), (1, False)])
+def test_an_imu_that_the_autopilot_did_not_fly_on_misleads_nobody(
+    flight: Flight, best: BestEstimate, flown_on: int, misled: bool
+) -> None:
+    off = replace(best, explained=(step(ONSET, np.inf, 0.05),))
+    departed = departures(headed(flight, 40.0), best, Limits())
+    in_use = SensorInUse(np.array([0.0]), np.array([flown_on]))
+    found = findings_of(episodes(off), departed, off, in_use=in_use)
+    assert ("misled" in found[0].evidence) is misled
+    assert any(one.kind == "heading_off" for one in found) is not misled
 
 
 def test_a_departure_that_nothing_explains_is_the_autopilots(flight: Flight, best: BestEstimate) -> None:
