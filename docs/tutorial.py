@@ -33,7 +33,7 @@ for row, expected in zip(found.drift.rows, found.expected, strict=True):
     if row.position_m is not None and expected is not None:
         print(f"{row.horizon_s:4g} s: {row.position_m.median:5.2f} m, expected {expected.position_m:6.2f} m")
 
-# > consistent - IMU and autopilot agree within the expected error (100 % of 18 windows of 5 s inside the 95 % bound).
+# > consistent - IMU and autopilot agree within the expected error (98 % of 46 windows of 2 s inside the 95 % bound, known errors removed).
 # >    1 s:  0.02 m, expected   0.27 m
 # >    2 s:  0.05 m, expected   0.41 m
 # >    5 s:  0.21 m, expected   2.22 m

@@ -18,6 +18,7 @@ import companion as c
 from companion.app.examination import integration_of
 from companion.app.replay_page import Answers
 from companion.cli import main
+from companion.model import STANDARD_GRAVITY
 from companion.present import STATISTICS, palette
 from companion.view import ReplayChoice
 from companion.view.panels import verdict_tables
@@ -80,21 +81,42 @@ def test_the_terminal(flight: Document, capsys: Captured) -> None:
     assert main(["analyze", DEMO, "--full"]) == 0
     drift, rest = capsys.readouterr().out.split("Expected drift")
     rows = [line.split() for line in drift.splitlines() if re.match(r" *\d+ s ", line)]
-    expected = [line.split() for line in rest.split("Every IMU")[0].splitlines() if re.match(r" *\d+ s ", line)]
+    tables = rest.split("Every IMU")[0].split("Windows inside")
+    expected, inside = ([c.split() for c in part.splitlines() if re.match(r" *\d+ s ", c)] for part in tables)
     assert flight["verdict"]["summary"] in drift
     for cells, sigma, row in zip(rows, expected, flight["drift"], strict=True):
         assert (float(cells[0]), int(cells[2])) == (row["horizon_s"], row["windows"])
         values = [row[quantity][statistic] for quantity in QUANTITIES for statistic in STATISTICS]
         assert all(same(cell, value) for cell, value in zip(cells[3:], values, strict=True))
         assert all(same(sigma[2 + i], row["expected"][quantity]) for i, quantity in enumerate(QUANTITIES))
-    for cells, row in zip(expected, flight["consistency"], strict=True):
-        assert cells[5:8] == [f"{row[quantity]:.0%}" for quantity in ("attitude", "velocity", "position")]
+    for cells, row in zip(inside, flight["consistency"], strict=True):
+        assert cells[3:6] == [f"{row[quantity]:.0%}" for quantity in ("attitude", "velocity", "position")]
+        judged = row["judged"]
+        shares = [judged[quantity] for quantity in ("attitude", "velocity", "position")]
+        assert cells[6:] == [str(judged["windows"]), *(f"{share:.0%}" for share in shares)]
+    share, count, horizon = re.findall(r"(\d+) % of (\d+) windows of (\d+) s", flight["verdict"]["summary"])[0]
+    told = next(cells for cells in inside if cells[0] == horizon)
+    assert (told[6], f"{share}%") == (count, min(told[7:], key=lambda cell: int(cell[:-1])))
     fitted = flight["calibration"]["gyro_bias_radps"]
     line = next(line for line in rest.splitlines() if line.strip().startswith("gyro bias"))
     shown = re.findall(r"(-?[\d.]+) ± ([\d.]+)", line)
     for (value, sigma), figure, error in zip(shown, fitted["value"], fitted["sigma"], strict=True):
         assert same(value, 1e3 * figure)
         assert same(sigma, 1e3 * error)
+
+
+def test_the_noise(flight: Document, capsys: Captured) -> None:
+    """`noise` by axis, `smooth` and `analyze` of the worst one that the steps of the readings do not hide."""
+    assert main(["noise", DEMO, "--imu", flight["used_imu"], "--json"]) == 0
+    own = json.loads(capsys.readouterr().out)["flights"][0]["imus"][0]["flight"]
+    assert main(["smooth", DEMO, "--imu", flight["used_imu"]]) == 0
+    smoothed = capsys.readouterr().out
+    for sensor, factor, unit in (("gyro", 1e3 * np.degrees(1.0), "mdps"), ("accel", 1e6 / STANDARD_GRAVITY, "µg")):
+        axes = zip(own[sensor]["density"], own[sensor]["below_quantisation"], strict=True)
+        worst = max(density for density, hidden in axes if not hidden)
+        assert flight["figures"][f"measured_{sensor}_noise"] == worst
+        cells = next(line.split() for line in smoothed.splitlines() if line.split()[:2] == [sensor, unit])
+        assert same(cells[2], worst * factor)
 
 
 def test_the_export(flight: Document, tmp_path: Path) -> None:

@@ -35,6 +35,7 @@ from companion.analysis.noise import (
     RestNoise,
     SensorModel,
     imu_noise,
+    noise_in_flight,
     noise_model,
 )
 from companion.analysis.phases import phases
@@ -52,7 +53,7 @@ from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Continued, Replay, go_on, replay, replay_from_rest
 from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift, newest_stands_out
-from companion.analysis.verdict import Verdict, lasting
+from companion.analysis.verdict import Agreement, Verdict, lasting
 
 __all__ = [
     "GENERIC",
@@ -60,6 +61,7 @@ __all__ = [
     "NAMES",
     "NO_CORRECTION",
     "PARTS",
+    "Agreement",
     "Alignment",
     "Assessment",
     "AutopilotBias",
@@ -129,6 +131,7 @@ __all__ = [
     "lasting",
     "left_out",
     "newest_stands_out",
+    "noise_in_flight",
     "noise_model",
     "phases",
     "rate_warning",

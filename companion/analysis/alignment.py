@@ -158,6 +158,8 @@ def _later(
     ends = [p.carry(begin, index, q0, zero, zero)[0] for p in paths]
     sampling = attitude_error(ends[0], ends[1])  # of the other middle sample: an embedded pair
     covariance = covariance + sampling[:, :, None] * sampling[:, None, :]
+    between = comparison.reference.interpolation_error(index, comparison.path).attitude
+    covariance = covariance + between[:, None, None] ** 2 * np.eye(3)
     spread = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     rows = zip(
         (track.t[index] - track.t[start]).tolist(),

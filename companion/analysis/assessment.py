@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from companion.analysis.autopilot_error import AutopilotBias, autopilot_bias
-from companion.analysis.budget import Expected, chi_square_95, chi_square_999, expected_over, window_noise
+from companion.analysis.budget import Expected, chi_square_95, chi_square_999, expected_over
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
 from companion.analysis.correction import NO_CORRECTION, Correction
@@ -20,11 +20,13 @@ from companion.analysis.findings import findings, missed_findings, reading_fault
 from companion.analysis.findings.axes import misread_finding
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.lasting_errors import beside_best, known_from
+from companion.analysis.lasting_errors import beside_best, known_from, level_force
+from companion.analysis.noise import FlightDensity, noise_in_flight
 from companion.analysis.phases import phases
 from companion.analysis.rest import Rest, rests
-from companion.analysis.verdict import FEWEST_WINDOWS, JUDGED_S, Verdict, decide
+from companion.analysis.verdict import AGREEING_S, FEWEST_WINDOWS, JUDGED_S, Agreement, Verdict, decide
 from companion.estimation import (
+    CONSTANTS,
     BestEstimate,
     ConstantErrors,
     Explained,
@@ -51,9 +53,10 @@ class Assessment:
     drift: Drift
     figures: ImuSpec
     autopilot: ReferenceSpec
-    measured_noise: tuple[float, float] | None  # rad/s/√Hz, m/s²/√Hz in flight
+    measured_noise: FlightDensity
     rests: tuple[Rest, ...]  # where the vehicle stood still
     autopilot_bias: AutopilotBias | None  # the gyro bias that the autopilot believes in
+    agreements: Mapping[float, Agreement]  # horizon, s → the windows as the verdict judges them
     verdict: Verdict
     best: BestEstimate | None  # the third opinion; None where the flight allows none
     sensitivity: Sensitivity  # what the flight could have shown
@@ -172,10 +175,9 @@ def assess(
     track = correction.apply(flight.imu(imu))
     comparison = compare(flight, track=track, how=how)
     judged = windows(comparison, JUDGED_S)
-    noise = _noise(comparison, judged)
+    noise = noise_in_flight(flight, track, figures, how.limits)
     sets = tuple(windows(comparison, horizon) for horizon in horizons)
     allowed = expected_over(comparison, judged, figures, autopilot)
-    sampling = allowed.shares["attitude"]["sampling"] if allowed else 0.0
     faults = reading_faults(flight, comparison, figures, autopilot)
     parts = phases(flight)
     lost = next((part for part in parts if part.kind == "impact"), None)
@@ -185,17 +187,21 @@ def assess(
     faults = [f for f in faults if f not in later]
     own = replace(flight, imus={**flight.imus, track.source: track})
     enough = len(_while_judged(judged, track.t, parts).start) >= FEWEST_WINDOWS
+    differ = enough and allowed is not None and not Agreement(JUDGED_S, 0, {}, allowed.inside).is_consistent
     comparison = comparison.forgotten()  # while the best estimate needs the room
-    best, told_by_it = _best(own, comparison, faults, lost, before, enough=enough)
+    best, told_by_it = _best(own, comparison, faults, lost, before, differ=differ)
     faults += told_by_it
-    all_findings, clean = findings(flight, comparison, sampling, figures, noise, autopilot, faults, best)
+    all_findings, clean = findings(flight, comparison, allowed, figures, noise, autopilot, faults, best)
     if lost is not None:
         all_findings = when_lost(all_findings, lost, later)
     third = best if best is not None and _independent(best) else None
     usual = figures if third is None else in_flight(figures, third)
     drift, comparison = drift_over(comparison, sets), comparison.forgotten()
-    told = comparison.of(clean if third is None else restored(_unbiased(clean, third), comparison.gaps))
-    judged = _while_judged(windows(told, JUDGED_S), told.track.t, parts)
+    told = comparison.of(clean if third is None else restored(_unbiased(clean, third, flight), comparison.gaps))
+    agreements = {
+        horizon: _agreement(told, horizon, parts, usual, autopilot)
+        for horizon in dict.fromkeys((*AGREEING_S, *horizons))
+    }
     return Assessment(
         comparison=comparison,
         sets=sets,
@@ -205,7 +211,8 @@ def assess(
         measured_noise=noise,
         rests=rests(flight, track, figures),
         autopilot_bias=autopilot_bias(flight, track),
-        verdict=decide(judged, expected_over(told, judged, usual, autopilot), all_findings, third, track.source),
+        agreements=agreements,
+        verdict=decide([agreements[horizon] for horizon in AGREEING_S], all_findings, third, track.source),
         best=best,
         sensitivity=sensitivity(best),
     )
@@ -228,14 +235,6 @@ def _made_worse(before: Drift | None, after: Drift | None, autopilot: ReferenceS
     return any(b is not None and a is not None and a.median > max(2 * b.median, least) for b, a, least in pairs)
 
 
-def _noise(comparison: Comparison, judged: Windows) -> tuple[float, float] | None:
-    """White-noise densities of gyro and accelerometer as they are in flight, median over windows."""
-    if not len(judged.start):
-        return None
-    gyro, accel = np.median(window_noise(comparison.track, judged), axis=0)
-    return float(gyro), float(accel)
-
-
 _UNTRUSTED = ("frozen", "stuck_axis", "gyro_clipping", "accel_clipping")
 
 
@@ -246,14 +245,15 @@ def _best(
     lost: Phase | None,
     before: BestEstimate | None,
     *,
-    enough: bool,
+    differ: bool,
 ) -> tuple[BestEstimate | None, list[Finding]]:
     """The best estimate, with the IMU's readings left out where they are none; None where there can be none, or where
     they are of other units.
 
-    And what it says of the readings: an axis that is stuck, or, of a flight that is long enough to be judged, another
-    way to read the axes that fits far better.
-    lost: from when on nothing is.
+    And what it says of the readings: an axis that is stuck, or another way to read the axes that fits far better. The
+    latter where IMU and autopilot differ, which take turns and forces for the same with the right axes alone, and where
+    GPS tells of these: a compass and gravity by themselves fit many ways.
+    lost: from when on nothing is. differ: whether windows that are enough to be judged do.
     """
     imu, gravity = comparison.track.source, comparison.how.gravity
     if any(f.kind == "units_wrong" for f in faults):
@@ -266,12 +266,21 @@ def _best(
         return None, []
     stuck = [f for f in missed_findings(comparison, best) if f not in faults]
     if stuck:
-        best_without, told = _best(flight, comparison, [*faults, *stuck], lost, before, enough=enough)
+        best_without, told = _best(flight, comparison, [*faults, *stuck], lost, before, differ=differ)
         return best_without, [*stuck, *told]
-    if not enough or not _independent(best) or any(f.kind == "axes_wrong" for f in faults):
+    if not differ or "gps_position" not in best.residuals or any(f.kind == "axes_wrong" for f in faults):
         return best, []
     other = other_reading(flight, best, gravity=gravity, span=span, untrusted=untrusted)
-    return best, [] if other is None else [misread_finding(flight.imu(imu), other)]
+    return best, [] if other is None else [misread_finding(flight.imu(imu), other, best)]
+
+
+def _agreement(
+    told: Comparison, horizon: float, parts: Sequence[Phase], usual: ImuSpec, autopilot: ReferenceSpec
+) -> Agreement:
+    """Of the windows of one length that are judged; told: with the IMU's known errors removed."""
+    chosen = _while_judged(windows(told, horizon), told.track.t, parts)
+    expected = expected_over(told, chosen, usual, autopilot)
+    return Agreement(horizon, len(chosen.start), chosen.excluded, expected.inside if expected else {})
 
 
 def _while_judged(chosen: Windows, t: Array, parts: Sequence[Phase]) -> Windows:
@@ -316,13 +325,18 @@ def in_flight(figures: ImuSpec, best: BestEstimate) -> ImuSpec:
     )
 
 
-def _unbiased(track: ImuTrack, best: BestEstimate) -> ImuTrack:
+def _unbiased(track: ImuTrack, best: BestEstimate, flight: Flight) -> ImuTrack:
     """The track without the usual bias of the best estimate, and without the scale and misalignment found beside it.
 
     A bias that the autopilot knows and removes is no fault; one without the other is nobody's. What real parts hardly
-    show is not taken off in silence.
+    show is not taken off in silence: of an accelerometer that is off by more nothing is.
     """
     states = best.states
+    if level_force(best, flight).unusual.any():
+        place, _ = CONSTANTS["accel_matrix"]
+        constants = states.constants.copy()
+        constants[place] = 0.0
+        states = replace(states, constants=constants, accel_bias=np.zeros_like(states.accel_bias))
 
     def usual(bias: Array, most: float) -> Array:
         return np.asarray(np.clip(np.median(bias, axis=0), -most, most))

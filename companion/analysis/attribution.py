@@ -18,6 +18,7 @@ from companion.analysis.episode import (
     Departure,
     Episode,
     cause_of,
+    is_sized,
     likelihoods,
     own_odds,
     percent,
@@ -26,6 +27,7 @@ from companion.analysis.episode import (
     size_told,
 )
 from companion.analysis.finding import Finding, Severity, Side
+from companion.analysis.lasting_errors import ALL_THE_TIME
 from companion.estimation import (
     ACCUSED,
     BestEstimate,
@@ -35,7 +37,7 @@ from companion.estimation import (
     kind_of,
     times_of_change,
 )
-from companion.model import words
+from companion.model import SensorInUse, words
 
 _CANDIDATE = -3.0  # log odds from which on what is not in the estimate may be the reason: one to twenty
 _OVERSHOOTS = 2.0  # times what misled it: a height that is off by more has another cause
@@ -45,8 +47,9 @@ _CERTAIN = 4.0  # σ of both together, from which on a departure is the autopilo
 
 
 def is_serious(episode: Episode) -> bool:
-    """Whether an IMU's episode is a fault; a witness' is one where it misled the autopilot, which this does not say."""
-    return episode.witness != "imu" or episode.magnitude >= kind_of(episode.kind).serious
+    """Whether an IMU's episode is a fault; a sensor's is one where it misled the autopilot, which this does not say."""
+    kind = kind_of(episode.kind)
+    return episode.witness != "imu" or (not kind.nuisance and episode.magnitude >= kind.harmful("step"))
 
 
 def follows(departure: Departure, episode: Episode) -> bool:
@@ -74,25 +77,32 @@ def findings_of(
     departed: tuple[Departure, ...],
     best: BestEstimate,
     jumps: Sequence[Finding] = (),
+    in_use: SensorInUse | None = None,
 ) -> list[Finding]:
-    """Episodes and departures as findings: causes as errors, consequences as warnings, the harmless as information.
+    """Episodes and departures as findings: causes as errors, the harmless as information if it is more than its σ.
 
-    jumps: those of the autopilot's heading and position.
+    jumps: those of the autopilot's heading and position. in_use: the IMU that it flew on; another one misleads nobody.
     """
     out: list[Finding] = []
-    end_of_all = float(best.t[-1])
-    causes = [_cause_among(d, all_episodes) for d in departed]
+    imu = best.imu.instance
+    may = tuple(e for e in all_episodes if e.witness != "imu" or in_use is None or in_use.uses(imu, e.start, e.end))
+    causes = [_cause_among(d, may) for d in departed]
     for episode in all_episodes:
         consequences = [d for d, cause in zip(departed, causes, strict=True) if cause is episode]
         harmed = bool(consequences)
         misleads = any(d.size >= _CERTAIN * d.sigma for d in consequences)
-        severity: Severity = "info"
+        severity: Severity = "warning" if harmed else "info"
         if misleads or (is_serious(episode) and (harmed or episode.witness == "imu")):
             severity = "error"
-        elif harmed and episode.witness == "imu":
-            severity = "warning"
+        if severity == "info" and not is_sized(episode, best):
+            continue
         side: Side = "imu" if episode.witness == "imu" else "autopilot" if harmed else "data"
-        why, would_tell = _why_undecided(episode, best) if severity == "error" else ("", "")
+        why, would_tell = (_HARDLY_OFF, _ANOTHER) if severity == "warning" else ("", "")
+        if severity == "error":
+            why, would_tell = _why_undecided(episode, best)
+        constant = severity == "error" and episode.start - _SURELY * episode.start_sigma <= times_of_change(best.t)[0]
+        if constant:
+            why, would_tell = ALL_THE_TIME, ""
         headline = said_of = said(episode, best)
         misled: tuple[str, ...] = ()
         if harmed:
@@ -102,13 +112,10 @@ def findings_of(
         if (next_best := rival(episode)) is not None:
             sure, (kind, share) = likelihoods(episode)[episode.witness], next_best
             said_of += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
-        constant = severity == "error" and episode.start - _SURELY * episode.start_sigma <= times_of_change(best.t)[0]
-        if constant:
-            why, would_tell = _CONSTANT, ""
         if why:
             side, severity, headline = "data", "warning", ""
             said_of = f"{'perhaps ' if would_tell else ''}{said_of}; {why}"
-        end = episode.end if np.isfinite(episode.end) else end_of_all
+        end = min(episode.end, float(best.t[-1]))
         cause = None if why else cause_of(episode, best, side, misled)
         advice = would_tell or kind_of(episode.kind).advice
         out.append(Finding(episode.kind, side, severity, episode.start, end, said_of, advice, headline, cause,
@@ -120,7 +127,7 @@ def findings_of(
 
 _OF_HEIGHT = ("gps_height", "barometer")  # kinds that mislead nothing else
 _FEWEST = 8  # samples
-_CONSTANT = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"
+_HARDLY_OFF = "that close to what both may be off by, it cannot be told which of them is wrong"
 _CONTRADICTED = (
     "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which of them is wrong"
 )
@@ -222,8 +229,7 @@ def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> tupl
          _ANOTHER),
         (sensor is not None,
          f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong", _ANOTHER),
-        (departure.size < _CERTAIN * departure.sigma,
-         "that close to what both may be off by, it cannot be told which of them is wrong", _ANOTHER),
+        (departure.size < _CERTAIN * departure.sigma, _HARDLY_OFF, _ANOTHER),
     )  # fmt: skip
     return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
 

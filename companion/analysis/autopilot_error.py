@@ -12,6 +12,7 @@ from companion.analysis.finding import Finding
 from companion.analysis.reference import Limits, attitude_error, length, reference_at
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
 from companion.model import Array, Flight, ImuTrack, interpolated
+from companion.strapdown import preintegrate
 
 _BLOCK_S = 1.0
 _FEWEST = 5  # blocks
@@ -78,7 +79,7 @@ class AutopilotError:
     p95: float
     worst: float
     worst_s: float  # s, boot clock, of the worst
-    sigma: float  # 1σ of the best estimate at that time
+    sigma: float  # 1σ of the best estimate at that time, and of the autopilot's state between two of its samples
     typical_sigma: float  # its median
 
 
@@ -96,9 +97,11 @@ def autopilot_error(
         return ()
     reference = reference_at(flight.attitude, flight.position, best.t, limits)
     turned = attitude_error(reference.q_ned_frd, best.q_ned_frd)
-    tilt, heading, velocity, position = (
-        best.sigma(ATTITUDE)[:, :2], best.sigma(ATTITUDE)[:, 2:], best.sigma(VELOCITY), best.sigma(POSITION)
-    )  # fmt: skip
+    between = reference.interpolation_error(np.arange(len(best.t)), preintegrate(best.imu))
+    attitude = np.hypot(best.sigma(ATTITUDE), between.attitude[:, None])
+    velocity = np.hypot(best.sigma(VELOCITY), between.velocity[:, None])
+    position = np.hypot(best.sigma(POSITION), between.position[:, None])
+    tilt, heading = attitude[:, :2], attitude[:, 2:]
     rows = [
         ("tilt", "rad", length(turned[:, :2]), tilt, reference.attitude_known),
         ("heading", "rad", np.abs(turned[:, 2]), heading, reference.attitude_known),

@@ -14,6 +14,7 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison, IntArray, Windows, errors
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
+from companion.analysis.reference import InterpolationError
 from companion.model import Array, ImuTrack
 from companion.strapdown import Propagation
 
@@ -55,8 +56,7 @@ def budget(comparison: Comparison, chosen: Windows, imu: ImuSpec, autopilot: Ref
     gyro_bias, accel_bias = growth.transition[:, :9, 9:12], growth.transition[:, :9, 12:15]
     lasting = np.diag(np.square([autopilot.tilt] * 2 + [autopilot.heading]))
     passing = np.diag(np.square([autopilot.attitude_noise] * 3 + [autopilot.velocity] * 3 + [autopilot.position] * 3))
-    turned = np.diag([1.0] * 3 + [0.0] * 6)  # between two of its samples
-    at_start, at_end = (np.square(reference.at(i).attitude_bend)[:, None, None] * turned for i in (start, end))
+    at_start, at_end = (_interpolated(reference.interpolation_error(i, comparison.path)) for i in (start, end))
     leaned = move[:, :, :3] - np.eye(9, 3)  # a lasting attitude error is in both ends and cancels in the attitude
     noise = growth.noise
     shaken = window_noise(track, chosen)
@@ -90,6 +90,12 @@ def budget(comparison: Comparison, chosen: Windows, imu: ImuSpec, autopilot: Ref
         "autopilot_end": passing + at_end,
     }
     return Budget(causes, growth)
+
+
+def _interpolated(error: InterpolationError) -> Array:
+    """(W, 9, 9) covariance of states of the autopilot's that lie between two of its samples."""
+    sigma = np.column_stack([error.attitude] * 3 + [error.velocity] * 3 + [error.position] * 3)
+    return np.asarray(sigma[:, :, None] ** 2 * np.eye(9))
 
 
 def turn_jacobian(growth: Propagation) -> Array:

@@ -75,10 +75,11 @@ def departures(
     error = attitude_error(reference.q_ned_frd, quaternion.multiply(best.q_ned_frd, askew))
     error = error - _lag(error, best, judged)
     heading, doubt = _heading_off(error[:, 2], best, judged, flight.resets)
-    shaken = _shaken(best)
+    shaken, between = _shaken(best), reference.interpolation_error(np.arange(len(t)), preintegrate(best.imu))
+    tilt = _greatest(best.sigma(ATTITUDE)[:, :2])
     off = {
-        "tilt": (length(error[:, :2]), np.hypot(_greatest(best.sigma(ATTITUDE)[:, :2]), _beyond("tilt", shaken))),
-        "heading": (heading, np.hypot(doubt, _beyond("heading", shaken))),
+        "tilt": (length(error[:, :2]), _together(tilt, _beyond("tilt", shaken), between.attitude)),
+        "heading": (heading, _together(doubt, _beyond("heading", shaken), between.attitude)),
     }
     known = judged & reference.position_known
     if "gps_position" in best.residuals and known.sum() > 5:
@@ -87,11 +88,12 @@ def departures(
         place = length(moved - np.median(moved[_early(known)], axis=0))
         late = CONSTANTS["gps_latency"][1]  # an estimator assumes one latency of its GPS
         pull, swift = length(np.gradient(best.velocity[:, :2], t, axis=0)), length(best.velocity[:, :2])
-        off["velocity"] = speed, np.hypot(_greatest(best.sigma(VELOCITY)[:, :2]), late * pull)
-        off["position"] = place, np.hypot(_greatest(best.sigma(POSITION)[:, :2]), late * swift)
+        off["velocity"] = speed, _together(_greatest(best.sigma(VELOCITY)[:, :2]), late * pull, between.velocity)
+        off["position"] = place, _together(_greatest(best.sigma(POSITION)[:, :2]), late * swift, between.position)
     if {"gps_height", "barometer"} <= best.residuals.keys() and known.sum() > 5:
         above = (best.position - reference.position)[:, 2]
-        off["height"] = np.abs(above - np.median(above[_early(known)])), best.sigma(POSITION)[:, 2]
+        height = _together(best.sigma(POSITION)[:, 2], between.position)
+        off["height"] = np.abs(above - np.median(above[_early(known)])), height
     judging = times_of_change(t[judged])
     departed: list[Departure] = []
     for name, (value, sigma) in off.items():
@@ -149,6 +151,11 @@ def _imu_confirms(best: BestEstimate, reference: Reference, quantity: str, value
 
     autopilot = off(reference)
     return autopilot < off(best) and autopilot < (1.0 - _RISEN) * float(value[peak])
+
+
+def _together(*sigmas: Array) -> Array:
+    """(K,) 1σ of the sum of what has each of some σ (K,)."""
+    return length(np.column_stack(sigmas))
 
 
 def _greatest(sigma: Array) -> Array:
@@ -252,7 +259,8 @@ class Sensitivity:
 def sensitivity(best: BestEstimate | None) -> Sensitivity:
     """What a best estimate could have shown; without one, nothing by a third witness."""
     if best is None:
-        return Sensitivity({}, ("which side is wrong: no best estimate could be made, `companion smooth` says why",))
+        lacking = "what IMU and autopilot may have wrong together: no best estimate could be made"
+        return Sensitivity({}, (f"{lacking}, `companion smooth` says why",))
     smallest = {}
     for kind in ("gyro_bias", "accel_bias"):
         if kind in best.detectable:

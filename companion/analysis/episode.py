@@ -22,7 +22,7 @@ from companion.estimation import (
     probabilities,
     turn_of_the_field,
 )
-from companion.model import Array
+from companion.model import Array, words
 
 SIGMAS = 3.0  # from which on something stands out
 SENSORS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "compass": "compass"}
@@ -172,6 +172,12 @@ def size_told(episode: Episode, best: BestEstimate) -> tuple[float, float, str]:
     return abs(angle), sigma, "rad"
 
 
+def is_sized(episode: Episode, best: BestEstimate) -> bool:
+    """Whether its size is more than its σ."""
+    size, sigma, _ = size_told(episode, best)
+    return size >= sigma
+
+
 def cause_of(episode: Episode, best: BestEstimate, side: Side, consequences: tuple[str, ...]) -> Cause:
     """The episode in numbers."""
     size, sigma, unit = size_told(episode, best)
@@ -197,7 +203,9 @@ def cause_of(episode: Episode, best: BestEstimate, side: Side, consequences: tup
 def said(episode: Episode, best: BestEstimate) -> str:
     """The episode in words, with its time."""
     until = "to the end" if not np.isfinite(episode.end) else f"to {episode.end:.1f} s"
-    what = kind_of(episode.kind).phrase(_size(episode, best))
+    what = f"{words(episode.kind)} of a size that cannot be told"
+    if is_sized(episode, best):
+        what = kind_of(episode.kind).phrase(_size(episode, best))
     return f"{what}, from {episode.start:.1f} ± {episode.start_sigma:.1f} s {until}"
 
 

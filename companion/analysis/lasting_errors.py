@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -10,10 +11,14 @@ import numpy as np
 from companion.analysis.budget import lasting_step_error
 from companion.analysis.comparison import Comparison, Windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS
-from companion.analysis.imu_spec import ImuSpec
-from companion.analysis.reference import BoolArray, IntArray, Reference, States
+from companion.analysis.finding import Finding
+from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec
+from companion.analysis.reference import BoolArray, IntArray, InterpolationError, Reference, States
 from companion.estimation import BestEstimate, ConstantErrors, allowing
-from companion.model import Array, ImuTrack
+from companion.model import Array, Flight, ImuTrack
+from companion.strapdown import Preintegration
+
+_SIGMAS = 3.0
 
 _COMMON = ("gyro_bias", "accel_bias", "gyro_scale", "accel_scale", "gyro_misalignment", "accel_misalignment")
 """Parts of a calibration that the best estimate has figures of too."""
@@ -55,6 +60,45 @@ def lasting_covariance(track: ImuTrack) -> Array:
     return out
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelForce:
+    """What an accelerometer reads too much in level flight, bias and scale together, all the time."""
+
+    value: Array  # (3,) m/s², FRD
+    sigma: Array  # (3,)
+    unusual: BoolArray  # (3,) more than a part in order shows, and not known to the autopilot
+
+
+def level_force(best: BestEstimate, flight: Flight) -> LevelForce:
+    """By the best estimate. What the autopilot's estimator has as well, it takes off: that is no fault."""
+    matrix = best.states.constant("accel_matrix").reshape(3, 3)
+    value = np.median(best.states.accel_bias, axis=0) + matrix @ [0.0, 0.0, -best.gravity]
+    sigma = np.median(best.accel_bias_sigma, axis=0)
+    held = next((one for one in flight.biases if one.imu_instance == best.imu.instance and len(one)), None)
+    theirs = np.full(3, np.nan) if held is None else np.median(held.accel, axis=0)
+    known = np.abs(value - theirs) <= _SIGMAS * sigma
+    return LevelForce(value, sigma, (np.abs(value) > USUAL_BIAS["accel"] + _SIGMAS * sigma) & ~known)
+
+
+def level_force_findings(best: BestEstimate, flight: Flight) -> Iterator[Finding]:
+    """An accelerometer that is off by more than one in order: it is said, and not taken off as known."""
+    force = level_force(best, flight)
+    for i in np.flatnonzero(force.unusual):
+        yield Finding(
+            "accel_scale",
+            "data",
+            "warning",
+            float(best.t[0]),
+            float(best.t[-1]),
+            f"accelerometer {'xyz'[i]} reads {force.value[i]:.2f} ± {force.sigma[i]:.2f} m/s² too much when level, "
+            f"bias and scale together, where one in order is off by {USUAL_BIAS['accel']:.1f} at most; {ALL_THE_TIME}",
+            "Calibrate the accelerometer.",
+        )
+
+
+ALL_THE_TIME = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"
+
+
 def _to_figures() -> Array:
     """(21, 24): the figures of _COMMON from the best estimate's biases and matrices.
 
@@ -81,10 +125,15 @@ def beside_best(own: Comparison, best: BestEstimate, chosen: Windows) -> tuple[C
     known, nowhere = np.zeros(len(t), np.bool_), np.zeros(len(t), np.bool_)
     known[samples] = True
     placed = known if "gps_position" in best.residuals else nowhere
-    states = States(*best.at(t[samples]), np.zeros(len(samples)))
-    return own.beside(Reference(t, known, placed, partial(_looked_up, samples, states))), within
+    states = States(*best.at(t[samples]))
+    return own.beside(Reference(t, known, placed, partial(_looked_up, samples, states), _not_interpolated)), within
 
 
 def _looked_up(samples: IntArray, states: States, index: IntArray) -> States:
     """The states at samples `index`, of those at `samples`, ascending."""
     return states.rows(np.searchsorted(samples, index))
+
+
+def _not_interpolated(index: IntArray, _: Preintegration) -> InterpolationError:
+    """The best estimate follows the IMU from sample to sample."""
+    return InterpolationError(*(np.zeros(len(index)) for _ in range(3)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -107,8 +107,7 @@ def imu_noise(flight: Flight, imu: str, figures: ImuSpec, limits: Limits) -> Imu
     gap = limits.longest_step(track.t)
     still = rests(flight, track, figures)
     chosen = _chosen(still)
-    longest = max(chosen, key=lambda rest: rest.duration_s, default=None)
-    sampling = confirmed_sampling(_part(track, longest), gap) if longest else sampling_of(track)
+    sampling = _sampling(track, chosen, gap)
     resting = tuple(told for rest in chosen if (told := _rest_noise(_part(track, rest), sampling, gap)))
     flying = _flight_noise(_only(track, _flown(flight, track, still)), sampling, gap)
     if not resting and flying is None:
@@ -118,6 +117,32 @@ def imu_noise(flight: Flight, imu: str, figures: ImuSpec, limits: Limits) -> Imu
         )
     noise = ImuNoise(track.source, track.rate_hz, sampling, figures, resting, flying, ())
     return replace(noise, notes=tuple(_notes(noise, track)))
+
+
+@dataclass(frozen=True, slots=True)
+class FlightDensity:
+    """White-noise density in flight, worst axis: the number that everything says of it; None where none is told."""
+
+    gyro: float | None  # rad/s/√Hz
+    accel: float | None  # m/s²/√Hz
+
+
+def noise_in_flight(flight: Flight, track: ImuTrack, figures: ImuSpec, limits: Limits) -> FlightDensity:
+    """What `imu_noise` says of the flight, without what takes long there. None where the steps hide every axis."""
+    still, gap = rests(flight, track, figures), limits.longest_step(track.t)
+    sampling, flown = _sampling(track, _chosen(still), gap), _only(track, _flown(flight, track, still))
+
+    def worst(white: WhiteNoise | None) -> float | None:
+        seen = white.sampled[~white.hidden] if white is not None else np.zeros(0)
+        return float(seen.max()) if len(seen) else None
+
+    return FlightDensity(*(worst(white_noise(flown, sensor, gap, sampling)) for sensor in _SENSORS))
+
+
+def _sampling(track: ImuTrack, chosen: Sequence[Rest], gap: float) -> Sampling:
+    """How the readings were taken, confirmed by the longest rest where there is one."""
+    longest = max(chosen, key=lambda rest: rest.duration_s, default=None)
+    return confirmed_sampling(_part(track, longest), gap) if longest else sampling_of(track)
 
 
 def _chosen(still: tuple[Rest, ...]) -> list[Rest]:

@@ -9,8 +9,8 @@ from functools import cached_property, partial
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import GAP_PERIODS, GAP_S, Array, AttitudeTrack, PositionTrack, longest_step
-from companion.strapdown import quaternion
+from companion.model import GAP_PERIODS, GAP_S, Array, AttitudeTrack, PositionTrack, longest_step, nearest
+from companion.strapdown import Preintegration, quaternion
 
 
 def attitude_error(q_ref: Array, q: Array) -> Array:
@@ -50,11 +50,19 @@ class States:
     q_ned_frd: Array  # (N, 4)
     velocity: Array  # (N, 3) NED m/s
     position: Array  # (N, 3) NED m
-    attitude_bend: Array  # (N,) rad, how far the attitude may be from the slerp between two samples
 
     def rows(self, index: IntArray) -> States:
         """Some of them."""
-        return States(self.q_ned_frd[index], self.velocity[index], self.position[index], self.attitude_bend[index])
+        return States(self.q_ned_frd[index], self.velocity[index], self.position[index])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InterpolationError:
+    """1σ per axis of N states that lie between two samples of the autopilot; zero at a sample."""
+
+    attitude: Array  # (N,) rad
+    velocity: Array  # (N,) m/s
+    position: Array  # (N,) m
 
 
 @dataclass(frozen=True, eq=False)  # without slots: the states at all times are kept
@@ -68,6 +76,8 @@ class Reference:
     attitude_known: BoolArray  # (N,)
     position_known: BoolArray  # (N,) position and velocity
     look_up: Callable[[IntArray], States]  # the states at some of the times, by their index
+    interpolation_error: Callable[[IntArray, Preintegration], InterpolationError]
+    """Of the states at some of the times, by their index, beside the motion that an IMU felt meanwhile."""
 
     def at(self, index: IntArray) -> States:
         """The states at some of the times."""
@@ -88,11 +98,6 @@ class Reference:
         """(N, 3) NED m"""
         return self._all.position
 
-    @property
-    def attitude_bend(self) -> Array:
-        """(N,) rad, how far the attitude may be from the slerp between two samples."""
-        return self._all.attitude_bend
-
     @cached_property
     def _all(self) -> States:
         return self.look_up(np.arange(len(self.t)))
@@ -102,8 +107,6 @@ def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Arr
     """The state at times t (N,): slerp for attitude, cubic Hermite (position and velocity) for position.
 
     Velocity is linear between samples. Nothing is extrapolated, nothing is known inside a gap (`Limits.longest_step`).
-    Between two samples the body may have turned otherwise than at one rate: by a steady angular acceleration, which the
-    rates at both ends tell, it is off by u (1 - u) h |Δω| / 2.
     Raises ValueError for an attitude track without samples.
     """
     if not len(attitude):
@@ -114,20 +117,24 @@ def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Arr
     position_known = np.zeros(len(t), np.bool_)
     if position is not None:
         position_known = attitude_known & _known(position.t, t, limits.longest_step(position.t))
-    return Reference(t, attitude_known, position_known, partial(_states, attitude, position, t))
+    return Reference(
+        t,
+        attitude_known,
+        position_known,
+        partial(_states, attitude, position, t),
+        partial(_interpolation_error, attitude, position, t),
+    )
 
 
 def _states(attitude: AttitudeTrack, position: PositionTrack | None, t: Array, index: IntArray) -> States:
     count = len(index)
-    out = States(np.empty((count, 4)), np.zeros((count, 3)), np.zeros((count, 3)), np.empty(count))
+    out = States(np.empty((count, 4)), np.zeros((count, 3)), np.zeros((count, 3)))
     for first in range(0, count, _BLOCK):  # what is made on the way stays in the processor's cache
         part = slice(first, first + _BLOCK)
         when = t[index[part]]
         i, u = _bracket(attitude.t, when)
         j = np.minimum(i + 1, len(attitude) - 1)
         out.q_ned_frd[part] = quaternion.slerp(attitude.q_ned_frd[i], attitude.q_ned_frd[j], u)
-        change = 0.5 * (attitude.t[j] - attitude.t[i]) * length(attitude.rates[j] - attitude.rates[i])
-        out.attitude_bend[part] = u * (1 - u) * change
         if position is not None:
             i, u = _bracket(position.t, when)
             out.velocity[part], out.position[part] = _between(position, i, u[:, None])
@@ -139,9 +146,59 @@ def _between(track: PositionTrack, i: IntArray, u: Array) -> tuple[Array, Array]
     j = np.minimum(i + 1, len(track) - 1)
     h = (track.t[j] - track.t[i])[:, None]
     p0, p1, v0, v1 = track.position[i], track.position[j], track.velocity[i], track.velocity[j]
-    # Hermite as a correction to the straight line, so that large coordinates lose no digits
-    bend = u * (1 - u) * ((1 - u) * (h * v0 - (p1 - p0)) + u * ((p1 - p0) - h * v1))
-    return v0 + u * (v1 - v0), p0 + u * (p1 - p0) + bend
+    return v0 + u * (v1 - v0), p0 + u * (p1 - p0) + _bend(p1 - p0, h * v0, h * v1, u)
+
+
+def _bend(moved: Array, at_start: Array, at_end: Array, u: Array) -> Array:
+    """How far a cubic Hermite is from the straight line (N, 3), at the parts u (N, 1) of the interval.
+
+    moved: over the interval; at_start, at_end: what it would be at the rates of both ends. So that large coordinates
+    lose no digits.
+    """
+    return np.asarray(u * (1 - u) * ((1 - u) * (at_start - moved) + u * (moved - at_end)))
+
+
+def _interpolation_error(
+    attitude: AttitudeTrack, position: PositionTrack | None, t: Array, index: IntArray, path: Preintegration
+) -> InterpolationError:
+    """What the motion between two samples of the autopilot makes of the states at times t (N,).
+
+    By the attitude's own rates, which tell a steady angular acceleration, and by what the IMU felt meanwhile: how far
+    its path is from one that is interpolated as the autopilot's is, from its own states at the same two times. A
+    constant error of the IMU cancels there.
+    """
+    when = t[index]
+    i, u = _bracket(attitude.t, when)
+    j = np.minimum(i + 1, len(attitude) - 1)
+    h = (attitude.t[j] - attitude.t[i])[:, None]
+    turned = _turn(attitude.q_ned_frd[i], attitude.q_ned_frd[j])
+    bend = length(_bend(turned, h * attitude.rates[i], h * attitude.rates[j], u[:, None]))
+    strayed, _, _ = _between_samples(attitude.t, path, when)
+    nothing = np.zeros(len(when))
+    _, speed, place = (nothing,) * 3 if position is None else _between_samples(position.t, path, when)
+    return InterpolationError(np.maximum(bend, strayed), speed, place)
+
+
+def _between_samples(samples: Array, path: Preintegration, when: Array) -> tuple[Array, Array, Array]:
+    """How far an IMU's own path is, at times (N,), from what interpolates it between the autopilot's samples.
+
+    rad, m/s, m. Lengths alone are the same in every frame, and gravity is interpolated exactly.
+    """
+    i, _ = _bracket(samples, when)
+    a, b = (nearest(path.t, samples[np.minimum(k, len(samples) - 1)]) for k in (i, i + 1))
+    k = np.clip(nearest(path.t, when), a, b)
+    h = path.t[b] - path.t[a]
+    u = ((path.t[k] - path.t[a]) / np.where(h > 0, h, 1.0))[:, None]
+    turned = length(_turn(quaternion.slerp(path.q[a], path.q[b], u[:, 0]), path.q[k]))
+    speed = length(path.v[k] - path.v[a] - u * (path.v[b] - path.v[a]))
+    line = path.p[b] - path.p[a]
+    bend = _bend(line, h[:, None] * path.v[a], h[:, None] * path.v[b], u)
+    return turned, speed, length(path.p[k] - path.p[a] - u * line - bend)
+
+
+def _turn(q: Array, later: Array) -> Array:
+    """(N, 3) rotation vector from one attitude (N, 4) to another, in the body."""
+    return quaternion.log(quaternion.multiply(quaternion.conjugate(q), later))
 
 
 def attitude_jumps(track: AttitudeTrack, limits: Limits) -> Array:

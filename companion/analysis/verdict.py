@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from companion.analysis.budget import Expected
-from companion.analysis.comparison import Windows, left_out
+from companion.analysis.comparison import left_out
 from companion.analysis.episode import BIAS_UNITS, SENSORS, SIGMAS, bias_at_the_end
 from companion.analysis.finding import Cause, Finding
 from companion.estimation import BestEstimate, kind_of
@@ -18,10 +17,44 @@ from companion.model import brief, counted
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
 
 JUDGED_S = 5.0
-"""The horizon that consistency and calibration are judged at."""
+"""The horizon that calibration is judged at, and that a flight has to be long enough for."""
+
+AGREEING_S = (JUDGED_S, 1.0, 2.0, 10.0, 30.0)
+"""The horizons that consistency is judged at: the first, and the others where one window of many decides nothing."""
 
 FEWEST_WINDOWS = 3
+_MANY_WINDOWS = 10
+_CONSTANT = ("gyro_bias", "gyro_scale", "accel_bias", "accel_scale")  # that may have been there all the time
 _CONSISTENT_SHARE = 0.7  # of windows inside the 95 % bound: the windows of a flight share one draw of its biases
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How many windows of one length are inside the 95 % bound, as they are judged: with the known errors removed.
+
+    Those are what the best estimate and the installation explain of the IMU: its usual bias, lag, mounting. The noise
+    is that of the flight, and windows in which nothing is judged are left out.
+    """
+
+    horizon_s: float
+    windows: int  # used
+    excluded: Mapping[str, int]  # windows left out, by reason
+    inside: Mapping[str, float]  # attitude, velocity, position → share of the windows; empty without windows
+
+    @property
+    def share(self) -> float:
+        """In the quantity in which the fewest are inside."""
+        return min(self.inside.values())
+
+    @property
+    def is_consistent(self) -> bool:
+        """Whether enough are inside in every quantity."""
+        return self.share >= _CONSISTENT_SHARE
+
+    def __str__(self) -> str:
+        """How many are inside, and what of."""
+        what = f"{counted(self.windows, 'window')} of {self.horizon_s:g} s inside the 95 % bound"
+        return f"{100.0 * self.share:.0f} % of {what}, known errors removed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,40 +70,38 @@ class Verdict:
 
 
 def decide(
-    judged: Windows, expected: Expected | None, findings: tuple[Finding, ...], best: BestEstimate | None, source: str
+    agreements: Sequence[Agreement], findings: tuple[Finding, ...], best: BestEstimate | None, source: str
 ) -> Verdict:
     """The first cause in time; without one, whether IMU and autopilot agree, as far as the flight can tell.
 
-    source: the message of the IMU that the windows are of.
+    agreements: one for each horizon of AGREEING_S. source: the message of the IMU that the windows are of.
     """
     causes = sorted((f for f in findings if f.severity == "error" and f.side != "data"), key=lambda f: f.start_s)
-    lacking = _lacking(judged, expected, findings, bool(causes))
-    if lacking is not None or expected is None:
-        return Verdict("insufficient_data", lacking or "Cannot tell.", findings)
+    lacking = _lacking(agreements[0], findings, bool(causes))
+    if lacking is not None:
+        return Verdict("insufficient_data", lacking, findings)
+    many = [one for one in agreements[1:] if one.windows >= _MANY_WINDOWS]
+    worst = min([agreements[0], *many], key=lambda one: one.share)
     if causes:
         first = _first(causes)
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
-        told = f"Suspect {whom}: {_headline(first)}.{_all_the_same(judged, expected, source)}"
+        told = f"Suspect {whom}: {_headline(first)}.{_all_the_same(agreements[0], source)}"
         return Verdict(status, told, findings, _cause(first))
-    doubt = _doubt(judged, expected, findings, best)
+    doubt = _doubt(worst, findings, best)
     if doubt is not None:
         return Verdict("insufficient_data", f"Cannot tell: {doubt}.", findings)
     return Verdict(
-        "consistent",
-        f"IMU and autopilot agree within the expected error ({_share(judged, expected)}).{_unwitnessed(best)}",
-        findings,
+        "consistent", f"IMU and autopilot agree within the expected error ({worst}).{_unwitnessed(best)}", findings
     )
 
 
-def _all_the_same(judged: Windows, expected: Expected, source: str) -> str:
+def _all_the_same(judged: Agreement, source: str) -> str:
     """What has to be said beside a suspicion where every window is inside its bound; "" elsewhere.
 
     What goes off slowly, or on an IMU that the autopilot did not fly on, shows beside the other sensors alone.
     """
-    if min(expected.inside.values()) < 1.0:
-        return ""
-    return f" {source} and the autopilot nevertheless agree: {_share(judged, expected)}."
+    return "" if judged.share < 1.0 else f" {source} and the autopilot nevertheless agree: {judged}."
 
 
 def lasting(
@@ -122,13 +153,7 @@ def _unwitnessed(best: BestEstimate | None) -> str:
     return " No GPS data: the position could not be verified."
 
 
-def _share(judged: Windows, expected: Expected) -> str:
-    """How many of the windows are inside, where the fewest are."""
-    inside = 100.0 * min(expected.inside.values())
-    return f"{inside:.0f} % of {counted(len(judged.start), 'window')} of {JUDGED_S:g} s inside the 95 % bound"
-
-
-def _lacking(judged: Windows, expected: Expected | None, findings: tuple[Finding, ...], has_cause: bool) -> str | None:
+def _lacking(judged: Agreement, findings: tuple[Finding, ...], has_cause: bool) -> str | None:
     """Why nothing can be judged; None where it can."""
     lost = next((f for f in findings if f.kind == "control_lost"), None)
     if lost is not None and not has_cause:
@@ -136,26 +161,29 @@ def _lacking(judged: Windows, expected: Expected | None, findings: tuple[Finding
     data = [f for f in findings if f.side == "data" and f.severity == "error"]
     if data:
         return f"Cannot tell: {data[0].evidence}."
-    if expected is None or len(judged.start) < FEWEST_WINDOWS:
+    if judged.windows < FEWEST_WINDOWS:
         reasons = left_out(judged.excluded)
         short = f"the flight is too short: at least {FEWEST_WINDOWS * JUDGED_S:g} s are needed"
         why = f"left out: {reasons}" if reasons else short
-        usable = f"only {counted(len(judged.start), 'window')}" if len(judged.start) else "no window"
+        usable = f"only {counted(judged.windows, 'window')}" if judged.windows else "no window"
         return f"Cannot tell: {usable} of {JUDGED_S:g} s can be used ({why})."
     return None
 
 
-def _doubt(judged: Windows, expected: Expected, findings: tuple[Finding, ...], best: BestEstimate | None) -> str | None:
+def _doubt(worst: Agreement, findings: tuple[Finding, ...], best: BestEstimate | None) -> str | None:
     """What speaks against agreement: what cannot be told, or what nothing explains; None where nothing does."""
     undecided = next((f.evidence for f in findings if f.undecided), None)
     if undecided is not None:
         return undecided
-    worst = min(expected.inside, key=lambda name: expected.inside[name])
-    if expected.inside[worst] >= _CONSISTENT_SHARE:
+    if worst.is_consistent:
         return None
-    unknown = "no independent sensor (GPS, compass) tells which is wrong"
-    why = "no single cause explains it" if best is not None else unknown
-    return f"IMU and autopilot differ in {worst} by more than expected (only {_share(judged, expected)}), and {why}"
+    quantity = min(worst.inside, key=lambda name: worst.inside[name])
+    why = "no single cause explains it"
+    if best is None:
+        why = "no independent sensor (GPS, compass) tells which is wrong"
+    elif explained := next((f.evidence for f in findings if f.severity == "warning" and f.kind in _CONSTANT), ""):
+        why = explained
+    return f"IMU and autopilot differ in {quantity} by more than expected (only {worst}), and {why}"
 
 
 def _first(causes: Sequence[Finding]) -> Finding:

@@ -126,6 +126,8 @@ def _print(examined: Examination, console: Console) -> None:
         return
     console.print("\n[bold]Expected drift (1σ)[/]")
     console.print(tables.expected_table(assessment), no_wrap=True)
+    console.print("\n[bold]Windows inside the 95 % bound[/]")
+    console.print(tables.agreement_table(assessment), no_wrap=True)
     if len(examined.redundant_imus) > 1:
         console.print("\n[bold]Every IMU after 5 s[/]")
         console.print(tables.redundant_imus_table(examined.redundant_imus), no_wrap=True)
@@ -143,7 +145,7 @@ def _print_alignment(examined: Examination, console: Console) -> None:
 _MOST_LINES = 23  # in _COLUMNS, and the prompt: an old terminal's window; one that is narrower is taller
 _COLUMNS = 80
 _WIDEST = 100
-_SHOWN_S = 10.0  # the horizon that is told
+_SHOWN_S = 10.0  # the horizon that is told, or the one nearest to it
 _LABEL = 18  # columns of what stands before a line
 _ADVICES = 2
 
@@ -175,7 +177,7 @@ def _rows(assessment: Assessment, warning: str) -> Iterator[tuple[str, str]]:
     """What is said under the evidence: label, words. warning: of a rate too low; "" for none."""
     if warning:
         yield "Warning", warning
-    yield f"After {_SHOWN_S:g} s", _drift(assessment)
+    yield _drift(assessment)
     could = assessment.sensitivity
     if could.smallest:
         yield "Detectable", str(could)
@@ -188,18 +190,21 @@ def _rows(assessment: Assessment, warning: str) -> Iterator[tuple[str, str]]:
         yield "" if i else "What to do", advice
 
 
-def _drift(assessment: Assessment) -> str:
-    """Measured against expected at one horizon, in words."""
-    for i, row in enumerate(assessment.drift.rows):
-        if row.horizon_s == _SHOWN_S and (expected := assessment.expected_of(i)) is not None:
-            pairs = (
-                (row.attitude_deg, expected.attitude_deg, "°"),
-                (row.velocity_mps, expected.velocity_mps, " m/s"),
-                (row.position_m, expected.position_m, " m"),
-            )
-            parts = [f"{fixed(s.median)}{unit} ({fixed(e)} expected)" for s, e, unit in pairs if s and e is not None]
-            return f"the IMU alone is off by {', '.join(parts)}: median of {counted(row.windows, 'window')}"
-    return "no window could be used"
+def _drift(assessment: Assessment) -> tuple[str, str]:
+    """Measured against expected at one horizon: label, words."""
+    rows = assessment.drift.rows
+    i = min(range(len(rows)), key=lambda i: (not rows[i].windows, abs(rows[i].horizon_s - _SHOWN_S)))
+    row, expected = rows[i], assessment.expected_of(i)
+    label = f"After {row.horizon_s:g} s"
+    if expected is None:
+        return label, "no window could be used"
+    pairs = (
+        (row.attitude_deg, expected.attitude_deg, "°"),
+        (row.velocity_mps, expected.velocity_mps, " m/s"),
+        (row.position_m, expected.position_m, " m"),
+    )
+    parts = [f"{fixed(s.median)}{unit} ({fixed(e)} expected)" for s, e, unit in pairs if s and e is not None]
+    return label, f"the IMU alone is off by {', '.join(parts)}: median of {counted(row.windows, 'window')}"
 
 
 def _evidence(findings: Sequence[Finding], width: int, room: int) -> list[str]:

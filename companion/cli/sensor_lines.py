@@ -40,14 +40,14 @@ def figure_name(name: str) -> tuple[str, str, float, int]:
 
 
 def noise_lines(assessment: Assessment) -> Iterator[str]:
-    """White noise by the data sheet, at rest and in flight, in the units of data sheets."""
-    flying = assessment.measured_noise or (0.0, 0.0)
-    if not assessment.rests and not any(flying):
+    """White noise by the data sheet, at rest and in flight (worst axis), in the units of data sheets."""
+    flying = assessment.measured_noise
+    if not assessment.rests and flying.gyro is None and flying.accel is None:
         return
     gyro, accel = assessment.figures.gyro.noise_density, assessment.figures.accel.noise_density
     rows = (
-        ("Noise:", "gyro", gyro, [r.gyro_noise for r in assessment.rests], flying[0], _MDPS, "mdps/√Hz"),
-        ("", "accelerometer", accel, [r.accel_noise for r in assessment.rests], flying[1], _MICRO_G, "µg/√Hz"),
+        ("Noise:", "gyro", gyro, [r.gyro_noise for r in assessment.rests], flying.gyro, _MDPS, "mdps/√Hz"),
+        ("", "accelerometer", accel, [r.accel_noise for r in assessment.rests], flying.accel, _MICRO_G, "µg/√Hz"),
     )
     for label, name, sheet, resting, moving, factor, unit in rows:
         parts = [f"{fixed(sheet * factor)} {unit} expected"]
@@ -56,7 +56,7 @@ def noise_lines(assessment: Assessment) -> Iterator[str]:
             parts.append(f"{fixed(min(still) * factor)} at rest")
         elif resting:
             parts.append("at rest: below quantisation")
-        if moving:
+        if moving is not None:
             parts.append(f"{fixed(moving * factor)} in flight")
         yield f"{label:<11}{name} {', '.join(parts)}"
 

@@ -11,7 +11,7 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import AutopilotError, autopilot_error
+from companion.analysis import AutopilotError, Limits, autopilot_error, noise_in_flight
 from companion.app import destination
 from companion.app.examination import integration_of
 from companion.app.sensors import imu_spec_of
@@ -19,7 +19,7 @@ from companion.cli import options, tables
 from companion.documents import encode, estimate_document
 from companion.estimation import CONSTANTS, SLOPED, BestEstimate, Explained, kind_of, probabilities, smooth
 from companion.export import write_estimate_tum
-from companion.model import Array, BiasTrack, Flight, InputError
+from companion.model import STANDARD_GRAVITY, Array, BiasTrack, Flight, InputError
 from companion.present import fixed, words
 
 _DEGREES = float(np.degrees(1.0))
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(encode(estimate_document(recording.source, flight, best, errors, believed)))
     else:
-        _print(flight, best, errors, believed)
+        _print(flight, best, errors, believed, how.limits)
     if path is not None:
         with destination.replacing(path) as part:
             write_estimate_tum(part, flight, best)
@@ -86,7 +86,13 @@ def _believed(flight: Flight, best: BestEstimate) -> BiasTrack | None:
     return next((one for one in flight.biases if one.imu_instance in (None, best.imu.instance)), None)
 
 
-def _print(flight: Flight, best: BestEstimate, errors: Sequence[AutopilotError], believed: BiasTrack | None) -> None:
+def _print(
+    flight: Flight,
+    best: BestEstimate,
+    errors: Sequence[AutopilotError],
+    believed: BiasTrack | None,
+    limits: Limits,
+) -> None:
     console = tables.console()
     console.print(
         f"Best estimate of vehicle {flight.vehicle}, boot {flight.boot}, {best.t[0]:.1f}-{best.t[-1]:.1f} s: "
@@ -97,7 +103,7 @@ def _print(flight: Flight, best: BestEstimate, errors: Sequence[AutopilotError],
     for title, table in (
         ("Measurements used", _measurements(best)),
         ("Biases (truth = reading - bias)", _biases(best, believed)),
-        ("Noise in flight, learned", _noise(flight, best)),
+        ("White noise in flight, worst axis", _noise(flight, best, limits)),
         ("Constants of the flight", _constants(best)),
         ("Autopilot minus best estimate", _errors(errors)),
     ):
@@ -172,15 +178,25 @@ def _biases(best: BestEstimate, believed: BiasTrack | None) -> Table:
     return shown
 
 
-def _noise(flight: Flight, best: BestEstimate) -> Table:
-    shown = _table("", "", "N /√Hz", "data sheet", "times", "lasting")
+def _noise(flight: Flight, best: BestEstimate, limits: Limits) -> Table:
+    """As `companion noise` measures it, and what the estimate weighs the IMU with, which has learned it."""
+    shown = _table("", "", "N /√Hz", "data sheet", "times", "weighed as", "lasting", left=2)
     sheet = imu_spec_of(flight, best.imu.source)
-    for name, unit, factor, value, given, lasting in (
-        ("gyro", "mdps", 1e3 * _DEGREES, best.noise.gyro_noise, sheet.gyro.noise_density, best.lasting[0]),
-        ("accel", "mm/s²", 1e3, best.noise.accel_noise, sheet.accel.noise_density, best.lasting[1]),
-    ):
-        cells = (fixed(value * factor), fixed(given * factor), f"{value / given:.0f}", f"{lasting:.1f}")
-        shown.add_row(name, unit, *cells)
+    measured = noise_in_flight(flight, flight.imu(best.imu.source), sheet, limits)
+    for name, unit, factor, value, weighed, given, lasting in (
+        (
+            "gyro", "mdps", 1e3 * _DEGREES, measured.gyro, best.noise.gyro_noise, sheet.gyro.noise_density,
+            best.lasting[0],
+        ),
+        (
+            "accel", "µg", 1e6 / STANDARD_GRAVITY, measured.accel, best.noise.accel_noise, sheet.accel.noise_density,
+            best.lasting[1],
+        ),
+    ):  # fmt: skip
+        told = ("-", fixed(given * factor), "-")
+        if value is not None:
+            told = (fixed(value * factor), told[1], f"{value / given:.1f}")
+        shown.add_row(name, unit, *told, fixed(weighed * factor), f"{lasting:.1f}")
     return shown
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from rich import box
 from rich.console import Console
@@ -83,24 +83,41 @@ def drift_table(table: Drift) -> Table:
 
 
 def expected_table(assessment: Assessment) -> Table:
-    """What the drift should be: 1σ, the share of windows inside the 95 % bound, and what it is made of."""
+    """What the drift should be: 1σ, and what it is made of."""
     shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
     shown.add_column("\nafter", justify="right", no_wrap=True)
     shown.add_column(f"{'expected, 1σ':^18}\n{_line(*(q.unit for q in QUANTITIES))}", no_wrap=True)
-    shown.add_column(f"{'inside 95 %':^18}\n{_line('att.', 'vel.', 'pos.')}", no_wrap=True)
     shown.add_column("\nmostly", no_wrap=True)
     for row, expected in zip(assessment.drift.rows, assessment.expected, strict=True):
         if expected is None:
             continue
         sigma = [getattr(expected, quantity.attribute) for quantity in QUANTITIES]
-        inside = [expected.inside.get(quantity.name) for quantity in QUANTITIES]
         shown.add_row(
-            f"{row.horizon_s:g} s",
-            _line(*("-" if s is None else fixed(s) for s in sigma)),
-            _line(*("-" if s is None else f"{s:.0%}" for s in inside)),
-            largest(expected),
+            f"{row.horizon_s:g} s", _line(*("-" if s is None else fixed(s) for s in sigma)), largest(expected)
         )
     return shown
+
+
+def agreement_table(assessment: Assessment) -> Table:
+    """The share of windows inside the 95 % bound: of the IMU as it is, and as the verdict judges it."""
+    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
+    shown.add_column("\nafter", justify="right", no_wrap=True)
+    heading = _line("n", *(quantity.name[:3] + "." for quantity in QUANTITIES))
+    for title in ("the IMU as it is", "known errors removed"):
+        shown.add_column(f"{title:^{len(heading)}}\n{heading}", no_wrap=True)
+    for row, expected in zip(assessment.drift.rows, assessment.expected, strict=True):
+        judged = assessment.agreements[row.horizon_s]
+        shown.add_row(
+            f"{row.horizon_s:g} s",
+            _shares(row.windows, expected.inside if expected else {}),
+            _shares(judged.windows, judged.inside),
+        )
+    return shown
+
+
+def _shares(windows: int, inside: Mapping[str, float]) -> str:
+    shares = (inside.get(quantity.name) for quantity in QUANTITIES)
+    return _line(f"{windows}", *("-" if share is None else f"{share:.0%}" for share in shares))
 
 
 def redundant_imus_table(others: Sequence[RedundantImu]) -> Table:

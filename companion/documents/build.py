@@ -9,6 +9,7 @@ import numpy as np
 
 from companion.analysis import (
     PARTS,
+    Agreement,
     Alignment,
     Assessment,
     AutopilotBias,
@@ -66,6 +67,7 @@ def analysis_document(source: Source, examined: Examination) -> schema.Analysis:
                 expected.inside["attitude"],
                 expected.inside.get("velocity"),
                 expected.inside.get("position"),
+                _judged(assessment.agreements[row.horizon_s]),
             )
             for row, expected in zip(table.rows, assessment.expected, strict=True)
             if expected is not None
@@ -175,6 +177,13 @@ def _imu(flight: Flight, name: str, track: ImuTrack, gaps: int) -> schema.ImuObj
     )
 
 
+def _judged(agreement: Agreement) -> schema.JudgedObject:
+    inside = agreement.inside
+    return schema.JudgedObject(
+        agreement.windows, inside.get("attitude"), inside.get("velocity"), inside.get("position")
+    )
+
+
 def _redundant(other: RedundantImu) -> schema.RedundantImuObject:
     row = other.drift
     return schema.RedundantImuObject(
@@ -189,8 +198,8 @@ def _redundant(other: RedundantImu) -> schema.RedundantImuObject:
 
 
 def _figures(assessment: Assessment) -> schema.FiguresObject:
-    gyro, accel = assessment.measured_noise or (None, None)
-    return schema.FiguresObject(assessment.figures.name, assessment.figures.reason, gyro, accel)
+    figures, noise = assessment.figures, assessment.measured_noise
+    return schema.FiguresObject(figures.name, figures.reason, noise.gyro, noise.accel)
 
 
 def _calibration(assessment: Assessment) -> schema.CalibrationObject | None:

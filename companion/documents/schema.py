@@ -165,6 +165,15 @@ class DriftObject(msgspec.Struct, frozen=True):
     expected: ExpectedObject | None
 
 
+class JudgedObject(msgspec.Struct, frozen=True):
+    """The same of the windows that the verdict judges, with the known errors of the IMU removed."""
+
+    windows: int
+    attitude: float | None
+    velocity: float | None
+    position: float | None
+
+
 class ConsistencyObject(msgspec.Struct, frozen=True):
     """Share of the windows of a horizon whose normalised error is inside the 95 % bound."""
 
@@ -172,6 +181,7 @@ class ConsistencyObject(msgspec.Struct, frozen=True):
     attitude: float
     velocity: float | None
     position: float | None
+    judged: JudgedObject
 
 
 class FigureObject(msgspec.Struct, frozen=True):

@@ -228,6 +228,11 @@ class SensorInUse:
         if self.instance.shape != self.t.shape:
             raise ValueError(f"{self.source}: {len(self.t)} times, but {self.instance.shape} instances")
 
+    def uses(self, instance: int, start: float, end: float) -> bool:
+        """Whether it used an instance between two times (s), as far as it is known."""
+        until = np.append(self.t[1:], np.inf)
+        return not len(self.t) or bool((self.instance[(self.t < end) & (until > start)] == instance).any())
+
     @property
     def changes(self) -> list[tuple[float, int]]:
         """Each time (s) with the instance that is used from then on."""

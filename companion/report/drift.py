@@ -116,11 +116,10 @@ def budget(subject: Subject) -> Section:
     )
     figures, noise = subject.assessment.figures, subject.assessment.measured_noise
     lines = [f"IMU noise model: {figures.name} ({figures.reason})."]
-    if noise is not None:
-        lines.append(
-            f"Noise in flight: {noise[0]:.2g} rad/s/√Hz and {noise[1]:.2g} m/s²/√Hz: "
-            "the budget takes it where it is more than the data sheet's."
-        )
+    told = ((noise.gyro, "rad/s/√Hz"), (noise.accel, "m/s²/√Hz"))
+    if measured := " and ".join(f"{density:.2g} {unit}" for density, unit in told if density is not None):
+        lines.append(f"White noise in flight, worst axis: {measured}.")
+    lines.append("The budget takes what the samples of a window scatter by where that is more than the data sheet's.")
     return Section(
         "budget",
         title,
@@ -133,11 +132,17 @@ def budget(subject: Subject) -> Section:
 
 
 def _inside(subject: Subject) -> str:
-    """How many of the windows are inside the bound, as a table."""
+    """How many of the windows are inside the bound, as a table: of the IMU as it is, and as the verdict judges it."""
+    names = [quantity.name for quantity in QUANTITIES]
     return table(
-        ["after", *(quantity.name for quantity in QUANTITIES)],
+        ["after", *names, "judged windows", *(f"{name}, known errors removed" for name in names)],
         [
-            [f"{c.horizon_s:g} s", *(percent(getattr(c, quantity.name)) for quantity in QUANTITIES)]
+            [
+                f"{c.horizon_s:g} s",
+                *(percent(getattr(c, name)) for name in names),
+                f"{c.judged.windows}",
+                *(percent(getattr(c.judged, name)) for name in names),
+            ]
             for c in subject.numbers.consistency
         ],
         name="inside-table",

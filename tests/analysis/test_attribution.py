@@ -17,9 +17,10 @@ from companion.analysis.episode import Departure, Episode, cause_of, episodes, s
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings
 from companion.analysis.imu_spec import ReferenceSpec
+from companion.analysis.noise import FlightDensity
 from companion.analysis.reference import Limits, reference_at
 from companion.estimation import KINDS, BestEstimate, Explained, Size, kind_of
-from companion.model import Array, EstimatorReset, Flight, PositionTrack
+from companion.model import Array, EstimatorReset, Flight, PositionTrack, SensorInUse
 from companion.strapdown import quaternion
 from tests.flights import turned
 
@@ -45,6 +46,18 @@ def step(onset: float, end: float, size: float) -> Explained:
 def test_an_estimate_that_agrees_does_not_depart(flight: Flight, best: BestEstimate) -> None:
     assert departures(flight, best, Limits()) == ()
     assert findings_of((), (), best) == []
+
+
+@pytest.mark.parametrize(("flown_on", "misled"), [(0, True), (1, False)])
+def test_an_imu_that_the_autopilot_did_not_fly_on_misleads_nobody(
+    flight: Flight, best: BestEstimate, flown_on: int, misled: bool
+) -> None:
+    off = replace(best, explained=(step(ONSET, np.inf, 0.05),))
+    departed = departures(headed(flight, 40.0), best, Limits())
+    in_use = SensorInUse(np.array([0.0]), np.array([flown_on]))
+    found = findings_of(episodes(off), departed, off, in_use=in_use)
+    assert ("misled" in found[0].evidence) is misled
+    assert any(one.kind == "heading_off" for one in found) is not misled
 
 
 def test_a_departure_that_nothing_explains_is_the_autopilots(flight: Flight, best: BestEstimate) -> None:
@@ -345,7 +358,7 @@ def test_what_comes_after_a_sensor_that_reads_nothing_is_no_earlier_faults(fligh
     stuck = Finding("stuck_axis", "imu", "error", ONSET, ONSET + 5.0, "reads the same", "do not fly on it")
 
     def severity(*faults: Finding) -> str:
-        found, _ = findings(away, comparison, 0.0, GENERIC, None, ReferenceSpec(), faults, biased)
+        found, _ = findings(away, comparison, None, GENERIC, FlightDensity(None, None), ReferenceSpec(), faults, biased)
         return next(one.severity for one in found if one.kind == "gyro_bias")
 
     assert (severity(), severity(stuck)) == ("error", "info")
@@ -631,7 +644,7 @@ def test_what_begins_together_is_known_together(best: BestEstimate) -> None:
     unknown = replace(known, explained_covariance=0.02**2 * np.eye(6))
     (one,) = episodes(unknown)
     assert one.sigma == pytest.approx(np.sqrt(2.0) * 0.02)
-    assert [finding.side for finding in findings_of((one,), (), unknown)] == ["data"]
+    assert [finding.undecided for finding in findings_of((one,), (), unknown)] == [True]
 
 
 def test_a_size_is_told_of_the_time_at_which_it_is_known(best: BestEstimate) -> None:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
-
 import pytest
 
 from companion.analysis.finding import Cause, Finding, Side
-from companion.analysis.verdict import decide
+from companion.analysis.verdict import AGREEING_S, Agreement, decide
 
 
 def cause(kind: str, side: Side, onset: float, sigma: float | None, sensor: str) -> Finding:
     about = Cause(kind, side, onset, onset_sigma_s=sigma, sensor=sensor)
     return Finding(kind, side, "error", onset, 100.0, f"{kind} seen", "do this", f"{kind} seen", about)
+
+
+def agreements(windows: int, inside: dict[str, float], excluded: dict[str, int] | None = None) -> list[Agreement]:
+    """So many windows of 5 s, and as many of a second as that makes."""
+    each = {5.0: windows, 1.0: 5 * windows}
+    return [Agreement(horizon, each.get(horizon, 0), excluded or {}, inside) for horizon in AGREEING_S]
 
 
 VAGUE = cause("accel_scale", "imu", 66.6, 3.6, "accel")
@@ -31,9 +34,7 @@ VAGUE = cause("accel_scale", "imu", 66.6, 3.6, "accel")
     ],
 )
 def test_of_one_sensors_causes_that_may_have_begun_together_the_surest_time_counts(other: Finding, first: str) -> None:
-    judged: Any = SimpleNamespace(start=range(5), excluded={})
-    expected: Any = SimpleNamespace(inside={"attitude": 0.5})
-    verdict = decide(judged, expected, (VAGUE, other), None, "RAW_IMU")
+    verdict = decide(agreements(5, {"attitude": 0.5}), (VAGUE, other), None, "RAW_IMU")
     assert verdict.status == "imu_suspect"
     assert verdict.summary == f"Suspect the IMU: {first} seen."
     assert verdict.cause is not None
@@ -42,23 +43,22 @@ def test_of_one_sensors_causes_that_may_have_begun_together_the_surest_time_coun
 
 @pytest.mark.parametrize("share", [0.5, 0.9])
 def test_what_cannot_be_told_is_said_rather_than_that_nothing_explains_it(share: float) -> None:
-    judged: Any = SimpleNamespace(start=range(5), excluded={})
-    expected: Any = SimpleNamespace(inside={"attitude": share})
+    judged = agreements(5, {"attitude": share})
     seen = Finding("gyro_bias", "data", "warning", 10.0, 20.0, "gyro or compass", "", undecided=True)
-    verdict = decide(judged, expected, (seen,), None, "RAW_IMU")
+    verdict = decide(judged, (seen,), None, "RAW_IMU")
     assert (verdict.status, verdict.summary) == ("insufficient_data", "Cannot tell: gyro or compass.")
-    nothing = decide(judged, expected, (), None, "RAW_IMU")
+    nothing = decide(judged, (), None, "RAW_IMU")
     assert nothing.status == ("insufficient_data" if share < 0.7 else "consistent")
 
 
 @pytest.mark.parametrize("share", [1.0, 0.99])
 def test_a_suspicion_beside_windows_that_all_agree_says_so(share: float) -> None:
     """A slow creep, or the fault of an IMU that nobody flew on: no window shows it."""
-    judged: Any = SimpleNamespace(start=range(31), excluded={})
-    expected: Any = SimpleNamespace(inside={"attitude": 1.0, "position": share})
+    judged = agreements(31, {"attitude": 1.0, "position": share})
     slow = cause("gps_motion", "autopilot", 66.6, 0.4, "gps")
-    said = "RAW_IMU and the autopilot nevertheless agree: 100 % of 31 windows of 5 s inside the 95 % bound."
-    verdict = decide(judged, expected, (slow,), None, "RAW_IMU")
+    bound = "inside the 95 % bound, known errors removed."
+    said = f"RAW_IMU and the autopilot nevertheless agree: 100 % of 31 windows of 5 s {bound}"
+    verdict = decide(judged, (slow,), None, "RAW_IMU")
     assert verdict.status == "autopilot_suspect"
     assert verdict.summary.endswith(said) == (share == 1.0)
 
@@ -76,7 +76,18 @@ def test_a_suspicion_beside_windows_that_all_agree_says_so(share: float) -> None
     ],
 )
 def test_too_few_windows_say_in_words_why(usable: int, excluded: dict[str, int], said: str) -> None:
-    judged: Any = SimpleNamespace(start=range(usable), excluded=excluded)
-    verdict = decide(judged, None, (), None, "RAW_IMU")
+    verdict = decide(agreements(usable, {}, excluded), (), None, "RAW_IMU")
     assert verdict.status == "insufficient_data"
     assert verdict.summary.startswith(f"Cannot tell: {said}")
+
+
+def test_consistent_holds_at_every_horizon_that_has_many_windows() -> None:
+    """After a second no window agrees, after five nearly all: 10 windows are many, 9 may be chance."""
+    for seconds, status in ((9, "consistent"), (10, "insufficient_data")):
+        shares = {5.0: (4, 0.96), 1.0: (seconds, 0.0)}
+        judged = [
+            Agreement(h, shares.get(h, (0, 0.0))[0], {}, {"velocity": shares.get(h, (0, 0.0))[1]}) for h in AGREEING_S
+        ]
+        verdict = decide(judged, (), None, "RAW_IMU")
+        assert verdict.status == status
+        assert ("0 % of 10 windows of 1 s" in verdict.summary) == (status == "insufficient_data")

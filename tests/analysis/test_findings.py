@@ -499,6 +499,13 @@ def test_axes_are_told_of_what_was_flown_before_a_crash(crashed: float, told: bo
     assert "control_lost" in kinds(found, "warning")
 
 
+def test_without_gps_no_axes_are_read_otherwise() -> None:
+    """Gravity and a compass fit many ways to read a gyro."""
+    flight = cut(read_recording(BUNDLED / "copter-demo-100hz.tlog").flights[0], 70.0, 140.0)
+    found = assess(with_imu(replace(flight, gps=()), gyro=flight.imu().gyro * [-1.0, 1.0, 1.0]), GENERIC)
+    assert "axes_wrong" not in kinds(found)
+
+
 @cache
 def in_milliradians() -> Flight:
     """A gyro of so little noise that whole milliradians per second do not tell of it."""

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from companion.analysis import Limits, reference_at
 from companion.analysis.reference import attitude_error, attitude_jumps, length, position_jumps
-from companion.model import AttitudeTrack, PositionTrack, median, nearest, percentile
-from companion.strapdown import motions, quaternion
-from tests.flights import flight_of, seconds
+from companion.model import AttitudeTrack, ImuTrack, PositionTrack, median, nearest, percentile
+from companion.strapdown import motions, preintegrate, quaternion
+from tests.flights import flight_of, lively, seconds
 
 
 def test_attitude_is_scipys_slerp() -> None:
@@ -87,7 +89,8 @@ def test_nearest_is_the_nearest() -> None:
     assert nearest(samples, np.array([-5.0, 0.4, 0.6, 1.9, 2.1, 9.0])).tolist() == [0, 0, 1, 1, 2, 2]
 
 
-def test_between_two_attitudes_the_bend_is_what_a_steady_acceleration_makes() -> None:
+def test_between_two_attitudes_the_error_is_what_a_steady_acceleration_makes() -> None:
+    """By the rates at both ends alone: the IMU is sampled no faster."""
     axis, acceleration = np.array([0.6, 0.0, 0.8]), 5.0  # rad/s²
 
     def turned(t: np.ndarray) -> np.ndarray:
@@ -95,8 +98,30 @@ def test_between_two_attitudes_the_bend_is_what_a_steady_acceleration_makes() ->
 
     sent = np.arange(0.0, 1.01, 0.125)
     track = AttitudeTrack(sent, turned(sent), acceleration * sent[:, None] * axis)
+    slow = preintegrate(ImuTrack(sent, track.rates, np.zeros((len(sent), 3))), method="midpoint")
     t = np.linspace(0.0, 1.0, 65)
     found = reference_at(track, None, t, Limits(gap_s=1.0))
+    error = found.interpolation_error(np.arange(len(t)), slow).attitude
     off = np.linalg.norm(quaternion.log(quaternion.multiply(turned(t), quaternion.conjugate(found.q_ned_frd))), axis=1)
-    np.testing.assert_allclose(off, found.attitude_bend, atol=1e-9)
-    assert found.attitude_bend.max() == pytest.approx(acceleration * 0.125**2 / 8)
+    np.testing.assert_allclose(off, error, atol=1e-9)
+    assert error.max() == pytest.approx(acceleration * 0.125**2 / 8)
+
+
+@pytest.mark.parametrize("bias", [0.0, 0.01])
+def test_between_two_samples_the_error_is_at_least_what_the_motion_makes(bias: float) -> None:
+    """The vehicle turns to and fro between two samples: neither tells it, and an IMU does, biased or not."""
+    motion = lively(20.0)
+    flight = flight_of(motion, every=50)
+    assert flight.attitude
+    imu = replace(motion.imu, gyro=motion.gyro + bias, accel=motion.accel + bias)
+    found = reference_at(flight.attitude, flight.position, motion.t, Limits(gap_s=2.0))
+    error = found.interpolation_error(np.arange(len(motion.t)), preintegrate(imu))
+    for off, sigma, most in (
+        (attitude_error(motion.q_ned_frd, found.q_ned_frd), error.attitude, 0.05),
+        (motion.velocity - found.velocity, error.velocity, 0.1),
+        (motion.position - found.position, error.position, 0.001),
+    ):
+        size = length(off)
+        assert size.max() > most
+        assert (size < 1.1 * sigma + 0.05 * size.max()).all()
+        assert sigma.max() < 2.0 * size.max()

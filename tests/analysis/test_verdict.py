@@ -366,13 +366,16 @@ def test_a_short_flight_is_too_little() -> None:
     assert assess(flown(motions.circle(seconds(9, 100))), GENERIC).verdict.status == "insufficient_data"
 
 
-def test_a_noisy_sensor_is_called_noisy() -> None:
-    model = ImuModel(gyro=Sensor(noise_density=4e-3), accel=Sensor(noise_density=0.05))
+@pytest.mark.parametrize(("gyro", "severity"), [(4e-3, "info"), (2e-2, "warning")])
+def test_a_noisy_sensor_is_called_noisy(gyro: float, severity: str) -> None:
+    """And warned of where its noise, and no longer its bias, is most of what the IMU may be off by."""
+    model = ImuModel(gyro=Sensor(noise_density=gyro), accel=Sensor(noise_density=0.05))
     found = assess(replace(flown(), imus={"RAW_IMU": simulate(LIVELY.imu, model, 2)}), GENERIC)
-    assert of_kind(found, "gyro_noise").severity == "warning"
-    assert re.match(r"noise of 2\d\d mdps/√Hz in flight, \d+ times the 6.88 of ", of_kind(found, "gyro_noise").evidence)
+    assert of_kind(found, "gyro_noise").severity == severity
+    assert re.match(r"noise of \d+ mdps/√Hz in flight, \d+ times the 6.88 of ", of_kind(found, "gyro_noise").evidence)
     assert re.match(r"noise of \d{4} µg/√Hz in flight, \d+ times the ", of_kind(found, "accel_noise").evidence)
-    assert found.measured_noise == pytest.approx((4e-3, 0.05), rel=0.2)
+    assert found.measured_noise.gyro == pytest.approx(gyro, rel=0.2)
+    assert found.measured_noise.accel == pytest.approx(0.05, rel=0.2)
 
 
 def test_every_finding_lies_in_the_flight_and_says_what_to_do() -> None:
@@ -419,6 +422,26 @@ def test_recordings_of_others_are_answered_as_they_are_labelled(name: str) -> No
     (flight,) = c.open_log(shared(name))
     label = next(label for label in load_labels(LABELS) if label.matches(name))
     assert outcome(label, answer(flight)) in {"right", "cannot tell"}
+
+
+def test_an_attitude_at_1_hz_accuses_no_healthy_autopilot() -> None:
+    """Between two samples the vehicle turns by tens of degrees, which nothing but the IMU tells."""
+    flight = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
+    attitude = flight.require_attitude()
+    kept = np.unique(np.searchsorted(attitude.t, np.arange(attitude.t[0], attitude.t[-1])))
+    slow = c.AttitudeTrack(attitude.t[kept], attitude.q_ned_frd[kept], attitude.rates[kept], attitude.source)
+    found = c.examine(replace(flight, attitude=slow)).assessment
+    assert found.verdict.status == "consistent"
+    assert not [f for f in found.verdict.findings if f.kind == "heading_jump"]
+
+
+def test_an_accelerometer_that_is_off_by_more_than_one_in_order_is_named() -> None:
+    """A scale of 4 % from the beginning on: windows of a second show it, and what shows it is not taken off."""
+    flight = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
+    found = assess(with_imu(flight, accel=1.04 * flight.imu().accel), GENERIC)
+    assert found.verdict.status == "insufficient_data"
+    assert of_kind(found, "accel_scale").evidence in found.verdict.summary
+    assert max(found.agreements[horizon].inside["velocity"] for horizon in (1.0, 2.0, 5.0)) < 0.7
 
 
 def test_calibration_of_the_biased_recording() -> None:

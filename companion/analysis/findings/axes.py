@@ -12,7 +12,7 @@ from companion.analysis.comparison import Comparison, IntArray
 from companion.analysis.episode import SENSORS
 from companion.analysis.finding import Finding
 from companion.analysis.reference import length
-from companion.estimation import Reading
+from companion.estimation import BestEstimate, Reading
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack
 from companion.strapdown import quaternion
 
@@ -169,9 +169,10 @@ def _axes_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
         )
 
 
-def misread_finding(track: ImuTrack, reading: Reading) -> Finding:
-    """An IMU whose axes are mirrored or exchanged, by the witnesses that the autopilot has no part in."""
-    how = f"{reading.words}: read so, it fits GPS, compass and gravity with {reading.fits:.0f} times less noise"
+def misread_finding(track: ImuTrack, reading: Reading, best: BestEstimate) -> Finding:
+    """An IMU whose axes are mirrored or exchanged, by the aiding sensors of the best estimate, which has GPS."""
+    aiding = "GPS, compass and gravity" if "compass" in best.residuals else "GPS and gravity"
+    how = f"{reading.words}: read so, it fits {aiding} with {reading.fits:.0f} times less noise"
     return _wrong(track, how)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from companion.analysis.attribution import findings_of
 from companion.analysis.autopilot_error import known_biases
+from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison
 from companion.analysis.departures import departures
 from companion.analysis.episode import SIGMAS, episodes
@@ -22,6 +23,8 @@ from companion.analysis.findings.sampling import lags, rate_findings, stamp_find
 from companion.analysis.findings.stuck import stuck_findings
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
+from companion.analysis.lasting_errors import level_force_findings
+from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import phases
 from companion.analysis.redundant_imus import parting_findings
 from companion.estimation import BestEstimate, kind_of
@@ -40,26 +43,27 @@ def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec, aut
 def findings(
     flight: Flight,
     comparison: Comparison,
-    sampling_share: float,
+    allowed: Expected | None,
     figures: ImuSpec,
-    noise: tuple[float, float] | None,
+    noise: FlightDensity,
     autopilot: ReferenceSpec,
     faults: Sequence[Finding],
     best: BestEstimate | None,
 ) -> tuple[tuple[Finding, ...], ImuTrack]:
     """What stands out, and the IMU with what is no fault taken out: how it sits in the vehicle.
 
-    faults: of `reading_faults`. best: the best estimate, None where the flight allows none.
+    allowed: the drift that is expected in the windows that are judged. faults: of `reading_faults`. best: the best
+    estimate, None where the flight allows none.
     """
-    all_findings = [*rate_findings(flight, comparison, sampling_share), *faults]
+    sampling = allowed.shares["attitude"]["sampling"] if allowed else 0.0
+    all_findings = [*rate_findings(flight, comparison, sampling), *faults]
     if comparison.track.bias_removed and not flight.on_board:
         all_findings.append(_not_independent(comparison))
     landed = _landed(flight)
     jumps = [
         f if f.start_s < landed - _TOLD_S else replace(f, severity="info") for f in jump_findings(comparison, flight)
     ]
-    if noise is not None:
-        all_findings += noise_findings(comparison, noise, figures)
+    all_findings += noise_findings(comparison, noise, figures, allowed)
     all_findings += vibration_findings(comparison, flight)
     raw = residuals(comparison)
     fitted = installation(comparison, raw, figures, autopilot, np.inf)
@@ -76,9 +80,10 @@ def findings(
         while_judged = tuple(one for one in episodes(best) if one.start - SIGMAS * one.start_sigma < landed)
         departed = departures(flight, best, limits, tilted)
         departed = tuple(one for one in departed if not _is_led_to(one.start, one.end, faults))
-        all_findings += findings_of(while_judged, departed, best, jumps)
-        all_findings += known_biases(flight, best)
-        all_findings += parting_findings(flight, comparison.track, best)
+        all_findings += findings_of(while_judged, departed, best, jumps, flight.imu_in_use)
+        all_findings += [*known_biases(flight, best), *level_force_findings(best, flight)]
+        if not any(f.severity == "error" for f in faults):  # else its own readings are none to compare with
+            all_findings += parting_findings(flight, comparison.track, best)
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
         jumps = [_confirmed(f, all_findings, best) for f in jumps]
     all_findings += jumps

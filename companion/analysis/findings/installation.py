@@ -136,7 +136,8 @@ def _turns_and_forces(
             [_LATE, autopilot.tilt, autopilot.tilt, _POINTED],
         ]
     )
-    speed = np.sqrt(2.0 * autopilot.velocity**2 + (residuals.noise[:, 1] * residuals.span[:, 0]) ** 2)
+    noise = residuals.noise[:, 1] * residuals.span[:, 0]
+    speed = np.sqrt(2.0 * autopilot.velocity**2 + noise**2 + residuals.interpolated[:, 1] ** 2)
     speed = np.where(residuals.end < trusted_until, speed, np.inf)
     return _robust(
         [
@@ -151,7 +152,8 @@ def _turn_sigma(comparison: Comparison, residuals: Residuals, autopilot: Referen
     """(W,) rad, 1σ of each axis."""
     step = 0.3 * comparison.track.gyro_step * residuals.span[:, 0]
     noise = residuals.noise[:, 0] * residuals.span[:, 0]
-    return np.asarray(np.sqrt(2.0 * autopilot.attitude_noise**2 + noise**2 + step**2))
+    between = residuals.interpolated[:, 0]
+    return np.asarray(np.sqrt(2.0 * autopilot.attitude_noise**2 + noise**2 + step**2 + between**2))
 
 
 def _robust(blocks: list[tuple[Array, Array, Array]], prior: Array) -> _Fit:

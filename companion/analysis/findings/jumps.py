@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from companion.analysis.comparison import Comparison
+from companion.analysis.episode import SIGMAS
 from companion.analysis.finding import Cause, Finding, Severity, runs
 from companion.analysis.reference import length
 from companion.model import Flight, PositionTrack
@@ -88,7 +89,10 @@ def _unheard(comparison: Comparison, start: float, end: float) -> bool:
 
 
 def _heading_steps(comparison: Comparison) -> Iterator[tuple[float, float, float]]:
-    """(start, end, size rad) of steps of the heading against the integrated gyro, larger than 1.5° in 0.2 s."""
+    """(start, end, size rad) of steps of the heading against the integrated gyro, larger than 1.5° in 0.2 s.
+
+    And larger than what the attitude between two of its samples may make of it.
+    """
     t, q = comparison.track.t, comparison.reference.q_ned_frd
     if comparison.track.rate_hz < _STEP_RATE_HZ:
         return
@@ -102,6 +106,9 @@ def _heading_steps(comparison: Comparison) -> Iterator[tuple[float, float, float
     tilt = length(error[:, :2])
     big = (np.abs(error[:, 2]) > np.radians(1.5)) & (tilt < 0.5 * np.abs(error[:, 2])) & known[start] & known[end]
     big &= t[end] - t[start] < 2 * _STEP_S
+    some = np.flatnonzero(big)
+    ends = (comparison.reference.interpolation_error(at[some], comparison.path).attitude for at in (start, end))
+    big[some] = np.abs(error[some, 2]) > SIGMAS * np.hypot(*ends)
     for first, last in runs(np.asarray(big)):
         peak = first + int(np.argmax(np.abs(error[first : last + 1, 2])))
         edges = sorted((float(t[start[last]]), float(t[end[first]])))

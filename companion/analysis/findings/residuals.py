@@ -28,7 +28,7 @@ class Residuals:
     velocity: Array  # (W, 3) likewise, NED m/s
     growth: Propagation
     noise: Array  # (W, 2) standard error of a window's mean reading: rad/s, m/s²
-    bend: Array  # (W,) rad/s, what the attitude between two of its samples may make of a rate: see `reference_at`
+    interpolated: Array  # (W, 2) 1σ of what the ends' interpolation makes of the error per axis: rad, m/s
     rate: Array  # (W, 3) rad/s, FRD: what the gyro turned more than the attitude
     force: Array  # (W, 3) m/s², FRD: what the accelerometer felt more than the velocity says
 
@@ -56,7 +56,7 @@ def residuals(comparison: Comparison) -> Residuals:
         gravity=comparison.how.gravity,
     )
     span = (window_errors.end_s - window_errors.anchor_s)[:, None]
-    bend = comparison.reference.attitude_bend
+    ends = [comparison.reference.interpolation_error(i, comparison.path) for i in (chosen.start, chosen.end)]
     back = quaternion.conjugate(begin.q_ned_frd)
     # to first order truth minus estimate is -(bias) t: with the sign turned, and in the body, it is the bias
     rate = -quaternion.rotate(back, window_errors.attitude) / span
@@ -74,7 +74,7 @@ def residuals(comparison: Comparison) -> Residuals:
         velocity=window_errors.velocity if comparison.has_position else np.zeros_like(rate),
         growth=growth,
         noise=window_noise(comparison.track, chosen) / np.sqrt(span),
-        bend=(bend[chosen.start] + bend[chosen.end]) / span[:, 0],
+        interpolated=np.sqrt(sum(np.column_stack([end.attitude, end.velocity]) ** 2 for end in ends)),
         rate=rate,
         force=force,
     )

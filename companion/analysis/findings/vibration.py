@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding, Severity
 from companion.analysis.imu_spec import ImuSpec
+from companion.analysis.noise import FlightDensity
 from companion.estimation import vibration
 from companion.model import STANDARD_GRAVITY, Array, Flight, Series, counted, of_kind
 
@@ -37,6 +39,7 @@ def clip_counts(series: Series) -> Iterator[Clips]:
 
 _HIGH, _MUCH = 15.0, 30.0  # m/s²: ArduPilot's documentation calls 30 the end of what is acceptable
 _HIGH_IN_SAMPLES = 5.0  # m/s² that has come through the filter and the rate of a stream
+_NOISY = 10.0  # times the data sheet
 
 
 def vibration_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
@@ -98,21 +101,29 @@ def _clips(series: Series) -> Iterator[Finding]:
         )
 
 
-def noise_findings(comparison: Comparison, measured: tuple[float, float], imu: ImuSpec) -> Iterator[Finding]:
-    """Readings far noisier than the data sheet: vibration, or a simulator that shakes."""
+def noise_findings(
+    comparison: Comparison, measured: FlightDensity, imu: ImuSpec, allowed: Expected | None
+) -> Iterator[Finding]:
+    """Readings far noisier than the data sheet: vibration, or a simulator that shakes.
+
+    A warning where it limits what the verdict can tell: where it is the dominant source of the expected drift.
+    """
     track = comparison.track
-    for name, density, sheet, factor, unit in (
-        ("gyro", measured[0], imu.gyro.noise_density, 1e3 * np.degrees(1.0), "mdps/√Hz"),
-        ("accel", measured[1], imu.accel.noise_density, 1e6 / STANDARD_GRAVITY, "µg/√Hz"),
+    for name, density, sheet, factor, unit, quantity in (
+        ("gyro", measured.gyro, imu.gyro.noise_density, 1e3 * np.degrees(1.0), "mdps/√Hz", "attitude"),
+        ("accel", measured.accel, imu.accel.noise_density, 1e6 / STANDARD_GRAVITY, "µg/√Hz", "velocity"),
     ):
-        if density > 10.0 * sheet:
-            yield Finding(
-                f"{name}_noise",
-                "imu",
-                "warning",
-                float(track.t[0]),
-                float(track.t[-1]),
-                f"noise of {density * factor:.0f} {unit} in flight, {density / sheet:.0f} times the "
-                f"{sheet * factor:.3g} of {imu.name}",
-                "Vibration reaches the sensor: check vibration levels and damping. The verdict takes it into account.",
-            )
+        if density is None or density <= _NOISY * sheet:
+            continue
+        shares = allowed.shares.get(quantity, {}) if allowed else {}
+        limits = max(shares, key=lambda cause: shares[cause], default="") == f"{name}_noise"
+        yield Finding(
+            f"{name}_noise",
+            "imu",
+            "warning" if limits else "info",
+            float(track.t[0]),
+            float(track.t[-1]),
+            f"noise of {density * factor:.0f} {unit} in flight, {density / sheet:.0f} times the "
+            f"{sheet * factor:.3g} of {imu.name}",
+            "Vibration reaches the sensor: check vibration levels and damping. The verdict takes it into account.",
+        )
