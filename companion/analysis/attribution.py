@@ -92,7 +92,8 @@ def findings_of(
         harmed = bool(consequences)
         misleads = any(d.size >= _CERTAIN * d.sigma for d in consequences)
         severity: Severity = "warning" if harmed else "info"
-        if misleads or (is_serious(episode) and (harmed or episode.witness == "imu")):
+        no_fault = likelihoods(episode).get("nobody", 0.0) >= ACCUSED
+        if misleads or (is_serious(episode) and (harmed or (episode.witness == "imu" and not no_fault))):
             severity = "error"
         if severity == "info" and not is_sized(episode, best):
             continue
