@@ -110,7 +110,9 @@ def findings_of(
             worst = {d.quantity: d for d in sorted(consequences, key=lambda d: d.size)}
             misled = tuple(str(d) for d in worst.values())
             said_of += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
-        if (next_best := rival(episode)) is not None:
+        if no_fault and not harmed:
+            said_of += f" (no fault: {percent(likelihoods(episode)['nobody'])})"
+        elif (next_best := rival(episode)) is not None:
             sure, (kind, share) = likelihoods(episode)[episode.witness], next_best
             said_of += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
         if why:

@@ -259,22 +259,26 @@ def _quiet_share(freedom: float) -> float:
 
 
 _ALIASED = 0.25  # 1σ of a slow error, as part of the scatter of readings that are sampled too slowly for it
+_WHOLE, _TURNS = 0.7, 0.2  # part of the sampling interval; rad/s, below which a scale hardly shows
 _SAMPLED_SLOWLY = 0.4  # corner of the low-pass, as part of the sampling rate
 
 
 def aliasing(track: ImuTrack) -> dict[str, float]:
-    """Kind of bias → 1σ (rad/s, m/s²) that a vibration may read like for seconds, when it is folded down near 0 Hz.
+    """Hypothesis → 1σ of what a vibration may read like for seconds, when it is folded down near 0 Hz (rad/s, m/s², 1).
 
     A line of vibration at a multiple of the sampling rate beats slowly with it, by up to its own amplitude. None of
-    readings that were averaged over their interval, or filtered well below the sampling rate.
+    readings that are means over the whole of their interval, or filtered well below the sampling rate.
     """
     how = sampling_of(track)
-    if how.kind == "averaged" or (how.corner_hz and how.corner_hz < _SAMPLED_SLOWLY * track.rate_hz):
+    averaged = (how.interval_s or 0.0) > _WHOLE / track.rate_hz
+    if averaged or (how.corner_hz and how.corner_hz < _SAMPLED_SLOWLY * track.rate_hz):
         return {}
-    return {
-        kind: _ALIASED * float(np.linalg.norm(between_samples(readings)))
-        for kind, readings in (("gyro_bias", track.gyro), ("accel_bias", track.accel))
-    }
+    out = {}
+    for sensor, readings, least in (("gyro", track.gyro, _TURNS), ("accel", track.accel, 0.0)):
+        scatter = _ALIASED * float(np.linalg.norm(between_samples(readings)))
+        out[f"{sensor}_bias"] = scatter
+        out[f"{sensor}_scale"] = scatter / max(float(np.sqrt((readings**2).sum(axis=1).mean())), least, 1e-9)
+    return out
 
 
 _FEWEST_DIFFERENCES = 8

@@ -14,7 +14,7 @@ import numpy as np
 
 from companion.estimation.choice import Choice, explained
 from companion.estimation.constant_errors import constant_errors, of_first_half
-from companion.estimation.evidence import Trial
+from companion.estimation.evidence import Trial, at_noise
 from companion.estimation.explanations import Problem
 from companion.estimation.iteration import Start, carried, estimate, likelihood, resuming, start_of
 from companion.estimation.learned_noise import believing, lasting, noise_limits, scatter
@@ -22,8 +22,10 @@ from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.measurements import UNITS
 from companion.estimation.model import (
     ACCEL_BIAS,
+    ATTITUDE,
     CONSTANT_STATES,
     GYRO_BIAS,
+    VELOCITY,
     BestEstimate,
     Correlation,
     Residuals,
@@ -40,6 +42,7 @@ from companion.model import STANDARD_GRAVITY, DataError, Flight
 _MOST_EXPLAINED = 4
 _LIKELY, _DISTURBING, _HARMFUL = 0.0, 10.0, 0.5  # log odds to accept what is harmful, and what is not, by probability
 _TRIED_PASSES = 8  # of the iteration, after which it shows which of several hypotheses leaves least
+_ABOUT_S = 2.0  # before a cause, where it shows that the cause lies in a rough stretch
 _FURTHER = 8  # of what was not accepted
 
 
@@ -138,7 +141,9 @@ def next_cause(
     if not tried:
         return tuple(one.rival for one in map(Choice.of_trial, usual[:_FURTHER]))
     least = max(tried, key=lambda one: likelihood(one.settled, one.linear))
-    weighed = [Choice.of_trial(one) for one in trials(*_without_the_last(setup, least, accepted))]
+    around = local_noise(least.linear, least.choice)
+    weighed = [Choice.of_trial(at_noise(one, *around)) for one in trials(*_without_the_last(setup, least, accepted))]
+    weighed.sort(key=lambda one: -one.log_odds)
     if least.choice.taken:
         weighed = [_as_moved(one, least) if one.name == least.choice.name else one for one in weighed]
         weighed.sort(key=lambda one: -one.log_odds)
@@ -225,7 +230,27 @@ def _rivals(linear: Linear, accepted: Sequence[Choice], one: int) -> tuple[Rival
     """Every hypothesis in the place of one that was accepted, beside all others; empty where readings were moved."""
     if accepted[one].taken:
         return ()
-    return tuple(Choice.of_trial(other).rival for other in trials(*without(linear, accepted, one)))
+    around = local_noise(linear, accepted[one])
+    found = (at_noise(other, *around) for other in trials(*without(linear, accepted, one)))
+    return tuple(sorted((Choice.of_trial(other).rival for other in found), key=lambda rival: -rival.log_odds))
+
+
+def local_noise(linear: Linear, choice: Choice) -> tuple[float, float]:
+    """Times by which gyro and accelerometer scatter more about a cause than in the whole flight: variances, 1 or more.
+
+    Of an estimate that has the cause in it. Noise is learned where the flight is typical: where it is rougher, as by
+    vibration, a launch or a touch of the ground, chance does as much. The moments before a cause belong to it: one that
+    has only begun explains what scatters since, but not what scattered before.
+    """
+    e, d = linear.solution.disturbances
+    t, own = linear.problem.t, np.diagonal(d, axis1=1, axis2=2)
+    within = (t[1:] > choice.onset - _ABOUT_S) & (t[:-1] < choice.end)
+
+    def ratio(block: slice) -> float:
+        unlikely = (e[:, block] ** 2 / np.where(own[:, block] > 0.0, own[:, block], np.inf)).sum(axis=1)
+        return max(1.0, float(unlikely[within].mean() / max(unlikely.mean(), 1e-300))) if within.any() else 1.0
+
+    return ratio(ATTITUDE), ratio(VELOCITY)
 
 
 def _result(
