@@ -30,8 +30,6 @@ CAUSES = {
     "accel_scale": ("accel_scale", "accel"),
     "gyro_shock": ("noise", "gyro"),
     "accel_shock": ("noise", "accel"),
-    "gyro_unrest": ("noise", "gyro"),
-    "accel_unrest": ("noise", "accel"),
     "gps_position": ("position", "gps"),
     "gps_motion": ("position", "gps"),
     "gps_height": ("position", "gps"),

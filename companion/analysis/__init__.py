@@ -19,6 +19,7 @@ from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correctio
 from companion.analysis.departures import Sensitivity
 from companion.analysis.difference import Change, Contrast, FigureChange, contrast
 from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, drift, drift_of
+from companion.analysis.episode import percent
 from companion.analysis.finding import Cause, Finding, by_severity
 from companion.analysis.findings import rate_warning
 from companion.analysis.findings.vibration import Clips, clip_counts
@@ -133,6 +134,7 @@ __all__ = [
     "newest_stands_out",
     "noise_in_flight",
     "noise_model",
+    "percent",
     "phases",
     "rate_warning",
     "reference_at",

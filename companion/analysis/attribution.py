@@ -8,7 +8,7 @@ A departure that follows an episode is its consequence; one that follows nothing
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -39,7 +39,7 @@ from companion.estimation import (
 )
 from companion.model import SensorInUse, words
 
-_CANDIDATE = -3.0  # log odds from which on what is not in the estimate may be the reason: one to twenty
+_CANDIDATE = 0.05  # odds of a fault against nothing, from which on what is not in the estimate may be the reason
 _OVERSHOOTS = 2.0  # times what misled it: a height that is off by more has another cause
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
 _SURELY = 2.0  # σ of its onset, by which an episode began in flight: a scale shows from where the vehicle moves on
@@ -110,14 +110,14 @@ def findings_of(
             worst = {d.quantity: d for d in sorted(consequences, key=lambda d: d.size)}
             misled = tuple(str(d) for d in worst.values())
             said_of += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
-        if no_fault and not harmed:
+        if why:
+            side, severity, headline = "data", "warning", ""
+            said_of = f"{'perhaps ' if would_tell else ''}{said_of}; {why}"
+        elif no_fault and not harmed:
             said_of += f" (no fault: {percent(likelihoods(episode)['nobody'])})"
         elif (next_best := rival(episode)) is not None:
             sure, (kind, share) = likelihoods(episode)[episode.witness], next_best
             said_of += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
-        if why:
-            side, severity, headline = "data", "warning", ""
-            said_of = f"{'perhaps ' if would_tell else ''}{said_of}; {why}"
         end = min(episode.end, float(best.t[-1]))
         cause = None if why else cause_of(episode, best, side, misled)
         advice = would_tell or kind_of(episode.kind).advice
@@ -180,13 +180,13 @@ def _why_undecided(episode: Episode, best: BestEstimate) -> tuple[str, str]:
          "the gyro is shaken so much that what its low-pass hides of the shaking may add up to it", _CUTOFF),
         (_may_be_folded(episode, best),
          "the IMU is shaken so much while it is there that its samples may fold down as much", _FASTER),
-        (best.contradicted and episode.witness != "imu" , _CONTRADICTED, _FASTER),
-        *_undecided(episode),
+        (best.contradicted and episode.witness != "imu", _CONTRADICTED, _FASTER),
+        _undecided(episode),
     )  # fmt: skip
     return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
 
 
-def _undecided(episode: Episode) -> Iterator[tuple[bool, str, str]]:
+def _undecided(episode: Episode) -> tuple[bool, str, str]:
     """Whether the probability that the sensor's side is at fault is too small to accuse it, and what else it may be."""
     shares = likelihoods(episode)
     own = "imu" if episode.witness == "imu" else "aiding"
@@ -195,7 +195,7 @@ def _undecided(episode: Episode) -> Iterator[tuple[bool, str, str]]:
     other = max((side for side in by_side if side != own), key=lambda side: by_side[side])
     likeliest = next((one.kind for one in episode.rivals if _side(one.kind) == other), "")
     name = "no fault" if other == "nobody" else words(likeliest)
-    yield (
+    return (
         by_side[own] < ACCUSED,
         f"cannot tell {words(episode.kind)} from {name} ({percent(by_side[own])} / {percent(by_side[other])})",
         _ANOTHER,
@@ -216,10 +216,9 @@ _MEASURED = ("position", "height")  # by GPS and barometer, whatever a gyro, an 
 
 def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> tuple[str, str]:
     """Why a departure does not accuse the autopilot, empty where it does; and what would tell."""
-    promising = (
-        sensor for one in best.further if one.log_odds > _CANDIDATE and (sensor := SENSORS.get(one.kind.split("_")[0]))
-    )
-    sensor = None if departure.quantity in _MEASURED else next(promising, None)
+    faults = (one.kind for one in best.further if one.fault > _CANDIDATE * np.exp(-one.log_odds))
+    likely = (sensor for kind in faults if (sensor := SENSORS.get(kind.split("_")[0])))
+    sensor = None if departure.quantity in _MEASURED else next(likely, None)
     slowly_off = departure.quantity == "position" and not departure.sudden
     reasons = (
         ("gps_position" not in best.residuals, "without GPS it cannot be told which of them is wrong", _WITNESS),

@@ -211,7 +211,7 @@ def said(episode: Episode, best: BestEstimate) -> str:
 
 def likelihoods(episode: Episode) -> dict[str, float]:
     """Probability that the IMU, the GPS, another sensor or nobody has the fault, at the time of the episode."""
-    return probabilities(episode.rivals) if episode.rivals else {episode.witness: 1.0}
+    return probabilities(episode.rivals)
 
 
 def own_odds(episode: Episode) -> float:
@@ -220,13 +220,13 @@ def own_odds(episode: Episode) -> float:
 
 
 def rival(episode: Episode) -> tuple[str, float] | None:
-    """The likeliest hypothesis of another kind, and its probability; None where there is none."""
+    """The likeliest kind of fault of another sensor, and its probability; None where there is none."""
     odds = np.array([0.0, *(one.log_odds for one in episode.rivals)])
     share = np.exp(odds - odds.max())
     share /= share.sum()
     named: dict[str, float] = {}
     for one, part in zip(episode.rivals, share[1:], strict=True):
-        if one.kind != episode.kind:
+        if kind_of(one.kind).side != episode.witness:
             named[one.kind] = named.get(one.kind, 0.0) + float(part)
     return max(named.items(), key=lambda pair: pair[1]) if named else None
 

@@ -11,7 +11,7 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import AutopilotError, Limits, autopilot_error, noise_in_flight
+from companion.analysis import AutopilotError, Limits, autopilot_error, noise_in_flight, percent
 from companion.app import destination
 from companion.app.examination import integration_of
 from companion.app.sensors import imu_spec_of
@@ -152,8 +152,9 @@ def explained_lines(explanations: Sequence[Explained]) -> Iterator[str]:
         )
         until = f" to {one.end:.1f}" if np.isfinite(one.end) else ""
         other = next((rival.kind for rival in one.rivals if rival.kind != one.kind), "")
-        likely = "; ".join(f"{side} {share:.0%}" for side, share in probabilities(one.rivals).items() if share > 0.005)
-        second = f"; next best: {words(other)}" if other else ""
+        shares = sorted(probabilities(one.rivals).items(), key=lambda pair: -pair[1])
+        likely = "; ".join(f"{words(side)} {percent(share)}" for side, share in shares if share > 0.005)
+        second = f"; next: {words(other)}" if other else ""
         yield (
             f"  {words(one.kind)}, {one.shape}: {size} {unit} from {one.onset:.1f} ± "
             f"{one.onset_sigma:.1f}{until} s ({likely}{second})"

@@ -104,7 +104,7 @@ def test_the_one_that_agrees_with_all_other_sensors_is_not_accused(flight: Fligh
     assert "IMU[1]" in found.evidence
     assert found.cause is not None
     assert found.cause.axis == "x"
-    own = Explained("accel_bias", "step", ONSET, 0.1, np.inf, np.array([0.6, 0.0, 0.0]), np.full(3, 0.01), 100.0)
+    own = Explained("accel_bias", "step", ONSET, 0.1, np.inf, np.array([0.6, 0.0, 0.0]), np.full(3, 0.01))
     assert parting_findings(both, flight.imu(), replace(best, explained=(own,))) == []
     before = replace(own, kind="accel_scale", onset=ONSET - 15.0)
     (later,) = parting_findings(both, flight.imu(), replace(best, explained=(before,)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,8 +12,10 @@ import numpy as np
 import pytest
 
 import companion as c
+from companion.app.recording import Source
 from companion.cli import main, smooth
-from companion.estimation import CONSTANTS
+from companion.documents import encode, estimate_document
+from companion.estimation import CONSTANTS, Explained, Rival
 from tests.recordings import BUNDLED
 from tests.tlogs import Writer
 
@@ -26,10 +29,12 @@ Captured = pytest.CaptureFixture[str]
 def test_what_grows_is_told_per_second(shape: str, unit: str) -> None:
     turns: Any = SimpleNamespace(
         kind="compass_field", shape=shape, size=np.array([0.2]), sigma=np.array([0.01]), onset=116.8, onset_sigma=4.2,
-        end=166.5, gain=1300.0, others=(),
+        end=166.5, rivals=(Rival("compass_field", shape, 3.0, 1.0), Rival("gyro_bias", "step", 0.0, 1.0)),
     )  # fmt: skip
     (line,) = smooth.explained_lines([turns])
-    assert f": 0.2 ± 0.01 {unit} from 116.8 ± 4.2 to 166.5 s" in line
+    assert f": 0.2 ± 0.01 {unit} from 116.8 ± 4.2 to 166.5 s (compass 91 %; " in line
+    assert "; nobody 5 %; " in line
+    assert line.endswith("; next: gyro bias)")
 
 
 def test_the_tables_fit_a_terminal_and_the_trajectory_is_written(tmp_path: Path, capsys: Captured) -> None:
@@ -68,6 +73,19 @@ def test_the_json_says_the_same_with_every_constant(capsys: Captured) -> None:
         assert 0 <= one["median"] <= one["p95"] <= one["worst"]
         assert one["sigma"] > 0
     assert {one["name"] for one in flight["witnesses"]} >= {"gps_position", "gps_velocity", "compass"}
+
+
+def test_the_json_has_the_probability_of_every_side() -> None:
+    log = c.open_log(DEMO)
+    rivals = (Rival("gyro_bias", "step", 2.0, 1.0), Rival("compass_field", "pulse", 1.0, 0.5))
+    one = Explained("gyro_bias", "step", 60.0, 0.1, np.inf, np.array([0.0, 0.0, 0.02]), np.full(3, 1e-3), rivals)
+    best = replace(c.smooth(log[0]), explained=(one,))
+    source = Source(Path(DEMO), "tlog", 1, 1)
+    (told,) = json.loads(encode(estimate_document(source, log[0], best, (), None)))["flights"][0]["explained"]
+    assert told["probability"].keys() == {"imu", "gps", "compass", "barometer", "nobody"}
+    assert sum(told["probability"].values()) == pytest.approx(1.0)
+    assert told["probability"]["imu"] > told["probability"]["compass"] > told["probability"]["gps"]
+    assert told["rivals"][1] == {"kind": "compass_field", "shape": "pulse", "log_odds": 1.0, "fault": 0.5}
 
 
 def test_another_ending_is_refused_before_the_work_is_done(tmp_path: Path, capsys: Captured) -> None:

@@ -88,8 +88,6 @@ def test_a_fault_of_the_detectable_size_is_accused_in_95_of_100_draws() -> None:
     drawn = v @ [0.0, 0.0, size] + rng.multivariate_normal(np.zeros(3), v, size=400)
     found = []
     for b in drawn:
-        one = trial(
-            kind, "step", (np.array([1800.0]), np.array([np.inf]), np.array([cell])), HOUR, b[None], v[None]
-        )
+        one = trial(kind, "step", (np.array([1800.0]), np.array([np.inf]), np.array([cell])), HOUR, b[None], v[None])
         found.append(probabilities([Rival(kind.name, "step", one.log_odds, one.fault)])["imu"] > ACCUSED)
     assert 0.92 < np.mean(found) < 0.985

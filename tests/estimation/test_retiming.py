@@ -95,7 +95,9 @@ def test_the_onset_is_sought_again_with_the_size_known() -> None:
     flight, truth = sensed(45.0, seed=3)
     setup = set_up(late_by(flight, truth, 1.0), None, STANDARD_GRAVITY, None)
     start = start_of(setup, first_guess(setup, flight))
-    possible = retimed(setup, start, [], Choice(kind_of("gps_latency"), "step", ONSET + 6.0, np.inf, 0.1, -1, 300.0, 1.0))
+    possible = retimed(
+        setup, start, [], Choice(kind_of("gps_latency"), "step", ONSET + 6.0, np.inf, 0.1, -1, 300.0, 1.0)
+    )
     assert possible is not None
     moved, found = possible.setup, possible.choice
     assert found.taken == pytest.approx(1.0, abs=0.05)
