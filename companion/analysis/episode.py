@@ -219,6 +219,21 @@ def own_odds(episode: Episode) -> float:
     return max((one.log_odds for one in episode.rivals if one.kind == episode.kind), default=0.0)
 
 
+def fault_probability(best: BestEstimate) -> dict[str, float]:
+    """Side → probability that a harmful fault of it is the first of the flight; "nobody" that there is none.
+
+    By the readings of IMU, GPS, compass and barometer alone: what the autopilot made of them does not count.
+    """
+    parts = [one.rivals for one in sorted(best.explained, key=lambda one: one.onset) if one.rivals]
+    found, none = dict.fromkeys(probabilities(()), 0.0), 1.0
+    for rivals in (*parts, best.further):
+        shares = probabilities(rivals)
+        for side, share in shares.items():
+            found[side] += none * share
+        none *= shares["nobody"]
+    return found | {"nobody": none}
+
+
 def rival(episode: Episode) -> tuple[str, float] | None:
     """The likeliest kind of fault of another sensor, and its probability; None where there is none."""
     odds = np.array([0.0, *(one.log_odds for one in episode.rivals)])

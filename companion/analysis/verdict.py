@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from companion.analysis.comparison import left_out
-from companion.analysis.episode import BIAS_UNITS, SENSORS, SIGMAS, bias_at_the_end
+from companion.analysis.episode import BIAS_UNITS, SENSORS, SIGMAS, bias_at_the_end, fault_probability, percent
 from companion.analysis.finding import Cause, Finding
 from companion.estimation import BestEstimate, kind_of
 from companion.model import brief, counted
@@ -67,6 +67,7 @@ class Verdict:
     summary: str
     findings: tuple[Finding, ...]
     cause: Cause | None = None  # the first cause in time, that the summary is about; None where nobody is suspect
+    probability: Mapping[str, float] = field(default_factory=dict)  # see `fault_probability`; empty without an estimate
 
 
 def decide(
@@ -76,6 +77,17 @@ def decide(
 
     agreements: one for each horizon of AGREEING_S. source: the message of the IMU that the windows are of.
     """
+    probability = {} if best is None else fault_probability(best)
+    return replace(_decided(agreements, findings, best, source, probability), probability=probability)
+
+
+def _decided(
+    agreements: Sequence[Agreement],
+    findings: tuple[Finding, ...],
+    best: BestEstimate | None,
+    source: str,
+    probability: Mapping[str, float],
+) -> Verdict:
     causes = sorted((f for f in findings if f.severity == "error" and f.side != "data"), key=lambda f: f.start_s)
     lacking = _lacking(agreements[0], findings, bool(causes))
     if lacking is not None:
@@ -86,14 +98,16 @@ def decide(
         first = _first(causes)
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
-        told = f"Suspect {whom}: {_headline(first)}.{_all_the_same(agreements[0], source)}"
-        return Verdict(status, told, findings, _cause(first))
+        cause = _cause(first)
+        sure = "" if cause.probability is None else f" (probability {percent(cause.probability)})"
+        told = f"Suspect {whom}{sure}: {_headline(first)}.{_all_the_same(agreements[0], source)}"
+        return Verdict(status, told, findings, cause)
     doubt = _doubt(worst, findings, best)
     if doubt is not None:
         return Verdict("insufficient_data", f"Cannot tell: {doubt}.", findings)
-    return Verdict(
-        "consistent", f"IMU and autopilot agree within the expected error ({worst}).{_unwitnessed(best)}", findings
-    )
+    sure = f"; no sensor fault: {percent(probability['nobody'])}" if probability else ""
+    told = f"IMU and autopilot agree within the expected error ({worst}{sure}).{_unwitnessed(best)}"
+    return Verdict("consistent", told, findings)
 
 
 def _all_the_same(judged: Agreement, source: str) -> str:

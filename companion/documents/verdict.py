@@ -50,6 +50,7 @@ class VerdictObject(msgspec.Struct, frozen=True):
     cause: CauseObject | None = None
     detectable: Mapping[str, float] = {}  # rad/s, m/s², rad, m
     not_judged: tuple[str, ...] = ()
+    probability: Mapping[str, float] = {}  # by side, "nobody" among them
 
 
 def verdict_object(verdict: Verdict, could: Sensitivity | None = None) -> VerdictObject:
@@ -62,6 +63,7 @@ def verdict_object(verdict: Verdict, could: Sensitivity | None = None) -> Verdic
         cause=cause,
         detectable={} if could is None else could.smallest,
         not_judged=() if could is None else could.not_judged,
+        probability=dict(verdict.probability),
     )
 
 
