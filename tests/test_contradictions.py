@@ -148,6 +148,52 @@ PATTERNS: tuple[Callable[[Screens], Iterator[str]], ...] = (
 )
 
 
+TABLE = """
+Windows inside the 95 % bound
+            the IMU as it is        known errors removed
+ after       n  att.  vel.  pos.       n  att.  vel.  pos.
+──────────────────────────────────────────────────────────
+   1 s     101   99%    2%  100%      93   99%    1%  100%
+   5 s      20  100%   96%  100%      18  100%   94%  100%
+"""
+CONTRADICTIONS: dict[Callable[[Screens], Iterator[str]], tuple[str, str]] = {
+    shares_differ: (
+        "",
+        "CONSISTENT  agree (100 % of 18 windows of 5 s inside the 95 % bound, known errors removed)." + TABLE,
+    ),
+    noises_differ: (
+        "",
+        "CONSISTENT\n  · 1.0-9.0 s: gyro noise. noise of 206 mdps/√Hz in flight, 51 times the 4 of a part\n"
+        "Noise:     gyro 4.00 mdps/√Hz expected, 140 in flight",
+    ),
+    suspicion_that_was_not_judged: ("Not judged which side is wrong: no best estimate", "AUTOPILOT SUSPECT  it jumps"),
+    misled_without_suspect: (
+        "",
+        "CONSISTENT\n  ! 1.0-9.0 s: gyro bias. 3 ± 1 mrad/s; the autopilot was misled by it: 8.8° in tilt",
+    ),
+    explained_after_all: (
+        "",
+        "INSUFFICIENT DATA  no single cause explains it.\n  ! 1.0-9.0 s: accelerometer scale. 3.2 ± 0.4 %",
+    ),
+    agrees_though_its_readings_are_none: (
+        "",
+        "IMU SUSPECT\n  ✗ 1.0-9.0 s: stuck axis. x\n  ! 1.0-9.0 s: IMUs disagree. it agrees with all other sensors",
+    ),
+    fits_what_is_not_there: (
+        "Not judged velocity and position: no GPS",
+        "IMU SUSPECT  it fits GPS, compass and gravity",
+    ),
+    smaller_than_its_sigma: ("", "CONSISTENT\n  · 1.0-9.0 s: compass field. the compass's field turns by 1 ± 2°"),
+    consistent_at_one_horizon_alone: ("", "CONSISTENT" + TABLE),
+    no_window_beside_windows: ("After 10 s no window could be used", "CONSISTENT" + TABLE),
+}
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_each_pattern_knows_its_contradiction(pattern: Callable[[Screens], Iterator[str]]) -> None:
+    assert list(pattern(Screens(*CONTRADICTIONS[pattern])))
+
+
 def others() -> list[Any]:
     """Every recording beside the project that labels speak of, or whose verdict may not depend on how it is cut."""
     files = [ROOT / "benchmarks" / "accuracy" / "labels.toml", *SHARED.glob("labels_*.toml")]

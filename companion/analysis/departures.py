@@ -259,8 +259,8 @@ class Sensitivity:
 def sensitivity(best: BestEstimate | None) -> Sensitivity:
     """What a best estimate could have shown; without one, nothing by a third witness."""
     if best is None:
-        lacking = "what IMU and autopilot may have wrong together: no best estimate could be made"
-        return Sensitivity({}, (f"{lacking}, `companion smooth` says why",))
+        together = "what IMU and autopilot may have wrong together: no best estimate could be made"
+        return Sensitivity({}, (f"{together}, `companion smooth` says why",))
     smallest = {}
     for kind in ("gyro_bias", "accel_bias"):
         if kind in best.detectable:

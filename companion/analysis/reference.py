@@ -163,16 +163,15 @@ def _interpolation_error(
 ) -> InterpolationError:
     """What the motion between two samples of the autopilot makes of the states at times t (N,).
 
-    By the attitude's own rates, which tell a steady angular acceleration, and by what the IMU felt meanwhile: how far
-    its path is from one that is interpolated as the autopilot's is, from its own states at the same two times. A
-    constant error of the IMU cancels there.
+    By the attitude's own rates, where a steady angular acceleration makes u (1 - u) h |Δω| / 2, and by what the IMU
+    felt meanwhile: how far its path is from one that is interpolated as the autopilot's is, from its own states at the
+    same two times. A constant error of the IMU cancels there.
     """
     when = t[index]
     i, u = _bracket(attitude.t, when)
     j = np.minimum(i + 1, len(attitude) - 1)
-    h = (attitude.t[j] - attitude.t[i])[:, None]
-    turned = _turn(attitude.q_ned_frd[i], attitude.q_ned_frd[j])
-    bend = length(_bend(turned, h * attitude.rates[i], h * attitude.rates[j], u[:, None]))
+    change = (attitude.t[j] - attitude.t[i]) * length(attitude.rates[j] - attitude.rates[i])
+    bend = 0.5 * u * (1 - u) * change
     strayed, _, _ = _between_samples(attitude.t, path, when)
     nothing = np.zeros(len(when))
     _, speed, place = (nothing,) * 3 if position is None else _between_samples(position.t, path, when)
