@@ -208,8 +208,11 @@ def _takes(stream: TextIO) -> bool:
         return True
 
 
-def conclude(link: Link, recorder: Recorder) -> int:
-    """Say what has been recorded. Returns the exit code: 2 where that is nothing, or not all."""
+def conclude(link: Link, recorder: Recorder, *, restored: bool) -> int:
+    """Say what has been recorded. Returns the exit code: 2 where that is nothing, or not all.
+
+    restored: whether the vehicle has confirmed that its message intervals are as before. Without that it is 2 as well.
+    """
     health = link.health
     if health.unsigned or health.wrongly_signed:
         say(
@@ -219,7 +222,7 @@ def conclude(link: Link, recorder: Recorder) -> int:
     if not link.health.frames:
         return nothing_heard()
     tell(f"{recorder.path}: {recorder.size_bytes:,} bytes, {recorder.frames:,} frames")
-    return 2 if recorder.problem else 0
+    return 2 if recorder.problem or not restored else 0
 
 
 def nothing_heard() -> int:
