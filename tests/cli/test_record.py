@@ -187,7 +187,7 @@ def test_a_full_disk_ends_it_with_what_is_safe_and_an_exit_code(
     said, told = capsys.readouterr()
     counts = pymavlink_counts(log)
     assert told.count("the recording ends here") == 1
-    found = re.search(r"([\d,]+) frames \(([\d,]+) bytes\) are safe", told)
+    found = re.search(r"Safe in it: ([\d,]+) frames \(([\d,]+) bytes\)", told)
     assert found
     frames, size = (int(number.replace(",", "")) for number in found.groups())
     assert size == log.stat().st_size, "no part of a frame is left at the end"
