@@ -9,7 +9,7 @@ from pathlib import Path
 from companion.logs import MOST_BYTES, Contents, Log, log_format, read_dataflash, read_dataflash_text, read_tlog
 from companion.mavlink import DEFAULT_DIALECT, Dialect, load_dialect
 from companion.model import Flight, SettingsError
-from companion.telemetry import NEEDED, RECORDS, Bystander, dataflash_flight, flights, ulog_flight
+from companion.telemetry import NEEDED, RECORDS, Bystander, dataflash_flight, flights, ulog_flight, why_no_flight
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +41,7 @@ class Recording:
     source: Source
     flights: tuple[Flight, ...]
     bystanders: tuple[Bystander, ...] = ()  # who speaks in it and is no vehicle
+    no_flight: str = "no vehicle found: it has no telemetry of an autopilot"  # why, where there are no flights
 
     @property
     def crowd(self) -> int:
@@ -116,10 +117,10 @@ def _read_dataflash(
         trouble=log.trouble,
         skipped_bytes=log.skipped_bytes,
     )
-    records, undecoded = dict(log.messages), log.undecoded
+    records, undecoded, nothing = dict(log.messages), log.undecoded, why_no_flight(log.messages)
     del log  # `dataflash_flight` lets go of what it has read
     flight = dataflash_flight(records, dialect, core=core, undecoded=undecoded)
-    return Recording(source, (flight,) if flight else ())
+    return Recording(source, (flight,)) if flight else Recording(source, (), no_flight=nothing)
 
 
 def open_log(

@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     console = tables.console()
     console.print(_summary(recording.source), highlight=False)
     if not recording.flights:
-        console.print("No vehicle found in this log.")
+        console.print(escape(f"{recording.no_flight[0].upper()}{recording.no_flight[1:]}."), highlight=False)
     flights = recording.flights if arguments.verbose else _with_the_most(recording.flights)
     for flight in flights:
         _print_flight(console, flight)
@@ -108,15 +108,16 @@ def _print_bystanders(console: Console, recording: Recording) -> None:
 
 
 def _summary(source: Source) -> str:
-    text = f"{escape(str(source.path))}: {source.size_bytes:,} bytes"
+    text = f"{escape(str(source.path))}: {counted(source.size_bytes, 'byte')}"
     if source.content_bytes != source.size_bytes:
         text += f" ({source.content_bytes:,} decompressed)"
-    text += f", {source.frames:,} {'frames' if source.format in ('tlog', 'raw') else 'messages'}"
+    text += f", {counted(source.frames, 'frame' if source.format in ('tlog', 'raw') else 'message')}"
     if source.trouble:
         text += f"; {escape(source.trouble)}"
     if source.bad_crc_frames or source.skipped_bytes:
         text += (
-            f"; damage: {source.bad_crc_frames:,} frames with a wrong checksum, {source.skipped_bytes:,} bytes skipped"
+            f"; damage: {counted(source.bad_crc_frames, 'frame')} with a wrong checksum, "
+            f"{counted(source.skipped_bytes, 'byte')} skipped"
         )
     if source.unknown_frames:
         ids = ", ".join(f"{number} ({count})" for number, count in sorted(source.unknown_frames.items()))
@@ -205,7 +206,7 @@ def imu_line(flight: Flight) -> str:
     if name is None:
         return "nothing: no IMU message with two samples or more"
     track = flight.imus[name]
-    return f"{name} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
+    return f"{name} (IMU {track.instance}), {counted(len(track), 'sample')} at {track.rate_hz:.1f} Hz"
 
 
 def reference_line(flight: Flight) -> str:

@@ -20,7 +20,7 @@ from typing import TextIO
 from companion.app.settings import Settings
 from companion.links import Address, Choice, Link, NotThereError, Recorder, Session, parse_address
 from companion.mavlink import load_key
-from companion.model import SettingsError
+from companion.model import SettingsError, counted
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _HANGUP = getattr(signal, "SIGHUP", None)  # the terminal was closed; Windows has none
@@ -208,18 +208,21 @@ def _takes(stream: TextIO) -> bool:
         return True
 
 
-def conclude(link: Link, recorder: Recorder) -> int:
-    """Say what has been recorded. Returns the exit code: 2 where that is nothing, or not all."""
+def conclude(link: Link, recorder: Recorder, *, restored: bool) -> int:
+    """Say what has been recorded. Returns the exit code: 2 where that is nothing, or not all.
+
+    restored: whether the vehicle has confirmed that its message intervals are as before. Without that it is 2 as well.
+    """
     health = link.health
     if health.unsigned or health.wrongly_signed:
         say(
-            f"{health.unsigned:,} frames without a signature and {health.wrongly_signed:,} with a wrong one were "
-            "dropped: they are not in the recording"
+            f"{counted(health.unsigned, 'frame')} without a signature and {health.wrongly_signed:,} with a wrong one "
+            "were dropped: they are not in the recording"
         )
     if not link.health.frames:
         return nothing_heard()
-    tell(f"{recorder.path}: {recorder.size_bytes:,} bytes, {recorder.frames:,} frames")
-    return 2 if recorder.problem else 0
+    tell(f"{recorder.path}: {counted(recorder.size_bytes, 'byte')}, {counted(recorder.frames, 'frame')}")
+    return 2 if recorder.problem or not restored else 0
 
 
 def nothing_heard() -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from rich.progress import Progress
 from companion.app.recording import Recording, Source, read_recording, usable_samples
 from companion.app.settings import Settings, data_folder, load_settings
 from companion.cli.stdin import STDIN
-from companion.model import IMU_MESSAGES, DataError, Flight, SettingsError
+from companion.model import IMU_MESSAGES, DataError, Flight, SettingsError, counted
 from companion.strapdown import METHODS, MIDDLES
 
 _SETTABLE = (
@@ -213,7 +213,7 @@ def one_flight(arguments: argparse.Namespace, *, every_message: bool = False) ->
     """The settings, the log that was named, and the flight of it that was asked for: see `choose`."""
     settings = settings_of(arguments)
     recording = read(arguments, settings, every_message=every_message)
-    return settings, recording, recording.flights[choose(recording.flights, arguments)]
+    return settings, recording, recording.flights[choose(recording, arguments)]
 
 
 @contextlib.contextmanager
@@ -228,16 +228,14 @@ def _progress(path: Path) -> Iterator[Callable[[int], None] | None]:
         yield lambda read: bar.advance(task, read)
 
 
-def choose(flights: Sequence[Flight], arguments: argparse.Namespace) -> int:
+def choose(recording: Recording, arguments: argparse.Namespace) -> int:
     """Index of the flight that was asked for, by default the one with the most IMU samples beside an attitude.
 
     Raises DataError when the log has no such vehicle or boot; lists what it has.
     """
+    flights = recording.flights
     if not flights:
-        raise DataError(
-            f"no vehicle found in {arguments.log}: it has no telemetry of an autopilot. "
-            f"See what it has with: companion info {arguments.log}"
-        )
+        raise DataError(f"{arguments.log}: {recording.no_flight}. See what it has with: companion info {arguments.log}")
     matching = [i for i, flight in enumerate(flights) if _matches(flight, arguments)]
     if not matching:
         asked = " ".join(
@@ -261,7 +259,8 @@ def warn_of_damage(source: Source) -> None:
     if source.bad_crc_frames or source.skipped_bytes > tail:
         say(
             f"damaged log: {source.skipped_bytes:,} of {source.content_bytes:,} bytes skipped, "
-            f"{source.bad_crc_frames:,} frames with a wrong checksum left out; {source.frames:,} good frames read"
+            f"{counted(source.bad_crc_frames, 'frame')} with a wrong checksum left out; "
+            f"{counted(source.frames, 'good frame')} read"
         )
 
 

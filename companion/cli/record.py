@@ -42,6 +42,6 @@ def run(arguments: argparse.Namespace) -> int:
                 break
             session.step()
             session.beside(status.show)
-        session.leave()
+        restored = session.leave()
         session.beside(status.end)
-    return live.conclude(link, recorder)
+    return live.conclude(link, recorder, restored=restored)

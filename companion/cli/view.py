@@ -100,7 +100,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     with open_replay(
         answers,
         recording.flights,
-        chosen=options.choose(recording.flights, arguments),
+        chosen=options.choose(recording, arguments),
         imu=arguments.imu,
         source=recording.source,
         map_shown=arguments.map,

@@ -53,8 +53,10 @@ def run(arguments: argparse.Namespace) -> int:
             live.say(sentence)
         attachment.check()
     if recorder is not None:
-        return live.conclude(link, recorder)
-    return 0 if link.health.frames else live.nothing_heard()
+        return live.conclude(link, recorder, restored=attachment.restored)
+    if not link.health.frames:
+        return live.nothing_heard()
+    return 0 if attachment.restored else 2
 
 
 def _show(

@@ -86,12 +86,12 @@ def run(arguments: argparse.Namespace) -> int:
         while not told() and time.monotonic() < end and not patience.over(link.health.frames):
             session.step()
             session.beside(lines.show)
-        session.leave()
+        restored = session.leave()
         for sentence in session.said:
             live.say(sentence)
     if not link.health.frames:
         return live.nothing_heard()
-    if recording.recorder is not None and recording.recorder.problem:
+    if not restored or (recording.recorder is not None and recording.recorder.problem):
         return 2
     status, _ = verdict.opinion.so_far
     return options.exit_code(arguments.fail_on, [status])

@@ -78,7 +78,7 @@ def _record(path: str, plan: Plan, known: Collection[str]) -> LogRecord:
             every_message=plan.folder is not None,  # a report has the rates of all
         )
         if not recording.flights:
-            raise DataError("no vehicle found in it: it has no telemetry of an autopilot.")
+            raise DataError(f"{recording.no_flight}.")
         flights = tuple(_flight(recording, flight, plan, settings, digest) for flight in recording.flights)
     except Exception as error:  # noqa: BLE001  (one bad log is a row, whatever it breaks)
         return LogRecord(sha256=digest, error=_said(error))

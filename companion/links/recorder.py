@@ -11,7 +11,7 @@ from typing import Self
 
 from companion.logs import TlogWriter
 from companion.mavlink import Frames
-from companion.model import InputError
+from companion.model import InputError, counted
 
 _LOOK_S = 1.0  # between two looks whether the file is still there
 
@@ -43,7 +43,7 @@ class Recorder:
             full = error.errno in (errno.ENOSPC, errno.EDQUOT)
             self._end(
                 f"{self.path}: {'the disk is full' if full else error.strerror}; the recording ends here. "
-                f"{self.frames:,} frames ({self.size_bytes:,} bytes) are safe in it."
+                f"Safe in it: {counted(self.frames, 'frame')} ({counted(self.size_bytes, 'byte')})."
             )
             return
         self.size_bytes += int(frames.size.sum()) + 8 * len(frames)

@@ -8,9 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from companion.mavlink import Value
+import numpy as np
+
+from companion.mavlink import Messages, Value
 
 GET_MESSAGE_INTERVAL, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE = 510, 511, 512  # MAV_CMD
+ACCEPTED = 0  # MAV_RESULT
 
 ALLOWED_MESSAGES = frozenset({"HEARTBEAT", "COMMAND_LONG", "REQUEST_DATA_STREAM", "PARAM_REQUEST_READ", "TIMESYNC"})
 ANNOUNCEMENT = "STATUSTEXT"
@@ -98,6 +101,12 @@ def announce(text: str, *, alarm: bool) -> Request:
     """Tell the people at ground stations something, in 50 characters at most; autopilots only pass it on."""
     severity = _WARNING if alarm else _INFO
     return Request(ANNOUNCEMENT, {"severity": severity, "text": f"companion: {text}".encode("ascii", "replace")[:50]})
+
+
+def results(acknowledgements: Messages, command: int, own_sysid: int) -> list[int]:
+    """MAV_RESULT of each COMMAND_ACK that answers a command of ours; older firmware does not say to whom it answers."""
+    mine = np.isin(acknowledgements["target_system"], (0, own_sysid)) & (acknowledgements["command"] == command)
+    return [int(result) for result in acknowledgements["result"][mine]]
 
 
 def _command(target: Target, command: int, *parameters: float) -> Request:

@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from companion.links import requests
 from companion.links.link import Link
 from companion.links.original_rates import OriginalRatesFile, original_rates_path
@@ -19,6 +17,7 @@ from companion.links.stream_manager import StreamManager
 from companion.links.stream_request import RequestState
 from companion.links.vehicle_facts import Clock
 from companion.links.vehicle_session import VehicleSession
+from companion.links.vehicles import MOST_VEHICLES, Vehicles
 from companion.mavlink import Frames, Messages, split_messages
 from companion.model import CompanionError
 
@@ -32,10 +31,7 @@ _HEARD = (
     "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "TIMESYNC",
 )  # fmt: skip
 """The messages whose fields a session reads: those of requests, and those with the vehicle's clock."""
-_NO_VEHICLES = {5, 6, 18, 26, 27, 30, 31}  # MAV_TYPE: tracker, GCS, companion, gimbal, ADS-B, camera, charging station
-_MOST_VEHICLES = 64
-"""That are told apart: a sender that makes up a new one with every heartbeat must not fill the memory."""
-_NO_AUTOPILOT = 8  # MAV_AUTOPILOT_INVALID: ground stations, cameras, companions
+_IMU_WITHIN_S = 3.0  # of being asked; who sends none makes room for a vehicle that does
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +67,14 @@ class Report:
 class Choice:
     """What a session asks for."""
 
-    vehicle: str | None = None  # SYSID or SYSID:COMPID; None: the first that is heard; "all": each
+    vehicle: str | None = None  # SYSID or SYSID:COMPID; None: the first that sends an IMU when asked; "all": each
     imu_hz: float = 100.0
     attitude_hz: float = 50.0
     position_hz: float = 20.0
+
+    def names(self, target: Target) -> bool:
+        """Whether the user has named this vehicle."""
+        return self.vehicle in (str(target.sysid), str(target))
 
 
 class Session:
@@ -95,14 +95,14 @@ class Session:
     ) -> None:
         self.link = link
         self.recorder = recorder
-        self.vehicles: dict[Target, str] = {}  # every autopilot heard → its MAV_AUTOPILOT without prefix
         self.asked: dict[Target, VehicleSession] = {}  # those of them that are ours, the first first
         self.said: list[str] = []
         self._choice = choice
         self._listeners: list[Callable[[Frames, float], None]] = []
         self._patience_s = patience_s
         self._remember = remember
-        self._names = link.dialect.enum_names("MAV_AUTOPILOT")
+        self._vehicles = Vehicles(link.dialect.enum_names("MAV_AUTOPILOT"), choice.names)
+        self._left: list[VehicleSession] = []  # that were asked before another was: restored at the end
         self._beat = 0.0
         self._epoch = time.time() - time.monotonic()
         self._leaving = False
@@ -124,6 +124,11 @@ class Session:
                 self.said.append(self.recorder.problem)
         self.beside(lambda: self._deal_with(frames, now))
         return frames
+
+    @property
+    def vehicles(self) -> Mapping[Target, str]:
+        """Every autopilot heard → its MAV_AUTOPILOT without prefix."""
+        return self._vehicles.known
 
     @property
     def _gather_s(self) -> float:
@@ -209,34 +214,37 @@ class Session:
             recording_problem=recorder.problem if recorder else "",
         )
 
-    def leave(self) -> None:
-        """Give every vehicle its intervals back; takes 1.8 s at most."""
+    def leave(self) -> bool:
+        """Restore every vehicle's intervals; takes 1.8 s at most. Returns whether each vehicle has confirmed that.
+
+        What is not confirmed is said, and kept for the next run where the session remembers.
+        """
         self._leaving = True  # nothing is asked any more
-        asked = [one.rates for one in self.asked.values() if one.rates]
-        given_back = [request for rates in asked for request in rates.restore()]
-        if self.link.listen_only or not given_back:
-            return
-        expected = sum(request.name == "COMMAND_LONG" for request in given_back)
+        if self.link.listen_only:
+            return True
+        restorations = [one.rates.restore() for one in (*self.asked.values(), *self._left) if one.rates]
         until = time.monotonic()
         for attempt_s in _LEAVING_S:
-            before, until = self._acknowledged(), until + attempt_s
-            for request in given_back:
-                self.link.send(request)
+            until += attempt_s
+            left = [request for restoration in restorations for request in restoration.requests()]
+            for i in range(0, len(left), 2):  # a request, and the question whether it was taken
+                for request in left[i : i + 2]:
+                    self.link.send(request)
                 self.step(_SPACING_S)
-            while self._acknowledged() - before < expected and time.monotonic() < until:
+            while not all(restoration.complete for restoration in restorations) and time.monotonic() < until:
                 self.step(0.02)
-            if self._acknowledged() - before >= expected:
-                for rates in asked:
-                    rates.restored()
-                return
-        self.said.append("the vehicle has not confirmed that its message intervals are as before")
-
-    def _acknowledged(self) -> int:
-        return sum(asked.rates.confirmed for asked in self.asked.values() if asked.rates)
+        self.said += [sentence for restoration in restorations if (sentence := restoration.end())]
+        return not any(restoration.unconfirmed for restoration in restorations)
 
     def _notice(self, messages: Mapping[str, Messages], now: float) -> None:
-        if "HEARTBEAT" in messages:
-            self._meet(messages["HEARTBEAT"], now)
+        for target in self._vehicles.hear(messages):
+            self._meet(target, now)
+        if self._vehicles.crowded and not self._told_crowd:
+            self._told_crowd = True
+            self.said.append(
+                f"{MOST_VEHICLES} vehicles are heard, and more: the rest is recorded, but neither asked nor shown, "
+                "unless it sends an IMU or is named by --vehicle"
+            )
         for target, asked in self.asked.items():
             before = asked.started
             asked.signs = (target.sysid, target.compid) in self.link.health.signers
@@ -245,32 +253,32 @@ class Session:
                 self.link.restarted((asked.target.sysid, asked.target.compid), asked.started)
             self.said += asked.said
             asked.said.clear()
+        for asked in self._left:
+            asked.hear(messages, now)
+        self._prefer_imu(now)
 
-    def _meet(self, beats: Messages, now: float) -> None:
-        who = np.column_stack([beats.sysid, beats.compid, beats["autopilot"], beats["type"]])
-        for sysid, compid, autopilot, kind in np.unique(who, axis=0).tolist():
-            target = Target(sysid, compid)
-            if autopilot == _NO_AUTOPILOT or kind in _NO_VEHICLES or target in self.vehicles:
-                continue
-            if len(self.vehicles) == _MOST_VEHICLES:
-                self._refuse()
-                return
-            name = self._names.get(autopilot, f"autopilot {autopilot}").removeprefix("MAV_AUTOPILOT_")
-            self.vehicles[target] = name
-            chosen = self._choice.vehicle
-            if chosen == "all" or (not self.asked and chosen in (None, str(sysid), str(target))):
-                self._take(target, name, now)
-            else:
-                self.said.append(f"vehicle {target} ({name}) is heard too; --vehicle {target} would ask it")
+    def _meet(self, target: Target, now: float) -> None:
+        chosen = self._choice.vehicle
+        if chosen == "all" or (not self.asked and (chosen is None or self._choice.names(target))):
+            self._take(target, now)
+        else:
+            name = self.vehicles[target]
+            self.said.append(f"vehicle {target} ({name}) is heard too; --vehicle {target} would ask it")
 
-    def _refuse(self) -> None:
-        if not self._told_crowd:
-            self._told_crowd = True
-            self.said.append(
-                f"{_MOST_VEHICLES} vehicles are heard, and more: the rest is recorded, but neither asked nor shown"
-            )
+    def _prefer_imu(self, now: float) -> None:
+        """Ask a vehicle that sends an IMU in place of one that sends none: anybody can make up heartbeats."""
+        if self._choice.vehicle is not None or self._leaving:
+            return
+        for asked in list(self.asked.values()):
+            known = {asked.target, *(left.target for left in self._left)}
+            better = next((target for target in self._vehicles.with_imu if target not in known), None)
+            if better is not None and not asked.sends_imu and now - asked.found_at > _IMU_WITHIN_S:
+                self.said.append(f"vehicle {asked.target} sends no IMU message, and {better} does: asking that one")
+                self._left.append(self.asked.pop(asked.target))
+                self._take(better, now)
 
-    def _take(self, target: Target, name: str, now: float) -> None:
+    def _take(self, target: Target, now: float) -> None:
+        name = self.vehicles[target]
         self.said.append(f"vehicle {target} ({name}) is heard")
         rates = None
         if not self.link.listen_only:
@@ -293,8 +301,8 @@ class Session:
             )
             if rates.left_behind:
                 self.said.append(
-                    f"an earlier companion on this link ended without giving vehicle {target} its message intervals "
-                    "back: they are given back when this one ends"
+                    f"an earlier companion on this link has not restored all message intervals of vehicle {target}: "
+                    "they are restored when this one ends"
                 )
         self.asked[target] = VehicleSession(target, rates, now, self._patience_s)
 

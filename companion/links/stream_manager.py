@@ -13,9 +13,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from companion.links import requests
-from companion.links.original_rates import OriginalRate, OriginalRatesFile, restoring
+from companion.links.original_rates import OriginalRate, OriginalRatesFile
 from companion.links.request_table import OPTIONAL
-from companion.links.requests import Request, Target
+from companion.links.requests import Request, Target, results
+from companion.links.restoration import NOT_SENT, Restoration
 from companion.links.stream_request import (
     ABSENT,
     REFUSES,
@@ -42,7 +43,7 @@ _RETRIES = 4  # against somebody who turns a message down: no fight
 _BACK_OFF_S = 5.0  # before the second of them, doubled each time
 _SLOWEST_HZ = 5.0  # a DENIED request is lowered no further
 _SILENT_S = 3.0  # after that the vehicle, or the link to it, may have forgotten everything
-_ACCEPTED, _NOT_NOW, _DENIED, _IN_PROGRESS = 0, 1, 2, 5  # MAV_RESULT
+_NOT_NOW, _DENIED, _IN_PROGRESS = 1, 2, 5  # MAV_RESULT
 
 
 class StreamManager:
@@ -67,7 +68,6 @@ class StreamManager:
         ]
         self.signed = False  # whether the vehicle signs, and we have no key
         self.said: list[str] = []  # for the user; emptied by whoever shows it
-        self.confirmed = 0  # requests for an interval that the vehicle has accepted
         self._own = own_sysid
         self._ardupilot = ardupilot
         self._facts = Facts(target, PARAMETERS if ardupilot else PX4_PARAMETERS)
@@ -81,13 +81,13 @@ class StreamManager:
         self._restarts = 0
         self._gathered = Gathered()
         self._earlier = earlier or OriginalRatesFile()
-        self._ids = {name: dialect.by_name[name].id for name in self._earlier.known if name in dialect.by_name}
-        self._leftover = frozenset(self._ids) - set(wanted)  # an earlier companion was killed, and this wants less
+        self._ids = {name: message.id for name, message in dialect.by_name.items()}
+        self._restoration: Restoration | None = None  # from when on everything is restored
 
     @property
     def left_behind(self) -> bool:
-        """Whether an earlier companion has not given everything back."""
-        return bool(self._ids)
+        """Whether an earlier companion has not restored everything."""
+        return bool(self._earlier.known)
 
     @property
     def settled(self) -> bool:
@@ -102,6 +102,9 @@ class StreamManager:
             self.said.append(f"vehicle {self.target} is back after {now - self._heard:.0f} s: asking again")
             self._start_again()
         self._heard = now
+        if self._restoration is not None:
+            self._restoration.hear(messages, self._own)
+            return
         self._notice_reboot(messages, now)
         self._facts.hear(messages)
         self._take_answers(messages, now)
@@ -128,14 +131,18 @@ class StreamManager:
             self._next = now + _SPACING_S
         return request
 
-    def restore(self) -> list[Request]:
-        """What gives every message that we changed the interval back that it had."""
-        left = {self._ids[name]: one for name, one in self._earlier.known.items() if name in self._leftover}
-        return restoring(self.target, self.stream_requests, left, ardupilot=self._ardupilot)
-
-    def restored(self) -> None:
-        """The vehicle has confirmed that everything is as before."""
-        self._earlier.forget()
+    def restore(self) -> Restoration:
+        """Ask for nothing any more; what gives every message that we changed the interval back that it had."""
+        if self._restoration is None:
+            self._restoration = Restoration(
+                self.target,
+                self._earlier,
+                self._ids,
+                ardupilot=self._ardupilot,
+                answers=self._answers,
+                late=int(self._waiting is not None),
+            )
+        return self._restoration
 
     def _find(self, now: float) -> Request | None:
         for message in self.stream_requests:
@@ -149,8 +156,7 @@ class StreamManager:
 
     def _found_nothing(self, message: StreamRequest, now: float) -> None:
         """The vehicle does not say how often it sends a message; what arrives says something."""
-        counted = message.count / (now - message.window) if message.window is not None and now > message.window else 0.0
-        message.found_hz = max(message.received_hz, counted)
+        message.found_hz = message.arriving_hz(now)
         earlier = self._earlier.known.get(message.name)
         if earlier is not None:
             message.found_us, message.found_hz, message.ours = earlier.found_us, earlier.found_hz, not earlier.by_stream
@@ -199,21 +205,23 @@ class StreamManager:
                 self._answers = True
                 numbers, intervals = columns["message_id"].tolist(), columns["interval_us"].tolist()
                 for number, interval in zip(numbers, intervals, strict=True):
-                    self._take_interval(number, interval)
+                    self._take_interval(number, interval, now)
             elif name == "COMMAND_ACK":
-                for i in range(len(columns)):
-                    mine = int(columns["target_system"][i]) in (0, self._own)
-                    if mine and columns["command"][i] == requests.SET_MESSAGE_INTERVAL:
-                        self._answers = True
-                        self.confirmed += int(columns["result"][i]) == _ACCEPTED
-                        self._answered(int(columns["result"][i]), now)
+                for result in results(columns, requests.SET_MESSAGE_INTERVAL, self._own):
+                    self._answers = True
+                    self._answered(result, now)
 
-    def _take_interval(self, number: int, interval: int) -> None:
+    def _take_interval(self, number: int, interval: int, now: float) -> None:
         for message in self.stream_requests:
             if message.message_id == number and message.state is RequestState.FINDING:
                 earlier = self._earlier.known.get(message.name)
                 message.ours = earlier is not None and earlier.is_ours(interval)
-                message.found_us = earlier.found_us if earlier is not None and message.ours else interval
+                if earlier is not None and message.ours:
+                    message.found_us, message.found_hz = earlier.found_us, earlier.found_hz
+                else:  # the vehicle has rebooted since, or somebody has set it
+                    self._earlier.forget({message.name})
+                    message.found_us = interval
+                    message.found_hz = message.arriving_hz(now) if interval == NOT_SENT else 0.0
                 # Somebody has it as often already, e.g. PX4's onboard link its attitude: we need not take from them.
                 enough = 0 < interval <= 1e6 / message.asked_hz
                 message.move(RequestState.WATCHING if enough else RequestState.ASKING, 0.0)
@@ -223,7 +231,7 @@ class StreamManager:
         if message is None or result == _IN_PROGRESS:
             return
         self._waiting = None
-        if result == _ACCEPTED:
+        if result == requests.ACCEPTED:
             message.move(RequestState.WATCHING, now)
         elif result == _DENIED and not self._unknown(message) and slower(message.asked_hz) >= _SLOWEST_HZ:
             # perhaps faster than its loop allows

@@ -52,7 +52,7 @@ class StreamRequest:
     asked_hz: float  # lower than wanted when the vehicle denied that
     received_hz: float = 0.0  # over the last 5 s
     found_us: int | None = None  # the interval before we asked, as MESSAGE_INTERVAL says it; None: not known
-    found_hz: float = 0.0  # what arrived before we asked, where the vehicle did not say
+    found_hz: float = 0.0  # what arrived before we asked, where the vehicle said no interval
     ours: bool = False  # an interval of ours has been asked for, and perhaps taken
     state: RequestState = RequestState.FINDING
     by_stream: bool = False  # asked for with REQUEST_DATA_STREAM
@@ -67,6 +67,11 @@ class StreamRequest:
     def arrives(self) -> bool:
         """Whether it has come lately."""
         return bool(self.count or self.received_hz)
+
+    def arriving_hz(self, now: float) -> float:
+        """How often it has come lately."""
+        counted = self.count / (now - self.window) if self.window is not None and now > self.window else 0.0
+        return max(self.received_hz, counted)
 
     def move(self, state: RequestState, due: float) -> None:
         """Begin a state: nothing has been tried or counted in it. due: s, when to ask."""

@@ -24,7 +24,8 @@ class VehicleSession:
         self.signs = False  # whether the vehicle signs what it sends, and we have no key
         self.said: list[str] = []
         self._reboots = Reboots()  # where there are no rates, which watch this too
-        self._found_at, self._patience_s = now, patience_s
+        self.found_at = now  # s
+        self._patience_s = patience_s
         self._told = False
 
     def hear(self, messages: Mapping[str, Messages], now: float) -> None:
@@ -46,6 +47,11 @@ class VehicleSession:
             self.said += self.rates.said
             self.rates.said.clear()
 
+    @property
+    def sends_imu(self) -> bool:
+        """Whether an IMU message of it has come."""
+        return any(name in self.counts for name in IMU_MESSAGES)
+
     def awaits(self, now: float) -> bool:
         """Whether answers are due: those that ask for messages, and the clock's, whose latency counts."""
         return self.rates is not None and (not self.rates.settled or self.timesync.awaits(now))
@@ -59,7 +65,7 @@ class VehicleSession:
 
     def complain(self, now: float) -> None:
         """Say, once, that no IMU message comes."""
-        if self._told or now - self._found_at <= self._patience_s or any(name in self.counts for name in IMU_MESSAGES):
+        if self._told or now - self.found_at <= self._patience_s or self.sends_imu:
             return
         self._told = True
         how = "raise the stream rate on the vehicle: SRx_RAW_SENS, or MAVx_RAW_SENS from ArduPilot 4.7"

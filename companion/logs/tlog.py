@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.logs.logfile import CHUNK_BYTES, HEAD_BYTES, MOST_BYTES, Contents, log_format, open_file, read_head
+from companion.logs.other_files import what_else
 from companion.mavlink import (
     DEFAULT_DIALECT,
     MAGIC_1,
@@ -313,6 +314,8 @@ def _no_mavlink(path: Path, head: bytes, dialect: str) -> str:
     kind = _OTHER_FORMATS.get(log_format(path))
     if kind:
         return f"{path} is {kind}, not a telemetry log: read it as one."
+    if other := what_else(path, head):
+        return f"{path} is not a flight log: it is {other}. Name a .tlog, .bin, .log or .ulg."
     return (
         f"{path} ({path.stat().st_size:,} bytes) holds no MAVLink frame of the dialect {dialect}; it begins with "
         f"{head[:8].hex(' ').upper()}. Check that it is a telemetry log (.tlog), or try another dialect."

@@ -26,7 +26,7 @@ from companion.model.aiding import (
 from companion.model.errors import DataError
 from companion.model.imu_messages import by_preference
 from companion.model.tracks import Array, AttitudeTrack, Event, ImuTrack, PositionTrack, Series
-from companion.model.wording import brief
+from companion.model.wording import brief, counted
 
 _COVERED = 0.5  # of the time, by what the samples are means over; between them lies what nobody measured
 
@@ -185,7 +185,7 @@ class Flight:
             )
         if len(self.imus[name]) < 2:
             raise DataError(
-                f"{name} has {len(self.imus[name])} sample, and an integration needs two or more. "
+                f"{name} has {counted(len(self.imus[name]), 'sample')}, and an integration needs two or more. "
                 "Record longer, or choose another IMU with --imu."
             )
         return self.imus[name]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -27,16 +27,31 @@ class _Stream:
 
 
 class Intervals:
-    """Which message is due when. `default`: message → interval in µs at boot, 0 for one that is not sent."""
+    """Which message is due when.
 
-    def __init__(self, default: Mapping[str, int], autopilot: Autopilot) -> None:
+    default: message → interval in µs at boot, 0 for one that is not sent. unlimited: those of them that PX4 sends at
+    every update of their source, which comes so often.
+    """
+
+    def __init__(
+        self, default: Mapping[str, int], autopilot: Autopilot, *, unlimited: Collection[str] = frozenset()
+    ) -> None:
         self._default = dict(default)
+        self._unlimited = set(unlimited)
         self._autopilot = autopilot
         self._streams = {name: _Stream(interval, 0) for name, interval in default.items()}
 
     def get(self, name: str) -> int:
-        """What MESSAGE_INTERVAL says: µs, -1 for one that is not sent, 0 for one that is not known."""
-        return self._streams[name].interval_us or -1 if name in self._streams else 0
+        """What MESSAGE_INTERVAL says: µs, -1 for one that is not sent, 0 for one that is not known.
+
+        PX4: 0 for one that is not sent, -1 for one without a limit (mavlink_receiver.cpp, get_message_interval).
+        """
+        if name not in self._streams:
+            return 0
+        interval = self._streams[name].interval_us
+        if self._autopilot == "px4":
+            return -1 if name in self._unlimited and interval == self._default[name] else interval
+        return interval or -1
 
     def set(self, name: str, wanted_us: float, now_us: int) -> int:
         """SET_MESSAGE_INTERVAL: ACCEPTED or DENIED (GCS_Common.cpp, set_message_interval)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -46,10 +46,9 @@ PARAMETERS: Mapping[str, float] = {"AHRS_TRIM_X": 0.0, "AHRS_TRIM_Y": 0.0, "AHRS
 class SimulatedVehicle:
     """An autopilot over a flight.
 
-    It boots at t = 0 with no stream but `streams` (message → Hz), says all its parameters then if `tell_parameters`,
-    answers what a companion may ask, with the manners
-    of ArduPilot or PX4, and suffers `faults`. The same arguments and the same requests at the same times give the same
-    packets.
+    It boots at t = 0 with no stream but `streams` (message → Hz; PX4 states no interval of those in `unlimited`), says
+    all its parameters then if `tell_parameters`, answers what a companion may ask, with the manners of ArduPilot or
+    PX4, and suffers `faults`. The same arguments and the same requests at the same times give the same packets.
     """
 
     def __init__(
@@ -60,6 +59,7 @@ class SimulatedVehicle:
         sysid: int = 1,
         compid: int = 1,
         streams: Mapping[str, float] | None = None,
+        unlimited: Collection[str] = frozenset(),
         parameters: Mapping[str, float] = PARAMETERS,
         tell_parameters: bool = False,
         faults: Faults = Faults(),  # noqa: B008  (frozen)
@@ -77,6 +77,7 @@ class SimulatedVehicle:
         self._faults = faults
         known = {name for name in STREAMS if name not in _WITHOUT[autopilot]}
         asked = streams or {}
+        self._unlimited = unlimited
         self._default = {name: round(1e6 / asked[name]) if name in asked else 0 for name in STREAMS if name in known}
         if autopilot == "px4":  # accepts messages that it has no source for, and never sends them
             self._default |= dict.fromkeys(_WITHOUT["px4"], 0)
@@ -98,7 +99,7 @@ class SimulatedVehicle:
         return self._step >= len(self.flown)
 
     def interval_us(self, name: str) -> int:
-        """How often a message is sent, as MESSAGE_INTERVAL would say it: -1 for never."""
+        """How often a message is sent, as MESSAGE_INTERVAL would say it: see `Intervals.get`."""
         return self._intervals.get(name)
 
     def reboot(self) -> None:
@@ -162,7 +163,7 @@ class SimulatedVehicle:
         self._beat_us = 0
         self._packer = Packer(*self._ids)
         self._decoder = Decoder(self._dialect, stamped=False)
-        self._intervals = Intervals(self._default, self._autopilot)
+        self._intervals = Intervals(self._default, self._autopilot, unlimited=self._unlimited)
         self._out: list[bytes] = []
         self._ready: dict[str, dict[int, bytes]] = {}  # message → µs since boot → payload, made some way ahead
         banner = b"ArduCopter V4.7.0-simulated" if self._autopilot == "ardupilot" else b"PX4 simulated"

@@ -1,10 +1,20 @@
 """MAVLink messages → tracks: SI units, FRD and NED, one clock per flight. Knows no physics."""
 
-from companion.telemetry.dataflash import RECORDS, dataflash_flight
+from companion.telemetry.dataflash import RECORDS, dataflash_flight, why_no_flight
 from companion.telemetry.flights import NEEDED, flights
 from companion.telemetry.parameters import id_parameters
 from companion.telemetry.split import Bystander
 from companion.telemetry.stream import Stream
 from companion.telemetry.ulog import ulog_flight
 
-__all__ = ["NEEDED", "RECORDS", "Bystander", "Stream", "dataflash_flight", "flights", "id_parameters", "ulog_flight"]
+__all__ = [
+    "NEEDED",
+    "RECORDS",
+    "Bystander",
+    "Stream",
+    "dataflash_flight",
+    "flights",
+    "id_parameters",
+    "ulog_flight",
+    "why_no_flight",
+]

@@ -17,9 +17,11 @@ from companion.telemetry.convert import Turns, turned_vectors
 _TOGETHER_S = 0.02  # samples of two messages that belong together: sent in one go, or within a period
 _BLOCK_S = 5.0
 _FEWEST = 5  # pairs in a block
-_SAME_S, _FEWEST_ALIKE = 1e-3, 20  # stamps of one instant, and how many of them tell
+_SAME_S, _FEWEST_ALIKE = 0.5e-3, 20  # stamps of one instant, and how many readings of it tell
+_MOST_DELAY_MS = 10.0  # of a reading until it is published: the period of the slowest IMU_INTEG_RATE
 _SCALED = tuple(name for name, one in IMU_MESSAGES.items() if one.numbered)
 _SAME_STEPS = 1.2  # the readings of one sensor differ by less than a step when the bias is taken out
+_MOVES_STEPS = 5.0  # a reading that moves less is met by another sensor's by chance
 
 
 def selected_imu(
@@ -48,19 +50,36 @@ def selected_imu(
 def same_sensor(one: ImuTrack, other: ImuTrack) -> bool | None:
     """Whether two messages have the same readings but for a bias that changes slowly; None where that does not show.
 
+    PX4 stamps SCALED_IMU when a reading is published and HIGHRES_IMU when it was sampled (streams/SCALED_IMU.hpp,
+    HIGHRES_IMU.hpp): the two stamps of one reading differ by a delay that the processor's load sets, and equal stamps
+    may be of two readings. So every delay is tried; that the sensors differ shows only where each has pairs enough.
+    """
+    stamps = np.unique(np.round(np.concatenate([one.t, other.t]) * 1e3))
+    if len(stamps) < _FEWEST_ALIKE:
+        return None
+    step_ms = float(np.diff(stamps).min())  # a simulator samples at whole multiples of some ms
+    alike = [_alike(one, other, 1e-3 * delay) for delay in np.arange(0.0, _MOST_DELAY_MS + 0.5, step_ms)]
+    return True if True in alike else None if None in alike else False
+
+
+def _alike(one: ImuTrack, other: ImuTrack, delay: float) -> bool | None:
+    """Whether readings stamped `delay` s apart are the same, where they move by more than chance would meet.
+
     The noise of two sensors differs from sample to sample; that of one is the same to the step to which it is cut.
     """
-    mine, theirs = _pairs(one.t, other.t, _SAME_S)
-    if len(mine) < _FEWEST_ALIKE:
-        return None
+    mine, theirs = _pairs(one.t - delay, other.t, _SAME_S)
+    tells = False
     for a, b, step in (
-        (one.gyro, other.gyro, max(one.gyro_step, other.gyro_step)),
-        (one.accel, other.accel, max(one.accel_step, other.accel_step)),
+        (one.gyro, other.gyro, max(one.gyro_step, other.gyro_step, 1e-6)),
+        (one.accel, other.accel, max(one.accel_step, other.accel_step, 1e-6)),
     ):
-        jitter = np.diff(a[mine] - b[theirs], axis=0)
-        if np.median(np.abs(jitter)) > _SAME_STEPS * max(step, 1e-6):
+        jitter, moved = np.diff(a[mine] - b[theirs], axis=0), np.abs(np.diff(a[mine], axis=0)) > _MOVES_STEPS * step
+        if np.count_nonzero(moved) < _FEWEST_ALIKE:
+            continue
+        if np.median(np.abs(jitter[moved])) > _SAME_STEPS * step:
             return False
-    return True
+        tells = True
+    return True if tells else None
 
 
 def px4_biases(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -12,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.mavlink import Dialect, Frames, Messages
-from companion.model import IMU_MESSAGES, Array, Vehicle
+from companion.model import IMU_MESSAGES, Array, Vehicle, counted
 from companion.telemetry.clock import (
     UNIX_S,
     Clock,
@@ -23,7 +22,9 @@ from companion.telemetry.clock import (
     stale_start,
     steps_back,
 )
+from companion.telemetry.firmware import UNKNOWN, banner
 from companion.telemetry.outliers import BoolArray
+from companion.telemetry.sanitize import words
 from companion.telemetry.timestamps import ON_LINK, left_out, off_course
 
 Sender = dict[str, Messages]
@@ -84,7 +85,7 @@ def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect) -> tuple[Ve
     A heartbeat alone makes no vehicle, and one that contradicts the others changes none: the majority counts.
     """
     states, notes = _STATE_MESSAGES & sender.keys(), []
-    autopilot = kind = "UNKNOWN"
+    autopilot = kind = UNKNOWN
     if "HEARTBEAT" in sender:
         beats = sender["HEARTBEAT"]
         pairs, counts = np.unique(np.column_stack([beats["autopilot"], beats["type"]]), axis=0, return_counts=True)
@@ -104,7 +105,11 @@ def describe(ids: tuple[int, int], sender: Sender, dialect: Dialect) -> tuple[Ve
             return Bystander(*ids, f"heartbeats ({autopilot} {kind}), but no telemetry of a vehicle"), ()
     elif not states:
         return Bystander(*ids, "no heartbeat, no attitude, no IMU, no position"), ()
-    return Vehicle(*ids, autopilot=autopilot, type=kind, firmware=_firmware(sender)), tuple(notes)
+    firmware = _banner(sender)
+    if kind == UNKNOWN and firmware is not None:
+        autopilot, (kind, _) = "ARDUPILOTMEGA", firmware
+    version = _version(sender) or (firmware[1] if firmware else "")
+    return Vehicle(*ids, autopilot=autopilot, type=kind, firmware=version), tuple(notes)
 
 
 def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
@@ -129,8 +134,8 @@ def boots(vehicle: Vehicle, sender: Sender) -> Iterator[Boot]:
         stale = stale_start(own)
         if stale:
             notes.append(
-                f"{stale} packets at the start are stale: the device clock jumps from {own.t[stale - 1]:.1f} s to "
-                f"{own.t[stale]:.1f} s while log time stands still"
+                f"{counted(stale, 'stale packet')} at the start: the device clock jumps from "
+                f"{own.t[stale - 1]:.1f} s to {own.t[stale]:.1f} s while log time stands still"
             )
             own = own[stale:]
         cut = {name: m.select(slice(*places[name][number - 1 : number + 1])) for name, m in sender.items()}
@@ -187,7 +192,9 @@ def _without_steps_back(sender: Sender, clock: Clock) -> tuple[Sender, Clock, li
         for i in back[:_TOLD_STEPS]
     ]
     if len(back) > _TOLD_STEPS:
-        notes.append(f"the device clock was set back {len(back) - _TOLD_STEPS} times more: the same is done there")
+        notes.append(
+            f"the device clock was set back {counted(len(back) - _TOLD_STEPS, 'time')} more: the same is done there"
+        )
     return sender, clock[stays(clock.offset, clock.t)], notes
 
 
@@ -196,16 +203,18 @@ def _enum_name(dialect: Dialect, enum: str, value: int) -> str:
     return names.get(value, f"{enum}_{value}").removeprefix(f"{enum}_")
 
 
-def _firmware(sender: Sender) -> str:
-    """ "4.7.0" from AUTOPILOT_VERSION (major, minor, patch, type, one byte each), else from the banner, else ""."""
+def _version(sender: Sender) -> str:
+    """ "4.7.0" from AUTOPILOT_VERSION (major, minor, patch, type, one byte each), else ""."""
     versions = sender.get("AUTOPILOT_VERSION")
-    if versions is not None and (code := int(versions["flight_sw_version"][-1])):
-        return f"{code >> 24}.{code >> 16 & 255}.{code >> 8 & 255}"
-    if "STATUSTEXT" in sender:  # ArduPilot's banner, sent with the parameters: "ArduCopter V4.7.0-dev (90700977)"
-        for text in dict.fromkeys(sender["STATUSTEXT"]["text"].tolist()):  # the same are said over and over
-            if banner := re.match(rb"(?:Ardu\w+|Rover|Blimp|AntennaTracker) V(\d[\w.-]*)", text):
-                return banner[1].decode("ascii")
-    return ""
+    code = 0 if versions is None else int(versions["flight_sw_version"][-1])
+    return f"{code >> 24}.{code >> 16 & 255}.{code >> 8 & 255}" if code else ""
+
+
+def _banner(sender: Sender) -> tuple[str, str] | None:
+    """Type and version by ArduPilot's banner, which is sent with the parameters."""
+    if "STATUSTEXT" not in sender:
+        return None
+    return banner(map(words, dict.fromkeys(sender["STATUSTEXT"]["text"].tolist())))  # the same are sent over and over
 
 
 _MOST_SENDERS = 64  # that are all listened to

@@ -93,6 +93,25 @@ def test_a_lossy_radio_blames_the_data() -> None:
     assert not [f for f in found.verdict.findings if f.side != "data"]
 
 
+@pytest.mark.parametrize("armed_again", [True, False])
+def test_a_pause_of_an_on_board_log_while_disarmed_is_no_loggers_fault(*, armed_again: bool) -> None:
+    flight = flown(CIRCLE)
+    imu = flight.imu()
+    middle = 0.5 * (imu.t[0] + imu.t[-1])
+    heard = np.abs(imu.t - middle) > 4.0
+    cut = ImuTrack(imu.t[heard], imu.gyro[heard], imu.accel[heard], "RAW_IMU", imu.gyro_step, imu.accel_step)
+    arms = [float(imu.t[0]), middle + 3.9] if armed_again else [float(imu.t[0])]
+    events = tuple(Event(t, "armed", "armed") for t in arms)  # older firmware does not say that it was disarmed
+    said = of_kind(
+        assess(replace(flight, imus={"RAW_IMU": cut}, events=events, on_board=True), GENERIC), "samples_missing"
+    )
+    assert said.evidence.startswith(
+        "RAW_IMU has 1 pause while disarmed, 8." if armed_again else "RAW_IMU has 1 gap, 8."
+    )
+    assert said.severity == ("info" if armed_again else "warning")
+    assert ("could not keep up" in said.advice) != armed_again
+
+
 def test_a_gap_of_the_link_is_no_loss_of_the_position() -> None:
     """Nothing is heard for 8 s: that says nothing about GPS or estimator. Without position alone, it does."""
     flight = flown(CIRCLE)

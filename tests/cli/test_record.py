@@ -23,7 +23,7 @@ from companion.links import parse_address
 from companion.links.requests import ALLOWED_MESSAGES
 from companion.simulate import PARAMETERS, Faults
 from tests.links.link import link_frames
-from tests.links.peers import listener
+from tests.links.peers import deaf, listener
 from tests.processes import COMPANION, Process, ended, started
 from tests.simulated import flying, free_port
 from tests.waiting import LIMIT_S, wait_for
@@ -102,8 +102,28 @@ def test_what_a_killed_recording_left_behind_is_given_back_by_the_next(tmp_path:
         with recording(port, "-o", "b.tlog", folder=tmp_path) as process:
             wait_for(lambda: size(tmp_path / "b.tlog") > 20_000)
             _, told = ended(process, signal.SIGTERM)
-        assert "an earlier companion on this link ended without giving vehicle 1:1 its message intervals back" in told
+        assert process.returncode == 0
+        assert "an earlier companion on this link has not restored all message intervals of vehicle 1:1" in told
         wait_for(lambda: vehicle.interval_us("RAW_IMU") == 250_000)
+
+
+@pytest.mark.parametrize("command", ["record", "watch", "view"])
+def test_what_could_not_be_restored_is_said_with_an_exit_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    port = free_port()
+    options = {"view": ("--port", str(free_port()))}.get(command, ())
+    words = (command, f"udpin:127.0.0.1:{port}", "-o", "a.tlog", *options)
+    with flying(port) as vehicle, started(*COMPANION, *words, cwd=tmp_path) as process:
+        wait_for(lambda: vehicle.interval_us("RAW_IMU") == 10_000 and size(tmp_path / "a.tlog") > 20_000)
+        vehicle.receive = deaf  # type: ignore[method-assign]
+        _, told = ended(process, signal.SIGINT)
+    (kept,) = (tmp_path / "state").rglob("*.json")
+    assert process.returncode == 2
+    assert re.search(r"vehicle 1:1 has not confirmed that .*RAW_IMU.* sent as before: the next run on this link", told)
+    assert str(kept) in told
+    assert "RAW_IMU" in kept.read_text()
 
 
 def test_listening_only_sends_nothing_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -167,7 +187,7 @@ def test_a_full_disk_ends_it_with_what_is_safe_and_an_exit_code(
     said, told = capsys.readouterr()
     counts = pymavlink_counts(log)
     assert told.count("the recording ends here") == 1
-    found = re.search(r"([\d,]+) frames \(([\d,]+) bytes\) are safe", told)
+    found = re.search(r"Safe in it: ([\d,]+) frames \(([\d,]+) bytes\)", told)
     assert found
     frames, size = (int(number.replace(",", "")) for number in found.groups())
     assert size == log.stat().st_size, "no part of a frame is left at the end"

@@ -80,6 +80,10 @@ def serial_cable(device: Path) -> Iterator[int]:
         os.close(ours)
 
 
+def deaf(data: bytes) -> None:
+    """In place of a simulated vehicle's `receive`: nothing reaches it any more."""
+
+
 def frames_until(link: Link, count: int) -> list[Frames]:
     """Receive until `count` frames have come."""
     found: list[Frames] = []

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from companion.links import Choice, Link, Recorder, Session
+from companion.links.request_table import wanted_from
 from companion.logs import read_tlog
 from companion.mavlink import Packer
 from tests.links.link import link_frames, unknown_frame
-from tests.links.peers import udp_peer
+from tests.links.peers import deaf, udp_peer
 from tests.simulated import flying
 from tests.waiting import wait_for
 
@@ -160,7 +162,7 @@ def test_what_was_found_outlives_a_session_that_is_killed(tmp_path: Path, monkey
         wait_for(lambda: nxt.step(0.02) is not None and nxt.rates is not None and nxt.rates.settled)
         assert any("an earlier companion on this link" in sentence for sentence in nxt.said)
         begin = time.monotonic()
-        nxt.leave()
+        assert nxt.leave()
         assert time.monotonic() - begin < 2.0
         wait_for(lambda: vehicle.interval_us("RAW_IMU") == 250_000)
         assert not file.exists()
@@ -221,8 +223,99 @@ def test_intervals_are_given_back_when_the_first_requests_are_lost() -> None:
 
             vehicle.receive = lossy  # type: ignore[method-assign]
             session.leave()
-            assert link.health.sent["COMMAND_LONG"] - sent <= 4 * 6, "then it leaves all the same"
+            asked = len(wanted_from("ARDUPILOTMEGA"))
+            assert link.health.sent["COMMAND_LONG"] - sent <= 4 * 2 * asked, "then it leaves all the same"
             wait_for(lambda: {vehicle.interval_us(name) for name in ("RAW_IMU", "HIGHRES_IMU", "ATTITUDE")} == {-1})
+
+
+def test_what_is_not_confirmed_is_said_and_left_to_the_next_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Answers that come too late (through MAVProxy), a cable that is pulled, a vehicle out of reach."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
+    with Link("udpin:127.0.0.1:0") as link, flying(link.port, streams={"RAW_IMU": 4.0}) as vehicle:
+        receive = vehicle.receive
+
+        def settled(session: Session) -> bool:
+            session.step(0.02)
+            return session.rates is not None and session.rates.settled and vehicle.interval_us("RAW_IMU") == 10_000
+
+        first = Session(link, remember=True)
+        wait_for(lambda: settled(first))
+        vehicle.receive = deaf  # type: ignore[method-assign]
+        begin = time.monotonic()
+        assert not first.leave()
+        assert time.monotonic() - begin < 2.0
+        assert vehicle.interval_us("RAW_IMU") == 10_000
+        (file,) = tmp_path.rglob("*.json")
+        (said,) = (sentence for sentence in first.said if "has not confirmed" in sentence)
+        assert "RAW_IMU" in said
+        assert str(file) in said
+        vehicle.receive = receive  # type: ignore[method-assign]
+        second = Session(link, remember=True)
+        wait_for(lambda: settled(second))
+        assert any("has not restored all message intervals of vehicle 1:1" in sentence for sentence in second.said)
+        assert second.leave()
+        assert vehicle.interval_us("RAW_IMU") == 250_000
+        assert not file.exists()
+
+
+def crowd(count: int) -> Iterator[bytes]:
+    """Heartbeats of so many vehicles that do not exist, the same after 65,024."""
+    for number in range(count):
+        sysid, compid = 2 + number // 255 % 254, 1 + number % 255
+        yield heartbeat(sysid, kind=2, compid=compid)
+
+
+def test_among_made_up_vehicles_the_one_with_an_imu_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not the first that speaks, and also where more have spoken than are told apart."""
+    monkeypatch.setattr("companion.links.session._IMU_WITHIN_S", 0.3)
+    with Link("udpin:127.0.0.1:0") as link, udp_peer(link.port) as stranger:
+        session = Session(link)
+        made_up = crowd(65_024)
+        for _ in range(100):
+            stranger.send(next(made_up))
+        hear(session, 100)
+        assert [str(target) for target in session.asked] == ["2:1"]
+        with flying(link.port, streams={"RAW_IMU": 4.0}) as vehicle:
+
+            def agreed() -> bool:
+                for _ in range(64):  # 3,200 heartbeats a second, where a step takes 20 ms
+                    stranger.send(next(made_up))
+                session.step(0.02)
+                return vehicle.interval_us("RAW_IMU") == 10_000
+
+            wait_for(agreed)
+            assert [str(target) for target in session.asked] == ["1:1"]
+            assert "vehicle 2:1 sends no IMU message, and 1:1 does: asking that one" in session.said
+            assert len(session.vehicles) <= 65
+            assert session.leave(), "of who never was there nothing has to be restored"
+            assert vehicle.interval_us("RAW_IMU") == 250_000
+
+
+def test_a_vehicle_that_is_named_is_found_in_any_crowd() -> None:
+    with Link("udpin:127.0.0.1:0", listen_only=True) as link, udp_peer(link.port) as peer:
+        session = Session(link, choice=Choice(vehicle="1"))
+        for beat in crowd(100):
+            peer.send(beat)
+        hear(session, 100)
+        assert not session.asked
+        peer.send(heartbeat(1, kind=2))
+        hear(session, 101)
+        assert [str(target) for target in session.asked] == ["1:1"]
+
+
+def test_a_vehicle_whose_imu_comes_is_kept_whoever_else_sends_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("companion.links.session._IMU_WITHIN_S", 0.0)
+    with Link("udpin:127.0.0.1:0", listen_only=True) as link, udp_peer(link.port) as peer:
+        session, imu = Session(link), ("RAW_IMU", {"time_usec": 1})
+        for sysid in (3, 2):
+            peer.send(Packer(sysid, 1).pack(*imu))
+            peer.send(heartbeat(sysid, kind=2))
+            peer.send(Packer(sysid, 1).pack(*imu))
+            hear(session, session.link.health.frames + 3)
+        assert [str(target) for target in session.asked] == ["3:1"]
 
 
 def test_what_breaks_beside_the_recording_is_said_once_and_ends_nothing() -> None:

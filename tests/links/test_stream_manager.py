@@ -60,8 +60,9 @@ class Conversation:
                 self.vehicle.receive(self._packer.pack(request.name, request.fields))
 
     def leave(self) -> None:
-        for request in self.rates.restore():
+        for request in self.rates.restore().requests():
             self.vehicle.receive(self._packer.pack(request.name, request.fields))
+        self.run(2 * STEP_S)
 
     def received(self) -> dict[str, float]:
         return {message.name: message.received_hz for message in self.rates.stream_requests}
@@ -320,7 +321,7 @@ def test_a_lost_answer_never_makes_a_stream_slower() -> None:
     assert (511, 24.0) not in sent
     assert (511, 30.0) in sent
     assert sent.count((510, 30.0)) > 4, "what comes has an interval, which is to be given back"
-    assert [(r.fields["param1"], r.fields["param2"]) for r in rates.restore()] == [(30.0, 100_000.0)], "as it came"
+    assert restoring(rates) == {"ATTITUDE": 100_000}, "as it came"
 
 
 def test_after_a_kill_the_vehicle_gets_back_what_it_had_before_both(tmp_path: Path) -> None:
@@ -338,9 +339,88 @@ def test_after_a_kill_the_vehicle_gets_back_what_it_had_before_both(tmp_path: Pa
     killed.leave()
     found = {name: killed.vehicle.interval_us(name) for name in wanted}
     assert found == {"RAW_IMU": 250_000, "GPS_RAW_INT": -1, "HIGHRES_IMU": -1}
-    assert path.exists(), "until the vehicle has confirmed it"
-    killed.rates.restored()
+    assert path.exists()
+    assert killed.rates.restore().end() == ""
     assert not path.exists()
+
+
+def test_px4_is_never_told_to_stop_what_it_sends_without_a_limit() -> None:
+    """Of which it states -1: sent back, that would stop the GPS of whoever else listens on this port."""
+    streams = {"GPS_RAW_INT": 8.0, "ATTITUDE": 30.0, "LOCAL_POSITION_NED": 4.0}
+    unlimited = {"GPS_RAW_INT", "ATTITUDE"}
+    wanted = {"SCALED_IMU": 100.0, "GPS_RAW_INT": 5.0, "ATTITUDE": 50.0, "LOCAL_POSITION_NED": 20.0}
+    talk = Conversation(autopilot="px4", streams=streams, unlimited=unlimited, wanted=wanted)
+    before = {name: talk.vehicle.interval_us(name) for name in wanted}
+    assert before == {"SCALED_IMU": 0, "GPS_RAW_INT": -1, "ATTITUDE": -1, "LOCAL_POSITION_NED": 250_000}
+    talk.run(12.0)
+    assert talk.received() == pytest.approx(wanted, rel=0.05)
+    talk.leave()
+    assert {name: talk.vehicle.interval_us(name) for name in wanted} == before
+    assert talk.rates.restore().complete
+
+
+def test_what_arrives_is_not_stopped_whatever_interval_is_stated() -> None:
+    """Through a router, or of another autopilot: what another link asked for may arrive on this one."""
+    for arriving, restored in ((0, -1), (20, 0)):
+        rates = StreamManager(Target(1, 1), {"GPS_RAW_INT": 5.0}, DIALECT, own_sysid=240)
+        hear = hearing(rates)
+        hear(0.0, "HEARTBEAT", autopilot=3)
+        for i in range(arriving):
+            hear(0.05 * i, "GPS_RAW_INT", time_usec=50_000 * i)
+        hear(1.0, "MESSAGE_INTERVAL", message_id=24, interval_us=-1)
+        assert rates.next_request(1.1) is not None
+        hear(1.2, "COMMAND_ACK", command=511, result=0, target_system=240)
+        assert restoring(rates) == {"GPS_RAW_INT": restored}
+
+
+def test_each_message_is_confirmed_by_its_own_answer(tmp_path: Path) -> None:
+    """An acknowledgement does not say of which: one that comes late, or answers somebody else, confirms nothing."""
+    path = tmp_path / "a.json"
+    earlier = OriginalRatesFile(path)
+    talk = Conversation(wanted={"RAW_IMU": 100.0, "ATTITUDE": 50.0}, streams={"ATTITUDE": 4.0}, earlier=earlier)
+    talk.run(8.0)
+    restoration, hear = talk.rates.restore(), hearing(talk.rates)
+    assert len(restoration.requests()) == 4
+    for _ in range(9):
+        hear(8.1, "COMMAND_ACK", command=511, result=0, target_system=240)
+    assert set(restoration.unconfirmed) == {"RAW_IMU", "ATTITUDE"}
+    hear(8.2, "MESSAGE_INTERVAL", message_id=27, interval_us=-1)
+    hear(8.2, "MESSAGE_INTERVAL", message_id=30, interval_us=20_000)
+    assert restoration.unconfirmed == ("ATTITUDE",), "50 Hz are ours"
+    assert restoration.end() == (
+        "vehicle 1:1 has not confirmed that ATTITUDE is sent as before: the next run on this link will restore that "
+        f"({path})"
+    )
+    assert OriginalRatesFile(path).known.keys() == {"ATTITUDE"}
+    nxt = Conversation(wanted={"RAW_IMU": 100.0}, vehicle=talk.vehicle, begin=talk.t, earlier=OriginalRatesFile(path))
+    nxt.run(5.0)
+    nxt.leave()
+    assert nxt.vehicle.interval_us("ATTITUDE") == 250_000
+    assert nxt.rates.restore().end() == ""
+    assert not path.exists()
+
+
+def test_who_never_answers_has_taken_nothing() -> None:
+    """A vehicle that is made up, or that wants a signature: nothing of it was changed, and nothing is to be said."""
+    rates = StreamManager(Target(1, 1), WANTED, DIALECT, own_sysid=240)
+    for i in range(400):
+        hearing(rates)(0.1 * i, "HEARTBEAT", autopilot=3)
+        rates.next_request(0.1 * i)
+    restoration = rates.restore()
+    assert restoration.requests()
+    assert (restoration.unconfirmed, restoration.end()) == ((), "")
+
+
+def test_a_slow_message_whose_interval_is_not_known_comes_again() -> None:
+    """Once in 5 s."""
+    rates = StreamManager(Target(1, 1), {"HIGHRES_IMU": 100.0}, DIALECT, own_sysid=240)
+    hear = hearing(rates)
+    for i in range(120):
+        hear(0.1 * i, "HEARTBEAT", autopilot=3)
+        if i % 50 == 7:
+            hear(0.1 * i, "HIGHRES_IMU", time_usec=100_000 * i)
+        rates.next_request(0.1 * i)
+    assert restoring(rates) == {"HIGHRES_IMU": 1_000_000}
 
 
 def test_what_is_no_longer_wanted_is_given_back_too(tmp_path: Path) -> None:
@@ -428,7 +508,7 @@ def test_an_interval_of_ours_is_never_taken_for_the_one_before_us() -> None:
     hear(9.0, "HEARTBEAT", autopilot=3)
     rates.next_request(9.1)
     hear(9.2, "MESSAGE_INTERVAL", message_id=27, interval_us=10_000)
-    assert [request.fields["param2"] for request in rates.restore()] == [0.0]
+    assert restoring(rates) == {"RAW_IMU": 0}
 
 
 def test_what_is_in_no_stream_of_ardupilot_is_stopped_where_its_interval_is_not_known() -> None:
@@ -436,7 +516,7 @@ def test_what_is_in_no_stream_of_ardupilot_is_stopped_where_its_interval_is_not_
     rates = StreamManager(Target(1, 1), {"HIGHRES_IMU": 100.0}, DIALECT, own_sysid=240)
     hearing(rates)(0.0, "HEARTBEAT", autopilot=3)
     assert sum(rates.next_request(0.1 * i) is not None for i in range(25)) == 3
-    assert [request.fields["param2"] for request in rates.restore()] == [-1.0]
+    assert restoring(rates) == {"HIGHRES_IMU": -1}
 
 
 def test_a_message_that_ardupilot_does_not_know_is_not_asked_for_ever_slower() -> None:
@@ -470,7 +550,7 @@ def test_a_stream_gets_the_rate_back_that_it_had() -> None:
         if (request := rates.next_request(0.25 * i + 0.1)) is not None:
             asked.append(request.name)
     assert "REQUEST_DATA_STREAM" in asked
-    (restored,) = rates.restore()
+    (restored,) = rates.restore().requests()
     assert restored.name == "REQUEST_DATA_STREAM"
     assert restored.fields["req_message_rate"] in (4, 5)
 
@@ -488,6 +568,13 @@ def test_the_part_that_measures_is_asked_for(autopilot: str, part: str) -> None:
     talk = Conversation(autopilot=autopilot, wanted={"ATTITUDE": 20.0}, parameters={part: 1.0})
     talk.run(20.0)
     assert talk.vehicle.sent["PARAM_VALUE"] == 1
+
+
+def restoring(rates: StreamManager) -> dict[str, int]:
+    """Message → the interval that it is to have again."""
+    names = {message.id: name for name, message in DIALECT.by_name.items()}
+    sets = [request.fields for request in rates.restore().requests() if request.fields["command"] == 511]
+    return {names[int(fields["param1"])]: int(fields["param2"]) for fields in sets}
 
 
 def hearing(rates: StreamManager) -> Callable[..., None]:

@@ -13,6 +13,7 @@ import pytest
 from pymavlink.DFReader import DFReader_binary, DFReader_text
 
 import companion as c
+from companion.app.recording import read_recording
 from companion.logs import log_format, looks_like_a_log, read_dataflash_text
 from companion.model import InputError
 
@@ -164,3 +165,38 @@ def test_another_text_is_no_log(tmp_path: Path, text: str) -> None:
     path.write_text(text * 100)
     assert log_format(path) == "mavlink"
     assert not looks_like_a_log(path)
+
+
+OF_2013 = """
+ArduCopter V3.0.1 (5c6503e2)
+FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format
+FMT, 130, 35, GPS, BIBcLLeeEe, Status,Time,NSats,HDop,Lat,Lng,RelAlt,Alt,Spd,GCrs
+FMT, 131, 27, IMU, ffffff, GyrX,GyrY,GyrZ,AccX,AccY,AccZ
+FMT, 1, 17, ATT, cccccCC, RollIn,Roll,PitchIn,Pitch,YawIn,Yaw,NavYaw
+ATT, 0.00, 0.47, 0.00, -8.53, 0.00, 111.24, 111.24
+ATT, 0.00, 0.47, 0.00, -8.54, 0.00, 111.26, 111.26
+GPS, 3, 302400000, 9, 1.20, 35.0, 149.0, 0.1, 584.0, 0.1, 0.0
+"""
+
+
+@pytest.mark.parametrize(("more", "without"), [("", True), ("IMU, 0.1, 0, 0, 0, 0, -9.8\n", False)])
+def test_a_log_whose_records_have_no_times_says_so(tmp_path: Path, more: str, *, without: bool) -> None:
+    """And not that there is no vehicle."""
+    path = tmp_path / "old.log"
+    path.write_text(OF_2013 + more)
+    recording = read_recording(path)
+    assert recording.flights == ()
+    assert recording.no_flight.startswith("it has no IMU (LOG_BITMASK), and its records have no times") == without
+    assert "its records have no times" in recording.no_flight
+    assert "ATT (2)" in recording.no_flight
+    assert "no vehicle" not in recording.no_flight
+
+
+def test_a_log_without_an_imu_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "noimu.log"
+    declared = "FMT, 1, 17, ATT, Icccccc, TimeMS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw\n"
+    rows = "".join(f"ATT, {1000 + 100 * i}, 0.00, 0.47, 0.00, -8.53, 0.00, 111.24\n" for i in range(30))
+    path.write_text(HEAD + declared + rows)
+    (flight,) = c.open_log(path)
+    with pytest.raises(c.DataError, match="no IMU"):
+        flight.imu()

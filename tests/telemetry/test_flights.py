@@ -148,7 +148,7 @@ def test_stale_packets_at_the_start_are_left_out(log: Writer) -> None:
     log.rest(5.0, begin=0.1, boot=120.0)
     (flight,) = c.open_log(log.close())
     assert (flight.start, flight.duration) == pytest.approx((120, 5))
-    assert any("5 packets at the start are stale" in note for note in flight.notes)
+    assert any("5 stale packets at the start" in note for note in flight.notes)
 
 
 def test_a_clock_that_is_set_back_is_no_reboot(log: Writer) -> None:

@@ -159,7 +159,7 @@ def test_a_ulog_that_is_only_a_head_says_so(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("said", "damaged", "told"),
     [
-        (b"int32_t MAV_SYS_ID", b"int33_t MAV_SYS_ID", r"\d+ parameters left out: their types are damaged"),
+        (b"int32_t MAV_SYS_ID", b"int33_t MAV_SYS_ID", r"\d+ parameters? of a damaged type left out"),
         (b"delta_angle;", b"delta_bngle;", r"vehicle_imu is left out: the log declares it without delta_angle\[0\], "),
         (b"float[4] q;", b"float[4] p;", r"vehicle_attitude is left out: .* without q\[0\], "),
         (b"bool xy_valid;", b"bool xz_valid;", r"vehicle_local_position is left out: .* without xy_valid$"),

@@ -15,6 +15,7 @@ from companion.strapdown import quaternion
 _LOST = 8.0  # periods from which on an interval is a gap
 _UNEVEN, _UNEVEN_S = 0.2, 0.004  # of a period, s
 _MOVED_S, _SPOILT_S = 0.05, 0.1  # s
+_ARMS_S = 0.5  # from the first sample until the arming that began the logging is logged
 _LOW_HZ, _USELESS_HZ = 40.0, 10.0  # RAW_IMU is low-passed at 20 Hz: below twice that, motion aliases into the samples
 
 
@@ -44,24 +45,42 @@ def rate_findings(flight: Flight, comparison: Comparison, sampling_share: float)
             + (f"; sampling is {sampling_share:.0%} of the expected attitude error" if sampling_share > 0.05 else ""),
             f"{flight.how_to_record}.",
         )
-    gaps = np.flatnonzero(comparison.gaps)
-    if len(gaps):
-        lost = float((track.t[gaps + 1] - track.t[gaps]).sum())
+    yield from _gap_findings(flight, comparison)
+
+
+def _gap_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding]:
+    t, gaps = comparison.track.t, np.flatnonzero(comparison.gaps)
+    pauses = _paused(flight, t[gaps], t[gaps + 1])
+    for paused, which in ((False, gaps[~pauses]), (True, gaps[pauses])):
+        if not len(which):
+            continue
+        lengths = t[which + 1] - t[which]
+        what, advice = counted(len(which), "gap"), "Check the link quality, or use the on-board log. "
+        if paused:
+            what, advice = counted(len(which), "pause") + " while disarmed", "Logging stops while disarmed. "
+        elif flight.on_board:
+            advice = "The logger could not keep up: check the SD card, or log fewer other messages. "
         yield Finding(
             "samples_missing",
             "data",
-            "warning" if lost > 0.01 * (track.t[-1] - track.t[0]) else "info",
-            float(track.t[gaps[0]]),
-            float(track.t[gaps[-1] + 1]),
-            f"{track.source} has {counted(len(gaps), 'gap')}, {lost:.1f} s in all, "
-            f"the longest {np.diff(track.t).max():.2f} s",
-            (
-                "Check the link quality, or use the on-board log. "
-                if not flight.on_board
-                else "The logger could not keep up: check the SD card, or log fewer other messages. "
-            )
-            + "Windows over gaps are left out.",
+            "warning" if not paused and lengths.sum() > 0.01 * (t[-1] - t[0]) else "info",
+            float(t[which[0]]),
+            float(t[which[-1] + 1]),
+            f"{comparison.track.source} has {what}, {lengths.sum():.1f} s in all, the longest {lengths.max():.2f} s",
+            advice + "Windows over gaps are left out.",
         )
+
+
+def _paused(flight: Flight, begin: Array, end: Array) -> BoolArray:
+    """Which gaps (N,) of an on-board log are none of the logger's: the vehicle was not armed all the while.
+
+    ArduPilot logs nothing then unless LOG_DISARMED says so, and begins with the next arming in the same file.
+    """
+    armed = flight.armed(begin, begin)
+    if armed is None or not flight.on_board:
+        return np.zeros(len(begin), np.bool_)
+    changes = np.array([event.t for event in flight.events if event.kind in {"armed", "disarmed"}])
+    return ~armed | (np.searchsorted(changes, end + _ARMS_S, side="right") > np.searchsorted(changes, begin))
 
 
 def stamp_findings(

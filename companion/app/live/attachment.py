@@ -27,6 +27,7 @@ class Attachment:
         self._receipts: deque[Receipt] = deque(maxlen=_MOST_HELD)
         self._stopping = threading.Event()
         self._failure: BaseException | None = None
+        self.restored = True  # after `close`: whether the vehicle has confirmed that its intervals are as before
         self._said: deque[str] = deque()
         self._report = session.report()
         self._arrived = threading.Event()
@@ -94,7 +95,7 @@ class Attachment:
                 if now >= due or session.said:
                     due = now + _REPORT_S
                     session.beside(self._tell)
-            session.leave()
+            self.restored = session.leave()
             session.beside(self._tell)
         except BaseException as error:  # noqa: BLE001 - handed to `check`, which raises it in the main thread
             self._failure = error

@@ -7,7 +7,6 @@ Sources: ArduPilot `libraries/AP_Logger/LogStructure.h`, `AP_NavEKF3/LogStructur
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
@@ -16,28 +15,19 @@ import numpy as np
 
 from companion.logs import RecordLayout, Records
 from companion.mavlink import Dialect
-from companion.model import Array, Flight, StatusText, Vehicle
+from companion.model import Array, Flight, StatusText, Vehicle, counted
 from companion.telemetry import convert
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.arrival import arrival
 from companion.telemetry.dataflash import aiding, changes, cores, imu, pose, sensors
 from companion.telemetry.dataflash.rows import with_times
 from companion.telemetry.events import dataflash_events
+from companion.telemetry.firmware import banner, vehicle_type
 from companion.telemetry.parameters import declination, identity, known, setting_names
 from companion.telemetry.sanitize import words
 
-_TYPES = {
-    b"ArduCopter": "QUADROTOR",
-    b"ArduPlane": "FIXED_WING",
-    b"ArduRover": "GROUND_ROVER",
-    b"Rover": "GROUND_ROVER",
-    b"ArduSub": "SUBMARINE",
-    b"Blimp": "AIRSHIP",
-}
-_BUILDS = {1: "GROUND_ROVER", 2: "QUADROTOR", 3: "FIXED_WING", 7: "SUBMARINE", 12: "AIRSHIP", 13: "HELICOPTER"}
-"""VER.BU, AP_Vehicle_Type.h: for firmware of another name."""
-
 _INFO = 6  # MAV_SEVERITY: MSG does not say
+_MOST_TOLD = 8  # kinds of record, where no flight is made of them
 
 _NUMBERS: Mapping[str, tuple[str, ...]] = {
     **imu.NUMBERS,
@@ -73,13 +63,13 @@ def dataflash_flight(
     records = {name: one for name, one in messages.items() if len(one)}
     messages.clear()
     damaged = [
-        f"{name}: {count} records left out: the log's declaration of them is damaged or contradicts itself"
+        f"{name}: {counted(count, 'record')} left out: the log's declaration of them is damaged or contradicts itself"
         for name, count in undecoded.items()
     ]
     for name in [name for name, one in records.items() if not _is_whole(name, one.layout)]:
         columns = words(", ".join(records[name].layout.fields))
         damaged.append(
-            f"{name}: {len(records.pop(name))} records left out: the log declares their columns as {columns}"
+            f"{name}: {counted(len(records.pop(name)), 'record')} left out: the log declares their columns as {columns}"
         )
     records, wrong = with_times(records)
     if not records:
@@ -92,6 +82,17 @@ def dataflash_flight(
     flight = _without_tracks(records, times, parameters, flew, dialect)
     del times
     return _with_tracks(flight, records, flew, core, [*notes, *damaged, *wrong])
+
+
+def why_no_flight(messages: Mapping[str, Records]) -> str:
+    """Why a .bin of which there is no flight has none."""
+    counts = {name: len(one) for name, one in messages.items()}
+    most = sorted(counts, key=lambda name: -counts[name])[:_MOST_TOLD]
+    has = f"it has {', '.join(f'{name} ({counts[name]:,})' for name in most)}" if most else "it has no record"
+    if "TIME" in counts and messages["TIME"].layout.has_numbers("StartTime"):
+        return f"it is a log of PX4's sdlog2, which wrote them before .ulg and is not read: {has}"
+    imu = "" if "IMU" in counts else "it has no IMU (LOG_BITMASK), and "
+    return f"{imu}its records have no times, as ArduCopter 3.1 and older wrote them: {has}"
 
 
 def _without_tracks(
@@ -185,12 +186,12 @@ def _texts(records: Mapping[str, Records]) -> tuple[StatusText, ...]:
 
 
 def _vehicle(records: Mapping[str, Records], parameters: Mapping[str, float]) -> Vehicle:
-    said = records["MSG"]["Message"].tolist() if "MSG" in records else []
-    banner = next((m for text in said if (m := re.match(rb"(Ardu\w+|Rover|Blimp) V(\d[\w.-]*)", text))), None)
-    kind, firmware = (_TYPES.get(banner[1], "UNKNOWN"), banner[2].decode("ascii")) if banner else ("UNKNOWN", "")
-    if banner is None and "VER" in records and records["VER"].layout.has_numbers("BU", "Maj", "Min", "Pat"):
-        build, *version = (int(records["VER"][name][0]) for name in ("BU", "Maj", "Min", "Pat"))
-        kind, firmware = _BUILDS.get(build, "UNKNOWN"), ".".join(map(str, version))
+    texts = map(words, records["MSG"]["Message"].tolist()) if "MSG" in records else ()
+    build, version = None, ""
+    if "VER" in records and records["VER"].layout.has_numbers("BU", "Maj", "Min", "Pat"):
+        build, *numbers = (int(records["VER"][name][0]) for name in ("BU", "Maj", "Min", "Pat"))
+        version = ".".join(map(str, numbers))
+    kind, firmware = banner(texts) or (vehicle_type(parameters, build), version)
     return Vehicle(
         sysid=identity(parameters, "MAV_SYSID", "SYSID_THISMAV"),
         compid=1,

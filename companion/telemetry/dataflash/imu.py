@@ -185,7 +185,9 @@ def batches(records: Mapping[str, Records], notes: list[str]) -> Iterator[RawSer
         return
     heads, data = records["ISBH"], records["ISBD"]
     if any(data.layout.kind(axis) != "V" for axis in _AXES):
-        notes.append(f"ISBD: {len(data)} records left out: the log declares their columns otherwise than ArduPilot")
+        notes.append(
+            f"ISBD: {counted(len(data), 'record')} left out: the log declares their columns otherwise than ArduPilot"
+        )
         return
     head = np.searchsorted(heads.offset, data.offset) - 1
     mine = (head >= 0) & (heads["N"][head] == data["N"])

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from companion.mavlink import px4_nav_state_name
-from companion.model import Event, Flight, ParameterChange, StatusText, Vehicle
+from companion.model import Event, Flight, ParameterChange, StatusText, Vehicle, counted
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.arrival import arrival
 from companion.telemetry.events import changes, in_order
+from companion.telemetry.firmware import UNKNOWN
 from companion.telemetry.parameters import identity, known, setting_names
 from companion.telemetry.sanitize import words
 from companion.telemetry.ulog.aiding import barometer_tracks, compass_tracks, gps_tracks, truth
@@ -38,7 +39,7 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
     topics, notes = topics_of(log)
     parameters, changed, left_out = _parameters(log)
     if left_out:
-        notes.append(f"{left_out} parameters left out: their types are damaged")
+        notes.append(f"{counted(left_out, 'parameter')} of a damaged type left out")
     notes += _damage(log, contents)
     begin, end = _span(topics, log.start_timestamp * 1e-6)
     release = log.msg_info_dict.get("ver_sw_release")
@@ -54,7 +55,7 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
     attitude, position = attitude_track(topics, notes), position_track(topics, notes)
     series = topic_series(topics, version, notes)
     others = {key: series[key] for key in series if key.partition(":")[0] in OF_SERIES}
-    vehicle = _vehicle(parameters, vehicle_types, release)
+    vehicle = _vehicle(parameters, topics, vehicle_types, release)
     return Flight(
         vehicle=vehicle,
         settings=setting_names(vehicle.autopilot),
@@ -86,12 +87,17 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
     )
 
 
-def _vehicle(parameters: Mapping[str, float], vehicle_types: Mapping[int, str], release: object) -> Vehicle:
+def _vehicle(
+    parameters: Mapping[str, float], topics: Topics, vehicle_types: Mapping[int, str], release: object
+) -> Vehicle:
+    kind = identity(parameters, "MAV_TYPE", otherwise=-1)
+    if kind not in vehicle_types and "system_type" in (status := topics.get("vehicle_status", {})):
+        kind = int(status["system_type"][-1])  # what the autopilot made of it
     return Vehicle(
         identity(parameters, "MAV_SYS_ID"),
         identity(parameters, "MAV_COMP_ID"),
         autopilot="PX4",
-        type=vehicle_types.get(identity(parameters, "MAV_TYPE", otherwise=-1), "UNKNOWN"),
+        type=vehicle_types.get(kind, UNKNOWN),
         firmware=_firmware(release),
     )
 
@@ -111,7 +117,7 @@ def _parameters(log: Any) -> tuple[dict[str, float], tuple[ParameterChange, ...]
 def _damage(log: Any, contents: bytes) -> Iterator[str]:
     """What is missing from the file, in words."""
     if log.dropouts:
-        yield f"{len(log.dropouts)} dropouts of the logger, the longest {_longest(log.dropouts):.2f} s"
+        yield f"{counted(len(log.dropouts), 'dropout')} of the logger, the longest {_longest(log.dropouts):.2f} s"
     if log.file_corruption:
         yield "the file is damaged: what could be read of it is used"
     if cut := unfinished(contents, appended=bool(log.has_data_appended)):

@@ -128,7 +128,7 @@ def _times_expected(sample: Sample, film: Footage) -> tuple[str, str, str] | Non
 def _numbers(sample: Sample, film: Footage, since_start: float, cell: float) -> str:
     has_position = film.replay.has_position
     rows = [
-        ("Since boot", f"{sample.t:.2f} s", f"{since_start:.1f} s into the log"),
+        ("Since boot", f"{sample.t:.2f} s", f"{max(since_start, 0.0):.1f} s into the log"),
         ("Since anchor", f"{sample.since_anchor_s:.1f} s", "" if sample.known else "autopilot silent here"),
         ("Attitude error", f"{sample.tilt_deg:.2f}° tilt", f"{sample.heading_deg:+z.2f}° heading"),
     ]

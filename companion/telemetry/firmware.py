@@ -1,0 +1,53 @@
+"""Which kind of vehicle a firmware of ArduPilot is for, where no MAV_TYPE says: by its banner, build or parameters.
+
+Vendors have banners of their own ("TQ-2.2.143", "FLYSTACK V4.5.7-beta1"), and a log may begin behind the banner: then
+VER.BU tells, before 4.0 SYSID_SW_TYPE, and last a parameter that only one of the vehicles has.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+
+UNKNOWN = "UNKNOWN"
+
+_BANNER = re.compile(
+    r"(?:Ardu|APM:)?(?P<name>Copter|Plane|Rover|Sub|Blimp|AntennaTracker) V(?P<version>\d[\w.-]*)", re.ASCII
+)
+_NAMES = {
+    "Copter": "QUADROTOR",
+    "Plane": "FIXED_WING",
+    "Rover": "GROUND_ROVER",
+    "Sub": "SUBMARINE",
+    "Blimp": "AIRSHIP",
+    "AntennaTracker": "ANTENNA_TRACKER",
+}
+_BUILDS = {
+    1: "GROUND_ROVER", 2: "QUADROTOR", 3: "FIXED_WING", 4: "ANTENNA_TRACKER", 7: "SUBMARINE", 12: "AIRSHIP",
+    13: "HELICOPTER",
+}  # fmt: skip
+"""VER.BU, AP_Vehicle_Type.h."""
+_SOFTWARE: Mapping[float, str] = {
+    0: "FIXED_WING", 4: "ANTENNA_TRACKER", 10: "QUADROTOR", 20: "GROUND_ROVER", 40: "SUBMARINE"
+}  # fmt: skip
+"""SYSID_SW_TYPE."""
+_OWN_PARAMETERS = {
+    "PILOT_THR_BHV": "QUADROTOR",
+    "RLL2SRV_TCONST": "FIXED_WING",
+    "CRUISE_SPEED": "GROUND_ROVER",
+    "JS_GAIN_DEFAULT": "SUBMARINE",
+}
+
+
+def banner(texts: Iterable[str]) -> tuple[str, str] | None:
+    """Type (MAV_TYPE without prefix) and version by the banner among the texts, "ArduCopter V4.7.0-dev (90700977)"."""
+    match = next((match for text in texts if (match := _BANNER.match(text))), None)
+    return (_NAMES[match["name"]], match["version"]) if match else None
+
+
+def vehicle_type(parameters: Mapping[str, float], build: int | None = None) -> str:
+    """Type by the build (VER.BU) and the parameters; UNKNOWN where neither tells."""
+    if build in _BUILDS:
+        return _BUILDS[build]
+    software = _SOFTWARE.get(parameters.get("SYSID_SW_TYPE", -1.0))
+    return software or next((kind for name, kind in _OWN_PARAMETERS.items() if name in parameters), UNKNOWN)
