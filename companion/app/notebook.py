@@ -105,7 +105,7 @@ def show(
         from companion.view import check_url  # noqa: PLC0415
     except ImportError as error:
         raise InputError(
-            f"the page needs viser, and it cannot be loaded ({error}). Install it: pip install 'mavlink-companion'"
+            f"the page needs viser, and it cannot be loaded ({error}): install companion again."
         ) from error
     check_url(settings.view.map_url)
     examined = what if isinstance(what, Examination) else None

@@ -15,8 +15,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
+from companion import installation
 from companion.app.recording import Recording, Source, read_recording, usable_samples
-from companion.app.settings import Settings, data_folder, load_settings
+from companion.app.settings import Settings, load_settings
 from companion.cli.stdin import STDIN
 from companion.model import IMU_MESSAGES, DataError, Flight, SettingsError
 from companion.strapdown import METHODS, MIDDLES
@@ -176,11 +177,7 @@ def log_paths(arguments: argparse.Namespace) -> list[str]:
 
 def _path(name: str, piped: Path | None) -> Path:
     """A log by its name; demo is the bundled one, and piped what came from stdin."""
-    if name == STDIN and piped is not None:
-        return piped
-    if name == "demo" and not Path(name).exists():
-        return data_folder("tlogs") / "copter-demo-100hz.tlog"
-    return Path(name)
+    return piped if name == STDIN and piped is not None else installation.log_path(name)
 
 
 def exit_code(fail_on: str | None, statuses: Iterable[str]) -> int:
