@@ -19,7 +19,7 @@ from companion import installation
 from companion.app.recording import Recording, Source, read_recording, usable_samples
 from companion.app.settings import Settings, load_settings
 from companion.cli.stdin import STDIN
-from companion.model import IMU_MESSAGES, DataError, Flight, SettingsError
+from companion.model import IMU_MESSAGES, DataError, Flight, InputError, SettingsError
 from companion.strapdown import METHODS, MIDDLES
 
 _SETTABLE = (
@@ -177,7 +177,15 @@ def log_paths(arguments: argparse.Namespace) -> list[str]:
 
 def _path(name: str, piped: Path | None) -> Path:
     """A log by its name; demo is the bundled one, and piped what came from stdin."""
-    return piped if name == STDIN and piped is not None else installation.log_path(name)
+    if name == STDIN and piped is not None:
+        return piped
+    path = installation.log_path(name)
+    if not path.exists():
+        from companion.links import is_link, meant_link  # noqa: PLC0415  (what they load is needed for links alone)
+
+        if link := name if is_link(name) else meant_link(name):
+            raise InputError(f"There is no file {name}. If a link is meant: companion view {link} or record {link}")
+    return path
 
 
 def exit_code(fail_on: str | None, statuses: Iterable[str]) -> int:

@@ -48,7 +48,7 @@ from companion.model.tracks import (
     percentile,
     weighted_median,
 )
-from companion.model.wording import brief, counted, words
+from companion.model.wording import brief, counted, nearest_word, words
 
 __all__ = [
     "ECCENTRICITY_SQUARED",
@@ -100,6 +100,7 @@ __all__ = [
     "longest_step",
     "median",
     "nearest",
+    "nearest_word",
     "ned_from_geodetic",
     "of_kind",
     "percentile",
