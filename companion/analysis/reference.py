@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import GAP_PERIODS, GAP_S, Array, AttitudeTrack, PositionTrack, longest_step
+from companion.model import (
+    GAP_PERIODS,
+    GAP_S,
+    Array,
+    AttitudeTrack,
+    DataError,
+    PositionTrack,
+    check_number,
+    longest_step,
+)
 from companion.strapdown import quaternion
 
 
@@ -31,12 +40,19 @@ _BLOCK = 4096  # samples at a time
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What makes a stretch of samples unusable. A stretch is left out and counted, never patched over."""
+    """What makes a stretch of samples unusable. A stretch is left out and counted, never patched over.
+
+    Raises SettingsError for what is no number, 0 or more.
+    """
 
     gap_periods: float = GAP_PERIODS
     gap_s: float = GAP_S
     position_jump_m: float = 1.0  # step that the velocity does not explain
     attitude_jump_deg: float = 5.0  # step that the body rates do not explain
+
+    def __post_init__(self) -> None:
+        for limit in fields(self):
+            check_number(limit.name, getattr(self, limit.name), least=0.0)
 
     def longest_step(self, t: Array) -> float:
         """The longest sample interval, s, of a track with times t (N,) that is not a gap."""
@@ -104,10 +120,10 @@ def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Arr
     Velocity is linear between samples. Nothing is extrapolated, nothing is known inside a gap (`Limits.longest_step`).
     Between two samples the body may have turned otherwise than at one rate: by a steady angular acceleration, which the
     rates at both ends tell, it is off by u (1 - u) h |Δω| / 2.
-    Raises ValueError for an attitude track without samples.
+    Raises DataError for an attitude track without samples.
     """
     if not len(attitude):
-        raise ValueError("an attitude track needs a sample")
+        raise DataError("an attitude track needs a sample")
     if position is not None and not len(position):
         position = None
     attitude_known = _known(attitude.t, t, limits.longest_step(attitude.t))

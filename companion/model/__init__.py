@@ -18,6 +18,7 @@ from companion.model.aiding import (
     SensorInUse,
     TruthTrack,
 )
+from companion.model.checks import check_number, check_seconds, floats, is_number
 from companion.model.errors import CompanionError, DataError, InputError, SettingsError
 from companion.model.flight import Epoch, Flight, MessageStats, Origin, SettingNames, StatusText, Vehicle
 from companion.model.geodesy import (
@@ -93,10 +94,14 @@ __all__ = [
     "TruthTrack",
     "Vehicle",
     "brief",
+    "check_number",
+    "check_seconds",
     "counted",
+    "floats",
     "from_euler",
     "geodetic_from_ned",
     "interpolated",
+    "is_number",
     "longest_step",
     "median",
     "nearest",
