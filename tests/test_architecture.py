@@ -19,8 +19,9 @@ MODULES = sorted(p for p in PACKAGE.rglob("*.py") if "data" not in p.relative_to
 GROUND = {"model"}
 MAY_IMPORT = {
     "model": set[str](),
+    "installation": GROUND,
     "mavlink": GROUND,
-    "logs": GROUND | {"mavlink"},
+    "logs": GROUND | {"installation", "mavlink"},
     "links": GROUND | {"mavlink", "logs"},
     "telemetry": GROUND | {"mavlink", "logs"},
     "strapdown": GROUND,
@@ -33,8 +34,8 @@ MAY_IMPORT = {
     "app.destination": GROUND,
     "app.settings": GROUND | {"strapdown", "app.toml_file"},
     "app.correction": GROUND | {"app.toml_file", "analysis"},
-    "app.sensors": GROUND | {"telemetry", "app.toml_file", "app.settings", "analysis"},
-    "app.recording": GROUND | {"mavlink", "logs", "telemetry"},
+    "app.sensors": GROUND | {"installation", "telemetry", "app.toml_file", "analysis"},
+    "app.recording": GROUND | {"installation", "mavlink", "logs", "telemetry"},
     "app.examination": GROUND
     | {"app.resources", "app.settings", "app.sensors", "app.correction", "estimation", "analysis"},
     "app.live": GROUND | {"mavlink", "links", "telemetry", "analysis"},
@@ -47,16 +48,16 @@ MAY_IMPORT = {
     | {"app.settings", "app.sensors", "app.recording", "app.examination", "app.replay_page", "view"},
     "present": GROUND | {"analysis"},
     "documents": GROUND | {"estimation", "analysis", "app.recording", "app.examination"},
-    "export": GROUND | {"strapdown", "estimation", "analysis", "present"},
+    "export": GROUND | {"installation", "strapdown", "estimation", "analysis", "present"},
     "view": GROUND | {"strapdown", "estimation", "analysis", "present"},
     "report": GROUND
-    | {"strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination"}
+    | {"installation", "strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination"}
     | {"documents", "present", "view"},
     "fleet": GROUND
     | {"mavlink", "logs", "telemetry", "app.destination", "app.settings", "app.sensors", "app.recording"}
-    | {"app.examination", "documents", "present", "export", "report"},
+    | {"installation", "app.examination", "documents", "present", "export", "report"},
     "cli": GROUND
-    | {"mavlink", "logs", "links", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
+    | {"installation", "mavlink", "logs", "links", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
     | {"app.destination", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}
     | {"app.live", "app.resources", "app.running_verdict", "app.replay_page", "app.live_page"}
     | {"documents", "present", "view", "report", "export", "fleet"},
@@ -120,8 +121,8 @@ LIBRARIES = {
 """Part of the house → what it may import from outside, beside the standard library."""
 
 PURE = {
-    "__future__", "collections", "dataclasses", "enum", "functools", "itertools", "math", "re", "statistics", "types",
-    "typing",
+    "__future__", "collections", "dataclasses", "difflib", "enum", "functools", "itertools", "math", "re", "statistics",
+    "types", "typing",
 }  # fmt: skip
 """What the core may take from the standard library: nothing that reads, waits, prints or runs."""
 

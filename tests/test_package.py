@@ -24,9 +24,9 @@ def test_settings_and_demo_flight_are_found_from_a_wheel(tmp_path: Path) -> None
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(installed)
     code = (
-        "import companion, companion.cli, companion.app.settings as s;"
+        "import companion, companion.cli, companion.app.settings as s, companion.installation as i;"
         "assert companion.__file__.startswith(r'" + str(installed) + "'), companion.__file__;"
-        "assert s.load_settings(s.data_folder('config') / 'default.toml') == s.Settings();"
+        "assert s.load_settings(i.data_folder('config') / 'default.toml') == s.Settings();"
         "raise SystemExit(companion.cli.main(['info', 'demo']))"
     )
     environment = os.environ | {"PYTHONPATH": str(installed)}

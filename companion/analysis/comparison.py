@@ -18,7 +18,7 @@ from companion.analysis.reference import (
     position_jumps,
     reference_at,
 )
-from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, brief, median, nearest
+from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, brief, check_seconds, median, nearest
 from companion.strapdown import Preintegration, Propagation, Sums, error_sums, joined, preintegrate, propagate
 
 IntArray = npt.NDArray[np.intp]
@@ -168,7 +168,7 @@ def compare(
     """Integrate one IMU of the flight and find the autopilot's state at its samples.
 
     track: taken in place of the flight's own, e.g. the same IMU corrected. Raises DataError when the flight has no
-    usable IMU or no attitude, ValueError for an unknown method.
+    usable IMU or no attitude, SettingsError for an unknown method.
     """
     track = track or flight.imu(imu)
     attitude, position, limits = flight.require_attitude(), flight.position, how.limits
@@ -190,10 +190,9 @@ def windows(comparison: Comparison, horizon: float, part: Part | None = None) ->
     """Windows of `horizon` seconds end to end, without those that have a gap, an unknown end or a jump in them.
 
     A flight that has a position is judged where it has one. part: of a longer flight, of which the comparison is a
-    piece. Raises ValueError for a horizon that is not positive.
+    piece. Raises SettingsError for a horizon that is not positive.
     """
-    if not (np.isfinite(horizon) and horizon > 0):
-        raise ValueError(f"horizons must be positive seconds, got {horizon}")
+    check_seconds("horizons", horizon)
     start, end = _grid(comparison, horizon, part)
     used, excluded = _usable(comparison, start, end, part.has_position if part else comparison.has_position)
     return Windows(float(horizon), start[used], end[used], excluded)
@@ -202,10 +201,9 @@ def windows(comparison: Comparison, horizon: float, part: Part | None = None) ->
 def trailing(comparison: Comparison, horizon: float) -> Windows:
     """Windows of `horizon` seconds that overlap: one ends at every sample, where one can be used.
 
-    Raises ValueError for a horizon that is not positive.
+    Raises SettingsError for a horizon that is not positive.
     """
-    if not (np.isfinite(horizon) and horizon > 0):
-        raise ValueError(f"horizons must be positive seconds, got {horizon}")
+    check_seconds("horizons", horizon)
     t = comparison.track.t
     end = np.flatnonzero(t >= t[0] + horizon * (1 - 1e-9))
     start = nearest(t, t[end] - horizon)

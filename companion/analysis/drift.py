@@ -16,7 +16,7 @@ import numpy as np
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, windows
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import length
-from companion.model import Array, Flight, brief
+from companion.model import Array, Flight, SettingsError, brief
 
 HORIZONS_S = (1.0, 2.0, 5.0, 10.0, 30.0)
 
@@ -110,7 +110,7 @@ def drift(
     estimator is still starting up. One without any is compared in attitude alone. One pass over the samples serves
     every window.
 
-    Raises DataError when the flight has no usable IMU or no attitude, ValueError for an unknown method or a horizon
+    Raises DataError when the flight has no usable IMU or no attitude, SettingsError for an unknown method or a horizon
     that is not positive.
 
     >>> import companion as c
@@ -125,7 +125,9 @@ def drift(
 
 
 def drift_of(comparison: Comparison, horizons: Sequence[float] = HORIZONS_S) -> Drift:
-    """The drift table of a comparison. Raises ValueError for a horizon that is not positive."""
+    """The drift table of a comparison. Raises SettingsError for a horizon that is not positive, and for none."""
+    if np.ndim(horizons) != 1 or not len(horizons):
+        raise SettingsError(f"horizons must be positive seconds such as (1, 5), got {horizons!r}")
     return drift_over(comparison, [windows(comparison, horizon) for horizon in horizons])
 
 

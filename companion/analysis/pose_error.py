@@ -18,7 +18,7 @@ from companion.analysis.comparison import Comparison, IntArray, Windows, windows
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.reference import attitude_error, length
 from companion.analysis.replay import Replay
-from companion.model import Array, nearest
+from companion.model import Array, DataError, SettingsError, nearest
 from companion.strapdown import quaternion
 
 
@@ -47,7 +47,7 @@ def ape(shown: Replay) -> PoseError:
     """Absolute pose error at every sample where the autopilot's state is known.
 
     Position: |p_ref - p_imu| (evo's translation part). Attitude: the angle of q_ref⁻¹ ⊗ q_imu (evo's angle_deg). The
-    reckoning counts since its last anchor. Raises ValueError when the replay has no such sample.
+    reckoning counts since its last anchor. Raises DataError when the replay has no such sample.
 
     >>> import companion as c
     >>> found = c.ape(c.replay(c.open_log("tlogs/copter-demo-100hz.tlog")[0]))
@@ -63,10 +63,10 @@ def rpe(shown: Replay, step: int) -> PoseError:
 
     How the motion between the two samples differs: E = (Q_i⁻¹ Q_j)⁻¹ (P_i⁻¹ P_j), Q the autopilot's poses, P the IMU's;
     position is the length of E's translation, attitude the angle of its rotation (Sturm et al. 2012, equation 1).
-    Raises ValueError when `step` is not positive or the replay is shorter.
+    Raises SettingsError when `step` is not positive, DataError when the replay is shorter.
     """
-    if step < 1:
-        raise ValueError(f"the step must be one sample or more, got {step}")
+    if not isinstance(step, int | np.integer) or step < 1:
+        raise SettingsError(f"the step must be one sample or more, got {step!r}")
     known = np.flatnonzero(shown.reference_valid)[::step]
     start, end = known[:-1], known[1:]
     turn_ref, move_ref = _motion(shown.q_ref, shown.position_ref, start, end)
@@ -82,7 +82,7 @@ def _motion(q: Array, position: Array, start: IntArray, end: IntArray) -> tuple[
 
 def _pose_error(shown: Replay, position: Array, angle: Array) -> PoseError:
     if not len(angle):
-        raise ValueError("no samples at which both poses are known")
+        raise DataError("no samples at which both poses are known")
     return PoseError(len(angle), _spread(position) if shown.has_position else None, _spread(np.degrees(angle)))
 
 

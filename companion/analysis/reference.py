@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import GAP_PERIODS, GAP_S, Array, AttitudeTrack, PositionTrack, longest_step, nearest
+from companion.model import (
+    GAP_PERIODS,
+    GAP_S,
+    Array,
+    AttitudeTrack,
+    DataError,
+    PositionTrack,
+    check_number,
+    longest_step,
+    nearest,
+)
 from companion.strapdown import Preintegration, quaternion
 
 
@@ -31,12 +41,19 @@ _BLOCK = 4096  # samples at a time
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What makes a stretch of samples unusable. A stretch is left out and counted, never patched over."""
+    """What makes a stretch of samples unusable. A stretch is left out and counted, never patched over.
+
+    Raises SettingsError for what is no number, 0 or more.
+    """
 
     gap_periods: float = GAP_PERIODS
     gap_s: float = GAP_S
     position_jump_m: float = 1.0  # step that the velocity does not explain
     attitude_jump_deg: float = 5.0  # step that the body rates do not explain
+
+    def __post_init__(self) -> None:
+        for limit in fields(self):
+            check_number(limit.name, getattr(self, limit.name), least=0.0)
 
     def longest_step(self, t: Array) -> float:
         """The longest sample interval, s, of a track with times t (N,) that is not a gap."""
@@ -107,10 +124,10 @@ def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Arr
     """The state at times t (N,): slerp for attitude, cubic Hermite (position and velocity) for position.
 
     Velocity is linear between samples. Nothing is extrapolated, nothing is known inside a gap (`Limits.longest_step`).
-    Raises ValueError for an attitude track without samples.
+    Raises DataError for an attitude track without samples.
     """
     if not len(attitude):
-        raise ValueError("an attitude track needs a sample")
+        raise DataError("an attitude track needs a sample")
     if position is not None and not len(position):
         position = None
     attitude_known = _known(attitude.t, t, limits.longest_step(attitude.t))

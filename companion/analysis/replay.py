@@ -10,7 +10,17 @@ from companion.analysis.alignment import Alignment
 from companion.analysis.comparison import IntArray
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import BoolArray, Reference, attitude_error, reference_at
-from companion.model import Array, AttitudeTrack, DataError, Flight, ImuTrack, PositionTrack, brief, nearest
+from companion.model import (
+    Array,
+    AttitudeTrack,
+    DataError,
+    Flight,
+    ImuTrack,
+    PositionTrack,
+    brief,
+    check_seconds,
+    nearest,
+)
 from companion.strapdown import SAME_TIME, Preintegration, preintegrate, quaternion
 
 
@@ -56,8 +66,8 @@ def replay(
     of a new anchor, the reckoning goes on from the old one until it is. reference: that state at the samples of the
     IMU, where it has been looked up already.
 
-    Raises DataError when the flight has no usable IMU or no attitude, or never both at once after `start_s`; ValueError
-    for an unknown method or a period that is not positive.
+    Raises DataError when the flight has no usable IMU or no attitude, or never both at once after `start_s`;
+    SettingsError for an unknown method or a period that is not positive.
 
     >>> import companion as c
     >>> shown = c.replay(c.open_log("tlogs/copter-demo-100hz.tlog")[0], reanchor_s=20)
@@ -67,8 +77,8 @@ def replay(
     0.0
     """
     track, attitude = flight.imu(imu), flight.require_attitude()
-    if reanchor_s is not None and not reanchor_s > 0:
-        raise ValueError(f"the re-anchor period must be positive seconds or None, got {reanchor_s}")
+    if reanchor_s is not None:
+        check_seconds("reanchor_s", reanchor_s)
     reference = reference or reference_at(attitude, flight.position, track.t, how.limits)
     # an attitude-only flight is compared in attitude alone; one with a position starts when that is known too
     has_position = bool(reference.position_known.any())

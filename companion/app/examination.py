@@ -37,7 +37,7 @@ from companion.app.resources import one_blas_thread
 from companion.app.sensors import imu_spec_of, load_imu_spec
 from companion.app.settings import Settings
 from companion.estimation import BestEstimate
-from companion.model import DataError, Flight, brief
+from companion.model import DataError, Flight, SettingsError, brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +98,15 @@ def examine(
     >>> [(other.imu, other.drift.windows) for other in examined.redundant_imus]
     [('RAW_IMU', 20), ('SCALED_IMU2', 19)]
     """
+    check_anchor(anchor)
     with _cannot_tell():
         return _examined(flight, settings, imu, imu_model, correction, how, anchor)
+
+
+def check_anchor(anchor: str) -> None:
+    """Raises SettingsError for what is no way to begin."""
+    if anchor not in ("autopilot", "rest"):
+        raise SettingsError(f'anchor is "autopilot" or "rest", got {anchor!r}.')
 
 
 @contextlib.contextmanager

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from companion.app.examination import Examination
+from companion.app.examination import Examination, check_anchor
 from companion.app.recording import Source, read_recording, usable_samples
 from companion.app.sensors import ASKED_FOR
 from companion.app.settings import Settings
@@ -98,14 +98,13 @@ def show(
     ...     print(page)
     Replay of vehicle 1:1, boot 1: http://127.0.0.1:...
     """
-    if anchor not in ("autopilot", "rest"):
-        raise SettingsError(f'anchor is "autopilot" or "rest", got {anchor!r}.')
+    check_anchor(anchor)
     try:
         from companion.app.replay_page import Answers, open_replay  # noqa: PLC0415
         from companion.view import check_url  # noqa: PLC0415
     except ImportError as error:
         raise InputError(
-            f"the page needs viser, and it cannot be loaded ({error}). Install it: pip install 'mavlink-companion'"
+            f"the page needs viser, and it cannot be loaded ({error}): install companion again."
         ) from error
     check_url(settings.view.map_url)
     examined = what if isinstance(what, Examination) else None

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from companion.installation import log_path
 from companion.logs import MOST_BYTES, Contents, Log, log_format, read_dataflash, read_dataflash_text, read_tlog
 from companion.mavlink import DEFAULT_DIALECT, Dialect, load_dialect
 from companion.model import Flight, SettingsError
@@ -63,6 +64,8 @@ def read_recording(
 ) -> Recording:
     """The flights of a .tlog, an ArduPilot .bin or .log, or a PX4 .ulg: one per vehicle and boot, in SI, FRD and NED.
 
+    path: "demo" is the bundled flight.
+
     The format is told by the file's first bytes, compressed (.gz, .zst) or not. A damaged log is read as far as
     possible; `Recording.source` has the counts. dequantise: see `config/default.toml`. every_message: read
     the fields of messages too that no track is made of, so that `Flight.messages` knows their rates by the vehicle's
@@ -72,7 +75,7 @@ def read_recording(
     Raises InputError when there is no such file or nothing in it that can be read, SettingsError for an unknown
     dialect or a core where there are none, DataError for a core that the log has not.
     """
-    path = Path(path)
+    path = log_path(path)
     spoken = load_dialect(dialect)
     most_bytes = round(max_size_gb * 1e9)
     kind = log_format(path)
@@ -127,6 +130,8 @@ def open_log(
     path: str | Path, *, dialect: str = DEFAULT_DIALECT, dequantise: bool = False, core: int | None = None
 ) -> list[Flight]:
     """The flights of a log, as `read_recording` gives them: an empty list when no vehicle speaks in it.
+
+    path: "demo" is the bundled flight.
 
     >>> import companion as c
     >>> (flight,) = c.open_log("tlogs/copter-hover-100hz.tlog")

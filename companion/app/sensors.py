@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 import msgspec
 
 from companion.analysis import ImuNoise, ImuSpec, ModelFigure, SensorSpec, noise_model
-from companion.app.settings import data_folder
 from companion.app.toml_file import read_toml
+from companion.installation import data_folder
 from companion.model import STANDARD_GRAVITY, Flight, InputError, SettingsError
 from companion.telemetry import id_parameters
 

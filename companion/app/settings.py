@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -121,18 +120,6 @@ def load_settings(path: str | Path | None = None) -> Settings:
         raise SettingsError(
             f"{path}, line {_line(text, str(error))}: {error}. Every key is described in config/default.toml."
         ) from None
-
-
-def data_folder(name: Literal["config", "tlogs"]) -> Path:
-    """The folder of settings or bundled flights: inside an installed package, or at the top of a checkout.
-
-    Raises InputError when the installation has neither.
-    """
-    package = Path(str(files("companion")))
-    for folder in (package / "data" / name, package.parent / name):
-        if folder.is_dir():
-            return folder
-    raise InputError(f"this installation has no {name}/ folder. Install companion again, or run it from a checkout.")
 
 
 def _line(text: str, complaint: str) -> int:

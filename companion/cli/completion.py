@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 
-from companion.model import InputError
-
 SHELLS = ("bash", "zsh", "tcsh")
 _EXAMPLE = "companion completion bash > ~/.local/share/bash-completion/completions/companion"
 
@@ -21,13 +19,9 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the script. Raises InputError when shtab is not installed."""
-    try:
-        import shtab  # noqa: PLC0415  (an extra: needed for this command alone)
-    except ImportError:
-        raise InputError(
-            "Shell completion needs shtab. Install it: pip install 'mavlink-companion[completion]'"
-        ) from None
+    """Print the script."""
+    import shtab  # noqa: PLC0415  (needed for this command alone)
+
     from companion.cli.main import parser  # noqa: PLC0415  (which imports this module)
 
     top = parser()

@@ -43,7 +43,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     parser.add_argument(
         "--table",
         action="store_true",
-        help="one line per flight instead (Markdown), with the rate of each sensor: what several logs are shown as",
+        help="one line per flight instead, with the rate of every sensor (Markdown, 25 columns)",
     )
     options.add_core(parser)
     parser.set_defaults(run=run)
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.table or len(arguments.logs) > 1 or Path(arguments.logs[0]).is_dir():
         if arguments.json:
             raise SettingsError("--json is of one log: name one, without --table.")
-        return many_logs.print_sensors(arguments)
+        return (many_logs.print_sensors if arguments.table else many_logs.print_overview)(arguments)
     arguments.log = arguments.logs[0]
     recording = options.read(arguments, options.settings_of(arguments), every_message=True)
     if arguments.json:

@@ -10,9 +10,11 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
+from typing import NoReturn
 
 from companion.cli import stdin, unexpected_error
-from companion.model import CompanionError
+from companion.model import CompanionError, SettingsError, nearest_word
 
 _COMMANDS = (
     "info", "analyze", "report", "calibrate", "smooth", "noise", "compare", "view", "export", "fleet", "record",
@@ -56,16 +58,41 @@ def _run(given: list[str]) -> int:
     if not given:
         print(overview())
         return 0
-    arguments = parser(given[0]).parse_args(given)
+    _check_command(given[0])
+    arguments, unknown = parser(given[0]).parse_known_args(given)
+    if unknown:
+        raise SettingsError(_no_such(unknown[0], arguments.command))
     with stdin.kept(arguments):
         code: int = arguments.run(arguments)
     return code
 
 
+def _check_command(given: str) -> None:
+    """Raises SettingsError for a word that is no command: what was probably meant."""
+    if given.startswith("-") or given in _COMMANDS:
+        return
+    if near := nearest_word(given, _COMMANDS):
+        raise SettingsError(f"There is no command {given}. Did you mean companion {near}?")
+    log = f"For a log: companion analyze {given}" if given and Path(given).exists() else "All commands: companion help"
+    raise SettingsError(f"There is no command {given}. {log}")
+
+
+def _no_such(given: str, command: str) -> str:
+    """What is said of an argument that a command does not have."""
+    actions = _commands(parser(command)).choices[command]._actions
+    options = [option.strip("-") for action in actions for option in action.option_strings]
+    near = nearest_word(given.partition("=")[0].strip("-"), options) if given.startswith("--") else ""
+    hint = f"Did you mean --{near}?" if near else f"See companion help {command}"
+    return f"companion {command} does not take {given}. {hint}"
+
+
+def _commands(top: argparse.ArgumentParser) -> argparse._SubParsersAction[argparse.ArgumentParser]:
+    return next(action for action in top._actions if isinstance(action, argparse._SubParsersAction))
+
+
 def overview() -> str:
     """Every command with one line, for who does not know them yet: it fits a terminal of 24 lines and 80 columns."""
-    (commands,) = (a for a in parser()._actions if isinstance(a, argparse._SubParsersAction))
-    lines = [f"  {action.dest:<11}{action.help}" for action in commands._choices_actions]
+    lines = [f"  {action.dest:<11}{action.help}" for action in _commands(parser())._choices_actions]
     return "\n".join(
         ["Does this IMU agree with this autopilot, and if not, which of them is wrong?", "", *lines, ""]
         + ["Try:   companion analyze demo    (demo: the bundled flight; else a log's path)"]
@@ -79,6 +106,14 @@ def _write_no_more() -> None:
         os.dup2(nothing.fileno(), sys.stdout.fileno())
 
 
+class _Parser(argparse.ArgumentParser):
+    """Its errors are a sentence, not a screen of options."""
+
+    def error(self, message: str) -> NoReturn:
+        command = self.prog.removeprefix("companion").strip()
+        self.exit(2, f"{self.prog}: {message}. See companion help{f' {command}' * bool(command)}\n")
+
+
 class _Version(argparse.Action):
     """Looks the version up when it is asked for, which takes a moment."""
 
@@ -89,13 +124,13 @@ class _Version(argparse.Action):
 
 def parser(command: str = "") -> argparse.ArgumentParser:
     """The parser with the options of a command, or of every command where the name is of none."""
-    top = argparse.ArgumentParser(
+    top = _Parser(
         prog="companion",
         description="Does this IMU agree with this autopilot, and if not, which of them is wrong?",
         epilog="Try: companion analyze demo. Options of a command: companion help COMMAND",
     )
     top.add_argument("--version", action=_Version, nargs=0, help="show program's version number and exit")
-    commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    commands = top.add_subparsers(title="commands", metavar="COMMAND", dest="command", required=True)
     for name in (command,) if command in _COMMANDS else _COMMANDS:
         import_module(f"companion.cli.{name}").add_parser(commands)
     return top

@@ -1,4 +1,4 @@
-"""`companion analyze LOG LOG ...` and `companion info LOG... --table`: every flight of many logs, a row each."""
+"""`companion analyze LOG LOG ...` and `companion info LOG LOG ...`: every flight of many logs, a row each."""
 
 from __future__ import annotations
 
@@ -30,6 +30,9 @@ _COLUMNS = {
 }  # fmt: skip
 """Kind of an item of the inventory → heading; in this order."""
 
+_OVERVIEW = ("IMU", "attitude", "position", "GPS")
+"""Those of them that fit a terminal."""
+
 _HEADINGS = ("log", "vehicle", *_COLUMNS.values(), "IMU used", "announced", "notes")
 
 
@@ -60,6 +63,34 @@ def print_verdicts(arguments: argparse.Namespace) -> int:
             table.add_row(escape(name), "", "no vehicle", "")
     tables.console().print(table)
     return 2 if unread else options.exit_code(arguments.fail_on, statuses)
+
+
+def print_overview(arguments: argparse.Namespace) -> int:
+    """A table of all flights in the logs: how long they are, and at which rates the sensors that a verdict needs came.
+
+    Exit code 2 where a log cannot be read.
+    """
+    unread = list[str]()
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table.add_column("\nlog", overflow="fold")
+    table.add_column("\nvehicle", no_wrap=True)
+    table.add_column("\ns", justify="right")
+    for kind in _OVERVIEW:
+        table.add_column(f"{kind}\nHz", justify="right", overflow="fold")
+    for name, flights in _logs(arguments, options.settings_of(arguments)):
+        if isinstance(flights, CompanionError):
+            unread.append(f"{name}: {flights}")
+            table.add_row(escape(name), "[red]not read[/]")
+        elif not flights:
+            table.add_row(escape(name), "no vehicle")
+        else:
+            for flight in flights:
+                vehicle = _vehicle(flight) + (f", boot {flight.boot}" if flight.boot > 1 else "")
+                table.add_row(escape(name), vehicle, f"{flight.duration:.0f}", *_rates(flight, _OVERVIEW))
+    tables.console().print(table)
+    for sentence in unread:
+        options.say(sentence)
+    return 2 if unread else 0
 
 
 def print_sensors(arguments: argparse.Namespace) -> int:
@@ -124,17 +155,25 @@ def _judged(flight: Flight, settings: Settings, arguments: argparse.Namespace) -
 
 
 def _cells(name: str, flight: Flight) -> Iterable[str]:
-    items: dict[str, list[Item]] = {}
-    for item in inventory(flight):
-        items.setdefault(item.kind, []).append(item)
     yield name
-    yield f"{autopilot_words(flight.vehicle.autopilot)} {flight.vehicle}, boot {flight.boot}"
-    for kind in _COLUMNS:
-        yield " ".join(_rate(item) for item in items.get(kind, []))
+    yield f"{_vehicle(flight)}, boot {flight.boot}"
+    yield from _rates(flight, _COLUMNS)
     yield used_imus(flight)
     changes = counted(len(flight.parameter_changes), "parameter")
     yield f"{counted(len(flight.resets), 'reset')}, {changes}"
     yield str(len(flight.notes))
+
+
+def _vehicle(flight: Flight) -> str:
+    return f"{autopilot_words(flight.vehicle.autopilot)} {flight.vehicle}"
+
+
+def _rates(flight: Flight, kinds: Iterable[str]) -> Iterator[str]:
+    """Of each kind the rates of its sources, Hz."""
+    items: dict[str, list[Item]] = {}
+    for item in inventory(flight):
+        items.setdefault(item.kind, []).append(item)
+    return (" ".join(map(_rate, items.get(kind, []))) for kind in kinds)
 
 
 def _rate(item: Item) -> str:

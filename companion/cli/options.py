@@ -15,10 +15,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
+from companion import installation
 from companion.app.recording import Recording, Source, read_recording, usable_samples
-from companion.app.settings import Settings, data_folder, load_settings
+from companion.app.settings import Settings, load_settings
 from companion.cli.stdin import STDIN
-from companion.model import IMU_MESSAGES, DataError, Flight, SettingsError, counted
+from companion.model import IMU_MESSAGES, DataError, Flight, InputError, SettingsError, counted
 from companion.strapdown import METHODS, MIDDLES
 
 _SETTABLE = (
@@ -178,9 +179,13 @@ def _path(name: str, piped: Path | None) -> Path:
     """A log by its name; demo is the bundled one, and piped what came from stdin."""
     if name == STDIN and piped is not None:
         return piped
-    if name == "demo" and not Path(name).exists():
-        return data_folder("tlogs") / "copter-demo-100hz.tlog"
-    return Path(name)
+    path = installation.log_path(name)
+    if not path.exists():
+        from companion.links import is_link, meant_link  # noqa: PLC0415  (what they load is needed for links alone)
+
+        if link := name if is_link(name) else meant_link(name):
+            raise InputError(f"There is no file {name}. If a link is meant: companion view {link} or record {link}")
+    return path
 
 
 def exit_code(fail_on: str | None, statuses: Iterable[str]) -> int:

@@ -19,7 +19,8 @@ from companion.analysis import Assessment, Replay
 from companion.export import foxglove
 from companion.export.kml import COLOURS, geodetic, paths, places
 from companion.export.table import Contents, Format, Table, series_name
-from companion.model import Array, Flight, InputError, words
+from companion.installation import missing
+from companion.model import Array, Flight, words
 
 _NED_IN_ENU = np.array([[0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0]])  # half a turn about north-east: swaps and flips
 _FLU_IN_FRD = np.array([[0.0, 1.0, 0.0, 0.0]])  # half a turn about forward
@@ -47,7 +48,7 @@ def write_mcap(
     try:
         from mcap.writer import CompressionType, Writer  # noqa: PLC0415  (an extra: needed for this format alone)
     except ImportError:
-        raise InputError("MCAP needs the mcap library. Install it: pip install 'mavlink-companion[export]'") from None
+        raise missing("export", "MCAP needs the mcap library") from None
     topics = [*_topics(flight, shown, assessed), *(_series(table) for table in series)]
     encoder = msgspec.json.Encoder()
     with path.open("wb") as file:

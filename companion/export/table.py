@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from companion.analysis import Assessment, Replay
-from companion.model import Array, Flight, InputError
+from companion.installation import missing
+from companion.model import Array, Flight
 from companion.strapdown import quaternion
 
 if TYPE_CHECKING:
@@ -66,9 +67,7 @@ class Table:
         try:
             import pyarrow as pa  # noqa: PLC0415  (an extra: needed for this alone)
         except ImportError:
-            raise InputError(
-                "Arrow and Parquet need pyarrow. Install it: pip install 'mavlink-companion[export]'"
-            ) from None
+            raise missing("export", "Arrow and Parquet need pyarrow") from None
         # from_pandas: NaN is null
         arrays = [pa.array(_safe(column.values), from_pandas=True) for column in self.columns]
         fields = [

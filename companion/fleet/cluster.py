@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from companion.fleet.records import LogRecord, Plan
 from companion.fleet.search import FoundLog
 from companion.fleet.task import decode, examine_log
+from companion.installation import missing
 from companion.model import InputError
 
 if TYPE_CHECKING:
@@ -235,7 +236,5 @@ def _distributed() -> Any:
     try:
         import distributed  # noqa: PLC0415  (an extra, and slow to import: only who has something to examine needs it)
     except ModuleNotFoundError:
-        raise InputError(
-            "many logs are examined with Dask. Install it: pip install 'mavlink-companion[fleet]'"
-        ) from None
+        raise missing("fleet", "many logs are examined with Dask") from None
     return distributed

@@ -14,8 +14,9 @@ from pathlib import Path
 import msgspec
 
 from companion.app.sensors import load_imu_spec
-from companion.app.settings import Settings, data_folder
+from companion.app.settings import Settings
 from companion.documents import schema
+from companion.installation import data_folder
 
 
 class FlightRecord(msgspec.Struct, frozen=True, kw_only=True):

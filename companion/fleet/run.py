@@ -25,6 +25,7 @@ from companion.fleet.page import fleet_html
 from companion.fleet.records import LogRecord, Plan, version_of
 from companion.fleet.rows import COLUMNS, Rows, arrow_table, rows_of
 from companion.fleet.search import FoundLog
+from companion.installation import missing
 from companion.model import InputError
 
 
@@ -108,7 +109,7 @@ def run_fleet(run: FleetRun, logs: Sequence[FoundLog], progress: Progress | None
 def _require(library: str, purpose: str) -> None:
     """Raises InputError with the line that installs it, before any work is done."""
     if find_spec(library) is None:
-        raise InputError(f"{purpose} with {library}. Install it: pip install 'mavlink-companion[fleet]'")
+        raise missing("fleet", f"{purpose} with {library}")
 
 
 def _again(run: FleetRun, record: LogRecord) -> bool:

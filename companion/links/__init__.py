@@ -2,7 +2,7 @@
 
 from companion.links.link import Link, LinkHealth, open_port
 from companion.links.playback import Played, play
-from companion.links.ports import Address, NotThereError, Port, is_link, parse_address
+from companion.links.ports import Address, NotThereError, Port, is_link, meant_link, parse_address
 from companion.links.recorder import Recorder
 from companion.links.requests import ForbiddenMessageError, Request, Target, announce
 from companion.links.session import Arriving, Choice, Report, Session
@@ -31,6 +31,7 @@ __all__ = [
     "Target",
     "announce",
     "is_link",
+    "meant_link",
     "open_port",
     "parse_address",
     "play",

@@ -7,7 +7,7 @@ import time
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-from companion.model import InputError
+from companion.model import InputError, nearest_word
 
 Kind = Literal["udpin", "udpout", "tcp", "tcpin", "serial"]
 
@@ -15,6 +15,8 @@ DEFAULT_BAUD = 115_200
 """What USB flight controllers ignore and most telemetry ports of the boards use; SiK radios are set to 57600."""
 
 _NETWORK = re.compile(r"(udpin|udpout|udp|tcpin|tcp):(?:(.*):)?(\d+)")
+_SCHEMES = ("udpin", "udpout", "udp", "tcpin", "tcp")
+_PLACE = re.compile(r"(.*:)?\d+")
 _SERIAL = re.compile(r"(?:serial:)?(/.+?|COM\d+)(?::(\d+))?", re.IGNORECASE)
 _MEANT = re.compile(r"(udp|tcp)\w*(:|$)|serial:|/dev/(tty|serial/|cu|rfcomm)|COM\d+(:|$)", re.IGNORECASE)
 _FORMS = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or a device like /dev/ttyACM0:115200"
@@ -44,6 +46,13 @@ def is_link(text: str) -> bool:
     return _MEANT.match(text) is not None
 
 
+def meant_link(text: str) -> str:
+    """The link that was probably meant: udp:14550 for upd:14550. "" where it does not look like one."""
+    scheme, _, rest = text.partition(":")
+    near = nearest_word(scheme, _SCHEMES) if _PLACE.fullmatch(rest) else ""
+    return f"{near}:{rest}" if near else ""
+
+
 def parse_address(text: str) -> Address:
     """The address that a text names. `udp:` is `udpin:`, as in pymavlink. Raises InputError for one that is none."""
     if match := _NETWORK.fullmatch(text):
@@ -60,7 +69,8 @@ def parse_address(text: str) -> Address:
         if not (baud := int(match[2] or DEFAULT_BAUD)):
             raise InputError(f"{text} names no baud rate: 0 is none.")
         return Address("serial", device=match[1], baud=baud)
-    raise InputError(f"{text!r} is not a link: use {_FORMS}.")
+    meant = meant_link(text)
+    raise InputError(f"{text!r} is not a link: " + (f"did you mean {meant}?" if meant else f"use {_FORMS}."))
 
 
 _BACK_OFF_S = (0.2, 5.0)  # between attempts to come back: the first, doubled each time up to the last

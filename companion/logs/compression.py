@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from companion.installation import missing
 from companion.model import InputError
 
 _PIECE_BYTES = 1 << 12  # of compressed data: what is lost where it is damaged
@@ -113,9 +114,10 @@ def _zstandard(path: Path) -> tuple[Callable[[], Any], type[Exception]]:
         return module.ZstdDecompressor, module.ZstdError
     if (module := _imported("zstandard")) is not None:
         return module.ZstdDecompressor().decompressobj, module.ZstdError
-    raise InputError(
-        f"{path} is compressed with Zstandard, which Python reads by itself from 3.14 on. "
-        "Install the library for it: pip install 'mavlink-companion[zstd]', or decompress the file first (zstd -d)."
+    raise missing(
+        "zstd",
+        f"{path} is compressed with Zstandard, which Python reads by itself from 3.14 on: decompress it first "
+        "(zstd -d), or have the library for it",
     )
 
 

@@ -18,6 +18,7 @@ from companion.model.aiding import (
     SensorInUse,
     TruthTrack,
 )
+from companion.model.checks import check_number, check_seconds, floats, is_number
 from companion.model.errors import CompanionError, DataError, InputError, SettingsError
 from companion.model.flight import Epoch, Flight, MessageStats, Origin, SettingNames, StatusText, Vehicle
 from companion.model.geodesy import (
@@ -48,7 +49,7 @@ from companion.model.tracks import (
     percentile,
     weighted_median,
 )
-from companion.model.wording import brief, counted, words
+from companion.model.wording import brief, counted, nearest_word, words
 
 __all__ = [
     "ECCENTRICITY_SQUARED",
@@ -93,13 +94,18 @@ __all__ = [
     "TruthTrack",
     "Vehicle",
     "brief",
+    "check_number",
+    "check_seconds",
     "counted",
+    "floats",
     "from_euler",
     "geodetic_from_ned",
     "interpolated",
+    "is_number",
     "longest_step",
     "median",
     "nearest",
+    "nearest_word",
     "ned_from_geodetic",
     "of_kind",
     "percentile",

@@ -12,16 +12,16 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from companion.model.checks import floats, times
+from companion.model.errors import DataError
 from companion.model.tracks import Array, Sampled
 
 
 def _check(source: str, t: Array, columns: dict[str, tuple[Array, tuple[int, ...]]]) -> None:
     """Times finite and strictly increasing, every column of its shape (NaN is allowed)."""
-    if t.ndim != 1 or not np.isfinite(t).all() or not (t[1:] > t[:-1]).all():
-        raise ValueError(f"{source}: times must be finite and increase strictly")
+    times(f"{source}.t", t)
     for name, (values, shape) in columns.items():
-        if values.shape != (len(t), *shape):
-            raise ValueError(f"{source}.{name} must have shape {(len(t), *shape)}, got {values.shape}")
+        floats(f"{source}.{name}", values, (len(t), *shape), finite=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -190,7 +190,7 @@ class ActuatorTrack(Sampled):
 
     def __post_init__(self) -> None:
         if self.output.ndim != 2:
-            raise ValueError(f"{self.source}.output must have shape (N, K), got {self.output.shape}")
+            raise DataError(f"{self.source}.output must have shape (N, K), got {self.output.shape}")
         _check(self.source, self.t, {"output": (self.output, self.output.shape[1:])})
 
 
@@ -225,8 +225,7 @@ class SensorInUse:
     source: str = ""  # XKF4.PI, sensor_selection, ...
 
     def __post_init__(self) -> None:
-        if self.instance.shape != self.t.shape:
-            raise ValueError(f"{self.source}: {len(self.t)} times, but {self.instance.shape} instances")
+        floats(f"{self.source}.instance", self.instance, self.t.shape)
 
     def uses(self, instance: int, start: float, end: float) -> bool:
         """Whether it used an instance between two times (s), as far as it is known."""

@@ -17,7 +17,7 @@ class InputError(CompanionError):
 
 
 class DataError(CompanionError):
-    """A log that was read, but lacks what was asked of it (no IMU, no attitude, unknown vehicle...)."""
+    """A log that lacks what was asked of it (no IMU, no attitude, unknown vehicle...), or arrays that do not fit."""
 
 
 class SettingsError(CompanionError):

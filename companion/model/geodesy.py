@@ -8,6 +8,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from companion.model.checks import floats
+from companion.model.errors import DataError
+
 Array = npt.NDArray[np.float64]
 
 # NIMA TR8350.2 (2000), tables 3.1 and 3.3
@@ -19,11 +22,19 @@ _SECOND = ECCENTRICITY_SQUARED / (1 - ECCENTRICITY_SQUARED)
 
 
 def from_euler(roll: npt.ArrayLike, pitch: npt.ArrayLike, yaw: npt.ArrayLike) -> Array:
-    """q_ned_frd (..., 4) wxyz of MAVLink's ATTITUDE angles in rad: yaw about down, then pitch, then roll (z-y-x)."""
-    cr, cp, cy = (np.cos(0.5 * np.asarray(angle, dtype=np.float64)) for angle in (roll, pitch, yaw))
-    sr, sp, sy = (np.sin(0.5 * np.asarray(angle, dtype=np.float64)) for angle in (roll, pitch, yaw))
+    """q_ned_frd (..., 4) wxyz of MAVLink's ATTITUDE angles in rad: yaw about down, then pitch, then roll (z-y-x).
+
+    Raises DataError for what is no number, and for shapes that do not fit.
+    """
+    named = (("roll", roll), ("pitch", pitch), ("yaw", yaw))
+    given = [floats(name, np.asarray(angle), np.shape(angle), finite=False) for name, angle in named]
+    try:
+        half = 0.5 * np.stack(np.broadcast_arrays(*given))
+    except ValueError:
+        raise DataError(f"roll, pitch and yaw have shapes that do not fit: {[a.shape for a in given]}") from None
+    (cr, cp, cy), (sr, sp, sy) = np.cos(half), np.sin(half)
     return np.stack(
-        np.broadcast_arrays(
+        (
             cr * cp * cy + sr * sp * sy,
             sr * cp * cy - cr * sp * sy,
             cr * sp * cy + sr * cp * sy,

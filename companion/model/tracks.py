@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from companion.model.checks import floats, times
 from companion.model.wording import brief
 
 Array = npt.NDArray[np.float64]
@@ -39,30 +40,20 @@ class Sampled:
         return len(self.t)
 
 
-def _check(name: str, t: Array, **columns: tuple[Array, int]) -> None:
+def _hold(track: Sampled, **widths: int) -> None:
     """Hold the contract of a track: arrays whose shapes agree, everything finite, time strictly increasing."""
-    for column, given in (("t", t), *((column, values) for column, (values, _) in columns.items())):
-        if not isinstance(given, np.ndarray):
-            raise TypeError(f"{name}.{column} must be a NumPy array, got {type(given).__name__}: use np.array(...)")
-    if t.ndim != 1:
-        raise ValueError(f"{name}.t must have shape (N,), got {t.shape}")
-    for column, (values, width) in columns.items():
-        if values.shape != (len(t), width):
-            raise ValueError(f"{name}.{column} must have shape ({len(t)}, {width}), got {values.shape}")
-        if not np.isfinite(values).all():
-            raise ValueError(f"{name}.{column} holds non-finite values")
-    if not np.isfinite(t).all():
-        raise ValueError(f"{name}.t holds non-finite values")
-    if not (rising := t[1:] > t[:-1]).all():
-        first = int(np.argmin(rising))
-        raise ValueError(f"{name}.t must increase strictly; sample {first + 1} does not follow sample {first}")
+    name = type(track).__name__
+    object.__setattr__(track, "t", times(f"{name}.t", track.t))
+    for column, width in widths.items():
+        values = floats(f"{name}.{column}", getattr(track, column), (len(track), width))
+        object.__setattr__(track, column, values)
 
 
 @dataclass(frozen=True, eq=False, repr=False)  # without slots: its rate is kept
 class ImuTrack(Sampled):
     """Samples of one IMU in the body frame that the autopilot's attitude speaks of.
 
-    Raises ValueError for shapes that do not match, non-finite samples or times that do not increase.
+    Raises DataError for shapes that do not match, non-finite samples or times that do not increase.
     """
 
     t: Array  # (N,) s, strictly increasing
@@ -83,9 +74,10 @@ class ImuTrack(Sampled):
     accel_range: float | None = None  # m/s²
 
     def __post_init__(self) -> None:
-        _check("ImuTrack", self.t, gyro=(self.gyro, 3), accel=(self.accel, 3))
-        if self.interval is not None and self.interval.shape != self.t.shape:
-            raise ValueError(f"ImuTrack.interval must have shape {self.t.shape}, got {self.interval.shape}")
+        _hold(self, gyro=3, accel=3)
+        if self.interval is not None:  # NaN for the first one, before which there is nothing
+            interval = floats("ImuTrack.interval", self.interval, self.t.shape, finite=False)
+            object.__setattr__(self, "interval", interval)
 
     def __getitem__(self, index: slice) -> ImuTrack:
         """The same track, cut to a slice of its samples."""
@@ -121,7 +113,7 @@ class ImuTrack(Sampled):
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class AttitudeTrack(Sampled):
-    """The autopilot's own attitude. Raises ValueError as ImuTrack does."""
+    """The autopilot's own attitude. Raises DataError as ImuTrack does."""
 
     t: Array  # (N,) s, strictly increasing
     q_ned_frd: Array  # (N, 4) wxyz, unit length, sign continuous along the track
@@ -130,12 +122,12 @@ class AttitudeTrack(Sampled):
     rates_told: bool = True  # by the autopilot; False: reckoned from its IMU's readings, and no second opinion on them
 
     def __post_init__(self) -> None:
-        _check("AttitudeTrack", self.t, q_ned_frd=(self.q_ned_frd, 4), rates=(self.rates, 3))
+        _hold(self, q_ned_frd=4, rates=3)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PositionTrack(Sampled):
-    """The autopilot's own position and velocity. Raises ValueError as ImuTrack does."""
+    """The autopilot's own position and velocity. Raises DataError as ImuTrack does."""
 
     t: Array  # (N,) s, strictly increasing
     position: Array  # (N, 3) NED, m, about the flight's origin
@@ -143,7 +135,7 @@ class PositionTrack(Sampled):
     source: str = ""
 
     def __post_init__(self) -> None:
-        _check("PositionTrack", self.t, position=(self.position, 3), velocity=(self.velocity, 3))
+        _hold(self, position=3, velocity=3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,7 +170,7 @@ class Trajectory(Sampled):
 class Series(Sampled):
     """Quantities over time, as columns whose names end in their unit: "x_mps2", "lat_rad", "pressure_pa".
 
-    Raises ValueError for shapes that do not match or times that do not increase.
+    Raises DataError for shapes that do not match or times that do not increase.
     """
 
     t: Array  # (N,) s, strictly increasing
@@ -188,12 +180,10 @@ class Series(Sampled):
     instance: int = 0  # which sensor of its kind, where there are several
 
     def __post_init__(self) -> None:
-        if self.values.shape != (len(self.t), len(self.columns)):
-            raise ValueError(
-                f"{self.source}: {len(self.t)} times and {len(self.columns)} columns, but values {self.values.shape}"
-            )
-        if not np.isfinite(self.t).all() or not (self.t[1:] > self.t[:-1]).all():
-            raise ValueError(f"{self.source}: times must be finite and increase strictly")
+        name = self.source or "Series"
+        object.__setattr__(self, "t", times(f"{name}.t", self.t))
+        values = floats(f"{name}.values", self.values, (len(self.t), len(self.columns)), finite=False)
+        object.__setattr__(self, "values", values)
 
     def __getitem__(self, column: str) -> Array:
         """One column, (N,). Raises KeyError, with the names that there are."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from difflib import get_close_matches
 
 import numpy as np
 
@@ -12,6 +13,11 @@ def counted(count: int, noun: str) -> str:
     """1 window, 2 windows, 1,024 switches, 3 fixes."""
     plural = "" if count == 1 else "es" if noun.endswith(("ch", "x")) else "s"
     return f"{count:,} {noun}{plural}"
+
+
+def nearest_word(word: str, known: Collection[str]) -> str:
+    """The known word that a misspelt one was probably meant as; "" where none is near."""
+    return next(iter(get_close_matches(word.lower(), known, n=1)), "")
 
 
 def words(name: str) -> str:

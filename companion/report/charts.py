@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from companion.model import InputError
+from companion.installation import missing
 from companion.present import text
 from companion.report.traces import Figure
 
@@ -41,9 +41,7 @@ class Charts:
         try:
             from plotly import offline  # noqa: PLC0415  (an extra: needed for reports alone)
         except ImportError:
-            raise InputError(
-                "a report needs plotly for its charts. Install it: pip install 'mavlink-companion[report]'"
-            ) from None
+            raise missing("report", "a report needs plotly for its charts") from None
         self._library = offline.get_plotlyjs
         self._drawn: list[Figure] = []
 

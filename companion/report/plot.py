@@ -8,6 +8,7 @@ import numpy as np
 
 from companion.analysis import Assessment, Drift, Replay, expected_since_anchor
 from companion.estimation import BestEstimate
+from companion.installation import missing
 from companion.model import DataError, Flight, InputError
 from companion.present import QUANTITIES, palette
 from companion.report.charts import laid_out
@@ -62,5 +63,5 @@ def _figure(figure: Any, height: int) -> Any:
     try:
         from plotly import graph_objects  # noqa: PLC0415  (an extra)
     except ImportError:
-        raise InputError("charts need plotly. Install it: pip install 'mavlink-companion[report]'") from None
+        raise missing("report", "charts need plotly") from None
     return graph_objects.Figure(laid_out(figure)).update_layout(height=height)

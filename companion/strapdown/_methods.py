@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from companion.model import Array, ImuTrack
+from companion.model import Array, DataError, ImuTrack, SettingsError
 from companion.strapdown import _components as rows
 from companion.strapdown._signal import MIDDLES, UNEVEN, Signal, uneven
 
@@ -141,17 +141,17 @@ class Scheme:
 
 
 def scheme_for(method: str, middle: str, segments: int) -> Scheme:
-    """The scheme with these settings. Raises ValueError if one of them is no good."""
+    """The scheme with these settings. Raises SettingsError if one of them is no good."""
     if method not in METHODS:
-        raise ValueError(f"unknown method {method!r}: choose one of {', '.join(METHODS)}")
+        raise SettingsError(f"unknown method {method!r}: choose one of {', '.join(METHODS)}")
     if middle not in MIDDLES:
-        raise ValueError(f"unknown middle {middle!r}: choose one of {', '.join(MIDDLES)}")
-    if segments < 1:
-        raise ValueError(f"segments must be 1 or more, got {segments}")
+        raise SettingsError(f"unknown middle {middle!r}: choose one of {', '.join(MIDDLES)}")
+    if not isinstance(segments, int) or segments < 1:
+        raise SettingsError(f"segments must be 1 or more, got {segments}")
     return Scheme(method, middle, segments)
 
 
 def require_samples(imu: ImuTrack) -> None:
-    """Raises ValueError for a track without samples."""
+    """Raises DataError for a track without samples."""
     if len(imu) == 0:
-        raise ValueError("the IMU track has no samples; an integration needs at least one")
+        raise DataError("the IMU track has no samples; an integration needs at least one")

@@ -50,7 +50,8 @@ def increments(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", seg
     segments: equal pieces into which each interval is divided (docs/mathematics.md), without normalisation in between.
     Increments lead from one sample's time to the next, also where a sample is the mean over an interval around it.
 
-    Raises ValueError for an unknown method or middle, fewer than one segment, or a track without samples.
+    Raises SettingsError for an unknown method or middle and fewer than one segment, DataError for a track without
+    samples.
     """
     scheme = scheme_for(method, middle, segments)
     require_samples(imu)

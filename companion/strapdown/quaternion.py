@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array
+from companion.model import Array, floats
 from companion.model import from_euler as _from_euler
 
 from_euler = _from_euler
@@ -131,9 +131,9 @@ def to_euler(q: Array) -> Array:
     """Roll, pitch, yaw (..., 3) in rad of q_ned_frd (..., 4), as ATTITUDE has them.
 
     roll and yaw in -π..π, pitch in -π/2..π/2. For people and plots: at pitch ±90° roll and yaw are not unique, so
-    nothing is integrated or interpolated in these angles.
+    nothing is integrated or interpolated in these angles. Raises DataError for what is no array of that shape.
     """
-    w, x, y, z = np.moveaxis(q, -1, 0)
+    w, x, y, z = np.moveaxis(floats("q_ned_frd", q, (*np.shape(q)[:-1], 4), finite=False), -1, 0)
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * y - x * z), -1.0, 1.0))
     yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))

@@ -12,7 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
+from companion.model import (
+    STANDARD_GRAVITY,
+    Array,
+    DataError,
+    ImuTrack,
+    NavState,
+    Trajectory,
+    check_number,
+    floats,
+    is_number,
+)
 from companion.strapdown import _components as rows
 from companion.strapdown import quaternion
 from companion.strapdown._components import running_product
@@ -109,8 +119,8 @@ def reckon(
     With the cubic the last interval of a track is one-sided. Whoever integrates a track piece by piece and wants the
     numbers of the whole uses `Reckoner`, or gives each piece one sample more at both ends.
 
-    Raises ValueError for an unknown method or middle, a track without samples, a start that is not finite, whose
-    quaternion is not of unit length (to 1e-3), or whose time is not that of a sample.
+    Raises SettingsError for an unknown method or middle; DataError for a track without samples and for a start that is
+    not finite, whose quaternion is not of unit length (to 1e-3), or whose time is not that of a sample.
 
     >>> import numpy as np
     >>> from companion import ImuTrack, NavState, reckon
@@ -122,8 +132,7 @@ def reckon(
     """
     scheme = scheme_for(method, middle, segments)
     require_samples(imu)
-    if not np.isfinite(gravity):
-        raise ValueError(f"gravity must be finite, got {gravity}")
+    check_number("gravity", gravity)
     first = start_index(imu, start)
     q, v, p = run(imu, first, len(imu) - 1, checked(start), gravity, scheme)
     return Trajectory(imu.t[first:], q, v, p, scheme.notes_on(imu))
@@ -132,7 +141,7 @@ def reckon(
 def preintegrate(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", segments: int = 1) -> Preintegration:
     """One pass over a track without gravity and without a start, from which `carry` gives every window.
 
-    Raises ValueError as `increments` does.
+    Raises as `increments` does.
     """
     scheme = scheme_for(method, middle, segments)
     require_samples(imu)
@@ -143,9 +152,11 @@ def preintegrate(imu: ImuTrack, *, method: str = "rk4", middle: str = "cubic", s
 
 def start_index(imu: ImuTrack, start: NavState) -> int:
     """The sample at which a state stands."""
+    if not is_number(start.t):
+        raise DataError(f"start.t must be the time of a sample, got {start.t!r}")
     near = int(np.searchsorted(imu.t, start.t - SAME_TIME))
     if near == len(imu) or not abs(imu.t[near] - start.t) <= SAME_TIME:
-        raise ValueError(
+        raise DataError(
             f"start.t = {start.t:.6f} s is not the time of a sample (track: {imu.t[0]:.6f} to {imu.t[-1]:.6f} s); "
             "take the state at a sample, or cut the track to begin where the state is"
         )
@@ -154,17 +165,12 @@ def start_index(imu: ImuTrack, start: NavState) -> int:
 
 def checked(start: NavState) -> NavState:
     """The start with its quaternion exactly of unit length."""
-    for name, values, shape in (
-        ("q_ned_frd", start.q_ned_frd, (4,)),
-        ("velocity", start.velocity, (3,)),
-        ("position", start.position, (3,)),
-    ):
-        if np.shape(values) != shape or not np.isfinite(values).all():
-            raise ValueError(f"start.{name} must be finite and of shape {shape}, got {values}")
-    length = float(np.linalg.norm(start.q_ned_frd))
+    shapes = {"q_ned_frd": (4,), "velocity": (3,), "position": (3,)}
+    q, v, p = (floats(f"start.{name}", getattr(start, name), shape) for name, shape in shapes.items())
+    length = float(np.linalg.norm(q))
     if abs(length - 1.0) > 1e-3:
-        raise ValueError(f"start.q_ned_frd must be of unit length, got length {length:.6g}; normalise it")
-    return NavState(start.t, np.asarray(start.q_ned_frd) / length, start.velocity, start.position)
+        raise DataError(f"start.q_ned_frd must be of unit length, got length {length:.6g}; normalise it")
+    return NavState(start.t, q / length, v, p)
 
 
 def run(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.model import STANDARD_GRAVITY, ImuTrack, NavState, Trajectory
+from companion.model import STANDARD_GRAVITY, ImuTrack, NavState, Trajectory, check_number
 from companion.strapdown._methods import scheme_for
 from companion.strapdown.reckon import SAME_TIME, checked, run, start_index
 
@@ -17,7 +17,7 @@ class Reckoner:
     samples. `behind` says how many samples wait, and `finish` answers them as the end of a track, one-sided.
 
     start: the state at one of the samples of the first push. method, middle, segments, gravity: see `reckon`, which
-    also says what raises ValueError.
+    also says what raises.
     """
 
     def __init__(
@@ -29,8 +29,7 @@ class Reckoner:
         segments: int = 1,
         gravity: float = STANDARD_GRAVITY,
     ) -> None:
-        if not np.isfinite(gravity):
-            raise ValueError(f"gravity must be finite, got {gravity}")
+        check_number("gravity", gravity)
         self._state = checked(start)
         self._scheme = scheme_for(method, middle, segments)
         self._gravity = gravity

@@ -112,6 +112,21 @@ def test_quantisation_of_a_sensor_that_reads_zero() -> None:
     assert found == pytest.approx(1e-3 / np.sqrt(3) * 10, rel=0.01)
 
 
+def test_readings_that_swing_across_steps_are_white_noise_of_a_step_over_root_twelve() -> None:
+    """A rounded reading is off by step²/12, each by itself: over the time t a random walk of step² t / (12 rate)."""
+    rate, duration, step = 100.0, 10.0, 0.02
+    flight = flight_of(motions.rest(seconds(20, rate)))
+    swing = np.where(np.arange(len(flight.imu())) % 2, 0.5, -0.5)[:, None] * np.ones(3)
+    for sensor, block in (("gyro", ATTITUDE), ("accel", VELOCITY)):
+        track = flight.imu()
+        rounded = replace(track, **{sensor: getattr(track, sensor) + swing, f"{sensor}_step": step})
+        comparison = compare(flight, track=rounded)
+        chosen = windows(comparison, duration)
+        found = budget(comparison, chosen, GENERIC, ReferenceSpec()).causes["quantisation"][:, block, block]
+        expected = step**2 / (12.0 * rate) * duration
+        assert found[:, [0, 1], [0, 1]] == pytest.approx(np.full((len(chosen.start), 2), expected), rel=0.02)
+
+
 def test_the_noise_in_flight_is_measured() -> None:
     model = ImuModel(gyro=Sensor(noise_density=2e-3), accel=Sensor(noise_density=0.05))
     comparison = compare(flight_of(MOTION), track=simulate(MOTION.imu, model, 1))

@@ -9,7 +9,7 @@ import pytest
 
 import companion as c
 from companion.analysis import Integration, Limits, drift
-from companion.model import AttitudeTrack, DataError, Flight, ImuTrack, NavState, PositionTrack
+from companion.model import AttitudeTrack, DataError, Flight, ImuTrack, NavState, PositionTrack, SettingsError
 from companion.strapdown import motions, quaternion, reckon
 from tests.flights import flight_of, seconds
 from tests.recordings import BUNDLED
@@ -121,7 +121,7 @@ def test_a_horizon_below_the_sample_interval_has_no_window() -> None:
 
 @pytest.mark.parametrize("horizons", [(0,), (-1,), (float("nan"),), (float("inf"),)])
 def test_senseless_horizons_are_refused(horizons: tuple[float, ...]) -> None:
-    with pytest.raises(ValueError, match="horizons must be positive"):
+    with pytest.raises(SettingsError, match="horizons must be positive"):
         drift(flight_of(motions.rest(seconds(20, 100))), horizons=horizons)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import companion as c
 from companion.analysis import gravity_for
-from companion.model import DataError, Origin
+from companion.model import DataError, Origin, SettingsError
 from companion.strapdown import motions
 from tests.flights import flight_of, seconds
 from tests.recordings import BUNDLED
@@ -25,7 +25,7 @@ def test_the_models() -> None:
     assert gravity_for(zurich, "normal") == pytest.approx(9.8083 - 430 * 3.086e-6, abs=2e-4)
     with pytest.raises(DataError, match="no latitude"):
         gravity_for(FLIGHT, "normal")
-    with pytest.raises(ValueError, match="heavy"):
+    with pytest.raises(SettingsError, match="heavy"):
         gravity_for(FLIGHT, "heavy")
 
 

@@ -59,9 +59,9 @@ def test_gaps_are_no_part_of_it() -> None:
 
 def test_a_step_that_is_none() -> None:
     shown = replay(flight_of(motions.circle(seconds(20, 100))))
-    with pytest.raises(ValueError, match="one sample or more"):
+    with pytest.raises(c.SettingsError, match="one sample or more"):
         rpe(shown, 0)
-    with pytest.raises(ValueError, match="no samples"):
+    with pytest.raises(c.DataError, match="no samples"):
         rpe(shown, 5000)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from companion.analysis import replay
 from companion.analysis.reference import length
-from companion.model import DataError, NavState, PositionTrack
+from companion.model import DataError, NavState, PositionTrack, SettingsError
 from companion.strapdown import motions, reckon
 from tests.flights import flight_of, seconds
 
@@ -65,5 +65,5 @@ def test_attitude_alone_holds_the_positions_still() -> None:
 def test_no_overlap_is_said() -> None:
     with pytest.raises(DataError, match="do not overlap after 99.0 s"):
         replay(FLIGHT, start_s=99.0)
-    with pytest.raises(ValueError, match="positive"):
+    with pytest.raises(SettingsError, match="positive"):
         replay(FLIGHT, reanchor_s=0.0)

@@ -23,5 +23,5 @@ def test_every_window_of_the_drift_table_is_among_them() -> None:
 def test_a_horizon_is_a_length_of_time() -> None:
     assert len(trailing(COMPARISON, 1e6).end) == 0
     for horizon in (0.0, -1.0, np.nan):
-        with pytest.raises(ValueError, match="positive seconds"):
+        with pytest.raises(c.SettingsError, match="positive seconds"):
             trailing(COMPARISON, horizon)

@@ -519,5 +519,13 @@ def test_a_bias_is_a_fault_as_long_as_it_lasts_though_its_onset_lies_before_the_
     assert lasting(onset.verdict, onset.verdict.cause, sound.best, later.best) is onset.verdict
     assert "more than until 44.0 s, when nobody was suspect" in said.summary
     assert lasting(later.verdict, None, sound.best, later.best) is later.verdict
+    assert later.best is not None
+    assert sound.best is not None
+    unsure = np.full(3, 0.006)  # of a bias of 15 mrad/s: less than three of either's 1σ
+    for before, now in (
+        (sound.best, replace(later.best, gyro_bias_sigma=unsure)),
+        (replace(sound.best, gyro_bias_sigma=unsure), later.best),
+    ):
+        assert lasting(later.verdict, onset.verdict.cause, before, now) is later.verdict
     blamed = replace(onset.verdict.cause or said.cause, side="autopilot")
     assert lasting(later.verdict, blamed, sound.best, later.best) is later.verdict

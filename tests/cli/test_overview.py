@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -35,7 +34,6 @@ def test_help_is_a_command_too(capsys: Captured) -> None:
 
 
 def test_the_shell_completes_commands_options_and_files(tmp_path: Path, capsys: Captured) -> None:
-    pytest.importorskip("shtab")
     assert main(["completion", "bash"]) == 0
     script = tmp_path / "companion.bash"
     script.write_text(capsys.readouterr().out, encoding="utf-8")
@@ -44,9 +42,3 @@ def test_the_shell_completes_commands_options_and_files(tmp_path: Path, capsys: 
         asked = ask.format(words=words, last=len(words.split()) - 1)
         done = subprocess.run(["bash", "-c", f". {script}; {asked}"], capture_output=True, text=True, check=True)
         assert expected in done.stdout.split(), done.stderr
-
-
-def test_without_shtab_there_is_a_line_to_type(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "shtab", None)
-    assert main(["completion", "zsh"]) == 2
-    assert "pip install 'mavlink-companion[completion]'" in capsys.readouterr().err

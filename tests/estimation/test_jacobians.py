@@ -86,6 +86,26 @@ def test_a_measurement_is_linear_as_it_says(problem: tuple[Setup, CarriedImu, St
         )
 
 
+def test_how_fast_a_late_compass_turns_where_the_axis_of_the_turn_turns_too() -> None:
+    """A body that cones: its rate is not the derivative of the rotation vector. Left out is the third power of that."""
+    flight, _ = sensed(12.0, "coning", rate=100.0)
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    path, late = carry_imu(setup, BIASES), CONSTANTS["compass_latency"][0]
+    one = next(reading for reading in setup.readings if reading.name == "compass")
+    still, c = np.zeros((len(setup.t), STATES)), np.zeros(CONSTANT_STATES)
+    c[late] = 0.05
+    states = first_guess(setup, flight).moved(still, c)
+    nominal = _kinematics(setup, path, states)
+
+    def predicted(of: States) -> Array:
+        return one.value - measure(one, of, nominal, path.path, setup.index).residual
+
+    c[late] = STEP
+    found = derivative(predicted, states, still, c) / STEP
+    exact = measure(one, states, nominal, path.path, setup.index).constants[:, :, late]
+    np.testing.assert_allclose(found, exact[..., 0], atol=4e-3 * np.abs(exact).max())
+
+
 def step_of(kind: str) -> Choice:
     return Choice(kind_of(kind), "step", onset=6.0, end=np.inf, onset_sigma=0.1, axis=-1, log_odds=0.0, fault=0.0)
 

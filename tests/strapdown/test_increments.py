@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from companion.model import Array, ImuTrack
+from companion.model import Array, DataError, ImuTrack, SettingsError
 from companion.strapdown import METHODS, MIDDLES, attitude_at, dense_attitude, increments, motions, quaternion, reckon
 
 RNG = np.random.default_rng(1)
@@ -158,13 +158,13 @@ def test_steps_of_more_than_half_a_turn_are_finite_and_reported() -> None:
     ],
 )
 def test_unknown_settings_name_the_choices(options: dict[str, str], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(SettingsError, match=message):
         increments(random_track(), **options)  # type: ignore[arg-type]
 
 
 def test_bad_input_is_named() -> None:
     empty = ImuTrack(np.empty(0), np.empty((0, 3)), np.empty((0, 3)))
-    with pytest.raises(ValueError, match="no samples"):
+    with pytest.raises(DataError, match="no samples"):
         increments(empty)
     track, q = random_track(5), np.tile(quaternion.IDENTITY, (5, 1))
     with pytest.raises(ValueError, match=r"fractions must lie in 0\.\.1"):
@@ -173,9 +173,9 @@ def test_bad_input_is_named() -> None:
         dense_attitude(track, q[:3], np.array([0.5]))
     with pytest.raises(ValueError, match="within the track"):
         attitude_at(track, q, np.array([track.t[-1] + 1.0]))
-    with pytest.raises(ValueError, match="unknown middle 'spline'"):
+    with pytest.raises(SettingsError, match="unknown middle 'spline'"):
         attitude_at(track, q, track.t, middle="spline")
-    with pytest.raises(ValueError, match="segments must be 1 or more"):
+    with pytest.raises(SettingsError, match="segments must be 1 or more"):
         dense_attitude(track, q, np.array([0.5]), segments=0)
 
 

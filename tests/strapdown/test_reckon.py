@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from companion.model import STANDARD_GRAVITY, Array, ImuTrack, NavState, Trajectory
+from companion.model import STANDARD_GRAVITY, Array, DataError, ImuTrack, NavState, SettingsError, Trajectory
 from companion.strapdown import METHODS, MIDDLES, motions, preintegrate, quaternion, reckon
 from companion.strapdown.motions import Motion
 from tests.oracle import scalar_rk4
@@ -300,17 +300,17 @@ def test_a_start_that_cannot_be_is_named() -> None:
     bad = [
         (NavState(-1.0, good.q_ned_frd, good.velocity, good.position), "not the time of a sample"),
         (NavState(1e9, good.q_ned_frd, good.velocity, good.position), "not the time of a sample"),
-        (NavState(float("nan"), good.q_ned_frd, good.velocity, good.position), "not the time of a sample"),
+        (NavState(float("nan"), good.q_ned_frd, good.velocity, good.position), "the time of a sample"),
         (NavState(0.0, 2 * good.q_ned_frd, good.velocity, good.position), "unit length"),
-        (NavState(0.0, good.q_ned_frd, good.velocity * np.nan, good.position), "velocity must be finite"),
-        (NavState(0.0, good.q_ned_frd, good.velocity, np.zeros(2)), "position must be finite and of shape"),
+        (NavState(0.0, good.q_ned_frd, good.velocity * np.nan, good.position), "velocity holds non-finite"),
+        (NavState(0.0, good.q_ned_frd, good.velocity, np.zeros(2)), "position must have shape"),
     ]
     for start, message in bad:
-        with pytest.raises(ValueError, match=message):
+        with pytest.raises(DataError, match=message):
             reckon(motion.imu, start)
-    with pytest.raises(ValueError, match="gravity must be finite"):
+    with pytest.raises(SettingsError, match="gravity must be finite"):
         reckon(motion.imu, good, gravity=float("inf"))
-    with pytest.raises(ValueError, match="unknown method"):
+    with pytest.raises(SettingsError, match="unknown method"):
         reckon(motion.imu, good, method="heun")
-    with pytest.raises(ValueError, match="unknown middle"):
+    with pytest.raises(SettingsError, match="unknown middle"):
         preintegrate(motion.imu, middle="quintic")

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from companion.model import STANDARD_GRAVITY, ImuTrack, NavState, Trajectory
+from companion.model import STANDARD_GRAVITY, DataError, ImuTrack, NavState, SettingsError, Trajectory
 from companion.strapdown import METHODS, MIDDLES, Reckoner, motions, quaternion, reckon
 from companion.strapdown.motions import Motion
 
@@ -97,13 +97,13 @@ def test_bad_pushes_are_named() -> None:
     motion = stream(50)
     reckoner = Reckoner(motion.start)
     assert len(reckoner.push(motion.imu[:0])) == 0
-    with pytest.raises(ValueError, match="not the time of a sample"):
+    with pytest.raises(DataError, match="not the time of a sample"):
         reckoner.push(motion.imu[10:20])
     reckoner.push(motion.imu[:20])
-    with pytest.raises(ValueError, match="increase strictly"):
+    with pytest.raises(DataError, match="increase strictly"):
         reckoner.push(motion.imu[19:30])
     reckoner.push(motion.imu[20:30])  # the refused chunk has left no trace
-    with pytest.raises(ValueError, match="gravity must be finite"):
+    with pytest.raises(SettingsError, match="gravity must be finite"):
         Reckoner(motion.start, gravity=float("nan"))
-    with pytest.raises(ValueError, match="unknown middle"):
+    with pytest.raises(SettingsError, match="unknown middle"):
         Reckoner(motion.start, middle="quintic")

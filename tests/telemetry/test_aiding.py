@@ -68,6 +68,20 @@ def test_what_a_receiver_does_not_know_is_nan(tmp_path: Path) -> None:
     assert np.isnan(gps.latitude).tolist() == [False, False, True]
 
 
+@pytest.mark.parametrize("latitude", [0.0, 60.0, -75.0, 85.0])
+@pytest.mark.parametrize(("aside_m", "kept"), [(8.0, True), (14.0, False)])
+def test_a_fix_is_as_far_aside_at_every_latitude(tmp_path: Path, latitude: float, aside_m: float, kept: bool) -> None:
+    """A degree of longitude is shorter by the cosine of the latitude: 8 m of east are 8 m at the pole too."""
+    degree_m = np.radians(1.0) * 6.4e6 * np.cos(np.radians(latitude))
+    lon = [8.0 + (aside_m / degree_m if i == 3 else 0.0) for i in range(7)]
+    fixes = [
+        gps_at(25.0 + i, lat=round(latitude * 1e7), lon=round(east * 1e7), alt=584_090 + i)
+        for i, east in enumerate(lon)
+    ]
+    (gps,) = flown(tmp_path, *fixes).gps
+    assert (28.0 in gps.t.round(3)) is kept
+
+
 @pytest.mark.parametrize("wrong", [{"fix_type": 1}, {"lat": 0, "lon": 0}, {"lat": 900_000_000}])
 def test_a_receiver_that_never_had_a_fix_is_none(tmp_path: Path, wrong: dict[str, Any]) -> None:
     assert len(flown(tmp_path, gps_at(25.0, **wrong), gps_at(26.0, **wrong)).gps) == 0

@@ -163,6 +163,20 @@ def test_a_clock_that_is_set_back_is_no_reboot(log: Writer) -> None:
     assert any("set back from 63.00 s to 61.60 s" in note for note in flight.notes)
 
 
+@pytest.mark.parametrize(("rate", "fall"), [(10.0, 0.8), (5.0, 1.6), (4.0, 3.0)])
+def test_a_clock_of_few_packets_that_is_set_back_is_read_once(log: Writer, rate: float, fall: float) -> None:
+    """As long as more than three packets lie in the time that it lives through twice."""
+    log.heartbeat(0.0)
+    for i in range(200):
+        t = i / rate
+        log.attitude(t, 60.0 + t - (fall if i >= 100 else 0.0))
+    (flight,) = c.open_log(log.close())
+    assert flight.attitude is not None
+    assert np.diff(flight.attitude.t) == pytest.approx(1.0 / rate, abs=1e-3)
+    assert flight.duration == pytest.approx(199 / rate - fall, abs=1e-3)
+    assert any("set back" in note for note in flight.notes)
+
+
 def test_a_clock_that_is_set_back_again_and_again_is_told_in_a_few_notes(log: Writer) -> None:
     """And what a later step passes again goes too, however many steps lie between."""
     for number in range(6):

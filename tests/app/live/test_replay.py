@@ -75,5 +75,5 @@ def test_where_nothing_can_be_shown_the_reason_is_said() -> None:
     stream.push(b"".join(packet for _, packet in vehicle.advance(3.0)), 1.7e9)
     assert live.look() is None
     assert live.why_not == "no IMU messages"
-    with pytest.raises(ValueError, match="positive seconds"):
+    with pytest.raises(c.SettingsError, match="positive seconds"):
         LiveReplay(stream, reanchor_s=0.0)
