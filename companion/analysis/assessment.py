@@ -34,7 +34,7 @@ from companion.estimation import (
     smooth,
     without_errors,
 )
-from companion.model import Array, DataError, Flight, ImuTrack, Phase, brief
+from companion.model import Array, Flight, ImuTrack, NoEstimateError, Phase, brief
 
 _WARMS = (1.5e-3, 0.03)  # rad/s, m/s², within four minutes of flight
 _SHARED = float(np.sqrt(chi_square_999(3) / chi_square_95(3)))  # what all windows share is allowed for so much more
@@ -186,7 +186,8 @@ def assess(
     own = replace(flight, imus={**flight.imus, track.source: track})
     enough = len(_while_judged(judged, track.t, parts).start) >= FEWEST_WINDOWS
     comparison = comparison.forgotten()  # while the best estimate needs the room
-    best, told_by_it = _best(own, comparison, faults, lost, before, enough=enough)
+    made, told_by_it = _best(own, comparison, faults, lost, before, enough=enough)
+    best = made if isinstance(made, BestEstimate) else None
     faults += told_by_it
     all_findings, clean = findings(flight, comparison, sampling, figures, noise, autopilot, faults, best)
     if lost is not None:
@@ -207,7 +208,7 @@ def assess(
         autopilot_bias=autopilot_bias(flight, track),
         verdict=decide(judged, expected_over(told, judged, usual, autopilot), all_findings, third, track.source),
         best=best,
-        sensitivity=sensitivity(best),
+        sensitivity=sensitivity(made),
     )
 
 
@@ -247,9 +248,8 @@ def _best(
     before: BestEstimate | None,
     *,
     enough: bool,
-) -> tuple[BestEstimate | None, list[Finding]]:
-    """The best estimate, with the IMU's readings left out where they are none; None where there can be none, or where
-    they are of other units.
+) -> tuple[BestEstimate | NoEstimateError, list[Finding]]:
+    """The best estimate, with the IMU's readings left out where they are none; or why there is none.
 
     And what it says of the readings: an axis that is stuck, or, of a flight that is long enough to be judged, another
     way to read the axes that fits far better.
@@ -257,13 +257,13 @@ def _best(
     """
     imu, gravity = comparison.track.source, comparison.how.gravity
     if any(f.kind == "units_wrong" for f in faults):
-        return None, []
+        return NoEstimateError(imu, "its readings are of other units", "Try another IMU: --imu."), []
     untrusted = [(f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED]
     span = None if lost is None else (-np.inf, lost.start)
     try:
         best = smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted, before=before)
-    except DataError:
-        return None, []
+    except NoEstimateError as why:
+        return why, []
     stuck = [f for f in missed_findings(comparison, best) if f not in faults]
     if stuck:
         best_without, told = _best(flight, comparison, [*faults, *stuck], lost, before, enough=enough)

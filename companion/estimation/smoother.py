@@ -7,7 +7,8 @@ estimate is made anew with what explains most, until nothing pays for itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import contextlib
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,7 +35,7 @@ from companion.estimation.setup import Setup, guesses, set_up
 from companion.estimation.system import measurement_residual, solve
 from companion.estimation.unrest import Unrest, louder, restless, with_unrest
 from companion.estimation.weighing import bursts
-from companion.model import STANDARD_GRAVITY, DataError, Flight
+from companion.model import STANDARD_GRAVITY, DataError, Flight, NoEstimateError
 
 _MOST_EXPLAINED = 6
 _LOUDER = 4  # times that the noise of a restless time is corrected
@@ -57,18 +58,28 @@ def smooth(
     untrusted: stretches in which the IMU's readings are none: stuck, frozen, at the end of the range.
     before: the estimate of some seconds ago, of a flight of which this one is more: half the passes are left.
 
-    Raises DataError where the IMU cannot carry an estimate.
+    Raises DataError without such an IMU, and NoEstimateError where it cannot carry an estimate.
     """
-    setup = set_up(flight, imu, gravity, span, untrusted)
-    begin = guesses(setup, flight) if guess is None else (guess,)
-    starts = (start_of(setup, one) for one in begin)
+    with boundary(flight.imu(imu).source):
+        setup = set_up(flight, imu, gravity, span, untrusted)
+        begin = guesses(setup, flight) if guess is None else (guess,)
+        starts = (start_of(setup, one) for one in begin)
+        return explain(setup, starts if before is None else resuming(starts, setup, before))
+
+
+@contextlib.contextmanager
+def boundary(imu: str) -> Iterator[None]:
+    """Within it whatever keeps a trajectory from being estimated with this IMU ends as NoEstimateError."""
     try:
-        with np.errstate(over="ignore", invalid="ignore"):  # absurd readings: what is not finite is refused below
-            return explain(setup, starts if before is None else resuming(starts, setup, before))
-    except np.linalg.LinAlgError as error:
-        raise DataError(
-            f"{setup.imu.source}: no estimate of the trajectory can be made of these readings ({error}). "
-            "Look at them with `companion info`; try another IMU: --imu."
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd readings: no step that is not finite is taken
+            yield
+    except NoEstimateError:
+        raise
+    except (DataError, np.linalg.LinAlgError) as error:
+        raise NoEstimateError(
+            imu,
+            f"its readings do not determine a trajectory ({error})",
+            "Look at them with `companion info`; try another IMU: --imu.",
         ) from error
 
 

@@ -18,7 +18,7 @@ from companion.model.aiding import (
     SensorInUse,
     TruthTrack,
 )
-from companion.model.errors import CompanionError, DataError, InputError, SettingsError
+from companion.model.errors import CompanionError, DataError, InputError, NoEstimateError, SettingsError
 from companion.model.flight import Epoch, Flight, MessageStats, Origin, SettingNames, StatusText, Vehicle
 from companion.model.geodesy import (
     ECCENTRICITY_SQUARED,
@@ -77,6 +77,7 @@ __all__ = [
     "InputError",
     "MessageStats",
     "NavState",
+    "NoEstimateError",
     "Origin",
     "ParameterChange",
     "Phase",
