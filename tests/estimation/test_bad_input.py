@@ -123,6 +123,25 @@ def gps_beyond_squaring(flight: Flight) -> Flight:
     return replace(flight, gps=(replace(gps, velocity=np.full_like(gps.velocity, 1e200)),))
 
 
+def seldom_told(flight: Flight) -> Flight:
+    """A compass and a barometer that read every other second, and never where a keyframe is."""
+    (compass,), (barometer,) = flight.compasses, flight.barometers
+    return replace(
+        flight,
+        gps=(),
+        compasses=(replace(compass, t=compass.t[::20] + 0.25, field=compass.field[::20]),),
+        barometers=(
+            replace(
+                barometer,
+                t=barometer.t[::20] + 0.25,
+                pressure=barometer.pressure[::20],
+                altitude=barometer.altitude[::20],
+                temperature=barometer.temperature[::20],
+            ),
+        ),
+    )
+
+
 BAD: dict[Callable[[Flight], Flight], str] = {
     no_compass: "",
     no_gps: "no GPS",
@@ -139,6 +158,7 @@ BAD: dict[Callable[[Flight], Flight], str] = {
     zero: "",
     absurd: "",
     gps_beyond_squaring: "",
+    seldom_told: "no GPS",
 }
 """What is done to a flight, and what a note has to speak of then; a DataError instead is as good."""
 

@@ -131,7 +131,7 @@ def swap(rows: Rows, random: Random) -> Mutated:
 MUTATIONS: tuple[Callable[[Rows, Random], Mutated], ...] = (drop, thin, freeze, zero, negate, maximise, swap, shift)
 
 
-_DATAFLASH = ROOT / "tests" / "data" / "dataflash__sitl__copter-imu1-fail.BIN.xz"
+_DATAFLASH = ROOT / "tests" / "data" / "copter-takeoff.bin.xz"
 _ULOG = ROOT / "tests" / "telemetry" / "logs" / "px4_two_imus.ulg.xz"
 _DECLARATIONS = {"FMT", "FMTU", "UNIT", "MULT"}
 _WINDOW_S = (70.0, 90.0)  # of the tlog, boot clock: from before it takes off
@@ -158,7 +158,7 @@ def of_tlog() -> Contents:
 
 @cache
 def of_dataflash(folder: Path) -> Contents:
-    """Sixteen seconds of an ArduPilot log: what is read of it, and what that means."""
+    """Eight seconds of an ArduPilot log, with its take-off: what is read of it, and what that means."""
     read = read_dataflash(_unpacked(_DATAFLASH, folder)).messages
     records = {name: one for name, one in read.items() if name in RECORDS | _DECLARATIONS}
 
