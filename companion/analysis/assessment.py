@@ -36,7 +36,7 @@ from companion.estimation import (
     smooth,
     without_errors,
 )
-from companion.model import Array, DataError, Flight, ImuTrack, Phase, brief
+from companion.model import Array, Flight, ImuTrack, NoEstimateError, Phase, brief
 
 _WARMS = (1.5e-3, 0.03)  # rad/s, m/s², within four minutes of flight
 _SHARED = float(np.sqrt(chi_square_999(3) / chi_square_95(3)))  # what all windows share is allowed for so much more
@@ -189,7 +189,8 @@ def assess(
     enough = len(_while_judged(judged, track.t, parts).start) >= FEWEST_WINDOWS
     differ = enough and allowed is not None and not Agreement(JUDGED_S, 0, {}, allowed.inside).is_consistent
     comparison = comparison.forgotten()  # while the best estimate needs the room
-    best, told_by_it = _best(own, comparison, faults, lost, before, differ=differ)
+    made, told_by_it = _best(own, comparison, faults, lost, before, differ=differ)
+    best = made if isinstance(made, BestEstimate) else None
     faults += told_by_it
     all_findings, clean = findings(flight, comparison, allowed, figures, noise, autopilot, faults, best)
     if lost is not None:
@@ -214,7 +215,7 @@ def assess(
         agreements=agreements,
         verdict=decide([agreements[horizon] for horizon in AGREEING_S], all_findings, third, track.source),
         best=best,
-        sensitivity=sensitivity(best),
+        sensitivity=sensitivity(made),
     )
 
 
@@ -246,9 +247,8 @@ def _best(
     before: BestEstimate | None,
     *,
     differ: bool,
-) -> tuple[BestEstimate | None, list[Finding]]:
-    """The best estimate, with the IMU's readings left out where they are none; None where there can be none, or where
-    they are of other units.
+) -> tuple[BestEstimate | NoEstimateError, list[Finding]]:
+    """The best estimate, with the IMU's readings left out where they are none; or why there is none.
 
     And what it says of the readings: an axis that is stuck, or another way to read the axes that fits far better. The
     latter where IMU and autopilot differ, which take turns and forces for the same with the right axes alone, and where
@@ -257,13 +257,13 @@ def _best(
     """
     imu, gravity = comparison.track.source, comparison.how.gravity
     if any(f.kind == "units_wrong" for f in faults):
-        return None, []
+        return NoEstimateError(imu, "its readings are of other units", "Try another IMU: --imu."), []
     untrusted = [(f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED]
     span = None if lost is None else (-np.inf, lost.start)
     try:
         best = smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted, before=before)
-    except DataError:
-        return None, []
+    except NoEstimateError as why:
+        return why, []
     stuck = [f for f in missed_findings(comparison, best) if f not in faults]
     if stuck:
         best_without, told = _best(flight, comparison, [*faults, *stuck], lost, before, differ=differ)

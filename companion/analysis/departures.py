@@ -23,7 +23,7 @@ from companion.estimation import (
     shaking,
     times_of_change,
 )
-from companion.model import Array, EstimatorReset, Flight, weighted_median
+from companion.model import Array, EstimatorReset, Flight, NoEstimateError, weighted_median
 from companion.strapdown import preintegrate, quaternion
 
 _LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0, "position": 3.0, "height": 5.0}
@@ -256,11 +256,10 @@ class Sensitivity:
         return ", ".join(shown).replace(" °", "°")
 
 
-def sensitivity(best: BestEstimate | None) -> Sensitivity:
+def sensitivity(best: BestEstimate | NoEstimateError) -> Sensitivity:
     """What a best estimate could have shown; without one, nothing by a third witness."""
-    if best is None:
-        together = "what IMU and autopilot may have wrong together: no best estimate could be made"
-        return Sensitivity({}, (f"{together}, `companion smooth` says why",))
+    if isinstance(best, NoEstimateError):
+        return Sensitivity({}, (f"what IMU and autopilot may have wrong together: {best.why}",))
     smallest = {}
     for kind in ("gyro_bias", "accel_bias"):
         if kind in best.detectable:

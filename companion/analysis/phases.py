@@ -49,7 +49,7 @@ _FOLLOWS_S = 2.0  # that a vehicle may take to follow another desired attitude
 
 
 def phases(flight: Flight) -> tuple[Phase, ...]:
-    """The parts of a flight in order of time, without gaps between them."""
+    """The parts of a flight in order of time, without gaps between them; one, without length, of a flight of none."""
     begin, end = flight.start, flight.start + flight.duration
     airborne = _airborne(flight, _armed(flight))
     takeoff = airborne[0][0] if airborne else end
@@ -64,7 +64,7 @@ def phases(flight: Flight) -> tuple[Phase, ...]:
             parts.append(Phase(start, stop, kind, _REASONS[kind]))
         aloft = not aloft
     if lost is None:
-        return tuple(parts)
+        return tuple(parts) or (Phase(begin, end, "standing", _REASONS["standing"]),)
     before = [Phase(p.start, min(p.end, lost[0]), p.kind, p.reason) for p in parts if p.start < lost[0]]
     return (*before, Phase(lost[0], end, "impact", lost[1]))
 

@@ -19,8 +19,8 @@ from companion.estimation.iteration import PASSES, Start, estimate, in_noise, li
 from companion.estimation.learned_noise import scatter
 from companion.estimation.model import BestEstimate, corrected
 from companion.estimation.setup import Setup, set_up, unaided_guess
-from companion.estimation.smoother import Cause, next_cause
-from companion.model import STANDARD_GRAVITY, Array, DataError, Flight
+from companion.estimation.smoother import Cause, boundary, next_cause
+from companion.model import STANDARD_GRAVITY, Array, Flight, NoEstimateError
 from companion.strapdown import preintegrate, quaternion
 
 _FOLLOWED = 0.7  # of what an axis reads: right axes are followed by 0.8 and more, mirrored and exchanged ones by less
@@ -134,19 +134,19 @@ def other_reading(
         turned = replace(track, gyro=track.gyro @ turn[0].T, accel=track.accel @ turn[1].T)
         other = replace(flight, imus={**flight.imus, track.source: turned})
         try:
-            setup = set_up(other, track.source, gravity, part, untrusted)
-            return setup, start_of(setup, unaided_guess(setup, flight))
-        except DataError:
+            with boundary(track.source):
+                setup = set_up(other, track.source, gravity, part, untrusted)
+                return setup, start_of(setup, unaided_guess(setup, flight))
+        except NoEstimateError:
             return None
 
-    with np.errstate(over="ignore", invalid="ignore"):
-        tried = {words: _gone_on(begun(turn), _FIRST) for words, turn in ways.items()}
-        words = max(tried, key=lambda name: tried[name].likelihood)
-        as_it_is = _gone_on(begun((np.eye(3), np.eye(3))))  # with nothing explained, as the others
-        read_so = _gone_on(tried[words].at)
-        if not np.isfinite(as_it_is.likelihood) or read_so.fits_beside(as_it_is.likelihood) <= _CLEARLY:
-            return None
-        fits = read_so.fits_beside(_likeliest(as_it_is))
+    tried = {words: _gone_on(begun(turn), _FIRST) for words, turn in ways.items()}
+    words = max(tried, key=lambda name: tried[name].likelihood)
+    as_it_is = _gone_on(begun((np.eye(3), np.eye(3))))  # with nothing explained, as the others
+    read_so = _gone_on(tried[words].at)
+    if not np.isfinite(as_it_is.likelihood) or read_so.fits_beside(as_it_is.likelihood) <= _CLEARLY:
+        return None
+    fits = read_so.fits_beside(_likeliest(as_it_is))
     return Reading(words, fits) if fits > _CLEARLY else None
 
 
@@ -168,8 +168,9 @@ def _gone_on(at: tuple[Setup, Start] | None, passes: int = PASSES) -> _Tried:
         return _Tried(None)
     setup, start = at
     try:
-        settled, linear = estimate(setup, start, polished=False, passes=passes)
-    except (DataError, np.linalg.LinAlgError):
+        with boundary(setup.imu.source):
+            settled, linear = estimate(setup, start, polished=False, passes=passes)
+    except NoEstimateError:
         return _Tried(None)
     return _Tried((setup, settled), likelihood(settled, linear))
 
@@ -183,9 +184,10 @@ def _likeliest(tried: _Tried) -> float:
         return tried.likelihood
     setup, start = tried.at
     try:
-        settled, linear = estimate(setup, start)
-        cause = next_cause(setup, start, settled, linear, (), scatter(setup))
-    except (DataError, np.linalg.LinAlgError):
+        with boundary(setup.imu.source):
+            settled, linear = estimate(setup, start)
+            cause = next_cause(setup, start, settled, linear, (), scatter(setup))
+    except NoEstimateError:
         return tried.likelihood
     without = likelihood(settled, linear)
     return max(without, likelihood(cause.settled, cause.linear)) if isinstance(cause, Cause) else without

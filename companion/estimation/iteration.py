@@ -24,7 +24,7 @@ from companion.estimation.measurements import SLOW
 from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
 from companion.estimation.setup import Setup
 from companion.estimation.system import Prior, misfit, squares
-from companion.model import Array, DataError, interpolated, nearest
+from companion.model import Array, interpolated, nearest
 from companion.strapdown import preintegrate
 
 LITTLE = 1e-3  # of the misfit: no state moves by more than three hundredths of its σ
@@ -54,8 +54,13 @@ class Step:
 
     @classmethod
     def of(cls, linear: Linear, sizes: Array) -> Step:
-        """From the states of a linear problem, where what is accepted has these sizes (m,)."""
+        """From the states of a linear problem, where what is accepted has these sizes (m,).
+
+        Raises numpy.linalg.LinAlgError where the problem has no finite solution.
+        """
         solution, prior = linear.solution, linear.prior
+        if not (np.isfinite(solution.x).all() and np.isfinite(solution.c).all()):
+            raise np.linalg.LinAlgError("a step of the iteration is not finite")
         information = tuple(one.information for one in linear.measurements)
         begin = _misfit(linear, sizes, linear.motion.weight, information)
         end = misfit(linear.motion, linear.measurements, solution) + _of_prior(
@@ -77,15 +82,18 @@ class Step:
     def taken(self, linearised: Callable[[Point], Linear]) -> tuple[Point, Linear, bool]:
         """Where it leads, the linear problem there, and whether the misfit is higher there, however short the step.
 
-        linearised: makes the problem about a point.
+        linearised: makes the problem about a point. Raises numpy.linalg.LinAlgError where the misfit is no number
+        there, however short the step.
         """
         share, left = 1.0, _SHORTENED
         while True:
             point = self.at(share)
             linear = linearised(point)
             higher = self.misfit_at(point, linear) - self.misfit
-            uphill = bool(higher > LITTLE)  # of absurd readings it may be no number
+            uphill = not higher <= LITTLE  # NaN is higher than anything
             if not (uphill and left):
+                if not np.isfinite(higher):
+                    raise np.linalg.LinAlgError("the misfit is not finite")
                 return point, linear, uphill
             del linear  # before the next is made, as large
             least = np.nan_to_num(self.gain * share**2 / (higher + 2.0 * self.gain * share))
@@ -201,13 +209,7 @@ def estimate(
         step = Step.of(linear, point.sizes)
         if step.gain < LITTLE:
             break
-    return Start(_finite(step.at(1.0).states, setup), noise, scale, slow, path), linear
-
-
-def _finite(states: States, setup: Setup) -> States:
-    if not np.isfinite(states.q_ned_frd).all():
-        raise DataError(f"{setup.imu.source}: the estimate of the trajectory does not settle; the readings do not fit")
-    return states
+    return Start(step.at(1.0).states, noise, scale, slow, path), linear
 
 
 def likelihood(settled: Start, linear: Linear) -> float:

@@ -24,8 +24,21 @@ from companion.estimation.model import CONSTANT_STATES, CONSTANTS, STATES, State
 from companion.estimation.noise_density import aliasing, relative_scatter, scatter_between_samples, spectral_noise
 from companion.estimation.rest import at_rest
 from companion.estimation.system import Index
-from companion.model import Array, DataError, Flight, GpsTrack, ImuTrack, Origin, interpolated, longest_step, nearest
+from companion.model import (
+    Array,
+    Flight,
+    GpsTrack,
+    ImuTrack,
+    NoEstimateError,
+    Origin,
+    counted,
+    interpolated,
+    longest_step,
+    nearest,
+)
 from companion.strapdown import preintegrate, quaternion
+
+Span = tuple[float, float]  # s, boot clock
 
 _SPACING_S = (0.2, 1.0)  # between keyframes, at least and at most
 _KEYFRAMES = 1000  # a longer flight has them further apart
@@ -34,6 +47,7 @@ _COMPASS_APART_S = 0.05  # of three samples between which the field was read: it
 _AVERAGED_S, _HARDLY_RAD = 0.1, 0.15  # of a field either way, at most: what turns by so much is short by 0.4 %
 _FEWEST_FIXES = 5
 _AROUND_S = 2.0  # of a keyframe, either way: forces and fields whose mean a first guess is made of
+_FEWEST_SAMPLES = 20
 _FEWEST = 8  # intervals between keyframes without a gap
 _MOST_FELT = 10.0  # g, median: what turns hard for a while does not do so for half of a flight
 _LOWEST_HZ = 8.0  # below it a keyframe interval has no motion of its own between two samples
@@ -60,14 +74,8 @@ class Setup:
     restless: Array  # (K-1, 2) noise of gyro and accelerometer in each interval, as times its median in the flight
 
 
-def set_up(
-    flight: Flight,
-    imu: str | None,
-    gravity: float,
-    span: tuple[float, float] | None,
-    untrusted: Sequence[tuple[float, float]] = (),
-) -> Setup:
-    """The problem of a flight. Raises DataError where its IMU cannot carry an estimate.
+def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, untrusted: Sequence[Span] = ()) -> Setup:
+    """The problem of a flight. Raises NoEstimateError where its IMU cannot carry one.
 
     untrusted: stretches (s) in which the IMU's readings are none: stuck, frozen, at the end of the range.
     """
@@ -75,14 +83,17 @@ def set_up(
     if span is not None:
         first, last = np.searchsorted(track.t, span)
         track = track[int(first) : int(last)]
-    if len(track) < 20 or track.rate_hz < _LOWEST_HZ:
-        raise DataError(
-            f"{track.source} has {len(track)} samples at {track.rate_hz:.1f} Hz: an estimate of the trajectory needs "
-            f"{_LOWEST_HZ:g} Hz or more. {flight.how_to_record}."
+    if len(track) < _FEWEST_SAMPLES or track.rate_hz < _LOWEST_HZ:
+        raise NoEstimateError(
+            track.source,
+            f"it has {counted(len(track), 'sample')} at {track.rate_hz:.1f} Hz, and {_FEWEST_SAMPLES} at "
+            f"{_LOWEST_HZ:g} Hz or more are needed",
+            f"{flight.how_to_record}.",
         )
     felt = float(np.median(np.linalg.norm(track.accel, axis=1))) / gravity
     if felt > _MOST_FELT:
-        raise DataError(f"{track.source}: its accelerometer reads {felt:.3g} g most of the time: of other units?")
+        why = f"its accelerometer reads {felt:.3g} g most of the time, of other units it seems"
+        raise NoEstimateError(track.source, why, "Try another IMU: --imu.")
     gps = _gps(flight, track)
     spacing = float(np.clip((track.t[-1] - track.t[0]) / _KEYFRAMES, *_SPACING_S))
     spacing = max(spacing, 1.5 / track.rate_hz)
@@ -93,18 +104,18 @@ def set_up(
     readings: list[Readings] = []
     if gps is not None and origin is not None:
         readings += gps_readings(gps, t, (origin.latitude, origin.longitude, origin.height), 2 * spacing)
-        readings = [one for one in readings if len(one.t) > 1]
-    if not readings:
-        why = f"none of the {len(flight.gps)} has {_FEWEST_FIXES} fixes in the IMU's time: " if flight.gps else ""
-        notes.append(f"no GPS: {why}attitude only, from gravity and compass; position and velocity are not known")
-        readings.append(Readings("calm", t, np.arange(len(t)), np.zeros((len(t), 3)),
-                                 np.full((len(t), 3), NOMINAL["calm"]), index))  # fmt: skip
-    readings += _compass(flight, track, t, spacing, notes)
+    readings += _compass(flight, track, t, spacing if gps is not None else max(spacing, _WITHOUT_GPS_S), notes)
     if flight.barometers:
         one = max(flight.barometers, key=len)
         good = np.isfinite(one.altitude)
         if good.sum() > 5 and np.ptp(one.altitude[good]) > 0:
             readings.append(vector_readings("barometer", one.t[good], one.altitude[good][:, None], t, 2 * spacing))
+    readings = [one for one in readings if len(one.t) > 1]
+    if not any(one.name.startswith("gps") for one in readings):
+        why = f"none of the {len(flight.gps)} has {_FEWEST_FIXES} fixes in the IMU's time: " if flight.gps else ""
+        notes.append(f"no GPS: {why}attitude only, from gravity and compass; position and velocity are not known")
+        sigma = np.full((len(t), 3), NOMINAL["calm"])
+        readings.insert(0, Readings("calm", t, np.arange(len(t)), np.zeros((len(t), 3)), sigma, index))
     readings += _rest(flight, track, t)
     constants = _constants(field_at(origin, flight.epoch), readings)
     longest = longest_step(track.t)
@@ -140,9 +151,7 @@ def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
     return best if best is not None and fixes(best) >= _FEWEST_FIXES else None
 
 
-def _broken(
-    flight: Flight, track: ImuTrack, index: Index, longest: float, untrusted: Sequence[tuple[float, float]]
-) -> BoolArray:
+def _broken(flight: Flight, track: ImuTrack, index: Index, longest: float, untrusted: Sequence[Span]) -> BoolArray:
     """(K-1,) whether readings are missing between two keyframes, or not to be trusted."""
     gap, t = np.concatenate([[0], np.cumsum(np.diff(track.t) > longest)]), track.t[index]
     broken = np.diff(gap[index]) > 0
@@ -150,10 +159,8 @@ def _broken(
         broken |= (t[1:] > first) & (t[:-1] < last)
     whole = len(broken) - int(broken.sum())
     if whole < _FEWEST:
-        raise DataError(
-            f"{track.source} has readings to trust in {whole} of {len(broken)} intervals: an estimate of the path "
-            f"needs {_FEWEST} without gaps. {flight.how_to_record}."
-        )
+        why = f"it has readings to trust in {whole} of {len(broken)} intervals, and {_FEWEST} without gaps are needed"
+        raise NoEstimateError(track.source, why, f"{flight.how_to_record}.")
     return np.asarray(broken)
 
 

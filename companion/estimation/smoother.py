@@ -7,6 +7,7 @@ estimate is made anew with what explains most, until nothing pays for itself.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -37,7 +38,7 @@ from companion.estimation.search import detectable, trials
 from companion.estimation.setup import Setup, guesses, set_up
 from companion.estimation.system import Solution, measurement_residual, solve
 from companion.estimation.weighing import bursts
-from companion.model import STANDARD_GRAVITY, DataError, Flight
+from companion.model import STANDARD_GRAVITY, DataError, Flight, NoEstimateError
 
 _MOST_EXPLAINED = 4
 _LIKELY, _DISTURBING, _HARMFUL = 0.0, 10.0, 0.5  # log odds to accept what is harmful, and what is not, by probability
@@ -63,18 +64,28 @@ def smooth(
     untrusted: stretches in which the IMU's readings are none: stuck, frozen, at the end of the range.
     before: the estimate of some seconds ago, of a flight of which this one is more: half the passes are left.
 
-    Raises DataError where the IMU cannot carry an estimate.
+    Raises DataError without such an IMU, and NoEstimateError where it cannot carry an estimate.
     """
-    setup = set_up(flight, imu, gravity, span, untrusted)
-    begin = guesses(setup, flight) if guess is None else (guess,)
-    starts = (start_of(setup, one) for one in begin)
+    with boundary(flight.imu(imu).source):
+        setup = set_up(flight, imu, gravity, span, untrusted)
+        begin = guesses(setup, flight) if guess is None else (guess,)
+        starts = (start_of(setup, one) for one in begin)
+        return explain(setup, starts if before is None else resuming(starts, setup, before))
+
+
+@contextlib.contextmanager
+def boundary(imu: str) -> Iterator[None]:
+    """Within it whatever keeps a trajectory from being estimated with this IMU ends as NoEstimateError."""
     try:
-        with np.errstate(over="ignore", invalid="ignore"):  # absurd readings: what is not finite is refused below
-            return explain(setup, starts if before is None else resuming(starts, setup, before))
-    except np.linalg.LinAlgError as error:
-        raise DataError(
-            f"{setup.imu.source}: no estimate of the trajectory can be made of these readings ({error}). "
-            "Look at them with `companion info`; try another IMU: --imu."
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd readings: no step that is not finite is taken
+            yield
+    except NoEstimateError:
+        raise
+    except (DataError, np.linalg.LinAlgError) as error:
+        raise NoEstimateError(
+            imu,
+            f"its readings do not determine a trajectory ({error})",
+            "Look at them with `companion info`; try another IMU: --imu.",
         ) from error
 
 

@@ -200,8 +200,6 @@ _SERIAL = re.compile(r"\b([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})\b|^([0-9a-f]{32})
 """ArduPilot's banner gives the processor's unique id so (AP_HAL_ChibiOS/Util.cpp, get_system_id); its simulator's is
 32 digits."""
 
-_IDS = 2.0**32  # a device id has 32 bits: what is larger is damage
-
 
 def sensor_ids(flight: Flight, sensor: str) -> dict[str, int]:
     """IMU message → the autopilot's id of its "gyro" or "accel", where the parameters are in the log.
@@ -213,7 +211,7 @@ def sensor_ids(flight: Flight, sensor: str) -> dict[str, int]:
         identity = next(
             (flight.parameters[p] for p in id_parameters(sensor, track.instance) if p in flight.parameters), 0.0
         )
-        if identity and abs(identity) < _IDS:
+        if identity:
             ids[name] = int(identity)
     return ids
 
@@ -228,7 +226,7 @@ def board_of(flights: Iterable[Flight]) -> str | None:
             if match := _SERIAL.search(said.text):
                 return match[1] or match[2]
         number = flight.parameters.get("BRD_SERIAL_NUM", number)
-    return str(int(number)) if number and abs(number) < _IDS else None
+    return str(int(number)) if number else None
 
 
 def temperatures(flight: Flight) -> dict[str, float]:

@@ -198,7 +198,7 @@ def record_layout(declared: Declaration, said: Units, *, text: bool = False) -> 
     """
     kinds = _IN_TEXT if text else _KINDS
     unique = len(set(declared.columns)) == len(declared.columns) == len(declared.format)
-    if not unique or any(letter not in kinds for letter in declared.format):
+    if not unique or "" in declared.columns or any(letter not in kinds for letter in declared.format):
         return None
     dtype = np.dtype([
         (field, *kind) if isinstance(kind := kinds[letter], tuple) else (field, kind)

@@ -19,7 +19,7 @@ from companion.model.aiding import (
     TruthTrack,
 )
 from companion.model.checks import check_number, check_seconds, floats, is_number
-from companion.model.errors import CompanionError, DataError, InputError, SettingsError
+from companion.model.errors import CompanionError, DataError, InputError, NoEstimateError, SettingsError
 from companion.model.flight import Epoch, Flight, MessageStats, Origin, SettingNames, StatusText, Vehicle
 from companion.model.geodesy import (
     ECCENTRICITY_SQUARED,
@@ -78,6 +78,7 @@ __all__ = [
     "InputError",
     "MessageStats",
     "NavState",
+    "NoEstimateError",
     "Origin",
     "ParameterChange",
     "Phase",

@@ -201,19 +201,19 @@ class Flight:
         return np.asarray(at_start | at_end)
 
     def require_attitude(self) -> AttitudeTrack:
-        """The attitude track. Raises DataError when the flight has none."""
-        if self.attitude is None and self.messages.keys() & {"ATTITUDE", "ATTITUDE_QUATERNION", "XKQ", "ATT"}:
+        """The attitude track. Raises DataError when the flight has none, or fewer than two samples of it."""
+        if self.attitude is not None and len(self.attitude) > 1:
+            return self.attitude
+        if self.attitude is not None or self.messages.keys() & {"ATTITUDE", "ATTITUDE_QUATERNION", "XKQ", "ATT"}:
             raise DataError(
                 "fewer than two usable samples of the attitude. Record longer"
                 + ("." if self.on_board else ", or use the on-board log.")
             )
-        if self.attitude is None:
-            raise DataError(
-                f"no attitude to compare with (messages found: {', '.join(sorted(self.messages)) or 'none'}). "
-                + (
-                    "Have the estimator's attitude logged."
-                    if self.on_board
-                    else "Ask the vehicle for ATTITUDE (stream EXTRA1), or use its on-board log."
-                )
+        raise DataError(
+            f"no attitude to compare with (messages found: {', '.join(sorted(self.messages)) or 'none'}). "
+            + (
+                "Have the estimator's attitude logged."
+                if self.on_board
+                else "Ask the vehicle for ATTITUDE (stream EXTRA1), or use its on-board log."
             )
-        return self.attitude
+        )

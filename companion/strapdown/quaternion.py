@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, floats
+from companion.model import Array, DataError, floats
 from companion.model import from_euler as _from_euler
 
 from_euler = _from_euler
@@ -44,10 +44,10 @@ def conjugate(q: Array) -> Array:
 
 
 def normalize(q: Array) -> Array:
-    """q / |q|, (..., 4). Raises ValueError for a quaternion of length zero, which stands for no rotation."""
+    """q / |q|, (..., 4). Raises DataError for one of length zero or that is not finite: it stands for no rotation."""
     length = np.asarray(np.linalg.norm(q, axis=-1, keepdims=True))
-    if not (length > 0).all():
-        raise ValueError("a quaternion of length zero (or not finite) has no direction; check where it comes from")
+    if not ((length > 0) & np.isfinite(length)).all():
+        raise DataError("an attitude is no rotation: its quaternion has length zero, or is not finite")
     return np.asarray(q / length, dtype=np.float64)
 
 

@@ -106,7 +106,7 @@ def imu_in_use(resets: Sequence[EstimatorReset], parameters: Mapping[str, float]
     switches = [reset for reset in resets if reset.kind == "lane" and reset.core is not None]
     if not switches and f"{ekf}_IMU_MASK" not in parameters:
         return None
-    primary = int(np.nan_to_num(parameters.get(f"{ekf}_PRIMARY", 0.0)))
+    primary = int(parameters.get(f"{ekf}_PRIMARY", 0.0))
     lanes = [(begin, primary), *((switch.t, switch.core or 0) for switch in switches)]
     known = [
         (at, imu) for at, lane in lanes if (imu := _imu_of_lane(lane, parameters.get(f"{ekf}_IMU_MASK"))) is not None
@@ -118,7 +118,7 @@ def imu_in_use(resets: Sequence[EstimatorReset], parameters: Mapping[str, float]
 
 
 def _imu_of_lane(lane: int, mask: float | None) -> int | None:
-    if mask is None or not np.isfinite(mask):
+    if mask is None:
         return lane
     bits = [bit for bit in range(8) if int(mask) >> bit & 1]
     return bits[lane] if lane < len(bits) else None

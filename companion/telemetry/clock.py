@@ -6,6 +6,7 @@ times too fast in replays, and step backwards. Log time only orders, and ties me
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,11 +84,10 @@ _CLOCK_PACKETS = 50_000  # of each: enough to place a packet that has no time of
 def sender_clock(sender: dict[str, Messages]) -> Clock:
     """The clock of one sender, in file order, from the commonest of the messages that carry a sample's time_boot_ms.
 
-    Without one of those from anything with time_boot_ms, else from the time_usec of an IMU.
+    Without one of those from anything with time_boot_ms, else from the time_usec of an IMU. One packet alone, which
+    passes no time, is a clock only where there is no other.
     """
-    timed = sorted((sender[n] for n in _CLOCKS if n in sender), key=len, reverse=True)[:_CLOCKS_ENOUGH]
-    timed = timed or [m for m in sender.values() if "time_boot_ms" in m.layout.fields]
-    timed = timed or [sender[name] for name in IMU_MESSAGES if name in sender]
+    timed = _timed({name: m for name, m in sender.items() if len(m) > 1}) or _timed(sender)
     pieces = [_sparse(m.offset, own, m.log_time) for m in timed if (own := device_time(m)) is not None]
     if not pieces:
         return Clock(np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
@@ -98,6 +98,16 @@ def sender_clock(sender: dict[str, Messages]) -> Clock:
     offset, t, log_time = offset[order], t[order], log_time[order]
     wraps = np.round(np.diff(t, prepend=t[:1]) / _WRAP_S)  # up as well: one late packet is of before the wrap
     return Clock(offset, t - _WRAP_S * np.cumsum(wraps) if wraps.any() else t, log_time)
+
+
+def _timed(sender: Mapping[str, Messages]) -> list[Messages]:
+    """The messages that a clock is made of, the first choice that there is."""
+    samples = sorted((sender[n] for n in _CLOCKS if n in sender), key=len, reverse=True)[:_CLOCKS_ENOUGH]
+    return (
+        samples
+        or [m for m in sender.values() if "time_boot_ms" in m.layout.fields]
+        or [sender[name] for name in IMU_MESSAGES if name in sender]
+    )
 
 
 def _sparse(offset: IntArray, t: Array, log_time: Array) -> tuple[IntArray, Array, Array]:

@@ -30,7 +30,7 @@ from companion.model import (
     ned_from_geodetic,
 )
 from companion.telemetry.outliers import Ranges, finite_rows, lone, lone_turns, readable, uncontradicted
-from companion.telemetry.parameters import out_of_range
+from companion.telemetry.parameters import out_of_range, possible
 from companion.telemetry.sanitize import words
 
 SI = {
@@ -249,8 +249,9 @@ def ned_between(a: Origin, b: Origin) -> Array:
     return np.asarray(ned_from_geodetic(*there, (a.latitude, a.longitude, a.height))[0])
 
 
-def parameter_values(messages: Messages, *, bytewise: bool) -> Array:
-    """What each PARAM_VALUE says, (N,); NaN for one that its type cannot have.
+def parameter_values(messages: Messages, notes: list[str], *, bytewise: bool) -> Array:
+    """What each PARAM_VALUE says, (N,); NaN for one that its type or its parameter cannot have, of which there is a
+    note.
 
     `bytewise` (PX4): integers are sent as their bytes in the float.
     """
@@ -259,7 +260,8 @@ def parameter_values(messages: Messages, *, bytewise: bool) -> Array:
         integer = (messages["param_type"] >= 1) & (messages["param_type"] <= 6)  # MAV_PARAM_TYPE_UINT8 ... INT32
         raw = np.ascontiguousarray(messages["param_value"]).view(np.int32)
         values = np.where(integer, raw, values)
-    return np.where(out_of_range(values, messages["param_type"]), np.nan, values)
+    told = possible(messages["param_id"].tolist(), values, notes)
+    return np.where(out_of_range(values, messages["param_type"]), np.nan, told)
 
 
 def parameters(messages: Messages, values: Array, *, first: bool = False) -> dict[str, float]:

@@ -76,7 +76,7 @@ def flights(
 def _parameters_of_ground_stations(speaking: Mapping[tuple[int, int], Sender]) -> dict[int, dict[str, float]]:
     """System id → the parameters that MAVProxy sends in the vehicle's name when it has downloaded them as a file."""
     return {
-        sysid: convert.parameters(sent, convert.parameter_values(sent, bytewise=False))
+        sysid: convert.parameters(sent, convert.parameter_values(sent, [], bytewise=False))
         for (sysid, compid), sender in speaking.items()
         if compid == _GROUND_STATION and (sent := sender.get("PARAM_VALUE")) is not None
     }
@@ -166,7 +166,7 @@ def _begin(boot: Boot, known: Mapping[str, float], said: tuple[str, ...], dialec
     first, last = _span(boot)
     if not len(boot.clock.t):
         notes.append("the vehicle sends no device time: the duration is that of the log's stamps, 0 where it has none")
-    parameters, at_first, changes = _parameters(boot, seconds, known)
+    parameters, at_first, changes = _parameters(boot, seconds, known, notes)
     texts = status_texts(boot.messages["STATUSTEXT"], seconds["STATUSTEXT"]) if "STATUSTEXT" in boot.messages else ()
     resets = text_resets(texts)
     if "ODOMETRY" in boot.messages:
@@ -211,13 +211,13 @@ def _seconds(messages: Messages, clock: Clock, notes: list[str]) -> Array:
 
 
 def _parameters(
-    boot: Boot, seconds: Mapping[str, Array], known: Mapping[str, float]
+    boot: Boot, seconds: Mapping[str, Array], known: Mapping[str, float], notes: list[str]
 ) -> tuple[dict[str, float], dict[str, float], Sequence[ParameterChange]]:
     """The last value of each parameter, the first, and what changed in between."""
     if "PARAM_VALUE" not in boot.messages:
         return dict(known), dict(known), ()
     sent, t = boot.messages["PARAM_VALUE"], seconds["PARAM_VALUE"]
-    values = convert.parameter_values(sent, bytewise=boot.vehicle.autopilot == "PX4")
+    values = convert.parameter_values(sent, notes, bytewise=boot.vehicle.autopilot == "PX4")
     last, first = convert.parameters(sent, values), convert.parameters(sent, values, first=True)
     changes = partial(parameter_changes, sent["param_id"].tolist(), t, values)
     return {**known, **last}, {**known, **first}, LazyTuple(changes)

@@ -1,5 +1,8 @@
 """What a vehicle's parameters say of it and of its IMUs: device, filter, averaging, and whether biases are taken off.
 
+A value comes from damaged logs and untrusted links as well: whatever is read of it has to be in `RANGES`, and beyond
+its range a parameter is unknown.
+
 Sources: ArduPilot `AP_InertialSensor.cpp` (INS_GYR_ID, INS_GYRO_FILTER) and its drivers for the ranges; PX4
 `modules/mavlink/streams/HIGHRES_IMU.hpp`, `SCALED_IMU.hpp`, `modules/sensors/vehicle_imu/VehicleIMU.cpp`
 (IMU_INTEG_RATE).
@@ -7,13 +10,17 @@ Sources: ArduPilot `AP_InertialSensor.cpp` (INS_GYR_ID, INS_GYRO_FILTER) and its
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
+import numpy.typing as npt
 
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack, SettingNames, Vehicle
 from companion.telemetry.outliers import Ranges
+from companion.telemetry.sanitize import words
 
 # MAV_PARAM_TYPE: UINT8, INT8, UINT16, INT16, UINT32, INT32 (common.xml). A float rounds the largest up to a power of 2.
 _RANGES = {
@@ -35,15 +42,77 @@ def declination(parameters: Mapping[str, float]) -> float:
     return parameters.get("COMPASS_DEC", 0.0)
 
 
-def known(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Those that are finite numbers."""
-    return {name: value for name, value in parameters.items() if np.isfinite(value)}
+@dataclass(frozen=True, slots=True)
+class Range:
+    """What parameters of some names can be."""
+
+    names: str  # a regular expression
+    low: float
+    high: float
+    unit: str = ""
+    or_zero: bool = False  # stands for "none"
+
+    def has(self, values: Array) -> npt.NDArray[np.bool_]:
+        """Which values (N,) are inside; no NaN is."""
+        return np.asarray((self.low <= values) & (values <= self.high) | (self.or_zero & (values == 0.0)))
+
+    def __str__(self) -> str:
+        zero = "0, or " if self.or_zero else ""
+        return f"{zero}{self.low:g} to {self.high:g} {self.unit}".rstrip()
+
+
+RANGES = (
+    Range(r"INS_(GYRO|ACCEL)_FILTER|IMU_(GYRO|ACCEL)_CUTOFF", 1.0, 1000.0, "Hz", or_zero=True),
+    Range(r"IMU_INTEG_RATE", 50.0, 2000.0, "Hz"),
+    Range(r"COMPASS_DEC|AHRS_TRIM_[XY]", -np.pi, np.pi, "rad"),
+    Range(r"INS(_|\d_)(GYR|ACC)\d?_ID|CAL_(GYRO|ACC|MAG)\d_ID", 0.0, 2.0**32),
+    Range(r"CAL_GYRO\d_[XYZ]OFF", -5.0, 5.0, "rad/s"),
+    Range(r"CAL_ACC\d_[XYZ]OFF", -50.0, 50.0, "m/s²"),
+    Range(r"CAL_(GYRO|ACC)\d_[XYZ]SCALE", 0.1, 3.0),
+    Range(r"CAL_(GYRO|ACC)\d_ROT|SENS_BOARD_ROT", -1.0, 255.0),
+    Range(r"SENS_BOARD_[XYZ]_OFF", -180.0, 180.0, "°"),
+    Range(r"AHRS_EKF_(TYPE|USE)|EK[23]_(IMU_MASK|PRIMARY)", 0.0, 255.0),
+    Range(r"MAV_SYSID|SYSID_THISMAV|MAV_(SYS|COMP)_ID|MAV_TYPE", 0.0, 255.0),
+    Range(r"SERVO\d+_FUNCTION", -1.0, 1000.0),
+    Range(r"SERVO\d+_(MIN|MAX)|MOT_PWM_(MIN|MAX)", 0.0, 5000.0, "µs"),
+    Range(r"BRD_SERIAL_NUM", -(2.0**31), 2.0**31),
+)
+"""Of every parameter that is read: what the parts and the firmware allow, with room for what is odd but possible."""
+
+_MOST_NOTED = 5
+
+
+@lru_cache(maxsize=4096)  # a vehicle has some 1000 parameters, sent again and again
+def range_of(name: str) -> Range | None:
+    """The row of RANGES for a parameter; None for one that is not read."""
+    return next((one for one in RANGES if re.fullmatch(one.names, name, re.ASCII)), None)
+
+
+def possible(names: Sequence[bytes | str], values: Array, notes: list[str]) -> Array:
+    """Values (N,) of parameters, NaN where they are no finite number, or beyond what a parameter of that name can be.
+
+    What is so of parameters that are read is added to the notes.
+    """
+    kept = np.where(np.isfinite(values), values, np.nan)
+    rows: dict[bytes | str, list[int]] = {}
+    for row, name in enumerate(names):
+        rows.setdefault(name, []).append(row)
+    odd = []
+    for raw, own in rows.items():
+        name = words(raw)
+        if (one := range_of(name)) is not None and not (good := one.has(values[own])).all():
+            wrong = np.array(own)[~good]
+            kept[wrong] = np.nan
+            odd.append(f"{name} = {values[wrong[-1]]:g} (possible: {one})")
+    if odd:
+        more = f" and {len(odd) - _MOST_NOTED} more" if len(odd) > _MOST_NOTED else ""
+        notes.append(f"parameters out of range are treated as unknown: {', '.join(odd[:_MOST_NOTED])}{more}")
+    return kept
 
 
 def identity(parameters: Mapping[str, float], *names: str, otherwise: int = 1) -> int:
-    """The first that there is of these as a MAVLink id, 0 to 255; `otherwise` where it is none."""
-    value = next((parameters[name] for name in names if name in parameters), np.nan)
-    return int(value) if 0 <= value <= 255 else otherwise
+    """The first that there is of these, a MAVLink id."""
+    return int(next((parameters[name] for name in names if name in parameters), otherwise))
 
 
 _NAMES: Mapping[str, SettingNames] = {
@@ -82,20 +151,18 @@ _SENSOR_RANGES: Mapping[int, tuple[float | None, float | None]] = {
 }
 """Device type of ArduPilot (bits 16-23 of a device id) → deg/s and g that its driver sets, where not the usual."""
 
-_RATES_HZ = (50.0, 2000.0)  # IMU_INTEG_RATE may be 100 to 1000
-
 
 def with_facts(track: ImuTrack, vehicle: Vehicle, parameters: Mapping[str, float]) -> ImuTrack:
     """The track with what is known of its sensor. PX4's samples are means: their times are moved to the middles."""
     ardupilot_id, px4_id = id_parameters("gyro", track.instance)
     if vehicle.autopilot == "PX4":
-        rate = parameters.get("IMU_INTEG_RATE", 0.0)
+        rate = parameters.get("IMU_INTEG_RATE")
         track = replace(
             track,
             device_id=_device(parameters, px4_id),
             bias_removed=track.source == "HIGHRES_IMU",
         )
-        if _RATES_HZ[0] <= rate <= _RATES_HZ[1]:
+        if rate is not None:
             track = replace(track, t=track.t - 0.5 / rate, interval=np.full(len(track), 1.0 / rate))
         return track
     if vehicle.autopilot == "ARDUPILOTMEGA":
@@ -103,8 +170,8 @@ def with_facts(track: ImuTrack, vehicle: Vehicle, parameters: Mapping[str, float
         return replace(
             track,
             device_id=_device(parameters, ardupilot_id),
-            gyro_low_pass_hz=cutoff_hz(parameters, "INS_GYRO_FILTER"),
-            accel_low_pass_hz=cutoff_hz(parameters, "INS_ACCEL_FILTER"),
+            gyro_low_pass_hz=parameters.get("INS_GYRO_FILTER"),
+            accel_low_pass_hz=parameters.get("INS_ACCEL_FILTER"),
             gyro_range=gyro_range,
             accel_range=accel_range,
         )
@@ -145,11 +212,4 @@ def _ranges(device_id: int | None) -> tuple[float | None, float | None]:
 
 
 def _device(parameters: Mapping[str, float], name: str) -> int | None:
-    value = parameters.get(name, 0.0)
-    return int(value) if np.isfinite(value) and 0 < value < 2**32 else None
-
-
-def cutoff_hz(parameters: Mapping[str, float], name: str) -> float | None:
-    """What a parameter says of a low-pass, 0 for none; None where it says nothing. NaN is damage."""
-    cutoff = parameters.get(name, np.nan)
-    return max(cutoff, 0.0) if np.isfinite(cutoff) else None
+    return int(parameters.get(name, 0.0)) or None

@@ -57,6 +57,10 @@ def told(flight: Flight) -> list[tuple[str, float, float]]:
     return [(one.kind, round(one.start - flight.start, 1), round(one.end - flight.start, 1)) for one in found]
 
 
+def test_a_flight_of_no_length_has_a_phase() -> None:
+    assert told(Flight(VEHICLE, 1, 1000.0, 0.0)) == [("standing", 0.0, 0.0)]
+
+
 def test_a_flight_from_the_ground_and_back() -> None:
     assert told(story()) == [("standing", 0.0, 40.0), ("flight", 40.0, 80.0), ("landed", 80.0, 100.0)]
 

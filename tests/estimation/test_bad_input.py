@@ -11,7 +11,7 @@ import pytest
 
 import companion as c
 from companion.estimation import POSITION, BestEstimate, smooth
-from companion.model import DataError, Flight
+from companion.model import DataError, Flight, NoEstimateError
 from tests.estimation.sensed import errors, sensed, with_imu
 from tests.recordings import BUNDLED
 
@@ -117,6 +117,31 @@ def absurd(flight: Flight) -> Flight:
     return with_imu(flight, replace(imu, gyro=imu.gyro * 1e4, accel=imu.accel * 1e6))
 
 
+def gps_beyond_squaring(flight: Flight) -> Flight:
+    """A velocity whose square is infinite."""
+    (gps,) = flight.gps
+    return replace(flight, gps=(replace(gps, velocity=np.full_like(gps.velocity, 1e200)),))
+
+
+def seldom_told(flight: Flight) -> Flight:
+    """A compass and a barometer that read every other second, and never where a keyframe is."""
+    (compass,), (barometer,) = flight.compasses, flight.barometers
+    return replace(
+        flight,
+        gps=(),
+        compasses=(replace(compass, t=compass.t[::20] + 0.25, field=compass.field[::20]),),
+        barometers=(
+            replace(
+                barometer,
+                t=barometer.t[::20] + 0.25,
+                pressure=barometer.pressure[::20],
+                altitude=barometer.altitude[::20],
+                temperature=barometer.temperature[::20],
+            ),
+        ),
+    )
+
+
 BAD: dict[Callable[[Flight], Flight], str] = {
     no_compass: "",
     no_gps: "no GPS",
@@ -132,6 +157,8 @@ BAD: dict[Callable[[Flight], Flight], str] = {
     frozen: "",
     zero: "",
     absurd: "",
+    gps_beyond_squaring: "",
+    seldom_told: "no GPS",
 }
 """What is done to a flight, and what a note has to speak of then; a DataError instead is as good."""
 
@@ -151,8 +178,24 @@ def test_what_is_wrong_is_told_or_survived(bend: Callable[[Flight], Flight], not
 @pytest.mark.parametrize("rate", [2.0, 4.0])
 def test_an_imu_that_is_too_slow_is_an_error_that_says_what_to_do(rate: float) -> None:
     flight, _ = sensed(50.0, "circle", rate=rate)
-    with pytest.raises(DataError, match="RAW_IMU has .* Hz.*8 Hz or more"):
+    with pytest.raises(NoEstimateError, match="RAW_IMU: it has .* Hz.*8 Hz or more"):
         smooth(flight)
+
+
+def test_no_step_that_is_not_finite_is_taken() -> None:
+    flight, _ = sensed(30.0, "circle", rate=50.0)
+    with pytest.raises(NoEstimateError, match="no best estimate from RAW_IMU: "):
+        smooth(gps_beyond_squaring(flight))
+
+
+def test_a_compass_that_reads_once_a_second_is_used_without_gps() -> None:
+    """Its readings are 0.2 s away from the keyframes, which stand every half second there."""
+    flight, _ = sensed(30.0, "circle", rate=50.0)
+    (compass,) = flight.compasses
+    at = np.searchsorted(compass.t, np.arange(flight.start + 1.2, compass.t[-1]))
+    slow = replace(compass, t=compass.t[at], field=compass.field[at])
+    found = smooth(replace(flight, gps=(), compasses=(slow,)))
+    assert len(found.residuals["compass"].t) > 20
 
 
 @pytest.mark.filterwarnings("error")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,8 @@ from companion.mavlink import DEFAULT_DIALECT
 from companion.model import CompanionError
 from companion.telemetry import Stream
 from companion.view.server.client_messages import accepted
-from tests.fuzz import logs
+from tests.fuzz import contents, logs
+from tests.fuzz.contents import Contents
 
 Random = np.random.Generator
 SLOWEST_S, MEMORY_GB = 20.0, 1.0
@@ -159,11 +161,19 @@ Target = tuple[str, bytes, Callable[[bytes, Random], bytes], Callable[[Path], No
 def targets(folder: Path) -> dict[str, Target]:
     """By name: what its files end in, one that is good, how it is changed, and what reads it."""
     tlog = logs.tlog(folder / "good.tlog")
+
+    def bent(of: Callable[[], Contents]) -> Callable[[bytes, Random], bytes]:
+        """Another log than the small good one, which is read when it is first asked for."""
+        return lambda _, random: of().bent(random)
+
     return {
         "tlog": (".tlog", tlog, frames_changed, read_log),
         "bin": (".bin", logs.dataflash(), changed, read_log),
         "log": (".log", logs.dataflash_text(), text_changed, read_log),
         "ulg": (".ulg", logs.ulog(), changed, read_log),
+        "bent tlog": (".tlog", b"", bent(contents.of_tlog), read_log),
+        "bent bin": (".bin", b"", bent(partial(contents.of_dataflash, folder)), read_log),
+        "bent ulg": (".ulg", b"", bent(partial(contents.of_ulog, folder)), read_log),
         "toml": (".toml", logs.TOML.encode(), changed, read_toml),
         "live": (".raw", tlog, frames_changed, hear),
         "websocket": (".msg", camera(), messages_changed, browse),

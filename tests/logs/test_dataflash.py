@@ -136,13 +136,14 @@ def test_every_format_letter_and_what_the_log_says_of_units(tmp_path: Path) -> N
         *OF_UNITS,
         (4, 3 + 121, b"ALL", b"QBcCeELafdgiIqbM", b"T,I,c,C,e,E,L,a,f,d,g,i,I2,q,b,M"),
         (5, 3 + 4, b"BAD", b"B?", b"A,B"),
+        (6, 3 + 2, b"ODD", b"BB", b"A,"),  # a column without a name
     ]
     data = b"".join(record(128, "BB4s16s64s", *fields) for fields in declared)
     data += record(1, "b64s", ord("s"), b"s") + record(1, "b64s", ord("#"), b"instance") + record(1, "b64s", 68, b"deg")
     data += record(2, "bd", ord("F"), 1e-6) + record(2, "bd", ord("-"), 0.0) + record(2, "bd", ord("G"), 1e-7)
-    data += record(3, "B16s16s", 4, b"s#----D", b"F-----G")
+    data += record(3, "B16s16s", 4, b"s#----D", b"F-----G") + record(3, "B16s16s", 6, b"-#", b"--")
     values = (7_000_000, 1, -150, 250, -1, 3, -353_632_621, *range(32), 0.5, 0.1, 2.0, -3, 4, -5, -6, 200)
-    data += record(4, "QBhHiIi32hfdeiIqbB", *values) + record(5, "BBH", 1, 2, 3) + bytes(9)
+    data += record(4, "QBhHiIi32hfdeiIqbB", *values) + record(5, "BBH", 1, 2, 3) + record(6, "BB", 1, 2) + bytes(9)
     path = tmp_path / "made.bin"
     path.write_bytes(data)
     log = read_dataflash(path)
@@ -154,7 +155,7 @@ def test_every_format_letter_and_what_the_log_says_of_units(tmp_path: Path) -> N
     assert every.in_unit("L").tolist() == [-35.3632621]
     assert every.layout.units == {"T": "s", "I": "instance", "L": "deg"}
     assert (every.layout.instance_field, every.instances) == ("I", (1,))
-    assert log.undecoded == {"BAD": 1}
+    assert log.undecoded == {"BAD": 1, "ODD": 1}
     assert log.skipped_bytes == 9
 
 

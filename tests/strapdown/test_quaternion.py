@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from companion.model import Array
+from companion.model import Array, DataError
 from companion.strapdown import quaternion as quat
 
 VECTORS = arrays(np.float64, 3, elements=st.floats(-3.0, 3.0))
@@ -125,7 +125,7 @@ def test_small_angles_keep_their_digits() -> None:
     np.testing.assert_array_equal(quat.log(quat.exp(np.zeros(3))), np.zeros(3))
 
 
-@pytest.mark.parametrize("bad", [np.zeros(4), np.full(4, np.nan)])
+@pytest.mark.parametrize("bad", [np.zeros(4), np.full(4, np.nan), np.full(4, np.inf)])
 def test_no_direction_is_an_error(bad: Array) -> None:
-    with pytest.raises(ValueError, match="length zero"):
+    with pytest.raises(DataError, match="length zero"):
         quat.normalize(bad)

@@ -28,6 +28,16 @@ def test_the_stamps_of_a_log_date_it(tmp_path: Path) -> None:
     assert found.unix_s == pytest.approx(EPOCH - 300.0, abs=2e-3)
 
 
+def test_one_packet_with_a_boot_time_is_no_clock(tmp_path: Path) -> None:
+    log = Writer(tmp_path / "log.tlog")
+    for i in range(400):
+        log.raw_imu(0.02 * i, 300.0 + 0.02 * i)
+    log.send(4.0, "system_time", time_unix_usec=round(EPOCH * 1e6), time_boot_ms=304_000)
+    log.heartbeat(8.0)
+    (flight,) = open_log(log.close())
+    assert (flight.start, flight.duration) == (300.0, pytest.approx(7.98))
+
+
 def test_the_vehicle_knows_better_than_the_stamps(tmp_path: Path) -> None:
     log = Writer(tmp_path / "log.tlog")
     log.rest(20.0, boot=300.0)

@@ -124,10 +124,12 @@ def test_clocks_that_step_back_again_and_again_are_cut_without_an_error(tmp_path
 )  # fmt: skip
 def test_a_parameter_that_its_type_cannot_have_is_unknown(tmp_path: Path, value: float, kind: int, known: bool) -> None:
     log = Writer(tmp_path / "flight.tlog")
-    log.send(0, "param_value", param_id=b"INS_GYR_ID", param_value=value, param_type=kind, param_count=1, param_index=0)
+    log.send(
+        0, "param_value", param_id=b"WPNAV_SPEED", param_value=value, param_type=kind, param_count=1, param_index=0
+    )
     log.rest(8.0)
     flight = c.open_log(log.close())[0]
-    assert ("INS_GYR_ID" in flight.parameters) == known
+    assert ("WPNAV_SPEED" in flight.parameters) == known
     assert c.examine(flight)
 
 

@@ -23,7 +23,7 @@ from companion.telemetry.dataflash import aiding, changes, cores, imu, pose, sen
 from companion.telemetry.dataflash.rows import with_times
 from companion.telemetry.events import dataflash_events
 from companion.telemetry.firmware import banner, vehicle_type
-from companion.telemetry.parameters import declination, identity, known, setting_names
+from companion.telemetry.parameters import declination, identity, possible, setting_names
 from companion.telemetry.sanitize import words
 
 _INFO = 6  # MAV_SEVERITY: MSG does not say
@@ -74,7 +74,10 @@ def dataflash_flight(
     records, wrong = with_times(records)
     if not records:
         return None
-    times = {name: records[name].t for name in sorted(records)}
+    if (sent := records.get("PARM")) is not None:
+        values = possible(sent["Name"].tolist(), sent["Value"].astype(np.float64), wrong)
+        records["PARM"] = sent.select(np.isfinite(values))
+    times = {name: records[name].t for name in sorted(records) if len(records[name])}
     records = {name: one for name, one in records.items() if name in RECORDS}  # of the others there are only times
     parameters = _parameters(records)
     flew = cores.flew(records, parameters)
@@ -175,7 +178,7 @@ def _parameters(records: Mapping[str, Records], *, first: bool = False) -> dict[
     rows = records["PARM"].select(slice(None, None, -1 if first else 1))
     names = (words(raw) for raw in rows["Name"].tolist())
     values = rows["Value"].astype(np.float64).tolist()
-    return known(dict(zip(names, values, strict=True)))
+    return dict(zip(names, values, strict=True))
 
 
 def _texts(records: Mapping[str, Records]) -> tuple[StatusText, ...]:

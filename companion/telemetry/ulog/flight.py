@@ -17,7 +17,7 @@ from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.arrival import arrival
 from companion.telemetry.events import changes, in_order
 from companion.telemetry.firmware import UNKNOWN
-from companion.telemetry.parameters import identity, known, setting_names
+from companion.telemetry.parameters import identity, possible, setting_names
 from companion.telemetry.sanitize import words
 from companion.telemetry.ulog.aiding import barometer_tracks, compass_tracks, gps_tracks, truth
 from companion.telemetry.ulog.control import actuator_track, control_track
@@ -37,9 +37,7 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
     """
     log = read_ulog(path, contents)
     topics, notes = topics_of(log)
-    parameters, changed, left_out = _parameters(log)
-    if left_out:
-        notes.append(f"{counted(left_out, 'parameter')} of a damaged type left out")
+    parameters, changed = _parameters(log, notes)
     notes += _damage(log, contents)
     begin, end = _span(topics, log.start_timestamp * 1e-6)
     release = log.msg_info_dict.get("ver_sw_release")
@@ -102,16 +100,17 @@ def _vehicle(
     )
 
 
-def _parameters(log: Any) -> tuple[dict[str, float], tuple[ParameterChange, ...], int]:
-    """The last value of each, the changes while the log ran, and how many were damaged."""
-    changes = [(at * 1e-6, words(str(name)), value) for at, name, value in log.changed_parameters]
-    initial = [(words(str(name)), value) for name, value in log.initial_parameters.items()]
-    said = [*initial, *((name, value) for _, name, value in changes)]
-    values = {name: float(value) for name, value in said if isinstance(value, int | float)}
-    changed = tuple(
-        ParameterChange(t, name, float(value)) for t, name, value in changes if isinstance(value, int | float)
-    )
-    return known(values), changed, sum(not isinstance(value, int | float) for _, value in said)
+def _parameters(log: Any, notes: list[str]) -> tuple[dict[str, float], tuple[ParameterChange, ...]]:
+    """The last value of each, and the changes while the log ran. What is left out is added to the notes."""
+    said = [(-np.inf, name, value) for name, value in log.initial_parameters.items()]
+    said += [(at * 1e-6, name, value) for at, name, value in log.changed_parameters]
+    numbers = [(t, words(str(name)), float(value)) for t, name, value in said if isinstance(value, int | float)]
+    if left_out := len(said) - len(numbers):
+        notes.append(f"{counted(left_out, 'parameter')} of a damaged type left out")
+    values = possible([name for _, name, _ in numbers], np.array([value for *_, value in numbers]), notes).tolist()
+    known = [(t, name, value) for (t, name, _), value in zip(numbers, values, strict=True) if np.isfinite(value)]
+    changed = tuple(ParameterChange(t, name, value) for t, name, value in known if t > -np.inf)
+    return {name: value for _, name, value in known}, changed
 
 
 def _damage(log: Any, contents: bytes) -> Iterator[str]:

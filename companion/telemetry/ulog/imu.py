@@ -17,7 +17,6 @@ import numpy.typing as npt
 from companion.model import Array, ImuTrack, SensorInUse, counted, interpolated
 from companion.telemetry.convert import increasing
 from companion.telemetry.outliers import Ranges, readable
-from companion.telemetry.parameters import cutoff_hz
 from companion.telemetry.timestamps import LONGEST_WAIT_S
 from companion.telemetry.ulog.drivers import accel_range, driver_tracks, gyro_range
 from companion.telemetry.ulog.topics import (
@@ -100,7 +99,7 @@ def _filtered(topics: Topics, parameters: Mapping[str, float], notes: list[str])
     if within.any():
         gyro = interpolated(t, own, rate)
         track = _track("vehicle_angular_velocity", t, gyro, xyz(pushed, "xyz"), np.zeros(len(t)), within, notes)
-        gyro_hz, accel_hz = (cutoff_hz(parameters, name) for name in ("IMU_GYRO_CUTOFF", "IMU_ACCEL_CUTOFF"))
+        gyro_hz, accel_hz = (parameters.get(name) for name in ("IMU_GYRO_CUTOFF", "IMU_ACCEL_CUTOFF"))
         yield replace(track, interval=None, bias_removed=True, gyro_low_pass_hz=gyro_hz, accel_low_pass_hz=accel_hz)
 
 
