@@ -4,6 +4,7 @@
 # Spyder or Jupyter. Lines that begin with `# >` are what a cell prints.
 
 # %%
+import textwrap
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,7 +29,7 @@ for name, track in flight.imus.items():
 # %%
 examined = c.examine(flight)
 found = examined.assessment
-print(found.verdict.status, "-", found.verdict.summary)
+print(found.verdict.status, "-", textwrap.fill(found.verdict.summary, 100))
 for row, expected in zip(found.drift.rows, found.expected, strict=True):
     if row.position_m is not None and expected is not None:
         print(f"{row.horizon_s:4g} s: {row.position_m.median:5.2f} m, expected {expected.position_m:6.2f} m")

@@ -28,7 +28,7 @@ def floats(name: str, values: object, shape: tuple[int, ...], *, finite: bool = 
 
 def times(name: str, given: object) -> npt.NDArray[np.float64]:
     """Times (N,) in double precision. Raises DataError unless they are finite and increase strictly."""
-    t = floats(name, given, np.shape(given))  # type: ignore[arg-type]
+    t = floats(name, given, np.shape(given))  # type: ignore[call-overload]
     if t.ndim != 1:
         raise DataError(f"{name} must have shape (N,), got {t.shape}")
     if not (rising := t[1:] > t[:-1]).all():

@@ -20,6 +20,7 @@ from companion.analysis.findings.readings import goes_to_and_fro
 from companion.analysis.findings.sampling import lags
 from companion.analysis.findings.vibration import clip_counts
 from companion.analysis.imu_spec import ReferenceSpec
+from companion.analysis.noise import FlightDensity
 from companion.app.recording import read_recording
 from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, Event, Flight, ImuTrack, Series, StatusText, Vehicle
 from companion.strapdown import Motion, motions, quaternion
@@ -621,10 +622,11 @@ def test_an_imu_without_the_estimators_biases_is_no_independent_witness(on_board
     flight = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
     freed = replace(flight, imus={"RAW_IMU": replace(flight.imu(), bias_removed=True)}, on_board=on_board)
     comparison = compare(freed)
-    told = {f.kind for f in findings(freed, comparison, 0.0, GENERIC, None, ReferenceSpec(), (), None)[0]}
+    told = {f.kind for f in findings(freed, comparison, None, GENERIC, NO_NOISE, ReferenceSpec(), (), None)[0]}
     assert ("not_independent" in told) != on_board
 
 
+NO_NOISE = FlightDensity(None, None)
 CRASHED = StatusText(45.0, 2, "Crash: Disarming: AngErr=45>30, Accel=0.7<3.0")
 RANGE = np.radians(250.0)  # of a gyro, rad/s
 

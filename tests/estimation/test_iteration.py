@@ -138,7 +138,7 @@ def test_where_no_step_leads_down_the_iteration_ends(monkeypatch: pytest.MonkeyP
     turned = quaternion.rotate(quaternion.exp(np.array([0.0, 0.0, np.radians(60.0)])), compass.field)
     field = np.where(((compass.t > begin) & (compass.t < end))[:, None], turned, compass.field)
     setup = set_up(replace(flight, compasses=(replace(compass, field=field),)), None, STANDARD_GRAVITY, None)
-    choice = Choice(kind_of("compass_turn"), "pulse", begin, end, 0.1, -1, 0.0, ())
+    choice = Choice(kind_of("compass_turn"), "pulse", begin, end, 0.1, -1, 0.0, 0.0)
     passes, uphill = list[Step](), list[bool]()
     taken = Step.taken
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from companion.estimation.measurements import GPS_LATENCY_S, gps_readings, vector_readings
-from companion.model import Array
+from companion.model import Array, GpsTrack
 from companion.strapdown import motions
 from tests.estimation.sensed import PLACE, gps_of
 
@@ -36,7 +36,7 @@ def test_each_keyframe_has_the_nearest_reading_within_half_a_spacing_and_each_re
     assert (alone & near <= shared).all(), "who has none within reach shares it with another"
 
 
-def fixes(t: Array) -> Array:
+def fixes(t: Array) -> GpsTrack:
     return gps_of(motions.rest(t), np.random.default_rng(0), rate=1.0)
 
 
