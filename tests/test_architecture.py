@@ -121,8 +121,8 @@ LIBRARIES = {
 """Part of the house → what it may import from outside, beside the standard library."""
 
 PURE = {
-    "__future__", "collections", "dataclasses", "difflib", "enum", "functools", "itertools", "math", "re", "statistics",
-    "types", "typing",
+    "__future__", "collections", "contextlib", "dataclasses", "difflib", "enum", "functools", "itertools", "math", "re",
+    "statistics", "types", "typing",
 }  # fmt: skip
 """What the core may take from the standard library: nothing that reads, waits, prints or runs."""
 
