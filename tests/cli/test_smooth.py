@@ -41,7 +41,7 @@ def test_the_tables_fit_a_terminal_and_the_trajectory_is_written(tmp_path: Path,
     path = tmp_path / "best.tum"
     assert main(["smooth", DEMO, "-o", str(path)]) == 0
     printed = capsys.readouterr().out
-    for title in ("Measurements used", "Biases", "Noise", "Constants", "Autopilot minus best estimate"):
+    for title in ("Measurements used", "Biases", "White noise in flight", "Constants", "Autopilot minus best estimate"):
         assert title in printed
     rows = [line for line in printed.splitlines() if line.startswith(" ")]
     assert max(map(len, rows)) <= 80
