@@ -206,7 +206,7 @@ def imu_line(flight: Flight) -> str:
     if name is None:
         return "nothing: no IMU message with two samples or more"
     track = flight.imus[name]
-    return f"{name} (IMU {track.instance}), {counted(len(track), 'sample')} at {track.rate_hz:.1f} Hz"
+    return f"{name} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
 
 
 def reference_line(flight: Flight) -> str:

@@ -41,7 +41,7 @@ def add_link(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", metavar="FILE", help="settings file; config/default.toml describes every key")
     parser.add_argument("--dialect", metavar="NAME", help="MAVLink dialect (default: ardupilotmega)")
     parser.add_argument(
-        "--vehicle", metavar="SYSID[:COMPID]", help="the vehicle to ask, or all (default: the first heard)"
+        "--vehicle", metavar="SYSID[:COMPID]", help="the vehicle to ask, or all (default: the first with an IMU)"
     )
     add_manners(parser)
     parser.add_argument("-o", "--output", metavar="FILE", help=OUTPUT)
