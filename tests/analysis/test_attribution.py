@@ -626,3 +626,9 @@ def test_a_nuisance_accuses_nobody(best: BestEstimate, kind: str) -> None:
     (finding,) = findings_of(episodes(replace(best, explained=(moment,))), (misled,), best)
     assert (finding.kind, finding.side, finding.severity) == (kind, "data", "warning")
     assert "no sensor is blamed for a single moment" in finding.evidence
+
+
+def test_a_harmless_size_is_told_as_no_fault(best: BestEstimate) -> None:
+    (finding,) = findings_of((weighed("gyro_bias", 0.05 * BIAS, ("gyro_bias", 1.0, 0.0)),), (), best)
+    assert (finding.side, finding.severity, finding.undecided) == ("imu", "info", False)
+    assert finding.evidence.endswith("(no fault: over 99.9 %)")
