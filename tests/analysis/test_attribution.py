@@ -13,7 +13,7 @@ from companion.analysis import GENERIC
 from companion.analysis.attribution import findings_of, follows
 from companion.analysis.comparison import compare
 from companion.analysis.departures import departures
-from companion.analysis.episode import Departure, Episode, cause_of, episodes, said
+from companion.analysis.episode import Departure, Episode, cause_of, episodes, fault_probability, said
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings
 from companion.analysis.imu_spec import ReferenceSpec
@@ -539,7 +539,7 @@ def test_every_kind_of_explanation_has_its_words_and_its_size() -> None:
         assert kind.about
         assert kind.advice.endswith(".")
     assert set(CAUSES) >= {kind.name for kind in KINDS}
-    assert all((kind.serious > 0) == (kind.side == "imu") for kind in KINDS)
+    assert all(kind.serious == 0 or kind.side == "imu" for kind in KINDS)
 
 
 def test_a_single_number_keeps_its_sign() -> None:
@@ -618,6 +618,16 @@ def test_the_imu_the_other_sensors_and_nobody_are_told_apart(
     assert (finding.kind, finding.side, finding.undecided) == (kind, side, side == "data")
 
 
+def test_the_first_fault_of_a_flight_is_one_sides_or_nobodys(best: BestEstimate) -> None:
+    early = replace(accepted("gps_position", 30.0, 0.0, onset=10.0), rivals=(Rival("gps_position", "step", 0.0, 1.0),))
+    late = replace(accepted("gyro_bias", *BIAS), rivals=(Rival("gyro_bias", "step", 50.0, 0.8),))
+    shares = fault_probability(replace(best, explained=(late, early), further=()))
+    assert shares["gps"] == pytest.approx(0.5)
+    assert shares["imu"] == pytest.approx(0.5 * 0.8)
+    assert shares["nobody"] == pytest.approx(0.5 * 0.2)
+    assert sum(shares.values()) == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("kind", [kind.name for kind in KINDS if kind.nuisance])
 def test_a_nuisance_accuses_nobody(best: BestEstimate, kind: str) -> None:
     """However sure it is, and whatever it did."""
@@ -626,3 +636,9 @@ def test_a_nuisance_accuses_nobody(best: BestEstimate, kind: str) -> None:
     (finding,) = findings_of(episodes(replace(best, explained=(moment,))), (misled,), best)
     assert (finding.kind, finding.side, finding.severity) == (kind, "data", "warning")
     assert "no sensor is blamed for a single moment" in finding.evidence
+
+
+def test_a_harmless_size_is_told_as_no_fault(best: BestEstimate) -> None:
+    (finding,) = findings_of((weighed("gyro_bias", 0.05 * BIAS, ("gyro_bias", 1.0, 0.0)),), (), best)
+    assert (finding.side, finding.severity, finding.undecided) == ("imu", "info", False)
+    assert finding.evidence.endswith("(no fault: over 99.9 %)")

@@ -56,12 +56,15 @@ def test_the_cause_in_numbers(capsys: Captured) -> None:
     assert cause["rival_probability"] <= 1.0 - cause["probability"]
     assert verdict["detectable"].keys() == {"gyro_bias", "accel_bias", "tilt", "heading", "position", "gps", "compass"}
     assert verdict["not_judged"] == []
+    assert verdict["probability"]["imu"] > 0.95
+    assert sum(verdict["probability"].values()) == pytest.approx(1.0)
 
 
 def test_a_healthy_flight_has_no_cause(capsys: Captured) -> None:
     assert main(["analyze", "demo", "--json"]) == 0
     verdict = json.loads(capsys.readouterr().out)["flights"][0]["verdict"]
     assert (verdict["status"], verdict["cause"]) == ("consistent", None)
+    assert verdict["probability"]["nobody"] > 0.95
     assert 1e-3 < verdict["detectable"]["gyro_bias"] < 20e-3
 
 
