@@ -12,13 +12,13 @@ Times are integrated over a grid that is refined about its peak.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp, ndtr
 
 from companion.estimation.explanations import KINDS, SLOPED, Kind, kind_of
 from companion.estimation.model import Rival
@@ -54,25 +54,25 @@ class Trial:
     @property
     def log_odds(self) -> float:
         """Posterior odds that it occurred, against that nothing did: rate, sizes and times integrated."""
-        return float(logsumexp(self._cells()))
+        return float(_log_sum(self._cells()))
 
     @property
     def worth_trying(self) -> bool:
         """Whether an estimate with it may show a fault, or take out what disturbs the others."""
-        return bool(logsumexp(self._cells()[:, 1]) > _CANDIDATE or self.log_odds > _DISTURBS)
+        return bool(_log_sum(self._cells()[:, 1]) > _CANDIDATE or self.log_odds > _DISTURBS)
 
     @property
     def fault(self) -> float:
         """Probability, if it occurred, that its size is harmful."""
         cells = self._cells()
-        at = np.exp(cells - logsumexp(cells))
+        at = np.exp(cells - _log_sum(cells))
         return float((at[:, 1] * self._beyond()).sum())
 
     @property
     def onset_sigma(self) -> float:
         """1σ of the onset about the likeliest, s."""
-        cells = logsumexp(self._cells(), axis=1)
-        at = np.exp(cells - logsumexp(cells))
+        cells = _log_sum(self._cells(), axis=1)
+        at = np.exp(cells - _log_sum(cells))
         return float(np.sqrt(at @ (self.onset - self.onset[self.best]) ** 2))
 
     def _cells(self) -> Array:
@@ -87,7 +87,7 @@ class Trial:
         along = self.size / np.maximum(size, 1e-300)[:, None]
         sigma = np.sqrt(np.einsum("ti,tij,tj->t", along, self.covariance, along))
         reached = lasted(self.shape, self.onset, self.end, self.hours)
-        return np.asarray(ndtr((size - self.kind.harmful(self.shape) / reached) / np.maximum(sigma, 1e-300)))
+        return _normal((size - self.kind.harmful(self.shape) / reached) / np.maximum(sigma, 1e-300))
 
 
 def lasted(shape: str, onset: Array, end: Array, hours: float) -> Array:
@@ -143,13 +143,27 @@ def _of_scale(b: Array, v: Array, sigma: Array) -> tuple[Array, Array, Array, np
     one_size, one_covariance = np.zeros_like(size), np.zeros_like(covariance)
     one_size[rows, axis] = b[rows, axis] / own[rows, axis]
     one_covariance[rows, axis, axis] = 1.0 / own[rows, axis]
-    mixed = logsumexp(np.column_stack([whole - np.log(2.0), alone - np.log(2.0 * m)]), axis=1)
+    mixed = _log_sum(np.column_stack([whole - np.log(2.0), alone - np.log(2.0 * m)]), axis=1)
     return (
         np.asarray(mixed),
         np.where(single[:, None], one_size, size),
         np.where(single[:, None, None], one_covariance, covariance),
         np.where(single, axis, -1),
     )
+
+
+def _log_sum(values: Array, axis: int | None = None) -> Any:
+    """The logarithm of the sum of exponentials."""
+    most = np.max(values, axis=axis, keepdims=True)
+    most = np.where(np.isfinite(most), most, 0.0)
+    with np.errstate(divide="ignore"):
+        total = np.log(np.exp(values - most).sum(axis=axis, keepdims=True)) + most
+    return total.squeeze(axis=axis)
+
+
+def _normal(z: Array) -> Array:
+    """(T,) the cumulative normal distribution."""
+    return np.array([0.5 * math.erfc(-value / math.sqrt(2.0)) for value in z.tolist()])
 
 
 _BY_TIME = ("onset", "end", "weight", "log_bayes", "size", "covariance", "axis")
@@ -194,7 +208,7 @@ def probabilities(rivals: Sequence[Rival]) -> dict[str, float]:
     """Side → probability that a harmful fault of it is the cause; "nobody" for none, or for what is no fault."""
     found = dict.fromkeys(("nobody", *(kind.side for kind in KINDS)), 0.0)
     odds = np.array([0.0, *(one.log_odds for one in rivals)])
-    share = np.exp(odds - logsumexp(odds))
+    share = np.exp(odds - _log_sum(odds))
     for one, part in zip(rivals, share[1:], strict=True):
         found[kind_of(one.kind).side] += float(part) * one.fault
     found["nobody"] = max(1.0 - sum(found.values()), 0.0)
