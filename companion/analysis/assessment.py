@@ -182,9 +182,8 @@ def assess(
     parts = phases(flight)
     lost = next((part for part in parts if part.kind == "impact"), None)
     aligned = max((part.end for part in parts if part.kind == "aligning"), default=-np.inf)
-    faults = [f for f in faults if f.end_s > aligned]
     later = [f for f in faults if lost is not None and f.start_s >= lost.start]
-    faults = [f for f in faults if f not in later]
+    faults = [f for f in faults if f.end_s > aligned and f not in later]
     own = replace(flight, imus={**flight.imus, track.source: track})
     enough = len(_while_judged(judged, track.t, parts).start) >= FEWEST_WINDOWS
     differ = enough and allowed is not None and not Agreement(JUDGED_S, 0, {}, allowed.inside).is_consistent

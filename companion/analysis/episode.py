@@ -225,13 +225,13 @@ def fault_probability(best: BestEstimate) -> dict[str, float]:
     By the readings of IMU, GPS, compass and barometer alone: what the autopilot made of them does not count.
     """
     parts = [one.rivals for one in sorted(best.explained, key=lambda one: one.onset) if one.rivals]
-    found, none = dict.fromkeys(probabilities(()), 0.0), 1.0
+    first, none = dict.fromkeys(probabilities(()), 0.0), 1.0
     for rivals in (*parts, best.further):
         shares = probabilities(rivals)
         for side, share in shares.items():
-            found[side] += none * share
+            first[side] += none * share
         none *= shares["nobody"]
-    return found | {"nobody": none}
+    return first | {"nobody": none}
 
 
 def rival(episode: Episode) -> tuple[str, float] | None:

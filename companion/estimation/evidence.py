@@ -206,10 +206,10 @@ _QUANTILE = 1.6449  # 95 % of a normal distribution, one-sided
 
 def probabilities(rivals: Sequence[Rival]) -> dict[str, float]:
     """Side → probability that a harmful fault of it is the cause; "nobody" for none, or for what is no fault."""
-    found = dict.fromkeys(("nobody", *(kind.side for kind in KINDS)), 0.0)
+    shares = dict.fromkeys(("nobody", *(kind.side for kind in KINDS)), 0.0)
     odds = np.array([0.0, *(one.log_odds for one in rivals)])
-    share = np.exp(odds - _log_sum(odds))
-    for one, part in zip(rivals, share[1:], strict=True):
-        found[kind_of(one.kind).side] += float(part) * one.fault
-    found["nobody"] = max(1.0 - sum(found.values()), 0.0)
-    return found
+    posterior = np.exp(odds - _log_sum(odds))
+    for one, part in zip(rivals, posterior[1:], strict=True):
+        shares[kind_of(one.kind).side] += float(part) * one.fault
+    shares["nobody"] = max(1.0 - sum(shares.values()), 0.0)
+    return shares

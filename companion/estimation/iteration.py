@@ -18,10 +18,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.estimation.choice import Choice
-from companion.estimation.learned_noise import START, Change, coloured, learn, noise_limits, outlier_weights, shocks
+from companion.estimation.learned_noise import START, Change, coloured, learn, noise_limits
 from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
 from companion.estimation.measurements import SLOW
 from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
+from companion.estimation.robust_weights import outlier_weights, shocks
 from companion.estimation.setup import Setup
 from companion.estimation.system import Prior, misfit, squares
 from companion.model import Array, interpolated, nearest
@@ -165,14 +166,14 @@ def estimate(
     noise, however long it lasts: as it is not where something unexplained is in it. polished: whether the states follow
     the noise as it is learned at last, for who needs more than the noise. passes: at most so many, before these.
     """
-    noise, scale, change = start.noise, dict(start.scale), dict[str, Change]()
+    noise, scale, slow, change = start.noise, dict(start.scale), dict(start.slow), dict[str, Change]()
     weights, weighted, roughly = dict[str, Array](), 0, _ROUGHLY
     limits, path = limits or noise_limits(setup), carried(setup, start.states, start.path, roughly)
-    wide, slow, shaken = noise, dict(start.slow), np.ones_like(setup.restless)
+    wide, shaken = noise, np.ones_like(setup.restless)
 
     def about(point: Point) -> Linear:
-        louder = replace(setup, restless=setup.restless * shaken)
-        return linearise(louder, path, point.states, wide, scale, weights, slow, accepted, sizes=point.sizes)
+        at_noise = replace(setup, restless=setup.restless * shaken), path, point.states, wide, scale, weights, slow
+        return linearise(*at_noise, accepted, sizes=point.sizes)
 
     def moved(step: Step) -> tuple[Point, Linear, bool]:
         """Where a step leads; the misfits along it are compared with the IMU carried as before."""
@@ -200,8 +201,7 @@ def estimate(
         del linear  # before the next is made: of a long flight two are more than all else
         point, linear, uphill = moved(step)
         del step  # its weights are as large as the motion of the next
-    grown = dict.fromkeys(coloured(linear), 1.0) if white else coloured(linear)
-    wide, roughly = noise.louder(grown["gyro"], grown["accel"]), 1.0
+    wide, roughly = noise if white else noise.louder(**coloured(linear)), 1.0
     for _ in range(_POLISHED if polished else 0):
         del linear
         point, linear, _ = moved(step)  # noqa: F821  (ruff takes the break above for none)

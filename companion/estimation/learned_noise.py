@@ -28,7 +28,6 @@ from companion.estimation.model import (
     ProcessNoise,
 )
 from companion.estimation.setup import Setup
-from companion.estimation.spectrum import neighbourhoods
 from companion.estimation.system import Index, measurement_residual, measurement_variance
 from companion.model import Array, percentile
 from companion.strapdown import MOVED, quaternion
@@ -52,7 +51,6 @@ _TRUNCATED_S = 0.2  # for so long the error of a reading that is cut to whole st
 _STRETCHES = 12  # of the flight
 _TYPICAL = 65.0  # percentile of the stretches: a third of a log may stand still, a third may hold a fault
 _RESTING, _FEWEST_MOVING = 1.0 / 3.0, 24  # part of a log, and intervals or readings in motion that tell without it
-_HUBER, _NEIGHBOURS = 4.0, 7
 _LAGS = 15
 _WHITER = 3.0  # times what shows between samples, of a filter that makes it less
 _MOST = 100.0  # of the scale of a witness' σ
@@ -331,37 +329,3 @@ def _lasting(values: Array) -> float:
         end = next((i for i, value in enumerate(lags) if value < 0.05), len(lags))
         ratios.append(1.0 + 2.0 * sum(lags[:end]))
     return float(np.sqrt(np.clip(np.median(ratios), 1.0, 36.0)))
-
-
-def outlier_weights(linear: Linear) -> dict[str, Array]:
-    """Weights of readings that their own neighbours contradict: they count linearly, not by their square.
-
-    Readings that are off together keep their weight: whether it is they that are wrong is for the hypotheses to say.
-    """
-    return {
-        one.name: _beside_neighbours(measurement_residual(one, linear.solution) / one.sigma)
-        for one in linear.measurements
-        if len(one.t) > _NEIGHBOURS
-    }
-
-
-def shocks(linear: Linear) -> Array:
-    """(K-1, 2) times by which the noise of gyro and accelerometer is larger in intervals that their neighbours
-    contradict: a touch of the ground, a clipped or an aliased manoeuvre. What lasts, as a bias does, is none.
-    """
-    e, d = linear.solution.disturbances
-    out = np.ones((len(e), 2))
-    if len(e) <= _NEIGHBOURS:
-        return out
-    for column, block in enumerate((ATTITUDE, VELOCITY)):
-        known = np.diagonal(d, axis1=1, axis2=2)[:, block]
-        sigma = np.sqrt(np.where(known > 0.0, known, np.inf))
-        out[:, column] = _beside_neighbours(e[:, block] / sigma) ** -0.5
-    return out
-
-
-def _beside_neighbours(values: Array) -> Array:
-    """(M,) weights of normalised values (M, d): 1 where they are near the median of those around them."""
-    typical = np.partition(neighbourhoods(values, _NEIGHBOURS), _NEIGHBOURS // 2, axis=-1)[..., _NEIGHBOURS // 2]
-    size = np.abs(values - typical).max(axis=1)
-    return np.asarray(np.minimum(1.0, _HUBER / np.maximum(size, 1e-9)) ** 2)

@@ -11,7 +11,7 @@ import numpy as np
 from companion.estimation.block_tridiagonal import inverses, scaled
 from companion.estimation.choice import Choice, with_choice
 from companion.estimation.explanations import Problem
-from companion.estimation.measurements import LONGEST_S, SLOW, Kinematics, measure
+from companion.estimation.measurements import LONGEST_S, SLOW, Kinematics, measure, three_samples
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -24,7 +24,7 @@ from companion.estimation.model import (
     ProcessNoise,
     States,
 )
-from companion.estimation.setup import Setup, three_samples
+from companion.estimation.setup import Setup
 from companion.estimation.system import (
     Index,
     Measurement,
@@ -153,17 +153,9 @@ def linearise(
     at = _kinematics(setup, path, states)
     measurements = []
     for readings in setup.readings:
-        one = measure(readings, states, at, path.path, setup.index)
-        sigma = one.sigma * scale[one.name]
-        h = np.concatenate((one.states, np.zeros((*one.residual.shape, keeps.shape[1]))), axis=2)
-        left = one.residual
-        if one.name in setup.slow:
-            place = setup.slow[one.name]
-            h[:, :, place] = np.eye(place.stop - place.start)
-            left = left - states.slow[one.keyframe, place.start - STATES : place.stop - STATES]
-        measurements.append(
-            replace(one, residual=left, states=h, sigma=sigma, weight=weights.get(one.name, one.weight))
-        )
+        one = _with_slow_error(measure(readings, states, at, path.path, setup.index), setup, states)
+        sigma, robust = one.sigma * scale[one.name], weights.get(one.name, one.weight)
+        measurements.append(replace(one, sigma=sigma, weight=robust))
     problem = Problem(
         setup.t, states.q_ned_frd, states.velocity, setup.gravity, motion, tuple(measurements), setup.aliased
     )
@@ -172,6 +164,17 @@ def linearise(
         problem, prior = with_choice(problem, prior, choice)
     _predict(setup, path, states, problem.motion, shift, sizes)
     return Linear(states, problem.motion, problem.measurements, prior, problem, turned, sums, variance, noise)
+
+
+def _with_slow_error(one: Measurement, setup: Setup, states: States) -> Measurement:
+    """The measurement with the slow errors of all aiding sensors among its states: its own adds to what it reads."""
+    h = np.concatenate((one.states, np.zeros((*one.residual.shape, states.slow.shape[1]))), axis=2)
+    place = setup.slow.get(one.name)
+    if place is None:
+        return replace(one, states=h)
+    h[:, :, place] = np.eye(place.stop - place.start)
+    slow = states.slow[one.keyframe, place.start - STATES : place.stop - STATES]
+    return replace(one, states=h, residual=one.residual - slow)
 
 
 def _sums(setup: Setup, path: CarriedImu) -> Mapping[str, Array]:

@@ -9,7 +9,7 @@ the latency:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from companion.estimation.model import (
     States,
 )
 from companion.estimation.system import Index, Measurement
-from companion.model import Array, GpsTrack, nearest, ned_from_geodetic
+from companion.model import Array, GpsTrack, ImuTrack, nearest, ned_from_geodetic
 from companion.strapdown import Preintegration, quaternion, skew
 
 MICROTESLA = 1e6
@@ -177,6 +177,24 @@ def _at_keyframes(name: str, when: Array, value: Array, sigma: Array, t: Array, 
     once = np.concatenate([[True], np.diff(i) > 0]) if len(i) else np.zeros(0, np.bool_)  # a reading counts once
     k, i = k[once], i[once]
     return Readings(name, when[i], k, value[i], sigma[i], np.zeros(len(i), np.intp))
+
+
+def slow_places(readings: Sequence[Readings]) -> dict[str, slice]:
+    """Aiding sensor → place of its slow error among the states of a keyframe, behind those of the motion."""
+    places, at = dict[str, slice](), STATES
+    for one in readings:
+        if one.name in SLOW:
+            places[one.name] = slice(at, at + one.value.shape[1])
+            at = places[one.name].stop
+    return places
+
+
+def three_samples(track: ImuTrack, samples: Index, apart_s: float, *, before: int) -> Index:
+    """(K, 3) samples so long apart, so many of them before each of (K,); at the ends as near to that as can be."""
+    count = len(track)
+    apart = min(max(1, round(apart_s * track.rate_hz)), (count - 1) // 2)
+    first = np.clip(samples - before * apart, 0, count - 1 - 2 * apart)
+    return np.asarray(first[:, None] + apart * np.arange(3))
 
 
 def _usual_latency(name: str) -> float:

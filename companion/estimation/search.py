@@ -22,7 +22,7 @@ _LEAST_S = {"imu": 5.0, "gps": 0.5, "compass": 2.0, "barometer": 2.0}  # what en
 _SHORTEST_S = 1.0
 _MARGIN_S, _MARGIN = 3.0, 0.1  # s, and of the flight
 CREEPS = {"gps_position": 30.0, "compass_field": 10.0}
-"""Kind of an aiding sensor → s in which it goes off evenly, for the size that would have been found."""
+"""Kind of an aiding sensor → s in which it goes off evenly, for the size that would have been scores."""
 _AT_EVERY_KEYFRAME = {
     ("gyro_bias", "step"): GYRO_BIAS, ("accel_bias", "step"): ACCEL_BIAS,
     ("gyro_shock", "shock"): ATTITUDE, ("accel_shock", "shock"): VELOCITY,
@@ -89,36 +89,36 @@ def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, kind: Kind, s
         if len(begin):
             width = np.full(len(begin), float(np.median(np.diff(t))))
             parts.append(_at(problem, solution, kind, shape, begin, end, width, width))
-    found = [one for one in parts if one is not None]
-    return joined(found) if found else None
+    scores = [one for one in parts if one is not None]
+    return joined(scores) if scores else None
 
 
 def _cells(problem: Problem, grid: Scan, kind: Kind, shape: str, onset: Any, end: Any = None) -> Trial | None:
     """At cuts of the grid by their numbers."""
-    found = grid.score(kind.name, shape, onset, end)
-    if found is None:
+    scores = grid.score(kind.name, shape, onset, end)
+    if scores is None:
         return None
     width = float(np.diff(grid.cuts).max()) if len(grid.cuts) > 1 else _SHORTEST_S
     begin = grid.cuts[onset]
     final = np.full(len(begin), np.inf) if end is None else grid.cuts[end]
-    return _trial(problem, kind, shape, (begin, final, _weight(problem, begin, final, width, width)), found)
+    return _trial(problem, kind, shape, (begin, final, _weight(problem, begin, final, width, width)), scores)
 
 
 def _at(
     problem: Problem, solution: Solution, kind: Kind, shape: str, onset: Array, end: Array, wide: Array, long: Array
 ) -> Trial | None:
     """At any times; wide, long: (T,) s, widths of the cells about onset and end."""
-    found = score(problem, solution, kind, shape, onset, end)
-    if found is None:
+    scores = score(problem, solution, kind, shape, onset, end)
+    if scores is None:
         return None
-    return _trial(problem, kind, shape, (onset, end, _weight(problem, onset, end, wide, long)), found)
+    return _trial(problem, kind, shape, (onset, end, _weight(problem, onset, end, wide, long)), scores)
 
 
 def _trial(
-    problem: Problem, kind: Kind, shape: str, times: tuple[Array, Array, Array], found: tuple[Array, Array]
+    problem: Problem, kind: Kind, shape: str, times: tuple[Array, Array, Array], scores: tuple[Array, Array]
 ) -> Trial:
     span = float(problem.t[0]), float(problem.t[-1])
-    return trial(kind, shape, times, span, *found, problem.aliased.get(kind.name, 0.0))
+    return trial(kind, shape, times, span, *scores, problem.aliased.get(kind.name, 0.0))
 
 
 def _weight(problem: Problem, onset: Array, end: Array, wide: Any, long: Any) -> Array:
@@ -189,9 +189,9 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
         smallest[name] = max(float(np.median(sizes)), kind.harmful(shape))
     for name, lasts in CREEPS.items():
         kind, onset = kind_of(name), 0.5 * (t[:1] + t[-1:] - lasts)
-        found = score(problem, solution, kind, "creep", onset, onset + lasts) if onset[0] >= first else None
-        if found is not None:
-            known = np.linalg.eigvalsh(found[1][0])[:1]
+        scores = score(problem, solution, kind, "creep", onset, onset + lasts) if onset[0] >= first else None
+        if scores is not None:
+            known = np.linalg.eigvalsh(scores[1][0])[:1]
             rate = least_found(np.maximum(known, 1e-300), kind, "creep", hours, cell, lasts)
             smallest[name] = max(lasts * float(rate[0]), kind.harmful("creep"))
     return smallest

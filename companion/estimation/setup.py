@@ -14,13 +14,14 @@ from companion.estimation.measurements import (
     GPS_LATENCY_S,
     MICROTESLA,
     NOMINAL,
-    SLOW,
     Readings,
     averaged,
     gps_readings,
+    slow_places,
+    three_samples,
     vector_readings,
 )
-from companion.estimation.model import CONSTANT_STATES, CONSTANTS, STATES, States
+from companion.estimation.model import CONSTANT_STATES, CONSTANTS, States
 from companion.estimation.noise_density import aliasing, relative_scatter, scatter_between_samples, spectral_noise
 from companion.estimation.rest import at_rest
 from companion.estimation.system import Index
@@ -131,16 +132,6 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
                  aliased, tuple(notes), slow_places(readings), scattering)  # fmt: skip
 
 
-def slow_places(readings: Sequence[Readings]) -> dict[str, slice]:
-    """Aiding sensor → place of its slow error among the states of a keyframe, behind those of the motion."""
-    places, at = dict[str, slice](), STATES
-    for one in readings:
-        if one.name in SLOW:
-            places[one.name] = slice(at, at + one.value.shape[1])
-            at = places[one.name].stop
-    return places
-
-
 def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
     """The receiver with the most fixes in the IMU's time."""
 
@@ -221,14 +212,6 @@ def _hardly_turned(track: ImuTrack, t: Array) -> Array:
     before, after = (interpolated(t + apart, track.t[1:], turned) for apart in (-_AVERAGED_S, _AVERAGED_S))
     angle = 0.5 * np.linalg.norm(after - before, axis=1)
     return np.asarray(_AVERAGED_S * _HARDLY_RAD / np.maximum(angle, _HARDLY_RAD))
-
-
-def three_samples(track: ImuTrack, samples: Index, apart_s: float, *, before: int) -> Index:
-    """(K, 3) samples so long apart, so many of them before each of (K,); at the ends as near to that as can be."""
-    count = len(track)
-    apart = min(max(1, round(apart_s * track.rate_hz)), (count - 1) // 2)
-    first = np.clip(samples - before * apart, 0, count - 1 - 2 * apart)
-    return np.asarray(first[:, None] + apart * np.arange(3))
 
 
 def _plausible(field: Array) -> bool:

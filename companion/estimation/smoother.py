@@ -100,13 +100,13 @@ def explain(setup: Setup, starts: Iterable[Start]) -> BestEstimate:
     start, settled, linear = _begun(setup, starts, shown)
     further: tuple[Rival, ...] = ()
     while len(accepted) < _MOST_EXPLAINED:
-        found = next_cause(setup, start, settled, linear, accepted, shown)
-        if isinstance(found, Cause):
-            accepted.append(found.choice)
-            rivals.append(found.rivals)
-            setup, settled, linear = found.setup, found.settled, found.linear
+        cause = next_cause(setup, start, settled, linear, accepted, shown)
+        if isinstance(cause, Cause):
+            accepted.append(cause.choice)
+            rivals.append(cause.rivals)
+            setup, settled, linear = cause.setup, cause.settled, cause.linear
         else:
-            further = found
+            further = cause
             break
     if len(accepted) > 1:
         rivals = [_rivals(linear, accepted, i) or own for i, own in enumerate(rivals)]
@@ -170,10 +170,10 @@ def next_cause(
     return replace(own, rivals=rivals, choice=replace(own.choice, log_odds=best.log_odds, fault=best.fault))
 
 
-def _candidates(found: Sequence[Trial]) -> dict[tuple[str, str], Choice]:
+def _candidates(weighed: Sequence[Trial]) -> dict[tuple[str, str], Choice]:
     """The likeliest hypothesis of the IMU and of an aiding sensor, where they may be worth an estimate of their own."""
     chosen: dict[bool, Choice] = {}
-    for one in found:
+    for one in weighed:
         if one.worth_trying:
             chosen.setdefault(one.kind.side == "imu", Choice.of_trial(one))
     return {choice.name: choice for choice in chosen.values()}
@@ -218,8 +218,10 @@ def _as_moved(choice: Choice, cause: Cause) -> Choice:
     solution, moved = cause.linear.solution, cause.choice
     variance = float(solution.constants_covariance[-1, -1])
     size = float(solution.c[-1]) + moved.taken
-    found = 0.5 * (size**2 / variance + np.log(variance / choice.kind.prior**2))
-    return replace(choice, log_odds=max(choice.log_odds, moved.log_odds, found), fault=max(choice.fault, moved.fault))
+    moved_odds = 0.5 * (size**2 / variance + np.log(variance / choice.kind.prior**2))
+    return replace(
+        choice, log_odds=max(choice.log_odds, moved.log_odds, moved_odds), fault=max(choice.fault, moved.fault)
+    )
 
 
 def without(linear: Linear, accepted: Sequence[Choice], one: int) -> tuple[Problem, Solution]:
@@ -242,8 +244,8 @@ def _rivals(linear: Linear, accepted: Sequence[Choice], one: int) -> tuple[Rival
     if accepted[one].taken:
         return ()
     around = local_noise(linear, accepted[one])
-    found = (at_noise(other, *around) for other in trials(*without(linear, accepted, one)))
-    return tuple(sorted((Choice.of_trial(other).rival for other in found), key=lambda rival: -rival.log_odds))
+    weighed = (at_noise(other, *around) for other in trials(*without(linear, accepted, one)))
+    return tuple(sorted((Choice.of_trial(other).rival for other in weighed), key=lambda rival: -rival.log_odds))
 
 
 def local_noise(linear: Linear, choice: Choice) -> tuple[float, float]:
