@@ -92,9 +92,10 @@ def test_how_fast_a_late_compass_turns_where_the_axis_of_the_turn_turns_too() ->
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     path, late = carry_imu(setup, BIASES), CONSTANTS["compass_latency"][0]
     one = next(reading for reading in setup.readings if reading.name == "compass")
-    still, c = np.zeros((len(setup.t), STATES)), np.zeros(CONSTANT_STATES)
+    guess, c = first_guess(setup, flight), np.zeros(CONSTANT_STATES)
+    still = np.zeros((len(setup.t), STATES + guess.slow.shape[1]))
     c[late] = 0.05
-    states = first_guess(setup, flight).moved(still, c)
+    states = guess.moved(still, c)
     nominal = _kinematics(setup, path, states)
 
     def predicted(of: States) -> Array:
