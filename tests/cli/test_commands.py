@@ -246,7 +246,7 @@ LACKING = [
         (nothing, "no file"),
         (folder, "director"),
         (empty, "empty"),
-        (garbage, "no MAVLink"),
+        (garbage, "not a flight log"),
         (ground_station_alone, "no vehicle found"),
     ],
 )

@@ -10,6 +10,8 @@ import numpy as np
 
 from companion.estimation import BestEstimate
 from companion.estimation.earth_field import field_at
+from companion.estimation.model import States
+from companion.estimation.setup import Setup, first_guess
 from companion.model import (
     Array,
     AttitudeTrack,
@@ -120,6 +122,16 @@ def barometer_of(truth: Motion, rng: np.random.Generator) -> BarometerTrack:
 def at(t: Array, times: Array, values: Array) -> Array:
     """Columns of values interpolated."""
     return np.column_stack([np.interp(t, times, column) for column in values.T])
+
+
+def true_states(setup: Setup, flight: Flight, truth: Motion) -> States:
+    """What the estimate should be at the keyframes, all constants nominal."""
+    return replace(
+        first_guess(setup, flight),
+        q_ned_frd=truth.q_ned_frd[np.searchsorted(truth.t, setup.t - 1e-9)],
+        velocity=at(setup.t, truth.t, truth.velocity),
+        position=at(setup.t, truth.t, truth.position),
+    )
 
 
 def with_imu(flight: Flight, imu: ImuTrack) -> Flight:

@@ -1,10 +1,17 @@
-"""Steps of learning: a series of them is summed where it can be."""
+"""Noise that is learned: its limits, what lasts or stands alone of it, and the series of steps to it."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from companion.estimation.learned_noise import Change, _further
+from companion.estimation.learned_noise import START, Change, _further, coloured, noise_limits, outlier_weights
+from companion.estimation.linearisation import Linear, carry_imu, linearise
+from companion.estimation.setup import set_up
+from companion.model import STANDARD_GRAVITY, Array
+from tests.estimation.sensed import BIASES, at, sensed, true_states, with_imu
 
 
 def taken(ratio: float, steps: int) -> tuple[float, list[Change]]:
@@ -35,3 +42,55 @@ def test_steps_that_are_no_series_are_taken_as_they_are() -> None:
     assert _further(0.1, Change(1.0, plain=True)) == Change(0.1, plain=True)
     assert _further(0.1, Change(0.0, plain=True)) == Change(0.1, plain=True)
     assert _further(-2.0, Change(0.1, plain=True)) == Change(-2.0, plain=True), "it grows"
+
+
+def heard_by_the_barometer(noise: Array) -> Linear:
+    """The true states of a flight whose GPS is far better than its barometer, which errs by this at the keyframes."""
+    flight, truth = sensed(240.0, "circle", rate=25.0, fixes_hz=2.5)
+    (baro,) = flight.barometers
+    t = set_up(flight, None, STANDARD_GRAVITY, None).t
+    up = -at(t, truth.t, truth.position)[:, 2] + noise[: len(t)]
+    heights = replace(baro, t=t, altitude=up, pressure=101325.0 - 12.0 * up, temperature=np.full(len(t), 20.0))
+    setup = set_up(replace(flight, barometers=(heights,)), None, STANDARD_GRAVITY, None)
+    scale = {one.name: 0.05 if one.name.startswith("gps") else 3.0 for one in setup.readings}
+    return linearise(setup, carry_imu(setup, BIASES), true_states(setup, flight, truth), START, scale, {})
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
+def test_noise_that_lasts_counts_as_the_white_noise_that_says_as_much_of_a_mean(memory: float) -> None:
+    """AR(1): the mean of many has the variance of white noise times (1 + φ) / (1 - φ); short stretches show less."""
+    rng = np.random.default_rng(0)
+    noise = [0.0]
+    for step in rng.normal(size=600):
+        noise.append(memory * noise[-1] + step)
+    linear = heard_by_the_barometer(np.array(noise))
+    expected = np.sqrt((1.0 + memory) / (1.0 - memory))
+    assert 0.8 * expected < coloured(linear)["barometer"] < 1.1 * expected
+
+
+def test_readings_in_steps_are_never_believed_to_be_finer_than_their_steps() -> None:
+    flight, _ = sensed(12.0, "circle", rate=50.0)
+
+    def least(step: float) -> tuple[float, float]:
+        imu = replace(flight.imu(), gyro_step=step, accel_step=10.0 * step)
+        limits = noise_limits(set_up(with_imu(flight, imu), None, STANDARD_GRAVITY, None))
+        return limits["gyro_noise"][0], limits["accel_noise"][0]
+
+    (gyro, accel), (twice_gyro, twice_accel) = least(0.02), least(0.04)
+    assert (twice_gyro, twice_accel) == pytest.approx((2.0 * gyro, 2.0 * accel)), "in proportion to the step"
+    assert gyro > 10.0 * least(0.0)[0]
+    assert accel > 10.0 * least(0.0)[1]
+
+
+def test_a_reading_that_its_neighbours_contradict_counts_linearly_and_several_together_in_full() -> None:
+    """Huber: a weight of (k / r)², so that its square counts k² however far off it is."""
+    noise = np.random.default_rng(0).normal(size=601)
+    noise[200] += 150.0
+    noise[400:420] += 150.0
+    linear = heard_by_the_barometer(noise)
+    one = next(one for one in linear.measurements if one.name == "barometer")
+    weight = outlier_weights(linear)["barometer"]
+    alone, together = np.isin(one.keyframe, 200), np.isin(one.keyframe, np.arange(404, 416))
+    assert weight[alone] == pytest.approx((4.0 / (150.0 / 1.5)) ** 2, rel=0.1)
+    assert weight[together] == pytest.approx(np.ones(12))
+    assert (weight[~alone & ~np.isin(one.keyframe, np.arange(394, 426))] == 1.0).all()

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from companion.estimation.learned_noise import START
+from companion.estimation.linearisation import carry_imu, linearise
 from companion.estimation.measurements import GPS_LATENCY_S, gps_readings, vector_readings
-from companion.model import Array, GpsTrack
+from companion.estimation.setup import set_up
+from companion.model import STANDARD_GRAVITY, Array, GpsTrack, geodetic_from_ned
 from companion.strapdown import motions
-from tests.estimation.sensed import PLACE, gps_of
+from tests.estimation.sensed import LATENCY, PLACE, at, gps_of, sensed, true_states, with_imu
 
 SPACING = 0.4
 T = np.concatenate([np.arange(0.0, 10.0, SPACING), np.arange(20.0, 30.0, SPACING)])
@@ -45,3 +50,30 @@ def test_a_fix_stands_where_the_vehicle_was_when_it_was_made() -> None:
     for one in gps_readings(track, T, PLACE, SPACING):
         assert (np.abs(one.t - GPS_LATENCY_S - T[one.keyframe]) <= 0.5 * SPACING + 1e-3).all()
         assert not ((one.t > 10.3) & (one.t < 19.7)).any(), "no keyframe is near"
+
+
+def test_a_fix_beside_a_gap_of_the_imu_is_where_the_velocity_leads() -> None:
+    """At the true states a fix without noise leaves nothing, though no latency is learned there: 8 m/s are 0.8 m."""
+    flight, truth = sensed(40.0, "circle", rate=50.0)
+    (gps,) = flight.gps
+    where = geodetic_from_ned(at(gps.t - LATENCY, truth.t, truth.position), PLACE)
+    imu = flight.imu()
+    kept = (imu.t < 15.0) | (imu.t > 17.0)
+    cut = with_imu(flight, replace(imu, t=imu.t[kept], gyro=imu.gyro[kept], accel=imu.accel[kept]))
+    exact = replace(gps, latitude=where[:, 0], longitude=where[:, 1], height=where[:, 2])
+    setup = set_up(replace(cut, gps=(exact,)), None, STANDARD_GRAVITY, None)
+    states = true_states(setup, flight, truth)
+    scale = {one.name: 1.0 for one in setup.readings}
+    linear = linearise(setup, carry_imu(setup, (np.zeros(3), np.zeros(3))), states, START, scale, {})
+    left = next(one for one in linear.measurements if one.name == "gps_position")
+    beside = np.isin(setup.t[left.keyframe], setup.t[np.flatnonzero(setup.broken)[:, None] + [0, 1]])
+    assert beside.any()
+    assert np.abs(left.residual).max() < 0.1
+
+
+def test_what_a_receiver_says_of_itself_is_believed_down_to_centimetres() -> None:
+    track = fixes(np.arange(0.0, 30.0, 0.01))
+    vain = replace(track, horizontal_sigma=np.full(len(track), 1e-6), speed_sigma=np.full(len(track), 0.3))
+    stated = {one.name: one.sigma for one in gps_readings(vain, T, PLACE, SPACING)}
+    assert (stated["gps_position"] > 0.01).all()
+    assert (stated["gps_velocity"] == 0.3).all()

@@ -196,6 +196,17 @@ def test_no_other_command_can_be_sent(command: int) -> None:
         Request("COMMAND_LONG", {"target_system": 1})
 
 
+@pytest.mark.parametrize(("rate_hz", "start_stop"), [(0, 0), (1, 1), (50, 1)])
+def test_a_stream_of_no_rate_is_stopped(udp: Link, rate_hz: int, start_stop: int) -> None:
+    """MAVLink common: start_stop is 1 to start sending, 0 to stop sending."""
+    with udp_peer(udp.port) as peer:
+        peer.send(next(link_frames(1)))
+        frames_until(udp, 1)
+        udp.send(requests.request_stream(TARGET, 6, rate_hz))
+        (heard,) = decoded(peer.heard())
+    assert (heard.req_stream_id, heard.req_message_rate, heard.start_stop) == (6, rate_hz, start_stop)
+
+
 def test_words_for_people_are_sent_only_where_that_was_asked_for(udp: Link) -> None:
     words = requests.announce("IMU SUSPECT " * 20, alarm=True)
     with udp_peer(udp.port) as peer:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from companion.links import StreamManager, Target
@@ -531,6 +532,46 @@ def test_a_message_that_ardupilot_does_not_know_is_not_asked_for_ever_slower() -
     assert rates.settled
     hear(3.0, "HEARTBEAT", autopilot=3)
     assert rates.said == ["HIGHRES_IMU: the vehicle refuses it; given up"]
+
+
+def test_a_message_that_is_denied_is_asked_for_more_slowly_down_to_5_hz() -> None:
+    rates = StreamManager(Target(1, 1), {"HIGHRES_IMU": 100.0}, DIALECT, own_sysid=240)
+    hear = hearing(rates)
+    hear(0.0, "HEARTBEAT", autopilot=3)
+    assert rates.next_request(0.0) is not None
+    hear(0.1, "MESSAGE_INTERVAL", message_id=105, interval_us=-1)
+    asked = list[float]()
+    for step in range(1, 100):
+        if (request := rates.next_request(0.2 * step)) is not None and request.fields.get("command") == 511:
+            asked.append(float(request.fields["param2"]))
+            hear(0.2 * step + 0.1, "COMMAND_ACK", command=511, result=2, target_system=240)
+    assert rates.settled
+    assert (asked[0], len(asked)) > (9_999.0, 5)
+    assert (np.diff(asked) > 0).all()
+    assert 150_000 < asked[-1] <= 200_000
+
+
+def test_who_turns_it_down_is_asked_again_ever_later() -> None:
+    """Another program sets it back to 1 Hz at once: a message a second, whatever is agreed."""
+    rates = StreamManager(Target(1, 1), {"HIGHRES_IMU": 100.0}, DIALECT, own_sysid=240)
+    hear, asked = hearing(rates), list[float]()
+    for step in range(1200):
+        now = 0.1 * step
+        if step % 10 == 0:
+            hear(now, "HEARTBEAT", autopilot=3)
+            hear(now, "HIGHRES_IMU", time_usec=100_000 * step)
+        request = rates.next_request(now)
+        command = request.fields.get("command") if request is not None else None
+        if command == 510:
+            hear(now, "MESSAGE_INTERVAL", message_id=105, interval_us=1_000_000)
+        elif command == 511:
+            asked.append(now)
+            hear(now, "COMMAND_ACK", command=511, result=0, target_system=240)
+    assert rates.settled
+    waits = np.diff(asked)
+    assert len(waits) == 4
+    assert (np.diff(waits)[1:] > 4.0).all(), waits
+    assert waits[-1] > 20.0
 
 
 def test_messages_of_one_stream_do_not_turn_each_other_down() -> None:

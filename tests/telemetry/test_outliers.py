@@ -71,6 +71,18 @@ def test_without_rates_a_turn_within_the_range_of_a_gyro_is_none() -> None:
     assert lone_turns(t / 100.0, q, None).sum() == 1, "at 400 Hz none can"
 
 
+@pytest.mark.parametrize(("times", "damaged"), [(1.5, False), (2.8, False), (4.5, True)])
+def test_between_two_samples_a_vehicle_may_turn_up_to_three_times_as_fast_as_at_both(
+    times: float, damaged: bool
+) -> None:
+    """A swing of 4 rad/s at the samples of 10 Hz: what a gyro read there explains a turn of 0.4 rad at least."""
+    rate, period = 4.0, 0.1
+    q = np.tile(quaternion.IDENTITY, (N, 1))
+    q[150] = quaternion.exp(np.array([0.0, 0.0, times * rate * period + np.radians(9.0)]))
+    rates = np.tile([0.0, 0.0, rate], (N, 1))
+    assert lone_turns(period * np.arange(N), q, rates).any() == damaged
+
+
 def test_what_a_part_can_read_is_readable() -> None:
     """Up to its range on three axes at once, turned into the axes of the body, and calibrated."""
     full = np.array([[1.0, 1.0, 1.0], [-1.7, 0.0, 0.0]])

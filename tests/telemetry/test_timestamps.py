@@ -141,3 +141,19 @@ def test_the_stamps_of_the_log_itself_may_be_wrong(tmp_path: Path) -> None:
     data[:8] = struct.pack(">Q", 2**63 + int(EPOCH * 1e6))
     path.write_bytes(data)
     assert c.open_log(path)[0].duration == pytest.approx(10)
+
+
+@pytest.mark.parametrize("period_s", [2.0, 20.0])
+def test_of_a_slow_stream_a_few_periods_are_no_disorder(period_s: float) -> None:
+    """Two periods back is a packet that comes late; five are a wrong time."""
+    for periods, apart in ((2.2, False), (5.2, True)):
+        t = period_s * np.arange(60.0)
+        t[30] -= periods * period_s
+        assert ("SLOW" in off_course({"SLOW": t}, ON_BOARD)) is apart
+
+
+@pytest.mark.parametrize(("before_s", "apart"), [(300.0, False), (550.0, False), (700.0, True)])
+def test_a_radio_may_hand_out_first_what_it_had_kept_for_ten_minutes(before_s: float, apart: bool) -> None:
+    flight = 1000.0 + 0.1 * np.arange(500.0)
+    late = np.concatenate([[flight[0] - before_s], flight])
+    assert ("LATE" in off_course({"LATE": late, "OTHER": flight}, ON_LINK)) is apart

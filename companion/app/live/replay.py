@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from companion.analysis import Continued, Integration, Replay, go_on, replay
-from companion.model import DataError, Flight
+from companion.model import DataError, Flight, check_seconds
 from companion.telemetry import Stream
 
 _MARGIN_S = 3.0  # beside the re-anchor period: late packets, and the autopilot's messages around the anchor
@@ -70,13 +70,12 @@ class LiveReplay:
 
     @property
     def reanchor_s(self) -> float:
-        """The re-anchor period, s. Raises ValueError for one that is not positive."""
+        """The re-anchor period, s. Raises SettingsError for one that is not positive."""
         return self._reanchor_s
 
     @reanchor_s.setter
     def reanchor_s(self, seconds: float) -> None:
-        if not seconds > 0:
-            raise ValueError(f"the re-anchor period must be positive seconds, got {seconds}")
+        check_seconds("the re-anchor period", seconds)
         self._reanchor_s = seconds
 
     def anchor_now(self) -> None:
