@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.estimation.learned_noise import START, Change, _further, coloured, noise_limits, outlier_weights
+from companion.estimation.iteration import estimate, start_of
+from companion.estimation.learned_noise import START, Change, _further, coloured, noise_limits
 from companion.estimation.linearisation import Linear, carry_imu, linearise
-from companion.estimation.setup import set_up
+from companion.estimation.robust_weights import outlier_weights
+from companion.estimation.setup import first_guess, set_up
 from companion.model import STANDARD_GRAVITY, Array
 from tests.estimation.sensed import BIASES, at, sensed, true_states, with_imu
 
@@ -53,19 +55,25 @@ def heard_by_the_barometer(noise: Array) -> Linear:
     heights = replace(baro, t=t, altitude=up, pressure=101325.0 - 12.0 * up, temperature=np.full(len(t), 20.0))
     setup = set_up(replace(flight, barometers=(heights,)), None, STANDARD_GRAVITY, None)
     scale = {one.name: 0.05 if one.name.startswith("gps") else 3.0 for one in setup.readings}
-    return linearise(setup, carry_imu(setup, BIASES), true_states(setup, flight, truth), START, scale, {})
+    states = true_states(setup, flight, truth)
+    return linearise(setup, carry_imu(setup, BIASES), states, START, scale, {}, start_of(setup, states).slow)
 
 
-@pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
-def test_noise_that_lasts_counts_as_the_white_noise_that_says_as_much_of_a_mean(memory: float) -> None:
-    """AR(1): the mean of many has the variance of white noise times (1 + φ) / (1 - φ); short stretches show less."""
-    rng = np.random.default_rng(0)
-    noise = [0.0]
-    for step in rng.normal(size=600):
-        noise.append(memory * noise[-1] + step)
-    linear = heard_by_the_barometer(np.array(noise))
-    expected = np.sqrt((1.0 + memory) / (1.0 - memory))
-    assert 0.8 * expected < coloured(linear)["barometer"] < 1.1 * expected
+@pytest.mark.parametrize("memory", [0.0, 0.8])
+def test_white_noise_of_an_imu_is_no_correlated_noise(memory: float) -> None:
+    """Smoothed disturbances are correlated even where the noise is white: that of an AR(1) process is more."""
+    flight, _ = sensed(120.0, "circle", rate=50.0)
+    imu, rng = flight.imu(), np.random.default_rng(3)
+    keyframes = np.floor(imu.t / 0.4).astype(np.intp)
+    steps, noise = rng.normal(size=(keyframes[-1] + 1, 3)), np.zeros((keyframes[-1] + 1, 3))
+    for i in range(1, len(noise)):
+        noise[i] = memory * noise[i - 1] + steps[i]
+    setup = set_up(
+        with_imu(flight, replace(imu, accel=imu.accel + 0.5 * noise[keyframes])), None, STANDARD_GRAVITY, None
+    )
+    _, linear = estimate(setup, start_of(setup, first_guess(setup, flight)))
+    grown = coloured(linear)["accel"]
+    assert grown < 1.25 if memory == 0.0 else grown > 1.4
 
 
 def test_readings_in_steps_are_never_believed_to_be_finer_than_their_steps() -> None:

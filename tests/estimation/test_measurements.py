@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.estimation.iteration import start_of
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import carry_imu, linearise
 from companion.estimation.measurements import GPS_LATENCY_S, gps_readings, vector_readings
@@ -64,7 +65,9 @@ def test_a_fix_beside_a_gap_of_the_imu_is_where_the_velocity_leads() -> None:
     setup = set_up(replace(cut, gps=(exact,)), None, STANDARD_GRAVITY, None)
     states = true_states(setup, flight, truth)
     scale = {one.name: 1.0 for one in setup.readings}
-    linear = linearise(setup, carry_imu(setup, (np.zeros(3), np.zeros(3))), states, START, scale, {})
+    linear = linearise(
+        setup, carry_imu(setup, (np.zeros(3), np.zeros(3))), states, START, scale, {}, start_of(setup, states).slow
+    )
     left = next(one for one in linear.measurements if one.name == "gps_position")
     beside = np.isin(setup.t[left.keyframe], setup.t[np.flatnonzero(setup.broken)[:, None] + [0, 1]])
     assert beside.any()

@@ -80,7 +80,7 @@ def test_between_two_samples_a_vehicle_may_turn_up_to_three_times_as_fast_as_at_
     q = np.tile(quaternion.IDENTITY, (N, 1))
     q[150] = quaternion.exp(np.array([0.0, 0.0, times * rate * period + np.radians(9.0)]))
     rates = np.tile([0.0, 0.0, rate], (N, 1))
-    assert lone_turns(period * np.arange(N), q, rates).any() == damaged
+    assert lone_turns(period * np.arange(N, dtype=np.float64), q, rates).any() == damaged
 
 
 def test_what_a_part_can_read_is_readable() -> None:
