@@ -69,8 +69,8 @@ spoiled = replace(flight, imus={imu.source: replace(imu, gyro=imu.gyro + added)}
 suspect = c.examine(spoiled).assessment
 print(suspect.verdict.status, "-", textwrap.fill(suspect.verdict.summary, 100))
 
-# > imu_suspect - Suspect the IMU (probability over 99.9 %): gyro y bias 9.9 ± 0.4 mrad/s, from 100.2 ± 0.2 s to the
-# > end.
+# > imu_suspect - Suspect the IMU: gyro y bias 9.9 ± 0.4 mrad/s, from 100.2 ± 0.2 s to the end (probability over 99.9
+# > %).
 
 # %% [markdown]
 # ## An error from the first second on is calibration

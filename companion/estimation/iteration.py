@@ -22,7 +22,7 @@ from companion.estimation.learned_noise import START, Change, coloured, learn, n
 from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
 from companion.estimation.measurements import SLOW
 from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
-from companion.estimation.robust_weights import outlier_weights, shocks
+from companion.estimation.robust_weights import MOST_SHAKEN, outlier_weights, shocks
 from companion.estimation.setup import Setup
 from companion.estimation.system import Prior, misfit, squares
 from companion.model import Array, interpolated, nearest
@@ -193,7 +193,7 @@ def estimate(
             noise, scale, slow, change = learn(linear, setup, noise, scale, slow, limits, change)
             wide, largest = noise, max(abs(one.size) for one in change.values())
             if weighted or accepted or largest < _NEAR or count >= _WEIGHTS_FROM:
-                weights, shaken = outlier_weights(linear), shaken * shocks(linear)
+                weights, shaken = outlier_weights(linear), np.minimum(shaken * shocks(linear), MOST_SHAKEN)
                 weighted += 1
         there = uphill or step.gain < _LEARNING  # as near as it comes
         if (weighted >= _WEIGHTED and largest < SETTLED and there) or count == passes - 1:

@@ -11,6 +11,8 @@ from companion.estimation.system import measurement_residual
 from companion.model import Array
 
 _HUBER, _NEIGHBOURS = 4.0, 7
+MOST_SHAKEN = 10.0
+"""Times that the noise of an interval may be larger: beyond, a jump of a GPS would pass for noise of the IMU."""
 
 
 def outlier_weights(linear: Linear) -> dict[str, Array]:

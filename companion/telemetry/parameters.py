@@ -72,7 +72,7 @@ RANGES = (
     Range(r"CAL_(GYRO|ACC)\d_ROT|SENS_BOARD_ROT", -1.0, 255.0),
     Range(r"SENS_BOARD_[XYZ]_OFF", -180.0, 180.0, "°"),
     Range(r"AHRS_EKF_(TYPE|USE)|EK[23]_(IMU_MASK|PRIMARY)", 0.0, 255.0),
-    Range(r"MAV_SYSID|SYSID_THISMAV|MAV_(SYS|COMP)_ID|MAV_TYPE", 0.0, 255.0),
+    Range(r"MAV_SYSID|SYSID_(THISMAV|SW_TYPE)|MAV_(SYS|COMP)_ID|MAV_TYPE", 0.0, 255.0),
     Range(r"SERVO\d+_FUNCTION", -1.0, 1000.0),
     Range(r"SERVO\d+_(MIN|MAX)|MOT_PWM_(MIN|MAX)", 0.0, 5000.0, "µs"),
     Range(r"BRD_SERIAL_NUM", -(2.0**31), 2.0**31),

@@ -103,12 +103,16 @@ def test_labels_that_say_what_no_label_can_say_are_refused(tmp_path: Path) -> No
         load_labels(file)
 
 
+_WITHOUT_TRUTH = ("strangers/", "invariance/")  # where some have a label, and the truth of the others is not known
+
+
 def test_every_label_and_every_shared_recording_have_each_other() -> None:
     labels = load_labels(LABELS)
     if not SHARED.exists():
         pytest.skip("the labelled recordings are not on this machine")
     names = [path.relative_to(SHARED).as_posix() for path in recordings(SHARED)]
-    assert [name for name in names if not any(label.matches(name) for label in labels)] == []
+    known = [name for name in names if not name.startswith(_WITHOUT_TRUTH)]
+    assert [name for name in known if not any(label.matches(name) for label in labels)] == []
     assert [label.log for label in labels if not any(label.matches(name) for name in names)] == []
 
 

@@ -28,41 +28,41 @@ def linear() -> Linear:
 
 def dense(one: Linear) -> tuple[Array, int]:
     """The covariance of all states and constants, by inverting all information at once."""
-    count, width = len(one.problem.t), len(one.solution.c)
-    information = np.zeros((count * STATES + width,) * 2)
+    (count, states), width = one.solution.x.shape, len(one.solution.c)
+    information = np.zeros((count * states + width,) * 2)
 
     def add(jacobian: Array, weight: Array) -> None:
         information[:] += jacobian.T @ weight @ jacobian
 
-    rows = np.zeros((STATES, len(information)))
-    rows[:, :STATES] = np.eye(STATES)
+    rows = np.zeros((states, len(information)))
+    rows[:, :states] = np.eye(states)
     add(rows, np.diag(one.prior.sigma**-2.0))
     rows = np.zeros((width, len(information)))
-    rows[:, count * STATES :] = np.eye(width)
+    rows[:, count * states :] = np.eye(width)
     add(rows, np.diag(one.prior.constants_sigma**-2.0))
     for k in range(count - 1):
-        rows = np.zeros((STATES, len(information)))
-        rows[:, k * STATES : (k + 1) * STATES] = one.motion.transition[k]
-        rows[:, (k + 1) * STATES : (k + 2) * STATES] = -np.eye(STATES)
-        rows[:, count * STATES :] = one.motion.constants[k]
+        rows = np.zeros((states, len(information)))
+        rows[:, k * states : (k + 1) * states] = one.motion.transition[k]
+        rows[:, (k + 1) * states : (k + 2) * states] = -np.eye(states)
+        rows[:, count * states :] = one.motion.constants[k]
         add(rows, one.motion.weight[k])
     for told in one.measurements:
         for i, k in enumerate(told.keyframe):
             rows = np.zeros((told.residual.shape[1], len(information)))
-            rows[:, k * STATES : (k + 1) * STATES] = told.states[i]
-            rows[:, count * STATES :] = told.constants[i]
+            rows[:, k * states : (k + 1) * states] = told.states[i]
+            rows[:, count * states :] = told.constants[i]
             add(rows, np.diag(told.information[i]))
     scale = np.sqrt(np.diag(information))
     return np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale), count
 
 
 def test_the_mean_bias_goes_with_the_matrices_as_in_the_dense_problem(linear: Linear) -> None:
-    covariance, count = dense(linear)
+    (covariance, count), states = dense(linear), linear.solution.x.shape[1]
     pick = np.zeros((24, len(covariance)))
     for k in range(count):
-        own = k * STATES + np.r_[GYRO_BIAS, ACCEL_BIAS]
+        own = k * states + np.r_[GYRO_BIAS, ACCEL_BIAS]
         pick[np.arange(6), own] = 1.0 / count
-    pick[6 + np.arange(18), count * STATES + MATRICES] = 1.0
+    pick[6 + np.arange(18), count * states + MATRICES] = 1.0
     found = constant_errors(linear.states, linear.solution)
     sigma = np.sqrt(np.diag(found.covariance))
     expected = pick @ covariance @ pick.T

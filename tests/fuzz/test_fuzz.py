@@ -39,7 +39,7 @@ def test_a_recording_is_written_out_again_as_it_was(tmp_path: Path) -> None:
         (flight,) = c.open_log(path)
         assert flight.attitude
         assert flight.position
-        assert len(flight.imu()) >= 400
+        assert len(flight.imu()) >= 200
         assert not [note for note in flight.notes if any(sign in note for sign in _DAMAGE)]
 
 

@@ -165,8 +165,8 @@ def test_another_dialect_reads_its_own_ids() -> None:
         (b"", "empty"),
         (b"\xa3\x95\x80\x80" + b"x" * 200, "DataFlash"),
         (b"ULog\x01\x12\x35\x01" + b"x" * 200, "ULog"),
-        (b"time,roll,pitch\n" * 50, r"800 bytes.*74 69 6D 65 2C 72 6F 6C"),
-        (bytes(1000), r"1,000 bytes.*00 00"),
+        (b"time,roll,pitch\n" * 50, "not a flight log: it is text"),
+        (bytes(1000), "not a flight log: it is blank"),
     ],
 )
 def test_files_without_mavlink(tmp_path: Path, content: bytes, says: str) -> None:
