@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 import companion as c
@@ -86,7 +88,7 @@ def test_a_telemetry_log_without_heartbeats_has_a_vehicle(tmp_path: Path) -> Non
 def test_a_ulog_without_its_parameter_has_the_type_of_its_status(
     tmp_path: Path, parameters: dict[str, float], kind: str
 ) -> None:
-    status = {
+    status: dict[str, npt.NDArray[Any]] = {
         "timestamp": np.arange(5, dtype=np.uint64) * 500_000,
         "arming_state": np.ones(5, np.uint8),
         "nav_state": np.zeros(5, np.uint8),
