@@ -100,7 +100,7 @@ def _decided(
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
         cause = _cause(first)
         sure = "" if cause.probability is None else f" (probability {percent(cause.probability)})"
-        told = f"Suspect {whom}{sure}: {_headline(first)}.{_all_the_same(agreements[0], source)}"
+        told = f"Suspect {whom}: {_headline(first)}{sure}.{_all_the_same(agreements[0], source)}"
         return Verdict(status, told, findings, cause)
     doubt = _doubt(worst, findings, best)
     if doubt is not None:
