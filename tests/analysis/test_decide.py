@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from companion.analysis.finding import Cause, Finding, Side
@@ -39,6 +41,15 @@ def test_of_one_sensors_causes_that_may_have_begun_together_the_surest_time_coun
     assert verdict.summary == f"Suspect the IMU: {first} seen."
     assert verdict.cause is not None
     assert verdict.cause.kind == first
+
+
+def test_the_probability_of_a_cause_is_said_with_it() -> None:
+    """At its end: what stands before is what its status says already."""
+    one = cause("gyro_bias", "imu", 30.0, 0.1, "gyro")
+    assert one.cause is not None
+    sure = replace(one, cause=replace(one.cause, probability=0.97))
+    verdict = decide(agreements(5, {"attitude": 0.5}), (sure,), None, "RAW_IMU")
+    assert verdict.summary == "Suspect the IMU: gyro_bias seen (probability 97 %)."
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9])
