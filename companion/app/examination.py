@@ -221,6 +221,7 @@ def assess_imu(
     )
 
 
+@_cannot_tell()
 def align_imu(
     flight: Flight,
     settings: Settings,
