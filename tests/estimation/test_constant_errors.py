@@ -10,7 +10,7 @@ import pytest
 from companion.estimation.constant_errors import allowing, constant_errors, of_first_half
 from companion.estimation.iteration import estimate, start_of
 from companion.estimation.linearisation import Linear
-from companion.estimation.model import ACCEL_BIAS, CONSTANTS, GYRO_BIAS, STATES
+from companion.estimation.model import ACCEL_BIAS, CONSTANTS, GYRO_BIAS
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import solve
 from companion.model import STANDARD_GRAVITY, Array
