@@ -202,7 +202,6 @@ class BestEstimate:
     explained_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))  # of the sizes of all of them
     further: tuple[Rival, ...] = ()  # the likeliest hypotheses beside those in the estimate
     detectable: Mapping[str, float] = field(default_factory=dict)  # kind → smallest that would have been called
-    bursts: int = 0  # times that the IMU missed a push that neither chance nor anything explained makes
     heading_from: str = ""  # "compass", "GPS and acceleration", "first guess": which witness gives the heading
     notes: tuple[str, ...] = ()
 

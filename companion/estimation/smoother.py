@@ -1,8 +1,8 @@
-"""The smoother: Gauss-Newton over all keyframes at once, and one explanation after the other for what does not fit.
+"""The smoother: Gauss-Newton over all keyframes at once, and one cause after the other for what does not fit.
 
 Each pass takes the nominal states, makes them linear, solves for all errors at once and moves the states; in between
-the densities are learned. Then everything that may be wrong competes for what the witnesses do not agree on, and the
-estimate is made anew with what explains most, until nothing pays for itself.
+the noise densities are learned. Then all hypotheses are weighed for what the sensors do not agree on, and the estimate
+is made anew with the likeliest, until none is likelier than not. Docs: mathematics.md, one log evidence.
 """
 
 from __future__ import annotations
@@ -37,7 +37,6 @@ from companion.estimation.retiming import retimed
 from companion.estimation.search import detectable, trials
 from companion.estimation.setup import Setup, guesses, set_up
 from companion.estimation.system import Solution, measurement_residual, solve
-from companion.estimation.weighing import bursts
 from companion.model import STANDARD_GRAVITY, DataError, Flight, NoEstimateError
 
 _MOST_EXPLAINED = 4
@@ -314,7 +313,6 @@ def _result(
         explained=parts,
         explained_covariance=together,
         detectable=detectable(linear.problem, linear.solution),
-        bursts=bursts(linear.solution),
         heading_from=heading,
         notes=setup.notes,
     )

@@ -239,19 +239,6 @@ def misfit(motion: Motion, measurements: Sequence[Measurement], solution: Soluti
     return squares(motion_residual(motion, solution), motion.weight, measured)
 
 
-def evidence(solution: Solution, measurements: Sequence[Measurement], prior: Prior) -> float:
-    """Twice the logarithm of how likely the measurements are, whatever the states and constants were.
-
-    But for a constant of the measurements' own σ: two solutions with another noise of the motion can be compared.
-    """
-    motion = solution.motion
-    left = np.concatenate(((prior.residual - solution.x[0]) / prior.sigma,
-                           (prior.constants_residual - solution.c) / prior.constants_sigma))  # fmt: skip
-    known = float(np.linalg.slogdet(motion.weight)[1].sum()) - solution.factor.logdet
-    known += float(np.linalg.slogdet(solution.constants_covariance)[1])
-    return known - misfit(motion, measurements, solution) - float(left @ left)
-
-
 def motion_residual_covariance(
     motion: Motion, solution: Solution, blocks: tuple[Array, Array], part: slice = _ALL
 ) -> Array:

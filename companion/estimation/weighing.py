@@ -16,7 +16,6 @@ from companion.estimation.model import VELOCITY
 from companion.estimation.system import Index, Solution, measurement_residual, motion_residual
 from companion.model import Array
 
-_BEYOND_CHANCE = 24.0  # χ² of three: one interval in 40,000
 _UNUSUAL, _JUMPS = 8.0, 8  # a step of this many median steps, and how many are tried
 _FEWEST, _KEYFRAMES = 2, 12_000  # onsets at a time, and onsets by keyframes: columns of 20 MB, and as much on the way
 
@@ -35,24 +34,17 @@ def jumps(problem: Problem, solution: Solution, kind: Kind) -> Array:
 
 def pushes(problem: Problem, solution: Solution) -> Array:
     """(J,) s: keyframes before which the velocity changes most beyond what the IMU felt, the most unlikely first."""
-    at, _ = _peaks(solution)
+    at = _peaks(solution)
     return np.asarray(problem.t[at[:_JUMPS]] + 1e-3)
 
 
-def bursts(solution: Solution) -> int:
-    """How many times the IMU missed a push that chance never makes."""
-    _, unlikely = _peaks(solution)
-    return int((unlikely > _BEYOND_CHANCE).sum())
-
-
-def _peaks(solution: Solution) -> tuple[Index, Array]:
-    """Keyframes after which the velocity is pushed, the most unlikely first, and χ² of three of the push."""
+def _peaks(solution: Solution) -> Index:
+    """Keyframes after which the velocity is pushed, the most unlikely first."""
     e, d = solution.disturbances
     e, d = e[:, VELOCITY], d[:, VELOCITY, VELOCITY]
     unlikely = np.einsum("ki,ki->k", e, np.linalg.solve(d + 1e-12 * np.eye(3), e[..., None])[..., 0])
     at = np.flatnonzero((unlikely >= np.roll(unlikely, 1)) & (unlikely >= np.roll(unlikely, -1)))
-    at = at[np.argsort(-unlikely[at])]
-    return at, np.asarray(unlikely[at])
+    return np.asarray(at[np.argsort(-unlikely[at])])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

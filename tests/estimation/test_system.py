@@ -13,7 +13,6 @@ from companion.estimation.system import (
     Motion,
     Prior,
     Solution,
-    evidence,
     measurement_variance,
     motion_residual,
     motion_residual_covariance,
@@ -145,41 +144,3 @@ def test_what_is_left_of_the_motion_is_what_the_solution_leaves(
     motion, _, _ = problem
     exact = replace(motion, residual=motion.residual - motion_residual(motion, solution))
     np.testing.assert_allclose(motion_residual(exact, solution), 0.0, atol=1e-12)
-
-
-def test_the_evidence_is_how_likely_the_readings_are_whatever_the_states_were(
-    problem: tuple[Motion, tuple[Measurement, ...], Prior],
-) -> None:
-    """Against the multivariate normal distribution of the readings, which the motion and the priors make of noise."""
-    motion, (one,), prior = problem
-    noisier = replace(motion, weight=motion.weight * np.array([1.0, 1.0, 0.1, 0.1, 0.3, 1.0])[:, None, None])
-
-    def told(carried: Motion) -> float:
-        mean = np.concatenate((prior.residual, prior.constants_residual))
-        root = np.diag(np.concatenate((prior.sigma, prior.constants_sigma)))
-        states, roots = [mean[:STATES]], [root[:STATES]]  # x_k = mean + root @ (independent of variance 1)
-        for k in range(COUNT - 1):
-            own = np.linalg.cholesky(np.linalg.inv(carried.weight[k]))
-            states.append(carried.transition[k] @ states[k] + carried.constants[k] @ mean[STATES:]
-                          + carried.residual[k])  # fmt: skip
-            moved = [carried.transition[k] @ roots[k], carried.constants[k] @ root[STATES:]]
-            width = moved[0].shape[1]
-            moved[1] = np.pad(moved[1], ((0, 0), (0, width - moved[1].shape[1])))
-            roots.append(np.hstack((moved[0] + moved[1], own)))
-        width = roots[-1].shape[1]
-        expected, factors = [], []
-        for h, c, k in zip(one.states, one.constants, one.keyframe, strict=True):
-            expected.append(h @ states[k] + c @ mean[STATES:])
-            of_states = np.pad(h @ roots[k], ((0, 0), (0, width - roots[k].shape[1])))
-            of_constants = np.pad(c @ root[STATES:], ((0, 0), (0, width - root.shape[1])))
-            factors.append(of_states + of_constants)
-        factor = np.concatenate(factors)
-        covariance = factor @ factor.T + np.diag(1.0 / one.information.ravel())
-        left = one.residual.ravel() - np.concatenate(expected)
-        return -float(np.linalg.slogdet(covariance)[1] + left @ np.linalg.solve(covariance, left))
-
-    def claimed(carried: Motion) -> float:
-        return evidence(solve(COUNT, carried, (one,), prior), (one,), prior)
-
-    assert claimed(noisier) - claimed(motion) == pytest.approx(told(noisier) - told(motion), abs=1e-6)
-    assert abs(told(noisier) - told(motion)) > 0.1
