@@ -169,12 +169,6 @@ def _normal(z: Array) -> Array:
 _BY_TIME = ("onset", "end", "weight", "log_bayes", "size", "covariance", "axis")
 
 
-def at_noise(one: Trial, gyro: float, accel: float) -> Trial:
-    """The same where the variance of the IMU's noise about it is so many times what the problem states."""
-    times = {"gyro": gyro, "accel": accel}.get(one.kind.name.partition("_")[0], 1.0)
-    return one if times <= 1.0 else replace(one, log_bayes=one.log_bayes / times)
-
-
 def joined(parts: Sequence[Trial]) -> Trial:
     """One hypothesis at the times of all parts, one or more."""
     together: dict[str, Any] = {name: np.concatenate([getattr(p, name) for p in parts]) for name in _BY_TIME}

@@ -84,6 +84,7 @@ class Problem:
     motion: Motion
     measurements: tuple[Measurement, ...]
     aliased: Mapping[str, float]  # kind → 1σ of what vibration that its samples fold reads like
+    rougher: Mapping[str, float]  # "gyro", "accel" → times by which the variance of its noise is larger than stated
 
     def witness(self, name: str) -> Measurement | None:
         """The measurements of a witness."""

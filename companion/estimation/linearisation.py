@@ -157,7 +157,7 @@ def linearise(
         sigma, robust = one.sigma * scale[one.name], weights.get(one.name, one.weight)
         measurements.append(replace(one, sigma=sigma, weight=robust))
     problem = Problem(
-        setup.t, states.q_ned_frd, states.velocity, setup.gravity, motion, tuple(measurements), setup.aliased
+        setup.t, states.q_ned_frd, states.velocity, setup.gravity, motion, tuple(measurements), setup.aliased, {}
     )
     prior = _prior(setup, states, slow)
     for choice in accepted:

@@ -118,7 +118,9 @@ def _trial(
     problem: Problem, kind: Kind, shape: str, times: tuple[Array, Array, Array], scores: tuple[Array, Array]
 ) -> Trial:
     span = float(problem.t[0]), float(problem.t[-1])
-    return trial(kind, shape, times, span, *scores, problem.aliased.get(kind.name, 0.0))
+    rougher = problem.rougher.get(kind.name.partition("_")[0], 1.0)
+    b, v = (one / rougher for one in scores)
+    return trial(kind, shape, times, span, b, v, problem.aliased.get(kind.name, 0.0))
 
 
 def _weight(problem: Problem, onset: Array, end: Array, wide: Any, long: Any) -> Array:

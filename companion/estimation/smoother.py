@@ -15,7 +15,7 @@ import numpy as np
 
 from companion.estimation.choice import Choice, explained
 from companion.estimation.constant_errors import constant_errors, of_first_half
-from companion.estimation.evidence import Trial, at_noise
+from companion.estimation.evidence import Trial
 from companion.estimation.explanations import Problem
 from companion.estimation.iteration import Start, carried, estimate, likelihood, resuming, start_of
 from companion.estimation.learned_noise import believing, lasting, noise_limits, scatter
@@ -151,9 +151,9 @@ def next_cause(
     if not tried:
         return tuple(one.rival for one in map(Choice.of_trial, usual[:_FURTHER]))
     least = max(tried, key=lambda one: likelihood(one.settled, one.linear))
-    around = local_noise(least.linear, least.choice)
-    weighed = [Choice.of_trial(at_noise(one, *around)) for one in trials(*_without_the_last(setup, least, accepted))]
-    weighed.sort(key=lambda one: -one.log_odds)
+    problem, solution = _without_the_last(setup, least, accepted)
+    problem = replace(problem, rougher=local_noise(least.linear, least.choice))
+    weighed = [Choice.of_trial(one) for one in trials(problem, solution)]
     if least.choice.taken:
         weighed = [_as_moved(one, least) if one.name == least.choice.name else one for one in weighed]
         weighed.sort(key=lambda one: -one.log_odds)
@@ -242,12 +242,12 @@ def _rivals(linear: Linear, accepted: Sequence[Choice], one: int) -> tuple[Rival
     """Every hypothesis in the place of one that was accepted, beside all others; empty where readings were moved."""
     if accepted[one].taken:
         return ()
-    around = local_noise(linear, accepted[one])
-    weighed = (at_noise(other, *around) for other in trials(*without(linear, accepted, one)))
-    return tuple(sorted((Choice.of_trial(other).rival for other in weighed), key=lambda rival: -rival.log_odds))
+    problem, solution = without(linear, accepted, one)
+    problem = replace(problem, rougher=local_noise(linear, accepted[one]))
+    return tuple(Choice.of_trial(other).rival for other in trials(problem, solution))
 
 
-def local_noise(linear: Linear, choice: Choice) -> tuple[float, float]:
+def local_noise(linear: Linear, choice: Choice) -> dict[str, float]:
     """Times by which gyro and accelerometer scatter more about a cause than in the whole flight: variances, 1 or more.
 
     Of an estimate that has the cause in it. Noise is learned where the flight is typical: where it is rougher, as by
@@ -262,7 +262,7 @@ def local_noise(linear: Linear, choice: Choice) -> tuple[float, float]:
         unlikely = (e[:, block] ** 2 / np.where(own[:, block] > 0.0, own[:, block], np.inf)).sum(axis=1)
         return max(1.0, float(unlikely[within].mean() / max(unlikely.mean(), 1e-300))) if within.any() else 1.0
 
-    return ratio(ATTITUDE), ratio(VELOCITY)
+    return {"gyro": ratio(ATTITUDE), "accel": ratio(VELOCITY)}
 
 
 def _result(
