@@ -26,9 +26,9 @@ def floats(name: str, values: object, shape: tuple[int, ...], *, finite: bool = 
     return values.astype(np.float64, copy=False)
 
 
-def times(name: str, given: object) -> npt.NDArray[np.float64]:
+def times(name: str, given: npt.ArrayLike) -> npt.NDArray[np.float64]:
     """Times (N,) in double precision. Raises DataError unless they are finite and increase strictly."""
-    t = floats(name, given, np.shape(given))  # type: ignore[call-overload]
+    t = floats(name, given, np.shape(given))
     if t.ndim != 1:
         raise DataError(f"{name} must have shape (N,), got {t.shape}")
     if not (rising := t[1:] > t[:-1]).all():

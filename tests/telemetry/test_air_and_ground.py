@@ -186,3 +186,21 @@ def test_a_message_with_the_speed_goes_before_one_with_the_pressure(tmp_path: Pa
     (speed,) = c.open_log(log.close())[0].airspeeds
     assert speed.source == "AIRSPEED"
     assert len(speed) == N
+
+
+def test_what_ardupilot_marks_as_no_reading_is_none(tmp_path: Path) -> None:
+    """RangeFinder::Status: 0 not connected, 1 no data, 2 and 3 out of range, 4 good. Quality in %, -1 not known."""
+    marks = [(4, -1, True), (4, 100, True), (4, 0, False)] + [(status, -1, False) for status in (0, 1, 2, 3)]
+
+    def rows() -> Iterator[tuple[str, tuple[object, ...]]]:
+        for i, t in enumerate(T):
+            status, quality, _ = marks[i % len(marks)]
+            us = round(t * 1e6)
+            yield "IMU", (us, 0, 0.0, 0.0, 1e-3 * (i % 2), 0.0, 0.0, -9.8)
+            yield "ATT", (us, *6 * (0.0,))
+            yield "RFND", (us, 0, round(float(TRUE["range"][i]) * 100), status, 25, quality)
+
+    write_dataflash(tmp_path / "log.bin", TYPES, rows())
+    ((finder,),) = (flight.ranges for flight in c.open_log(tmp_path / "log.bin"))
+    expected = [TRUE["range"][i] if marks[i % len(marks)][2] else np.nan for i in range(N)]
+    np.testing.assert_allclose(finder.distance, expected, atol=1e-6)

@@ -79,3 +79,13 @@ def test_gps_time_is_utc_with_leap_seconds(week: int, seconds: float, utc: datet
     leap = 16 if utc.year == 2014 else 18
     found = gps_to_unix(np.array([float(week)]), np.array([seconds + leap]))
     assert found[0] == utc.timestamp()
+
+
+@pytest.mark.parametrize("leap", [15, 16, 17])
+def test_a_leap_second_is_counted_when_it_has_happened(leap: int) -> None:
+    """2012-07-01, 2015-07-01 and 2017-01-01: GPS runs on evenly, and UTC repeats a second there and no more."""
+    midnight = {15: 1_341_100_800.0, 16: 1_435_708_800.0, 17: 1_483_228_800.0}[leap]
+    utc = midnight + np.array([-3600.0, -0.5, 0.5, 3600.0])
+    gps = utc - 315_964_800.0 + np.array([leap, leap, leap + 1, leap + 1])
+    week = np.floor(gps / 604_800.0)
+    assert gps_to_unix(week, gps - 604_800.0 * week) == pytest.approx(utc, abs=1e-6)

@@ -142,6 +142,19 @@ def test_unix_time_in_time_usec_becomes_boot_time(log: Writer) -> None:
     assert any("time_usec runs" in note for note in flight.notes)
 
 
+def test_a_constant_between_two_clocks_is_told_by_the_packets_between_which_each_was_sent(log: Writer) -> None:
+    """Most of them just behind one of the other clock: the few before the next say how far it may be."""
+    log.heartbeat(0.0)
+    sent = list[float]()
+    for i in range(80):
+        log.attitude(0.25 * i, 30.0 + 0.25 * i)
+        for late in (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.24):
+            sent.append(30.0 + 0.25 * i + late)
+            log.raw_imu(0.25 * i + late, sent[-1] + 3.0)
+    (flight,) = c.open_log(log.close())
+    assert flight.imu().t[: len(sent) - 8] == pytest.approx(sent[: len(flight.imu())][: len(sent) - 8], abs=0.02)
+
+
 def test_stale_packets_at_the_start_are_left_out(log: Writer) -> None:
     for i in range(5):
         log.attitude(i * 0.02, 3 + i * 0.02)

@@ -83,6 +83,16 @@ def test_between_two_samples_a_vehicle_may_turn_up_to_three_times_as_fast_as_at_
     assert lone_turns(period * np.arange(N, dtype=np.float64), q, rates).any() == damaged
 
 
+@pytest.mark.parametrize(("times", "damaged"), [(3.0, False), (9.0, False), (11.0, True)])
+def test_a_place_is_astray_that_lies_ten_times_as_far_off_as_its_neighbours_are_apart(
+    times: float, damaged: bool
+) -> None:
+    """A receiver that is corrected by 20 m within a second may well have been 100 m off."""
+    place = np.zeros((N, 2))
+    place[150], place[151:] = [10.0, 20.0 * times], [20.0, 0.0]
+    assert lone(place).any() == damaged
+
+
 def test_what_a_part_can_read_is_readable() -> None:
     """Up to its range on three axes at once, turned into the axes of the body, and calibrated."""
     full = np.array([[1.0, 1.0, 1.0], [-1.7, 0.0, 0.0]])
