@@ -14,16 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.accuracy.labels import recordings
+from benchmarks.accuracy.injected import NO_LOGS, logs_of
 from benchmarks.accuracy.parallel import Failed, each
 from companion.app.recording import read_recording
+from companion.estimation.explanations import Problem
 from companion.estimation.iteration import estimate, start_of
 from companion.estimation.scan import scan
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Solution
 from companion.model import STANDARD_GRAVITY, DataError, Flight
-
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "tlogs"
 
 REAL = (
     "real/JAParedes__ulogPX4QuadcopterAnimation__TestFlight1.ulg",
@@ -61,9 +60,9 @@ def lambdas(flight: Flight) -> dict[str, float]:
     return of_solution(linear.problem, linear.solution)
 
 
-def of_solution(problem: object, solution: Solution) -> dict[str, float]:
+def of_solution(problem: Problem, solution: Solution) -> dict[str, float]:
     """λ of each sensor that has a hypothesis in the problem."""
-    grid = scan(problem, solution, _ONSETS)  # type: ignore[arg-type]
+    grid = scan(problem, solution, _ONSETS)
     t = grid.cuts
     margin = _MARGIN * (t[-1] - t[0])
     onsets = np.flatnonzero((t > t[0] + margin) & (t < t[-1] - margin))
@@ -107,10 +106,9 @@ def main() -> int:
     parser.add_argument("logs", nargs="*", type=Path, help="healthy logs or folders, default: the standard set")
     parser.add_argument("--workers", type=int, help="processes, default: one for each processor")
     chosen = parser.parse_args()
-    paths = [p for log in chosen.logs for p in (recordings(log) if log.is_dir() else [log])]
-    paths = paths or [SHARED / name for name in REAL]
-    if missing := [str(p) for p in paths if not p.exists()]:
-        parser.error(f"there is no such log: {', '.join(missing)}")
+    paths = logs_of(chosen.logs, REAL)
+    if not paths:
+        parser.error(NO_LOGS)
     found = {paths[i].name: said for i, said in each(of_recording, paths, workers=chosen.workers, timeout=120.0)
              if not isinstance(said, Failed)}  # fmt: skip
     print(*lines(dict(sorted(found.items()))), sep="\n")

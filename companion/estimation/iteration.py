@@ -169,10 +169,18 @@ def estimate(
     noise, scale, slow, change = start.noise, dict(start.scale), dict(start.slow), dict[str, Change]()
     weights, weighted, roughly = dict[str, Array](), 0, _ROUGHLY
     limits, path = limits or noise_limits(setup), carried(setup, start.states, start.path, roughly)
-    wide, shaken = noise, np.ones_like(setup.restless)
+    wide, shaken = noise, np.ones_like(setup.relative_noise)
 
     def about(point: Point) -> Linear:
-        at_noise = replace(setup, restless=setup.restless * shaken), path, point.states, wide, scale, weights, slow
+        at_noise = (
+            replace(setup, relative_noise=setup.relative_noise * shaken),
+            path,
+            point.states,
+            wide,
+            scale,
+            weights,
+            slow,
+        )
         return linearise(*at_noise, accepted, sizes=point.sizes)
 
     def moved(step: Step) -> tuple[Point, Linear, bool]:

@@ -15,6 +15,7 @@ from companion.estimation.measurements import LONGEST_S, SLOW, Kinematics, measu
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
+    CAUSES,
     CONSTANT_STATES,
     CONSTANTS,
     GYRO_BIAS,
@@ -52,9 +53,6 @@ _ANEW_S = 60.0  # unheard for so long, an IMU may have been calibrated anew or h
 
 
 _FLOOR = np.repeat([1e-6, 2e-5, 2e-5, 1e-9, 1e-8], 3) ** 2  # of the process noise, for its inverse
-
-
-RESTLESS = ("gyro_noise", "accel_noise")  # causes that may be larger than usual for a time: columns of Setup.restless
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +177,7 @@ def _with_slow_error(one: Measurement, setup: Setup, states: States) -> Measurem
 
 def _sums(setup: Setup, path: CarriedImu) -> Mapping[str, Array]:
     """Cause → (K-1, n, n) per squared density, larger where the IMU scatters more than it usually does."""
-    times = zip(RESTLESS, setup.restless.T, strict=True)
+    times = zip(CAUSES[:2], setup.relative_noise.T, strict=True)
     return {**path.sums, **{cause: value[:, None, None] ** 2 * path.sums[cause] for cause, value in times}}
 
 

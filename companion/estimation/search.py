@@ -22,13 +22,11 @@ _LEAST_S = {"imu": 5.0, "gps": 0.5, "compass": 2.0, "barometer": 2.0}  # what en
 _SHORTEST_S = 1.0
 _MARGIN_S, _MARGIN = 3.0, 0.1  # s, and of the flight
 CREEPS = {"gps_position": 30.0, "compass_field": 10.0}
-"""Kind of an aiding sensor → s in which it goes off evenly, for the size that would have been scores."""
+"""Kind of an aiding sensor → s in which it goes off evenly, for the size that would have been found."""
 _AT_EVERY_KEYFRAME = {
     ("gyro_bias", "step"): GYRO_BIAS, ("accel_bias", "step"): ACCEL_BIAS,
     ("gyro_shock", "shock"): ATTITUDE, ("accel_shock", "shock"): VELOCITY,
 }  # fmt: skip
-
-Shape = tuple[Kind, str]
 
 
 def trials(problem: Problem, solution: Solution) -> tuple[Trial, ...]:
@@ -89,8 +87,8 @@ def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, kind: Kind, s
         if len(begin):
             width = np.full(len(begin), float(np.median(np.diff(t))))
             parts.append(_at(problem, solution, kind, shape, begin, end, width, width))
-    scores = [one for one in parts if one is not None]
-    return joined(scores) if scores else None
+    weighed = [one for one in parts if one is not None]
+    return joined(weighed) if weighed else None
 
 
 def _cells(problem: Problem, grid: Scan, kind: Kind, shape: str, onset: Any, end: Any = None) -> Trial | None:

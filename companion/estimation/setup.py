@@ -72,7 +72,9 @@ class Setup:
     aliased: Mapping[str, float]  # kind of bias → what vibration may read like near zero frequency, 1σ, SI
     notes: tuple[str, ...]
     slow: Mapping[str, slice]  # aiding sensor → place of its slow error among the states of a keyframe
-    restless: Array  # (K-1, 2) noise of gyro and accelerometer in each interval, as times its median in the flight
+    relative_noise: (
+        Array  # (K-1, 2) noise of gyro and accelerometer in each interval, as times its median in the flight
+    )
 
 
 def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, untrusted: Sequence[Span] = ()) -> Setup:
