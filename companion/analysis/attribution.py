@@ -22,9 +22,11 @@ from companion.analysis.episode import (
     likelihoods,
     own_odds,
     percent,
+    probability_by_side,
     rival,
     said,
     size_told,
+    turn_of_compass,
 )
 from companion.analysis.finding import Finding, Severity, Side
 from companion.analysis.lasting_errors import ALL_THE_TIME
@@ -39,7 +41,7 @@ from companion.estimation import (
 )
 from companion.model import SensorInUse, words
 
-_CANDIDATE = 0.05  # odds of a fault against nothing, from which on what is not in the estimate may be the reason
+_CANDIDATE = -3.0  # log odds of a fault against nothing, from which on what is not in the estimate may be the reason
 _OVERSHOOTS = 2.0  # times what misled it: a height that is off by more has another cause
 _WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
 _SURELY = 2.0  # σ of its onset, by which an episode began in flight: a scale shows from where the vehicle moves on
@@ -52,19 +54,24 @@ def is_serious(episode: Episode) -> bool:
     return episode.witness != "imu" or (not kind.nuisance and episode.magnitude >= kind.harmful("step"))
 
 
-def follows(departure: Departure, episode: Episode) -> bool:
+def follows(departure: Departure, episode: Episode, best: BestEstimate) -> bool:
     """Whether a departure may be the consequence of an episode."""
     if departure.start < episode.start - _WITHIN_S - SIGMAS * episode.start_sigma:
         return False
     if episode.kind in _OF_HEIGHT:
         most = _OVERSHOOTS * episode.magnitude + SIGMAS * departure.sigma
         return departure.quantity == "height" and departure.size < most
-    return kind_of(episode.kind).side != "compass" or departure.quantity != "height"
+    if episode.witness != "compass":
+        return True
+    if departure.quantity == "heading":
+        turned, sigma = turn_of_compass(episode, best)
+        return departure.size < _OVERSHOOTS * turned + SIGMAS * float(np.hypot(sigma, departure.sigma))
+    return departure.quantity != "height"
 
 
-def _cause_among(departure: Departure, all_episodes: tuple[Episode, ...]) -> Episode | None:
+def _cause_among(departure: Departure, all_episodes: tuple[Episode, ...], best: BestEstimate) -> Episode | None:
     """The first episode that a departure may follow; of those that begin with it the likeliest."""
-    may = [episode for episode in all_episodes if follows(departure, episode)]
+    may = [episode for episode in all_episodes if follows(departure, episode, best)]
 
     def begins(one: Episode) -> bool:
         return abs(departure.start - one.start) <= _WITHIN_S + SIGMAS * one.start_sigma
@@ -86,7 +93,7 @@ def findings_of(
     out: list[Finding] = []
     imu = best.imu.instance
     may = tuple(e for e in all_episodes if e.witness != "imu" or in_use is None or in_use.uses(imu, e.start, e.end))
-    causes = [_cause_among(d, may) for d in departed]
+    causes = [_cause_among(d, may, best) for d in departed]
     for episode in all_episodes:
         consequences = [d for d, cause in zip(departed, causes, strict=True) if cause is episode]
         harmed = bool(consequences)
@@ -188,10 +195,7 @@ def _why_undecided(episode: Episode, best: BestEstimate) -> tuple[str, str]:
 
 def _undecided(episode: Episode) -> tuple[bool, str, str]:
     """Whether the probability that the sensor's side is at fault is too small to accuse it, and what else it may be."""
-    shares = likelihoods(episode)
-    own = "imu" if episode.witness == "imu" else "aiding"
-    by_side = {"imu": shares.get("imu", 0.0), "nobody": shares.get("nobody", 0.0)}
-    by_side["aiding"] = max(1.0 - sum(by_side.values()), 0.0)
+    by_side, own = probability_by_side(episode), _side(episode.kind)
     other = max((side for side in by_side if side != own), key=lambda side: by_side[side])
     likeliest = next((one.kind for one in episode.rivals if _side(one.kind) == other), "")
     name = "no fault" if other == "nobody" else words(likeliest)
@@ -216,7 +220,7 @@ _MEASURED = ("position", "height")  # by GPS and barometer, whatever a gyro, an 
 
 def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> tuple[str, str]:
     """Why a departure does not accuse the autopilot, empty where it does; and what would tell."""
-    faults = (one.kind for one in best.further if one.fault > _CANDIDATE * np.exp(-one.log_odds))
+    faults = (one.kind for one in best.further if one.fault_log_odds > _CANDIDATE)
     likely = (sensor for kind in faults if (sensor := SENSORS.get(kind.split("_")[0])))
     sensor = None if departure.quantity in _MEASURED else next(likely, None)
     slowly_off = departure.quantity == "position" and not departure.sudden

@@ -172,6 +172,15 @@ def size_told(episode: Episode, best: BestEstimate) -> tuple[float, float, str]:
     return abs(angle), sigma, "rad"
 
 
+def turn_of_compass(episode: Episode, best: BestEstimate) -> tuple[float, float]:
+    """By how much a compass turns the heading at most, and 1σ of it, rad."""
+    size, sigma, unit = size_told(episode, best)
+    if unit == "rad":
+        return min(size, np.pi), sigma
+    level = max(float(np.linalg.norm(best.states.constant("earth_field")[:2])), 1e-9)
+    return float(np.arcsin(min(size / level, 1.0))) if size < level else np.pi, sigma / level
+
+
 def is_sized(episode: Episode, best: BestEstimate) -> bool:
     """Whether its size is more than its σ."""
     size, sigma, _ = size_told(episode, best)
@@ -181,7 +190,7 @@ def is_sized(episode: Episode, best: BestEstimate) -> bool:
 def cause_of(episode: Episode, best: BestEstimate, side: Side, consequences: tuple[str, ...]) -> Cause:
     """The episode in numbers."""
     size, sigma, unit = size_told(episode, best)
-    other = rival(episode)
+    other, shares = rival(episode), probability_by_side(episode)
     return Cause(
         kind=episode.kind,
         side=side,
@@ -193,7 +202,8 @@ def cause_of(episode: Episode, best: BestEstimate, side: Side, consequences: tup
         size=size,
         sigma=sigma,
         unit=unit,
-        probability=likelihoods(episode).get(episode.witness),
+        probability=likelihoods(episode)[episode.witness] if episode.rivals else None,
+        side_probability=shares["imu" if episode.witness == "imu" else "aiding"] if episode.rivals else None,
         rival="" if other is None else other[0],
         rival_probability=None if other is None else other[1],
         consequences=consequences,
@@ -212,6 +222,13 @@ def said(episode: Episode, best: BestEstimate) -> str:
 def likelihoods(episode: Episode) -> dict[str, float]:
     """Probability that the IMU, the GPS, another sensor or nobody has the fault, at the time of the episode."""
     return probabilities(episode.rivals)
+
+
+def probability_by_side(episode: Episode) -> dict[str, float]:
+    """ "imu", "aiding" (any sensor beside it), "nobody" → the probability that it has the fault."""
+    shares = likelihoods(episode)
+    imu, nobody = shares["imu"], shares["nobody"]
+    return {"imu": imu, "aiding": max(1.0 - imu - nobody, 0.0), "nobody": nobody}
 
 
 def own_odds(episode: Episode) -> float:

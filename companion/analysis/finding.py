@@ -68,7 +68,8 @@ class Cause:
     size: float | None = None  # length of the vector, at its greatest
     sigma: float | None = None
     unit: str = ""
-    probability: float | None = None  # that it is the cause, against every other hypothesis; None where not weighed
+    probability: float | None = None  # that this sensor is at fault, against all else; None where not weighed
+    side_probability: float | None = None  # that it is the IMU, or a sensor beside the IMU: this accuses
     rival: str = ""  # kind of the next likeliest hypothesis
     rival_probability: float | None = None
     consequences: tuple[str, ...] = ()  # what it did to the autopilot's estimate, in words

@@ -11,7 +11,7 @@ import numpy as np
 from companion.analysis.comparison import left_out
 from companion.analysis.episode import BIAS_UNITS, SENSORS, SIGMAS, bias_at_the_end, fault_probability, percent
 from companion.analysis.finding import Cause, Finding
-from companion.estimation import BestEstimate, kind_of
+from companion.estimation import ACCUSED, BestEstimate, kind_of
 from companion.model import brief, counted
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
@@ -99,8 +99,7 @@ def _decided(
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
         cause = _cause(first)
-        sure = "" if cause.probability is None else f" (probability {percent(cause.probability)})"
-        told = f"Suspect {whom}: {_headline(first)}{sure}.{_all_the_same(agreements[0], source)}"
+        told = f"Suspect {whom}: {_headline(first)}{_how_sure(cause)}.{_all_the_same(agreements[0], source)}"
         return Verdict(status, told, findings, cause)
     doubt = _doubt(worst, findings, best)
     if doubt is not None:
@@ -108,6 +107,14 @@ def _decided(
     sure = f"; no sensor fault: {percent(probability['nobody'])}" if probability else ""
     told = f"IMU and autopilot agree within the expected error ({worst}{sure}).{_unwitnessed(best)}"
     return Verdict("consistent", told, findings)
+
+
+def _how_sure(cause: Cause) -> str:
+    """The probability that accuses, and that of the one sensor where it alone would not."""
+    if cause.side_probability is None or cause.probability is None:
+        return ""
+    own = "" if cause.probability >= ACCUSED else f"; {cause.sensor}: {percent(cause.probability)}"
+    return f" (probability {percent(cause.side_probability)}{own})"
 
 
 def _all_the_same(judged: Agreement, source: str) -> str:

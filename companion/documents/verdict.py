@@ -36,6 +36,7 @@ class CauseObject(msgspec.Struct, frozen=True):
     sigma: float | None
     unit: str
     probability: float | None
+    side_probability: float | None
     rival: str
     rival_probability: float | None
     consequences: tuple[str, ...]

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.estimation.evidence import Trial
-from companion.estimation.explanations import SLOPED, Kind, Problem, Signature, at_work
+from companion.estimation.evidence import Trial, grows_for
+from companion.estimation.explanations import Kind, Problem, Signature, at_work
 from companion.estimation.model import CONSTANT_STATES, Explained, Rival
 from companion.estimation.system import Prior, Solution
 from companion.model import Array
@@ -76,14 +76,13 @@ def with_choice(problem: Problem, prior: Prior, choice: Choice) -> tuple[Problem
             shape = choice.kind.shape_at(one.name, choice.shape)
             own = signature.measurements[one.name] * at_work(shape, onset, end, one.t, one.t)[0][:, None, None]
         measurements[i] = replace(one, constants=np.concatenate((one.constants, own), axis=2))
-    sloped = choice.shape in SLOPED
-    lasted = max(min(float(problem.t[-1]), choice.end) - choice.onset, 1.0) if sloped else 1.0
+    reached = float(grows_for(choice.shape, onset, end, float(problem.t[-1]))[0])
     return (
         replace(problem, motion=motion, measurements=tuple(measurements)),
         replace(
             prior,
             constants_residual=np.concatenate((prior.constants_residual, np.full(m, -choice.taken))),
-            constants_sigma=np.concatenate((prior.constants_sigma, np.full(m, choice.kind.prior / lasted))),
+            constants_sigma=np.concatenate((prior.constants_sigma, np.full(m, choice.kind.prior / reached))),
         ),
     )
 

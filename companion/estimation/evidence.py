@@ -44,7 +44,7 @@ class Trial:
     size: Array  # (T, m) of a fault
     covariance: Array  # (T, m, m)
     axis: npt.NDArray[np.intp]  # (T,) the one component that changes; -1 for all
-    hours: float  # of the flight
+    flight: tuple[float, float]  # s, its first and last keyframe
 
     @property
     def best(self) -> int:
@@ -78,23 +78,27 @@ class Trial:
     def _cells(self) -> Array:
         with np.errstate(divide="ignore"):
             usual = self.kind.rate if self.kind.nuisance else _NUISANCES_PER_H
-            rates = np.log(np.array([usual / len(self.kind.shapes), self.kind.rate_of(self.shape)]) * self.hours)
-            return np.asarray(np.log(self.weight)[:, None] + rates + self.log_bayes)
+            rates = np.array([usual / len(self.kind.shapes), self.kind.rate_of(self.shape)]) * _hours(self.flight)
+            return np.asarray(np.log(self.weight)[:, None] + np.log(rates) + self.log_bayes)
 
     def _beyond(self) -> Array:
         """(T,) probability that the size of a fault is harmful."""
         size = np.linalg.norm(self.size, axis=1)
         along = self.size / np.maximum(size, 1e-300)[:, None]
         sigma = np.sqrt(np.einsum("ti,tij,tj->t", along, self.covariance, along))
-        reached = lasted(self.shape, self.onset, self.end, self.hours)
+        reached = grows_for(self.shape, self.onset, self.end, self.flight[1])
         return _normal((size - self.kind.harmful(self.shape) / reached) / np.maximum(sigma, 1e-300))
 
 
-def lasted(shape: str, onset: Array, end: Array, hours: float) -> Array:
-    """(T,) s that a size per second grows for; 1 for what is no ramp. At most the flight."""
+def grows_for(shape: str, onset: Array, end: Array, last: float) -> Array:
+    """(T,) s that a size per second grows for, in a flight until `last`; 1 for what is no ramp."""
     if shape not in SLOPED:
         return np.ones(len(onset))
-    return np.maximum(np.minimum(end - onset, hours * _SECONDS_PER_H), 1.0)
+    return np.maximum(np.minimum(end, last) - onset, 1.0)
+
+
+def _hours(flight: tuple[float, float]) -> float:
+    return (flight[1] - flight[0]) / _SECONDS_PER_H
 
 
 def trial(
@@ -111,8 +115,7 @@ def trial(
     flight: its first and last keyframe, s. aliased: 1σ of nuisances that sampling makes of vibration.
     """
     onset, end, weight = times
-    hours = (flight[1] - flight[0]) / _SECONDS_PER_H
-    reached = lasted(shape, onset, np.minimum(end, flight[1]), hours)
+    reached = grows_for(shape, onset, end, flight[1])
     harmful = kind.harmful(shape)
     v = 0.5 * (v + v.swapaxes(-1, -2))
     large, size, covariance, axis = _of_scale(b, v, kind.prior / reached)
@@ -121,7 +124,7 @@ def trial(
     else:
         beat = aliased * np.minimum(_BEATS_S / np.maximum(np.minimum(end, flight[1]) - onset, 1e-3), 1.0)
         small, *_ = _of_scale(b, v, np.maximum(NUISANCE * harmful, beat) / reached)
-    return Trial(kind, shape, onset, end, weight, np.stack([small, large], axis=1), size, covariance, axis, hours)
+    return Trial(kind, shape, onset, end, weight, np.stack([small, large], axis=1), size, covariance, axis, flight)
 
 
 def _of_scale(b: Array, v: Array, sigma: Array) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:

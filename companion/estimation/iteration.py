@@ -172,16 +172,8 @@ def estimate(
     wide, shaken = noise, np.ones_like(setup.relative_noise)
 
     def about(point: Point) -> Linear:
-        at_noise = (
-            replace(setup, relative_noise=setup.relative_noise * shaken),
-            path,
-            point.states,
-            wide,
-            scale,
-            weights,
-            slow,
-        )
-        return linearise(*at_noise, accepted, sizes=point.sizes)
+        rougher = replace(setup, relative_noise=setup.relative_noise * shaken)
+        return linearise(rougher, path, point.states, wide, scale, weights, slow, accepted, sizes=point.sizes)
 
     def moved(step: Step) -> tuple[Point, Linear, bool]:
         """Where a step leads; the misfits along it are compared with the IMU carried as before."""

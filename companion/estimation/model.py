@@ -103,6 +103,11 @@ class Rival:
     log_odds: float  # natural logarithm of its posterior odds against nothing
     fault: float  # probability, if it occurred, that its size is harmful
 
+    @property
+    def fault_log_odds(self) -> float:
+        """Natural logarithm of the posterior odds of a harmful size against nothing."""
+        return self.log_odds + float(np.log(max(self.fault, 1e-300)))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Explained:
@@ -200,7 +205,7 @@ class BestEstimate:
     origin: Origin | None = None  # the zero of the positions; None where no place on Earth is known
     explained: tuple[Explained, ...] = ()  # what was wrong, as far as the witnesses tell, the first in time first
     explained_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))  # of the sizes of all of them
-    further: tuple[Rival, ...] = ()  # the likeliest hypotheses beside those in the estimate
+    further: tuple[Rival, ...] = ()  # the hypotheses beside those in the estimate, the likeliest fault first
     detectable: Mapping[str, float] = field(default_factory=dict)  # kind → smallest that would have been called
     heading_from: str = ""  # "compass", "GPS and acceleration", "first guess": which witness gives the heading
     notes: tuple[str, ...] = ()

@@ -43,7 +43,6 @@ _MOST_EXPLAINED = 4
 _LIKELY, _DISTURBING, _HARMFUL = 0.0, 10.0, 0.5  # log odds to accept what is harmful, and what is not, by probability
 _TRIED_PASSES = 8  # of the iteration, after which it shows which of several hypotheses leaves least
 _ABOUT_S = 2.0  # before a cause, where it shows that the cause lies in a rough stretch
-_FURTHER = 8  # of what was not accepted
 
 
 def smooth(
@@ -107,6 +106,8 @@ def explain(setup: Setup, starts: Iterable[Start]) -> BestEstimate:
         else:
             further = cause
             break
+    if accepted:  # each was tried for some passes alone
+        settled, linear = estimate(setup, settled, accepted)
     if len(accepted) > 1:
         rivals = [_rivals(linear, accepted, i) or own for i, own in enumerate(rivals)]
     return replace(_result(setup, settled, linear, accepted, rivals, shown), further=further)
@@ -149,7 +150,7 @@ def next_cause(
         candidates |= _candidates(trials(believed.problem, believed.solution))
     tried = [one for choice in candidates.values() if (one := _with(setup, begin, accepted, choice)) is not None]
     if not tried:
-        return tuple(one.rival for one in map(Choice.of_trial, usual[:_FURTHER]))
+        return _likeliest_faults(Choice.of_trial(one).rival for one in usual)
     least = max(tried, key=lambda one: likelihood(one.settled, one.linear))
     problem, solution = _without_the_last(setup, least, accepted)
     problem = replace(problem, rougher=local_noise(least.linear, least.choice))
@@ -157,16 +158,19 @@ def next_cause(
     if least.choice.taken:
         weighed = [_as_moved(one, least) if one.name == least.choice.name else one for one in weighed]
         weighed.sort(key=lambda one: -one.log_odds)
-    rivals, best = tuple(one.rival for one in weighed), weighed[0]
-    if best.log_odds < (_LIKELY if best.fault > _HARMFUL else _DISTURBING):
-        return rivals[:_FURTHER]
-    own = next(one for one in tried if one is least or one.choice.name == best.name)
-    if best.name == least.choice.name:
-        own = least
-    elif own.choice.name != best.name:
-        other = _with(setup, begin, accepted, best)
-        own = least if other is None else other
-    return replace(own, rivals=rivals, choice=replace(own.choice, log_odds=best.log_odds, fault=best.fault))
+    rivals = tuple(one.rival for one in weighed)
+    for best in weighed:
+        if best.log_odds < (_LIKELY if best.fault > _HARMFUL else _DISTURBING):
+            break
+        same = [one for one in (least, *tried) if one.choice.name == best.name]
+        if (own := same[0] if same else _with(setup, begin, accepted, best)) is not None:
+            return replace(own, rivals=rivals, choice=replace(own.choice, log_odds=best.log_odds, fault=best.fault))
+    return _likeliest_faults(rivals)
+
+
+def _likeliest_faults(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
+    """Hypotheses of which none is accepted, the likeliest to be a fault first."""
+    return tuple(sorted(rivals, key=lambda one: -one.fault_log_odds))
 
 
 def _candidates(weighed: Sequence[Trial]) -> dict[tuple[str, str], Choice]:

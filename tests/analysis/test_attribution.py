@@ -357,9 +357,9 @@ def test_a_height_that_follows_the_barometer_is_its_consequence(flight: Flight, 
     (finding,) = findings_of(episodes(faulty), departures(raised(flight, faulty, 12.0), faulty, Limits()), faulty)
     assert (finding.kind, finding.side, finding.severity) == ("barometer", "autopilot", "error")
     (heading,) = (d for d in departures(headed(flight, 40.0), faulty, Limits()) if d.quantity == "heading")
-    assert not follows(heading, episodes(faulty)[0])
+    assert not follows(heading, episodes(faulty)[0], faulty)
     (far,) = departures(raised(flight, faulty, 60.0), faulty, Limits())
-    assert not follows(far, episodes(faulty)[0])
+    assert not follows(far, episodes(faulty)[0], faulty)
 
 
 def test_what_follows_a_fault_of_the_imu_is_its_consequence(flight: Flight, best: BestEstimate) -> None:
@@ -518,16 +518,29 @@ def test_a_size_is_told_of_the_time_at_which_it_is_known(best: BestEstimate) -> 
     assert one.sigma == pytest.approx(np.sqrt(2e-6))
 
 
-def test_nothing_follows_what_came_later_or_cannot_mislead() -> None:
+def test_nothing_follows_what_came_later_or_cannot_mislead(best: BestEstimate) -> None:
     early = Departure("heading", 10.0, 20.0, 0.5, 0.05)
 
     def episode(kind: str, witness: str, start: float) -> Episode:
         return Episode(kind, witness, start, 0.1, np.inf, np.ones(3), 0.1, ())
 
-    assert follows(early, episode("gyro_bias", "imu", 9.0))
-    assert not follows(early, episode("gyro_bias", "imu", 30.0))
-    assert not follows(early, episode("barometer", "barometer", 9.0))
-    assert not follows(early, episode("gps_height", "gps", 9.0))
+    assert follows(early, episode("gyro_bias", "imu", 9.0), best)
+    assert not follows(early, episode("gyro_bias", "imu", 30.0), best)
+    assert not follows(early, episode("barometer", "barometer", 9.0), best)
+    assert not follows(early, episode("gps_height", "gps", 9.0), best)
+
+
+def test_a_heading_does_not_follow_a_field_that_only_grows(best: BestEstimate) -> None:
+    """Along the field that is there a compass points where it did: it has turned nothing that would mislead."""
+    level = best.states.constant("earth_field")[:2]
+    level = level / np.linalg.norm(level)
+    off = Departure("heading", 10.0, 20.0, 0.5, 0.05)
+
+    def field(along: Array) -> Episode:
+        return Episode("compass_field", "compass", 9.0, 0.1, np.inf, 12.0 * along, 0.5, ())
+
+    assert not follows(off, field(level), best)
+    assert follows(off, field(np.array([-level[1], level[0]])), best)
 
 
 def test_every_kind_of_explanation_has_its_words_and_its_size() -> None:
