@@ -22,6 +22,7 @@ from companion.analysis.episode import (
     likelihoods,
     own_odds,
     percent,
+    probability_by_imu,
     probability_by_side,
     rival,
     said,
@@ -35,6 +36,7 @@ from companion.estimation import (
     BestEstimate,
     between_samples,
     coning,
+    harmful,
     hides_shaking,
     kind_of,
     times_of_change,
@@ -51,7 +53,8 @@ _CERTAIN = 4.0  # σ of both together, from which on a departure is the autopilo
 def is_serious(episode: Episode) -> bool:
     """Whether an IMU's episode is a fault; a sensor's is one where it misled the autopilot, which this does not say."""
     kind = kind_of(episode.kind)
-    return episode.witness != "imu" or (not kind.nuisance and episode.magnitude >= kind.harmful("step"))
+    least = harmful(kind, "step", episode.imu)
+    return episode.witness != "imu" or (not kind.nuisance and episode.magnitude >= least)
 
 
 def follows(departure: Departure, episode: Episode, best: BestEstimate) -> bool:
@@ -67,6 +70,21 @@ def follows(departure: Departure, episode: Episode, best: BestEstimate) -> bool:
         turned, sigma = turn_of_compass(episode, best)
         return departure.size < _OVERSHOOTS * turned + SIGMAS * float(np.hypot(sigma, departure.sigma))
     return departure.quantity != "height"
+
+
+def _in_use(episode: Episode, best: BestEstimate, in_use: SensorInUse | None) -> bool:
+    """Whether the autopilot may have flown on the IMU whose fault it is."""
+    if in_use is None:
+        return episode.imu is None
+    return in_use.uses(best.imu.instance if episode.imu is None else episode.imu, episode.start, episode.end)
+
+
+def _which_imu(episode: Episode, best: BestEstimate) -> str:
+    """Which other IMU it may be, where that is not sure; "" elsewhere."""
+    shares = probability_by_imu(episode, best)
+    if next(iter(shares.values()), 1.0) >= ACCUSED:
+        return ""
+    return f" (which IMU is not known: {', '.join(f'IMU {k} {percent(p)}' for k, p in shares.items() if p > 0.01)})"
 
 
 def _cause_among(departure: Departure, all_episodes: tuple[Episode, ...], best: BestEstimate) -> Episode | None:
@@ -91,8 +109,7 @@ def findings_of(
     jumps: those of the autopilot's heading and position. in_use: the IMU that it flew on; another one misleads nobody.
     """
     out: list[Finding] = []
-    imu = best.imu.instance
-    may = tuple(e for e in all_episodes if e.witness != "imu" or in_use is None or in_use.uses(imu, e.start, e.end))
+    may = tuple(e for e in all_episodes if e.witness != "imu" or _in_use(e, best, in_use))
     causes = [_cause_among(d, may, best) for d in departed]
     for episode in all_episodes:
         consequences = [d for d, cause in zip(departed, causes, strict=True) if cause is episode]
@@ -113,6 +130,10 @@ def findings_of(
             why, would_tell = ALL_THE_TIME, ""
         headline = said_of = said(episode, best)
         misled: tuple[str, ...] = ()
+        if severity == "error" and episode.witness == "imu":
+            said_of = headline = f"{headline}{_which_imu(episode, best)}"
+            if not _in_use(episode, best, in_use):
+                said_of += "; the autopilot flew on another IMU"
         if harmed:
             worst = {d.quantity: d for d in sorted(consequences, key=lambda d: d.size)}
             misled = tuple(str(d) for d in worst.values())
@@ -147,6 +168,7 @@ def _may_be_coning(episode: Episode, size: float, best: BestEstimate) -> bool:
     """Whether a gyro reads no more too much than its shaking adds up to, of which a low-pass may hide any part."""
     return (
         episode.kind == "gyro_bias"
+        and episode.imu is None
         and hides_shaking(best.imu)
         and size < float(np.linalg.norm(coning(best.imu, episode.start, episode.end)))
     )
@@ -159,7 +181,7 @@ def _may_be_folded(episode: Episode, best: BestEstimate) -> bool:
     """
     sensor, _, what = episode.kind.partition("_")
     part = best.imu[slice(*np.searchsorted(best.imu.t, (episode.start, episode.end)).tolist())]
-    if what not in ("bias", "scale") or len(part) < _FEWEST:
+    if what not in ("bias", "scale") or episode.imu is not None or len(part) < _FEWEST:
         return False
     read = getattr(part, sensor)
     variance = np.maximum(between_samples(read) ** 2, 1e-300)

@@ -47,6 +47,7 @@ class Episode:
     sigma: float  # 1σ of its length
     rivals: tuple[Rival, ...]  # every hypothesis in its place, itself among them, the likeliest first
     slow: bool = False  # whether it grows, and is not there at once
+    imu: int | None = None  # the IMU whose it is, where that is not the estimate's
 
     @property
     def magnitude(self) -> float:
@@ -83,8 +84,9 @@ def episodes(best: BestEstimate) -> tuple[Episode, ...]:
     """What was explained, kind by kind, as times with a beginning, an end and a size; in order of time."""
     episodes: list[Episode] = []
     for kind in KINDS:
-        parts = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
-        if parts:
+        of_kind = sorted((e for e in best.explained if e.kind == kind.name), key=lambda e: e.onset)
+        for imu in dict.fromkeys(e.imu for e in of_kind):
+            parts = [e for e in of_kind if e.imu == imu]
             episodes += _episodes_of(parts, kind.side, kind.least, best)
     return tuple(sorted(episodes, key=lambda e: e.start))
 
@@ -112,6 +114,7 @@ def _episodes_of(parts: list[Explained], witness: str, least: float, best: BestE
             float(sigma[peak]),
             cause.rivals,
             cause.shape in SLOPED,
+            cause.imu,
         )
 
 
@@ -207,6 +210,7 @@ def cause_of(episode: Episode, best: BestEstimate, side: Side, consequences: tup
         rival="" if other is None else other[0],
         rival_probability=None if other is None else other[1],
         consequences=consequences,
+        imu=(best.imu.instance if episode.imu is None else episode.imu) if episode.witness == "imu" else None,
     )
 
 
@@ -216,6 +220,8 @@ def said(episode: Episode, best: BestEstimate) -> str:
     what = f"{words(episode.kind)} of a size that cannot be told"
     if is_sized(episode, best):
         what = kind_of(episode.kind).phrase(_size(episode, best))
+    if episode.imu is not None:
+        what = f"IMU {episode.imu}, beside IMU {best.imu.instance}: {what}"
     return f"{what}, from {episode.start:.1f} ± {episode.start_sigma:.1f} s {until}"
 
 
@@ -229,6 +235,17 @@ def probability_by_side(episode: Episode) -> dict[str, float]:
     shares = likelihoods(episode)
     imu, nobody = shares["imu"], shares["nobody"]
     return {"imu": imu, "aiding": max(1.0 - imu - nobody, 0.0), "nobody": nobody}
+
+
+def probability_by_imu(episode: Episode, best: BestEstimate) -> dict[int, float]:
+    """IMU → the probability that it is the one with the fault, if an IMU has it; the likeliest first."""
+    odds = [one for one in episode.rivals if kind_of(one.kind).side == "imu"]
+    share = np.exp([one.fault_log_odds - max(other.fault_log_odds for other in odds) for one in odds])
+    out: dict[int, float] = {}
+    for one, part in zip(odds, share / share.sum(), strict=True):
+        instance = best.imu.instance if one.imu is None else one.imu
+        out[instance] = out.get(instance, 0.0) + float(part)
+    return dict(sorted(out.items(), key=lambda pair: -pair[1]))
 
 
 def own_odds(episode: Episode) -> float:

@@ -72,6 +72,7 @@ class Cause:
     side_probability: float | None = None  # that it is the IMU, or a sensor beside the IMU: this accuses
     rival: str = ""  # kind of the next likeliest hypothesis
     rival_probability: float | None = None
+    imu: int | None = None  # the IMU whose it is
     consequences: tuple[str, ...] = ()  # what it did to the autopilot's estimate, in words
 
 

@@ -39,6 +39,7 @@ class CauseObject(msgspec.Struct, frozen=True):
     side_probability: float | None
     rival: str
     rival_probability: float | None
+    imu: int | None
     consequences: tuple[str, ...]
 
 

@@ -3,8 +3,9 @@
 from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures
 from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.constant_errors import allowing
-from companion.estimation.evidence import ACCUSED, probabilities
-from companion.estimation.explanations import KINDS, SLOPED, Kind, at_work, kind_of
+from companion.estimation.differences import differences
+from companion.estimation.evidence import ACCUSED, harmful, probabilities
+from companion.estimation.explanations import KINDS, Kind, kind_of
 from companion.estimation.low_pass import coning, hides_shaking, restored, shaking
 from companion.estimation.model import (
     ATTITUDE,
@@ -33,6 +34,7 @@ from companion.estimation.noise_density import (
 )
 from companion.estimation.phrases import Size, main_axis, turn_of_the_field
 from companion.estimation.search import CREEPS, times_of_change
+from companion.estimation.shapes import SLOPED, at_work
 from companion.estimation.smoother import smooth
 from companion.estimation.spectrum import (
     Peak,
@@ -79,8 +81,10 @@ __all__ = [
     "confirmed_sampling",
     "coning",
     "corrected",
+    "differences",
     "folded_gain",
     "folded_onto",
+    "harmful",
     "hides_shaking",
     "imu_spectrum",
     "kind_of",

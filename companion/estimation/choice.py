@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 
+from companion.estimation.differences import Differences, Error
 from companion.estimation.evidence import Trial, grows_for
-from companion.estimation.explanations import Kind, Problem, Signature, at_work
+from companion.estimation.explanations import Kind, Problem, Signature
 from companion.estimation.model import CONSTANT_STATES, Explained, Rival
+from companion.estimation.shapes import at_work
 from companion.estimation.system import Prior, Solution
 from companion.model import Array
 
@@ -28,6 +31,7 @@ class Choice:
     axis: int  # the one component that changes; -1 for all
     log_odds: float  # against nothing, see `evidence.Trial`
     fault: float  # probability, if it occurred, that it is harmful
+    imu: int | None = None  # the IMU whose it is, where that is not the estimate's
     taken: float = 0.0  # of its size, what the readings have been corrected by: the rest is small, and linear
 
     @classmethod
@@ -35,20 +39,30 @@ class Choice:
         """The likeliest times of a trial."""
         i = one.best
         return cls(one.kind, one.shape, float(one.onset[i]), float(one.end[i]), max(one.onset_sigma, SHARPEST_S),
-                   int(one.axis[i]), one.log_odds, one.fault)  # fmt: skip
+                   int(one.axis[i]), one.log_odds, one.fault, one.imu)  # fmt: skip
 
     @property
-    def name(self) -> tuple[str, str]:
-        """Kind and shape."""
-        return self.kind.name, self.shape
+    def name(self) -> tuple[str, str, int | None]:
+        """Kind, shape and the IMU whose it is."""
+        return self.kind.name, self.shape, self.imu
 
     @property
     def rival(self) -> Rival:
         """The same as one of several."""
-        return Rival(self.kind.name, self.shape, self.log_odds, self.fault)
+        return Rival(self.kind.name, self.shape, self.log_odds, self.fault, self.imu)
+
+    @property
+    def error(self) -> Error | None:
+        """The same as an error of an IMU; None of another sensor."""
+        if self.kind.side != "imu":
+            return None
+        kind = self.kind
+        return Error(kind.sensor, kind.error, kind.prior, self.shape, self.onset, self.end, self.axis)
 
     def of(self, problem: Problem) -> Signature | None:
-        """The signature of what changes."""
+        """The signature of what changes; None for what changes nothing of the estimate."""
+        if self.imu is not None:
+            return None
         whole = self.kind.signature(problem)
         if whole is None or self.axis < 0:
             return whole
@@ -62,6 +76,8 @@ class Choice:
 def with_choice(problem: Problem, prior: Prior, choice: Choice) -> tuple[Problem, Prior]:
     """The problem with the sizes of a hypothesis as further unknowns."""
     signature = choice.of(problem)
+    mean, sigma = _from_differences(problem, choice)
+    problem = beside(problem, choice)
     if signature is None:
         return problem, prior
     onset, end = np.array([choice.onset]), np.array([choice.end])
@@ -76,21 +92,52 @@ def with_choice(problem: Problem, prior: Prior, choice: Choice) -> tuple[Problem
             shape = choice.kind.shape_at(one.name, choice.shape)
             own = signature.measurements[one.name] * at_work(shape, onset, end, one.t, one.t)[0][:, None, None]
         measurements[i] = replace(one, constants=np.concatenate((one.constants, own), axis=2))
-    reached = float(grows_for(choice.shape, onset, end, float(problem.t[-1]))[0])
     return (
         replace(problem, motion=motion, measurements=tuple(measurements)),
         replace(
             prior,
-            constants_residual=np.concatenate((prior.constants_residual, np.full(m, -choice.taken))),
-            constants_sigma=np.concatenate((prior.constants_sigma, np.full(m, choice.kind.prior / reached))),
+            constants_residual=np.concatenate((prior.constants_residual, mean - choice.taken)),
+            constants_sigma=np.concatenate((prior.constants_sigma, sigma)),
         ),
     )
 
 
+def _from_differences(problem: Problem, choice: Choice) -> tuple[Array, Array]:
+    """What is known of a size beforehand, (m,) and its 1σ: by the other IMUs too, of an error of the estimate's own."""
+    reached = grows_for(choice.shape, np.array([choice.onset]), np.array([choice.end]), float(problem.t[-1]))
+    b, v = np.zeros(1), np.full(1, (choice.kind.prior / float(reached[0])) ** -2.0)
+    if choice.error is not None and choice.imu is None and problem.others:
+        one = choice.error
+        for other in problem.others:
+            own, information = other.told(one.sensor, one.what, one.shape, np.array([one.onset]), np.array([one.end]))
+            b, v = b - own[0], v + np.diagonal(information[0])
+        if choice.axis >= 0:
+            b, v = b[choice.axis : choice.axis + 1], v[choice.axis : choice.axis + 1]
+    signature = choice.of(problem)
+    m = 0 if signature is None else signature.unknowns
+    return np.broadcast_to(b / v, m), np.broadcast_to(v**-0.5, m)
+
+
+def beside(problem: Problem, choice: Choice) -> Problem:
+    """The problem whose differences between IMUs leave a choice free."""
+    error = choice.error
+    if error is None:
+        return problem
+    others = (one.beside(error) if choice.imu in (None, one.instance) else one for one in problem.others)
+    return replace(problem, others=tuple(others))
+
+
 def explained(
-    problem: Problem, solution: Solution, accepted: Sequence[Choice], rivals: Sequence[tuple[Rival, ...]]
+    problem: Problem,
+    solution: Solution,
+    accepted: Sequence[Choice],
+    rivals: Sequence[tuple[Rival, ...]],
+    differences: Sequence[Differences],
 ) -> tuple[tuple[Explained, ...], Array]:
-    """What was accepted, with its size as the solution has it, in order of time; and the covariance of all sizes."""
+    """What was accepted, with its size as the solution has it, in order of time; and the covariance of all sizes.
+
+    differences: of the other IMUs, before anything was taken out: of their errors they tell the size.
+    """
     out, at, columns = [], CONSTANT_STATES, list[int]()
     for choice, others in zip(accepted, rivals, strict=True):
         signature = choice.of(problem)
@@ -110,7 +157,7 @@ def explained(
     known = np.array(columns, dtype=np.intp)
     covariance = solution.constants_covariance[np.ix_(known, known)] * np.outer(known >= 0, known >= 0)
     sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    parts = (
+    parts = tuple(
         Explained(
             kind=choice.kind.name,
             shape=choice.shape,
@@ -124,4 +171,21 @@ def explained(
         )
         for choice, others, size, place in out
     )
+    parts = (*parts, *_of_others(accepted, rivals, differences))
     return tuple(sorted(parts, key=lambda one: one.onset)), covariance
+
+
+def _of_others(
+    accepted: Sequence[Choice], rivals: Sequence[tuple[Rival, ...]], differences: Sequence[Differences]
+) -> Iterator[Explained]:
+    """Errors of other IMUs than the estimate's, by what these read more than it, its own errors free."""
+    own = [one.error for one in accepted if one.imu is None and one.error is not None]
+    for whole in differences:
+        other = reduce(Differences.beside, own, whole)
+        mine = [i for i, one in enumerate(accepted) if one.imu == other.instance]
+        errors = [error for i in mine if (error := accepted[i].error) is not None]
+        for i, (size, sigma) in zip(mine, other.sizes(errors), strict=True):
+            one = accepted[i]
+            yield Explained(
+                one.kind.name, one.shape, one.onset, one.onset_sigma, one.end, size, sigma, rivals[i], one.imu
+            )

@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.estimation.explanations import KINDS, SLOPED, Kind, kind_of
+from companion.estimation.explanations import KINDS, Kind, kind_of
 from companion.estimation.model import Rival
+from companion.estimation.shapes import SLOPED
 from companion.model import Array
 
 _NUISANCES_PER_H = 10.0  # of each hypothesis: what parts in order show, every few minutes
@@ -45,6 +46,7 @@ class Trial:
     covariance: Array  # (T, m, m)
     axis: npt.NDArray[np.intp]  # (T,) the one component that changes; -1 for all
     flight: tuple[float, float]  # s, its first and last keyframe
+    imu: int | None = None  # the IMU whose it is; None for that of the estimate, and for what is no IMU's
 
     @property
     def best(self) -> int:
@@ -87,7 +89,12 @@ class Trial:
         along = self.size / np.maximum(size, 1e-300)[:, None]
         sigma = np.sqrt(np.einsum("ti,tij,tj->t", along, self.covariance, along))
         reached = grows_for(self.shape, self.onset, self.end, self.flight[1])
-        return _normal((size - self.kind.harmful(self.shape) / reached) / np.maximum(sigma, 1e-300))
+        return _normal((size - harmful(self.kind, self.shape, self.imu) / reached) / np.maximum(sigma, 1e-300))
+
+
+def harmful(kind: Kind, shape: str, imu: int | None) -> float:
+    """The size from which on it is a fault; of another IMU than the estimate's, beside which alone it shows."""
+    return kind.harmful(shape) if imu is None else max(kind.harmful(shape), kind.apart)
 
 
 def grows_for(shape: str, onset: Array, end: Array, last: float) -> Array:
@@ -109,6 +116,7 @@ def trial(
     b: Array,
     v: Array,
     aliased: float = 0.0,
+    imu: int | None = None,
 ) -> Trial:
     """The evidence at times (onset, end, weight of the cell), each (T,), from gradients b (T, m) and V (T, m, m).
 
@@ -116,15 +124,14 @@ def trial(
     """
     onset, end, weight = times
     reached = grows_for(shape, onset, end, flight[1])
-    harmful = kind.harmful(shape)
     v = 0.5 * (v + v.swapaxes(-1, -2))
     large, size, covariance, axis = _of_scale(b, v, kind.prior / reached)
     if kind.nuisance:
         small, large = large, np.full(len(b), -np.inf)
     else:
         beat = aliased * np.minimum(_BEATS_S / np.maximum(np.minimum(end, flight[1]) - onset, 1e-3), 1.0)
-        small, *_ = _of_scale(b, v, np.maximum(NUISANCE * harmful, beat) / reached)
-    return Trial(kind, shape, onset, end, weight, np.stack([small, large], axis=1), size, covariance, axis, flight)
+        small, *_ = _of_scale(b, v, np.maximum(NUISANCE * harmful(kind, shape, imu), beat) / reached)
+    return Trial(kind, shape, onset, end, weight, np.stack([small, large], axis=1), size, covariance, axis, flight, imu)
 
 
 def _of_scale(b: Array, v: Array, sigma: Array) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:

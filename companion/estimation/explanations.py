@@ -11,52 +11,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.estimation.differences import LIVELY, Differences
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, VELOCITY
 from companion.estimation.phrases import Phrase, by_axes, by_length, by_number, by_turn_of_the_field
+from companion.estimation.shapes import INTEGRAL, SLOPED
 from companion.estimation.system import Measurement, Motion
 from companion.model import Array
 from companion.strapdown import quaternion, skew
 
-SLOPED = ("ramp", "creep")
-"""Shapes whose size is per second."""
-
-ENDING = ("pulse", "creep")
-"""Shapes that have an end as well as an onset."""
-
-INTEGRAL: Mapping[str, str] = {"step": "ramp", "pulse": "creep"}
-"""Shape → that of its integral."""
-
-
-def at_work(shape: str, onset: Array, end: Array, start: Array, stop: Array) -> Array:
-    """(T, F) how far an explanation from `onset` to `end` (T,) is at work between start and stop (F,), on average.
-
-    A step, pulse or shock is 0 or 1, a ramp has the time since its onset, s, a creep that to its
-    end; at an instant start == stop.
-    """
-    a, b = start[None] - onset[:, None], stop[None] - onset[:, None]
-    if shape == "shock":
-        return ((a <= 0) & (b > 0)).astype(np.float64)
-    if shape in SLOPED:
-        most = (end - onset)[:, None]
-        return 0.5 * (np.clip(a, 0.0, most) + np.clip(b, 0.0, most))
-    share = _begun(a, b)
-    ends = np.isfinite(end)
-    if ends.any():
-        share[ends] -= _begun(start[None] - end[ends, None], stop[None] - end[ends, None])
-    return share
-
-
-def _begun(a: Array, b: Array) -> Array:
-    """The part of the time from a to b that lies after zero."""
-    return np.where(b > a, np.clip(b / np.where(b > a, b - a, 1.0), 0.0, 1.0), (a >= 0).astype(np.float64))
-
-
 _RECOVERS = 1e-3  # of the IMU's faults, those that end in flight
+_SENSOR = {GYRO_BIAS.start: "gyro", ACCEL_BIAS.start: "accel"}
 _OFTEN = 8  # measurements, less than which show no change
 _DEGREES = float(np.degrees(1.0))
 _GPS = ("gps_position", "gps_height", "gps_velocity", "gps_climb")
 _HEIGHT_CREEPS = 15.0  # m, of a GPS in order, against which alone a barometer's height is known
-_LIVELY = {GYRO_BIAS.start: 0.2, ACCEL_BIAS.start: 1.5}  # rad/s, m/s², root mean square
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,6 +53,7 @@ class Problem:
     measurements: tuple[Measurement, ...]
     aliased: Mapping[str, float]  # kind → 1σ of what vibration that its samples fold reads like
     rougher: Mapping[str, float]  # "gyro", "accel" → times by which the variance of its noise is larger than stated
+    others: tuple[Differences, ...] = ()  # what the other IMUs read more
 
     def witness(self, name: str) -> Measurement | None:
         """The measurements of a witness."""
@@ -112,10 +81,21 @@ class Kind:
     signature: Callable[[Problem], Signature | None]
     needs: str = ""  # the witness without which nothing can be said of it
     least_slow: float = 0.0  # the same of a ramp or creep, where that is more
+    apart: float = 0.0  # of an IMU: what two of a vehicle part by in flight at least, if one of them is wrong
     serious: float = 0.0  # of an IMU: three times what real parts change in flight; infinite for what is never a fault
     rate: float = 0.1  # faults an hour
     summed: tuple[str, ...] = ()  # witnesses that read the integral of what the others read
     retimes: tuple[str, ...] = ()  # witnesses whose readings speak of another time: linear in nothing but small sizes
+
+    @property
+    def sensor(self) -> str:
+        """The sensor that its name begins with: "gyro", "accel" of the IMU's."""
+        return self.name.partition("_")[0]
+
+    @property
+    def error(self) -> str:
+        """What of the sensor: "bias", "scale", "shock" of the IMU's."""
+        return self.name.partition("_")[2]
 
     def least_of(self, shape: str) -> float:
         """The smallest size that is called wrong; of what grows, at its end."""
@@ -181,7 +161,7 @@ def _scale(block: slice) -> Callable[[Problem], Signature | None]:
             force = np.diff(problem.velocity, axis=0) / lasted - [0.0, 0.0, problem.gravity]
             felt = quaternion.rotate(quaternion.conjugate(q[:-1]), force)
         out = np.zeros((*problem.motion.residual.shape, 3))
-        lively = np.sqrt((felt**2).mean(axis=0)) > _LIVELY[block.start]  # else it is the noise that is scaled
+        lively = np.sqrt((felt**2).mean(axis=0)) > LIVELY[_SENSOR[block.start]]  # else it is the noise that is scaled
         out[:, :9] = problem.motion.transition[:, :9, block] * (felt * lively)[:, None, :]
         return Signature(out, {})
 
@@ -248,11 +228,12 @@ KINDS: tuple[Kind, ...] = (
     Kind("gyro_bias", "the gyro's bias steps, grows or comes and goes",
          by_axes("gyro", "mrad/s", 1e3, 1),
          "Let the gyro warm up and calibrate it at rest. If it steps again, fly on another IMU.",
-         "imu", "rad/s", ("step", "ramp", "pulse"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate"), serious=5e-3, rate=1e-3),
+         "imu", "rad/s", ("step", "ramp", "pulse"), 0.03, 3e-3, _bias(GYRO_BIAS, "rest_rate"), apart=8e-3, serious=5e-3,
+         rate=1e-3),
     Kind("accel_bias", "the accelerometer's bias steps, grows or comes and goes",
          by_axes("accelerometer", "m/s²", 1.0, 2),
          "Calibrate the accelerometer. If it steps again without a shock or strong vibration, fly on another IMU.",
-         "imu", "m/s²", ("step", "ramp", "pulse"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position", serious=0.2,
+         "imu", "m/s²", ("step", "ramp", "pulse"), 1.0, 0.15, _bias(ACCEL_BIAS), "gps_position", apart=0.4, serious=0.2,
          rate=1e-3),
     Kind("gyro_scale", "the gyro's scale changes",
          by_axes("gyro", "% of what it turns", 100.0, 1),

@@ -155,8 +155,9 @@ def linearise(
         sigma, robust = one.sigma * scale[one.name], weights.get(one.name, one.weight)
         measurements.append(replace(one, sigma=sigma, weight=robust))
     problem = Problem(
-        setup.t, states.q_ned_frd, states.velocity, setup.gravity, motion, tuple(measurements), setup.aliased, {}
-    )
+        setup.t, states.q_ned_frd, states.velocity, setup.gravity, motion, tuple(measurements), setup.aliased, {},
+        setup.others,
+    )  # fmt: skip
     prior = _prior(setup, states, slow)
     for choice in accepted:
         problem, prior = with_choice(problem, prior, choice)

@@ -102,6 +102,7 @@ class Rival:
     shape: str
     log_odds: float  # natural logarithm of its posterior odds against nothing
     fault: float  # probability, if it occurred, that its size is harmful
+    imu: int | None = None  # the IMU whose it is, where that is not the estimate's
 
     @property
     def fault_log_odds(self) -> float:
@@ -121,6 +122,7 @@ class Explained:
     size: Array  # (m,) in the unit of the kind; of a ramp per second
     sigma: Array  # (m,)
     rivals: tuple[Rival, ...] = ()  # every hypothesis in its place, itself among them, the likeliest first
+    imu: int | None = None  # the IMU whose it is, where that is not the estimate's
     place: slice | None = None  # of its size among those of `BestEstimate.explained_covariance`; None where it has no σ
 
 

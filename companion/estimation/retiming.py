@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.estimation.choice import SHARPEST_S, Choice
-from companion.estimation.explanations import at_work
 from companion.estimation.iteration import Start, carried, estimate
 from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.search import times_of_change
 from companion.estimation.setup import Setup
+from companion.estimation.shapes import at_work
 from companion.estimation.system import misfit
 from companion.model import Array
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from companion.estimation.block_tridiagonal import factorise, gram, roots, scaled
-from companion.estimation.explanations import KINDS, SLOPED, Kind, Problem, Signature, kind_of
+from companion.estimation.explanations import KINDS, Kind, Problem, Signature, kind_of
+from companion.estimation.shapes import SLOPED
 from companion.estimation.system import Index, Solution
 from companion.estimation.weighing import Factors, changed
 from companion.model import Array

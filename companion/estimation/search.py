@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from companion.estimation.differences import Differences
 from companion.estimation.evidence import Trial, joined, kept, least_found, trial
-from companion.estimation.explanations import ENDING, KINDS, Kind, Problem, kind_of
+from companion.estimation.explanations import KINDS, Kind, Problem, kind_of
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, VELOCITY
 from companion.estimation.scan import Scan, scan
+from companion.estimation.shapes import ENDING
 from companion.estimation.system import Solution
 from companion.estimation.weighing import jumps, pushes, score
 from companion.model import Array
@@ -18,6 +20,7 @@ from companion.model import Array
 _STRETCHES = 25
 _REFINED, _PART, _LEAST = 6, 0.5, 2.0  # of the best: what explains half as much on the coarse grid, and anything
 _ROUNDS, _POINTS = 3, 7
+_PER_BLOCK = 5  # onsets within a block of differences
 _LEAST_S = {"imu": 5.0, "gps": 0.5, "compass": 2.0, "barometer": 2.0}  # what ends sooner is a shock, or a step
 _SHORTEST_S = 1.0
 _MARGIN_S, _MARGIN = 3.0, 0.1  # s, and of the flight
@@ -44,6 +47,13 @@ def trials(problem: Problem, solution: Solution) -> tuple[Trial, ...]:
         _refined(problem, solution, one, grid) if i < _REFINED and one.log_bayes.max() > least else one
         for i, one in enumerate(every)
     ]
+    fine += (
+        _of_another(problem, one, kind, shape)
+        for one in problem.others
+        for kind in KINDS
+        if kind.apart
+        for shape in kind.shapes
+    )
     return tuple(sorted(fine, key=lambda one: -one.log_odds))
 
 
@@ -84,6 +94,8 @@ def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, kind: Kind, s
         sudden = np.sort(pushes(problem, solution) if kind.summed else jumps(problem, solution, kind))
         sudden = sudden[(sudden >= first) & (sudden <= last)]
         begin, end = _pairs(sudden) if shape == "pulse" else (sudden, np.full(len(sudden), np.inf))
+        lasts = end - begin >= _LEAST_S[kind.side]
+        begin, end = begin[lasts], end[lasts]
         if len(begin):
             width = np.full(len(begin), float(np.median(np.diff(t))))
             parts.append(_at(problem, solution, kind, shape, begin, end, width, width))
@@ -118,7 +130,29 @@ def _trial(
     span = float(problem.t[0]), float(problem.t[-1])
     rougher = problem.rougher.get(kind.name.partition("_")[0], 1.0)
     b, v = (one / rougher for one in scores)
+    if kind.side == "imu":
+        for other in problem.others:
+            own, information = other.told(kind.sensor, kind.error, shape, times[0], times[1])
+            b, v = b - own, v + information
     return trial(kind, shape, times, span, b, v, problem.aliased.get(kind.name, 0.0))
+
+
+def _of_another(problem: Problem, one: Differences, kind: Kind, shape: str) -> Trial:
+    """An error of another IMU, that begins and ends within blocks of its differences."""
+    times = np.linspace(one.t[0], one.t[-1], _PER_BLOCK * len(one.t))
+    apart = float(times[1] - times[0])
+    if shape in ENDING:
+        cuts = times[:: -(-len(times) // _STRETCHES)]
+        onset, end = _pairs(cuts)
+        width = np.full(len(onset), float(np.diff(cuts).max()))
+        lasts = end - onset >= _LEAST_S["imu"]
+        onset, end, width = onset[lasts], end[lasts], width[lasts]
+    else:
+        onset, end, width = times, np.full(len(times), np.inf), np.full(len(times), apart)
+    weight = _weight(problem, onset, end, width, width)
+    scores = one.told(kind.sensor, kind.error, shape, onset, end)
+    span = float(problem.t[0]), float(problem.t[-1])
+    return trial(kind, shape, (onset, end, weight), span, *scores, imu=one.instance)
 
 
 def _weight(problem: Problem, onset: Array, end: Array, wide: Any, long: Any) -> Array:

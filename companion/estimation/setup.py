@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from companion.estimation.differences import Differences, differences
 from companion.estimation.earth_field import EarthField, field_at
 from companion.estimation.low_pass import BoolArray, restored, undelayed
 from companion.estimation.measurements import (
@@ -72,9 +73,8 @@ class Setup:
     aliased: Mapping[str, float]  # kind of bias → what vibration may read like near zero frequency, 1σ, SI
     notes: tuple[str, ...]
     slow: Mapping[str, slice]  # aiding sensor → place of its slow error among the states of a keyframe
-    relative_noise: (
-        Array  # (K-1, 2) noise of gyro and accelerometer in each interval, as times its median in the flight
-    )
+    relative_noise: Array  # (K-1, 2) gyro's and accelerometer's in each interval, in times its median in the flight
+    others: tuple[Differences, ...]  # what the other IMUs read more
 
 
 def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, untrusted: Sequence[Span] = ()) -> Setup:
@@ -125,13 +125,12 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
     broken = _broken(flight, track, index, longest, untrusted)
     if broken.any():
         notes.append(f"{int(broken.sum())} gaps in {track.source}: the estimate begins anew after each")
-    noise = spectral_noise(track, longest)
+    noise, aliased, scattering = spectral_noise(track, longest), aliasing(track), relative_scatter(track, t, longest)
     gyro, accel = (scatter_between_samples(read, track.rate_hz) for read in (track.gyro, track.accel))
-    scattering = relative_scatter(track, t, longest)
-    aliased = aliasing(track)
+    others = differences(flight, flight.imu(imu), (float(track.t[0]), float(track.t[-1])), untrusted)
     track = restored(track, np.diff(track.t) > longest)
     return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),
-                 aliased, tuple(notes), slow_places(readings), scattering)  # fmt: skip
+                 aliased, tuple(notes), slow_places(readings), scattering, others)  # fmt: skip
 
 
 def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:

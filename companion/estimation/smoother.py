@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.estimation.choice import Choice, explained
+from companion.estimation.choice import Choice, beside, explained
 from companion.estimation.constant_errors import constant_errors, of_first_half
 from companion.estimation.evidence import Trial
 from companion.estimation.explanations import Problem
@@ -106,10 +106,10 @@ def explain(setup: Setup, starts: Iterable[Start]) -> BestEstimate:
         else:
             further = cause
             break
-    if accepted:  # each was tried for some passes alone
+    if any(one.imu is None for one in accepted):  # each was tried for some passes alone
         settled, linear = estimate(setup, settled, accepted)
     if len(accepted) > 1:
-        rivals = [_rivals(linear, accepted, i) or own for i, own in enumerate(rivals)]
+        rivals = [_rivals(setup, linear, accepted, i) or own for i, own in enumerate(rivals)]
     return replace(_result(setup, settled, linear, accepted, rivals, shown), further=further)
 
 
@@ -149,20 +149,24 @@ def next_cause(
         _, believed = estimate(setup, start, accepted, limits, white=True)
         candidates |= _candidates(trials(believed.problem, believed.solution))
     tried = [one for choice in candidates.values() if (one := _with(setup, begin, accepted, choice)) is not None]
-    if not tried:
-        return _likeliest_faults(Choice.of_trial(one).rival for one in usual)
-    least = max(tried, key=lambda one: likelihood(one.settled, one.linear))
-    problem, solution = _without_the_last(setup, least, accepted)
-    problem = replace(problem, rougher=local_noise(least.linear, least.choice))
-    weighed = [Choice.of_trial(one) for one in trials(problem, solution)]
-    if least.choice.taken:
-        weighed = [_as_moved(one, least) if one.name == least.choice.name else one for one in weighed]
-        weighed.sort(key=lambda one: -one.log_odds)
+    weighed = [Choice.of_trial(one) for one in usual]
+    if tried:
+        least = max(tried, key=lambda one: likelihood(one.settled, one.linear))
+        tried.insert(0, least)
+        problem, solution = _without_the_last(setup, least, accepted)
+        problem = replace(problem, rougher=local_noise(least.linear, least.choice))
+        weighed = [Choice.of_trial(one) for one in trials(problem, solution)]
+        if least.choice.taken:
+            weighed = [_as_moved(one, least) if one.name == least.choice.name else one for one in weighed]
+            weighed.sort(key=lambda one: -one.log_odds)
     rivals = tuple(one.rival for one in weighed)
     for best in weighed:
         if best.log_odds < (_LIKELY if best.fault > _HARMFUL else _DISTURBING):
             break
-        same = [one for one in (least, *tried) if one.choice.name == best.name]
+        same = [one for one in tried if one.choice.name == best.name]
+        if best.imu is not None:
+            other = replace(linear, problem=beside(linear.problem, best))
+            return Cause(best, setup, settled, other, rivals)
         if (own := same[0] if same else _with(setup, begin, accepted, best)) is not None:
             return replace(own, rivals=rivals, choice=replace(own.choice, log_odds=best.log_odds, fault=best.fault))
     return _likeliest_faults(rivals)
@@ -173,11 +177,11 @@ def _likeliest_faults(rivals: Iterable[Rival]) -> tuple[Rival, ...]:
     return tuple(sorted(rivals, key=lambda one: -one.fault_log_odds))
 
 
-def _candidates(weighed: Sequence[Trial]) -> dict[tuple[str, str], Choice]:
+def _candidates(weighed: Sequence[Trial]) -> dict[tuple[str, str, int | None], Choice]:
     """The likeliest hypothesis of the IMU and of an aiding sensor, where they may be worth an estimate of their own."""
     chosen: dict[bool, Choice] = {}
     for one in weighed:
-        if one.worth_trying:
+        if one.worth_trying and one.imu is None:  # of another IMU nothing changes in the estimate
             chosen.setdefault(one.kind.side == "imu", Choice.of_trial(one))
     return {choice.name: choice for choice in chosen.values()}
 
@@ -206,7 +210,7 @@ def _with(setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice
 def _without_the_last(setup: Setup, cause: Cause, accepted: Sequence[Choice]) -> tuple[Problem, Solution]:
     """The problem of a cause without it, at its states and noise; with the readings where they were before it."""
     if not cause.choice.taken:
-        return without(cause.linear, [*accepted, cause.choice], len(accepted))
+        return without(setup, cause.linear, [*accepted, cause.choice], len(accepted))
     settled = cause.settled
     path = carried(setup, settled.states, settled.path)
     linear = linearise(setup, path, settled.states, cause.linear.noise, settled.scale, {}, settled.slow, accepted)
@@ -227,7 +231,7 @@ def _as_moved(choice: Choice, cause: Cause) -> Choice:
     )
 
 
-def without(linear: Linear, accepted: Sequence[Choice], one: int) -> tuple[Problem, Solution]:
+def without(setup: Setup, linear: Linear, accepted: Sequence[Choice], one: int) -> tuple[Problem, Solution]:
     """The problem without one of the hypotheses that it has, at the same states and noise, and its solution."""
     problem, prior = linear.problem, linear.prior
     widths = [0 if (s := choice.of(problem)) is None else s.unknowns for choice in accepted]
@@ -238,15 +242,17 @@ def without(linear: Linear, accepted: Sequence[Choice], one: int) -> tuple[Probl
     prior = replace(
         prior, constants_residual=prior.constants_residual[keep], constants_sigma=prior.constants_sigma[keep]
     )
-    left = replace(problem, motion=motion, measurements=measurements)
+    left = replace(problem, motion=motion, measurements=measurements, others=setup.others)
+    for choice in (*accepted[:one], *accepted[one + 1 :]):
+        left = beside(left, choice)
     return left, solve(len(problem.t), motion, measurements, prior)
 
 
-def _rivals(linear: Linear, accepted: Sequence[Choice], one: int) -> tuple[Rival, ...]:
+def _rivals(setup: Setup, linear: Linear, accepted: Sequence[Choice], one: int) -> tuple[Rival, ...]:
     """Every hypothesis in the place of one that was accepted, beside all others; empty where readings were moved."""
     if accepted[one].taken:
         return ()
-    problem, solution = without(linear, accepted, one)
+    problem, solution = without(setup, linear, accepted, one)
     problem = replace(problem, rougher=local_noise(linear, accepted[one]))
     return tuple(Choice.of_trial(other).rival for other in trials(problem, solution))
 
@@ -291,7 +297,7 @@ def _result(
     heading = "compass" if "compass" in residuals else "GPS and acceleration"
     if "gps_velocity" not in residuals and "compass" not in residuals:
         heading = "first guess"
-    parts, together = explained(linear.problem, linear.solution, accepted, rivals)
+    parts, together = explained(linear.problem, linear.solution, accepted, rivals, setup.others)
     return BestEstimate(
         imu=setup.imu,
         index=setup.index,

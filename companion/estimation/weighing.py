@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.estimation.explanations import Kind, Problem, Signature, at_work
+from companion.estimation.explanations import Kind, Problem, Signature
 from companion.estimation.model import VELOCITY
+from companion.estimation.shapes import at_work
 from companion.estimation.system import Index, Solution, measurement_residual, motion_residual
 from companion.model import Array
 

@@ -26,7 +26,7 @@ from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.lasting_errors import level_force_findings
 from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import phases
-from companion.analysis.redundant_imus import parting_findings
+from companion.analysis.redundant_imus import steady_findings
 from companion.estimation import BestEstimate, kind_of
 from companion.model import Flight, ImuTrack, Phase, Series
 
@@ -83,7 +83,7 @@ def findings(
         all_findings += findings_of(while_judged, departed, best, jumps, flight.imu_in_use)
         all_findings += [*known_biases(flight, best), *level_force_findings(best, flight)]
         if not any(f.severity == "error" for f in faults):  # else its own readings are none to compare with
-            all_findings += parting_findings(flight, comparison.track, best)
+            all_findings += steady_findings(flight, comparison.track, best)
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
         jumps = [_confirmed(f, all_findings, best) for f in jumps]
     all_findings += jumps

@@ -1,0 +1,198 @@
+"""What the other IMUs of a vehicle read more than the one that carries the estimate, and what that tells of faults.
+
+All IMUs of a vehicle feel the same motion but for the distance between them, so the difference of two readings over
+seconds is that of their errors: a constant, a random walk as both warm, white noise, and the fault of either. A fault
+of the estimate's own IMU shows in every difference and in the estimate; that of another one in its own difference
+alone. So two IMUs can contradict an accusation, and three decide which of them is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.estimation.shapes import at_work
+from companion.model import Array, Flight, ImuTrack, interpolated
+
+LIVELY: Mapping[str, float] = {"gyro": 0.2, "accel": 1.5}
+"""rad/s, m/s²: root mean square of an axis from which on its scale is told; below, noise would be scaled."""
+
+_BLOCK_S = 2.0  # over which differences are averaged
+_MOST_BLOCKS = 250  # a longer flight has longer ones
+_FEWEST_READINGS, _FEWEST_BLOCKS = 3, 12
+_UNHEARD_S = 10.0
+_LAGS = 10  # blocks, at most, over which a random walk is told from white noise: a step is in one of eight
+_OUTLIER = 8.0  # median deviations: 5 σ of white noise
+_OF_MEDIAN = 0.4549  # median of χ² with one degree of freedom
+_WHITE: Mapping[str, float] = {"gyro": 1e-4, "accel": 1e-3}
+"""rad/s, m/s²: 1σ of a block's difference at least, the resolution of the messages."""
+
+_WALK: Mapping[str, float] = {"gyro": 4e-5, "accel": 8e-4}
+"""rad/s/√s, m/s²/√s: the random walk of the difference at least: twice what the simulator's perfect parts show."""
+
+
+@dataclass(frozen=True, slots=True)
+class Error:
+    """An error of an IMU, of unknown size: "gyro" or "accel", its "bias", "scale" or a "shock"."""
+
+    sensor: str
+    what: str
+    prior: float  # 1σ of its size
+    shape: str
+    onset: float  # s
+    end: float
+    axis: int  # the one that it is of; -1 for all
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Differences:
+    """Another IMU less the estimate's own in B blocks; "gyro" in rad/s and "accel" in m/s², FRD."""
+
+    instance: int
+    source: str
+    t: Array  # (B,) s, boot clock, middles
+    width: float  # s
+    value: Mapping[str, Array]  # (B, 3)
+    felt: Mapping[str, Array]  # (B, 3) what the slower of the two reads
+    weight: Mapping[str, Array]  # (3, B, B) of each axis: inverse covariance, the constant and what is accepted free
+
+    def told(self, sensor: str, what: str, shape: str, onset: Array, end: Array) -> tuple[Array, Array]:
+        """Gradient b (T, 3) and information V (T, 3, 3) of errors of this IMU from onsets to ends (T,), s.
+
+        Those of the estimate's own IMU have the same V, and -b.
+        """
+        columns = self.columns(sensor, what, shape, onset, end)
+        weighed = columns @ self.weight[sensor]
+        b = np.einsum("atb,ba->ta", weighed, self.value[sensor])
+        return b, (weighed * columns).sum(axis=2).T[:, :, None] * np.eye(3)
+
+    def beside(self, one: Error) -> Differences:
+        """The same where an error of either IMU is free."""
+        weight = self.weight[one.sensor].copy()
+        for a in range(3) if one.axis < 0 else (one.axis,):
+            column = self.column(one)[a]
+            weighed = weight[a] @ column
+            weight[a] -= np.outer(weighed, weighed) / (column @ weighed + one.prior**-2.0)
+        return replace(self, weight={**self.weight, one.sensor: weight})
+
+    def sizes(self, errors: Sequence[Error]) -> list[tuple[Array, Array]]:
+        """The size (3,) of each of some errors of this IMU and its 1σ (3,), all of them free together."""
+        out = [(np.zeros(3), np.zeros(3)) for _ in errors]
+        for sensor in self.value:
+            for a in range(3):
+                mine = [i for i, one in enumerate(errors) if one.sensor == sensor and one.axis in (-1, a)]
+                if not mine:
+                    continue
+                columns = np.array([self.column(errors[i])[a] for i in mine])
+                weighed = columns @ self.weight[sensor][a]
+                covariance = np.linalg.inv(weighed @ columns.T + np.diag([errors[i].prior ** -2.0 for i in mine]))
+                solved = covariance @ (weighed @ self.value[sensor][:, a])
+                for place, i in enumerate(mine):
+                    out[i][0][a], out[i][1][a] = solved[place], np.sqrt(covariance[place, place])
+        return out
+
+    def column(self, one: Error) -> Array:
+        """(3, B) what an error of size one adds to each axis."""
+        onset, end = np.array([one.onset]), np.array([one.end])
+        return self.columns(one.sensor, one.what, one.shape, onset, end)[:, 0]
+
+    def columns(self, sensor: str, what: str, shape: str, onset: Array, end: Array) -> Array:
+        """(3, T, B) the same of one that may begin and end at several times (T,)."""
+        share = at_work(shape, onset, end, self.t - 0.5 * self.width, self.t + 0.5 * self.width)
+        if what == "shock":
+            share = share / self.width
+        if what != "scale":
+            return np.asarray(np.broadcast_to(share, (3, *share.shape)))
+        felt = self.felt[sensor]
+        felt = felt * (np.sqrt((felt**2).mean(axis=0)) > LIVELY[sensor])
+        return np.asarray(share * felt.T[:, None, :])
+
+
+def differences(
+    flight: Flight,
+    used: ImuTrack,
+    span: tuple[float, float] = (-np.inf, np.inf),
+    untrusted: Sequence[tuple[float, float]] = (),
+) -> tuple[Differences, ...]:
+    """One for every other IMU that was heard long enough, of the fastest track that it has.
+
+    span: boot times (s) to which they are confined. untrusted: stretches (s) in which those of `used` are no readings.
+    """
+    tracks: dict[int, ImuTrack] = {}
+    for track in flight.imus.values():
+        if track.instance != used.instance and len(track) > 1:
+            known = tracks.get(track.instance)
+            if known is None or track.rate_hz > known.rate_hz:
+                tracks[track.instance] = track
+    return tuple(
+        one for track in tracks.values() if (one := _difference(flight, used, track, span, untrusted)) is not None
+    )
+
+
+def _difference(
+    flight: Flight,
+    used: ImuTrack,
+    other: ImuTrack,
+    span: tuple[float, float],
+    untrusted: Sequence[tuple[float, float]],
+) -> Differences | None:
+    """Of blocks in which both were heard: armed, where the vehicle ever was, for motors shift an accelerometer."""
+    slow, fast, sign = (used, other, -1.0) if used.rate_hz < other.rate_hz else (other, used, 1.0)
+    inside = (slow.t >= max(fast.t[0], span[0])) & (slow.t <= min(fast.t[-1], span[1]))
+    i = np.clip(np.searchsorted(fast.t, slow.t), 1, len(fast) - 1)
+    inside &= fast.t[i] - fast.t[i - 1] < 3.0 / fast.rate_hz
+    for first, last in untrusted:
+        inside &= (slow.t < first) | (slow.t > last)
+    armed = flight.armed(slow.t, slow.t)
+    if armed is not None and armed.any():
+        inside &= armed
+    t = slow.t[inside]
+    if len(t) < _FEWEST_BLOCKS * _FEWEST_READINGS:
+        return None
+    width = max(_BLOCK_S, _FEWEST_READINGS / slow.rate_hz, float(t[-1] - t[0]) / _MOST_BLOCKS)
+    names, begin, count = np.unique(np.floor(t / width), return_index=True, return_counts=True)
+    whole = count >= _FEWEST_READINGS
+    if whole.sum() < _FEWEST_BLOCKS:
+        return None
+    spans = list(zip(begin[whole].tolist(), (begin + count)[whole].tolist(), strict=True))
+    value, felt, weight, middle = {}, {}, {}, (names[whole] + 0.5) * width
+    for sensor in ("gyro", "accel"):
+        read = getattr(slow, sensor)[inside]
+        off = sign * (read - interpolated(t, fast.t, getattr(fast, sensor)))
+        value[sensor] = np.array([_mean(off[first:last]) for first, last in spans])
+        felt[sensor] = np.array([read[first:last].mean(axis=0) for first, last in spans])
+        weight[sensor] = _weight(sensor, middle, value[sensor])
+    return Differences(other.instance, other.source, middle, width, value, felt, weight)
+
+
+def _mean(values: Array) -> Array:
+    """(3,) mean of readings (n, 3) without those far off: a median would tell of a step within them the longer side."""
+    middle = np.median(values, axis=0)
+    apart = np.abs(values - middle)
+    usual = apart <= _OUTLIER * np.maximum(np.median(apart, axis=0), 1e-12)
+    return np.asarray((values * usual).sum(axis=0) / usual.sum(axis=0))
+
+
+def _weight(sensor: str, t: Array, off: Array) -> Array:
+    """(3, B, B) inverse covariances of differences off (B, 3) at t (B,): a random walk and white noise.
+
+    Constants are free: one of each part of the flight, where either may have been calibrated anew while it was unheard.
+
+    Both by the median square of changes from one block to the next and over some, about their median: a step hardly
+    moves it, nor does a steady drift, which is a fault's or a warming part's.
+    """
+    lags = (1, max(2, min(_LAGS, len(t) // 8)))
+    changes = [off[lag:] - off[:-lag] for lag in lags]
+    near, far = (np.median((one - np.median(one, axis=0)) ** 2, axis=0) / _OF_MEDIAN for one in changes)
+    once, often = (float(np.median(t[lag:] - t[:-lag])) for lag in lags)
+    walk = np.maximum((far - near) / max(often - once, 1e-9), _WALK[sensor] ** 2)
+    white = np.maximum(0.5 * (near - walk * once), _WHITE[sensor] ** 2)
+    since = np.minimum(t[:, None], t) - t[0]
+    weight = np.linalg.inv(walk[:, None, None] * since + white[:, None, None] * np.eye(len(t)))
+    heard = np.cumsum(np.diff(t, prepend=t[0]) > _UNHEARD_S)
+    for part in np.unique(heard):
+        total = weight[:, :, heard == part].sum(axis=2)
+        weight = weight - total[:, :, None] * total[:, None, :] / total[:, heard == part].sum(axis=1)[:, None, None]
+    return np.asarray(weight)

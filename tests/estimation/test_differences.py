@@ -1,0 +1,116 @@
+"""IMU against IMU: whose error it is, and that two which agree contradict an accusation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from companion.estimation import BestEstimate, differences, probabilities, smooth
+from companion.estimation.differences import Error
+from companion.model import Array, Flight, ImuTrack
+from tests.estimation.sensed import sensed
+
+ONSET = 31.0
+
+
+@cache
+def flown() -> Flight:
+    return sensed(60.0, rate=50.0)[0]
+
+
+def sibling(every: int = 1, gyro: Array | float = 0.0, accel: Array | float = 0.0, instance: int = 1) -> ImuTrack:
+    """Another IMU, logged less often by a factor, with errors of its own (N, 3)."""
+    own = flown().imu()
+    noise = np.random.default_rng(instance).normal(size=(2, len(own), 3))
+    turn, force = own.gyro + gyro + 2e-3 * noise[0], own.accel + accel + 0.05 * noise[1]
+    return replace(own, source=f"IMU[{instance}]", instance=own.instance + instance, gyro=turn, accel=force)[::every]
+
+
+def step(*size: float) -> Array:
+    return np.asarray((flown().imu().t >= ONSET)[:, None] * np.array(size))
+
+
+def beside(*others: ImuTrack, own: Array | float = 0.0) -> Flight:
+    """The flight with other IMUs, and an error of its own gyro (N, 3)."""
+    imu = flown().imu()
+    imu = replace(imu, gyro=imu.gyro + own)
+    return replace(flown(), imus={imu.source: imu, **{one.source: one for one in others}})
+
+
+def faults(best: BestEstimate) -> list[tuple[int | None, str]]:
+    """The IMU and the kind of what was explained as a fault."""
+    return [(one.imu, one.kind) for one in best.explained if probabilities(one.rivals)["imu"] > 0.5]
+
+
+@pytest.mark.parametrize("every", [1, 5])
+def test_the_imu_that_steps_is_named_whichever_was_logged_more_often(every: int) -> None:
+    best = smooth(beside(sibling(every, gyro=step(0.0, 0.02, 0.0))))
+    one = max(best.explained, key=lambda e: float(np.linalg.norm(e.size)))
+    assert (one.imu, one.kind, one.shape) == (1, "gyro_bias", "step")
+    assert one.onset == pytest.approx(ONSET, abs=2.5)
+    assert one.size == pytest.approx([0.0, 0.02, 0.0], abs=5.0 * float(one.sigma.max()))
+    assert faults(best) == [(1, "gyro_bias")]
+
+
+@pytest.mark.parametrize("siblings", [1, 2])
+def test_an_error_of_the_estimates_own_imu_is_no_other_ones(siblings: int) -> None:
+    others = [sibling(instance=number + 1) for number in range(siblings)]
+    best = smooth(beside(*others, own=step(0.0, 0.02, 0.0)))
+    assert faults(best) == [(None, "gyro_bias")]
+    one = max(best.explained, key=lambda e: float(np.linalg.norm(e.size)))
+    assert one.size == pytest.approx([0.0, 0.02, 0.0], abs=2e-3)
+
+
+def test_two_imus_in_order_accuse_none() -> None:
+    assert faults(smooth(beside(sibling(), sibling(instance=2)))) == []
+
+
+def test_a_parting_without_a_witness_names_both() -> None:
+    """Without GPS and compass a gyro about the vertical is known by the other IMU alone."""
+    best = smooth(replace(beside(sibling(gyro=step(0.0, 0.0, 0.02))), gps=(), compasses=()))
+    one = max(best.explained, key=lambda e: float(np.linalg.norm(e.size)))
+    mine, its = (max(r.fault_log_odds for r in one.rivals if r.imu == imu) for imu in (None, 1))
+    assert abs(mine - its) < 3.0
+
+
+def test_an_imu_that_drifts_away_is_named() -> None:
+    drift = np.linspace(0.0, 0.06, len(flown().imu()))[:, None] * np.array([1.0, 0.0, 0.0])
+    assert faults(smooth(beside(sibling(gyro=drift)))) == [(1, "gyro_bias")]
+
+
+def test_a_step_across_a_time_in_which_it_was_not_heard_is_none() -> None:
+    other = sibling(5, accel=step(0.6, 0.0, 0.0))
+    heard = _without(other, ONSET - 8.0, ONSET + 8.0)
+    assert faults(smooth(beside(heard))) == []
+
+
+def _without(track: ImuTrack, begin: float, end: float) -> ImuTrack:
+    kept = (track.t < begin) | (track.t > end)
+    return replace(track, t=track.t[kept], gyro=track.gyro[kept], accel=track.accel[kept])
+
+
+def test_the_order_of_two_imus_is_that_of_the_sign() -> None:
+    """What one tells of an error of the other is the negative of what the other tells of the same."""
+    one, other = flown().imu(), sibling(gyro=step(0.0, 0.02, 0.0))
+    (there,), (back,) = (differences(beside(other), used) for used in (one, other))
+    times = np.array([ONSET]), np.array([np.inf])
+    b, v = there.told("gyro", "bias", "step", *times)
+    b_back, v_back = back.told("gyro", "bias", "step", *times)
+    assert b == pytest.approx(-b_back)
+    assert v == pytest.approx(v_back)
+    assert (b / np.diagonal(v, axis1=1, axis2=2))[0] == pytest.approx([0.0, 0.02, 0.0], abs=1e-3)
+
+
+def test_sizes_are_those_of_least_squares_and_what_is_free_tells_nothing() -> None:
+    (one,) = differences(beside(sibling(gyro=step(0.0, 0.02, 0.0))), flown().imu())
+    error = Error("gyro", "bias", 1e3, "step", ONSET, np.inf, -1)
+    ((size, sigma),) = one.sizes([error])
+    b, v = one.told("gyro", "bias", "step", np.array([ONSET]), np.array([np.inf]))
+    assert size == pytest.approx(np.linalg.solve(v[0], b[0]))
+    assert sigma == pytest.approx(np.diagonal(v[0]) ** -0.5)
+    b, v = one.beside(error).told("gyro", "bias", "step", np.array([ONSET]), np.array([np.inf]))
+    assert abs(b).max() < 1e-2 * sigma.min() ** -1
+    assert np.trace(v[0]) < 1e-3
