@@ -12,6 +12,7 @@ from companion.analysis.autopilot_error import AutopilotBias, autopilot_bias
 from companion.analysis.budget import Expected, chi_square_95, chi_square_999, expected_over
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
+from companion.analysis.constant_faults import constant_errors
 from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.departures import Sensitivity, sensitivity
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
@@ -191,7 +192,9 @@ def assess(
     made, told_by_it = _best(own, comparison, faults, lost, before, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
     faults += told_by_it
-    all_findings, clean = findings(flight, comparison, allowed, figures, noise, autopilot, faults, best)
+    unread = best is None or any(f.severity == "error" for f in faults)  # readings that are none are off by nothing
+    constants = () if unread or best is None else constant_errors(best, flight)
+    all_findings, clean = findings(flight, comparison, allowed, figures, noise, autopilot, faults, best, constants)
     if lost is not None:
         all_findings = when_lost(all_findings, lost, later)
     third = best if best is not None and _independent(best) else None
@@ -212,7 +215,7 @@ def assess(
         rests=rests(flight, track, figures),
         autopilot_bias=autopilot_bias(flight, track),
         agreements=agreements,
-        verdict=decide([agreements[horizon] for horizon in AGREEING_S], all_findings, third, track.source),
+        verdict=decide([agreements[horizon] for horizon in AGREEING_S], all_findings, third, track.source, constants),
         best=best,
         sensitivity=sensitivity(made),
     )

@@ -253,13 +253,14 @@ def own_odds(episode: Episode) -> float:
     return max((one.log_odds for one in episode.rivals if one.kind == episode.kind), default=0.0)
 
 
-def fault_probability(best: BestEstimate) -> dict[str, float]:
+def fault_probability(best: BestEstimate, constant: float = 0.0) -> dict[str, float]:
     """Side → probability that a harmful fault of it is the first of the flight; "nobody" that there is none.
 
     By the readings of IMU, GPS, compass and barometer alone: what the autopilot made of them does not count.
+    constant: that an IMU was wrong from the beginning.
     """
     parts = [one.rivals for one in sorted(best.explained, key=lambda one: one.onset) if one.rivals]
-    first, none = dict.fromkeys(probabilities(()), 0.0), 1.0
+    first, none = {**dict.fromkeys(probabilities(()), 0.0), "imu": constant}, 1.0 - constant
     for rivals in (*parts, best.further):
         shares = probabilities(rivals)
         for side, share in shares.items():

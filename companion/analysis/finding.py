@@ -34,7 +34,6 @@ KINDS: Mapping[str, str] = {
     "frozen": "the whole IMU reads the same again and again",
     "gyro_clipping": "the gyro is at the end of its range",
     "accel_clipping": "the accelerometer is at the end of its range",
-    "imus_disagree": "another IMU has a bias that is larger than parts in order show, all the time",
     "units_wrong": "the IMU's readings are of other units than they are taken for",
     "axes_wrong": "axes of the IMU are exchanged, mirrored or turned",
     "mounting": "the IMU sits askew",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -11,7 +10,6 @@ import numpy as np
 from companion.analysis.budget import lasting_step_error
 from companion.analysis.comparison import Comparison, Windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS
-from companion.analysis.finding import Finding
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec
 from companion.analysis.reference import BoolArray, IntArray, InterpolationError, Reference, States
 from companion.estimation import BestEstimate, ConstantErrors, allowing
@@ -78,22 +76,6 @@ def level_force(best: BestEstimate, flight: Flight) -> LevelForce:
     theirs = np.full(3, np.nan) if held is None else np.median(held.accel, axis=0)
     known = np.abs(value - theirs) <= _SIGMAS * sigma
     return LevelForce(value, sigma, (np.abs(value) > USUAL_BIAS["accel"] + _SIGMAS * sigma) & ~known)
-
-
-def level_force_findings(best: BestEstimate, flight: Flight) -> Iterator[Finding]:
-    """An accelerometer that is off by more than one in order: it is said, and not taken off as known."""
-    force = level_force(best, flight)
-    for i in np.flatnonzero(force.unusual):
-        yield Finding(
-            "accel_scale",
-            "data",
-            "warning",
-            float(best.t[0]),
-            float(best.t[-1]),
-            f"accelerometer {'xyz'[i]} reads {force.value[i]:.2f} ± {force.sigma[i]:.2f} m/s² too much when level, "
-            f"bias and scale together, where one in order is off by {USUAL_BIAS['accel']:.1f} at most; {ALL_THE_TIME}",
-            "Calibrate the accelerometer.",
-        )
 
 
 ALL_THE_TIME = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from companion.analysis.comparison import left_out
+from companion.analysis.constant_faults import ConstantError, constant_fault_probability
 from companion.analysis.episode import BIAS_UNITS, SENSORS, SIGMAS, bias_at_the_end, fault_probability, percent
 from companion.analysis.finding import Cause, Finding
 from companion.estimation import ACCUSED, BestEstimate, kind_of
@@ -71,13 +72,18 @@ class Verdict:
 
 
 def decide(
-    agreements: Sequence[Agreement], findings: tuple[Finding, ...], best: BestEstimate | None, source: str
+    agreements: Sequence[Agreement],
+    findings: tuple[Finding, ...],
+    best: BestEstimate | None,
+    source: str,
+    constants: Sequence[ConstantError] = (),
 ) -> Verdict:
     """The first cause in time; without one, whether IMU and autopilot agree, as far as the flight can tell.
 
-    agreements: one for each horizon of AGREEING_S. source: the message of the IMU that the windows are of.
+    agreements: one for each horizon of AGREEING_S. source: the message of the IMU that the windows are of. constants:
+    what the IMUs read wrongly all the time.
     """
-    probability = {} if best is None else fault_probability(best)
+    probability = {} if best is None else fault_probability(best, constant_fault_probability(constants))
     return replace(_decided(agreements, findings, best, source, probability), probability=probability)
 
 
@@ -101,10 +107,10 @@ def _decided(
         cause = _cause(first)
         told = f"Suspect {whom}: {_headline(first)}{_how_sure(cause)}.{_all_the_same(agreements[0], source)}"
         return Verdict(status, told, findings, cause)
-    doubt = _doubt(worst, findings, best)
+    doubt = _doubt(worst, findings, best) or _of_imu(probability)
     if doubt is not None:
         return Verdict("insufficient_data", f"Cannot tell: {doubt}.", findings)
-    sure = f"; no sensor fault: {percent(probability['nobody'])}" if probability else ""
+    sure = "".join(f"; {whose}: {percent(share)}" for whose, share in _faults_told(probability))
     told = f"IMU and autopilot agree within the expected error ({worst}{sure}).{_unwitnessed(best)}"
     return Verdict("consistent", told, findings)
 
@@ -167,6 +173,18 @@ def lasting(
     return Verdict("imu_suspect", f"Suspect the IMU: {words}.", (finding, *verdict.findings), cause)
 
 
+def _faults_told(probability: Mapping[str, float]) -> list[tuple[str, float]]:
+    """The probability that no sensor has a fault; of an aiding sensor that has one, which misled nobody."""
+    if not probability:
+        return []
+    whose, share = max(probability.items(), key=lambda pair: pair[1])
+    told = "no sensor fault" if whose == "nobody" else f"a fault of the {_NAMES.get(whose, whose)}, which misled nobody"
+    return [(told, share)]
+
+
+_NAMES = {"gps": "GPS", "imu": "IMU"}
+
+
 def _unwitnessed(best: BestEstimate | None) -> str:
     """What both may have wrong together, as no third witness was there; "" elsewhere."""
     if best is None or "gps_position" in best.residuals:
@@ -182,7 +200,7 @@ def _lacking(judged: Agreement, findings: tuple[Finding, ...], has_cause: bool) 
     data = [f for f in findings if f.side == "data" and f.severity == "error"]
     if data:
         return f"Cannot tell: {data[0].evidence}."
-    if judged.windows < FEWEST_WINDOWS:
+    if judged.windows < FEWEST_WINDOWS and not has_cause:
         reasons = left_out(judged.excluded)
         short = f"the flight is too short: at least {FEWEST_WINDOWS * JUDGED_S:g} s are needed"
         why = f"left out: {reasons}" if reasons else short
@@ -205,6 +223,12 @@ def _doubt(worst: Agreement, findings: tuple[Finding, ...], best: BestEstimate |
     elif explained := next((f.evidence for f in findings if f.severity == "warning" and f.kind in _CONSTANT), ""):
         why = explained
     return f"IMU and autopilot differ in {quantity} by more than expected (only {worst}), and {why}"
+
+
+def _of_imu(probability: Mapping[str, float]) -> str | None:
+    """That a fault of an IMU is too likely for agreement: what harmed nothing yet, or is not known well enough."""
+    sure = probability.get("imu", 0.0)
+    return None if sure <= 1.0 - ACCUSED else f"an IMU is at fault with a probability of {percent(sure)}"
 
 
 def _first(causes: Sequence[Finding]) -> Finding:

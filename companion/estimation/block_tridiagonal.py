@@ -8,6 +8,7 @@ K. Takahashi et al. (1973) for the inverse on the pattern of the matrix.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from companion.model import Array
 
-_ROUNDING = 1e-12
+_ROUNDING = (0.0, 1e-12, 1e-11, 1e-10)
 _FEW = 16  # blocks, of which LAPACK inverts one after the other sooner than a loop over their rows all of them
 _TOGETHER = 512  # blocks that stay in cache
 
@@ -145,11 +146,11 @@ def roots(blocks: Array) -> Array:
 
     Raises numpy.linalg.LinAlgError for what is not positive definite.
     """
-    try:
-        lower = np.linalg.cholesky(blocks)
-    except np.linalg.LinAlgError:  # by rounding: the diagonal is about 1, and what is not observed is next to nothing
-        lower = np.linalg.cholesky(blocks + _ROUNDING * np.eye(blocks.shape[-1]))
-    return _lower_inverses(np.asarray(lower, np.float64))
+    for rounding in _ROUNDING:  # the diagonal is about 1, and what is not observed is next to nothing
+        with contextlib.suppress(np.linalg.LinAlgError):
+            lower = np.linalg.cholesky(blocks + rounding * np.eye(blocks.shape[-1]))
+            return _lower_inverses(np.asarray(lower, np.float64))
+    raise np.linalg.LinAlgError("the matrix is not positive definite")
 
 
 def _lower_inverses(lower: Array) -> Array:

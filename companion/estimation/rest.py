@@ -9,7 +9,8 @@ from companion.model import STANDARD_GRAVITY, Array, Flight, GpsTrack, ImuTrack,
 
 _LOUDER = 2.0  # than the quietest tenth, and still quiet
 _MOST = (0.01, 0.15)  # rad/s, m/s²: a spread that nothing at rest has
-_FORCE = 1.0  # m/s², from gravity
+_FORCE = 0.8  # of gravity, more or less: an accelerometer may be wrong
+_TURNING = 0.1  # rad/s about the vertical, which gravity does not show; about the other axes it would turn
 _MOVING_MPS = 0.5
 _DRIFTED, _AGREES = 1.0, 0.5  # m by the GPS velocity, and the part of it by which the position may say otherwise
 _NEIGHBOURS = 5  # keyframes before and after
@@ -37,8 +38,9 @@ def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, np
     still = np.zeros(len(t), np.bool_) if armed is None else ~armed  # where nothing is said of them, motors may run
     for quiet, step, most in ((spread[0], track.gyro_step, _MOST[0]), (spread[1], track.accel_step, _MOST[1])):
         still &= quiet < min(most, max(_LOUDER * float(np.percentile(quiet, 10.0)), 0.6 * step, 0.2 * most))
-    still &= np.abs(np.linalg.norm(mean[1], axis=1) - STANDARD_GRAVITY) < _FORCE
-    still &= np.linalg.norm(mean[0], axis=1) < 0.1
+    felt = np.linalg.norm(mean[1], axis=1)
+    still &= np.abs(felt - STANDARD_GRAVITY) < _FORCE * STANDARD_GRAVITY
+    still &= np.abs((mean[0] * mean[1]).sum(axis=1)) < _TURNING * felt
     for gps in flight.gps[:1]:
         speed = np.linalg.norm(gps.velocity[:, :2], axis=1)
         good = np.isfinite(speed) & (gps.fix_type >= 3)

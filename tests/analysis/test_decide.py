@@ -47,9 +47,13 @@ def test_the_probability_of_a_cause_is_said_with_it() -> None:
     """At its end: what stands before is what its status says already."""
     one = cause("gyro_bias", "imu", 30.0, 0.1, "gyro")
     assert one.cause is not None
-    sure = replace(one, cause=replace(one.cause, probability=0.97))
+    sure = replace(one, cause=replace(one.cause, probability=0.97, side_probability=0.97))
     verdict = decide(agreements(5, {"attitude": 0.5}), (sure,), None, "RAW_IMU")
     assert verdict.summary == "Suspect the IMU: gyro_bias seen (probability 97 %)."
+    assert sure.cause is not None
+    shared = replace(sure, cause=replace(sure.cause, probability=0.7, sensor="gps"))
+    verdict = decide(agreements(5, {"attitude": 0.5}), (shared,), None, "RAW_IMU")
+    assert verdict.summary == "Suspect the IMU: gyro_bias seen (probability 97 %; gps: 70 %).", "of one sensor it is less"
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9])

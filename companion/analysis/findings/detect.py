@@ -11,6 +11,7 @@ from companion.analysis.attribution import findings_of
 from companion.analysis.autopilot_error import known_biases
 from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison
+from companion.analysis.constant_faults import ConstantError, constant_findings
 from companion.analysis.departures import departures
 from companion.analysis.episode import SIGMAS, episodes
 from companion.analysis.finding import Finding, by_severity
@@ -23,10 +24,8 @@ from companion.analysis.findings.sampling import lags, rate_findings, stamp_find
 from companion.analysis.findings.stuck import stuck_findings
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.lasting_errors import level_force_findings
 from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import phases
-from companion.analysis.redundant_imus import steady_findings
 from companion.estimation import BestEstimate, kind_of
 from companion.model import Flight, ImuTrack, Phase, Series
 
@@ -49,11 +48,12 @@ def findings(
     autopilot: ReferenceSpec,
     faults: Sequence[Finding],
     best: BestEstimate | None,
+    constants: Sequence[ConstantError] = (),
 ) -> tuple[tuple[Finding, ...], ImuTrack]:
     """What stands out, and the IMU with what is no fault taken out: how it sits in the vehicle.
 
     allowed: the drift that is expected in the windows that are judged. faults: of `reading_faults`. best: the best
-    estimate, None where the flight allows none.
+    estimate, None where the flight allows none. constants: what its IMUs read wrongly all the time.
     """
     sampling = allowed.shares["attitude"]["sampling"] if allowed else 0.0
     all_findings = [*rate_findings(flight, comparison, sampling), *faults]
@@ -81,9 +81,8 @@ def findings(
         departed = departures(flight, best, limits, tilted)
         departed = tuple(one for one in departed if not _is_led_to(one.start, one.end, faults))
         all_findings += findings_of(while_judged, departed, best, jumps, flight.imu_in_use)
-        all_findings += [*known_biases(flight, best), *level_force_findings(best, flight)]
-        if not any(f.severity == "error" for f in faults):  # else its own readings are none to compare with
-            all_findings += steady_findings(flight, comparison.track, best)
+        all_findings += known_biases(flight, best)
+        all_findings += constant_findings(constants, best)
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
         jumps = [_confirmed(f, all_findings, best) for f in jumps]
     all_findings += jumps

@@ -1,0 +1,134 @@
+"""What an IMU reads wrongly from the first second on: more than a calibrated part does, or a fault.
+
+No change shows it: only the best estimate, which knows gravity and where the vehicle went. A constant error is one of a
+part in order or, rarely, of one that is broken, wrongly calibrated or of wrong settings; both are normal about zero,
+and the probability of the second is Bayes'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from companion.analysis.episode import BIAS_UNITS, SENSORS, percent
+from companion.analysis.finding import Cause, Finding
+from companion.analysis.imu_spec import USUAL_BIAS
+from companion.estimation import ACCUSED, BestEstimate, differences, kind_of
+from companion.model import Array, Flight
+
+_RATE = 0.01
+"""Share of IMUs that fly with one: three of 86 logs of strangers' vehicles."""
+
+_LARGE: Mapping[str, float] = {"gyro": 0.2, "accel": 2.0}
+"""rad/s, m/s²: 1σ of such an error: those three were off by 0.4 rad/s and 2.0 and 1.1 m/s²."""
+
+_SIGMAS = 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConstantError:
+    """What one sensor of an IMU reads too much all the time; an accelerometer when level, bias and scale together."""
+
+    imu: int
+    source: str
+    sensor: str  # "gyro", "accel"
+    value: Array  # (3,) rad/s or m/s², FRD
+    sigma: Array  # (3,)
+
+    @property
+    def axis(self) -> int:
+        """The one that is furthest off."""
+        return int(np.argmax(np.abs(self.value) / np.hypot(self.sigma, _usual(self.sensor))))
+
+    @property
+    def is_unusual(self) -> bool:
+        """Whether it is surely more than a calibrated part shows."""
+        return bool((np.abs(self.value) > USUAL_BIAS[self.sensor] + _SIGMAS * self.sigma).any())
+
+    @property
+    def probability(self) -> float:
+        """That it is a fault."""
+        value, usual = float(self.value[self.axis]), np.hypot(self.sigma[self.axis], _usual(self.sensor))
+        large = np.hypot(usual, _LARGE[self.sensor])
+        odds = np.log(_RATE / (1.0 - _RATE)) + np.log(usual / large) + 0.5 * value**2 * (usual**-2 - large**-2)
+        return float(1.0 / (1.0 + np.exp(-np.clip(odds, -500.0, 500.0))))
+
+
+def _usual(sensor: str) -> float:
+    """1σ of a part in order, wide on purpose: nineteen of twenty axes stay below it."""
+    return 0.5 * USUAL_BIAS[sensor]
+
+
+def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, ...]:
+    """Of every IMU: the estimate's own, and by what the others read more than it.
+
+    Empty where the estimate does not know its IMU's errors: where the readings contradict each other. What changed in
+    flight is no constant.
+    """
+    if best.contradicted:
+        return ()
+    changed = {(e.imu, kind_of(e.kind).sensor) for e in best.explained if not kind_of(e.kind).nuisance}
+    out = []
+    for sensor in ("gyro", "accel"):
+        if (None, sensor) in changed:
+            continue
+        value = np.median(getattr(best.states, f"{sensor}_bias"), axis=0)
+        if sensor == "accel":
+            value = value + best.states.constant("accel_matrix").reshape(3, 3) @ [0.0, 0.0, -best.gravity]
+        sigma = np.median(getattr(best, f"{sensor}_bias_sigma"), axis=0)
+        out.append(ConstantError(best.imu.instance, best.imu.source, sensor, value, sigma))
+        for one in differences(flight, best.imu):
+            if (one.instance, sensor) not in changed:
+                off = value + np.median(one.value[sensor], axis=0)  # that of the difference is known far better
+                out.append(ConstantError(one.instance, one.source, sensor, off, sigma))
+    return tuple(out)
+
+
+def constant_fault_probability(errors: Sequence[ConstantError]) -> float:
+    """That any IMU has one."""
+    return float(1.0 - np.prod([1.0 - one.probability for one in errors]))
+
+
+def constant_findings(errors: Sequence[ConstantError], best: BestEstimate) -> Iterator[Finding]:
+    """Those that are faults, as errors; those of which it cannot be told, as warnings."""
+    begin, end = float(best.t[0]), float(best.t[-1])
+    for one in errors:
+        sure, i = one.probability, one.axis
+        if not one.is_unusual and sure < 1.0 - ACCUSED:
+            continue
+        unit, scale, decimals = BIAS_UNITS[one.sensor]
+        reads = f"{scale * one.value[i]:.{decimals}f} ± {scale * one.sigma[i]:.{decimals}f} {unit}"
+        words = (
+            f"{SENSORS[one.sensor]} {'xyz'[i]} of IMU {one.imu} ({one.source}) reads {reads} too much"
+            f"{' when level' if one.sensor == 'accel' else ''} since the start of the log"
+        )
+        usual = f"a calibrated part stays below {scale * USUAL_BIAS[one.sensor]:.{decimals}f}"
+        kind = kind_of(f"{one.sensor}_bias")
+        fault = sure >= ACCUSED
+        cause = Cause(
+            kind.name,
+            "imu",
+            begin,
+            sensor=one.sensor,
+            axis="xyz"[i],
+            size=abs(float(one.value[i])),
+            sigma=float(one.sigma[i]),
+            unit=kind.unit,
+            probability=sure,
+            side_probability=sure,
+            imu=one.imu,
+        )
+        yield Finding(
+            kind.name,
+            "imu" if fault else "data",
+            "error" if fault else "warning",
+            begin,
+            end,
+            f"{words}; {usual} (probability of a fault {percent(sure)})",
+            f"Calibrate the {SENSORS[one.sensor]} of IMU {one.imu}, and look at its range setting.",
+            words if fault else "",
+            cause if fault else None,
+            undecided=not fault and sure > 1.0 - ACCUSED,
+        )

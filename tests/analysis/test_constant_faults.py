@@ -1,0 +1,82 @@
+"""What an IMU reads wrongly from the first second on: whose it is, how large, and when it is a fault."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.analysis.constant_faults import (
+    ConstantError,
+    constant_errors,
+    constant_fault_probability,
+    constant_findings,
+)
+from companion.analysis.imu_spec import USUAL_BIAS
+from companion.estimation import ACCUSED, BestEstimate, smooth
+from companion.model import Array, Flight, ImuTrack
+
+
+def off(sensor: str, *value: float, sigma: float = 1e-3) -> ConstantError:
+    return ConstantError(0, "RAW_IMU", sensor, np.array(value), np.full(3, sigma))
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_five_times_what_parts_do_is_a_fault_and_twice_is_none(sensor: str) -> None:
+    part = 0.5 * USUAL_BIAS[sensor]
+    assert off(sensor, 0.0, 5.0 * part, 0.0).probability > ACCUSED
+    assert off(sensor, 0.0, 2.0 * part, 0.0).probability < 1.0 - ACCUSED
+    assert off(sensor, 0.0, 5.0 * part, 0.0, sigma=5.0 * part).probability < 0.5, "nothing is known of it"
+
+
+def test_its_probability_grows_with_its_size() -> None:
+    sizes = np.linspace(0.0, 3.0, 60)
+    shares = [off("accel", 0.0, 0.0, size).probability for size in sizes]
+    assert (np.diff(shares) >= 0).all()
+    assert constant_fault_probability([]) == 0.0
+    assert constant_fault_probability([off("accel", 0, 0, 0.3)] * 2) > off("accel", 0, 0, 0.3).probability
+
+
+def wrong(flight: Flight, **errors: Array) -> Flight:
+    imu = flight.imu()
+    return replace(flight, imus={imu.source: replace(imu, **{k: getattr(imu, k) + v for k, v in errors.items()})})
+
+
+def test_an_accelerometer_that_is_off_from_the_start_is_named(flight: Flight) -> None:
+    bad = wrong(flight, accel=np.array([0.0, 0.0, 1.5]))
+    best = smooth(bad)
+    errors = constant_errors(best, bad)
+    (one,) = (f for f in constant_findings(errors, best) if f.severity == "error")
+    assert (one.kind, one.side) == ("accel_bias", "imu")
+    assert one.cause is not None
+    assert (one.cause.sensor, one.cause.axis, one.cause.imu) == ("accel", "z", 0)
+    assert one.cause.size == pytest.approx(1.5, abs=0.1)
+    assert constant_fault_probability(errors) > ACCUSED
+
+
+def sibling(flight: Flight, **errors: Array) -> ImuTrack:
+    """A second IMU, logged five times less often."""
+    own = flight.imu()
+    noise = np.random.default_rng(5).normal(size=(2, len(own), 3))
+    gyro, accel = own.gyro + errors.get("gyro", 0.0) + 2e-3 * noise[0], own.accel + errors.get("accel", 0.0)
+    return replace(own, source="IMU[1]", instance=own.instance + 1, gyro=gyro, accel=accel + 0.05 * noise[1])[::5]
+
+
+@pytest.mark.parametrize(("sensor", "value"), [("gyro", (0.0, 0.0, -0.06)), ("accel", (0.8, 0.0, 0.0))])
+def test_of_another_imu_it_is_that_one(
+    flight: Flight, best: BestEstimate, sensor: str, value: tuple[float, float, float]
+) -> None:
+    other = sibling(flight, **{sensor: np.array(value)})
+    both = replace(flight, imus={**flight.imus, other.source: other})
+    (one,) = constant_findings(constant_errors(best, both), best)
+    assert one.severity == "error"
+    assert one.cause is not None
+    assert (one.cause.imu, one.cause.sensor) == (1, sensor)
+    assert one.cause.size == pytest.approx(max(np.abs(value)), rel=0.1)
+
+
+def test_imus_in_order_are_accused_of_nothing(flight: Flight, best: BestEstimate) -> None:
+    other = sibling(flight, gyro=np.array([0.0, 0.0, 0.008]), accel=np.array([0.0, 0.08, 0.0]))
+    both = replace(flight, imus={**flight.imus, other.source: other})
+    assert list(constant_findings(constant_errors(best, both), best)) == []
