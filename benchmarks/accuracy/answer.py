@@ -69,6 +69,7 @@ class Answer:
     onset: float | None = None  # s, boot clock
     end: float | None = None  # s
     size: float | None = None  # SI; None where it is not told
+    stated: float | None = None  # probability of the side that is accused, or of nobody; None where none is stated
     summary: str = ""
     smallest: Mapping[str, float] = field(default_factory=dict)  # that it would have shown, SI; not judged is missing
 
@@ -87,7 +88,8 @@ def read_verdict(verdict: Verdict) -> Answer:
     side = _SIDES[verdict.status]
     first = verdict.cause
     if first is None:
-        return Answer(side, summary=verdict.summary)
+        nobody = verdict.probability.get("nobody") if side == "none" else None
+        return Answer(side, stated=nobody, summary=verdict.summary)
     cause, sensor = CAUSES.get(first.kind, (first.kind, ""))
     return Answer(
         side,
@@ -97,5 +99,6 @@ def read_verdict(verdict: Verdict) -> Answer:
         onset=first.onset_s,
         end=first.end_s,
         size=first.size,
+        stated=first.side_probability,
         summary=verdict.summary,
     )

@@ -29,6 +29,7 @@ from benchmarks.accuracy.faults import FAULTS, Fault
 from benchmarks.accuracy.labels import recordings
 from benchmarks.accuracy.parallel import Failed, each
 from benchmarks.accuracy.power import table
+from benchmarks.accuracy.reliability import reliability
 from companion.app.recording import read_recording
 from companion.model import DataError, Flight
 
@@ -89,6 +90,7 @@ class Row:
     size: float
     result: Result
     said: str  # side and cause
+    stated: float | None  # probability, where the verdict states one
     cause_right: bool
     delay_s: float | None  # of the onset that was said
     cpu_s: float
@@ -184,27 +186,36 @@ def _untouched(case: Case, flight: Flight, healthy: Flight | None) -> list[Row]:
         said = answer(as_logged(one, thin=case.thin))
         results: dict[str, Result] = {"none": "clear", "cannot_tell": "cannot tell"}
         result = results.get(said.side, "false alarm")
-        rows.append(_made(case, name, 0.0, result, f"{said.side} {said.cause}", None, began, cause=False))
+        rows.append(_made(case, name, 0.0, result, said, None, began, cause=False))
     return rows
 
 
 def _row(case: Case, fault: Fault, size: float, onset: float, said: Answer | Failed, began: float) -> Row:
     if isinstance(said, Failed):
-        return _made(case, fault.name, size, "failed", said.reason, None, began, cause=False)
+        return _made(case, fault.name, size, "failed", said, None, began, cause=False)
     delay = None if said.onset is None or fault.throughout else float(said.onset - onset)
     others: dict[str, Result] = {"none": "missed", "cannot_tell": "cannot tell"}
     result: Result = others.get(said.side, "wrong")
     if said.side == fault.side:
         result = "early" if delay is not None and delay < -_EARLY_S else "found"
     cause = said.cause in fault.causes
-    return _made(case, fault.name, size, result, f"{said.side} {said.cause}", delay, began, cause=cause)
+    return _made(case, fault.name, size, result, said, delay, began, cause=cause)
 
 
 def _made(
-    case: Case, name: str, size: float, result: Result, said: str, delay: float | None, began: float, *, cause: bool
+    case: Case,
+    name: str,
+    size: float,
+    result: Result,
+    said: Answer | Failed,
+    delay: float | None,
+    began: float,
+    *,
+    cause: bool,
 ) -> Row:
-    rate = "25 Hz" if case.thin else "full"
-    return Row(case.vehicle, case.log, rate, name, size, result, said, cause, delay, time.process_time() - began)
+    rate, cpu = "25 Hz" if case.thin else "full", time.process_time() - began
+    words, stated = (said.reason, None) if isinstance(said, Failed) else (f"{said.side} {said.cause}", said.stated)
+    return Row(case.vehicle, case.log, rate, name, size, result, words, stated, cause, delay, cpu)
 
 
 def as_logged(flight: Flight, *, thin: bool) -> Flight:
@@ -258,6 +269,8 @@ def main() -> int:
             rows += result
             print(f"{done} of {len(todo)}: {name}", file=sys.stderr)
     print(table(rows, {fault.name: fault.unit for fault in FAULTS}))
+    claims = [(r.vehicle, r.stated, r.result in ("found", "clear")) for r in rows if r.result != "cannot tell"]
+    print(f"\n{reliability(claims)}\n")
     print(f"{len(rows)} verdicts, {sum(row.cpu_s for row in rows):.0f} s of CPU")
     if chosen.json:
         chosen.json.write_bytes(msgspec.json.format(msgspec.json.encode(rows)))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
@@ -19,6 +19,7 @@ import msgspec
 from benchmarks.accuracy.answer import Answer, answer
 from benchmarks.accuracy.labels import Label, Outcome, details, load_labels, outcome, recordings
 from benchmarks.accuracy.parallel import Failed, each
+from benchmarks.accuracy.reliability import Stated, reliability
 from companion.app.recording import read_recording
 from companion.model import CompanionError
 
@@ -118,6 +119,13 @@ def table(outcomes: Iterable[Row]) -> str:
     return "\n".join(lines)
 
 
+def _stated(outcomes: Iterable[Row]) -> Iterator[Stated]:
+    """Verdicts that say who is wrong, or that nobody is."""
+    for row in outcomes:
+        if row.said is not None and row.said.side != "cannot_tell":
+            yield row.group, row.said.stated, row.outcome == "right"
+
+
 def wrong_reason(row: Row) -> bool:
     """Whether the right side is named, but for a cause or at a time that is not the fault's."""
     return not (row.details.get("cause", True) and row.details.get("onset", True))
@@ -162,6 +170,7 @@ def main() -> int:
     print(*map(_line, outcomes), sep="\n")
     print(f"\n{table(outcomes)}\n\nOf the faults whose side is named, right: {detail_table(outcomes)}")
     print(f"Right side for a wrong reason (cause or time): {sum(map(wrong_reason, outcomes))}")
+    print(f"\n{reliability(_stated(outcomes))}")
     if chosen.json:
         chosen.json.write_bytes(msgspec.json.format(msgspec.json.encode(outcomes)))
     return 0

@@ -53,7 +53,9 @@ def test_the_probability_of_a_cause_is_said_with_it() -> None:
     assert sure.cause is not None
     shared = replace(sure, cause=replace(sure.cause, probability=0.7, sensor="gps"))
     verdict = decide(agreements(5, {"attitude": 0.5}), (shared,), None, "RAW_IMU")
-    assert verdict.summary == "Suspect the IMU: gyro_bias seen (probability 97 %; gps: 70 %).", "of one sensor it is less"
+    assert verdict.summary == "Suspect the IMU: gyro_bias seen (probability 97 %; gps: 70 %).", (
+        "of one sensor it is less"
+    )
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9])

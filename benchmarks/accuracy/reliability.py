@@ -1,0 +1,35 @@
+"""Whether stated probabilities hold: of verdicts that are stated with a probability p, a share p has to be right."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from itertools import pairwise
+
+EDGES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
+"""Deciles, the last of them in parts: there an accusation begins."""
+
+Stated = tuple[str, float | None, bool]
+"""Whose flight, the probability that the verdict states, None where it states none, and whether it was right."""
+
+
+def reliability(verdicts: Iterable[Stated]) -> str:
+    """Stated probability against the share that was right, and by vehicle from 95 % on, as Markdown tables."""
+    every = list(verdicts)
+    stated = [(whose, p, right) for whose, p, right in every if p is not None]
+    lines = ["| stated | verdicts | mean stated | right |", "|---|---|---|---|"]
+    for low, high in pairwise(EDGES):
+        own = [(p, right) for _, p, right in stated if low <= p < high or p == high == EDGES[-1]]
+        if own:
+            mean, share = sum(p for p, _ in own) / len(own), sum(right for _, right in own) / len(own)
+            lines.append(f"| {low:.2f}-{high:.2f} | {len(own)} | {mean:.3f} | {share:.3f} |")
+    silent = [right for _, p, right in every if p is None]
+    if silent:
+        lines.append(f"| none | {len(silent)} | | {sum(silent) / len(silent):.3f} |")
+    by_vehicle: dict[str, list[bool]] = defaultdict(list)
+    for whose, p, right in stated:
+        if p >= EDGES[-3]:
+            by_vehicle[whose].append(right)
+    lines += ["", "| stated 0.95 or more, of | verdicts | right |", "|---|---|---|"]
+    lines += [f"| {whose} | {len(own)} | {sum(own) / len(own):.3f} |" for whose, own in sorted(by_vehicle.items())]
+    return "\n".join(lines)
