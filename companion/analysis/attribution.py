@@ -108,52 +108,81 @@ def findings_of(
 
     jumps: those of the autopilot's heading and position. in_use: the IMU that it flew on; another one misleads nobody.
     """
-    out: list[Finding] = []
     may = tuple(e for e in all_episodes if e.witness != "imu" or _in_use(e, best, in_use))
     causes = [_cause_among(d, may, best) for d in departed]
-    for episode in all_episodes:
-        consequences = [d for d, cause in zip(departed, causes, strict=True) if cause is episode]
-        harmed = bool(consequences)
-        misleads = any(d.size >= _CERTAIN * d.sigma for d in consequences)
-        severity: Severity = "warning" if harmed else "info"
-        no_fault = likelihoods(episode).get("nobody", 0.0) >= ACCUSED
-        if misleads or (is_serious(episode) and (harmed or (episode.witness == "imu" and not no_fault))):
-            severity = "error"
-        if severity == "info" and not is_sized(episode, best):
-            continue
-        side: Side = "imu" if episode.witness == "imu" else "autopilot" if harmed else "data"
-        why, would_tell = (_HARDLY_OFF, _ANOTHER) if severity == "warning" else ("", "")
-        if severity == "error":
-            why, would_tell = _why_undecided(episode, best)
-        constant = severity == "error" and episode.start - _SURELY * episode.start_sigma <= times_of_change(best.t)[0]
-        if constant:
-            why, would_tell = ALL_THE_TIME, ""
-        headline = said_of = said(episode, best)
-        misled: tuple[str, ...] = ()
-        if severity == "error" and episode.witness == "imu":
-            said_of = headline = f"{headline}{_which_imu(episode, best)}"
-            if not _in_use(episode, best, in_use):
-                said_of += "; the autopilot flew on another IMU"
-        if harmed:
-            worst = {d.quantity: d for d in sorted(consequences, key=lambda d: d.size)}
-            misled = tuple(str(d) for d in worst.values())
-            said_of += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
-        if why:
-            side, severity, headline = "data", "warning", ""
-            said_of = f"{'perhaps ' if would_tell else ''}{said_of}; {why}"
-        elif no_fault and not harmed:
-            said_of += f" (no fault: {percent(likelihoods(episode)['nobody'])})"
-        elif (next_best := rival(episode)) is not None:
-            sure, (kind, share) = likelihoods(episode)[episode.witness], next_best
-            said_of += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
-        end = min(episode.end, float(best.t[-1]))
-        cause = None if why else cause_of(episode, best, side, misled)
-        advice = would_tell or kind_of(episode.kind).advice
-        out.append(Finding(episode.kind, side, severity, episode.start, end, said_of, advice, headline, cause,
-                           bool(why) and (harmed or not constant)))  # fmt: skip
+    out = [
+        finding
+        for episode in all_episodes
+        if (finding := _of_episode(
+            episode, [d for d, cause in zip(departed, causes, strict=True) if cause is episode], best, in_use
+        )) is not None
+    ]  # fmt: skip
     own = [d for d, cause in zip(departed, causes, strict=True) if cause is None]
     by_imu = min((d.start for d in own if d.as_the_imu), default=np.inf)
     return out + [_own(d, best, by_imu, _steps(d, jumps)) for d in own]
+
+
+def _of_episode(
+    episode: Episode, consequences: Sequence[Departure], best: BestEstimate, in_use: SensorInUse | None
+) -> Finding | None:
+    """A sensor's episode with the departures that follow it; None for what is harmless and hardly more than its σ."""
+    harmed = bool(consequences)
+    misleads = any(d.size >= _CERTAIN * d.sigma for d in consequences)
+    severity: Severity = "warning" if harmed else "info"
+    no_fault = likelihoods(episode).get("nobody", 0.0) >= ACCUSED
+    if misleads or (is_serious(episode) and (harmed or (episode.witness == "imu" and not no_fault))):
+        severity = "error"
+    if severity == "info" and not is_sized(episode, best):
+        return None
+    from_start = episode.start - _SURELY * episode.start_sigma <= times_of_change(best.t)[0]
+    if from_start and episode.kind == "compass_turn" and not no_fault and not harmed:
+        return _turned(episode, best)
+    side: Side = "imu" if episode.witness == "imu" else "autopilot" if harmed else "data"
+    why, would_tell = (_HARDLY_OFF, _ANOTHER) if severity == "warning" else ("", "")
+    if severity == "error":
+        why, would_tell = (ALL_THE_TIME, "") if from_start else _why_undecided(episode, best)
+    undecided = bool(why) and (harmed or severity != "error" or not from_start)
+    headline = said_of = said(episode, best)
+    misled: tuple[str, ...] = ()
+    if severity == "error" and episode.witness == "imu":
+        said_of = headline = f"{headline}{_which_imu(episode, best)}"
+        if not _in_use(episode, best, in_use):
+            said_of += "; the autopilot flew on another IMU"
+    if harmed:
+        worst = {d.quantity: d for d in sorted(consequences, key=lambda d: d.size)}
+        misled = tuple(str(d) for d in worst.values())
+        said_of += f"; the autopilot {'would have been' if why else 'was'} misled by it: " + ", ".join(misled)
+    if why:
+        side, severity, headline = "data", "warning", ""
+        said_of = f"{'perhaps ' if would_tell else ''}{said_of}; {why}"
+    elif no_fault and not harmed:
+        said_of += f" (no fault: {percent(likelihoods(episode)['nobody'])})"
+    elif (next_best := rival(episode)) is not None:
+        sure, (kind, share) = likelihoods(episode)[episode.witness], next_best
+        said_of += f" (probability {percent(sure)}; next: {words(kind)}, {percent(share)})"
+    end = min(episode.end, float(best.t[-1]))
+    cause = None if why else cause_of(episode, best, side, misled)
+    advice = would_tell or kind_of(episode.kind).advice
+    return Finding(
+        episode.kind, side, severity, episode.start, end, said_of, advice, headline, cause, undecided=undecided
+    )
+
+
+def _turned(episode: Episode, best: BestEstimate) -> Finding:
+    """A compass that is turned against the IMU since the start of the log: or the IMU, and the board with it."""
+    size, sigma, _ = size_told(episode, best)
+    what = f"compass and IMU are turned against each other by {np.degrees(size):.0f} ± {np.degrees(sigma):.0f}°"
+    return Finding(
+        episode.kind,
+        "data",
+        "warning",
+        float(best.t[0]),
+        float(best.t[-1]),
+        f"{what} since the start of the log; which of them sits so, or is set so, cannot be told",
+        "Compare the orientation settings with the vehicle: COMPASS_ORIENT and AHRS_ORIENTATION, or CAL_MAG0_ROT and "
+        "SENS_BOARD_ROT.",
+        undecided=True,
+    )
 
 
 _OF_HEIGHT = ("gps_height", "barometer")  # kinds that mislead nothing else
