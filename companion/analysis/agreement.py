@@ -57,13 +57,10 @@ def agreement(
     parts: Sequence[Phase],
     usual: ImuSpec,
     autopilot: ReferenceSpec,
-    span: tuple[float, float],
+    within: Sequence[tuple[float, float]],
 ) -> Agreement:
-    """Of the windows of one length within a span (s) that are judged; told: with the IMU's known errors removed."""
-    t, (begin, end) = told.track.t, span
-    chosen = while_judged(windows(told, horizon), t, parts)
-    excluded = chosen.excluded
-    chosen = replace(chosen.only((t[chosen.start] >= begin) & (t[chosen.end] <= end)), excluded=excluded)
+    """Of the windows of one length within spans (s) that are judged; told: with the IMU's known errors removed."""
+    chosen = while_judged(windows(told, horizon, within=within), told.track.t, parts)
     expected = expected_over(told, chosen, usual, autopilot)
     return Agreement(horizon, len(chosen.start), chosen.excluded, expected.inside if expected else {})
 

@@ -23,7 +23,7 @@ from companion.analysis.findings.axes import misread_finding
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.lasting_errors import beside_best, known_from, level_force
-from companion.analysis.loss_of_control import unjudged
+from companion.analysis.loss_of_control import in_control, unjudged
 from companion.analysis.noise import FlightDensity, noise_in_flight
 from companion.analysis.phases import flown, phases
 from companion.analysis.rest import Rest, rests
@@ -201,11 +201,11 @@ def assess(
     drift, comparison, judged = drift_over(comparison, sets), comparison.forgotten(), judged.forgotten()
     told = judged.of(clean if third is None else restored(_unbiased(clean, third, flight), judged.gaps))
 
-    def agreeing(horizons: Sequence[float], span: tuple[float, float] = (-np.inf, np.inf)) -> dict[float, Agreement]:
-        return {one: agreement(told, one, parts, usual, autopilot, span) for one in dict.fromkeys(horizons)}
+    def agreeing(horizons: Sequence[float], within: Sequence[tuple[float, float]]) -> dict[float, Agreement]:
+        return {one: agreement(told, one, parts, usual, autopilot, within) for one in dict.fromkeys(horizons)}
 
-    agreements, several = agreeing((*AGREEING_S, *horizons)), flown(parts)
-    by_flight = {span: [*agreeing(AGREEING_S, span).values()] for span in several if len(several) > 1}
+    agreements, several = agreeing((*AGREEING_S, *horizons), in_control(parts)), flown(parts)
+    by_flight = {span: [*agreeing(AGREEING_S, [span]).values()] for span in several if len(several) > 1}
     return Assessment(
         comparison=comparison,
         judged=judged,

@@ -28,6 +28,7 @@ _FAST = 2.0  # rad/s: what leads to a loss of control
 _CAUGHT_S = 2.0  # in control for so long, the vehicle has been caught
 _FLIP_S = 2.5  # what was caught sooner was a flip: ArduCopter gives up one that takes longer (mode_flip.cpp)
 _HELD_S = 10.0  # in control in the air: in less an estimator has not aligned anew, with what it took on while tumbling
+_RESTING = 0.2  # m/s², scatter on every axis: one that lies as still does not fall, though its attitude turns over
 _LASTING_S = 0.3  # PX4's FD_FAIL_R_TTRI: a failure of the attitude lasts as long
 _BEFORE_S = 3.0  # so long before the vehicle is over, control may have been lost
 _FRESH_S = 0.5  # age of a desired attitude that still holds
@@ -52,6 +53,12 @@ def losses_of_control(flight: Flight, airborne: Sequence[Span]) -> tuple[Phase, 
 def unjudged(parts: Sequence[Phase]) -> tuple[Span, ...]:
     """The stretches of a flight's phases that are left out of it, s: out of control, and a second before."""
     return tuple((part.start - WORTHLESS_S, part.end) for part in parts if part.kind == "impact")
+
+
+def in_control(parts: Sequence[Phase]) -> tuple[Span, ...]:
+    """What lies between them, s; everything where control was never lost."""
+    edges = [-np.inf, *(edge for span in unjudged(parts) for edge in span), np.inf]
+    return tuple((begin, end) for begin, end in zip(edges[::2], edges[1::2], strict=True) if begin < end)
 
 
 def body_rates(flight: Flight) -> tuple[Array, Array]:
@@ -86,7 +93,9 @@ def _turned_over(flight: Flight, airborne: Sequence[Span]) -> Iterator[Phase]:
     for first, last in _runs(over):
         start = float(t[first])
         landed = next((end for begin, end in airborne if begin <= start <= end + _LANDED_S), None)
-        if start < free or landed is None or not _is_lost(flight, t, over, (first, last), landed):
+        if start < free or landed is None or _at_rest(flight, start):
+            continue
+        if not _is_lost(flight, t, over, (first, last), landed):
             continue
         free = _until(flight, t, over, last, landed)
         yield Phase(_onset(flight, start), free, "impact", "the attitude is beyond control")
@@ -100,6 +109,16 @@ def _is_lost(flight: Flight, t: Array, over: BoolArray, run: tuple[int, int], la
         return bool(t[last] - t[first] >= _LASTING_S)
     mode = [event.text for event in flight.events if event.kind == "mode" and event.t <= t[first]]
     return bool(caught - t[first] > _FLIP_S) and mode[-1:] not in [[name] for name in _AT_WILL]
+
+
+def _at_rest(flight: Flight, over: float) -> bool:
+    """Whether the vehicle lies still as its attitude turns over: what turns is a gyro, or the estimator."""
+    name = flight.default_imu
+    if name is None:
+        return False
+    track = flight.imus[name]
+    around = track.accel[slice(*np.searchsorted(track.t, [over - 1.0, over + 1.0]))]
+    return len(around) > 1 and bool((around.std(axis=0) < _RESTING).all())
 
 
 def _until(flight: Flight, t: Array, over: BoolArray, last: int, landed: float) -> float:

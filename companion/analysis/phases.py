@@ -58,18 +58,19 @@ def phases(flight: Flight) -> tuple[Phase, ...]:
 def flown(parts: Sequence[Phase]) -> tuple[Span, ...]:
     """From when to when each flight of a log was, s: a landing ends it, and a loss of control.
 
-    parts: of `phases`. The first has what lies before it, the last the landing, and what never left the ground is none.
+    parts: of `phases`. A flight has what lies before its take-off and after its landing; what never left the ground is
+    none.
     """
-    ends = [i for i, (part, after) in enumerate(pairwise(parts)) if part.kind == "flight" and after.kind != "flight"]
-    begin, spans = 0, []
-    for end in [*ends, len(parts) - 1]:
-        own = [part for part in parts[begin : end + 1] if part.kind != "impact"]
-        if any(part.kind == "flight" for part in own):
-            spans.append((own[0].start, own[-1].end))
-        elif spans and all(part.kind == "landed" for part in own) and own:
-            spans[-1] = spans[-1][0], own[-1].end
-        begin = end + 1
-    return tuple(spans)
+    spans: list[Span] = []
+    begin, aloft = parts[0].start, False
+    for part in parts:
+        if aloft and part.kind in ("impact", "standing", "aligning"):
+            spans.append((begin, part.start))
+            begin, aloft = part.start, False
+        if part.kind == "impact":
+            begin = part.end
+        aloft |= part.kind == "flight"
+    return (*spans, (begin, parts[-1].end)) if aloft else tuple(spans)
 
 
 def _outside(part: Phase, losses: Sequence[Phase]) -> Iterator[Phase]:

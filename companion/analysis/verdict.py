@@ -98,8 +98,9 @@ def _decided(
     if doubt is not None:
         return Verdict("insufficient_data", f"Cannot tell: {doubt}.{_fall(lost)}", findings)
     sure = "".join(f"; {whose}: {percent(share)}" for whose, share in _faults_told(probability))
-    what = f"{_fall(lost)[1:-1]}; the sensors" if lost else "IMU and autopilot"
-    told = f"{what} agree within the expected error ({worst}{sure}).{_unwitnessed(best)}"
+    fallen = f"{_fall(lost)[1:-1]}; " if lost else ""
+    who = "the sensors" if lost and best is not None else "IMU and autopilot"
+    told = f"{fallen}{who} agree within the expected error ({worst}{sure}).{_unwitnessed(best)}"
     return Verdict("consistent", told, findings)
 
 
