@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from companion.analysis import Assessment, Drift, Expected, RedundantImu, Statistic, Verdict, left_out
-from companion.present import QUANTITIES, STATISTICS, clause, fixed, flight_words, ranked, span, words
+from companion.present import MOST_LINES, QUANTITIES, STATISTICS, clause, fixed, flight_words, ranked, span, words
 
 _STATUS = {
     "consistent": "green",
@@ -36,12 +36,12 @@ def console() -> Console:
     return _Console(soft_wrap=True, emoji=False)
 
 
-def verdict_lines(verdict: Verdict) -> Iterator[str]:
+def verdict_lines(verdict: Verdict, *, most: int = MOST_LINES) -> Iterator[str]:
     """The verdict, each flight by itself where there are several, and the findings under it."""
     yield f"{status_text(verdict.status)}  {escape(clause(verdict.summary))}"
     for i, flight in enumerate(verdict.flights, 1):
         yield f"  Flight {i}, {escape(flight_words(flight))}"
-    groups, left = ranked(verdict.findings)
+    groups, left = ranked(verdict.findings, most)
     for group in groups:
         one = group.findings[0]
         named = f"{span(one)}: {words(one.kind)}. " if len(group.findings) == 1 else ""

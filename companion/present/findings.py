@@ -56,9 +56,9 @@ def grouped(findings: Sequence[Finding]) -> tuple[FindingGroup, ...]:
     return tuple(FindingGroup(tuple(group)) for group in groups.values())
 
 
-def ranked(findings: Sequence[Finding]) -> tuple[tuple[FindingGroup, ...], int]:
+def ranked(findings: Sequence[Finding], most: int = MOST_LINES) -> tuple[tuple[FindingGroup, ...], int]:
     """The groups that stand on a screen, and how many findings are in none of them."""
-    shown = grouped(findings)[:MOST_LINES]
+    shown = grouped(findings)[:most]
     return shown, len(findings) - sum(len(group.findings) for group in shown)
 
 

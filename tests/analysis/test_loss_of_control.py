@@ -123,7 +123,8 @@ def test_an_output_that_came_to_its_end_as_control_was_lost_is_named(ends: list[
     t = np.arange(10.0, 120.0, 0.1)
     output = np.full((len(t), 4), 0.4)
     output[:, 3] = 1.0
-    output[np.ix_((t > BEGIN - 1.0) & (t < BEGIN + 2.0), ends)] = 1.0
+    for i in ends:
+        output[(t > BEGIN - 1.0) & (t < BEGIN + 2.0), i] = 1.0
     found = judged(replace(fallen(), actuators=ActuatorTrack(t, output, "RCOU")))
     (lost,) = [f for f in found.verdict.findings if f.kind == "control_lost"]
     assert lost.headline == f"control was lost at {lost.start_s:.1f} s{said}"
