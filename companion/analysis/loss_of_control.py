@@ -43,8 +43,12 @@ def losses_of_control(flight: Flight, airborne: Sequence[Span]) -> tuple[Phase, 
 
     airborne: from when to when the vehicle was in the air each time, s.
     """
+    track = flight.attitude
+    over = None if track is None else _over(flight, track)
+    calm = [] if track is None or over is None else _spans(track.t, ~over)
+    turned = [] if track is None or over is None else _turned_over(flight, airborne, _spans(track.t, over), calm)
     found: list[Phase] = []
-    for lost in sorted([*_turned_over(flight, airborne), *_told(flight, airborne)], key=lambda one: one.start):
+    for lost in sorted([*turned, *_told(flight, airborne, calm)], key=lambda one: one.start):
         if not found or lost.start >= found[-1].end:
             found.append(lost)
     return tuple(found)
@@ -75,40 +79,38 @@ def down_in_body(q: Array) -> Array:
     return np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z])
 
 
-def _told(flight: Flight, airborne: Sequence[Span]) -> Iterator[Phase]:
-    """Crashes by the vehicle's own words."""
+def _told(flight: Flight, airborne: Sequence[Span], calm: Sequence[Span]) -> Iterator[Phase]:
+    """Crashes by the vehicle's own words. calm: in control, s."""
     words = [*((said.t, said.text) for said in flight.texts), *((event.t, event.text) for event in flight.events)]
     for t, text in words:
         if _CRASHED.search(text) and any(begin <= t <= end + _TOLD_S for begin, end in airborne):
-            yield Phase(t, _armed_again(flight, t), "impact", text)
+            yield Phase(t, _armed_again(flight, calm, t), "impact", text)
 
 
-def _turned_over(flight: Flight, airborne: Sequence[Span]) -> Iterator[Phase]:
-    """Stretches in which the attitude is beyond control, and was not to be."""
-    track = flight.attitude
-    if track is None or all(event.kind not in ("armed", "disarmed") for event in flight.events):
+def _turned_over(
+    flight: Flight, airborne: Sequence[Span], over: Sequence[Span], calm: Sequence[Span]
+) -> Iterator[Phase]:
+    """Stretches in which the attitude is beyond control, and was not to be. over, calm: beyond control, in it, s."""
+    if all(event.kind not in ("armed", "disarmed") for event in flight.events):
         return  # a board that is turned by hand has lost nothing
-    t, over = track.t, _over(flight, track)
     free = -np.inf
-    for first, last in _runs(over):
-        start = float(t[first])
+    for start, stop in over:
         landed = next((end for begin, end in airborne if begin <= start <= end + _LANDED_S), None)
         if start < free or landed is None or _at_rest(flight, start):
             continue
-        if not _is_lost(flight, t, over, (first, last), landed):
+        aloft = [(begin, min(end, landed)) for begin, end in calm if end > stop]
+        caught = next((begin for begin, end in aloft if end - begin > _CAUGHT_S), None)
+        if stop - start < _LASTING_S if caught is None else caught - start <= _FLIP_S or _at_will(flight, start):
             continue
-        free = _until(flight, t, over, last, landed)
+        held = next((begin + _HELD_S for begin, end in aloft if end - begin > _HELD_S), np.inf)
+        free = min(held, _armed_again(flight, calm, stop))
         yield Phase(_onset(flight, start), free, "impact", "the attitude is beyond control")
 
 
-def _is_lost(flight: Flight, t: Array, over: BoolArray, run: tuple[int, int], landed: float) -> bool:
-    """Whether control was lost where the attitude is beyond it for a run of samples: neither a flip nor a moment."""
-    first, last = run
-    caught = next((begin for begin, end in _calm(t, over, last) if min(end, landed) - begin > _CAUGHT_S), None)
-    if caught is None:
-        return bool(t[last] - t[first] >= _LASTING_S)
-    mode = [event.text for event in flight.events if event.kind == "mode" and event.t <= t[first]]
-    return bool(caught - t[first] > _FLIP_S) and mode[-1:] not in [[name] for name in _AT_WILL]
+def _at_will(flight: Flight, over: float) -> bool:
+    """Whether a pilot may have turned the vehicle over: by the mode that it was in."""
+    modes = [event.text for event in flight.events if event.kind == "mode" and event.t <= over]
+    return bool(modes) and modes[-1] in _AT_WILL
 
 
 def _at_rest(flight: Flight, over: float) -> bool:
@@ -121,28 +123,17 @@ def _at_rest(flight: Flight, over: float) -> bool:
     return len(around) > 1 and bool((around.std(axis=0) < _RESTING).all())
 
 
-def _until(flight: Flight, t: Array, over: BoolArray, last: int, landed: float) -> float:
-    """When a loss of control was over, s: held again in the air, or armed again; else the end of the log."""
-    held = next((begin + _HELD_S for begin, end in _calm(t, over, last) if min(end, landed) - begin > _HELD_S), np.inf)
-    return float(min(held, _armed_again(flight, float(t[last]))))
+def _armed_again(flight: Flight, calm: Sequence[Span], lost: float) -> float:
+    """The next time that the vehicle was armed and in control, s: it checks its attitude itself before it arms.
 
-
-def _armed_again(flight: Flight, lost: float) -> float:
-    """The next time that the vehicle was armed and in control, s: it checks its attitude itself before it arms."""
-    armed = next((event.t for event in flight.events if event.kind == "armed" and event.t > lost), None)
+    The end of the log where it was not.
+    """
     end = flight.start + flight.duration
-    track = flight.attitude
-    if armed is None or track is None or not len(track):
+    armed = next((event.t for event in flight.events if event.kind == "armed" and event.t > lost), None)
+    if armed is None or flight.attitude is None:
         return end if armed is None else armed
-    after = max(int(np.searchsorted(track.t, armed)) - 1, 0)
-    calm = _calm(track.t, _over(flight, track), after)
-    return next((max(begin, armed) for begin, stop in calm if stop - max(begin, armed) > _CAUGHT_S), end)
-
-
-def _calm(t: Array, over: BoolArray, after: int) -> Iterator[Span]:
-    """Stretches in control from a sample on, s."""
-    for first, last in _runs(~over[after:]):
-        yield float(t[after + first]), float(t[after + last])
+    since = ((max(begin, armed), stop) for begin, stop in calm)
+    return next((begin for begin, stop in since if stop - begin > _CAUGHT_S), end)
 
 
 def _over(flight: Flight, track: AttitudeTrack) -> BoolArray:
@@ -175,6 +166,11 @@ def _runs(mask: BoolArray) -> list[tuple[int, int]]:
     """First and last index of each stretch."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _spans(t: Array, mask: BoolArray) -> list[Span]:
+    """From when to when each stretch is, s; t (N,), mask (N,)."""
+    return [(float(t[first]), float(t[last])) for first, last in _runs(mask)]
 
 
 def _onset(flight: Flight, over: float) -> float:

@@ -15,8 +15,8 @@ from companion.analysis import GENERIC, Assessment, assess
 from companion.analysis.phases import flown as flights_of
 from companion.analysis.phases import phases
 from companion.model import ActuatorTrack, Event, Flight, Phase, PhaseKind, StatusText, without
-from companion.strapdown import Motion, quaternion
-from tests.flights import flown, lively, with_imu
+from companion.strapdown import Motion, motions, quaternion
+from tests.flights import flown, lively, seconds, with_imu
 
 pytestmark = pytest.mark.slow
 
@@ -149,6 +149,18 @@ def test_who_turns_over_at_will_has_lost_nothing(mode: str, kind: str) -> None:
     events = (Event(10.0, "mode", mode), *flight.events)
     assert kind in [part.kind for part in phases(replace(flight, events=events))][-2:]
     assert ("impact" in [part.kind for part in phases(replace(flight, events=events))]) == (kind == "impact")
+
+
+def test_a_vehicle_that_lies_still_as_its_attitude_turns_over_has_lost_nothing() -> None:
+    """A gyro that reads 0.4 rad/s at rest takes the estimator round and round."""
+    t = seconds(60.0, 50)
+    lying = flown(motions.rest(t), events=(Event(10.0, "armed", "armed"), Event(12.0, "event", "took off")))
+    attitude = lying.require_attitude()
+    rolling = quaternion.exp(np.outer(0.4 * (attitude.t - 10.0), [1.0, 0.0, 0.0]))
+    misled = replace(lying, attitude=replace(attitude, q_ned_frd=rolling))
+    assert "impact" not in [part.kind for part in phases(misled)]
+    shaken = with_imu(misled, accel=misled.imu().accel + np.random.default_rng(5).normal(size=(len(t), 3)))
+    assert "impact" in [part.kind for part in phases(shaken)]
 
 
 SPANS = st.lists(st.tuples(st.floats(0.0, 130.0), st.floats(0.0, 40.0)).map(lambda s: (s[0], s[0] + s[1])), max_size=4)
