@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from companion.analysis import GENERIC, Assessment, assess
 from companion.analysis.phases import flown as flights_of
 from companion.analysis.phases import phases
-from companion.model import ActuatorTrack, Event, Flight, Phase, PhaseKind, StatusText, without
+from companion.model import ActuatorTrack, Array, Event, Flight, Phase, PhaseKind, StatusText, without
 from companion.strapdown import Motion, motions, quaternion
-from tests.flights import flown, lively, seconds, with_imu
+from tests.flights import flown, lively, moved_north, seconds, with_imu
 
 pytestmark = pytest.mark.slow
 
@@ -72,15 +72,27 @@ def test_a_fall_with_healthy_sensors_is_said_as_such() -> None:
 
 
 def test_what_is_read_in_the_fall_changes_nothing() -> None:
-    """A wreck reads whatever it reads, and takes the estimator along."""
-    flight = fallen()
-    noise = 30.0 * np.random.default_rng(3).normal(size=(len(flight.imu()), 3))
-    within = (flight.imu().t > BEGIN + 0.5) & (flight.imu().t < END)
-    wrecked = with_imu(flight, accel=flight.imu().accel + within[:, None] * noise)
+    """A wreck reads whatever it reads, by every sensor."""
+    flight, rng = fallen(), np.random.default_rng(3)
+
+    def wild(t: Array, size: float) -> Array:
+        within = (t > BEGIN + 0.5) & (t < END + 5.0)
+        return np.asarray(within[:, None] * size * rng.normal(size=(len(t), 3)))
+
+    imu, gps, compass, air = flight.imu(), flight.gps[0], flight.compasses[0], flight.barometers[0]
+    wrecked = replace(
+        with_imu(flight, accel=imu.accel + wild(imu.t, 300.0)),
+        gps=(moved_north(replace(gps, velocity=gps.velocity + wild(gps.t, 20.0)), wild(gps.t, 300.0)[:, 0]),),
+        compasses=(replace(compass, field=compass.field + wild(compass.t, 5e-5)),),
+        barometers=(replace(air, altitude=air.altitude + wild(air.t, 50.0)[:, 0]),),
+    )
     sound, wreck = judged(flight), judged(wrecked)
     assert wreck.verdict.status == sound.verdict.status
     assert wreck.agreements == sound.agreements
     assert wreck.verdict.flights == sound.verdict.flights
+    assert wreck.best is not None
+    assert sound.best is not None
+    np.testing.assert_array_equal(wreck.best.position, sound.best.position)
 
 
 def test_a_fault_before_the_fall_is_the_headline_with_the_time_between_them() -> None:
