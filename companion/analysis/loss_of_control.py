@@ -47,11 +47,11 @@ def losses_of_control(flight: Flight, airborne: Sequence[Span]) -> tuple[Phase, 
     over = None if track is None else _over(flight, track)
     calm = [] if track is None or over is None else _spans(track.t, ~over)
     turned = [] if track is None or over is None else _turned_over(flight, airborne, _spans(track.t, over), calm)
-    found: list[Phase] = []
+    losses: list[Phase] = []
     for lost in sorted([*turned, *_told(flight, airborne, calm)], key=lambda one: one.start):
-        if not found or lost.start >= found[-1].end:
-            found.append(lost)
-    return tuple(found)
+        if not losses or lost.start >= losses[-1].end:
+            losses.append(lost)
+    return tuple(losses)
 
 
 def unjudged(parts: Sequence[Phase]) -> tuple[Span, ...]:

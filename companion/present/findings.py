@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,6 +16,7 @@ MOST_LINES = 7
 
 _UNITS = {"rad": ("°", math.degrees(1.0)), "rad/s": (" mrad/s", 1e3)}
 """SI → as people read it, and how many of it are one."""
+_BRACKETS = re.compile(r" \([^()]*\)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +71,9 @@ def span(finding: Finding) -> str:
 
 
 def flight_words(flight: FlightVerdict) -> str:
-    """One flight of several: when it was, its status and the sentence."""
-    return f"{flight.start_s:.1f}-{flight.end_s:.1f} s, {words(flight.status)}: {clause(flight.summary)}"
+    """One flight of several: when it was, its status and the sentence without the numbers in its brackets."""
+    said = _BRACKETS.sub("", clause(flight.summary))
+    return f"{flight.start_s:.1f}-{flight.end_s:.1f} s, {words(flight.status)}: {said}"
 
 
 def _size(finding: Finding) -> float:
