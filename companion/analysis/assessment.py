@@ -23,7 +23,7 @@ from companion.analysis.findings.axes import misread_finding
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.lasting_errors import beside_best, known_from, level_force
-from companion.analysis.loss_of_control import in_control, unjudged
+from companion.analysis.loss_of_control import WORTHLESS_S, between, in_control, unjudged
 from companion.analysis.noise import FlightDensity, noise_in_flight
 from companion.analysis.phases import flown, phases
 from companion.analysis.rest import Rest, rests
@@ -219,7 +219,7 @@ def assess(
         agreements=agreements,
         verdict=decide([agreements[h] for h in AGREEING_S], all_findings, third, track.source, constants, by_flight),
         best=best,
-        sensitivity=sensitivity(made),
+        sensitivity=_could_show(made, judged.track.t),
     )
 
 
@@ -228,6 +228,15 @@ def _in_control(flight: Flight, parts: Sequence[Phase], imu: str) -> Flight:
     seen = without(flight, unjudged(parts))
     left = [seen.imus[imu], *([] if seen.attitude is None else [seen.attitude])]
     return seen if min(map(len, left)) > 1 else flight
+
+
+def _could_show(made: BestEstimate | NoEstimateError, t: Array) -> Sensitivity:
+    """What the flight could have shown; t: of the IMU that was judged (N,), all of which an estimate may not cover."""
+    could = sensitivity(made)
+    if isinstance(made, NoEstimateError) or (made.t[0] < t[0] + WORTHLESS_S and made.t[-1] > t[-1] - WORTHLESS_S):
+        return could
+    part = f"by the other sensors: but for {made.t[0]:.1f}-{made.t[-1]:.1f} s, with which the rest cannot be joined"
+    return replace(could, not_judged=(*could.not_judged, part))
 
 
 def _changes(one: Explained) -> bool:
@@ -273,7 +282,13 @@ def _best(
     try:
         best = smooth(flight, imu, gravity=gravity, untrusted=untrusted, before=before)
     except NoEstimateError as why:
-        return why, []
+        if not out:
+            return why, []
+        try:  # the longest stretch in control: where nothing tells a heading, no other can be joined to it
+            span = max(between(out, comparison.track.t), key=lambda one: one[1] - one[0])
+            best = smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted)
+        except NoEstimateError:
+            return why, []
     stuck = [f for f in missed_findings(comparison, best) if f not in faults]
     if stuck:
         best_without, told = _best(flight, comparison, [*faults, *stuck], out, before, differ=differ)

@@ -61,7 +61,12 @@ def unjudged(parts: Sequence[Phase]) -> tuple[Span, ...]:
 
 def in_control(parts: Sequence[Phase]) -> tuple[Span, ...]:
     """What lies between them, s; everything where control was never lost."""
-    edges = [-np.inf, *(edge for span in unjudged(parts) for edge in span), np.inf]
+    return between(unjudged(parts), np.array([-np.inf, np.inf]))
+
+
+def between(out: Sequence[Span], t: Array) -> tuple[Span, ...]:
+    """What lies between spans in order, s, from the first to the last of times t (N,)."""
+    edges = [float(t[0]), *(edge for span in out for edge in span), float(t[-1])]
     return tuple((begin, end) for begin, end in zip(edges[::2], edges[1::2], strict=True) if begin < end)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.analysis import GENERIC, Assessment, assess
+from companion.analysis.loss_of_control import between
 from companion.analysis.phases import flown as flights_of
 from companion.analysis.phases import phases
 from companion.model import ActuatorTrack, Array, Event, Flight, Phase, PhaseKind, StatusText, without
@@ -198,6 +200,16 @@ def test_what_is_left_out_is_gone_from_every_track_and_nothing_else_is(spans: li
         np.testing.assert_array_equal(left.t, whole.t[kept])
     assert (seen.events, seen.texts) == (flight.events, flight.texts)
     assert (seen.start, seen.duration) == (flight.start, flight.duration)
+
+
+@given(st.lists(st.floats(0.0, 100.0), min_size=2, max_size=8, unique=True))
+def test_in_and_out_of_control_make_up_the_whole(edges: list[float]) -> None:
+    ordered = sorted(edges)[: len(edges) // 2 * 2]
+    out = list(zip(ordered[::2], ordered[1::2], strict=True))
+    held = between(out, np.array([-1.0, 50.0, 101.0]))
+    every = sorted([*out, *held])
+    assert (every[0][0], every[-1][1]) == (-1.0, 101.0)
+    assert all(one[1] == other[0] for one, other in pairwise(every))
 
 
 KINDS: tuple[PhaseKind, ...] = ("aligning", "standing", "flight", "landed", "impact")
