@@ -37,8 +37,8 @@ class Agreement:
 
     @property
     def share(self) -> float:
-        """In the quantity in which the fewest are inside."""
-        return min(self.inside.values())
+        """In the quantity in which the fewest are inside; 0 without windows."""
+        return min(self.inside.values(), default=0.0)
 
     @property
     def is_consistent(self) -> bool:

@@ -13,7 +13,7 @@ from companion.analysis.autopilot_error import AutopilotBias, autopilot_bias
 from companion.analysis.budget import Expected, chi_square_95, chi_square_999, expected_over
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
-from companion.analysis.constant_faults import constant_errors
+from companion.analysis.constant_faults import ConstantError, constant_errors
 from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.departures import Sensitivity, sensitivity
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
@@ -23,7 +23,7 @@ from companion.analysis.findings.axes import misread_finding
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.lasting_errors import beside_best, known_from, level_force
-from companion.analysis.loss_of_control import WORTHLESS_S, between, in_control, unjudged
+from companion.analysis.loss_of_control import WORTHLESS_S, between, in_control, unjudged, while_in_control
 from companion.analysis.noise import FlightDensity, noise_in_flight
 from companion.analysis.phases import flown, phases
 from companion.analysis.rest import Rest, rests
@@ -39,7 +39,7 @@ from companion.estimation import (
     smooth,
     without_errors,
 )
-from companion.model import Array, Flight, ImuTrack, NoEstimateError, Phase, brief, without
+from companion.model import Array, Flight, ImuTrack, NoEstimateError, brief
 
 _WARMS = (1.5e-3, 0.03)  # rad/s, m/s², within four minutes of flight
 _SHARED = float(np.sqrt(chi_square_999(3) / chi_square_95(3)))  # what all windows share is allowed for so much more
@@ -177,7 +177,7 @@ def assess(
     """
     autopilot, parts = autopilot or ReferenceSpec(), phases(flight)
     track = correction.apply(flight.imu(imu))
-    seen, comparison = _in_control(flight, parts, track.source), compare(flight, track=track, how=how)
+    seen, comparison = while_in_control(flight, parts, track.source), compare(flight, track=track, how=how)
     own = replace(seen, imus={**seen.imus, track.source: correction.apply(seen.imu(track.source))})
     judged = comparison if seen is flight else compare(own, imu=track.source, how=how)
     noise = noise_in_flight(seen, judged.track, figures, how.limits)
@@ -192,8 +192,7 @@ def assess(
     made, told_by_it = _best(own, judged, faults, unjudged(parts), before, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
     faults += told_by_it
-    unread = best is None or any(f.severity == "error" for f in faults)  # readings that are none are off by nothing
-    constants = () if unread or best is None else constant_errors(best, seen)
+    constants = _read_wrongly(best, seen, faults)
     all_findings, clean = findings(flight, judged, allowed, figures, noise, autopilot, faults, best, constants)
     all_findings = when_lost(all_findings, flight, track, parts, figures)
     third = best if best is not None and _independent(best) else None
@@ -223,11 +222,11 @@ def assess(
     )
 
 
-def _in_control(flight: Flight, parts: Sequence[Phase], imu: str) -> Flight:
-    """The flight without what was measured out of control; as it is where nothing would be left."""
-    seen = without(flight, unjudged(parts))
-    left = [seen.imus[imu], *([] if seen.attitude is None else [seen.attitude])]
-    return seen if min(map(len, left)) > 1 else flight
+def _read_wrongly(best: BestEstimate | None, flight: Flight, faults: Sequence[Finding]) -> tuple[ConstantError, ...]:
+    """What the IMUs read wrongly all the time; readings that are none are off by nothing."""
+    if best is None or any(f.severity == "error" for f in faults):
+        return ()
+    return tuple(constant_errors(best, flight))
 
 
 def _could_show(made: BestEstimate | NoEstimateError, t: Array) -> Sensitivity:

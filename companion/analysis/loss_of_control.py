@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, AttitudeTrack, ControlTrack, Flight, Phase
+from companion.model import Array, AttitudeTrack, ControlTrack, Flight, Phase, without
 
 BoolArray = npt.NDArray[np.bool_]
 Span = tuple[float, float]
@@ -68,6 +68,13 @@ def between(out: Sequence[Span], t: Array) -> tuple[Span, ...]:
     """What lies between spans in order, s, from the first to the last of times t (N,)."""
     edges = [float(t[0]), *(edge for span in out for edge in span), float(t[-1])]
     return tuple((begin, end) for begin, end in zip(edges[::2], edges[1::2], strict=True) if begin < end)
+
+
+def while_in_control(flight: Flight, parts: Sequence[Phase], imu: str) -> Flight:
+    """The flight without what was measured out of control; as it is where nothing would be left."""
+    seen = without(flight, unjudged(parts))
+    left = [seen.imus[imu], *([] if seen.attitude is None else [seen.attitude])]
+    return seen if min(map(len, left)) > 1 else flight
 
 
 def body_rates(flight: Flight) -> tuple[Array, Array]:
