@@ -1,5 +1,6 @@
 """Holds the IMU's reckoning against the autopilot's estimate. Pure: imports tracks and strapdown."""
 
+from companion.analysis.agreement import Agreement
 from companion.analysis.alignment import Alignment, Later, align
 from companion.analysis.assessment import Assessment, assess
 from companion.analysis.autopilot_error import AutopilotBias, AutopilotError, autopilot_bias, autopilot_error
@@ -54,7 +55,7 @@ from companion.analysis.reference import Limits, Reference, reference_at
 from companion.analysis.replay import Continued, Replay, go_on, replay, replay_from_rest
 from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift, newest_stands_out
-from companion.analysis.verdict import Agreement, Verdict, lasting
+from companion.analysis.verdict import FlightVerdict, Verdict, lasting
 
 __all__ = [
     "GENERIC",
@@ -83,6 +84,7 @@ __all__ = [
     "FigureChange",
     "Finding",
     "FlightNoise",
+    "FlightVerdict",
     "FreeRun",
     "FreeState",
     "ImuNoise",

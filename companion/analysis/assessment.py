@@ -8,11 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
+from companion.analysis.agreement import AGREEING_S, FEWEST_WINDOWS, JUDGED_S, Agreement, agreement, while_judged
 from companion.analysis.autopilot_error import AutopilotBias, autopilot_bias
 from companion.analysis.budget import Expected, chi_square_95, chi_square_999, expected_over
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
-from companion.analysis.constant_faults import constant_errors
+from companion.analysis.constant_faults import ConstantError, constant_errors
 from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.departures import Sensitivity, sensitivity
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
@@ -22,10 +23,11 @@ from companion.analysis.findings.axes import misread_finding
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.lasting_errors import beside_best, known_from, level_force
+from companion.analysis.loss_of_control import WORTHLESS_S, between, in_control, unjudged, while_in_control
 from companion.analysis.noise import FlightDensity, noise_in_flight
-from companion.analysis.phases import phases
+from companion.analysis.phases import flown, phases
 from companion.analysis.rest import Rest, rests
-from companion.analysis.verdict import AGREEING_S, FEWEST_WINDOWS, JUDGED_S, Agreement, Verdict, decide
+from companion.analysis.verdict import Verdict, decide
 from companion.estimation import (
     CONSTANTS,
     BestEstimate,
@@ -37,7 +39,7 @@ from companion.estimation import (
     smooth,
     without_errors,
 )
-from companion.model import Array, Flight, ImuTrack, NoEstimateError, Phase, brief
+from companion.model import Array, Flight, ImuTrack, NoEstimateError, brief
 
 _WARMS = (1.5e-3, 0.03)  # rad/s, m/s², within four minutes of flight
 _SHARED = float(np.sqrt(chi_square_999(3) / chi_square_95(3)))  # what all windows share is allowed for so much more
@@ -49,7 +51,8 @@ class Assessment:
 
     __repr__ = brief
 
-    comparison: Comparison  # of the IMU as it was judged, corrected if that was asked for
+    comparison: Comparison  # of the IMU, corrected if that was asked for
+    judged: Comparison  # the same without what was measured out of control
     sets: tuple[Windows, ...]  # one for each row of the drift
     drift: Drift
     figures: ImuSpec
@@ -104,7 +107,7 @@ class Assessment:
 
         Mounting and lag are the autopilot's, and are left alone. None without a best estimate.
         """
-        own, part, best = self.comparison, self._fitted[1], self._third
+        own, part, best = self.judged, self._fitted[1], self._third
         if part is None or best is None:
             return None
         of_imu = replace(part.correction, mounting=np.zeros(3), time_offset=0.0, lever_arm=np.zeros(3))
@@ -113,7 +116,7 @@ class Assessment:
 
     @cached_property
     def _held_out(self) -> tuple[Drift | None, Drift | None]:
-        own, part = self.comparison, self._fitted[1]
+        own, part = self.judged, self._fitted[1]
         if part is None:
             return None, None
         corrected = own.of(part.correction.apply(own.track))
@@ -123,7 +126,7 @@ class Assessment:
     @cached_property
     def _fitted(self) -> tuple[Calibration | None, Calibration | None]:
         """The calibration, and that of the first half; None where a half has too few windows."""
-        own, best = self.comparison, self._third
+        own, best = self.judged, self._third
         if len(windows(own, JUDGED_S).start) < FEWEST_WINDOWS:
             return None, None
 
@@ -148,7 +151,7 @@ class Assessment:
     @property
     def _middle(self) -> float:
         """Of the flight, s, boot clock."""
-        t = self.comparison.track.t
+        t = self.judged.track.t
         return float(0.5 * (t[0] + t[-1])) if self._third is None else self._third.first_half[0]
 
     @property
@@ -172,53 +175,67 @@ def assess(
 
     before: as `companion.estimation.smooth` has it.
     """
-    autopilot = autopilot or ReferenceSpec()
+    autopilot, parts = autopilot or ReferenceSpec(), phases(flight)
     track = correction.apply(flight.imu(imu))
-    comparison = compare(flight, track=track, how=how)
-    judged = windows(comparison, JUDGED_S)
-    noise = noise_in_flight(flight, track, figures, how.limits)
+    seen, comparison = while_in_control(flight, parts, track.source), compare(flight, track=track, how=how)
+    own = replace(seen, imus={**seen.imus, track.source: correction.apply(seen.imu(track.source))})
+    judged = comparison if seen is flight else compare(own, imu=track.source, how=how)
+    noise = noise_in_flight(seen, judged.track, figures, how.limits)
     sets = tuple(windows(comparison, horizon) for horizon in horizons)
-    allowed = expected_over(comparison, judged, figures, autopilot)
-    faults = reading_faults(flight, comparison, figures, autopilot)
-    parts = phases(flight)
-    lost = next((part for part in parts if part.kind == "impact"), None)
-    aligned = max((part.end for part in parts if part.kind == "aligning"), default=-np.inf)
-    later = [f for f in faults if lost is not None and f.start_s >= lost.start]
-    faults = [f for f in faults if f.end_s > aligned and f not in later]
-    own = replace(flight, imus={**flight.imus, track.source: track})
-    enough = len(_while_judged(judged, track.t, parts).start) >= FEWEST_WINDOWS
+    chosen = windows(judged, JUDGED_S)
+    allowed = expected_over(judged, chosen, figures, autopilot)
+    faults = reading_faults(seen, judged, figures, autopilot)
+    faults = [f for f in faults if all(f.end_s > part.end for part in parts if part.kind == "aligning")]
+    enough = len(while_judged(chosen, judged.track.t, parts).start) >= FEWEST_WINDOWS
     differ = enough and allowed is not None and not Agreement(JUDGED_S, 0, {}, allowed.inside).is_consistent
-    comparison = comparison.forgotten()  # while the best estimate needs the room
-    made, told_by_it = _best(own, comparison, faults, lost, before, differ=differ)
+    judged = judged.forgotten()  # while the best estimate needs the room
+    made, told_by_it = _best(own, judged, faults, unjudged(parts), before, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
     faults += told_by_it
-    unread = best is None or any(f.severity == "error" for f in faults)  # readings that are none are off by nothing
-    constants = () if unread or best is None else constant_errors(best, flight)
-    all_findings, clean = findings(flight, comparison, allowed, figures, noise, autopilot, faults, best, constants)
-    if lost is not None:
-        all_findings = when_lost(all_findings, lost, later)
+    constants = _read_wrongly(best, seen, faults)
+    all_findings, clean = findings(flight, judged, allowed, figures, noise, autopilot, faults, best, constants)
+    all_findings = when_lost(all_findings, flight, track, parts, figures)
     third = best if best is not None and _independent(best) else None
     usual = figures if third is None else in_flight(figures, third)
-    drift, comparison = drift_over(comparison, sets), comparison.forgotten()
-    told = comparison.of(clean if third is None else restored(_unbiased(clean, third, flight), comparison.gaps))
-    agreements = {
-        horizon: _agreement(told, horizon, parts, usual, autopilot)
-        for horizon in dict.fromkeys((*AGREEING_S, *horizons))
-    }
+    drift, comparison, judged = drift_over(comparison, sets), comparison.forgotten(), judged.forgotten()
+    told = judged.of(clean if third is None else restored(_unbiased(clean, third, flight), judged.gaps))
+
+    def agreeing(horizons: Sequence[float], within: Sequence[tuple[float, float]]) -> dict[float, Agreement]:
+        return {one: agreement(told, one, parts, usual, autopilot, within) for one in dict.fromkeys(horizons)}
+
+    agreements, several = agreeing((*AGREEING_S, *horizons), in_control(parts)), flown(parts)
+    by_flight = {span: [*agreeing(AGREEING_S, [span]).values()] for span in several if len(several) > 1}
     return Assessment(
         comparison=comparison,
+        judged=judged,
         sets=sets,
         drift=drift,
         figures=figures,
         autopilot=autopilot,
         measured_noise=noise,
-        rests=rests(flight, track, figures),
-        autopilot_bias=autopilot_bias(flight, track),
+        rests=rests(seen, judged.track, figures),
+        autopilot_bias=autopilot_bias(seen, judged.track),
         agreements=agreements,
-        verdict=decide([agreements[horizon] for horizon in AGREEING_S], all_findings, third, track.source, constants),
+        verdict=decide([agreements[h] for h in AGREEING_S], all_findings, third, track.source, constants, by_flight),
         best=best,
-        sensitivity=sensitivity(made),
+        sensitivity=_could_show(made, judged.track.t),
     )
+
+
+def _read_wrongly(best: BestEstimate | None, flight: Flight, faults: Sequence[Finding]) -> tuple[ConstantError, ...]:
+    """What the IMUs read wrongly all the time; readings that are none are off by nothing."""
+    if best is None or any(f.severity == "error" for f in faults):
+        return ()
+    return tuple(constant_errors(best, flight))
+
+
+def _could_show(made: BestEstimate | NoEstimateError, t: Array) -> Sensitivity:
+    """What the flight could have shown; t: of the IMU that was judged (N,), all of which an estimate may not cover."""
+    could = sensitivity(made)
+    if isinstance(made, NoEstimateError) or (made.t[0] < t[0] + WORTHLESS_S and made.t[-1] > t[-1] - WORTHLESS_S):
+        return could
+    part = f"by the other sensors: but for {made.t[0]:.1f}-{made.t[-1]:.1f} s, with which the rest cannot be joined"
+    return replace(could, not_judged=(*could.not_judged, part))
 
 
 def _changes(one: Explained) -> bool:
@@ -245,7 +262,7 @@ def _best(
     flight: Flight,
     comparison: Comparison,
     faults: Sequence[Finding],
-    lost: Phase | None,
+    out: Sequence[tuple[float, float]],
     before: BestEstimate | None,
     *,
     differ: bool,
@@ -255,47 +272,30 @@ def _best(
     And what it says of the readings: an axis that is stuck, or another way to read the axes that fits far better. The
     latter where IMU and autopilot differ, which take turns and forces for the same with the right axes alone, and where
     GPS tells of these: a compass and gravity by themselves fit many ways.
-    lost: from when on nothing is. differ: whether windows that are enough to be judged do.
+    out: out of control, s. differ: whether windows that are enough to be judged do.
     """
     imu, gravity = comparison.track.source, comparison.how.gravity
     if any(f.kind == "units_wrong" for f in faults):
         return NoEstimateError(imu, "its readings are of other units", "Try another IMU: --imu."), []
-    untrusted = [(f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED]
-    span = None if lost is None else (-np.inf, lost.start)
+    untrusted = [*out, *((f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED)]
     try:
-        best = smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted, before=before)
+        best = smooth(flight, imu, gravity=gravity, untrusted=untrusted, before=before)
     except NoEstimateError as why:
-        return why, []
+        if not out:
+            return why, []
+        try:  # the longest stretch in control: where nothing tells a heading, no other can be joined to it
+            span = max(between(out, comparison.track.t), key=lambda one: one[1] - one[0])
+            best = smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted)
+        except NoEstimateError:
+            return why, []
     stuck = [f for f in missed_findings(comparison, best) if f not in faults]
     if stuck:
-        best_without, told = _best(flight, comparison, [*faults, *stuck], lost, before, differ=differ)
+        best_without, told = _best(flight, comparison, [*faults, *stuck], out, before, differ=differ)
         return best_without, [*stuck, *told]
     if not differ or "gps_position" not in best.residuals or any(f.kind == "axes_wrong" for f in faults):
         return best, []
-    other = other_reading(flight, best, gravity=gravity, span=span, untrusted=untrusted)
+    other = other_reading(flight, best, gravity=gravity, untrusted=untrusted)
     return best, [] if other is None else [misread_finding(flight.imu(imu), other, best)]
-
-
-def _agreement(
-    told: Comparison, horizon: float, parts: Sequence[Phase], usual: ImuSpec, autopilot: ReferenceSpec
-) -> Agreement:
-    """Of the windows of one length that are judged; told: with the IMU's known errors removed."""
-    chosen = _while_judged(windows(told, horizon), told.track.t, parts)
-    expected = expected_over(told, chosen, usual, autopilot)
-    return Agreement(horizon, len(chosen.start), chosen.excluded, expected.inside if expected else {})
-
-
-def _while_judged(chosen: Windows, t: Array, parts: Sequence[Phase]) -> Windows:
-    """The windows in which the estimator has aligned and the vehicle has neither landed nor lost control."""
-    out = np.zeros(len(chosen.start), np.bool_)
-    for part in parts:
-        if part.kind in ("aligning", "landed", "impact"):
-            out |= (t[chosen.start] < part.end) & (t[chosen.end] > part.start)
-    if not out.any():
-        return chosen
-    reasons = {**chosen.excluded, "not_judged": int(out.sum())}
-    kept = ~out
-    return replace(chosen.only(kept), excluded=reasons)
 
 
 def _independent(best: BestEstimate) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -186,14 +186,24 @@ def compare(
     return made
 
 
-def windows(comparison: Comparison, horizon: float, part: Part | None = None) -> Windows:
+def windows(
+    comparison: Comparison,
+    horizon: float,
+    part: Part | None = None,
+    within: Sequence[tuple[float, float]] = ((-np.inf, np.inf),),
+) -> Windows:
     """Windows of `horizon` seconds end to end, without those that have a gap, an unknown end or a jump in them.
 
     A flight that has a position is judged where it has one. part: of a longer flight, of which the comparison is a
-    piece. Raises SettingsError for a horizon that is not positive.
+    piece. within: spans (s, boot clock), in one of which a window has to lie.
+    Raises SettingsError for a horizon that is not positive.
     """
     check_seconds("horizons", horizon)
     start, end = _grid(comparison, horizon, part)
+    t, inside = comparison.track.t, np.zeros(len(start), np.bool_)
+    for first, last in within:
+        inside |= (t[start] >= first) & (t[end] <= last)
+    start, end = start[inside], end[inside]
     used, excluded = _usable(comparison, start, end, part.has_position if part else comparison.has_position)
     return Windows(float(horizon), start[used], end[used], excluded)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.analysis.episode import SIGMAS, Departure
 from companion.analysis.finding import IntArray, runs
-from companion.analysis.phases import phases
+from companion.analysis.phases import flown, phases
 from companion.analysis.reference import BoolArray, Limits, Reference, attitude_error, length, reference_at
 from companion.estimation import (
     ATTITUDE,
@@ -82,10 +82,11 @@ def departures(
         "heading": (heading, _together(doubt, _beyond("heading", shaken), between.attitude)),
     }
     known = judged & reference.position_known
+    which = np.searchsorted([begin for begin, _ in flown(phases(flight))][1:], t, side="right")
     if "gps_position" in best.residuals and known.sum() > 5:
         moved = (reference.position - best.position)[:, :2]
         speed = length((reference.velocity - best.velocity)[:, :2])
-        place = length(moved - np.median(moved[_early(known)], axis=0))
+        place = length(moved - _at_first(moved, known, which))
         late = CONSTANTS["gps_latency"][1]  # an estimator assumes one latency of its GPS
         pull, swift = length(np.gradient(best.velocity[:, :2], t, axis=0)), length(best.velocity[:, :2])
         off["velocity"] = speed, _together(_greatest(best.sigma(VELOCITY)[:, :2]), late * pull, between.velocity)
@@ -93,7 +94,7 @@ def departures(
     if {"gps_height", "barometer"} <= best.residuals.keys() and known.sum() > 5:
         above = (best.position - reference.position)[:, 2]
         height = _together(best.sigma(POSITION)[:, 2], between.position)
-        off["height"] = np.abs(above - np.median(above[_early(known)])), height
+        off["height"] = np.abs(above - _at_first(above, known, which)), height
     judging = times_of_change(t[judged])
     departed: list[Departure] = []
     for name, (value, sigma) in off.items():
@@ -167,6 +168,17 @@ def _early(where: BoolArray) -> IntArray:
     """The first tenth of some keyframes (K,), where a change begins: their numbers, five or more."""
     mine = np.flatnonzero(where)
     return mine[: max(5, int(0.1 * len(mine)))]
+
+
+def _at_first(values: Array, where: BoolArray, which: IntArray) -> Array:
+    """(K, ...) the median of values (K, ...) when each flight (K,) began: arming may set an estimator's zero anew.
+
+    ArduCopter: `resetHeightDatum`, AP_Arming_Copter.cpp.
+    """
+    first = np.zeros_like(values)
+    for one in np.unique(which[where]):
+        first[which == one] = np.median(values[_early(where & (which == one))], axis=0)
+    return first
 
 
 def _heading_off(

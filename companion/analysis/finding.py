@@ -47,7 +47,7 @@ KINDS: Mapping[str, str] = {
     "samples_missing": "IMU samples are missing",
     "samples_irregular": "IMU samples come irregularly",
     "clocks_diverge": "IMU and autopilot stamp with clocks that run apart",
-    "control_lost": "the vehicle was out of control, or hit something: nothing later is judged",
+    "control_lost": "out of control, or an impact: nothing is judged until it is armed again or caught",
     "not_independent": "the autopilot's biases are taken off these readings already: they agree with it by themselves",
 }
 """What a finding may be of. There is no finding of anything else."""

@@ -1,23 +1,23 @@
-"""The parts of a flight: before its estimator has aligned, standing, in the air, landed, after a loss of control.
+"""The parts of a flight: before its estimator has aligned, standing, in the air, landed, out of control.
 
 What is judged later is what lies between: while the estimator aligns, its heading slews by 17° without any gyro and its
-position jumps by hundreds of metres (ArduPilot: "DCM active", "EKF3 IMU0 initialised"); after an impact everything that
-a vehicle measures is true and means nothing. All of it is derived from what the vehicle says (arming, take-off, flags
-of its estimator, texts) and from how it moves, whatever the format of the log.
+position jumps by hundreds of metres (ArduPilot: "DCM active", "EKF3 IMU0 initialised"); in a fall and after an impact
+everything that a vehicle measures is true and means nothing, until it is armed again or has been caught. All of it is
+derived from what the vehicle says (arming, take-off, flags of its estimator, texts) and from how it moves, whatever the
+format of the log.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
-from companion.model import Array, AttitudeTrack, ControlTrack, Flight, Phase, PhaseKind
-
-BoolArray = npt.NDArray[np.bool_]
-Span = tuple[float, float]
+from companion.analysis.loss_of_control import OVER, Span, body_rates, down_in_body, losses_of_control
+from companion.model import Array, Flight, Phase, PhaseKind
 
 _ATTITUDE, _POSITION = 0b1, 0b11000  # ESTIMATOR_STATUS_FLAGS: attitude; horizontal position, relative or absolute
 _STARTING = re.compile(
@@ -25,9 +25,6 @@ _STARTING = re.compile(
     re.ASCII,
 )
 _RECEIVER = re.compile(r"GPS \d: detected", re.ASCII)
-_CRASHED = re.compile(
-    r"Crash: Disarming|crash check: error|[Aa]ttitude failure|[Cc]ritical failure|[Ff]light termination", re.ASCII
-)
 
 _YOUNG_S = 60.0  # since boot: until then an estimator may still be finding its heading
 _SETTLED = np.radians(2.0)  # heading, at rest
@@ -37,16 +34,6 @@ _MOVING = 0.5  # m/s, or m above where it was armed
 _ENDING_S = 1.0
 _SHAKEN = 0.05  # rad/s rms over a second, for a vehicle without a position
 
-_UPRIGHT = ("QUADROTOR", "HEXAROTOR", "OCTOROTOR", "TRICOPTER", "DODECAROTOR", "COAXIAL", "HELICOPTER")
-_OVER = np.radians(60.0)  # from level, for what flies by thrust alone; or from the desired attitude, for every vehicle
-_TUMBLING = 10.0  # rad/s
-_FAST = 2.0  # rad/s: what leads to a loss of control
-_RECOVERED_S = 2.0  # in control for so long, the vehicle has been caught: a flip is none
-_LASTING_S = 0.3
-_BEFORE_S = 3.0  # so long before the vehicle is over, control may have been lost
-_FRESH_S = 0.5  # age of a desired attitude that still holds
-_FOLLOWS_S = 2.0  # that a vehicle may take to follow another desired attitude
-
 
 def phases(flight: Flight) -> tuple[Phase, ...]:
     """The parts of a flight in order of time, without gaps between them; one, without length, of a flight of none."""
@@ -54,7 +41,6 @@ def phases(flight: Flight) -> tuple[Phase, ...]:
     airborne = _airborne(flight, _armed(flight))
     takeoff = airborne[0][0] if airborne else end
     aligned, why = _aligned(flight, takeoff)
-    lost = _lost(flight, airborne)
     parts = [Phase(begin, aligned, "aligning", why)] if aligned > begin else []
     cuts = [aligned, *(edge for span in airborne for edge in span if edge > aligned), end]
     aloft = any(first <= aligned < last for first, last in airborne)
@@ -63,10 +49,41 @@ def phases(flight: Flight) -> tuple[Phase, ...]:
         if stop > start:
             parts.append(Phase(start, stop, kind, _REASONS[kind]))
         aloft = not aloft
-    if lost is None:
-        return tuple(parts) or (Phase(begin, end, "standing", _REASONS["standing"]),)
-    before = [Phase(p.start, min(p.end, lost[0]), p.kind, p.reason) for p in parts if p.start < lost[0]]
-    return (*before, Phase(lost[0], end, "impact", lost[1]))
+    parts = parts or [Phase(begin, end, "standing", _REASONS["standing"])]
+    losses = losses_of_control(flight, airborne)
+    kept = [piece for part in parts for piece in _outside(part, losses)]
+    return tuple(sorted([*kept, *losses], key=lambda part: part.start))
+
+
+def flown(parts: Sequence[Phase]) -> tuple[Span, ...]:
+    """From when to when each flight of a log was, s: a landing ends it, and a loss of control.
+
+    parts: of `phases`. A flight has what lies before its take-off and after its landing; what never left the ground is
+    none.
+    """
+    spans: list[Span] = []
+    begin, aloft = parts[0].start, False
+    for part in parts:
+        if aloft and part.kind in ("impact", "standing", "aligning"):
+            spans.append((begin, part.start))
+            begin, aloft = part.start, False
+        if part.kind == "impact":
+            begin = part.end
+        aloft |= part.kind == "flight"
+    return (*spans, (begin, parts[-1].end)) if aloft else tuple(spans)
+
+
+def _outside(part: Phase, losses: Sequence[Phase]) -> Iterator[Phase]:
+    """What of a part was not out of control."""
+    start = part.start
+    for lost in losses:
+        if lost.start >= part.end or lost.end <= start:
+            continue
+        if lost.start > start:
+            yield replace(part, start=start, end=lost.start)
+        start = max(start, lost.end)
+    if start < part.end or part.start == part.end:
+        yield replace(part, start=start)
 
 
 _REASONS: dict[PhaseKind, str] = {
@@ -132,7 +149,7 @@ def _moving(flight: Flight, begin: float, end: float, *, by_position: bool) -> l
                 return [float(moving[0]), float(moving[-1])]
             landed = height[-1] < 0.5 * (height.min() + height.max()) and np.ptp(height) > _MOVING
             return [float(moving[0]), float(until[-1] if landed and len(until) else t[-1])]
-    t, rates = _rates(flight)
+    t, rates = body_rates(flight)
     if not len(t):
         return []
     inside = (t >= begin) & (t <= end)
@@ -143,14 +160,6 @@ def _moving(flight: Flight, begin: float, end: float, *, by_position: bool) -> l
     rms = np.sqrt(np.bincount(second, turning) / np.maximum(np.bincount(second), 1))
     shaken = t[rms[second] > _SHAKEN]
     return [float(shaken[0]), float(shaken[-1])] if len(shaken) else []
-
-
-def _rates(flight: Flight) -> tuple[Array, Array]:
-    """Times and body rates by the IMU, else by the autopilot."""
-    name = flight.default_imu
-    if name is not None:
-        return flight.imus[name].t, flight.imus[name].gyro
-    return (np.zeros(0), np.zeros((0, 3))) if flight.attitude is None else (flight.attitude.t, flight.attitude.rates)
 
 
 def _rest(rates: Array) -> Array:
@@ -184,90 +193,17 @@ def _aligned(flight: Flight, takeoff: float) -> tuple[float, str]:
 def _settled(flight: Flight, until: float) -> float:
     """The last time before `until` at which a vehicle at rest had another heading than then."""
     track = flight.attitude
-    t, rates = _rates(flight)
+    t, rates = body_rates(flight)
     early = t <= until
     if track is None or not early.any():
         return flight.start
     turning = np.linalg.norm(rates[early] - _rest(rates[early]), axis=1) > _STILL
     since = float(t[early][turning][-1]) if turning.any() else flight.start
     before = np.flatnonzero((track.t <= until) & (track.t > since))
-    if len(before) < 2 or (_down(track.q_ned_frd[before])[:, 2] < np.cos(_OVER)).any():  # on its side it has no heading
+    on_its_side = down_in_body(track.q_ned_frd[before])[:, 2] < np.cos(OVER)  # where it has no heading
+    if len(before) < 2 or on_its_side.any():
         return flight.start
     w, x, y, z = track.q_ned_frd[before].T
     heading = np.unwrap(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
     off = np.flatnonzero(np.abs(heading - heading[-1]) > _SETTLED)
     return float(track.t[before[off[-1]]]) if len(off) else flight.start
-
-
-def _lost(flight: Flight, airborne: list[Span]) -> tuple[float, str] | None:
-    """When control was lost for good, and what tells; None where it was not."""
-    words = [*((said.t, said.text) for said in flight.texts), *((event.t, event.text) for event in flight.events)]
-    crashed = next(((t, text) for t, text in words if _CRASHED.search(text)), None)
-    track = flight.attitude
-    if track is None or not airborne:
-        return crashed if airborne else None
-    over, what = _over(flight, track)
-    armed = _armed(flight)
-    for first, last in _runs(over):
-        start, stop = float(track.t[first]), float(track.t[last])
-        flying = next((span for span in airborne if span[0] <= start <= span[1] + 1.0), None)
-        if flying is None or armed is None or _recovered(track.t, over, last, flying[1]):
-            continue
-        if stop - start < _LASTING_S:
-            continue
-        onset = _onset(flight, start)
-        return (min(onset, crashed[0]) if crashed and crashed[0] >= flying[0] else onset), what
-    return crashed if crashed and any(begin <= crashed[0] <= end + 10.0 for begin, end in airborne) else None
-
-
-def _over(flight: Flight, track: AttitudeTrack) -> tuple[BoolArray, str]:
-    """(N,) where the attitude is beyond control, and how that shows."""
-    w, x, y, z = track.q_ned_frd.T
-    level = w * w - x * x - y * y + z * z  # cosine of the angle between body and world down
-    over = (level < np.cos(_OVER)) & (flight.vehicle.type in _UPRIGHT)
-    if flight.control is not None and len(flight.control):
-        followed, unfollowed = _as_desired(track, flight.control)
-        over = (over & ~followed) | unfollowed
-    return over | (np.linalg.norm(track.rates, axis=1) > _TUMBLING), "the attitude is beyond control until the end"
-
-
-def _as_desired(track: AttitudeTrack, control: ControlTrack) -> tuple[BoolArray, BoolArray]:
-    """(N,), (N,) where the attitude is about the desired one; and far from it, not because that has just changed.
-
-    The third axes alone: heading may be anything without control being lost.
-    """
-    t, down, desired = track.t, _down(track.q_ned_frd), _down(control.q_ned_frd)
-    last = np.maximum(np.searchsorted(control.t, t, side="right") - 1, 0)
-    fresh, alike = np.abs(t - control.t[last]) < _FRESH_S, (down * desired[last]).sum(axis=1)
-    apart = np.asarray(fresh & (alike < np.cos(_OVER)))
-    for begin, end in _runs(apart):
-        lately = slice(*np.searchsorted(control.t, [t[begin] - _FOLLOWS_S, t[begin]]))
-        if (desired[lately] @ down[begin] > np.cos(0.5 * _OVER)).any():
-            apart[begin : min(np.searchsorted(t, t[begin] + _FOLLOWS_S), end + 1)] = False
-    return np.asarray(fresh & (alike > np.cos(0.5 * _OVER))), apart
-
-
-def _down(q: Array) -> Array:
-    """World down in the body frame, (N, 3)."""
-    w, x, y, z = q.T
-    return np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z])
-
-
-def _runs(mask: BoolArray) -> list[tuple[int, int]]:
-    """First and last index of each stretch."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def _recovered(t: Array, over: BoolArray, last: int, landed: float) -> bool:
-    """Whether a stretch in control of some length follows in the air."""
-    calm = _runs(~over[last:])
-    return any(min(float(t[last + b]), landed) - float(t[last + a]) > _RECOVERED_S for a, b in calm)
-
-
-def _onset(flight: Flight, over: float) -> float:
-    """Where the turning began that ended in being over."""
-    t, rates = _rates(flight)
-    near = (t <= over) & (t >= over - _BEFORE_S)
-    slow = t[near][np.linalg.norm(rates[near], axis=1) < _FAST]
-    return min(float(slow[-1]), over) if len(slow) else over

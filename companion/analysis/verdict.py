@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 
+from companion.analysis.agreement import FEWEST_WINDOWS, JUDGED_S, Agreement
 from companion.analysis.comparison import left_out
 from companion.analysis.constant_faults import ConstantError, constant_fault_probability
 from companion.analysis.episode import BIAS_UNITS, SENSORS, SIGMAS, bias_at_the_end, fault_probability, percent
@@ -17,45 +19,19 @@ from companion.model import brief, counted
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
 
-JUDGED_S = 5.0
-"""The horizon that calibration is judged at, and that a flight has to be long enough for."""
-
-AGREEING_S = (JUDGED_S, 1.0, 2.0, 10.0, 30.0)
-"""The horizons that consistency is judged at: the first, and the others where one window of many decides nothing."""
-
-FEWEST_WINDOWS = 3
-_MANY_WINDOWS = 10
 _CONSTANT = ("gyro_bias", "gyro_scale", "accel_bias", "accel_scale")  # that may have been there all the time
-_CONSISTENT_SHARE = 0.7  # of windows inside the 95 % bound: the windows of a flight share one draw of its biases
+_MANY_WINDOWS = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Agreement:
-    """How many windows of one length are inside the 95 % bound, as they are judged: with the known errors removed.
+class FlightVerdict:
+    """The answer for one flight of several in a log."""
 
-    Those are what the best estimate and the installation explain of the IMU: its usual bias, lag, mounting. The noise
-    is that of the flight, and windows in which nothing is judged are left out.
-    """
-
-    horizon_s: float
-    windows: int  # used
-    excluded: Mapping[str, int]  # windows left out, by reason
-    inside: Mapping[str, float]  # attitude, velocity, position → share of the windows; empty without windows
-
-    @property
-    def share(self) -> float:
-        """In the quantity in which the fewest are inside."""
-        return min(self.inside.values())
-
-    @property
-    def is_consistent(self) -> bool:
-        """Whether enough are inside in every quantity."""
-        return self.share >= _CONSISTENT_SHARE
-
-    def __str__(self) -> str:
-        """How many are inside, and what of."""
-        what = f"{counted(self.windows, 'window')} of {self.horizon_s:g} s inside the 95 % bound"
-        return f"{100.0 * self.share:.0f} % of {what}, known errors removed"
+    start_s: float  # boot clock
+    end_s: float
+    status: Status
+    summary: str
+    cause: Cause | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +45,7 @@ class Verdict:
     findings: tuple[Finding, ...]
     cause: Cause | None = None  # the first cause in time, that the summary is about; None where nobody is suspect
     probability: Mapping[str, float] = field(default_factory=dict)  # see `fault_probability`; empty without an estimate
+    flights: tuple[FlightVerdict, ...] = ()  # each by itself, where the log holds several
 
 
 def decide(
@@ -77,14 +54,22 @@ def decide(
     best: BestEstimate | None,
     source: str,
     constants: Sequence[ConstantError] = (),
+    by_flight: Mapping[tuple[float, float], Sequence[Agreement]] = MappingProxyType({}),
 ) -> Verdict:
     """The first cause in time; without one, whether IMU and autopilot agree, as far as the flight can tell.
 
     agreements: one for each horizon of AGREEING_S. source: the message of the IMU that the windows are of. constants:
     what the IMUs read wrongly all the time.
+    by_flight: the same of each flight of the log, from when to when it was, s, where there are several.
     """
     probability = {} if best is None else fault_probability(best, constant_fault_probability(constants))
-    return replace(_decided(agreements, findings, best, source, probability), probability=probability)
+    whole = _decided(agreements, findings, best, source, probability)
+    flights = []
+    for (start, end), own in by_flight.items():
+        during = tuple(f for f in findings if f.start_s <= end and f.end_s > start)
+        one = _decided(own, during, best, source, {})
+        flights.append(FlightVerdict(start, end, one.status, one.summary, one.cause))
+    return replace(whole, probability=probability, flights=tuple(flights))
 
 
 def _decided(
@@ -98,6 +83,7 @@ def _decided(
     lacking = _lacking(agreements[0], findings, bool(causes))
     if lacking is not None:
         return Verdict("insufficient_data", lacking, findings)
+    lost = [f for f in findings if f.kind == "control_lost"]
     many = [one for one in agreements[1:] if one.windows >= _MANY_WINDOWS]
     worst = min([agreements[0], *many], key=lambda one: one.share)
     if causes:
@@ -105,13 +91,16 @@ def _decided(
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
         cause = _cause(first)
-        told = f"Suspect {whom}: {_headline(first)}{_how_sure(cause)}.{_all_the_same(agreements[0], source)}"
+        told = f"Suspect {whom}: {_headline(first)}{_how_sure(cause)}.{_then(cause, lost)}"
+        told += _all_the_same(agreements[0], source)
         return Verdict(status, told, findings, cause)
     doubt = _doubt(worst, findings, best) or _of_imu(probability)
     if doubt is not None:
-        return Verdict("insufficient_data", f"Cannot tell: {doubt}.", findings)
+        return Verdict("insufficient_data", f"Cannot tell: {doubt}.{_fall(lost)}", findings)
     sure = "".join(f"; {whose}: {percent(share)}" for whose, share in _faults_told(probability))
-    told = f"IMU and autopilot agree within the expected error ({worst}{sure}).{_unwitnessed(best)}"
+    fallen = f"{_fall(lost)[1:-1]}; " if lost else ""
+    who = "the sensors" if lost and best is not None else "IMU and autopilot"
+    told = f"{fallen}{who} agree within the expected error ({worst}{sure}).{_unwitnessed(best)}"
     return Verdict("consistent", told, findings)
 
 
@@ -121,6 +110,20 @@ def _how_sure(cause: Cause) -> str:
         return ""
     own = "" if cause.probability >= ACCUSED else f"; {cause.sensor}: {percent(cause.probability)}"
     return f" (probability {percent(cause.side_probability)}{own})"
+
+
+def _fall(lost: Sequence[Finding]) -> str:
+    """That control was lost, as a sentence of its own; "" where it was not."""
+    if not lost:
+        return ""
+    again = f", {len(lost)} times in all" if len(lost) > 1 else ""
+    return f" {lost[0].headline[:1].upper()}{lost[0].headline[1:]}{again}."
+
+
+def _then(cause: Cause, lost: Sequence[Finding]) -> str:
+    """That control was lost after a cause had begun, and how long after; "" where it was not."""
+    after = next((one for one in lost if one.start_s >= cause.onset_s), None)
+    return "" if after is None else f"{_fall([after])[:-1]}, {after.start_s - cause.onset_s:.1f} s after it began."
 
 
 def _all_the_same(judged: Agreement, source: str) -> str:
@@ -194,9 +197,9 @@ def _unwitnessed(best: BestEstimate | None) -> str:
 
 def _lacking(judged: Agreement, findings: tuple[Finding, ...], has_cause: bool) -> str | None:
     """Why nothing can be judged; None where it can."""
-    lost = next((f for f in findings if f.kind == "control_lost"), None)
-    if lost is not None and not has_cause:
-        return f"Loss of control: {lost.evidence}. No sensor fault was found before that."
+    lost = [f for f in findings if f.kind == "control_lost"]
+    if (misled := next((f for f in lost if f.undecided), None)) and not has_cause:
+        return f"Loss of control: {misled.evidence}. No sensor fault was found before that."
     data = [f for f in findings if f.side == "data" and f.severity == "error"]
     if data:
         return f"Cannot tell: {data[0].evidence}."
@@ -205,7 +208,8 @@ def _lacking(judged: Agreement, findings: tuple[Finding, ...], has_cause: bool) 
         short = f"the flight is too short: at least {FEWEST_WINDOWS * JUDGED_S:g} s are needed"
         why = f"left out: {reasons}" if reasons else short
         usable = f"only {counted(judged.windows, 'window')}" if judged.windows else "no window"
-        return f"Cannot tell: {usable} of {JUDGED_S:g} s can be used ({why})."
+        begun = f"{_fall(lost)[1:]} No sensor fault was found, but" if lost else "Cannot tell:"
+        return f"{begun} {usable} of {JUDGED_S:g} s can be used ({why})."
     return None
 
 

@@ -17,10 +17,10 @@ from companion.app.examination import Examination, Unexamined, examine, unexamin
 from companion.app.recording import Source
 from companion.cli import many_logs, options, sensor_lines, tables
 from companion.cli.info import reference_line
-from companion.cli.tables import SIGNS, span, status_text, wrapped
+from companion.cli.tables import SIGNS, status_text, wrapped
 from companion.documents import analysis_document, encode, unexamined_document
 from companion.model import DataError, counted
-from companion.present import clause, fixed, vehicle_words, words
+from companion.present import clause, fixed, flight_words, ranked, vehicle_words, words
 from companion.strapdown import METHODS
 
 
@@ -148,6 +148,7 @@ _WIDEST = 100
 _SHOWN_S = 10.0  # the horizon that is told, or the one nearest to it
 _LABEL = 18  # columns of what stands before a line
 _ADVICES = 2
+_FLIGHTS = 3  # of several in a log
 
 
 def first_screen(examined: Examination, width: int) -> list[str]:
@@ -177,6 +178,11 @@ def _rows(assessment: Assessment, warning: str) -> Iterator[tuple[str, str]]:
     """What is said under the evidence: label, words. warning: of a rate too low; "" for none."""
     if warning:
         yield "Warning", warning
+    flights = assessment.verdict.flights
+    for i, flight in enumerate(flights[:_FLIGHTS], 1):
+        yield f"Flight {i}", flight_words(flight)
+    if len(flights) > _FLIGHTS:
+        yield "", f"and {counted(len(flights) - _FLIGHTS, 'flight')} more: --full"
     yield _drift(assessment)
     could = assessment.sensitivity
     if could.smallest:
@@ -209,20 +215,19 @@ def _drift(assessment: Assessment) -> tuple[str, str]:
 
 def _evidence(findings: Sequence[Finding], width: int, room: int) -> list[str]:
     lines: list[str] = []
-    for i, finding in enumerate(findings):
-        text = _when(finding) + finding.evidence
-        own = wrapped(text, width - 4, 0)
-        if len(lines) + len(own) > room - (i + 1 < len(findings)):
-            left = len(findings) - i
-            return [*lines, f"  and {left} more: --full" if lines else f"  {counted(left, 'finding')}: --full"]
-        lines.append(f"  {SIGNS[finding.severity]} {own[0]}")
+    groups, _ = ranked(findings)
+    left = len(findings)
+    for group in groups:
+        when = f"{group.when}: " if group.when else ""
+        own = wrapped(f"{when}{group}", width - 4, 0)
+        if len(lines) + len(own) > room - (len(group.findings) < left):
+            break
+        left -= len(group.findings)
+        lines.append(f"  {SIGNS[group.findings[0].severity]} {own[0]}")
         lines += [f"    {line}" for line in own[1:]]
+    if left:
+        lines.append(f"  and {left} more: --full" if lines else f"  {counted(left, 'finding')}: --full")
     return lines
-
-
-def _when(finding: Finding) -> str:
-    timed = finding.cause is not None and finding.headline != "" and finding.cause.onset_sigma_s is not None
-    return "" if timed else f"{span(finding)}: "  # an episode's words have its time
 
 
 def _labelled(label: str, text: str, width: int) -> list[str]:

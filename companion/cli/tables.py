@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import Assessment, Drift, Expected, Finding, RedundantImu, Statistic, Verdict, left_out
-from companion.present import QUANTITIES, STATISTICS, clause, fixed, words
+from companion.analysis import Assessment, Drift, Expected, RedundantImu, Statistic, Verdict, left_out
+from companion.present import MOST_LINES, QUANTITIES, STATISTICS, clause, fixed, flight_words, ranked, span, words
 
 _STATUS = {
     "consistent": "green",
@@ -36,22 +36,20 @@ def console() -> Console:
     return _Console(soft_wrap=True, emoji=False)
 
 
-def verdict_lines(verdict: Verdict, *, most: int = 8) -> Iterator[str]:
-    """The verdict, and the findings under it."""
+def verdict_lines(verdict: Verdict, *, most: int = MOST_LINES) -> Iterator[str]:
+    """The verdict, each flight by itself where there are several, and the findings under it."""
     yield f"{status_text(verdict.status)}  {escape(clause(verdict.summary))}"
-    for finding in verdict.findings[:most]:
-        kind = words(finding.kind)
-        yield f"  {SIGNS[finding.severity]} {span(finding)}: {kind}. {escape(finding.evidence)}"
-        if finding.severity != "info":
-            yield f"      {escape(finding.advice)}"
-    if len(verdict.findings) > most:
-        yield f"  and {len(verdict.findings) - most} more: --json has them all"
-
-
-def span(finding: Finding) -> str:
-    """When it was so: 57.3-81.0 s, or 57.7 s for a moment."""
-    start, end = f"{finding.start_s:.1f}", f"{finding.end_s:.1f}"
-    return f"{start} s" if start == end else f"{start}-{end} s"
+    for i, flight in enumerate(verdict.flights, 1):
+        yield f"  Flight {i}, {escape(flight_words(flight))}"
+    groups, left = ranked(verdict.findings, most)
+    for group in groups:
+        one = group.findings[0]
+        named = f"{span(one)}: {words(one.kind)}. " if len(group.findings) == 1 else ""
+        yield f"  {SIGNS[one.severity]} {named}{escape(str(group))}"
+        if one.severity != "info":
+            yield f"      {escape(group.worst.advice)}"
+    if left:
+        yield f"  and {left} more: --json has them all"
 
 
 def wrapped(text: str, width: int, hanging: int) -> list[str]:

@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 import msgspec
 
-from companion.analysis import Finding, Sensitivity, Verdict
+from companion.analysis import Cause, Finding, Sensitivity, Verdict
 
 
 class FindingObject(msgspec.Struct, frozen=True):
@@ -43,6 +43,16 @@ class CauseObject(msgspec.Struct, frozen=True):
     consequences: tuple[str, ...]
 
 
+class FlightVerdictObject(msgspec.Struct, frozen=True):
+    """The answer for one flight of several in a log."""
+
+    start_s: float
+    end_s: float
+    status: str
+    summary: str
+    cause: CauseObject | None = None
+
+
 class VerdictObject(msgspec.Struct, frozen=True):
     """The answer."""
 
@@ -53,20 +63,28 @@ class VerdictObject(msgspec.Struct, frozen=True):
     detectable: Mapping[str, float] = {}  # rad/s, m/s², rad, m
     not_judged: tuple[str, ...] = ()
     probability: Mapping[str, float] = {}  # by side, "nobody" among them
+    flights: list[FlightVerdictObject] = []  # each by itself, where the log holds several
 
 
 def verdict_object(verdict: Verdict, could: Sensitivity | None = None) -> VerdictObject:
     """The verdict of an examination, and what the flight could have shown; None where it was not examined."""
-    cause = None if verdict.cause is None else CauseObject(**asdict(verdict.cause))
     return VerdictObject(
         status=verdict.status,
         summary=verdict.summary,
         findings=[finding_object(f) for f in verdict.findings],
-        cause=cause,
+        cause=_cause_object(verdict.cause),
         detectable={} if could is None else could.smallest,
         not_judged=() if could is None else could.not_judged,
         probability=dict(verdict.probability),
+        flights=[
+            FlightVerdictObject(one.start_s, one.end_s, one.status, one.summary, _cause_object(one.cause))
+            for one in verdict.flights
+        ],
     )
+
+
+def _cause_object(cause: Cause | None) -> CauseObject | None:
+    return None if cause is None else CauseObject(**asdict(cause))
 
 
 def finding_object(f: Finding) -> FindingObject:

@@ -29,6 +29,7 @@ from companion.model.geodesy import (
     ned_from_geodetic,
 )
 from companion.model.imu_messages import IMU_MESSAGES
+from companion.model.omission import without
 from companion.model.tracks import (
     GAP_PERIODS,
     GAP_S,
@@ -111,5 +112,6 @@ __all__ = [
     "of_kind",
     "percentile",
     "weighted_median",
+    "without",
     "words",
 ]

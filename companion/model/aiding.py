@@ -247,7 +247,7 @@ PhaseKind = Literal["aligning", "standing", "flight", "landed", "impact"]
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A part of the flight. Only `standing` and `flight` are judged; nothing after an `impact` is."""
+    """A part of the flight. Only `standing` and `flight` are judged; an `impact` begins where control was lost."""
 
     start: float  # s
     end: float  # s

@@ -3,14 +3,17 @@
 from companion.model import words
 from companion.present import markup, palette
 from companion.present.columns import AXES, QUANTITIES, STATISTICS, Quantity, held_out_gain
+from companion.present.findings import MOST_LINES, FindingGroup, flight_words, grouped, ranked, span
 from companion.present.formats import autopilot_words, clause, fixed, length, percent, short, significant, vehicle_words
 from companion.present.markup import Link, details, paragraph, table, text
 from companion.present.palette import Rgb, of_imus
 
 __all__ = [
     "AXES",
+    "MOST_LINES",
     "QUANTITIES",
     "STATISTICS",
+    "FindingGroup",
     "Link",
     "Quantity",
     "Rgb",
@@ -18,6 +21,8 @@ __all__ = [
     "clause",
     "details",
     "fixed",
+    "flight_words",
+    "grouped",
     "held_out_gain",
     "length",
     "markup",
@@ -25,8 +30,10 @@ __all__ = [
     "palette",
     "paragraph",
     "percent",
+    "ranked",
     "short",
     "significant",
+    "span",
     "table",
     "text",
     "vehicle_words",

@@ -6,43 +6,38 @@ import dataclasses
 
 import numpy as np
 
-from companion.analysis import Replay, errors, replay, windows
-from companion.documents import FindingObject
+from companion.analysis import Finding, Replay, by_severity, errors, replay, windows
 from companion.model import Array, CompanionError
-from companion.present import palette, paragraph, table, text, words
+from companion.present import FindingGroup, details, palette, paragraph, ranked, table, text, words
 from companion.report import traces
 from companion.report.html_page import Section
 from companion.report.subject import AXES, Subject
 from companion.strapdown import quaternion
 
-MOST_DRAWN = 12
-"""Findings with a chart, the worst first; a log can have hundreds."""
-
-_SEVERITIES = ("error", "warning", "info")
 _RAW = ("frozen", "stuck", "clipping", "axes", "noise")  # in a kind: what shows in the readings themselves
 _FREE_S = 30.0  # up to which the IMU alone is a yardstick
 _DIFFERENCE_S = 1.0  # windows over which a bias is seen
 
 
 def findings(subject: Subject) -> Section:
-    """All findings, the worst with a chart."""
-    ordered = sorted(subject.numbers.verdict.findings, key=lambda f: (_SEVERITIES.index(f.severity), f.start_s))
+    """The findings in groups, the worst of each with a chart; each by itself below."""
+    ordered = by_severity(subject.assessment.verdict.findings)
     if not ordered:
         return Section("findings", "Findings", paragraph("Nothing stands out in this flight."))
-    parts = [_drawn(subject, finding) for finding in ordered[:MOST_DRAWN]]
-    if rest := ordered[MOST_DRAWN:]:
-        parts.append(paragraph(f"And {len(rest)} more, without a chart:"))
-        parts.append(
-            table(
-                ["finding", "side", "severity", "evidence", "from, s", "to, s"],
-                [[words(f.kind), f.side, f.severity, f.evidence, f"{f.start_s:.1f}", f"{f.end_s:.1f}"] for f in rest],
-                words=4,
-            )
+    groups, _ = ranked(ordered)
+    parts = [_drawn(subject, group) for group in groups]
+    if len(ordered) > len(groups):
+        every = table(
+            ["finding", "side", "severity", "evidence", "from, s", "to, s"],
+            [[words(f.kind), f.side, f.severity, f.evidence, f"{f.start_s:.1f}", f"{f.end_s:.1f}"] for f in ordered],
+            words=4,
         )
+        parts.append(details(f"All {len(ordered)} findings", every))
     return Section("findings", "Findings", "".join(parts))
 
 
-def _drawn(subject: Subject, finding: FindingObject) -> str:
+def _drawn(subject: Subject, group: FindingGroup) -> str:
+    finding = group.worst
     when = f"{finding.start_s:.1f}–{finding.end_s:.1f} s"
     advice = paragraph(finding.advice, "advice") if finding.severity != "info" else ""
     margin = max(5.0, 0.2 * (finding.end_s - finding.start_s))
@@ -58,11 +53,11 @@ def _drawn(subject: Subject, finding: FindingObject) -> str:
     return (
         f'<article class="finding {text(finding.severity)}"><h3>{text(_title(finding.kind))} '
         f'<span class="quiet">{text(finding.severity)}, {text(finding.side)}, {when}</span></h3>'
-        f"{paragraph(finding.evidence)}{advice}{chart}</article>"
+        f"{paragraph(str(group))}{advice}{chart}</article>"
     )
 
 
-def _panels(subject: Subject, finding: FindingObject, low: float, high: float) -> tuple[list[traces.Panel], str]:
+def _panels(subject: Subject, finding: Finding, low: float, high: float) -> tuple[list[traces.Panel], str]:
     """What there is to see of a finding between two times, s."""
     if finding.side == "data" and finding.kind != "imu_lag":
         return _intervals(subject, low, high), "Time between two samples of the IMU."

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from companion import present
-from companion.analysis import Assessment, Comparison, Replay
+from companion.analysis import Assessment, Comparison, Finding, Replay
 from companion.app.examination import Examination
 from companion.app.recording import Source
 from companion.app.settings import Settings
@@ -68,7 +68,7 @@ class Subject:
         """The findings that are more than a remark."""
         return [finding for finding in self.numbers.verdict.findings if finding.severity != "info"]
 
-    def is_throughout(self, finding: FindingObject) -> bool:
+    def is_throughout(self, finding: Finding | FindingObject) -> bool:
         """Whether it lasts as long as the flight, so that its time says nothing."""
         first, last = self.ends
         return finding.end_s - finding.start_s > 0.9 * (last - first)

@@ -10,7 +10,7 @@ import numpy as np
 from companion.analysis import Verdict, rate_warning
 from companion.app.recording import Source
 from companion.model import Flight
-from companion.present import clause, palette, short, text, vehicle_words
+from companion.present import clause, flight_words, palette, paragraph, short, text, vehicle_words
 from companion.report.subject import Subject
 from companion.view import worst_stretch
 
@@ -32,7 +32,11 @@ def head(subject: Subject, ground: str) -> str:
     cards = "".join(
         f'<div class="card"><b>{text(value)}</b><span>{text(label)}</span></div>' for label, value in _cards(subject)
     )
-    told = f'{_banner(verdict.status, verdict.summary)}<div class="cards">{cards}</div>{_warning(subject.flight, rate)}'
+    flights = "".join(
+        paragraph(f"Flight {i}, {flight_words(one)}") for i, one in enumerate(subject.assessment.verdict.flights, 1)
+    )
+    banner = _banner(verdict.status, verdict.summary) + flights
+    told = f'{banner}<div class="cards">{cards}</div>{_warning(subject.flight, rate)}'
     title = _title(subject.flight, subject.source, f"{numbers.used_imu} at {rate:.1f} Hz against {against}")
     return f"<header>{title}{_beside(told, ground)}</header>"
 

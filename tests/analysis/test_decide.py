@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import pytest
 
+from companion.analysis.agreement import AGREEING_S, Agreement
 from companion.analysis.finding import Cause, Finding, Side
-from companion.analysis.verdict import AGREEING_S, Agreement, decide
+from companion.analysis.verdict import decide
 
 
 def cause(kind: str, side: Side, onset: float, sigma: float | None, sensor: str) -> Finding:

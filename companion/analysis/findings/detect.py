@@ -27,12 +27,12 @@ from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import phases
 from companion.estimation import BestEstimate, kind_of
-from companion.model import Flight, ImuTrack, Phase, Series
+from companion.model import Flight, ImuTrack, Series
 
 
 def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec) -> list[Finding]:
     """Readings that cannot be: frozen, stuck, at the end of the range, of other units or axes."""
-    faults = [*reading_findings(comparison, flight.require_attitude(), figures)]
+    faults = [*reading_findings(comparison.track, flight.require_attitude(), figures)]
     others = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
     faults += stuck_findings(comparison, autopilot, others)
     faults += meaning_findings(comparison)
@@ -88,32 +88,6 @@ def findings(
     all_findings += jumps
     all_findings = [with_witnesses(f, flight) for f in all_findings if not _follows(f, all_findings)]
     return by_severity(all_findings), clean
-
-
-def when_lost(told: Sequence[Finding], lost: Phase, later: Sequence[Finding]) -> tuple[Finding, ...]:
-    """The findings of a flight in which control was lost: those of before, and what tells of it.
-
-    later: readings that cannot be, after it. A gyro at the end of its range is a consequence, and takes the estimator
-    along; whatever else is read then accuses nobody.
-    """
-    tumbling = [f for f in later if f.kind == "gyro_clipping"]
-    control_lost = Finding(
-        "control_lost",
-        "data",
-        "warning",
-        lost.start,
-        lost.end,
-        f"control was lost at {lost.start:.1f} s ({lost.reason}); nothing after it is judged"
-        + (_too_fast(tumbling[0]) if tumbling else ""),
-        "Look at motors, propellers and the desired attitude before it: a vehicle that tumbles misleads every sensor.",
-    )
-    tumbling = [replace(f, severity="warning", advice=control_lost.advice, cause=None) for f in tumbling]
-    return by_severity((control_lost, *tumbling, *(f for f in told if f.start_s < lost.start)))
-
-
-def _too_fast(clipping: Finding) -> str:
-    turns = f"from {clipping.start_s:.1f} s on the vehicle turns faster than the gyro reads"
-    return f": {turns} ({clipping.evidence}), which misleads the autopilot too"
 
 
 def _tilted(fitted: Installation) -> tuple[float, float]:

@@ -31,14 +31,17 @@ def jump_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
         start, end, step = group[0][0], group[-1][1], max(size for _, _, size in group)
         many = f"{len(group)} times, by up to" if len(group) > 1 else "by"
         severity: Severity = "info" if start < settled or step < np.radians(10.0) else "error"
+        words = f"the heading steps {many} {np.degrees(step):.1f}° that the gyro did not feel"
         yield Finding(
             "heading_jump",
             "autopilot",
             severity,
             start,
             end,
-            f"the heading steps {many} {np.degrees(step):.1f}° that the gyro did not feel",
+            words,
             "The estimator has reset its yaw. Some degrees after take-off are usual; more is a compass problem.",
+            headline=f"{words}, from {start:.1f} to {end:.1f} s",
+            cause=Cause("heading_jump", "autopilot", start, end, size=step, unit="rad"),
         )
 
 

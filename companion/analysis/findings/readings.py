@@ -6,7 +6,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from companion.analysis.comparison import Comparison
 from companion.analysis.episode import SENSORS
 from companion.analysis.finding import Cause, Finding, IntArray, run_edges, runs
 from companion.analysis.imu_spec import ImuSpec
@@ -29,9 +28,8 @@ MANY = 50.0  # steps
 MOVED = np.radians(1.0)  # what rests reads the same for ever: only a vehicle that moves shows a sensor that does not
 
 
-def reading_findings(comparison: Comparison, attitude: AttitudeTrack, imu: ImuSpec) -> Iterator[Finding]:
+def reading_findings(track: ImuTrack, attitude: AttitudeTrack, imu: ImuSpec) -> Iterator[Finding]:
     """Readings that cannot be: frozen while the vehicle turns, at the end of the sensor's range."""
-    track = comparison.track
     yield from _frozen(track, attitude)
     for name, readings, full, unit in (
         ("gyro", track.gyro, imu.gyro.full_scale, "rad/s"),

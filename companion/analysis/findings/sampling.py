@@ -49,7 +49,8 @@ def rate_findings(flight: Flight, comparison: Comparison, sampling_share: float)
 
 
 def _gap_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding]:
-    t, gaps = comparison.track.t, np.flatnonzero(comparison.gaps)
+    t = flight.imu(comparison.track.source).t  # with what is not judged
+    gaps = np.flatnonzero(np.diff(t) > comparison.how.limits.longest_step(t))
     pauses = _paused(flight, t[gaps], t[gaps + 1])
     for paused, which in ((False, gaps[~pauses]), (True, gaps[pauses])):
         if not len(which):

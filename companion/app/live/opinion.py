@@ -170,7 +170,7 @@ class Judge:
         if part.kind == "aligning":
             return "starting", f"the estimator is aligning ({part.reason}): nothing is judged yet", ()
         if part.kind == "impact":
-            return "lost", f"{part.reason}: nothing is judged after it", ()
+            return "lost", f"{part.reason}: nothing is judged until it is in control again", ()
         try:
             verdict, expected = self.verdict_on(flight, self._imu_of(flight))
         except DataError as reason:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import viser
 
 from companion.analysis import Finding
 from companion.model import words
-from companion.present import Rgb, palette
+from companion.present import MOST_LINES, FindingGroup, Rgb, flight_words, palette, ranked
 from companion.view.panels import verdict_tables
 from companion.view.state import events
 from companion.view.state.insight import Insight
 from companion.view.state.marks import short
 
-MOST_FINDINGS = 10
 ICONS = {"error": viser.Icon.ALERT_OCTAGON, "warning": viser.Icon.ALERT_TRIANGLE, "info": viser.Icon.INFO_CIRCLE}
 
 
@@ -24,7 +23,8 @@ class FindingsTab:
 
     def __init__(self, gui: viser.GuiApi, post: events.Post) -> None:
         self._status = gui.add_html("")
-        self._findings = [_FindingCard(gui, i, post) for i in range(MOST_FINDINGS)]
+        self._flights = gui.add_html("", visible=False)
+        self._findings = [_FindingCard(gui, post) for _ in range(MOST_LINES)]
         self._more = gui.add_html("", visible=False)
 
     def wait(self, text: str) -> None:
@@ -35,13 +35,17 @@ class FindingsTab:
     def load(self, insight: Insight | None, outside: str) -> None:
         """Show what the analysis says; None: nothing yet. outside: which findings the replay does not reach."""
         findings = insight.assessment.verdict.findings if insight else ()
-        for row, finding in zip(self._findings, [*findings, *[None] * MOST_FINDINGS], strict=False):
-            row.show(finding)
-        more = len(findings) - MOST_FINDINGS
-        said = [f"and {more} more, on the timeline"] if more > 0 else []
+        groups, more = ranked(findings)
+        for row, group in zip(self._findings, [*groups, *[None] * MOST_LINES], strict=False):
+            row.show(group, findings)
+        said = [f"and {more} more, on the timeline"] if more else []
         said += [outside] if outside else []
         self._more.visible = bool(said)
         self._more.content = f'<div style="padding:0 1em;font-size:0.8em">{"<br>".join(map(escape, said))}</div>'
+        flights = insight.assessment.verdict.flights if insight else ()
+        lines = [f"Flight {i}, {flight_words(one)}" for i, one in enumerate(flights, 1)]
+        self._flights.visible = bool(lines)
+        self._flights.content = f'<div style="padding:0 1em;font-size:0.8em">{"<br>".join(map(escape, lines))}</div>'
         if insight is not None:
             self._status.visible = not findings
             self._status.content = '<div style="padding:0.5em 1em;font-size:0.85em">Nothing stands out.</div>'
@@ -68,29 +72,32 @@ class DriftTab:
 
 
 class _FindingCard:
-    """A button in the colour of its severity that jumps to where a finding begins, and its evidence."""
+    """A button in the colour of its severity that jumps to where the worst of a group begins, and their evidence."""
 
-    def __init__(self, gui: viser.GuiApi, index: int, post: events.Post) -> None:
+    def __init__(self, gui: viser.GuiApi, post: events.Post) -> None:
+        self._index = 0  # of the worst, in the order of the verdict
         self._button = gui.add_button("", visible=False)
         self._evidence = gui.add_html("", visible=False)
 
         @self._button.on_click
         async def _(_: object) -> None:
-            post(events.JumpToFinding(index))
+            post(events.JumpToFinding(self._index))
 
-    def show(self, finding: Finding | None) -> None:
-        self._button.visible = self._evidence.visible = finding is not None
-        if finding is None:
+    def show(self, group: FindingGroup | None, findings: Sequence[Finding]) -> None:
+        self._button.visible = self._evidence.visible = group is not None
+        if group is None:
             return
+        finding = group.worst
+        self._index = findings.index(finding)
         self._button.label = short(f"{finding.start_s:.1f} s: {words(finding.kind)}")
         self._button.icon = ICONS.get(finding.severity, ICONS["info"])
         self._button.color = palette.SEVERITIES[finding.severity]
         self._button.hint = finding.advice or None
         start, end = f"{finding.start_s:.1f}", f"{finding.end_s:.1f}"
-        when = f"{start} s" if start == end else f"{start} to {end} s"
+        when = f" ({start} s)" if start == end else f" ({start} to {end} s)"
         self._evidence.content = (
             f'<div style="padding:0 1em 0.4em;font-size:0.8em;line-height:1.35">'
-            f"{escape(finding.evidence)} ({when})"
+            f"{escape(str(group))}{when if len(group.findings) == 1 else ''}"
             + (f'<div style="opacity:0.8">{escape(finding.advice)}</div>' if finding.severity != "info" else "")
             + "</div>"
         )

@@ -1,0 +1,70 @@
+"""Findings in groups: none is lost, none is told twice, and what decides stands first."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.analysis import Cause, Finding
+from companion.present import MOST_LINES, grouped, ranked
+
+
+def finding(kind: str, severity: str, start: float, size: float | None) -> Finding:
+    cause = Cause(kind, "autopilot", start, size=size, unit="rad")
+    return Finding(kind, "autopilot", severity, start, start + 0.5, f"{kind} at {start:.3f}", "", cause=cause)  # type: ignore[arg-type]
+
+
+FINDINGS = st.lists(
+    st.builds(
+        finding,
+        st.sampled_from(["heading_jump", "position_jump", "tilt_off", "vibration", "gyro_clipping", "position_lost"]),
+        st.sampled_from(["error", "warning", "info"]),
+        st.floats(0.0, 1e4),
+        st.none() | st.floats(1e-3, 3.0),
+    ),
+    max_size=60,
+)
+SERIOUS = ["error", "warning", "info"]
+
+
+@given(FINDINGS)
+def test_every_finding_is_in_one_group(findings: list[Finding]) -> None:
+    found = [one for group in grouped(findings) for one in group.findings]
+    assert sorted(map(id, found)) == sorted(map(id, findings))
+    shown, left = ranked(findings)
+    assert len(shown) <= MOST_LINES
+    assert sum(len(group.findings) for group in shown) + left == len(findings)
+
+
+@given(FINDINGS)
+def test_the_more_serious_stands_first_and_the_earlier_of_as_serious_ones(findings: list[Finding]) -> None:
+    order = [(SERIOUS.index(group.findings[0].severity), group.findings[0].start_s) for group in grouped(findings)]
+    assert order == sorted(order)
+
+
+@given(FINDINGS)
+def test_a_group_tells_how_many_the_first_and_the_largest(findings: list[Finding]) -> None:
+    for group in grouped(findings):
+        sizes = [one.cause.size or 0.0 for one in group.findings if one.cause]
+        assert group.worst.cause is not None
+        assert (group.worst.cause.size or 0.0) == max(sizes)
+        if len(group.findings) > 1:
+            first = min(one.start_s for one in group.findings)
+            assert str(group).startswith(f"{len(group.findings)} × ")
+            assert f"first at {first:.1f} s, worst at {group.worst.start_s:.1f} s" in str(group)
+        else:
+            assert str(group) == group.findings[0].evidence
+
+
+@given(FINDINGS, st.permutations(range(5)))
+def test_the_order_in_which_they_come_does_not_matter(findings: list[Finding], order: list[int]) -> None:
+    some = [replace(one, start_s=float(i)) for i, one in enumerate(findings[:5])]
+    assert grouped([some[i] for i in order if i < len(some)]) == grouped(some)
+
+
+def test_steps_of_the_heading_in_degrees() -> None:
+    steps = [finding("heading_jump", "info", 10.0 * i, 0.01 * i) for i in range(1, 34)]
+    (group,) = grouped(steps)
+    assert str(group) == "33 × heading jump of up to 18.9°, first at 10.0 s, worst at 330.0 s"
