@@ -81,8 +81,9 @@ def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, 
         out.append(ConstantError(best.imu.instance, best.imu.source, sensor, value, sigma))
         for one in differences(flight, best.imu):
             if (one.instance, sensor) not in changed:
-                off = value + np.median(one.value[sensor], axis=0)  # that of the difference is known far better
-                out.append(ConstantError(one.instance, one.source, sensor, off, sigma))
+                off = value + np.median(one.value[sensor], axis=0)
+                of_both = np.hypot(sigma, one.aliased[sensor])
+                out.append(ConstantError(one.instance, one.source, sensor, off, of_both))
     return tuple(out)
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from companion.estimation.noise_density import ALIASED
 from companion.estimation.shapes import at_work
 from companion.model import Array, Flight, ImuTrack, interpolated
 
@@ -56,6 +57,7 @@ class Differences:
     width: float  # s
     value: Mapping[str, Array]  # (B, 3)
     felt: Mapping[str, Array]  # (B, 3) what the slower of the two reads
+    aliased: Mapping[str, Array]  # (3,) 1σ of what vibration that its samples fold down may read like all the time
     weight: Mapping[str, Array]  # (3, B, B) of each axis: inverse covariance, the constant and what is accepted free
 
     def told(self, sensor: str, what: str, shape: str, onset: Array, end: Array) -> tuple[Array, Array]:
@@ -157,14 +159,15 @@ def _difference(
     if whole.sum() < _FEWEST_BLOCKS:
         return None
     spans = list(zip(begin[whole].tolist(), (begin + count)[whole].tolist(), strict=True))
-    value, felt, weight, middle = {}, {}, {}, (names[whole] + 0.5) * width
+    value, felt, aliased, weight, middle = {}, {}, {}, {}, (names[whole] + 0.5) * width
     for sensor in ("gyro", "accel"):
         read = getattr(slow, sensor)[inside]
         off = sign * (read - interpolated(t, fast.t, getattr(fast, sensor)))
         value[sensor] = np.array([_mean(off[first:last]) for first, last in spans])
         felt[sensor] = np.array([read[first:last].mean(axis=0) for first, last in spans])
+        aliased[sensor] = ALIASED * np.median([off[first:last].std(axis=0) for first, last in spans], axis=0)
         weight[sensor] = _weight(sensor, middle, value[sensor])
-    return Differences(other.instance, other.source, middle, width, value, felt, weight)
+    return Differences(other.instance, other.source, middle, width, value, felt, aliased, weight)
 
 
 def _mean(values: Array) -> Array:

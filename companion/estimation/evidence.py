@@ -29,6 +29,7 @@ _NUISANCES_PER_H = 10.0  # of each hypothesis: what parts in order show, every f
 _BEATS_S = 5.0  # for which a vibration that is folded down may stay: its mean falls with the time beyond
 NUISANCE = 0.2  # 1σ of their sizes, of what is called harmful: at that size both are equally likely
 _SECONDS_PER_H = 3600.0
+_IMPOSSIBLE = -1e6  # log evidence
 _CANDIDATE, _DISTURBS = -3.0, 7.0  # log odds of a fault, and of a nuisance
 
 
@@ -127,10 +128,12 @@ def trial(
     v = 0.5 * (v + v.swapaxes(-1, -2))
     large, size, covariance, axis = _of_scale(b, v, kind.prior / reached)
     if kind.nuisance:
-        small, large = large, np.full(len(b), -np.inf)
+        small, large = large, np.full(len(b), _IMPOSSIBLE)
     else:
         beat = aliased * np.minimum(_BEATS_S / np.maximum(np.minimum(end, flight[1]) - onset, 1e-3), 1.0)
         small, *_ = _of_scale(b, v, np.maximum(NUISANCE * harmful(kind, shape, imu), beat) / reached)
+    possible = np.abs(size).max(axis=1) * reached <= kind.most
+    small, large = (np.where(possible, one, _IMPOSSIBLE) for one in (small, large))
     return Trial(kind, shape, onset, end, weight, np.stack([small, large], axis=1), size, covariance, axis, flight, imu)
 
 

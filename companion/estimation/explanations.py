@@ -21,6 +21,7 @@ from companion.strapdown import quaternion, skew
 
 _RECOVERS = 1e-3  # of the IMU's faults, those that end in flight
 _SENSOR = {GYRO_BIAS.start: "gyro", ACCEL_BIAS.start: "accel"}
+_MOST_SCALE = 0.6  # a range that is set wrong by a factor of two is off by half
 _OFTEN = 8  # measurements, less than which show no change
 _DEGREES = float(np.degrees(1.0))
 _GPS = ("gps_position", "gps_height", "gps_velocity", "gps_climb")
@@ -84,6 +85,7 @@ class Kind:
     apart: float = 0.0  # of an IMU: what two of a vehicle part by in flight at least, if one of them is wrong
     serious: float = 0.0  # of an IMU: three times what real parts change in flight; infinite for what is never a fault
     rate: float = 0.1  # faults an hour
+    most: float = np.inf  # a size beyond it no such fault has: readings that far off are none, or something else is
     summed: tuple[str, ...] = ()  # witnesses that read the integral of what the others read
     retimes: tuple[str, ...] = ()  # witnesses whose readings speak of another time: linear in nothing but small sizes
 
@@ -238,11 +240,11 @@ KINDS: tuple[Kind, ...] = (
     Kind("gyro_scale", "the gyro's scale changes",
          by_axes("gyro", "% of what it turns", 100.0, 1),
          "A gyro of wrong scale: check its range setting and its calibration.",
-         "imu", "", ("step", "pulse"), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position", rate=3e-4),
+         "imu", "", ("step", "pulse"), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position", rate=3e-4, most=_MOST_SCALE),
     Kind("accel_scale", "the accelerometer's scale changes",
          by_axes("accelerometer", "% of what it feels", 100.0, 1),
          "Calibrate the accelerometer in six positions.",
-         "imu", "", ("step", "pulse"), 0.1, 0.02, _scale(ACCEL_BIAS), "gps_position", rate=3e-4),
+         "imu", "", ("step", "pulse"), 0.1, 0.02, _scale(ACCEL_BIAS), "gps_position", rate=3e-4, most=_MOST_SCALE),
     Kind("gyro_shock", "the gyro misses a turn, all at once",
          by_number("the gyro misses a turn of {:.0f} ± {:.0f}°", _DEGREES),
          _LOOK_AT_THE_MOUNTING,

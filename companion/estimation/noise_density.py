@@ -258,7 +258,7 @@ def _quiet_share(freedom: float) -> float:
     return float((1.0 - narrow + _NORMAL.inv_cdf(_QUIET) * np.sqrt(narrow)) ** 3)
 
 
-_ALIASED = 0.25  # 1σ of a slow error, as part of the scatter of readings that are sampled too slowly for it
+ALIASED = 0.25  # 1σ of a slow error, as part of the scatter of readings that are sampled too slowly for it
 _WHOLE, _TURNS = 0.7, 0.2  # part of the sampling interval; rad/s, below which a scale hardly shows
 _SAMPLED_SLOWLY = 0.4  # corner of the low-pass, as part of the sampling rate
 
@@ -275,7 +275,7 @@ def aliasing(track: ImuTrack) -> dict[str, float]:
         return {}
     out = {}
     for sensor, readings, least in (("gyro", track.gyro, _TURNS), ("accel", track.accel, 0.0)):
-        scatter = _ALIASED * float(np.linalg.norm(between_samples(readings)))
+        scatter = ALIASED * float(np.linalg.norm(between_samples(readings)))
         out[f"{sensor}_bias"] = scatter
         out[f"{sensor}_scale"] = scatter / max(float(np.sqrt((readings**2).sum(axis=1).mean())), least, 1e-9)
     return out
