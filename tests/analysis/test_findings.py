@@ -566,6 +566,39 @@ def test_an_axis_that_misses_what_all_other_sensors_saw_is_stuck(begin: float) -
     assert (said.start_s, said.end_s) == pytest.approx((begin, begin + 16.0), abs=2.5)
 
 
+def test_a_healthy_gyro_is_not_stuck_where_iron_turns_the_compass() -> None:
+    """The gyro rightly reads 0 for 3 s, in which the field turns about the same axis by 20° and back."""
+    flight = in_milliradians()
+    compass = flight.compasses[0]
+    along = np.clip((compass.t - 16.8) / 2.5, 0.0, 1.0)
+    by_iron = np.radians(20.0) * np.sin(np.pi * along)[:, None] * [0.0, 0.0, 1.0]
+    iron = replace(compass, field=quaternion.rotate(quaternion.exp(by_iron), compass.field))
+    found = assess(replace(flight, compasses=(iron,)), GENERIC)
+    assert found.verdict.status != "imu_suspect"
+    assert "stuck_axis" not in kinds(found)
+
+
+@pytest.mark.parametrize("aiding", ["compasses", "gps"])
+def test_one_aiding_sensor_alone_calls_no_gyro_stuck(aiding: str) -> None:
+    """What the gyro missed is true here, but the one sensor that says so may be wrong itself."""
+    flight = in_milliradians()
+    held, during = flight.imu().gyro.copy(), (flight.imu().t >= 22.0) & (flight.imu().t < 38.0)
+    held[during, 1] = held[np.argmax(during), 1]
+    assert "stuck_axis" not in kinds(assess(replace(with_imu(flight, gyro=held), **{aiding: ()}), GENERIC))
+
+
+@pytest.mark.parametrize("stands", [True, False])
+def test_the_gyro_of_another_imu_tells_whether_one_missed_a_turn(stands: bool) -> None:
+    flight = in_milliradians()
+    imu = flight.imu()
+    held, during = imu.gyro.copy(), (imu.t >= 22.0) & (imu.t < 38.0)
+    held[during, 1] = held[np.argmax(during), 1]
+    other = replace(imu, source="SCALED_IMU2", instance=1, gyro=held if stands else imu.gyro)
+    spoilt = with_imu(flight, gyro=held)
+    found = assess(replace(spoilt, imus={**spoilt.imus, other.source: other}), GENERIC, imu=imu.source)
+    assert ("stuck_axis" in kinds(found)) is not stands
+
+
 @pytest.mark.parametrize("wobbles", [True, False])
 def test_an_axis_that_another_imu_says_is_never_so_still_is_stuck(wobbles: bool) -> None:
     """A hover that turns by a few steps, or not at all: then both IMUs read the same throughout."""
