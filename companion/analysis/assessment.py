@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from companion.analysis.autopilot_error import AutopilotBias, autopilot_bias
-from companion.analysis.best import best_estimate
 from companion.analysis.budget import Expected, chi_square_95, chi_square_999, expected_over
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
@@ -17,7 +16,9 @@ from companion.analysis.constant_faults import constant_errors
 from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.departures import Sensitivity, sensitivity
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
-from companion.analysis.findings import findings, reading_faults, when_lost
+from companion.analysis.finding import Finding
+from companion.analysis.findings import findings, missed_findings, reading_faults, when_lost
+from companion.analysis.findings.axes import misread_finding
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.lasting_errors import beside_best, known_from, level_force
@@ -31,10 +32,12 @@ from companion.estimation import (
     ConstantErrors,
     Explained,
     kind_of,
+    other_reading,
     restored,
+    smooth,
     without_errors,
 )
-from companion.model import Array, Flight, ImuTrack, Phase, brief
+from companion.model import Array, Flight, ImuTrack, NoEstimateError, Phase, brief
 
 _WARMS = (1.5e-3, 0.03)  # rad/s, m/s², within four minutes of flight
 _SHARED = float(np.sqrt(chi_square_999(3) / chi_square_95(3)))  # what all windows share is allowed for so much more
@@ -186,7 +189,7 @@ def assess(
     enough = len(_while_judged(judged, track.t, parts).start) >= FEWEST_WINDOWS
     differ = enough and allowed is not None and not Agreement(JUDGED_S, 0, {}, allowed.inside).is_consistent
     comparison = comparison.forgotten()  # while the best estimate needs the room
-    made, told_by_it = best_estimate(own, comparison, faults, lost, before, differ=differ)
+    made, told_by_it = _best(own, comparison, faults, lost, before, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
     faults += told_by_it
     unread = best is None or any(f.severity == "error" for f in faults)  # readings that are none are off by nothing
@@ -233,6 +236,45 @@ def _made_worse(before: Drift | None, after: Drift | None, autopilot: ReferenceS
         (before.rows[0].position_m, after.rows[0].position_m, autopilot.position * ends),
     )
     return any(b is not None and a is not None and a.median > max(2 * b.median, least) for b, a, least in pairs)
+
+
+_UNTRUSTED = ("frozen", "stuck_axis", "gyro_clipping", "accel_clipping")
+
+
+def _best(
+    flight: Flight,
+    comparison: Comparison,
+    faults: Sequence[Finding],
+    lost: Phase | None,
+    before: BestEstimate | None,
+    *,
+    differ: bool,
+) -> tuple[BestEstimate | NoEstimateError, list[Finding]]:
+    """The best estimate, with the IMU's readings left out where they are none; or why there is none.
+
+    And what it says of the readings: an axis that is stuck, or another way to read the axes that fits far better. The
+    latter where IMU and autopilot differ, which take turns and forces for the same with the right axes alone, and where
+    GPS tells of these: a compass and gravity by themselves fit many ways.
+    lost: from when on nothing is. differ: whether windows that are enough to be judged do.
+    """
+    imu, gravity = comparison.track.source, comparison.how.gravity
+    if any(f.kind == "units_wrong" for f in faults):
+        return NoEstimateError(imu, "its readings are of other units", "Try another IMU: --imu."), []
+    untrusted = [(f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED]
+    span = None if lost is None else (-np.inf, lost.start)
+    try:
+        best = smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted, before=before)
+    except NoEstimateError as why:
+        return why, []
+    again = partial(smooth, imu=imu, gravity=gravity, span=span, untrusted=untrusted)
+    stuck = [f for f in missed_findings(comparison, best, flight, again) if f not in faults]
+    if stuck:
+        best_without, told = _best(flight, comparison, [*faults, *stuck], lost, before, differ=differ)
+        return best_without, [*stuck, *told]
+    if not differ or "gps_position" not in best.residuals or any(f.kind == "axes_wrong" for f in faults):
+        return best, []
+    other = other_reading(flight, best, gravity=gravity, span=span, untrusted=untrusted)
+    return best, [] if other is None else [misread_finding(flight.imu(imu), other, best)]
 
 
 def _agreement(

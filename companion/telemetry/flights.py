@@ -35,6 +35,7 @@ from companion.telemetry.lazy import LazyTuple
 from companion.telemetry.parameters import declination, known_ranges, of_instance, setting_names, with_facts
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
 from companion.telemetry.split import Boot, Bystander, Sender, boots, describe, senders
+from companion.telemetry.validity import valid_position
 
 _TIMED = SENSOR_MESSAGES | {
     *IMU_MESSAGES, *TRUTH_MESSAGES, *CONTROL_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED",
@@ -134,6 +135,7 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
     attitude, told = _attitude(boot, seconds)
     position, odd = _position(boot, seconds)
     notes += [*told, *odd]
+    position = valid_position(position, flight.series.get("estimator"), notes)
     used = flight.imu_in_use
     biases: Sequence[BiasTrack] = ()
     if _is_ardupilot(flight.vehicle):

@@ -18,6 +18,7 @@ from companion.analysis.finding import Finding, by_severity
 from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.installation import Installation, installation, level
 from companion.analysis.findings.jumps import jump_findings
+from companion.analysis.findings.outages import outage_findings
 from companion.analysis.findings.readings import reading_findings
 from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import lags, rate_findings, stamp_findings
@@ -63,6 +64,7 @@ def findings(
     jumps = [
         f if f.start_s < landed - _TOLD_S else replace(f, severity="info") for f in jump_findings(comparison, flight)
     ]
+    all_findings += outage_findings(flight, comparison)
     all_findings += noise_findings(comparison, noise, figures, allowed)
     all_findings += vibration_findings(comparison, flight)
     raw = residuals(comparison)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from companion.analysis.finding import Finding, run_edges
 from companion.analysis.findings.stuck import SOME, STUCK_RATE_HZ, STUCK_S, Sensor, stuck_finding
 from companion.analysis.reference import length
 from companion.estimation import BestEstimate, Explained, motion_between
-from companion.model import ImuTrack
+from companion.model import Flight, ImuTrack, NoEstimateError
 
 _AIDING = ("compass", "gps")  # that tell a turn, each with gravity
 _HALF = 0.5  # of what an axis missed, that another IMU has to have felt
@@ -33,17 +33,17 @@ class _Missed:
 def missed_findings(
     comparison: Comparison,
     best: BestEstimate,
-    others: Sequence[ImuTrack],
-    without: Callable[[str], BestEstimate | None],
+    flight: Flight,
+    smooth: Callable[[Flight], BestEstimate],
 ) -> Iterator[Finding]:
     """One axis that reads the same for a second or more, in which all other sensors say that it moved along that axis.
 
     Of a gyro two have to say so, each without the other: a compass is turned by iron and by the motors' current, and a
-    healthy gyro then rightly reads zero. The gyros of the other IMUs decide where there are any. Else the gyro is
-    to blame without the compass, and without GPS: each of them once with gravity alone.
-    others: the IMUs beside the one that was judged. without: the estimate without an aiding sensor that it has, "compass"
-    or "gps"; None where it has no such sensor, or none is left without it.
+    healthy gyro then rightly reads zero. The gyros of the other IMUs decide where there are any. Else the gyro is to
+    blame without the compass, and without GPS: each of them once with gravity alone.
+    smooth: the estimate of other sensors with the same IMU.
     """
+    others = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
     apart: list[BestEstimate | None] = []
     for one in _missed(comparison, best):
         if one.sensor.name == "gyro":
@@ -51,10 +51,22 @@ def missed_findings(
             if meanwhile and not any(_turned_too(o, one, best) for o in meanwhile):
                 continue
             if not meanwhile:
-                apart = apart or [without(aiding) for aiding in _AIDING]
+                apart = apart or [_without(aiding, best, flight, smooth) for aiding in _AIDING]
                 if not all(other is not None and _blames(other, one) for other in apart):
                     continue
         yield stuck_finding(one.sensor, (one.axis,), one.first, one.last)
+
+
+def _without(
+    aiding: str, best: BestEstimate, flight: Flight, smooth: Callable[[Flight], BestEstimate]
+) -> BestEstimate | None:
+    """The estimate without an aiding sensor; None where it had no such sensor, or where none is left without it."""
+    if not any(name.startswith(aiding) for name in best.residuals):
+        return None
+    try:
+        return smooth(replace(flight, compasses=()) if aiding == "compass" else replace(flight, gps=()))
+    except NoEstimateError:
+        return None
 
 
 def _blames(best: BestEstimate, missed: _Missed) -> bool:
