@@ -719,3 +719,20 @@ def test_a_turn_that_changes_every_reading_is_no_noise() -> None:
     assert not goes_to_and_fro(np.diff(swing), 100.0)
     assert goes_to_and_fro(np.diff(np.trunc(noise)), 100.0)
     assert goes_to_and_fro(np.diff(np.trunc(200.0 * np.sin(t) + noise)), 100.0)
+
+
+@pytest.mark.parametrize("dead", [True, False])
+def test_a_gyro_that_is_dead_on_an_imu_that_was_not_judged_is_named(*, dead: bool) -> None:
+    """A simulator without noise, whose accelerometer mostly reads the same whole steps: the other gyro tells."""
+    flight = flown(lively(60.0))
+    imu = flight.imu()
+    gyro, accel = np.round(imu.gyro, 3), imu.accel * [0.0, 0.0, 1.0]
+    stopped = np.where((imu.t > 30.0)[:, None] & dead, gyro[np.argmax(imu.t > 30.0)], gyro)
+    first = replace(imu, source="RAW_IMU", gyro=stopped, gyro_step=1e-3, accel=accel)
+    second = replace(imu, source="HIGHRES_IMU", instance=1, gyro_step=0.0, accel_step=0.0)
+    found = assess(replace(flight, imus={"HIGHRES_IMU": second, "RAW_IMU": first}), GENERIC, imu="HIGHRES_IMU")
+    said = [f for f in found.verdict.findings if f.kind == "stuck_axis"]
+    assert [f.evidence.startswith("RAW_IMU: gyro reads") for f in said] == [True] * dead
+    assert all(f.start_s == pytest.approx(30.0, abs=0.1) for f in said)
+    assert found.best is not None
+    assert not any("gaps in HIGHRES_IMU" in note for note in found.best.notes)

@@ -10,7 +10,7 @@ import numpy as np
 from companion.analysis.attribution import findings_of
 from companion.analysis.autopilot_error import known_biases
 from companion.analysis.budget import Expected
-from companion.analysis.comparison import Comparison
+from companion.analysis.comparison import Comparison, compare
 from companion.analysis.constant_faults import ConstantError, constant_findings
 from companion.analysis.departures import departures
 from companion.analysis.episode import SIGMAS, episodes
@@ -38,6 +38,32 @@ def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec, aut
     faults += stuck_findings(comparison, autopilot, others)
     faults += meaning_findings(comparison)
     return faults
+
+
+def _of_other_imus(
+    flight: Flight, comparison: Comparison, autopilot: ReferenceSpec, faults: Sequence[Finding]
+) -> Iterator[Finding]:
+    """Axes that are stuck on the IMUs that were not judged: each sensor's once, whichever message tells of it.
+
+    ArduPilot's HIGHRES_IMU has the first usable gyro: the one that is dead is in RAW_IMU alone.
+    """
+    parts = phases(flight)
+    aligned = max((part.end for part in parts if part.kind == "aligning"), default=-np.inf)
+    lost = min((part.start for part in parts if part.kind == "impact"), default=np.inf)
+    told = {(comparison.track.instance, _sensor(f)) for f in faults if f.kind in ("stuck_axis", "frozen")}
+    for track in flight.imus.values():
+        if track.source == comparison.track.source or len(track) < 2:
+            continue
+        others = [other for other in flight.imus.values() if other.instance != track.instance]
+        found = stuck_findings(compare(flight, track=track, how=comparison.how), autopilot, others)
+        mine = [f for f in found if f.end_s > aligned and f.start_s < lost]
+        mine = [f for f in mine if (track.instance, _sensor(f)) not in told]
+        told |= {(track.instance, _sensor(f)) for f in mine}
+        yield from (replace(f, evidence=f"{track.source}: {f.evidence}") for f in mine)
+
+
+def _sensor(finding: Finding) -> str:
+    return "" if finding.cause is None else finding.cause.sensor
 
 
 def findings(
@@ -88,8 +114,9 @@ def findings(
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
         jumps = [_confirmed(f, all_findings, best) for f in jumps]
     all_findings += jumps
+    others = list(_of_other_imus(flight, comparison, autopilot, faults))
     all_findings = [with_witnesses(f, flight) for f in all_findings if not _follows(f, all_findings)]
-    return by_severity(all_findings), clean
+    return by_severity([*all_findings, *others]), clean
 
 
 def when_lost(told: Sequence[Finding], lost: Phase, later: Sequence[Finding]) -> tuple[Finding, ...]:

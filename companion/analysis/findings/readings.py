@@ -102,8 +102,8 @@ def _flat_tops(readings: Array, name: str, step: float, rate_hz: float) -> BoolA
     as long as the top: a round one, a parabola, falls by three times what it is flat to there, which is less than half
     of an edge.
 
-    Nor, below what is strong, one that chance makes: of N readings, n neighbours in a row are alike N pⁿ times, where a share p of them is
-    among the thousand that read the most outside of such tops (Laplace's rule of succession).
+    Nor, below what is strong, one that chance makes: of N readings, n neighbours in a row are alike N pⁿ times, where a
+    share p of them is among the thousand that read the most outside of such tops (Laplace's rule of succession).
     """
     flat = np.zeros(len(readings), np.bool_)
     for column in readings.T:

@@ -32,6 +32,7 @@ _TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a ste
 STUCK_RATE_HZ = 20.0
 SOME, _FEW = 10.0, 8.0  # steps
 _FEWEST_FELT = 2  # samples of another IMU
+_FEWEST_SECONDS_MOVED = 3
 _MORE = 1.01  # for sums of floats are no whole steps
 _CHANCE = 1e-3  # of a stretch like it anywhere in a healthy flight
 _LAST_DIGIT, _FLICKER = 2.0**-22, 2.0**-20  # of a float of 32 bits: its last digit, and its last two bits more
@@ -154,6 +155,10 @@ def _stopped(
             yield stretch.start, stretch.stop - 1
             continue
         if still.max() > _BESIDE:
+            goes_on = axes.beside_same[stretch].all(axis=1).mean() <= _BESIDE  # as a whole, whatever its axes do
+            whole = len(axes.axes) == 3 and lasted[i] > STUCK_S
+            if whole and goes_on and any(_moves_in_seconds(axes, other, stretch) for other in others):
+                yield stretch.start, stretch.stop - 1
             continue
         changes = slice(stretch.start, stretch.stop - 1)
         if _goes_somewhere(sensor.readings[stretch, axes.axes]):
@@ -238,6 +243,21 @@ def _should_have_moved(
     should = _should_read(comparison, name, stretch)
     least = max((MANY if name == "accel" else SOME) * step, 2 * noise)
     return enough([swing(should[:, i]) >= least for i in axes.axes])
+
+
+def _moves_in_seconds(axes: _Axes, other: ImuTrack, stretch: slice) -> bool:
+    """Whether another IMU's sensor of the kind moves along two axes by ten steps within one second, in several.
+
+    A bias that warms up takes longer.
+    """
+    t = axes.sensor.t[stretch]
+    during = (other.t >= t[0]) & (other.t <= t[-1])
+    if other.rate_hz < STUCK_RATE_HZ or not during.any():
+        return False
+    readings, step = _read(other, axes.sensor.name)
+    least = SOME * max(step, axes.sensor.step)
+    spread = np.array([_spread_by_second(other.t[during], readings[during, axis])[1] for axis in axes.axes])
+    return least > 0.0 and int(((spread >= least).sum(axis=0) >= 2).sum()) >= _FEWEST_SECONDS_MOVED
 
 
 @dataclass(frozen=True, slots=True, eq=False)
