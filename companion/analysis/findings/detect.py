@@ -18,6 +18,7 @@ from companion.analysis.finding import Finding, by_severity
 from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.installation import Installation, installation, level
 from companion.analysis.findings.jumps import jump_findings
+from companion.analysis.findings.noisier import noisier_findings
 from companion.analysis.findings.outages import outage_findings
 from companion.analysis.findings.readings import reading_findings
 from companion.analysis.findings.residuals import residuals
@@ -92,6 +93,8 @@ def findings(
     ]
     all_findings += outage_findings(flight, comparison)
     all_findings += noise_findings(comparison, noise, figures, allowed)
+    apart = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
+    all_findings += noisier_findings(comparison.track, apart)
     all_findings += vibration_findings(comparison, flight)
     raw = residuals(comparison)
     fitted = installation(comparison, raw, figures, autopilot, np.inf)
