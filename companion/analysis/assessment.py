@@ -17,7 +17,7 @@ from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.departures import Sensitivity, sensitivity
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.finding import Finding
-from companion.analysis.findings import findings, missed_findings, reading_faults, when_lost
+from companion.analysis.findings import findings, frozen_aiding, missed_findings, reading_faults, when_lost
 from companion.analysis.findings.axes import misread_finding
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
@@ -185,13 +185,14 @@ def assess(
     aligned = max((part.end for part in parts if part.kind == "aligning"), default=-np.inf)
     later = [f for f in faults if lost is not None and f.start_s >= lost.start]
     faults = [f for f in faults if f.end_s > aligned and f not in later]
-    own = replace(flight, imus={**flight.imus, track.source: track})
+    seen, frozen = frozen_aiding(flight, track)
+    own = replace(seen, imus={**seen.imus, track.source: track})
     enough = len(_while_judged(judged, track.t, parts).start) >= FEWEST_WINDOWS
     differ = enough and allowed is not None and not Agreement(JUDGED_S, 0, {}, allowed.inside).is_consistent
     comparison = comparison.forgotten()  # while the best estimate needs the room
     made, told_by_it = _best(own, comparison, faults, lost, before, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
-    faults += told_by_it
+    faults += [*told_by_it, *frozen]
     unread = best is None or any(f.severity == "error" for f in faults)  # readings that are none are off by nothing
     constants = () if unread or best is None else constant_errors(best, flight)
     all_findings, clean = findings(flight, comparison, allowed, figures, noise, autopilot, faults, best, constants)

@@ -15,6 +15,7 @@ from companion.analysis.constant_faults import ConstantError, constant_findings
 from companion.analysis.departures import departures
 from companion.analysis.episode import SIGMAS, episodes
 from companion.analysis.finding import Finding, by_severity
+from companion.analysis.findings.aiding import misled_by_frozen
 from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.installation import Installation, installation, level
 from companion.analysis.findings.jumps import jump_findings
@@ -119,7 +120,7 @@ def findings(
     all_findings += jumps
     others = list(_of_other_imus(flight, comparison, autopilot, faults))
     all_findings = [with_witnesses(f, flight) for f in all_findings if not _follows(f, all_findings)]
-    return by_severity([*all_findings, *others]), clean
+    return by_severity([*misled_by_frozen(all_findings), *others]), clean
 
 
 def when_lost(told: Sequence[Finding], lost: Phase, later: Sequence[Finding]) -> tuple[Finding, ...]:
