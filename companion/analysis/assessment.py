@@ -185,8 +185,7 @@ def assess(
     aligned = max((part.end for part in parts if part.kind == "aligning"), default=-np.inf)
     later = [f for f in faults if lost is not None and f.start_s >= lost.start]
     faults = [f for f in faults if f.end_s > aligned and f not in later]
-    seen, frozen = frozen_aiding(flight, track)
-    own = replace(seen, imus={**seen.imus, track.source: track})
+    own, frozen = frozen_aiding(replace(flight, imus={**flight.imus, track.source: track}), track)
     enough = len(_while_judged(judged, track.t, parts).start) >= FEWEST_WINDOWS
     differ = enough and allowed is not None and not Agreement(JUDGED_S, 0, {}, allowed.inside).is_consistent
     comparison = comparison.forgotten()  # while the best estimate needs the room

@@ -36,6 +36,7 @@ KINDS: Mapping[str, str] = {
     "compass_frozen": "the compass reads the same again and again in flight",
     "barometer_frozen": "the barometer reads the same again and again in flight",
     "gps_frozen": "the GPS repeats its last fix in flight",
+    "gps_interference": "the GPS says itself that it is jammed or spoofed in flight",
     "gyro_clipping": "the gyro is at the end of its range",
     "accel_clipping": "the accelerometer is at the end of its range",
     "units_wrong": "the IMU's readings are of other units than they are taken for",

@@ -239,9 +239,19 @@ def _doubts(flight: Flight, imus: Mapping[str, ImuTrack]) -> list[str]:
     px4 = flight.vehicle.autopilot == "PX4"
     if px4 and imus.keys() == {"HIGHRES_IMU"}:
         return ["HIGHRES_IMU is all there is: PX4 has subtracted its EKF's biases, so it is no independent witness"]
-    if imus and _is_ardupilot(flight.vehicle) and "AHRS_TRIM_X" not in flight.parameters:
-        return ["AHRS_TRIM is not in the log: if the board is trimmed, the accelerometer looks tilted by it"]
-    return []
+    if not _is_ardupilot(flight.vehicle):
+        return []
+    doubts = []
+    if imus and "AHRS_TRIM_X" not in flight.parameters:
+        doubts.append("AHRS_TRIM is not in the log: if the board is trimmed, the accelerometer looks tilted by it")
+    estimator = _NOT_EKF.get(flight.parameters.get("AHRS_EKF_TYPE", np.nan))
+    if estimator is not None:
+        doubts.append(f"AHRS_EKF_TYPE: attitude and position are those of {estimator}, and not of an EKF")
+    return doubts
+
+
+_NOT_EKF: Mapping[float, str] = {0.0: "DCM", 10.0: "the simulator, its truth", 11.0: "an external AHRS"}
+"""AHRS_EKF_TYPE → whose the attitude is (ArduPilot `AP_AHRS/AP_AHRS.h`, EKFType)."""
 
 
 def _is_ardupilot(vehicle: Vehicle) -> bool:

@@ -10,8 +10,8 @@ import pytest
 import companion as c
 from companion.analysis import GENERIC, assess
 from companion.analysis.comparison import compare
-from companion.analysis.findings.outages import outage_findings
-from companion.model import Flight
+from companion.analysis.findings.outages import interference_findings, outage_findings
+from companion.model import Flight, Series
 from tests.flights import CIRCLE, flown
 from tests.recordings import recording
 
@@ -64,6 +64,21 @@ def test_what_never_was_there_is_not_lost() -> None:
     flight = flown(CIRCLE)
     assert lines(replace(flight, position=None)) == []
     assert lines(replace(flight, gps=())) == []
+
+
+@pytest.mark.parametrize(
+    ("state", "indicator", "spoofing", "said"),
+    [(1, 200, 1, []), (2, 0, 0, ["jammed"]), (0, 90, 0, ["jammed"]), (0, 52, 1, []), (1, 0, 3, ["spoofed"])],
+)
+def test_a_receiver_that_says_that_it_is_disturbed(state: int, indicator: int, spoofing: int, said: list[str]) -> None:
+    flight = flown(CIRCLE)
+    t = np.arange(BEGIN, END, 0.2)
+    values = np.where(((t > 30.0) & (t < 40.0))[:, None], [float(state), float(indicator), float(spoofing)], 0.0)
+    columns = ("jamming_state", "jamming_indicator", "spoofing_state")
+    told = replace(flight, series={"interference": Series(t, values, columns, "sensor_gps")})
+    found = list(interference_findings(told))
+    assert [f.evidence.partition("it is ")[2].partition(",")[0] for f in found] == said
+    assert all((f.start_s, f.end_s) == pytest.approx((30.0, 40.0), abs=0.3) for f in found)
 
 
 @pytest.mark.slow

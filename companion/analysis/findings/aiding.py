@@ -61,8 +61,11 @@ def frozen_aiding(flight: Flight, imu: ImuTrack) -> tuple[Flight, list[Finding]]
         return track if kept.all() else _rows(track, kept)
 
     left_out = [one for one in _constant(flight) if not any(one.source == c.source for c in flight.compasses)]
-    for one in left_out:
-        without(one, _compass(one))
+    found += [
+        _finding(_compass(one), float(one.t[0]), float(one.t[-1]))
+        for one in left_out
+        if any(_frozen(_compass(one), aloft, flight, imu, one))
+    ]
     tracks = {
         "compasses": tuple(without(one, _compass(one)) for one in flight.compasses),
         "barometers": tuple(without(one, _barometer(one)) for one in flight.barometers),

@@ -20,7 +20,7 @@ from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.installation import Installation, installation, level
 from companion.analysis.findings.jumps import jump_findings
 from companion.analysis.findings.noisier import noisier_findings
-from companion.analysis.findings.outages import outage_findings
+from companion.analysis.findings.outages import interference_findings, outage_findings
 from companion.analysis.findings.readings import reading_findings
 from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import lags, rate_findings, stamp_findings
@@ -92,7 +92,7 @@ def findings(
     jumps = [
         f if f.start_s < landed - _TOLD_S else replace(f, severity="info") for f in jump_findings(comparison, flight)
     ]
-    all_findings += outage_findings(flight, comparison)
+    all_findings += [*outage_findings(flight, comparison), *interference_findings(flight)]
     all_findings += noise_findings(comparison, noise, figures, allowed)
     apart = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
     all_findings += noisier_findings(comparison.track, apart)
@@ -276,8 +276,11 @@ _RATIOS = {
 
 
 def with_witnesses(finding: Finding, flight: Flight) -> Finding:
-    """The finding about the autopilot with what the vehicle said at that time, and how its estimator saw itself."""
-    if finding.side != "autopilot":
+    """The finding with what the vehicle said at that time, and how its estimator saw itself.
+
+    That of the autopilot, and of a compass: ArduPilot says "ground mag anomaly" where one is turned or magnetised.
+    """
+    if finding.side != "autopilot" and not finding.kind.startswith("compass"):
         return finding
     begin, end = finding.start_s, min(finding.end_s, finding.start_s + _AFTER_S)
     said = [(t.t, t.text) for t in flight.texts if _speaks(t.text)]

@@ -10,12 +10,14 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding
 from companion.analysis.phases import phases
 from companion.analysis.reference import length
-from companion.model import Array, Flight
+from companion.model import Array, Flight, of_kind
 
 Span = tuple[float, float]  # s, boot clock
 
 _LONG_S = 5.0  # an accelerometer that is off by 0.1 m/s² has moved a dead-reckoned position by 1.25 m then
 _FIX_3D = 3
+_STATE = 2  # of jamming_state and spoofing_state: 0 unknown, 1 none, 2 mitigated or indicated, 3 detected or multiple
+_INDICATOR = 80.0  # of 255 (PX4 User Guide, Log Analysis using Flight Review: above it is too much interference)
 
 
 def outage_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding]:
@@ -42,6 +44,33 @@ def outage_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding]
             f"no GPS fix for {end - begin:.1f} s; the autopilot's position is dead-reckoned, or of other sensors",
             "Look at the receiver, its antenna and at interference. A dead-reckoned position drifts with t².",
         )
+
+
+def interference_findings(flight: Flight) -> Iterator[Finding]:
+    """A receiver that says itself, for more than 5 s of a flight, that it is jammed or spoofed.
+
+    By its state (PX4 `msg/SensorGps.msg`), or where that is not told by its indicator of continuous waves.
+    """
+    aloft = [part for part in phases(flight) if part.kind == "flight"]
+    for one in of_kind(flight.series, "interference"):
+        columns = {name: np.nan_to_num(one[name]) for name in one.columns}
+        nothing = np.zeros(len(one.t))
+        state = columns.get("jamming_state", nothing)
+        jammed = (state >= _STATE) | ((state == 0) & (columns.get("jamming_indicator", nothing) >= _INDICATOR))
+        for words, where in (("jammed", jammed), ("spoofed", columns.get("spoofing_state", nothing) >= _STATE)):
+            said = [t for t in one.t[where].tolist() if any(part.start <= t <= part.end for part in aloft)]
+            interval = float(np.median(np.diff(one.t))) if len(one.t) > 1 else 0.0
+            if len(said) * interval > _LONG_S:
+                yield Finding(
+                    "gps_interference",
+                    "data",
+                    "warning",
+                    said[0],
+                    said[-1],
+                    f"the GPS ({one.source}) says that it is {words}, for {len(said) * interval:.1f} s",
+                    "Look at what sends or switches near the antenna: a GPS that is disturbed misleads an estimator.",
+                )
+        break  # the selected receiver; its driver's topic says the same
 
 
 def _lost(flight: Flight, span: Span, without_fix: Span | None) -> Finding:
