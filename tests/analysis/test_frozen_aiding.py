@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,7 +43,8 @@ def barometer(flight: Flight) -> Flight:
 def gps(flight: Flight) -> Flight:
     one = flight.gps[0]
     names = ("latitude", "longitude", "height", "velocity")
-    return replace(flight, gps=(replace(one, **{name: held(one.t, getattr(one, name)) for name in names}),))
+    frozen: dict[str, Any] = {name: held(one.t, getattr(one, name)) for name in names}
+    return replace(flight, gps=(replace(one, **frozen),))
 
 
 def of_one_length(flight: Flight) -> Flight:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -51,27 +52,27 @@ def frozen_aiding(flight: Flight, imu: ImuTrack) -> tuple[Flight, list[Finding]]
     its kind were to be read: the gyro of a compass, GPS of a barometer, its own velocity of a GPS.
     """
     aloft = [(part.start, part.end) for part in phases(flight) if part.kind == "flight"]
-    found: list[Finding] = []
+    faults: list[Finding] = []
 
     def without(track: _Track, sensor: _Sensor) -> _Track:
         kept = np.ones(len(track), np.bool_)
         for first, last in _frozen(sensor, aloft, flight, imu, track):
             kept[first + 1 : last + 1] = False
-            found.append(_finding(sensor, float(track.t[first]), float(track.t[last])))
+            faults.append(_finding(sensor, float(track.t[first]), float(track.t[last])))
         return track if kept.all() else _rows(track, kept)
 
     left_out = [one for one in _constant(flight) if not any(one.source == c.source for c in flight.compasses)]
-    found += [
+    faults += [
         _finding(_compass(one), float(one.t[0]), float(one.t[-1]))
         for one in left_out
         if any(_frozen(_compass(one), aloft, flight, imu, one))
     ]
-    tracks = {
+    tracks: dict[str, Any] = {
         "compasses": tuple(without(one, _compass(one)) for one in flight.compasses),
         "barometers": tuple(without(one, _barometer(one)) for one in flight.barometers),
         "gps": tuple(without(one, _gps(one)) for one in flight.gps),
     }
-    return (replace(flight, **tracks) if found else flight), found
+    return (replace(flight, **tracks) if faults else flight), faults
 
 
 def _constant(flight: Flight) -> Iterator[CompassTrack]:
@@ -88,7 +89,8 @@ def _constant(flight: Flight) -> Iterator[CompassTrack]:
 
 def _rows(track: _Track, kept: BoolArray) -> _Track:
     columns = {name: getattr(track, name) for name in track.__dataclass_fields__}
-    return replace(track, **{n: v[kept] for n, v in columns.items() if isinstance(v, np.ndarray)})
+    chosen: dict[str, Any] = {name: value[kept] for name, value in columns.items() if isinstance(value, np.ndarray)}
+    return replace(track, **chosen)
 
 
 def _compass(track: CompassTrack) -> _Sensor:

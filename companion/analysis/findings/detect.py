@@ -57,8 +57,8 @@ def _of_other_imus(
         if track.source == comparison.track.source or len(track) < 2:
             continue
         others = [other for other in flight.imus.values() if other.instance != track.instance]
-        found = stuck_findings(compare(flight, track=track, how=comparison.how), autopilot, others)
-        mine = [f for f in found if f.end_s > aligned and f.start_s < lost]
+        stuck = stuck_findings(compare(flight, track=track, how=comparison.how), autopilot, others)
+        mine = [f for f in stuck if f.end_s > aligned and f.start_s < lost]
         mine = [f for f in mine if (track.instance, _sensor(f)) not in told]
         told |= {(track.instance, _sensor(f)) for f in mine}
         yield from (replace(f, evidence=f"{track.source}: {f.evidence}") for f in mine)
