@@ -201,10 +201,8 @@ def assess(
     usual = figures if third is None else in_flight(figures, third)
     drift, comparison = drift_over(comparison, sets), comparison.forgotten()
     told = comparison.of(clean if third is None else restored(_unbiased(clean, third, flight), comparison.gaps))
-    agreements = {
-        horizon: _agreement(told, horizon, parts, usual, autopilot)
-        for horizon in dict.fromkeys((*AGREEING_S, *horizons))
-    }
+    lengths = dict.fromkeys((*AGREEING_S, *horizons))
+    agreements = {horizon: _agreement(told, horizon, parts, usual, autopilot) for horizon in lengths}
     return Assessment(
         comparison=comparison,
         sets=sets,
