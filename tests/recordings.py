@@ -34,6 +34,10 @@ def recording(name: str) -> Path:
     packed = _PACKED / f"{name.replace('/', '__')}.xz"
     if not packed.exists():
         return whole(name)
+    return _unpack(packed, name)
+
+
+def _unpack(packed: Path, name: str) -> Path:
     path = _unpacked() / name
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(lzma.decompress(packed.read_bytes()))
@@ -49,9 +53,12 @@ def whole(name: str) -> Path:
 def shared(name: str) -> Path:
     """A recording that is not part of the project. Without it the test is skipped."""
     path = SHARED / name
-    if not path.exists():
+    if path.exists():
+        return path
+    packed = SHARED / f"{name}.xz"
+    if not packed.exists():
         pytest.skip(_WITHOUT)
-    return path
+    return _unpack(packed, name)
 
 
 def all_shared() -> list[Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.departures import Sensitivity, sensitivity
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.finding import Finding
-from companion.analysis.findings import findings, missed_findings, reading_faults, when_lost
+from companion.analysis.findings import findings, frozen_aiding, missed_findings, reading_faults, when_lost
 from companion.analysis.findings.axes import misread_finding
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
@@ -186,12 +186,13 @@ def assess(
     allowed = expected_over(judged, chosen, figures, autopilot)
     faults = reading_faults(seen, judged, figures, autopilot)
     faults = [f for f in faults if all(f.end_s > part.end for part in parts if part.kind == "aligning")]
+    own, frozen = frozen_aiding(own, judged.track)
     enough = len(while_judged(chosen, judged.track.t, parts).start) >= FEWEST_WINDOWS
     differ = enough and allowed is not None and not Agreement(JUDGED_S, 0, {}, allowed.inside).is_consistent
     judged = judged.forgotten()  # while the best estimate needs the room
     made, told_by_it = _best(own, judged, faults, unjudged(parts), before, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
-    faults += told_by_it
+    faults += [*told_by_it, *frozen]
     constants = _read_wrongly(best, seen, faults)
     all_findings, clean = findings(flight, judged, allowed, figures, noise, autopilot, faults, best, constants)
     all_findings = when_lost(all_findings, flight, track, parts, figures)
@@ -278,17 +279,19 @@ def _best(
     if any(f.kind == "units_wrong" for f in faults):
         return NoEstimateError(imu, "its readings are of other units", "Try another IMU: --imu."), []
     untrusted = [*out, *((f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED)]
+    again = partial(smooth, imu=imu, gravity=gravity, untrusted=untrusted)
     try:
-        best = smooth(flight, imu, gravity=gravity, untrusted=untrusted, before=before)
+        best = again(flight, before=before)
     except NoEstimateError as why:
         if not out:
             return why, []
         try:  # the longest stretch in control: where nothing tells a heading, no other can be joined to it
             span = max(between(out, comparison.track.t), key=lambda one: one[1] - one[0])
-            best = smooth(flight, imu, gravity=gravity, span=span, untrusted=untrusted)
+            again = partial(again, span=span)
+            best = again(flight)
         except NoEstimateError:
             return why, []
-    stuck = [f for f in missed_findings(comparison, best) if f not in faults]
+    stuck = [f for f in missed_findings(comparison, best, flight, again) if f not in faults]
     if stuck:
         best_without, told = _best(flight, comparison, [*faults, *stuck], out, before, differ=differ)
         return best_without, [*stuck, *told]

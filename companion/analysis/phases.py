@@ -145,8 +145,9 @@ def _moving(flight: Flight, begin: float, end: float, *, by_position: bool) -> l
             moving, until = (t[(speed > _MOVING) | (np.abs(height - height[ground]) > _MOVING)] for ground in (0, -1))
             if not len(moving):
                 return []
-            if begin > flight.start:
-                return [float(moving[0]), float(moving[-1])]
+            lost = t[-1] < end - _ENDING_S and moving[-1] > t[-1] - _ENDING_S
+            if begin > flight.start or lost:
+                return [float(moving[0]), end if lost else float(moving[-1])]
             landed = height[-1] < 0.5 * (height.min() + height.max()) and np.ptp(height) > _MOVING
             return [float(moving[0]), float(until[-1] if landed and len(until) else t[-1])]
     t, rates = body_rates(flight)

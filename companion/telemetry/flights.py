@@ -35,6 +35,7 @@ from companion.telemetry.lazy import LazyTuple
 from companion.telemetry.parameters import declination, known_ranges, of_instance, setting_names, with_facts
 from companion.telemetry.sensors import SENSOR_MESSAGES, message_sensors
 from companion.telemetry.split import Boot, Bystander, Sender, boots, describe, senders
+from companion.telemetry.validity import valid_position
 
 _TIMED = SENSOR_MESSAGES | {
     *IMU_MESSAGES, *TRUTH_MESSAGES, *CONTROL_MESSAGES, "ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED",
@@ -134,6 +135,7 @@ def _with_tracks(begun: _Begun, dequantise: bool) -> Flight:
     attitude, told = _attitude(boot, seconds)
     position, odd = _position(boot, seconds)
     notes += [*told, *odd]
+    position = valid_position(position, flight.series.get("estimator"), notes)
     used = flight.imu_in_use
     biases: Sequence[BiasTrack] = ()
     if _is_ardupilot(flight.vehicle):
@@ -237,9 +239,19 @@ def _doubts(flight: Flight, imus: Mapping[str, ImuTrack]) -> list[str]:
     px4 = flight.vehicle.autopilot == "PX4"
     if px4 and imus.keys() == {"HIGHRES_IMU"}:
         return ["HIGHRES_IMU is all there is: PX4 has subtracted its EKF's biases, so it is no independent witness"]
-    if imus and _is_ardupilot(flight.vehicle) and "AHRS_TRIM_X" not in flight.parameters:
-        return ["AHRS_TRIM is not in the log: if the board is trimmed, the accelerometer looks tilted by it"]
-    return []
+    if not _is_ardupilot(flight.vehicle):
+        return []
+    doubts = []
+    if imus and "AHRS_TRIM_X" not in flight.parameters:
+        doubts.append("AHRS_TRIM is not in the log: if the board is trimmed, the accelerometer looks tilted by it")
+    estimator = _NOT_EKF.get(flight.parameters.get("AHRS_EKF_TYPE", np.nan))
+    if estimator is not None:
+        doubts.append(f"AHRS_EKF_TYPE: attitude and position are those of {estimator}, and not of an EKF")
+    return doubts
+
+
+_NOT_EKF: Mapping[float, str] = {0.0: "DCM", 10.0: "the simulator, its truth", 11.0: "an external AHRS"}
+"""AHRS_EKF_TYPE → whose the attitude is (ArduPilot `AP_AHRS/AP_AHRS.h`, EKFType)."""
 
 
 def _is_ardupilot(vehicle: Vehicle) -> bool:

@@ -30,6 +30,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
         "lat_rad", "lon_rad", "height_m", "speed_mps", "satellites", "fix_type", "hdop", "course_rad", "vn_mps",
         "ve_mps", "vd_mps", "horizontal_sigma_m", "vertical_sigma_m", "speed_sigma_mps",
     ),
+    "interference": ("jamming_state", "jamming_indicator", "spoofing_state"),
     "magnetometer": ("x_tesla", "y_tesla", "z_tesla"),
     "temperature": ("temperature_degc",),
     "estimator": ("velocity_ratio", "position_ratio", "height_ratio", "compass_ratio", "airspeed_ratio", "flags"),

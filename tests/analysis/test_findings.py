@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -566,6 +567,45 @@ def test_an_axis_that_misses_what_all_other_sensors_saw_is_stuck(begin: float) -
     assert (said.start_s, said.end_s) == pytest.approx((begin, begin + 16.0), abs=2.5)
 
 
+def test_a_healthy_gyro_is_not_stuck_where_iron_turns_the_compass() -> None:
+    """The gyro rightly reads 0 for 3 s, in which the field turns about the same axis by 20° and back."""
+    flight = in_milliradians()
+    compass = flight.compasses[0]
+    along = np.clip((compass.t - 16.8) / 2.5, 0.0, 1.0)
+    by_iron = np.radians(20.0) * np.sin(np.pi * along)[:, None] * [0.0, 0.0, 1.0]
+    iron = replace(compass, field=quaternion.rotate(quaternion.exp(by_iron), compass.field))
+    found = assess(replace(flight, compasses=(iron,)), GENERIC)
+    assert found.verdict.status != "imu_suspect"
+    assert "stuck_axis" not in kinds(found)
+
+
+@pytest.mark.parametrize("without", [{"compasses": ()}, {"gps": ()}])
+def test_one_aiding_sensor_alone_calls_no_gyro_stuck(without: Any) -> None:
+    """What the gyro missed is true here, but the one sensor that says so may be wrong itself."""
+    flight = in_milliradians()
+    held, during = flight.imu().gyro.copy(), (flight.imu().t >= 22.0) & (flight.imu().t < 38.0)
+    held[during, 1] = held[np.argmax(during), 1]
+    assert "stuck_axis" not in kinds(assess(replace(with_imu(flight, gyro=held), **without), GENERIC))
+
+
+@pytest.mark.parametrize("stands", [True, False])
+def test_the_gyro_of_another_imu_tells_whether_one_missed_a_turn(stands: bool) -> None:
+    flight = in_milliradians()
+    imu = flight.imu()
+    held, during = imu.gyro.copy(), (imu.t >= 22.0) & (imu.t < 38.0)
+    held[during, 1] = held[np.argmax(during), 1]
+    other = replace(imu, source="SCALED_IMU2", instance=1, gyro=held if stands else imu.gyro)
+    spoilt = with_imu(flight, gyro=held)
+    found = assess(replace(spoilt, imus={**spoilt.imus, other.source: other}), GENERIC, imu=imu.source)
+    if stands:
+        assert "stuck_axis" not in kinds(found)
+        return
+    cause = found.verdict.cause
+    assert found.verdict.status == "imu_suspect"
+    assert cause is not None
+    assert (cause.sensor, cause.axis) == ("gyro", "y")
+
+
 @pytest.mark.parametrize("wobbles", [True, False])
 def test_an_axis_that_another_imu_says_is_never_so_still_is_stuck(wobbles: bool) -> None:
     """A hover that turns by a few steps, or not at all: then both IMUs read the same throughout."""
@@ -686,3 +726,20 @@ def test_a_turn_that_changes_every_reading_is_no_noise() -> None:
     assert not goes_to_and_fro(np.diff(swing), 100.0)
     assert goes_to_and_fro(np.diff(np.trunc(noise)), 100.0)
     assert goes_to_and_fro(np.diff(np.trunc(200.0 * np.sin(t) + noise)), 100.0)
+
+
+@pytest.mark.parametrize("dead", [True, False])
+def test_a_gyro_that_is_dead_on_an_imu_that_was_not_judged_is_named(*, dead: bool) -> None:
+    """A simulator without noise, whose accelerometer mostly reads the same whole steps: the other gyro tells."""
+    flight = flown(lively(60.0))
+    imu = flight.imu()
+    gyro, accel = np.round(imu.gyro, 3), imu.accel * [0.0, 0.0, 1.0]
+    stopped = np.where((imu.t > 30.0)[:, None] & dead, gyro[np.argmax(imu.t > 30.0)], gyro)
+    first = replace(imu, source="RAW_IMU", gyro=stopped, gyro_step=1e-3, accel=accel)
+    second = replace(imu, source="HIGHRES_IMU", instance=1, gyro_step=0.0, accel_step=0.0)
+    found = assess(replace(flight, imus={"HIGHRES_IMU": second, "RAW_IMU": first}), GENERIC, imu="HIGHRES_IMU")
+    said = [f for f in found.verdict.findings if f.kind == "stuck_axis"]
+    assert [f.evidence.startswith("RAW_IMU: gyro reads") for f in said] == [True] * dead
+    assert all(f.start_s == pytest.approx(30.0, abs=0.1) for f in said)
+    assert found.best is not None
+    assert not any("gaps in HIGHRES_IMU" in note for note in found.best.notes)

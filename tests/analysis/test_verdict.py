@@ -15,6 +15,7 @@ from benchmarks.accuracy.answer import answer
 from benchmarks.accuracy.cutting import cut
 from benchmarks.accuracy.labels import load_labels, outcome
 from companion.analysis import GENERIC, PARTS, Assessment, Finding, Verdict, assess, lasting
+from companion.analysis.findings.readings import reading_findings
 from companion.app.sensors import load_imu_spec
 from companion.estimation import probabilities
 from companion.model import Array, CompassTrack, Flight, GpsTrack, Series
@@ -346,6 +347,31 @@ def test_a_level_that_the_axis_goes_beyond_is_no_end_of_its_range(later: float, 
     accel[np.argmax(imu.t > 40.0), 0] = later
     said = {f.kind for f in assess(with_imu(flight, accel=accel), GENERIC).verdict.findings}
     assert ("accel_clipping" in said) is clipped
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("step", [0.0, 1e-3])
+@pytest.mark.parametrize("to_the_end", [True, False])
+def test_a_range_may_end_at_any_level(sign: float, step: float, *, to_the_end: bool) -> None:
+    """A gyro that reads no more than 0.3 rad/s on one side, in a turn that is faster for a while or to the end."""
+    imu = flown().imu()
+    rng = np.random.default_rng(3)
+    turns = np.where((imu.t > 40.0) & (imu.t < (99.0 if to_the_end else 45.0)), 0.8, 0.1) * sign
+    rate = np.clip(turns + 5e-3 * rng.standard_normal(len(imu.t)), -0.3, 0.3)
+    gyro = np.column_stack([imu.gyro[:, 0], imu.gyro[:, 1], np.round(rate, 3) if step else rate])
+    flight = with_imu(flown(), gyro=gyro, gyro_step=step)
+    found = list(reading_findings(flight.imu(), flight.require_attitude(), GENERIC))
+    assert [f.kind for f in found] == ["gyro_clipping"]
+    assert found[0].start_s == pytest.approx(40.0, abs=0.1)
+    assert found[0].end_s == pytest.approx(imu.t[-1] if to_the_end else 45.0, abs=0.1)
+
+
+def test_a_rate_that_is_told_is_no_end_of_a_range() -> None:
+    """A simulated gyro without noise in an even turn, that it comes to and leaves as a vehicle does."""
+    imu = flown().imu()
+    rate = 0.3 * (np.tanh((imu.t - 30.0) / 0.3) - np.tanh((imu.t - 40.0) / 0.3))
+    flight = with_imu(flown(), gyro=np.column_stack([imu.gyro[:, :2], np.round(rate, 3)]), gyro_step=1e-3)
+    assert not list(reading_findings(flight.imu(), flight.require_attitude(), GENERIC))
 
 
 def test_a_board_mounted_the_wrong_way() -> None:

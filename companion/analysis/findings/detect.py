@@ -10,14 +10,17 @@ import numpy as np
 from companion.analysis.attribution import findings_of
 from companion.analysis.autopilot_error import known_biases
 from companion.analysis.budget import Expected
-from companion.analysis.comparison import Comparison
+from companion.analysis.comparison import Comparison, compare
 from companion.analysis.constant_faults import ConstantError, constant_findings
 from companion.analysis.departures import departures
 from companion.analysis.episode import SIGMAS, episodes
 from companion.analysis.finding import Finding, by_severity
+from companion.analysis.findings.aiding import misled_by_frozen
 from companion.analysis.findings.axes import meaning_findings
 from companion.analysis.findings.installation import Installation, installation, level
 from companion.analysis.findings.jumps import jump_findings
+from companion.analysis.findings.noisier import noisier_findings
+from companion.analysis.findings.outages import interference_findings, outage_findings
 from companion.analysis.findings.readings import reading_findings
 from companion.analysis.findings.residuals import residuals
 from companion.analysis.findings.sampling import lags, rate_findings, stamp_findings
@@ -37,6 +40,32 @@ def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec, aut
     faults += stuck_findings(comparison, autopilot, others)
     faults += meaning_findings(comparison)
     return faults
+
+
+def _of_other_imus(
+    flight: Flight, comparison: Comparison, autopilot: ReferenceSpec, faults: Sequence[Finding]
+) -> Iterator[Finding]:
+    """Axes that are stuck on the IMUs that were not judged: each sensor's once, whichever message tells of it.
+
+    ArduPilot's HIGHRES_IMU has the first usable gyro: the one that is dead is in RAW_IMU alone.
+    """
+    parts = phases(flight)
+    aligned = max((part.end for part in parts if part.kind == "aligning"), default=-np.inf)
+    lost = min((part.start for part in parts if part.kind == "impact"), default=np.inf)
+    told = {(comparison.track.instance, _sensor(f)) for f in faults if f.kind in ("stuck_axis", "frozen")}
+    for track in flight.imus.values():
+        if track.source == comparison.track.source or len(track) < 2:
+            continue
+        others = [other for other in flight.imus.values() if other.instance != track.instance]
+        stuck = stuck_findings(compare(flight, track=track, how=comparison.how), autopilot, others)
+        mine = [f for f in stuck if f.end_s > aligned and f.start_s < lost]
+        mine = [f for f in mine if (track.instance, _sensor(f)) not in told]
+        told |= {(track.instance, _sensor(f)) for f in mine}
+        yield from (replace(f, evidence=f"{track.source}: {f.evidence}") for f in mine)
+
+
+def _sensor(finding: Finding) -> str:
+    return "" if finding.cause is None else finding.cause.sensor
 
 
 def findings(
@@ -63,7 +92,10 @@ def findings(
     jumps = [
         f if f.start_s < landed - _TOLD_S else replace(f, severity="info") for f in jump_findings(comparison, flight)
     ]
+    all_findings += [*outage_findings(flight, comparison), *interference_findings(flight)]
     all_findings += noise_findings(comparison, noise, figures, allowed)
+    apart = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
+    all_findings += noisier_findings(comparison.track, apart)
     all_findings += vibration_findings(comparison, flight)
     raw = residuals(comparison)
     fitted = installation(comparison, raw, figures, autopilot, np.inf)
@@ -86,8 +118,9 @@ def findings(
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
         jumps = [_confirmed(f, all_findings, best) for f in jumps]
     all_findings += jumps
+    others = list(_of_other_imus(flight, comparison, autopilot, faults))
     all_findings = [with_witnesses(f, flight) for f in all_findings if not _follows(f, all_findings)]
-    return by_severity(all_findings), clean
+    return by_severity([*misled_by_frozen(all_findings), *others]), clean
 
 
 def _tilted(fitted: Installation) -> tuple[float, float]:
@@ -217,8 +250,11 @@ _RATIOS = {
 
 
 def with_witnesses(finding: Finding, flight: Flight) -> Finding:
-    """The finding about the autopilot with what the vehicle said at that time, and how its estimator saw itself."""
-    if finding.side != "autopilot":
+    """The finding with what the vehicle said at that time, and how its estimator saw itself.
+
+    That of the autopilot, and of a compass: ArduPilot says "ground mag anomaly" where one is turned or magnetised.
+    """
+    if finding.side != "autopilot" and not finding.kind.startswith("compass"):
         return finding
     begin, end = finding.start_s, min(finding.end_s, finding.start_s + _AFTER_S)
     said = [(t.t, t.text) for t in flight.texts if _speaks(t.text)]

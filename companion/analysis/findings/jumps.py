@@ -46,23 +46,9 @@ def jump_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
 
 
 def _position_findings(comparison: Comparison, position: PositionTrack, settled: float) -> Iterator[Finding]:
-    """Jumps of the position, those close together as one, and times without any position."""
+    """Jumps of the position, those close together as one; a gap is none."""
     steps = comparison.position_steps
     lost = steps[:, 1] - steps[:, 0] > comparison.how.limits.longest_step(position.t)
-    for start, end in steps[lost]:
-        if _unheard(comparison, start, end):
-            continue  # the link has a gap, which says nothing about the estimator
-        i, j = np.searchsorted(position.t, [start, end])
-        yield Finding(
-            "position_lost",
-            "autopilot",
-            "warning",
-            float(start),
-            float(end),
-            f"no position for {end - start:.1f} s, in which it moved by "
-            f"{length(position.position[j] - position.position[i]):.1f} m",
-            "The estimator had lost its position: GPS outage. Windows over it are left out.",
-        )
     steps = steps[~lost]
     if not len(steps):
         return
@@ -82,13 +68,6 @@ def _position_findings(comparison: Comparison, position: PositionTrack, settled:
             "A GPS glitch or a reset of the estimator. Look at the GPS's satellites and at EKF messages of that time.",
             cause=Cause("position_jump", "autopilot", start, end, size=moved, unit="m"),
         )
-
-
-def _unheard(comparison: Comparison, start: float, end: float) -> bool:
-    """Whether the IMU's messages are missing too for most of a time without position."""
-    t, gaps = comparison.track.t, np.flatnonzero(comparison.gaps)
-    missing = np.minimum(t[gaps + 1], end) - np.maximum(t[gaps], start)
-    return float(missing[missing > 0].sum()) > 0.5 * (end - start)
 
 
 def _heading_steps(comparison: Comparison) -> Iterator[tuple[float, float, float]]:

@@ -22,7 +22,9 @@ _FLAT = 0.003  # of the level, that neighbours on a top differ by
 _EDGE = 0.03  # of the level, that is lower beside it
 _SCATTER = 1.5  # times what neighbours differ by: as far many samples of noise are apart
 _FLAT_S, _FLAT_SAMPLES = 0.02, 3  # of a top at least, and in which, and one sample, it is reached and left
-_STRONG = {"gyro": 1.0, "accel": 1.5 * STANDARD_GRAVITY}  # rad/s, m/s²: no sensor's range ends below
+_STRONG = {"gyro": 1.0, "accel": 1.5 * STANDARD_GRAVITY}  # rad/s, m/s²: nothing is so even there by chance
+_STEPS = 3.0  # of the readings, that an edge has to have: else noise makes one
+_CHANCE, _STRONGEST = 1e-3, 1000  # of a top like it anywhere in a record of a sensor in order; readings that tell it
 FEWEST_SECONDS = 10  # so many there have to be to tell
 MANY = 50.0  # steps
 MOVED = np.radians(1.0)  # what rests reads the same for ever: only a vehicle that moves shows a sensor that does not
@@ -31,11 +33,13 @@ MOVED = np.radians(1.0)  # what rests reads the same for ever: only a vehicle th
 def reading_findings(track: ImuTrack, attitude: AttitudeTrack, imu: ImuSpec) -> Iterator[Finding]:
     """Readings that cannot be: frozen while the vehicle turns, at the end of the sensor's range."""
     yield from _frozen(track, attitude)
-    for name, readings, full, unit in (
-        ("gyro", track.gyro, imu.gyro.full_scale, "rad/s"),
-        ("accel", track.accel, imu.accel.full_scale, "m/s²"),
+    for name, readings, step, full, unit in (
+        ("gyro", track.gyro, track.gyro_step, imu.gyro.full_scale, "rad/s"),
+        ("accel", track.accel, track.accel_step, imu.accel.full_scale, "m/s²"),
     ):
-        at = np.flatnonzero((np.abs(readings) >= 0.98 * full).any(axis=1) | _flat_tops(readings, name, track.rate_hz))
+        at = np.flatnonzero(
+            (np.abs(readings) >= 0.98 * full).any(axis=1) | _flat_tops(readings, name, step, track.rate_hz)
+        )
         if not len(at):
             continue
         groups = np.split(at, np.flatnonzero(np.diff(track.t[at]) > _TOGETHER_S) + 1)
@@ -87,32 +91,51 @@ def _frozen(track: ImuTrack, attitude: AttitudeTrack) -> Iterator[Finding]:
             )
 
 
-def _flat_tops(readings: Array, name: str, rate_hz: float) -> BoolArray:
+def _flat_tops(readings: Array, name: str, step: float, rate_hz: float) -> BoolArray:
     """(N,) samples at a level that an axis reaches in a moment, keeps and leaves in a moment: the end of a range.
 
-    Whatever the data sheet says of it. No reading goes on beyond the end of a range: a level that the axis exceeds at
-    another time is none. Nor is one that it comes to slowly, as a vehicle comes to the rate that it is told. An edge
-    is at most half as long as the top: a round one, a parabola, falls by three times what it is flat to there, which is
-    less than half of an edge.
+    Whatever the data sheet says of it, and of either sign; at the end of the record it need not leave it. step: of the
+    readings, 0 for floats. No reading goes on beyond the end of a range: a level that the axis exceeds at another time
+    is none. Nor is one that it comes to slowly, as a vehicle comes to the rate that it is told. An edge is at most half
+    as long as the top: a round one, a parabola, falls by three times what it is flat to there, which is less than half
+    of an edge.
+
+    Nor, below what is strong, one that chance makes: of N readings, n neighbours in a row are alike N pⁿ times, where a
+    share p of them is among the thousand that read the most outside of such tops (Laplace's rule of succession).
     """
     flat = np.zeros(len(readings), np.bool_)
-    moment = round(_FLAT_S * rate_hz)
-    fewest = max(_FLAT_SAMPLES, moment)
     for column in readings.T:
-        level, lowest, highest = np.abs(column), float(column.min()), float(column.max())
-        same = (np.abs(np.diff(column)) <= _FLAT * level[1:]) & (level[1:] > _STRONG[name])
-        for first, last in runs(np.asarray(same)):
-            top = slice(first, last + 2)
-            if last + 1 - first < fewest - 1 or first == 0 or top.stop == len(column):
-                continue
-            most, beside = level[top].max(), max(1, min(moment + 1, (last + 2 - first) // 2))
-            before, after = max(first - beside, 0), min(last + 1 + beside, len(column) - 1)
-            if (highest if column[first] > 0.0 else -lowest) > (1.0 + _EDGE) * most:
-                continue
-            steps = abs(column[first] - column[before]), abs(column[after] - column[last + 1])
-            if np.ptp(column[top]) <= _SCATTER * _FLAT * most and min(steps) > _EDGE * most and most > level[after]:
+        level = np.abs(column)
+        alike = np.abs(np.diff(column)) <= _FLAT * level[1:]
+        tops = list(_tops(column, alike & (level[1:] > _STEPS / _EDGE * step), rate_hz))
+        outside = np.ones(len(alike), np.bool_)
+        for top in tops:
+            outside[top.start : top.stop - 1] = False
+        most = np.argsort(np.where(outside, level[1:], -1.0))[-min(_STRONGEST, int(outside.sum())) :]
+        p = (1.0 + alike[most].sum()) / (2.0 + len(most))
+        for top in tops:
+            if level[top].max() > _STRONG[name] or len(column) * p ** (top.stop - top.start - 1) < _CHANCE:
                 flat[top] = True
     return flat
+
+
+def _tops(column: Array, same: BoolArray, rate_hz: float) -> Iterator[slice]:
+    """Where one axis (N,) has the form of a flat top. same: (N-1,) neighbours that are alike."""
+    level, lowest, highest = np.abs(column), float(column.min()), float(column.max())
+    moment = round(_FLAT_S * rate_hz)
+    fewest = max(_FLAT_SAMPLES, moment)
+    for first, last in runs(np.asarray(same)):
+        top, count = slice(first, last + 2), last + 2 - first
+        most = level[top].max()
+        exceeded = (highest if column[first] > 0.0 else -lowest) > (1.0 + _EDGE) * most
+        if count < fewest or first == 0 or exceeded or np.ptp(column[top]) > _SCATTER * _FLAT * most:
+            continue
+        beside = max(1, min(moment + 1, count // 2))
+        before, after = max(first - beside, 0), min(last + 1 + beside, len(column) - 1)
+        reached = abs(column[first] - column[before]) > _EDGE * most
+        left = abs(column[after] - column[last + 1]) > _EDGE * most and most > level[after]
+        if reached and (left or top.stop == len(column)):
+            yield top
 
 
 def beside(count: int, first: IntArray, last: IntArray) -> BoolArray:

@@ -23,17 +23,16 @@ from companion.analysis.findings.readings import (
 )
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.reference import BoolArray, length
-from companion.estimation import BestEstimate, motion_between
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack, median
 from companion.strapdown import quaternion
 
 STUCK_S, STOPPED_S = 1.0, 0.5  # the second of an axis whose noise shows in every second
 _KNOWN, _BESIDE = 0.9, 0.8  # of the stretch, that is known; that another axis may stand still with it
 _TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a step is in less than a fifth of such spans
-_STUCK_RATE_HZ = 20.0
-_FEWEST_MISSED, _ALONG, _BEYOND_USUAL = 3, 0.8, 3.0  # intervals; the part of a motion along the axis; times the usual
-_SOME, _FEW = 10.0, 8.0  # steps
+STUCK_RATE_HZ = 20.0
+SOME, _FEW = 10.0, 8.0  # steps
 _FEWEST_FELT = 2  # samples of another IMU
+_FEWEST_SECONDS_MOVED = 3
 _MORE = 1.01  # for sums of floats are no whole steps
 _CHANCE = 1e-3  # of a stretch like it anywhere in a healthy flight
 _LAST_DIGIT, _FLICKER = 2.0**-22, 2.0**-20  # of a float of 32 bits: its last digit, and its last two bits more
@@ -45,7 +44,7 @@ _QUIETER = 0.1  # than its quietest seconds
 _CALM = 0.25  # of what the other axes change by in half of the flight
 
 
-class _Sensor:
+class Sensor:
     """A gyro or an accelerometer: what changes from sample to sample."""
 
     def __init__(self, track: ImuTrack, name: str) -> None:
@@ -64,7 +63,7 @@ def _read(track: ImuTrack, name: str) -> tuple[Array, float]:
 class _Axes:
     """Some axes of a sensor that stop together, and those beside them that go on."""
 
-    sensor: _Sensor
+    sensor: Sensor
     axes: tuple[int, ...]  # one of them, beside its neighbours; or all three, beside the other sensor
     same: BoolArray  # (N-1,) where none of them changes
     beside: Array  # (N-1, m) changes of those beside them
@@ -73,7 +72,7 @@ class _Axes:
 
 def _all_axes(track: ImuTrack) -> Iterator[_Axes]:
     """Each axis of each sensor, and each sensor as a whole."""
-    sensors = _Sensor(track, "gyro"), _Sensor(track, "accel")
+    sensors = Sensor(track, "gyro"), Sensor(track, "accel")
     for one, other in (sensors, sensors[::-1]):
         for axis in range(3):
             rest = [i for i in range(3) if i != axis]
@@ -100,14 +99,14 @@ def stuck_findings(comparison: Comparison, autopilot: ReferenceSpec, others: Seq
     happens. What the autopilot's attitude says that an axis should have read has to move there by ten steps, and by
     more than the attitude's own noise. Or another IMU has to move along it as it does where this one is seldom still.
     """
-    if comparison.track.rate_hz < _STUCK_RATE_HZ:
+    if comparison.track.rate_hz < STUCK_RATE_HZ:
         return
     for axes in _all_axes(comparison.track):
         for first, last in _stopped(comparison, autopilot, others, axes):
-            yield _stuck(axes.sensor, axes.axes, first, last)
+            yield stuck_finding(axes.sensor, axes.axes, first, last)
 
 
-def _stuck(sensor: _Sensor, axes: tuple[int, ...], first: int, last: int) -> Finding:
+def stuck_finding(sensor: Sensor, axes: tuple[int, ...], first: int, last: int) -> Finding:
     name, whole, axis = sensor.name, len(axes) == 3, "" if len(axes) == 3 else "xyz"[axes[0]]
     start, end = float(sensor.t[first]), float(sensor.t[last])
     reads = ", ".join(f"{value:.4g}" for value in sensor.readings[first, axes])
@@ -126,38 +125,6 @@ def _stuck(sensor: _Sensor, axes: tuple[int, ...], first: int, last: int) -> Fin
         "Look at its wiring and driver.",
         cause=Cause("stuck_axis", "imu", start, end, sensor=name, axis=axis),
     )
-
-
-def missed_findings(comparison: Comparison, best: BestEstimate) -> Iterator[Finding]:
-    """One axis that reads the same for a second or more, in which all other sensors say that it moved along that axis.
-
-    Only where something of that sensor had to be explained: a shock, or noise, which accuse nobody; but they move every
-    reading. Along the axis the estimate differs from the readings by far more than it does elsewhere.
-    """
-    track = comparison.track
-    sensors = {one.kind.partition("_")[0] for one in best.explained} & {"gyro", "accel"}
-    if track.rate_hz < _STUCK_RATE_HZ or not sensors:
-        return
-    for name, (moved, read) in zip(("gyro", "accel"), motion_between(best), strict=True):
-        if name not in sensors:
-            continue
-        sensor, missed = _Sensor(track, name), moved - read
-        when = [
-            (e.onset, e.onset + 1.0 if e.shape == "shock" else e.end) for e in best.explained if e.kind.startswith(name)
-        ]
-        for axis in range(3):
-            first, last = run_edges(np.asarray(sensor.same[:, axis]))
-            for i in np.flatnonzero(track.t[last + 1] - track.t[first] > STUCK_S):
-                begin, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
-                inside = (best.t[:-1] >= begin) & (best.t[1:] <= end)
-                explained = any(a < end and b > begin for a, b in when)
-                if not explained or min(inside.sum(), (~inside).sum()) < _FEWEST_MISSED:
-                    continue
-                # Its variation, for a bias is missed all the time.
-                size, usual = (missed[part].std(axis=0) for part in (inside, ~inside))
-                alone = size[axis] > _ALONG * length(size)
-                if alone and size[axis] > max(_SOME * sensor.step, _BEYOND_USUAL * usual[axis]):
-                    yield _stuck(sensor, (axis,), int(first[i]), int(last[i]) + 1)
 
 
 def _stopped(
@@ -188,6 +155,10 @@ def _stopped(
             yield stretch.start, stretch.stop - 1
             continue
         if still.max() > _BESIDE:
+            goes_on = axes.beside_same[stretch].all(axis=1).mean() <= _BESIDE  # as a whole, whatever its axes do
+            whole = len(axes.axes) == 3 and lasted[i] > STUCK_S
+            if whole and goes_on and any(_moves_in_seconds(axes, other, stretch) for other in others):
+                yield stretch.start, stretch.stop - 1
             continue
         changes = slice(stretch.start, stretch.stop - 1)
         if _goes_somewhere(sensor.readings[stretch, axes.axes]):
@@ -265,13 +236,28 @@ def _should_have_moved(
         return False
     if meanwhile:  # what changed: a gyro's bias may step between its usual reading and this one
         return any(
-            enough([swing(evened(o.gyro[at, i], _TURN_PART)) >= _SOME * step for i in axes.axes]) for o, at in meanwhile
+            enough([swing(evened(o.gyro[at, i], _TURN_PART)) >= SOME * step for i in axes.axes]) for o, at in meanwhile
         )
     lasted = float(t[-1] - t[0])
     noise = autopilot.attitude_noise * (STANDARD_GRAVITY if name == "accel" else np.sqrt(2.0) / (_TURN_PART * lasted))
     should = _should_read(comparison, name, stretch)
-    least = max((MANY if name == "accel" else _SOME) * step, 2 * noise)
+    least = max((MANY if name == "accel" else SOME) * step, 2 * noise)
     return enough([swing(should[:, i]) >= least for i in axes.axes])
+
+
+def _moves_in_seconds(axes: _Axes, other: ImuTrack, stretch: slice) -> bool:
+    """Whether another IMU's sensor of the kind moves along two axes by ten steps within one second, in several.
+
+    A bias that warms up takes longer.
+    """
+    t = axes.sensor.t[stretch]
+    during = (other.t >= t[0]) & (other.t <= t[-1])
+    if other.rate_hz < STUCK_RATE_HZ or not during.any():
+        return False
+    readings, step = _read(other, axes.sensor.name)
+    least = SOME * max(step, axes.sensor.step)
+    spread = np.array([_spread_by_second(other.t[during], readings[during, axis])[1] for axis in axes.axes])
+    return least > 0.0 and int(((spread >= least).sum(axis=0) >= 2).sum()) >= _FEWEST_SECONDS_MOVED
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -295,7 +281,7 @@ def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
     start, own = _spread_by_second(sensor.t, sensor.readings[:, axis])
     out = []
     for track in others:
-        if track.rate_hz >= _STUCK_RATE_HZ:
+        if track.rate_hz >= STUCK_RATE_HZ:
             readings, step = _read(track, sensor.name)
             when, other = _spread_by_second(track.t, readings[:, axis])
             moved = other > _MORE * (sensor.step + step)

@@ -15,8 +15,8 @@ from companion.telemetry import convert
 from companion.telemetry.clock import epoch_of, gps_to_unix
 from companion.telemetry.dataflash.cores import Flew, of_cores
 from companion.telemetry.outliers import lone, lone_turns, uncontradicted
+from companion.telemetry.validity import has_position
 
-_HAS_POSITION = 0b11000  # EKF solution status: horiz_pos_rel and horiz_pos_abs (nav_filter_status in AP_NavEKF)
 EKF_ORIGIN, _HOME = 0, 1  # ORGN.Type: LogOriginType
 _FIX_3D = 3
 
@@ -102,8 +102,7 @@ def position(
     good = np.isfinite(t) & np.isfinite(np.column_stack([place, velocity])).all(axis=1)
     solution = of_cores(records, f"{mine.prefix}F4").get(core)
     if solution is not None and len(solution) and solution.layout.has_numbers("SS"):
-        last = np.searchsorted(solution.t, t, side="right") - 1
-        good &= (solution["SS"][np.maximum(last, 0)].astype(np.int64) & _HAS_POSITION) != 0
+        good &= has_position(t, solution.t, solution["SS"].astype(np.float64))
     keep = convert.increasing(t, np.asarray(good))
     t, place, velocity = t[keep], place[keep], velocity[keep]
     notes: list[str] = []

@@ -131,6 +131,14 @@ TOPIC_SERIES: tuple[TopicSeries, ...] = (
     ),
     TopicSeries("vehicle_gps_position", "gps", _GPS),
     TopicSeries("sensor_gps", "gps", _GPS),
+    *(
+        TopicSeries(
+            name,
+            "interference",
+            _one(jamming_state="jamming_state", jamming_indicator="jamming_indicator", spoofing_state="spoofing_state"),
+        )
+        for name in ("vehicle_gps_position", "sensor_gps")
+    ),
     TopicSeries(
         "vehicle_magnetometer", "magnetometer", _vector(("x_tesla", "y_tesla", "z_tesla"), "magnetometer_ga", "gauss")
     ),

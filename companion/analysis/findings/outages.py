@@ -1,0 +1,122 @@
+"""Findings about times in flight without a valid position, or with one that no GPS fix supports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from companion.analysis.comparison import Comparison
+from companion.analysis.finding import Finding
+from companion.analysis.phases import phases
+from companion.analysis.reference import length
+from companion.model import Array, Flight, of_kind
+
+Span = tuple[float, float]  # s, boot clock
+
+_LONG_S = 5.0  # an accelerometer that is off by 0.1 m/s² has moved a dead-reckoned position by 1.25 m then
+_FIX_3D = 3
+_STATE = 2  # of jamming_state and spoofing_state: 0 unknown, 1 none, 2 mitigated or indicated, 3 detected or multiple
+_INDICATOR = 80.0  # of 255 (PX4 User Guide, Log Analysis using Flight Review: above it is too much interference)
+
+
+def outage_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding]:
+    """Each time in flight of more than 5 s in which the position was lost, or dead-reckoned; at the end of it too.
+
+    Only what had been there before is lost, and only while the IMU is in the log: a gap of the link says nothing.
+    A position is dead-reckoned where no receiver has a fix: whatever else aids it, GPS does not.
+    """
+    fixes = [one.t[one.fix_type >= _FIX_3D] for one in flight.gps]
+    without_fix = _gaps(flight, comparison, np.sort(np.concatenate(fixes)) if fixes else np.zeros(0))
+    position = flight.position
+    lost = [] if position is None else _gaps(flight, comparison, position.t)
+    for begin, end in lost:
+        meanwhile = next((span for span in without_fix if _overlap(span, (begin, end)) > 0.0), None)
+        without_fix = [span for span in without_fix if span != meanwhile]
+        yield _lost(flight, (begin, end), meanwhile)
+    for begin, end in without_fix if position is not None else ():
+        yield Finding(
+            "dead_reckoned",
+            "data",
+            "warning",
+            begin,
+            end,
+            f"no GPS fix for {end - begin:.1f} s; the autopilot's position is dead-reckoned, or of other sensors",
+            "Look at the receiver, its antenna and at interference. A dead-reckoned position drifts with t².",
+        )
+
+
+def interference_findings(flight: Flight) -> Iterator[Finding]:
+    """A receiver that says itself, for more than 5 s of a flight, that it is jammed or spoofed.
+
+    By its state (PX4 `msg/SensorGps.msg`), or where that is not told by its indicator of continuous waves.
+    """
+    aloft = [part for part in phases(flight) if part.kind == "flight"]
+    for one in of_kind(flight.series, "interference"):
+        columns = {name: np.nan_to_num(one[name]) for name in one.columns}
+        nothing = np.zeros(len(one.t))
+        state = columns.get("jamming_state", nothing)
+        jammed = (state >= _STATE) | ((state == 0) & (columns.get("jamming_indicator", nothing) >= _INDICATOR))
+        for words, where in (("jammed", jammed), ("spoofed", columns.get("spoofing_state", nothing) >= _STATE)):
+            said = [t for t in one.t[where].tolist() if any(part.start <= t <= part.end for part in aloft)]
+            interval = float(np.median(np.diff(one.t))) if len(one.t) > 1 else 0.0
+            if len(said) * interval > _LONG_S:
+                yield Finding(
+                    "gps_interference",
+                    "data",
+                    "warning",
+                    said[0],
+                    said[-1],
+                    f"the GPS ({one.source}) says that it is {words}, for {len(said) * interval:.1f} s",
+                    "Look at what sends or switches near the antenna: a GPS that is disturbed misleads an estimator.",
+                )
+        break  # the selected receiver; its driver's topic says the same
+
+
+def _lost(flight: Flight, span: Span, without_fix: Span | None) -> Finding:
+    """A position that the autopilot lost; with the GPS outage that it lost it by."""
+    (begin, end), position = span, flight.position
+    words = f"no position for {end - begin:.1f} s"
+    if position is not None and end < position.t[-1]:
+        i, j = np.searchsorted(position.t, [begin, end])
+        words += f", in which it moved by {length(position.position[j] - position.position[i]):.1f} m"
+    else:
+        words += ", to the end"
+    if without_fix is not None:
+        words += f"; no GPS fix from {without_fix[0]:.1f} to {without_fix[1]:.1f} s"
+    return Finding(
+        "position_lost",
+        "autopilot",
+        "warning",
+        begin,
+        end,
+        words,
+        "The estimator had lost its position: GPS outage. Windows over it are left out.",
+        undecided=True,
+    )
+
+
+def _gaps(flight: Flight, comparison: Comparison, t: Array) -> list[Span]:
+    """Where in flight nothing of times t (N,) s is heard for long, from the first on, though the IMU is."""
+    if not len(t):
+        return []
+    end = min(flight.start + flight.duration, float(comparison.track.t[-1]))
+    begins, ends = t, np.append(t[1:], max(end, t[-1]))
+    out = []
+    for begin, stop in np.column_stack([begins, ends])[ends - begins > _LONG_S].tolist():
+        for part in phases(flight):
+            first, last = max(begin, part.start), min(stop, part.end)
+            if part.kind == "flight" and last - first - _unheard(comparison, first, last) > _LONG_S:
+                out.append((first, last))
+    return out
+
+
+def _overlap(one: Span, other: Span) -> float:
+    return min(one[1], other[1]) - max(one[0], other[0])
+
+
+def _unheard(comparison: Comparison, start: float, end: float) -> float:
+    """For how long (s) the IMU's messages are missing too."""
+    t, gaps = comparison.track.t, np.flatnonzero(comparison.gaps)
+    missing = np.minimum(t[gaps + 1], end) - np.maximum(t[gaps], start)
+    return float(missing[missing > 0].sum())

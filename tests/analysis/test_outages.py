@@ -1,0 +1,107 @@
+"""Times in flight without a valid position, or without a GPS fix."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import companion as c
+from companion.analysis import GENERIC, assess
+from companion.analysis.comparison import compare
+from companion.analysis.findings.outages import interference_findings, outage_findings
+from companion.model import Flight, Series
+from tests.flights import CIRCLE, flown
+from tests.recordings import recording
+
+BEGIN, END = CIRCLE.t[0], CIRCLE.t[-1]
+
+
+def without(flight: Flight, *, position: tuple[float, float] = (0, 0), fixes: tuple[float, float] = (0, 0)) -> Flight:
+    """The flight without its position and without fixes in two stretches of time, s."""
+    track, gps = flight.position, flight.gps[0]
+    assert track is not None
+    kept = (track.t < position[0]) | (track.t > position[1])
+    lost = (gps.t >= fixes[0]) & (gps.t <= fixes[1])
+    return replace(
+        flight,
+        position=replace(track, t=track.t[kept], position=track.position[kept], velocity=track.velocity[kept]),
+        gps=(replace(gps, fix_type=np.where(lost, 1.0, gps.fix_type)),),
+    )
+
+
+def lines(flight: Flight) -> list[tuple[str, float, float]]:
+    found = outage_findings(flight, compare(flight))
+    return [(f.kind, round(f.start_s, 1), round(f.end_s, 1)) for f in found]
+
+
+def test_a_flight_with_position_and_fixes_has_no_outage() -> None:
+    assert lines(flown(CIRCLE)) == []
+    assert lines(without(flown(CIRCLE), position=(30.0, 34.0), fixes=(40.0, 44.0))) == []
+
+
+def test_a_position_that_is_lost_is_told_once_with_the_fixes_that_it_lacked() -> None:
+    flight = without(flown(CIRCLE), position=(30.0, 37.0), fixes=(25.0, 39.0))
+    (said,) = outage_findings(flight, compare(flight))
+    assert said.kind == "position_lost"
+    assert (said.start_s, said.end_s) == pytest.approx((30.0, 37.0), abs=0.2)
+    assert "no GPS fix from 24." in said.evidence
+
+
+def test_a_position_that_is_lost_to_the_end_is_told_too() -> None:
+    ((kind, begin, end),) = lines(without(flown(CIRCLE), position=(50.0, np.inf)))
+    assert kind == "position_lost"
+    assert (begin, end) == pytest.approx((50.0, END), abs=0.2)
+
+
+def test_a_position_without_fixes_is_dead_reckoned() -> None:
+    ((kind, begin, end),) = lines(without(flown(CIRCLE), fixes=(30.0, 45.0)))
+    assert kind == "dead_reckoned"
+    assert (begin, end) == pytest.approx((30.0, 45.0), abs=0.5)
+
+
+def test_what_never_was_there_is_not_lost() -> None:
+    flight = flown(CIRCLE)
+    assert lines(replace(flight, position=None)) == []
+    assert lines(replace(flight, gps=())) == []
+
+
+@pytest.mark.parametrize(
+    ("state", "indicator", "spoofing", "said"),
+    [(1, 200, 1, []), (2, 0, 0, ["jammed"]), (0, 90, 0, ["jammed"]), (0, 52, 1, []), (1, 0, 3, ["spoofed"])],
+)
+def test_a_receiver_that_says_that_it_is_disturbed(state: int, indicator: int, spoofing: int, said: list[str]) -> None:
+    flight = flown(CIRCLE)
+    t = np.arange(BEGIN, END, 0.2)
+    values = np.where(((t > 30.0) & (t < 40.0))[:, None], [float(state), float(indicator), float(spoofing)], 0.0)
+    columns = ("jamming_state", "jamming_indicator", "spoofing_state")
+    told = replace(flight, series={"interference": Series(t, values, columns, "sensor_gps")})
+    found = list(interference_findings(told))
+    assert [f.evidence.partition("it is ")[2].partition(",")[0] for f in found] == said
+    assert all((f.start_s, f.end_s) == pytest.approx((30.0, 40.0), abs=0.3) for f in found)
+
+
+@pytest.mark.slow
+def test_who_lost_its_position_is_neither_accused_nor_called_consistent() -> None:
+    found = assess(without(flown(CIRCLE), position=(30.0, 37.0)), GENERIC)
+    assert found.verdict.status == "insufficient_data"
+    assert "no position for 7" in found.verdict.summary
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "kind", "begin"),
+    [("ap_turn3/f_gpsloss.tlog", "position_lost", 111.7), ("px4_turn3/gps_loss60.ulg", "position_lost", 49.0)],
+)
+def test_recorded_outages(name: str, kind: str, begin: float) -> None:
+    flight = c.open_log(recording(name))[0]
+    found = {f.kind: f for f in c.examine(flight).assessment.verdict.findings}
+    assert found[kind].start_s == pytest.approx(begin, abs=0.5)
+
+
+@pytest.mark.slow
+def test_an_autopilot_that_says_that_it_has_no_position_is_not_accused_of_one() -> None:
+    flight = c.open_log(recording("px4_turn3/h_nogps.tlog"))[0]
+    assert flight.position is None
+    assert c.examine(flight).assessment.verdict.status in ("consistent", "insufficient_data")
