@@ -18,15 +18,13 @@ import numpy as np
 MOST_BYTES = 65_535
 """Of a message: its size has 16 bits."""
 
-KINDS: Mapping[str, np.dtype[Any]] = {
-    name: np.dtype(kind)
-    for name, kind in {
-        "int8_t": "i1", "uint8_t": "u1", "int16_t": "<i2", "uint16_t": "<u2", "int32_t": "<i4", "uint32_t": "<u4",
-        "int64_t": "<i8", "uint64_t": "<u8", "float": "<f4", "double": "<f8", "bool": "i1", "char": "i1",
-    }.items()
+CODES: Mapping[str, str] = {
+    "int8_t": "<b", "uint8_t": "<B", "int16_t": "<h", "uint16_t": "<H", "int32_t": "<i", "uint32_t": "<I",
+    "int64_t": "<q", "uint64_t": "<Q", "float": "<f", "double": "<d", "bool": "<b", "char": "<b",
 }  # fmt: skip
-"""Basic type → its kind in NumPy. A bool is a byte: damage makes others than 0 and 1."""
+"""Basic type → its kind, for `struct` and NumPy alike. A bool is a byte: damage makes others than 0 and 1."""
 
+_KINDS: Mapping[str, np.dtype[Any]] = {name: np.dtype(code) for name, code in CODES.items()}
 _MOST_DEEP = 32
 NAME = re.compile(r"[\w/-]+", re.ASCII)
 _FIELD = re.compile(r"([\w/-]+)(?:\[(\d{1,9})\])? (\w+)", re.ASCII)
@@ -60,8 +58,8 @@ class Formats:
 
     def __init__(self) -> None:
         self._fields: dict[str, tuple[Field, ...]] = {}
-        self._bytes = {name: kind.itemsize for name, kind in KINDS.items()}
-        self._dtypes: dict[str, np.dtype[Any]] = dict(KINDS)
+        self._bytes = {name: kind.itemsize for name, kind in _KINDS.items()}
+        self._dtypes: dict[str, np.dtype[Any]] = dict(_KINDS)
 
     def add(self, name: str, fields: tuple[Field, ...]) -> None:
         self._fields.setdefault(name, fields)

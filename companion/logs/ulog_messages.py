@@ -11,9 +11,7 @@ import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
-from companion.logs.ulog_layout import KINDS, NAME, Field, parsed_format
+from companion.logs.ulog_layout import CODES, NAME, Field, parsed_format
 
 Value = int | float | str | bytes
 """Bytes for an array, for a type that is none, and for a value that has not the size of its type."""
@@ -97,7 +95,8 @@ Message = Flags | Format | Subscription | Unsubscription | Info | Parameter | Lo
 DATA = ord("D")
 SYNC = bytes.fromhex("2F731320250CBB12")
 
-_KEY = re.compile(r"(\w+)(\[\d*\])? ([^\s\0]+)")
+_KEY = re.compile(rb"(\w+)(\[\d*\])? ([!-~]+)")
+_VALUES = {kind: struct.Struct(code) for kind, code in CODES.items()}
 _LEVELS = range(ord("0"), ord("8"))
 _FLAGS_BYTES = 40
 _LEAST_KEY = 4  # its length, and "a b"
@@ -196,19 +195,20 @@ SIZES: Mapping[int, tuple[int, int]] = {
 def _key_and_value(body: bytes) -> tuple[str, Value] | None:
     """The length of the key, "type name", and the value."""
     end = 1 + body[0] if body else 1
-    match = _KEY.fullmatch(_text(body[1:end])) if _LEAST_KEY <= end <= len(body) else None
+    match = _KEY.fullmatch(body, 1, end) if end <= len(body) else None
     if match is None:
         return None
-    kind, array, name = match.groups()
+    kind, array, name = (of and of.decode("ascii") for of in match.groups())
     return name, _value(kind, array is not None, body[end:])
 
 
 def _value(kind: str, array: bool, raw: bytes) -> Value:
     if array:
         return _text(raw) if kind == "char" else raw
-    if kind not in KINDS or KINDS[kind].itemsize != len(raw):
+    one = _VALUES.get(kind)
+    if one is None or one.size != len(raw):
         return raw
-    value: int | float = np.frombuffer(raw, KINDS[kind])[0].item()
+    value: int | float = one.unpack(raw)[0]
     return value
 
 

@@ -100,10 +100,12 @@ class Scan:
             order = np.argsort(starts, kind="stable")
             starts, index = starts[order], index[order]
         before = self._collector.latest
-        latest = self._collector.collect(self._data, starts, index).tolist() if len(starts) else []
+        if len(starts):
+            latest = np.append(np.uint64(before), self._collector.collect(self._data, starts, index))
+        else:
+            latest = np.array([before], np.uint64)
         for at, message in self._awaiting:
-            known = int(np.searchsorted(starts, at))
-            self.said.append((latest[known - 1] if known else before, message))
+            self.said.append((int(latest[np.searchsorted(starts, at)]), message))
         self.messages += len(starts) + len(self._awaiting)
         self._single, self._awaiting = [], []
 
@@ -128,10 +130,9 @@ class Scan:
     def _data_at(self, places: Index) -> tuple[Index, Index, npt.NDArray[np.bool_]]:
         """Size and number (N,) of the data at places (N,), and whether these are of a topic."""
         header = gather(self._data, places, HEADER_BYTES).view(_DATA_HEADER).reshape(len(places))
-        size, number = header["size"], header["number"]
-        collector = self._collector
-        fits = (size >= collector.shortest[number]) & (size <= collector.longest[number]) & (header["type"] == DATA)
-        return size.astype(np.int64), number.astype(np.int64), fits
+        size, number = header["size"].astype(np.int64), header["number"].astype(np.int64)
+        fits = (size >= self._collector.shortest.take(number)) & (size <= self._collector.longest.take(number))
+        return size, number, fits & (header["type"] == DATA)
 
     def _follow(self, at: int, limit: int, end: int, *, to_data: bool = False) -> int:
         """Take the messages from `at` to `limit`, one by one, whatever is damaged there. Returns where that ended.
@@ -169,9 +170,11 @@ class Scan:
             if message is None:
                 passed.append(at)
             else:
-                self._pass_over(passed)
+                if passed:
+                    self._pass_over(passed)
+                    passed = []
                 self._accept(at, message)
-                trusted, passed = end, []
+                trusted = end
             at = end
         self._pass_over(passed)
         return at, True
