@@ -48,9 +48,11 @@ class TopicLayout:
 def parsed_format(text: str) -> tuple[str, tuple[Field, ...]] | None:
     """Name and fields of a definition; None where it is none."""
     name, _, declared = text.partition(":")
+    if not declared or not NAME.fullmatch(name):
+        return None
     fields = [_FIELD.fullmatch(field) for field in declared.rstrip(";").split(";")]
     kept = tuple((match[1], int(match[2] or 0), match[3]) for match in fields if match and match[2] != "0")
-    return (name, kept) if NAME.fullmatch(name) and len(kept) == len(fields) else None
+    return (name, kept) if len(kept) == len(fields) else None
 
 
 class Formats:

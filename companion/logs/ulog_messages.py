@@ -7,8 +7,9 @@ Source: https://docs.px4.io/main/en/dev_log/ulog_file_format.html
 from __future__ import annotations
 
 import re
+import string
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from companion.logs.ulog_layout import CODES, NAME, Field, parsed_format
@@ -191,6 +192,12 @@ SIZES: Mapping[int, tuple[int, int]] = {
 }  # fmt: skip
 """Type → the least and the most bytes of its body."""
 
+FIRST_BYTES: Mapping[int, Iterable[int]] = {
+    ord("F"): b"/-_0123456789" + string.ascii_letters.encode(), ord("M"): b"\0\1", ord("Q"): range(1, 256),
+    ord("L"): _LEVELS, ord("C"): _LEVELS, ord("S"): SYNC[:1],
+}  # fmt: skip
+"""Type → what its body begins with, where not any byte can be."""
+
 
 def _key_and_value(body: bytes) -> tuple[str, Value] | None:
     """The length of the key, "type name", and the value."""
@@ -198,8 +205,8 @@ def _key_and_value(body: bytes) -> tuple[str, Value] | None:
     match = _KEY.fullmatch(body, 1, end) if end <= len(body) else None
     if match is None:
         return None
-    kind, array, name = (of and of.decode("ascii") for of in match.groups())
-    return name, _value(kind, array is not None, body[end:])
+    kind, array, name = match.groups()
+    return name.decode(), _value(kind.decode(), array is not None, body[end:])
 
 
 def _value(kind: str, array: bool, raw: bytes) -> Value:

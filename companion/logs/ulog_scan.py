@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from companion.logs.ulog_messages import (
     DATA,
+    FIRST_BYTES,
     SIZES,
     Format,
     LoggedText,
@@ -34,9 +35,13 @@ _NUMBER = struct.Struct("<H")
 _FIRST_BYTES, _MOST_BYTES = 1 << 14, 1 << 20  # of a block: topics that begin late are then few, and it stays in cache
 _FIRST_STEP, _MOST_STEP = 1 << 8, 1 << 18  # of the search for where the messages go on
 _DATA_HEADER = np.dtype([("size", "<u2"), ("type", "u1"), ("number", "<u2")])
+_FORMAT, _SEMICOLON = ord("F"), ord(";")
 _LEAST, _MOST = np.full(256, 65_535, np.int64), np.zeros(256, np.int64)
 for _type, (_least, _most) in SIZES.items():
     _LEAST[_type], _MOST[_type] = _least, _most
+_FIRST = np.ones((256, 256), np.bool_)  # type, first byte of the body → whether that can be
+for _type, _bytes in FIRST_BYTES.items():
+    _FIRST[_type] = np.isin(np.arange(256), list(_bytes))
 
 
 Said = tuple[int | None, Message]
@@ -241,12 +246,17 @@ class Scan:
         return None
 
     def _plausible(self, begin: int, end: int, limit: int) -> Index:
-        """Places in [begin, end) where a message of a known type may begin, by its size."""
+        """Places in [begin, end) where a message of a known type may begin, by its size and its first byte."""
         kind = self._data[begin + 2 : end + 2]
         at = np.flatnonzero(_MOST[kind] > 0)
         kind, at = kind[at], at + begin
         size = self._data[at].astype(np.int64) | self._data[at + 1].astype(np.int64) << 8
-        return np.asarray(at[(size >= _LEAST[kind]) & (size <= _MOST[kind]) & (at + 3 + size <= limit)])
+        fits = (size >= _LEAST[kind]) & (size <= _MOST[kind]) & (at + 3 + size <= limit)
+        kind, at, size = kind[fits], at[fits], size[fits]
+        fits = _FIRST[kind, self._data[at + 3]] & ((kind != _FORMAT) | (self._data[at + 2 + size] == _SEMICOLON))
+        some = np.flatnonzero(kind == DATA)
+        fits[some] = self._data_at(at[some])[2]
+        return np.asarray(at[fits])
 
     def _is_cut(self, at: int, end: int) -> bool:
         """Whether the header of a message at `at` says that it goes on behind the end, or is itself not all there."""

@@ -116,7 +116,7 @@ class Collector:
         self._names = names
         self._all: list[_Collected] = []
         self._index: dict[tuple[str, int], int] = {}
-        self._stamp = np.zeros(0, np.int64)  # by index of the topic; -1 without a time
+        self._stamp: list[int] = []  # by index of the topic; -1 without a time
 
     def subscribe(self, to: Subscription) -> bool:
         """Whether the number meant another topic before, or none that can be read."""
@@ -131,7 +131,7 @@ class Collector:
             self._index[key] = len(self._all)
             wanted = self._names is None or to.topic in self._names
             self._all.append(_Collected(layout, to.instance, wanted=wanted))
-            self._stamp = np.append(self._stamp, -1 if layout.stamp is None else layout.stamp)
+            self._stamp.append(-1 if layout.stamp is None else layout.stamp)
         same = replaced and self.place[to.number] == self._index[key]
         self.place[to.number] = self._index[key]
         self.shortest[to.number], self.longest[to.number] = 2 + layout.shortest, 2 + layout.longest
@@ -160,7 +160,7 @@ class Collector:
 
     def _stamps(self, data: Bytes, starts: Index, index: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint64]:
         """µs (N,), 0 for a topic without times."""
-        places = self._stamp[index]
+        places = np.array(self._stamp, np.int64)[index]
         timed = places >= 0
         if timed.all():
             return gather(data, starts + (HEADER_BYTES + places), _STAMP_BYTES).view("<u8")[:, 0]
