@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from companion.installation import log_path
@@ -119,7 +119,9 @@ def read_recording(
 def _read_ulog(path: Path, dialect: Dialect, progress: Callable[[int], None] | None, most_bytes: int) -> Recording:
     types = {v: n.removeprefix("MAV_TYPE_") for v, n in dialect.enum_names("MAV_TYPE").items()}
     log = read_ulog(path, names=TOPICS, progress=progress, most_bytes=most_bytes)
-    return Recording(_on_board(log), (ulog_flight(log, types),))
+    source, topics = _on_board(log), list(log.topics)
+    log = replace(log, topics=())  # `ulog_flight` lets go of what it has read
+    return Recording(source, (ulog_flight(log, topics, types),))
 
 
 def _read_dataflash(

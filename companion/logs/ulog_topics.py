@@ -16,6 +16,7 @@ from companion.mavlink import Bytes, Index, as_bytes, gather
 HEADER_BYTES = 5  # of data: size, type and number
 _NUMBERS = 1 << 16
 _STAMP_BYTES = 8
+_LEAST_ROOM, _MARGIN = 16, 1.05  # rows, and of those that are expected
 _STAMPS_ALONE = np.dtype([("timestamp", "<u8")])
 
 
@@ -77,27 +78,36 @@ class UlogTopic(Mapping[str, npt.NDArray[Any]]):
 
 
 class _Collected:
-    """The messages of one topic so far. wanted: their rows; else their times alone, where they have such."""
+    """The messages of one topic so far. wanted: their rows; else their times alone, where they have such.
+
+    Room is made for as many as there will be if the file goes on as it began; memory that is never written is never
+    used.
+    """
 
     def __init__(self, layout: TopicLayout, instance: int, *, wanted: bool) -> None:
         self.layout = layout
         self.instance = instance
         self.wanted = wanted or layout.stamp is None
-        self.parts: list[Bytes] = []
+        self.count = 0
+        self._rows: Bytes = np.empty((0, layout.shortest if self.wanted else _STAMP_BYTES), np.uint8)
+
+    def add(self, rows: Bytes, share: float) -> None:
+        """share: how much of the file has been read, 0 to 1."""
+        begin, self.count = self.count, self.count + len(rows)
+        if self.count > len(self._rows):
+            room = max(_LEAST_ROOM, int(self.count / share * _MARGIN))
+            grown = np.empty((room, self._rows.shape[1]), np.uint8)
+            grown[:begin] = self._rows[:begin]
+            self._rows = grown
+        self._rows[begin : self.count] = rows
 
     def topic(self, formats: Formats) -> UlogTopic | None:
         """None where its declaration contradicts itself."""
         declared = formats.dtype(self.layout.name)
         if declared is None:
             return None
-        rows = np.concatenate(self.parts)
-        self.parts = []
-        dtype = declared if self.wanted else _STAMPS_ALONE
-        return UlogTopic(self.layout.name, self.instance, rows.view(dtype)[:, 0], declared)
-
-    @property
-    def count(self) -> int:
-        return sum(len(part) for part in self.parts)
+        rows = self._rows[: self.count].view(declared if self.wanted else _STAMPS_ALONE)[:, 0]
+        return UlogTopic(self.layout.name, self.instance, rows, declared)
 
 
 class Collector:
@@ -146,14 +156,15 @@ class Collector:
         Returns the latest time, µs, of each and all before it: (N,).
         """
         stamps = self._stamps(data, starts, index)
+        share = int(starts[-1]) / len(data)
         order = np.argsort(index, kind="stable")
         ordered = index[order]
         for group in np.split(order, np.flatnonzero(ordered[1:] != ordered[:-1]) + 1):
             one = self._all[int(index[group[0]])]
             if one.wanted:
-                one.parts.append(gather(data, starts[group] + HEADER_BYTES, one.layout.shortest))
+                one.add(gather(data, starts[group] + HEADER_BYTES, one.layout.shortest), share)
             else:
-                one.parts.append(stamps[group].view(np.uint8).reshape(-1, _STAMP_BYTES))
+                one.add(stamps[group].view(np.uint8).reshape(-1, _STAMP_BYTES), share)
         latest = np.maximum(np.maximum.accumulate(stamps), np.uint64(self.latest))
         self.latest = int(latest[-1])
         return latest
@@ -174,8 +185,8 @@ class Collector:
         topics: list[UlogTopic] = []
         undecoded: dict[str, int] = {}
         for one in sorted(self._all, key=lambda one: (one.layout.name, one.instance)):
-            if one.parts and (topic := one.topic(self.formats)) is not None:
+            if one.count and (topic := one.topic(self.formats)) is not None:
                 topics.append(topic)
-            elif one.parts:
+            elif one.count:
                 undecoded[one.layout.name] = undecoded.get(one.layout.name, 0) + one.count
         return tuple(topics), undecoded

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from companion.logs import Ulog
+from companion.logs import Ulog, UlogTopic
 from companion.mavlink import px4_nav_state_name
 from companion.model import Array, Event, Flight, ParameterChange, StatusText, Vehicle, counted
 from companion.telemetry.aiding import aiding_tracks
@@ -26,7 +26,7 @@ from companion.telemetry.ulog.estimator import bias_tracks, estimator_resets, im
 from companion.telemetry.ulog.imu import imu_tracks
 from companion.telemetry.ulog.pose import attitude_track, epoch, home, origin, position_track
 from companion.telemetry.ulog.quantities import OF_SERIES, TOPIC_SERIES, topic_series
-from companion.telemetry.ulog.topics import NEEDED, Topics, seconds, topics_of
+from companion.telemetry.ulog.topics import NEEDED, Topics, let_go, seconds, topics_of
 
 _ARMED = 2  # vehicle_status.arming_state
 
@@ -41,23 +41,35 @@ TOPICS = frozenset(NEEDED) | {row.topic for row in TOPIC_SERIES} | _OTHERS
 """Topics whose fields a flight is made of."""
 
 
-def ulog_flight(log: Ulog, vehicle_types: Mapping[int, str]) -> Flight:
-    """The one flight of a .ulg, of which TOPICS were read; vehicle_types names the values of MAV_TYPE."""
-    topics, times, notes = topics_of(log)
+def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, str]) -> Flight:
+    """The one flight of a .ulg, of which TOPICS were read; vehicle_types names the values of MAV_TYPE.
+
+    read: the log's topics. They are taken over: the list is empty afterwards, and their rows are let go when they have
+    become tracks.
+    """
+    topics, times, notes = topics_of(log, read)
     parameters, changed = _parameters(log, notes)
     notes += _damage(log)
     begin, end = _span(times.values(), log.begun * 1e-6)
     release = log.infos.get("ver_sw_release")
     version = _version(release)
+    actuators, control = actuator_track(topics), control_track(topics)
+    let_go(topics, "actuator_motors", "actuator_outputs", "vehicle_attitude_setpoint")
     zero, by_device = origin(topics), imu_instances(topics)
     used = imu_in_use(topics, by_device)
     imus = imu_tracks(topics, used, parameters, notes)
+    let_go(topics, "vehicle_imu", "sensor_gyro", "sensor_accel", "sensor_gyro_fifo", "sensor_accel_fifo")
     selected = {
         "gps": gps_tracks(topics, notes),
         "compasses": compass_tracks(topics, notes),
         "barometers": barometer_tracks(topics, notes),
     }
-    attitude, position = attitude_track(topics, notes), position_track(topics, notes)
+    let_go(topics, "sensor_combined", "vehicle_acceleration")
+    resets = estimator_resets(topics)
+    attitude = attitude_track(topics, notes)
+    let_go(topics, "vehicle_angular_velocity", "vehicle_attitude")
+    position = position_track(topics, notes)
+    let_go(topics, "vehicle_local_position")
     series = topic_series(topics, version, notes)
     others = {key: series[key] for key in series if key.partition(":")[0] in OF_SERIES}
     vehicle = _vehicle(parameters, topics, vehicle_types, release)
@@ -77,15 +89,15 @@ def ulog_flight(log: Ulog, vehicle_types: Mapping[int, str]) -> Flight:
         events=_events(topics),
         parameters=parameters,
         texts=tuple(StatusText(m.stamp * 1e-6, m.level, words(m.text)) for m in log.texts),
-        messages=Lazy({name: partial(arrival, times[name], 0) for name in sorted(topics)}),
+        messages=Lazy({name: partial(arrival, times[name], 0) for name in sorted(times)}),
         on_board=True,
         **aiding_tracks(others, notes) | selected,
         biases=bias_tracks(topics, version, by_device),
         truth=truth(topics, zero),
-        control=control_track(topics),
-        actuators=actuator_track(topics),
+        control=control,
+        actuators=actuators,
         imu_in_use=used,
-        resets=estimator_resets(topics),
+        resets=resets,
         parameter_changes=changed,
     )
 

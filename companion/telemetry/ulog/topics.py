@@ -50,10 +50,11 @@ NEEDED: Mapping[str, tuple[str, ...]] = {
 _INSTANCES = 16  # the most that a flight controller publishes of one topic
 
 
-def topics_of(log: Ulog) -> tuple[dict[str, Topic], dict[str, Array], list[str]]:
+def topics_of(log: Ulog, read: list[UlogTopic]) -> tuple[dict[str, Topic], dict[str, Array], list[str]]:
     """The topics by name, without those whose declaration lacks what is read of them; their times (N,) s; and notes.
 
-    Rows whose time is not of the clock of the others (UNIX time, damage) are left out: see `timestamps`.
+    read: the log's topics; the list is empty afterwards. Rows whose time is not of the clock of the others (UNIX time,
+    damage) are left out: see `timestamps`.
     """
     whole: dict[str, UlogTopic] = {}
     notes = [
@@ -61,7 +62,8 @@ def topics_of(log: Ulog) -> tuple[dict[str, Topic], dict[str, Array], list[str]]
         "damaged or missing"
         for name, count in log.undecoded.items()
     ]
-    for one in log.topics:
+    while read:
+        one = read.pop(0)
         name = _name(one.name, one.instance)
         lacks = [field for field in (_DATED, *NEEDED.get(one.name, ())) if field not in one]
         if not name.isidentifier():
@@ -82,6 +84,12 @@ def topics_of(log: Ulog) -> tuple[dict[str, Topic], dict[str, Array], list[str]]
 
 def _name(topic: str, instance: int) -> str:
     return f"{topic}_{instance}" if instance else topic
+
+
+def let_go(topics: dict[str, Topic], *kinds: str) -> None:
+    """Forget the topics of these kinds, and with them their rows."""
+    for name in [name for kind in kinds for _, name, _ in instances(topics, kind)]:
+        del topics[name]
 
 
 def instances(topics: Topics, topic: str) -> Iterator[tuple[int, str, Topic]]:
