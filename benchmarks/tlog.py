@@ -75,7 +75,7 @@ ULOG_TYPES = {
     "f": "float",
     "d": "double",
 }
-ULOG_VALUES = {
+ULOG_VALUES: dict[str, float | tuple[float, ...]] = {
     "gyro_integral_dt": 4000, "accelerometer_m_s2": (0, 0, -9.8), "gyro_device_id": 7, "accel_device_id": 7,
     "device_id": 8, "delta_velocity": (0, 0, -0.049), "delta_angle_dt": 5000, "delta_velocity_dt": 5000,
     "q": (1, 0, 0, 0), "delta_q_reset": (1, 0, 0, 0), "q_d": (1, 0, 0, 0), "xy_valid": 1, "z_valid": 1,
@@ -89,28 +89,30 @@ ULOG_VALUES = {
 def ulog_stretch(begin: float, seconds: float) -> np.ndarray[Any, np.dtype[np.uint8]]:
     """The data of a stretch of a ULog, in order of time; values as varied as measurements are."""
     rng = np.random.default_rng(round(begin))
-    parts = []
+    times, parts = [], []
     for number, (hertz, fields) in enumerate(ULOG_MIX.values()):
         t = begin + (np.arange(round(seconds * hertz)) + rng.uniform()) / hertz
-        dtype = np.dtype([("size", "<u2"), ("type", "u1"), ("number", "<u2"), *_ulog_fields(fields)])
-        rows = np.zeros(len(t), dtype)
-        rows["size"], rows["type"], rows["number"] = dtype.itemsize - 3, ord("D"), number
-        for name in dtype.names[3:] if dtype.names else ():
+        layout = np.dtype([("size", "<u2"), ("type", "u1"), ("number", "<u2"), *_ulog_fields(fields)])
+        rows = np.zeros(len(t), layout)
+        rows["size"], rows["type"], rows["number"] = layout.itemsize - 3, ord("D"), number
+        for name in (layout.names or ())[3:]:
+            value = np.array(ULOG_VALUES.get(name, 0))
             if name.startswith("timestamp"):
                 rows[name] = t * 1e6
-            elif dtype[name].base.kind == "f":
-                rows[name] = ULOG_VALUES.get(name, 0.0) + rng.normal(0.0, 1e-3, rows[name].shape)
+            elif layout[name].base.kind == "f":
+                rows[name] = value + rng.normal(0.0, 1e-3, rows[name].shape)
             else:
-                rows[name] = ULOG_VALUES.get(name, 0)
-        parts.append((t, rows.view(np.uint8).reshape(len(t), -1)))
-    order = np.argsort(np.concatenate([t for t, _ in parts]), kind="stable")
-    sizes = np.concatenate([np.full(len(t), rows.shape[1]) for t, rows in parts])
+                rows[name] = value
+        times.append(t)
+        parts.append(rows.view(np.uint8).reshape(len(t), -1))
+    sizes = np.repeat([part.shape[1] for part in parts], [len(part) for part in parts])
+    order = np.argsort(np.concatenate(times), kind="stable")
     at = np.empty(len(order), np.int64)
     at[order] = np.cumsum(sizes[order]) - sizes[order]
-    out, first = np.empty(sizes.sum(), np.uint8), 0
-    for t, rows in parts:
-        out[at[first : first + len(t), None] + np.arange(rows.shape[1])] = rows
-        first += len(t)
+    out, first = np.empty(int(sizes.sum()), np.uint8), 0
+    for part in parts:
+        out[at[first : first + len(part), None] + np.arange(part.shape[1])] = part
+        first += len(part)
     return out
 
 

@@ -26,7 +26,7 @@ from companion.telemetry.ulog.estimator import bias_tracks, estimator_resets, im
 from companion.telemetry.ulog.imu import imu_tracks
 from companion.telemetry.ulog.pose import attitude_track, epoch, home, origin, position_track
 from companion.telemetry.ulog.quantities import OF_SERIES, TOPIC_SERIES, topic_series
-from companion.telemetry.ulog.topics import NEEDED, Topics, let_go, seconds, topics_of
+from companion.telemetry.ulog.topics import NEEDED, Topics, instance_names, let_go, seconds, topics_of
 
 _ARMED = 2  # vehicle_status.arming_state
 
@@ -37,8 +37,10 @@ _OTHERS = {
     "vehicle_attitude_setpoint", "actuator_motors", "actuator_outputs", "rfly_ctrl_lxl",
 }  # fmt: skip
 
-TOPICS = frozenset(NEEDED) | {row.topic for row in TOPIC_SERIES} | _OTHERS
-"""Topics whose fields a flight is made of."""
+TOPICS = frozenset(
+    name for topic in (*NEEDED, *(row.topic for row in TOPIC_SERIES), *_OTHERS) for name in instance_names(topic)
+)
+"""Topics whose fields a flight is made of. Some logs have the instance in the name of the topic."""
 
 
 def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, str]) -> Flight:

@@ -92,10 +92,14 @@ def let_go(topics: dict[str, Topic], *kinds: str) -> None:
         del topics[name]
 
 
+def instance_names(topic: str) -> list[str]:
+    """The names that the instances of a topic may have: vehicle_imu, vehicle_imu_1, ..."""
+    return [_name(topic, instance) for instance in range(_INSTANCES)]
+
+
 def instances(topics: Topics, topic: str) -> Iterator[tuple[int, str, Topic]]:
     """(instance, name, columns) of each instance of a topic that is in the log."""
-    for instance in range(_INSTANCES):
-        name = _name(topic, instance)
+    for instance, name in enumerate(instance_names(topic)):
         if name in topics:
             yield instance, name, topics[name]
 
