@@ -74,13 +74,14 @@ class Scan:
             starts, ends, index = self._runs(settled, begin, end, limit)
             if len(starts):
                 settled = self._between(settled, starts, ends, index, limit)
-                size = min(2 * size, _MOST_BYTES)
+                after, size = max(end, settled), min(2 * size, _MOST_BYTES)
             else:  # there may be numbers that are not known yet
-                settled = self._follow(settled, limit, limit, to_data=True)
+                settled = self._follow(settled, limit, limit, to_run=True)
                 self._collect(np.empty(0, np.int64), np.empty(0, np.uint16))
-                end = settled
-            after = max(end, settled) if not self._replaced else settled
-            self._replaced = False
+                after, size = settled, _FIRST_BYTES
+            if self._replaced:
+                self._replaced = False
+                after, size = settled, _FIRST_BYTES
             done(begin, after)
             begin = after
         self._follow(settled, limit, limit)
@@ -139,13 +140,13 @@ class Scan:
         fits = (size >= self._collector.shortest.take(number)) & (size <= self._collector.longest.take(number))
         return size, number, fits & (header["type"] == DATA)
 
-    def _follow(self, at: int, limit: int, end: int, *, to_data: bool = False) -> int:
+    def _follow(self, at: int, limit: int, end: int, *, to_run: bool = False) -> int:
         """Take the messages from `at` to `limit`, one by one, whatever is damaged there. Returns where that ended.
 
-        end: of what was written at once: it may cut off a message. to_data: only as far as the first data of a topic.
+        end: of what was written at once: it may cut off a message. to_run: only as far as the next run of data.
         """
         while True:
-            at, whole = self._walk(at, limit, to_data=to_data)
+            at, whole = self._walk(at, limit, to_run=to_run)
             if whole:
                 return at
             again = self._again(at + 1, limit)
@@ -158,7 +159,7 @@ class Scan:
             self.skipped_bytes += again - at
             at = again
 
-    def _walk(self, at: int, limit: int, *, to_data: bool) -> tuple[int, bool]:
+    def _walk(self, at: int, limit: int, *, to_run: bool) -> tuple[int, bool]:
         """Take the messages from `at` on, each of which begins where the last ends; True if that leads to the limit.
 
         Returns where it ends, else up to where it can be trusted. A message that says nothing that is known is passed
@@ -168,7 +169,7 @@ class Scan:
         passed: list[int] = []
         while at < limit:
             end, message = self._look(at, limit)
-            if to_data and isinstance(message, int):
+            if to_run and isinstance(message, int) and isinstance(self._look(end, limit)[1], int):
                 break
             if not end or (message is None and self._view[at + 2] != DATA and self._again(at + 1, end) is not None):
                 return trusted, False  # what it would pass over are messages
@@ -205,8 +206,7 @@ class Scan:
             case Subscription():
                 self._replaced |= self._collector.subscribe(message)
             case Unsubscription():
-                self._collector.unsubscribe(message.number)
-                self._replaced = True
+                self._replaced |= self._collector.unsubscribe(message.number)
         self._begun |= isinstance(message, Subscription | LoggedText)
         if self._begun:
             self._awaiting.append((at, message))

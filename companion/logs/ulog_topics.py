@@ -129,26 +129,27 @@ class Collector:
         self._stamp: list[int] = []  # by index of the topic; -1 without a time
 
     def subscribe(self, to: Subscription) -> bool:
-        """Whether the number meant another topic before, or none that can be read."""
+        """Whether the number meant another topic before."""
         layout = self.formats.layout(to.topic)
-        replaced = self.longest[to.number] > 0
         if layout is None or len(self._all) == _NUMBERS - 1:
             self.undeclared[to.number] = to.topic
-            self.unsubscribe(to.number)
-            return bool(replaced)
+            return self.unsubscribe(to.number)
         key = to.topic, to.instance
         if key not in self._index:
             self._index[key] = len(self._all)
             wanted = self._names is None or to.topic in self._names
             self._all.append(_Collected(layout, to.instance, wanted=wanted))
             self._stamp.append(-1 if layout.stamp is None else layout.stamp)
-        same = replaced and self.place[to.number] == self._index[key]
+        replaced = self.longest[to.number] > 0 and self.place[to.number] != self._index[key]
         self.place[to.number] = self._index[key]
         self.shortest[to.number], self.longest[to.number] = 2 + layout.shortest, 2 + layout.longest
-        return bool(replaced and not same)
+        return bool(replaced)
 
-    def unsubscribe(self, number: int) -> None:
+    def unsubscribe(self, number: int) -> bool:
+        """Whether the number meant a topic before."""
+        meant = self.longest[number] > 0
         self.shortest[number], self.longest[number] = _NUMBERS - 1, 0
+        return bool(meant)
 
     def collect(self, data: Bytes, starts: Index, index: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint64]:
         """Take the messages that begin at starts (N,), each of the topic of an index (N,).

@@ -211,10 +211,21 @@ def test_data_that_was_added_after_a_crash(tmp_path: Path) -> None:
     assert (log.skipped_bytes, log.cut_bytes) == (0, len(data(3, "Qd", 0, 0)) - 10)
 
 
-@pytest.mark.parametrize("at", [0, 17, 10**18])
-def test_an_offset_of_added_data_that_cannot_be_costs_nothing(tmp_path: Path, at: int) -> None:
+@pytest.mark.parametrize(("at", "cost"), [(0, 0), (17, 0), (10**18, 0), (20_001, 1)])
+def test_an_offset_of_added_data_that_cannot_be_costs_a_message_at_most(tmp_path: Path, at: int, cost: int) -> None:
     log = read(tmp_path, b"".join(everything(appended=(at,))))
-    assert sum(topic.count for topic in log.topics) == 3 * 400 + 199
+    assert kept(log) == 3 * 400 + 199 - cost
+
+
+def test_data_that_stand_alone_are_read_in_time(tmp_path: Path) -> None:
+    """Each between two marks, and numbers that are new again and again: nothing is looked through twice."""
+    text = message(b"L", b"6" + bytes(8) + b"tick")
+    alone = b"".join(gyro(0, i) + text for i in range(20_000))
+    log = read(tmp_path, definitions(*FORMATS) + subscription(0, "gyro") + alone)
+    assert (kept(log), len(log.texts), log.skipped_bytes) == (20_000, 20_000, 0)
+    new = b"".join(subscription(i, "gyro", i % 200) + gyro(i, i) * 2 + bytes([2, 0]) + b"R\0\0" for i in range(2_000))
+    log = read(tmp_path, definitions(*FORMATS) + new)
+    assert (kept(log), log.skipped_bytes) == (4_000, 0)
 
 
 def test_a_number_that_changes_its_topic(tmp_path: Path) -> None:
