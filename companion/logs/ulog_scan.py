@@ -2,10 +2,9 @@
 
 There is no checksum, and each message says alone where the next begins. Nearly all are data, and of those the size,
 the type and the number must fit one another: five bytes that no other place has by chance. So places that look like
-data are looked for in the whole file; one is taken if another begins exactly behind it, or if it begins exactly behind
-such a one. From the end of such a run to the next, the messages are followed one by one. Where that does not lead to
-the next run the file is damaged, and the search goes on for two messages, one behind the other, whose content fits
-their type.
+data are looked for in the whole file, and one is taken if another begins exactly behind it. From the end of such a run
+to the next, the messages are followed one by one. Where that does not lead to the next run the file is damaged, and the
+search goes on for two messages, one behind the other, whose content fits their type.
 """
 
 from __future__ import annotations
@@ -116,20 +115,18 @@ class Scan:
         self._single, self._awaiting = [], []
 
     def _runs(self, settled: int, begin: int, end: int, limit: int) -> tuple[Index, Index, npt.NDArray[np.uint16]]:
-        """Starts and ends (N,) of data, one behind the other, and the index of the topic of each."""
+        """Starts and ends (N,) of data that other data follow, and the index of the topic of each."""
         end = min(end, limit - HEADER_BYTES)
         places = np.flatnonzero(self._data[begin + 2 : max(end, begin) + 2] == DATA) + begin
         sizes, numbers, fits = self._data_at(places)
         starts, ends = places[fits], (places + sizes + 3)[fits]
         at_hand = (starts >= settled) & (ends <= limit)
         starts, ends, numbers = starts[at_hand], ends[at_hand], numbers[fits][at_hand]
-        behind = np.append(starts[:1] == settled, ends[:-1] == starts[1:])
-        followed = np.append(behind[1:], ends[-1:] == limit)
+        followed = np.append(ends[:-1] == starts[1:], ends[-1:] == limit)[: len(starts)]
         apart = np.flatnonzero(~followed)
         apart = apart[ends[apart] <= limit - HEADER_BYTES]
         followed[apart] = self._data_at(ends[apart])[2]
-        taken = followed | behind
-        starts, ends, numbers = starts[taken], ends[taken], numbers[taken]
+        starts, ends, numbers = starts[followed], ends[followed], numbers[followed]
         keep = first_come(starts, ends)
         return starts[keep], ends[keep], self._collector.place[numbers[keep]]
 
@@ -163,25 +160,31 @@ class Scan:
         """Take the messages from `at` on, each of which begins where the last ends; True if that leads to the limit.
 
         Returns where it ends, else up to where it can be trusted. A message that says nothing that is known is passed
-        over if that leads to one that does.
+        over if that leads to one that does. The last one before damage is taken, unless others go on inside it.
         """
         trusted = at
+        last: tuple[int, Message | int] | None = None  # it ends at `trusted`, and what follows is not known yet
         passed: list[int] = []
         while at < limit:
             end, message = self._look(at, limit)
             if to_run and isinstance(message, int) and isinstance(self._look(end, limit)[1], int):
                 break
             if not end or (message is None and self._view[at + 2] != DATA and self._again(at + 1, end) is not None):
+                if last is not None and self._again(last[0] + 1, limit, before=trusted) is not None:
+                    return last[0], False
+                self._accept(last)
                 return trusted, False  # what it would pass over are messages
             if message is None:
                 passed.append(at)
             else:
-                if passed:
-                    self._pass_over(passed)
-                    passed = []
-                self._accept(at, message)
-                trusted = end
+                self._accept(last)
+                self._pass_over(passed)
+                last, passed, trusted = (at, message), [], end
+                if isinstance(message, Format | Subscription | Unsubscription):  # what follows is read by it
+                    self._accept(last)
+                    last = None
             at = end
+        self._accept(last)
         self._pass_over(passed)
         return at, True
 
@@ -195,8 +198,11 @@ class Scan:
             else:
                 self.unknown += 1
 
-    def _accept(self, at: int, message: Message | int) -> None:
-        """What data of a topic by its index, or another message means for what follows."""
+    def _accept(self, one: tuple[int, Message | int] | None) -> None:
+        """Take a message, by its start and what it says: of data the index of its topic."""
+        if one is None:
+            return
+        at, message = one
         match message:
             case int():
                 self._single.append((at, message))
@@ -233,11 +239,11 @@ class Scan:
         fits = self._collector.shortest[number] <= size <= self._collector.longest[number]
         return end, int(self._collector.place[number]) if fits else None
 
-    def _again(self, begin: int, limit: int) -> int | None:
-        """Where from `begin` on two messages follow one another, or one leads to `limit`."""
-        step = _FIRST_STEP
-        while begin + 3 < limit:
-            stop = min(begin + step, limit - 3)
+    def _again(self, begin: int, limit: int, before: int | None = None) -> int | None:
+        """Where from `begin` on, and before a place, two messages follow one another, or one leads to `limit`."""
+        step, last = _FIRST_STEP, min(limit - 3, limit if before is None else before)
+        while begin < last:
+            stop = min(begin + step, last)
             for at in self._plausible(begin, stop, limit).tolist():
                 end, message = self._look(at, limit)
                 if message is not None and (end == limit or self._look(end, limit)[1] is not None):
