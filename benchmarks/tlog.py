@@ -276,7 +276,7 @@ def measure(reader: str, path: Path) -> None:
 
 def _warm(path: Path) -> Path:
     """The first 100 kB: reading them loads every module."""
-    warm = path.with_suffix(".warm")
+    warm = path.with_name(f"{path.name}.warm")
     if not warm.exists():
         with path.open("rb") as file:
             warm.write_bytes(file.read(100_000))

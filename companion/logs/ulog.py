@@ -147,21 +147,23 @@ def _told(said: list[Said]) -> dict[str, Any]:
     changes: list[tuple[int, str, Value]] = []
     defaults: tuple[dict[str, Value], dict[str, Value]] = ({}, {})
     for t, message in said:
-        match message:
-            case Info(name, value, several=False):
-                infos[name] = value
-            case Info(name, value, continued=True) if name in series:
-                series[name][-1].append(value)
-            case Info(name, value):
-                series.setdefault(name, []).append([value])
-            case Parameter(name, value, default_of=0) if t is None:
+        if isinstance(message, Parameter):
+            name, value = message.name, message.value
+            for bit, of in enumerate(defaults):
+                if message.default_of >> bit & 1:
+                    of[name] = value
+            if not message.default_of and t is None:
                 parameters[name] = value
-            case Parameter(name, value, default_of=0) if t is not None:
+            elif not message.default_of and t is not None:
                 changes.append((t, name, value))
-            case Parameter(name, value, default_of):
-                for bit, of in enumerate(defaults):
-                    if default_of >> bit & 1:
-                        of[name] = value
+        elif isinstance(message, Info) and not message.several:
+            infos[message.name] = message.value
+        elif isinstance(message, Info):
+            parts = series.setdefault(message.name, [])
+            if message.continued and parts:
+                parts[-1].append(message.value)
+            else:
+                parts.append([message.value])
     return {
         "infos": MappingProxyType(infos),
         "series_of_infos": MappingProxyType({name: tuple(map(tuple, one)) for name, one in series.items()}),
