@@ -20,6 +20,7 @@ SHARED = ROOT.parent / "shared" / "tlogs"
 _PACKED = Path(__file__).with_name("data")
 _WITHOUT = "no ../shared: more recordings, which only widen what is tested"
 _ALL = os.environ.get("RECORDINGS") == "all"
+_PLAIN = (".tlog", ".bin", ".ulg")
 _SMALL = 1_500_000  # bytes
 _LARGE = "recordings of ../shared above 1.5 MB: RECORDINGS=all reads them too"
 _ALIKE = "recordings like others that are read: RECORDINGS=all reads them too"
@@ -61,12 +62,12 @@ def shared(name: str) -> Path:
     return _unpack(packed, name)
 
 
-def all_shared() -> list[Any]:
-    """Every recording beside the project as a parameter; where there are none, one that is skipped.
+def all_shared(*endings: str) -> list[Any]:
+    """Every recording beside the project as a parameter, or those with such endings; without any, one that is skipped.
 
     What lies there may be any amount: the large ones are skipped too, but where the environment says RECORDINGS=all.
     """
-    found = sorted(p for p in SHARED.rglob("*") if p.suffix.lower() in {".tlog", ".bin", ".ulg"})
+    found = sorted(p for p in SHARED.rglob("*") if p.name.lower().endswith(endings or _PLAIN))
     most = float("inf") if _ALL else _SMALL
     marks = [[] if p.stat().st_size <= most else [pytest.mark.skip(_LARGE)] for p in found]
     return [pytest.param(p, id=p.name, marks=m) for p, m in zip(found, marks, strict=True)] or [

@@ -102,7 +102,7 @@ LIBRARIES = {
     "logs": {"numpy"},
     "links": {"numpy", "serial"},
     "simulate": {"numpy"},
-    "telemetry": {"numpy", "pyulog"},
+    "telemetry": {"numpy"},
     "app.settings": {"msgspec"},
     "app.resources": {"threadpoolctl"},
     "app.recording": {"numpy"},

@@ -26,32 +26,39 @@ def ulog(
 ) -> bytes:
     """A log of topics by name ("sensor_gps", its second instance "sensor_gps:1"), of a PX4 of this version."""
     release = version[0] << 24 | version[1] << 16
-    log = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0)
-    log += _message(b"B", bytes(40))
-    log += _message(b"I", _key("uint32_t ver_sw_release") + struct.pack("<I", release))
+    log = head()
+    log += message(b"B", bytes(40))
+    log += message(b"I", key("uint32_t ver_sw_release") + struct.pack("<I", release))
     for name, value in (parameters or {}).items():
         whole = isinstance(value, int)
-        log += _message(
-            b"P", _key(f"{'int32_t' if whole else 'float'} {name}") + struct.pack("<i" if whole else "<f", value)
+        log += message(
+            b"P", key(f"{'int32_t' if whole else 'float'} {name}") + struct.pack("<i" if whole else "<f", value)
         )
     formats = {name.partition(":")[0]: fields for name, fields in topics.items()}
     for name, fields in formats.items():
         declared = "".join(f"{_declared(field, values)};" for field, values in fields.items())
-        log += _message(b"F", f"{name}:{declared}".encode())
+        log += message(b"F", f"{name}:{declared}".encode())
     for number, name in enumerate(topics):
         topic, _, instance = name.partition(":")
-        log += _message(b"A", struct.pack("<BH", int(instance or 0), number) + topic.encode())
+        log += message(b"A", struct.pack("<BH", int(instance or 0), number) + topic.encode())
     for number, fields in enumerate(topics.values()):
         for row in _rows(fields):
-            log += _message(b"D", struct.pack("<H", number) + row)
+            log += message(b"D", struct.pack("<H", number) + row)
     return log
 
 
-def _message(kind: bytes, body: bytes) -> bytes:
+def head(begun_us: int = 0) -> bytes:
+    """What a log begins with."""
+    return b"ULog\x01\x12\x35\x01" + struct.pack("<Q", begun_us)
+
+
+def message(kind: bytes, body: bytes) -> bytes:
+    """A message of a type, as it stands in a log."""
     return struct.pack("<H", len(body)) + kind + body
 
 
-def _key(name: str) -> bytes:
+def key(name: str) -> bytes:
+    """The type and name of a setting, with their length."""
     return bytes([len(name)]) + name.encode()
 
 

@@ -3,14 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from companion.installation import log_path
-from companion.logs import MOST_BYTES, Contents, Log, log_format, read_dataflash, read_dataflash_text, read_tlog
+from companion.logs import (
+    MOST_BYTES,
+    DataflashLog,
+    Log,
+    Ulog,
+    log_format,
+    read_dataflash,
+    read_dataflash_text,
+    read_tlog,
+    read_ulog,
+)
 from companion.mavlink import DEFAULT_DIALECT, Dialect, load_dialect
 from companion.model import Flight, SettingsError
-from companion.telemetry import NEEDED, RECORDS, Bystander, dataflash_flight, flights, ulog_flight, why_no_flight
+from companion.telemetry import (
+    NEEDED,
+    RECORDS,
+    TOPICS,
+    Bystander,
+    dataflash_flight,
+    flights,
+    ulog_flight,
+    why_no_flight,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,11 +118,10 @@ def read_recording(
 
 def _read_ulog(path: Path, dialect: Dialect, progress: Callable[[int], None] | None, most_bytes: int) -> Recording:
     types = {v: n.removeprefix("MAV_TYPE_") for v, n in dialect.enum_names("MAV_TYPE").items()}
-    contents = Contents(path, most_bytes)
-    flight = ulog_flight(path, contents.read(progress), types)
-    count = sum(stats.count for stats in flight.messages.values())
-    source = Source(path, "ulog", contents.size_bytes, count, contents.content_bytes, contents.trouble)
-    return Recording(source, (flight,))
+    log = read_ulog(path, names=TOPICS, progress=progress, most_bytes=most_bytes)
+    source, topics = _on_board(log), list(log.topics)
+    log = replace(log, topics=())  # `ulog_flight` lets go of what it has read
+    return Recording(source, (ulog_flight(log, topics, types),))
 
 
 def _read_dataflash(
@@ -111,19 +129,23 @@ def _read_dataflash(
 ) -> Recording:
     read = read_dataflash if kind == "dataflash" else read_dataflash_text
     log = read(path, names=RECORDS, progress=progress, most_bytes=most_bytes)
-    source = Source(
-        path=path,
-        format=kind,
+    source = _on_board(log)
+    records, undecoded, nothing = dict(log.messages), log.undecoded, why_no_flight(log.messages)
+    del log  # `dataflash_flight` lets go of what it has read
+    flight = dataflash_flight(records, dialect, core=core, undecoded=undecoded)
+    return Recording(source, (flight,)) if flight else Recording(source, (), no_flight=nothing)
+
+
+def _on_board(log: DataflashLog | Ulog) -> Source:
+    return Source(
+        path=log.path,
+        format=log.kind,
         size_bytes=log.size_bytes,
         frames=log.frames,
         content_bytes=log.content_bytes,
         trouble=log.trouble,
         skipped_bytes=log.skipped_bytes,
     )
-    records, undecoded, nothing = dict(log.messages), log.undecoded, why_no_flight(log.messages)
-    del log  # `dataflash_flight` lets go of what it has read
-    flight = dataflash_flight(records, dialect, core=core, undecoded=undecoded)
-    return Recording(source, (flight,)) if flight else Recording(source, (), no_flight=nothing)
 
 
 def open_log(

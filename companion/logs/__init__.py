@@ -1,10 +1,12 @@
-"""Files to columns: telemetry logs (.tlog), on-board logs (DataFlash), compressed or not."""
+"""Files to columns: telemetry logs (.tlog), on-board logs (DataFlash, ULog), compressed or not."""
 
 from companion.logs.dataflash import DataflashLog, Records, read_dataflash
 from companion.logs.dataflash_layout import RecordLayout
 from companion.logs.dataflash_text import read_dataflash_text
 from companion.logs.logfile import MOST_BYTES, Contents, log_format, looks_like_a_log
 from companion.logs.tlog import Log, TlogWriter, follow_tlog, read_tlog, write_tlog
+from companion.logs.ulog import Ulog, read_ulog
+from companion.logs.ulog_topics import UlogTopic
 
 __all__ = [
     "MOST_BYTES",
@@ -14,11 +16,14 @@ __all__ = [
     "RecordLayout",
     "Records",
     "TlogWriter",
+    "Ulog",
+    "UlogTopic",
     "follow_tlog",
     "log_format",
     "looks_like_a_log",
     "read_dataflash",
     "read_dataflash_text",
     "read_tlog",
+    "read_ulog",
     "write_tlog",
 ]

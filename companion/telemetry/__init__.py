@@ -5,11 +5,12 @@ from companion.telemetry.flights import NEEDED, flights
 from companion.telemetry.parameters import id_parameters
 from companion.telemetry.split import Bystander
 from companion.telemetry.stream import Stream
-from companion.telemetry.ulog import ulog_flight
+from companion.telemetry.ulog import TOPICS, ulog_flight
 
 __all__ = [
     "NEEDED",
     "RECORDS",
+    "TOPICS",
     "Bystander",
     "Stream",
     "dataflash_flight",

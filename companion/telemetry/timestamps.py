@@ -55,15 +55,15 @@ def off_course(streams: Mapping[str, Array], course: Course) -> dict[str, BoolAr
     """
     middle = _middle([t for t in streams.values() if len(t)]) if np.isfinite(course.away_s) else np.nan
     apart = {name: _apart(t, _elsewhere(t, middle, course.away_s), course.disorder_s) for name, t in streams.items()}
-    covered = [_core(t[~apart[name]]) for name, t in streams.items() if (~apart[name]).sum() >= _SURE]
+    covered = np.array([_core(t[~apart[name]]) for name, t in streams.items() if (~apart[name]).sum() >= _SURE])
     for name, t in streams.items():
-        if covered:
+        if len(covered):
             kept = np.flatnonzero(~apart[name])
             if len(kept) >= _SURE:
                 kept = np.concatenate([kept[:_NEIGHBOURS], kept[-_NEIGHBOURS:]])
-            ends = t[kept]
-            near = [(ends >= low - course.before_s) & (ends <= high + course.after_s) for low, high in covered]
-            apart[name][kept[~np.any(near, axis=0)]] = True
+            ends = t[kept][:, None]
+            near = (ends >= covered[:, 0] - course.before_s) & (ends <= covered[:, 1] + course.after_s)
+            apart[name][kept[~near.any(axis=1)]] = True
     return {name: mask for name, mask in apart.items() if mask.any()}
 
 

@@ -24,8 +24,6 @@ LOGS = (
 
 @pytest.mark.parametrize("path", LOGS, ids=lambda path: path.name)
 def test_everything_in_the_inventory_has_a_table(path: Path) -> None:
-    if ".ulg" in path.name:
-        pytest.importorskip("pyulog")
     (flight,) = c.open_log(path)
     exported = tables(flight)
     sources = {table.about["source"] for name, table in exported.items() if not name.startswith("temperature")}
@@ -39,7 +37,6 @@ def test_everything_in_the_inventory_has_a_table(path: Path) -> None:
 
 
 def test_a_sensor_that_only_its_driver_tells_of(tmp_path: Path) -> None:
-    pytest.importorskip("pyulog")
     t = np.arange(1, 51, dtype=np.uint64) * np.uint64(100_000)
     field = np.linspace(0.1, 0.3, 50).astype(np.float32)
     imu = {name: np.full((50, 3), 1e-3, np.float32) for name in ("delta_angle", "delta_velocity")}

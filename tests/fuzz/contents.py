@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from pyulog import ULog
 
-from companion.logs import read_dataflash, read_tlog
+from companion.logs import read_dataflash, read_tlog, read_ulog
 from companion.mavlink import encode
 from companion.telemetry.dataflash.flight import RECORDS
 from tests.recordings import BUNDLED, ROOT
@@ -176,12 +175,8 @@ def of_dataflash(folder: Path) -> Contents:
 @cache
 def of_ulog(folder: Path) -> Contents:
     """Fifty seconds of a PX4 log with two IMUs, but for topics within topics."""
-    log = ULog(str(_unpacked(_ULOG, folder)))
-    topics = {
-        f"{one.name}:{one.multi_id}": _rows(one.data)
-        for one in log.data_list
-        if not any("." in field for field in one.data)
-    }
+    log = read_ulog(_unpacked(_ULOG, folder))
+    topics = {f"{one.name}:{one.instance}": one.rows for one in log.topics if not any("." in field for field in one)}
 
     def write(rows: Mapping[str, Rows], origin: Mapping[str, Index]) -> bytes:
         del origin
@@ -190,26 +185,13 @@ def of_ulog(folder: Path) -> Contents:
             for name, one in rows.items()
             if len(one)
         }
-        return ulog(fields, log.initial_parameters)
+        return ulog(fields, {name: x for name, x in log.parameters.items() if isinstance(x, int | float)})
 
     return _contents(topics, write)
 
 
 def _contents(rows: Mapping[str, Rows], write: Callable[[Mapping[str, Rows], Mapping[str, Index]], bytes]) -> Contents:
     return Contents(rows, {name: np.arange(len(one)) for name, one in rows.items()}, write)
-
-
-def _rows(data: Mapping[str, npt.NDArray[Any]]) -> Rows:
-    """pyulog's columns as rows: the elements of an array are one field again."""
-    fields: dict[str, npt.NDArray[Any]] = {}
-    for name in data:
-        field = name.partition("[")[0]
-        several = [data[element] for element in data if element.startswith(f"{field}[")]
-        fields[field] = np.column_stack(several) if several else data[name]
-    rows = np.empty(len(data["timestamp"]), [(name, one.dtype, one.shape[1:]) for name, one in fields.items()])
-    for name, one in fields.items():
-        rows[name] = one
-    return rows
 
 
 def _unpacked(path: Path, folder: Path) -> Path:

@@ -76,7 +76,6 @@ def dataflash(folder: Path, values: Values) -> Flight:
 
 
 def px4(folder: Path, values: Values) -> Flight:
-    pytest.importorskip("pyulog")
     stamp = np.round(T * 1e6).astype(np.uint64)
     speed, distance, flow, gyro = (values[name].astype(np.float32) for name in TRUE)
     zero = np.zeros(N, np.float32)

@@ -152,14 +152,8 @@ FORMATS = pytest.mark.parametrize("made", [tlog, dataflash, px4], ids=["tlog", "
 Make = Callable[[Path, Values], Flight]
 
 
-def without_optional(made: Make) -> None:
-    if made is px4:
-        pytest.importorskip("pyulog")
-
-
 @FORMATS
 def test_healthy_sensors_are_read(tmp_path: Path, made: Make) -> None:
-    without_optional(made)
     flight = made(tmp_path, HEALTHY)
     (gps,), (compass,), (barometer,) = flight.gps, flight.compasses, flight.barometers
     np.testing.assert_allclose(gps.t, T, atol=1e-6)
@@ -171,7 +165,6 @@ def test_healthy_sensors_are_read(tmp_path: Path, made: Make) -> None:
 
 @FORMATS
 def test_absent_sensors_are_none(tmp_path: Path, made: Make) -> None:
-    without_optional(made)
     flight = made(tmp_path, {})
     assert flight.imus
     assert not any((len(flight.gps), len(flight.compasses), len(flight.barometers)))
@@ -191,7 +184,6 @@ NOTED = {"lat": "gps", "fix": "gps", "mag": "compasses", "pressure": "barometers
 @FORMATS
 @pytest.mark.parametrize("name", WRONG)
 def test_what_is_no_sensor_is_left_out_with_a_note(tmp_path: Path, made: Make, name: str) -> None:
-    without_optional(made)
     flight = made(tmp_path, HEALTHY | {key: np.full(N, value) for key, value in WRONG[name].items()})
     wrong = {NOTED[key] for key in WRONG[name] if key in NOTED}
     for kind in ("gps", "compasses", "barometers"):
@@ -203,7 +195,6 @@ def test_what_is_no_sensor_is_left_out_with_a_note(tmp_path: Path, made: Make, n
 @FORMATS
 def test_nothing_is_known_before_the_first_fix(tmp_path: Path, made: Make) -> None:
     """The receiver's last place from before it was switched off, at 20 km from here."""
-    without_optional(made)
     early = np.arange(N) < 30
     before = {"fix": np.where(early, 1.0, 3.0), "lat": np.where(early, 47.2, HEALTHY["lat"])}
     (gps,) = made(tmp_path, HEALTHY | before).gps
@@ -217,7 +208,6 @@ def test_nothing_is_known_before_the_first_fix(tmp_path: Path, made: Make) -> No
 @FORMATS
 def test_unix_time_is_no_time_since_boot(tmp_path: Path, made: Make) -> None:
     """Left out, or where a message's neighbours tell the time, put there; the flight is as long as it was."""
-    without_optional(made)
     flight = made(tmp_path, HEALTHY | {"t": UNIX + T})
     assert flight.duration == pytest.approx(20.0, abs=0.3)
     for gps in flight.gps:
@@ -228,7 +218,6 @@ def test_unix_time_is_no_time_since_boot(tmp_path: Path, made: Make) -> None:
 
 @FORMATS
 def test_a_single_fix_that_its_neighbours_contradict_is_dropped_and_counted(tmp_path: Path, made: Make) -> None:
-    without_optional(made)
     lat = HEALTHY["lat"].copy()
     lat[50] += 508.0 / 111_000
     flight = made(tmp_path, HEALTHY | {"lat": lat})
@@ -241,7 +230,6 @@ def test_a_single_fix_that_its_neighbours_contradict_is_dropped_and_counted(tmp_
 def test_a_single_reading_that_its_neighbours_contradict_is_dropped_and_counted(
     tmp_path: Path, made: Make, name: str, wrong: float
 ) -> None:
-    without_optional(made)
     values = HEALTHY[name].copy()
     values[50] = wrong
     flight = made(tmp_path, HEALTHY | {name: values})
@@ -256,7 +244,6 @@ def test_an_attitude_that_turns_away_and_back_between_two_samples_is_dropped_and
     tmp_path: Path, made: Make
 ) -> None:
     """By 150 degrees in 50 ms, where the vehicle turns by 2 mrad/s."""
-    without_optional(made)
     roll = STILL["roll"].copy()
     roll[200] = np.radians(150.0)
     flight = made(tmp_path, HEALTHY | STILL | {"roll": roll})
@@ -270,7 +257,6 @@ def test_an_attitude_that_turns_away_and_back_between_two_samples_is_dropped_and
 @pytest.mark.parametrize("sensor", ["gyro", "force"])
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -3e38, 1e4])
 def test_what_no_imu_can_read_is_dropped_and_counted(tmp_path: Path, made: Make, sensor: str, wrong: float) -> None:
-    without_optional(made)
     values = STILL[sensor].copy()
     values[200] = wrong
     flight = made(tmp_path, HEALTHY | STILL | {sensor: values})
@@ -284,7 +270,6 @@ def test_what_no_imu_can_read_is_dropped_and_counted(tmp_path: Path, made: Make,
 def test_shocks_spikes_flips_and_steps_are_no_damage(tmp_path: Path, made: Make) -> None:
     """The verdict has to see them: an IMU at the end of its range for one sample, a flip, a wave of pressure, a magnet,
     a reset of the heading."""
-    without_optional(made)
     shocked = {name: values.copy() for name, values in (HEALTHY | STILL).items()}
     shocked["force"][100] = -150.0
     shocked["gyro"][120] = 34.0

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from pyulog import ULog
 
 import companion as c
 from companion.model import Array
@@ -34,11 +35,10 @@ Topics = dict[str, dict[str, Any]]
 
 @pytest.fixture(scope="module", params=LOGS, ids=lambda path: path.name)
 def log(request: pytest.FixtureRequest) -> tuple[c.Flight, Topics]:
-    pyulog = pytest.importorskip("pyulog")
     path: Path = request.param
     (flight,) = c.open_log(path)
     contents = path.read_bytes()
-    found = pyulog.ULog(io.BytesIO(lzma.decompress(contents) if path.suffix == ".xz" else contents)).data_list
+    found = ULog(io.BytesIO(lzma.decompress(contents) if path.suffix == ".xz" else contents)).data_list
     topics = {f"{one.name}_{one.multi_id}" if one.multi_id else one.name: one.data for one in found}
     return flight, topics
 
@@ -125,7 +125,6 @@ def test_the_imu_in_use_is_that_of_pyulog(log: tuple[c.Flight, Topics]) -> None:
 
 
 def test_a_bias_belongs_to_the_imu_that_it_was_learned_of() -> None:
-    pytest.importorskip("pyulog")
     (flight,) = c.open_log(CUT)
     assert flight.imu_in_use
     assert flight.imu_in_use.at(np.array([45.0])) == 1
@@ -134,7 +133,6 @@ def test_a_bias_belongs_to_the_imu_that_it_was_learned_of() -> None:
 
 
 def test_the_truth_is_near_the_estimate_and_about_the_same_origin() -> None:
-    pytest.importorskip("pyulog")
     (flight,) = c.open_log(CUT)
     truth, estimate = flight.truth, flight.position
     assert truth
@@ -179,7 +177,6 @@ def test_resets_are_counted_as_the_log_counts_them(log: tuple[c.Flight, Topics])
 @pytest.mark.parametrize("name", ["px4/px4_gcs_default.ulg", "px4/px4_square_lownoise.ulg"])
 def test_increments_of_vehicle_imu_and_sensor_combined_turn_alike(name: str) -> None:
     """Logged at the full rate both are the same integrals: after minutes the attitudes are within rounding."""
-    pytest.importorskip("pyulog")
     (flight,) = c.open_log(recording(name))
     own, combined = (preintegrate(flight.imus[of]) for of in ("vehicle_imu", "sensor_combined"))
     np.testing.assert_array_equal(own.t, combined.t)
@@ -189,7 +186,6 @@ def test_increments_of_vehicle_imu_and_sensor_combined_turn_alike(name: str) -> 
 
 
 def test_a_log_of_every_hundredth_integral_is_not_the_one_to_integrate() -> None:
-    pytest.importorskip("pyulog")
     (flight,) = c.open_log(CUT)
     assert flight.imus["vehicle_imu"].rate_hz == pytest.approx(2.0, rel=0.01)
     assert flight.imus["vehicle_imu"].covered < 0.02

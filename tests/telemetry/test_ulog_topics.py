@@ -16,8 +16,6 @@ from companion.telemetry.convert import SI
 from companion.telemetry.ulog.quantities import TOPIC_SERIES
 from tests.ulogs import Fields, ulog
 
-pytest.importorskip("pyulog")
-
 N = 50
 T = np.arange(1, N + 1, dtype=np.uint64) * np.uint64(100_000)
 F32 = np.float32

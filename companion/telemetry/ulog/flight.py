@@ -1,22 +1,23 @@
-"""PX4's ULog → its flight, through pyulog (the extra `ulog`).
+"""PX4's ULog → its flight.
 
 The topics are read by `topics`; `imu`, `pose`, `aiding` and `estimator` make tracks of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping
+from functools import partial
 
 import numpy as np
 
+from companion.logs import Ulog, UlogTopic
 from companion.mavlink import px4_nav_state_name
-from companion.model import Event, Flight, ParameterChange, StatusText, Vehicle, counted
+from companion.model import Array, Event, Flight, ParameterChange, StatusText, Vehicle, counted
 from companion.telemetry.aiding import aiding_tracks
 from companion.telemetry.arrival import arrival
 from companion.telemetry.events import changes, in_order
 from companion.telemetry.firmware import UNKNOWN
+from companion.telemetry.lazy import Lazy
 from companion.telemetry.parameters import identity, possible, setting_names
 from companion.telemetry.sanitize import words
 from companion.telemetry.ulog.aiding import barometer_tracks, compass_tracks, gps_tracks, truth
@@ -24,33 +25,53 @@ from companion.telemetry.ulog.control import actuator_track, control_track
 from companion.telemetry.ulog.estimator import bias_tracks, estimator_resets, imu_in_use, imu_instances
 from companion.telemetry.ulog.imu import imu_tracks
 from companion.telemetry.ulog.pose import attitude_track, epoch, home, origin, position_track
-from companion.telemetry.ulog.quantities import OF_SERIES, topic_series
-from companion.telemetry.ulog.topics import Topics, read_ulog, seconds, topics_of, unfinished
+from companion.telemetry.ulog.quantities import OF_SERIES, TOPIC_SERIES, topic_series
+from companion.telemetry.ulog.topics import NEEDED, Topics, instance_names, let_go, seconds, topics_of
 
 _ARMED = 2  # vehicle_status.arming_state
 
 
-def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -> Flight:
-    """The one flight of a .ulg of these contents; vehicle_types names the values of MAV_TYPE.
+_OTHERS = {
+    "vehicle_imu_status", "sensor_gyro", "sensor_accel", "sensor_gyro_fifo", "sensor_accel_fifo",
+    "vehicle_acceleration", "estimator_states", "estimator_status", "estimator_selector_status",
+    "vehicle_attitude_setpoint", "actuator_motors", "actuator_outputs", "rfly_ctrl_lxl",
+}  # fmt: skip
 
-    Raises InputError when pyulog is not installed or cannot read the file.
+TOPICS = frozenset(
+    name for topic in (*NEEDED, *(row.topic for row in TOPIC_SERIES), *_OTHERS) for name in instance_names(topic)
+)
+"""Topics whose fields a flight is made of. Some logs have the instance in the name of the topic."""
+
+
+def ulog_flight(log: Ulog, read: list[UlogTopic], vehicle_types: Mapping[int, str]) -> Flight:
+    """The one flight of a .ulg, of which TOPICS were read; vehicle_types names the values of MAV_TYPE.
+
+    read: the log's topics. They are taken over: the list is empty afterwards, and their rows are let go when they have
+    become tracks.
     """
-    log = read_ulog(path, contents)
-    topics, notes = topics_of(log)
+    topics, times, notes = topics_of(log, read)
     parameters, changed = _parameters(log, notes)
-    notes += _damage(log, contents)
-    begin, end = _span(topics, log.start_timestamp * 1e-6)
-    release = log.msg_info_dict.get("ver_sw_release")
+    notes += _damage(log)
+    begin, end = _span(times.values(), log.begun * 1e-6)
+    release = log.infos.get("ver_sw_release")
     version = _version(release)
+    actuators, control = actuator_track(topics), control_track(topics)
+    let_go(topics, "actuator_motors", "actuator_outputs", "vehicle_attitude_setpoint")
     zero, by_device = origin(topics), imu_instances(topics)
     used = imu_in_use(topics, by_device)
     imus = imu_tracks(topics, used, parameters, notes)
+    let_go(topics, "vehicle_imu", "sensor_gyro", "sensor_accel", "sensor_gyro_fifo", "sensor_accel_fifo")
     selected = {
         "gps": gps_tracks(topics, notes),
         "compasses": compass_tracks(topics, notes),
         "barometers": barometer_tracks(topics, notes),
     }
-    attitude, position = attitude_track(topics, notes), position_track(topics, notes)
+    let_go(topics, "sensor_combined", "vehicle_acceleration")
+    resets = estimator_resets(topics)
+    attitude = attitude_track(topics, notes)
+    let_go(topics, "vehicle_angular_velocity", "vehicle_attitude")
+    position = position_track(topics, notes)
+    let_go(topics, "vehicle_local_position")
     series = topic_series(topics, version, notes)
     others = {key: series[key] for key in series if key.partition(":")[0] in OF_SERIES}
     vehicle = _vehicle(parameters, topics, vehicle_types, release)
@@ -69,18 +90,16 @@ def ulog_flight(path: Path, contents: bytes, vehicle_types: Mapping[int, str]) -
         series=series,
         events=_events(topics),
         parameters=parameters,
-        texts=tuple(
-            StatusText(m.timestamp * 1e-6, m.log_level - ord("0"), words(str(m.message))) for m in log.logged_messages
-        ),
-        messages={name: arrival(seconds(topic), 0) for name, topic in sorted(topics.items())},
+        texts=tuple(StatusText(m.stamp * 1e-6, m.level, words(m.text)) for m in log.texts),
+        messages=Lazy({name: partial(arrival, times[name], 0) for name in sorted(times)}),
         on_board=True,
         **aiding_tracks(others, notes) | selected,
         biases=bias_tracks(topics, version, by_device),
         truth=truth(topics, zero),
-        control=control_track(topics),
-        actuators=actuator_track(topics),
+        control=control,
+        actuators=actuators,
         imu_in_use=used,
-        resets=estimator_resets(topics),
+        resets=resets,
         parameter_changes=changed,
     )
 
@@ -100,11 +119,11 @@ def _vehicle(
     )
 
 
-def _parameters(log: Any, notes: list[str]) -> tuple[dict[str, float], tuple[ParameterChange, ...]]:
+def _parameters(log: Ulog, notes: list[str]) -> tuple[dict[str, float], tuple[ParameterChange, ...]]:
     """The last value of each, and the changes while the log ran. What is left out is added to the notes."""
-    said = [(-np.inf, name, value) for name, value in log.initial_parameters.items()]
-    said += [(at * 1e-6, name, value) for at, name, value in log.changed_parameters]
-    numbers = [(t, words(str(name)), float(value)) for t, name, value in said if isinstance(value, int | float)]
+    said = [(-np.inf, name, value) for name, value in log.parameters.items()]
+    said += [(at * 1e-6, name, value) for at, name, value in log.parameter_changes]
+    numbers = [(t, words(name), float(value)) for t, name, value in said if isinstance(value, int | float)]
     if left_out := len(said) - len(numbers):
         notes.append(f"{counted(left_out, 'parameter')} of a damaged type left out")
     values = possible([name for _, name, _ in numbers], np.array([value for *_, value in numbers]), notes).tolist()
@@ -113,28 +132,27 @@ def _parameters(log: Any, notes: list[str]) -> tuple[dict[str, float], tuple[Par
     return {name: value for _, name, value in known}, changed
 
 
-def _damage(log: Any, contents: bytes) -> Iterator[str]:
+def _damage(log: Ulog) -> Iterator[str]:
     """What is missing from the file, in words."""
     if log.dropouts:
-        yield f"{counted(len(log.dropouts), 'dropout')} of the logger, the longest {_longest(log.dropouts):.2f} s"
-    if log.file_corruption:
-        yield "the file is damaged: what could be read of it is used"
-    if cut := unfinished(contents, appended=bool(log.has_data_appended)):
-        yield f"the file ends in the middle of a message ({cut} bytes of one): it was cut off"
+        longest = max(duration for _, duration in log.dropouts)
+        yield f"{counted(len(log.dropouts), 'dropout')} of the logger, the longest {longest:.2f} s"
+    if log.skipped_bytes:
+        yield f"the file is damaged: {counted(log.skipped_bytes, 'byte')} of no message skipped"
+    if log.unknown:
+        yield f"{counted(log.unknown, 'message')} of an unknown type, or damaged, left out"
+    if log.cut_bytes and not log.appended:
+        yield f"the file ends in the middle of a message ({log.cut_bytes} bytes of one): it was cut off"
 
 
-def _span(topics: Topics, begun: float) -> tuple[float, float]:
+def _span(times: Iterable[Array], begun: float) -> tuple[float, float]:
     """First and last time, s. `begun` is when the file says that it was begun, where that can be.
 
     What was said before then stands in the log as well.
     """
-    edges = [(float(t.min()), float(t.max())) for topic in topics.values() if len(t := seconds(topic))]
+    edges = [(float(t.min()), float(t.max())) for t in times]
     first, last = min((low for low, _ in edges), default=begun), max((high for _, high in edges), default=begun)
     return begun if first <= begun <= last else first, last
-
-
-def _longest(dropouts: list[Any]) -> float:
-    return float(max(d.duration for d in dropouts)) * 1e-3
 
 
 def _firmware(release: object) -> str:

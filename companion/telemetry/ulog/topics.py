@@ -1,78 +1,17 @@
-"""The topics of a PX4 ULog as columns, by pyulog; what is damaged or not of the boot clock is left out and noted.
-
-Format: https://docs.px4.io/main/en/dev_log/ulog_file_format.html. A definition may name another as a field, and that a
-third: eight lines stand for 200^8 fields. A message of the log has 65,535 bytes at most, and every field at least one.
-"""
+"""The topics of a PX4 ULog that tracks are made of; what is damaged or not of the boot clock is left out and noted."""
 
 from __future__ import annotations
 
-import contextlib
-import io
-import re
-import struct
-import sys
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from companion.model import Array, InputError
+from companion.logs import Ulog, UlogTopic
+from companion.model import Array, counted
 from companion.telemetry.sanitize import words
 from companion.telemetry.timestamps import LONGEST_WAIT_S, ON_BOARD, left_out, off_course
-
-_MOST_BYTES = 65_535
-_MOST_DEEP = 32
-_SIZES = {
-    "int8_t": 1, "uint8_t": 1, "bool": 1, "char": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4,
-    "float": 4, "int64_t": 8, "uint64_t": 8, "double": 8,
-}  # fmt: skip
-_FIELD = re.compile(r"(\w+)(?:\[(\d{1,9})\])?\s+\w+")
-
-
-def check_formats(path: Path, contents: bytes) -> None:
-    """Raises InputError when a definition is larger than any message can be, or has itself as a part."""
-    formats = _formats(contents)
-    sizes: dict[str, int] = {}
-    for name in formats:
-        if _size(name, formats, sizes, 0) > _MOST_BYTES:
-            raise InputError(
-                f"{path} begins like a PX4 ULog, but declares {name!r} with more bytes than a message can have: its "
-                "definitions are damaged. Copy it again."
-            )
-
-
-def _size(name: str, formats: dict[str, str], sizes: dict[str, int], depth: int) -> int:
-    """Bytes of a type; more than a message can have for one that is too large, too deep or a part of itself."""
-    if name in _SIZES:
-        return _SIZES[name]
-    if depth > _MOST_DEEP:
-        return _MOST_BYTES + 1
-    if name not in sizes:
-        total = 0
-        for kind, count in _FIELD.findall(formats.get(name, "")):
-            total += _size(kind, formats, sizes, depth + 1) * int(count or 1)
-            if total > _MOST_BYTES:
-                break
-        sizes[name] = min(total, _MOST_BYTES + 1)
-    return sizes[name]
-
-
-def _formats(contents: bytes) -> dict[str, str]:
-    """Name → fields, of the definitions at the head of the file."""
-    formats: dict[str, str] = {}
-    at = _HEADER_BYTES
-    while at + 3 <= len(contents):
-        size, kind = int.from_bytes(contents[at : at + 2], "little"), contents[at + 2 : at + 3]
-        if kind in (b"A", b"L"):  # the data begins
-            break
-        if kind == b"F":
-            name, _, fields = contents[at + 3 : at + 3 + size].decode("utf-8", "replace").partition(":")
-            formats[name] = fields
-        at += 3 + size
-    return formats
-
 
 Topic = Mapping[str, Any]
 """Field → column (N,); elements of arrays are fields of their own: `q[0]`."""
@@ -83,7 +22,7 @@ Topics = Mapping[str, Topic]
 _DATED, _SAMPLED = "timestamp", "timestamp_sample"
 _XYZ = ("[0]", "[1]", "[2]")
 _Q = ("q[0]", "q[1]", "q[2]", "q[3]")
-_NEEDED: Mapping[str, tuple[str, ...]] = {
+NEEDED: Mapping[str, tuple[str, ...]] = {
     "vehicle_imu": ("timestamp_sample", "delta_angle_dt", "delta_velocity_dt")
     + tuple(f"delta_{of}{i}" for of in ("angle", "velocity") for i in _XYZ),
     "sensor_combined": ("gyro_integral_dt", *(f"{of}{i}" for of in ("gyro_rad", "accelerometer_m_s2") for i in _XYZ)),
@@ -108,97 +47,59 @@ _NEEDED: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 """What is read of a topic without asking whether it is there."""
 
-_HEADER_BYTES = 16
-_SYNC = bytes.fromhex("2F731320250CBB12")  # in the log again and again, so that damage does not spread
 _INSTANCES = 16  # the most that a flight controller publishes of one topic
 
 
-def read_ulog(path: Path, contents: bytes) -> Any:
-    """pyulog's ULog of these contents.
+def topics_of(log: Ulog, read: list[UlogTopic]) -> tuple[dict[str, Topic], dict[str, Array], list[str]]:
+    """The topics by name, without those whose declaration lacks what is read of them; their times (N,) s; and notes.
 
-    Raises InputError when pyulog cannot read the file.
+    read: the log's topics; the list is empty afterwards. Rows whose time is not of the clock of the others (UNIX time,
+    damage) are left out: see `timestamps`.
     """
-    from pyulog import ULog  # noqa: PLC0415  (needed for these files alone)
-    from pyulog.core import ULogException  # noqa: PLC0415
-
-    check_formats(path, contents)
-    try:
-        with contextlib.redirect_stdout(sys.stderr):  # it prints what it thinks of a file
-            log = ULog(_Whole(contents), disable_str_exceptions=True)
-    except (ULogException, ValueError, LookupError, TypeError, RecursionError, struct.error) as error:
-        raise InputError(f"{path} begins like a PX4 ULog, but cannot be read: {error!r}.") from error
-    if not log.data_list:
-        raise InputError(
-            f"{path} begins like a PX4 ULog, but no data can be read from it: it was cut off, or its definitions are "
-            "damaged. Copy it again."
-        )
-    return log
-
-
-class _Whole(io.BytesIO):
-    """The bytes of a file, for pyulog: after a size that leads beyond their end it goes back by that size.
-
-    It would go round for ever from there, so what could not be read is not gone back either.
-    """
-
-    _missing = 0
-
-    def read(self, size: int | None = -1) -> bytes:
-        data = super().read(size)
-        self._missing = max((size or 0) - len(data), 0)
-        return data
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        if whence == io.SEEK_CUR and offset < 0:
-            offset += self._missing
-        self._missing = 0
-        return super().seek(offset, whence)
-
-
-def topics_of(log: Any) -> tuple[dict[str, Topic], list[str]]:
-    """The topics by name, without those whose declaration lacks what is read of them; and a note of each of these.
-
-    Rows whose time is not of the clock of the others (UNIX time, damage) are left out: see `timestamps`.
-    """
-    topics: dict[str, Topic] = {}
-    notes = []
-    for one in log.data_list:
-        name = _name(one.name, one.multi_id)
-        lacks = [field for field in (_DATED, *_NEEDED.get(one.name, ())) if field not in one.data]
+    whole: dict[str, UlogTopic] = {}
+    notes = [
+        f"{words(name) or 'data of no topic'}: {counted(count, 'message')} left out: the log's declaration of them is "
+        "damaged or missing"
+        for name, count in log.undecoded.items()
+    ]
+    while read:
+        one = read.pop(0)
+        name = _name(one.name, one.instance)
+        lacks = [field for field in (_DATED, *NEEDED.get(one.name, ())) if field not in one]
         if not name.isidentifier():
             notes.append(f"a topic is left out: its name is damaged ({words(name)})")
-            continue
-        if lacks:
+        elif lacks:
             notes.append(f"{name} is left out: the log declares it without {', '.join(lacks)}")
-            continue
-        topics[name] = one.data
-    times = {name: seconds(topic) for name, topic in topics.items()}
+        else:
+            whole[name] = one
+    times = {name: seconds(topic) for name, topic in whole.items()}
     apart = off_course(times, ON_BOARD)
+    notes += left_out(times, apart)
     for name, mask in apart.items():
-        topics[name] = {field: values[~mask] for field, values in topics[name].items()}
-    topics = {name: topic for name, topic in topics.items() if len(topic[_DATED])}
-    return topics, [*notes, *left_out(times, apart), *_published(topics)]
-
-
-def unfinished(contents: bytes, *, appended: bool) -> int:
-    """Bytes of a message at the end that is not all there. appended: data of a crash follows, which has another end."""
-    at = contents.rfind(_SYNC) + len(_SYNC) if _SYNC in contents else _HEADER_BYTES
-    while at + 3 <= len(contents) and not appended:
-        size = 3 + int.from_bytes(contents[at : at + 2], "little")
-        if at + size > len(contents):
-            break
-        at += size
-    return 0 if appended else len(contents) - at
+        whole[name], times[name] = whole[name].select(~mask), times[name][~mask]
+    topics: dict[str, Topic] = {name: topic for name, topic in whole.items() if topic.count}
+    notes += _published({name: topic for name, topic in whole.items() if topic.count and topic.fields_read})
+    return topics, {name: times[name] for name in topics}, notes
 
 
 def _name(topic: str, instance: int) -> str:
     return f"{topic}_{instance}" if instance else topic
 
 
+def let_go(topics: dict[str, Topic], *kinds: str) -> None:
+    """Forget the topics of these kinds, and with them their rows."""
+    for name in [name for kind in kinds for _, name, _ in instances(topics, kind)]:
+        del topics[name]
+
+
+def instance_names(topic: str) -> list[str]:
+    """The names that the instances of a topic may have: vehicle_imu, vehicle_imu_1, ..."""
+    return [_name(topic, instance) for instance in range(_INSTANCES)]
+
+
 def instances(topics: Topics, topic: str) -> Iterator[tuple[int, str, Topic]]:
     """(instance, name, columns) of each instance of a topic that is in the log."""
-    for instance in range(_INSTANCES):
-        name = _name(topic, instance)
+    for instance, name in enumerate(instance_names(topic)):
         if name in topics:
             yield instance, name, topics[name]
 

@@ -1,0 +1,176 @@
+"""Read PX4's on-board logs (ULog, .ulg) as columns, by the definitions that each log carries itself.
+
+Source: https://docs.px4.io/main/en/dev_log/ulog_file_format.html, and PX4 `src/modules/logger`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from companion.logs.logfile import MOST_BYTES, Contents, Mapped, log_format, read_head
+from companion.logs.ulog_messages import Dropout, Flags, Info, LoggedText, Parameter, Value, parsed_message
+from companion.logs.ulog_scan import Said, Scan
+from companion.logs.ulog_topics import Collector, UlogTopic
+from companion.model import InputError
+
+_HEAD_BYTES = 16  # magic, version and when the log was begun
+_APPENDED = 1  # the only incompatible flag that is known
+_FLAGS = ord("B")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ulog:
+    """An on-board log of PX4 in memory, as columns per topic and instance. Times are µs of the boot clock."""
+
+    path: Path
+    size_bytes: int  # of the file
+    content_bytes: int  # the same, but of what it holds where it is compressed
+    trouble: str  # why the rest could not be decompressed; "" when all of it was
+    begun: int  # when the file says that it was begun
+    frames: int  # messages, of all types
+    skipped_bytes: int  # that belong to no message: damage
+    cut_bytes: int  # of a message at the end that is not all there
+    appended: bool  # data was added after the log had ended, as after a crash
+    undecoded: Mapping[str, int]  # topic, "" for one of no name → messages whose declaration is missing or damaged
+    unknown: int  # messages of a type that is not known, or whose content is damaged
+    topics: tuple[UlogTopic, ...]  # by name and instance
+    infos: Mapping[str, Value]
+    series_of_infos: Mapping[str, tuple[tuple[Value, ...], ...]]  # each in the parts that it was written in
+    parameters: Mapping[str, Value]  # at the beginning
+    parameter_changes: tuple[tuple[int, str, Value], ...]  # (time, name, value)
+    system_defaults: Mapping[str, Value]  # where they are not the value at the beginning
+    airframe_defaults: Mapping[str, Value]
+    texts: tuple[LoggedText, ...]
+    dropouts: tuple[tuple[int, float], ...]  # (time, duration in s) of what the logger could not keep up with
+    kind: str = "ulog"
+
+
+def read_ulog(
+    path: str | Path,
+    *,
+    names: Collection[str] | None = None,
+    progress: Callable[[int], None] | None = None,
+    most_bytes: int = MOST_BYTES,
+) -> Ulog:
+    """Read an on-board log of PX4, as far as it can be read.
+
+    `names`: the topics whose fields are wanted (None: all); of the others only the times are kept. `progress` is told
+    the bytes of each part that was looked through.
+
+    Raises InputError if the file cannot be opened, has no data in it, or is of a kind that PX4 marks as incompatible.
+    """
+    path = Path(path)
+    head = read_head(path)
+    if log_format(path) != "ulog":
+        raise InputError(
+            f"{path} is no PX4 ULog: it begins with {head[:8].hex(' ').upper()}, not 55 4C 6F 67. "
+            "Name the .ulg file that the autopilot wrote."
+        )
+    contents = Contents(path, most_bytes)
+    mapped = Mapped(contents)
+    flags = _flags(path, head)
+    collector = Collector(names)
+    collector.latest = begun = int.from_bytes(head[8:_HEAD_BYTES], "little")
+    scan = Scan(mapped.data, collector)
+
+    def done(begin: int, end: int) -> None:
+        mapped.release(begin, end)
+        if progress is not None:
+            progress(end - begin)
+
+    size = len(mapped.data)
+    edges = sorted({at for at in flags.appended if _HEAD_BYTES < at < size})
+    for begin, end in zip([_HEAD_BYTES, *edges], [*edges, size], strict=True):
+        scan.read(begin, end, done)
+    topics, undecoded = collector.topics()
+    for number, count in scan.undeclared.items():
+        name = collector.undeclared.get(number, "")
+        undecoded[name] = undecoded.get(name, 0) + count
+    if not topics:
+        raise InputError(_no_data(path, collector))
+    return Ulog(
+        path=path,
+        size_bytes=contents.size_bytes,
+        content_bytes=size,
+        trouble=contents.trouble,
+        begun=begun,
+        frames=scan.messages,
+        skipped_bytes=scan.skipped_bytes,
+        cut_bytes=scan.cut_bytes,
+        appended=bool(edges),
+        undecoded=MappingProxyType(undecoded),
+        unknown=scan.unknown,
+        topics=topics,
+        **_told(scan.said),
+    )
+
+
+def _flags(path: Path, head: bytes) -> Flags:
+    """The flags, which are the first message where there are any.
+
+    Raises InputError for those that mean that this program cannot understand the rest.
+    """
+    size = int.from_bytes(head[_HEAD_BYTES : _HEAD_BYTES + 2], "little")
+    body = head[_HEAD_BYTES + 3 : _HEAD_BYTES + 3 + size]
+    message = parsed_message(_FLAGS, body) if head[_HEAD_BYTES + 2 : _HEAD_BYTES + 3] == b"B" else None
+    flags = message if isinstance(message, Flags) else Flags(bytes(8), ())
+    if flags.incompatible[0] & ~_APPENDED or any(flags.incompatible[1:]):
+        raise InputError(
+            f"{path} is a PX4 ULog with the incompatible flags {flags.incompatible.hex(' ').upper()}, of which only 01 "
+            "is known: it is of a newer format, or its head is damaged. Copy it again, or update this program."
+        )
+    return flags if flags.incompatible[0] else Flags(bytes(8), ())
+
+
+def _no_data(path: Path, collector: Collector) -> str:
+    too_large = next(collector.formats.too_large(), None)
+    if too_large is not None:
+        return (
+            f"{path} begins like a PX4 ULog, but declares {too_large!r} with more bytes than a message can have: its "
+            "definitions are damaged. Copy it again."
+        )
+    return (
+        f"{path} begins like a PX4 ULog, but no data can be read from it: it was cut off, or its definitions are "
+        "damaged. Copy it again."
+    )
+
+
+def _told(said: list[Said]) -> dict[str, Any]:
+    """What the log says beside its data, by the fields of Ulog. What is said twice holds as it was said last."""
+    infos: dict[str, Value] = {}
+    series: dict[str, list[list[Value]]] = {}
+    parameters: dict[str, Value] = {}
+    changes: list[tuple[int, str, Value]] = []
+    defaults: tuple[dict[str, Value], dict[str, Value]] = ({}, {})
+    for t, message in said:
+        if isinstance(message, Parameter):
+            name, value = message.name, message.value
+            for bit, of in enumerate(defaults):
+                if message.default_of >> bit & 1:
+                    of[name] = value
+            if not message.default_of and t is None:
+                parameters[name] = value
+            elif not message.default_of and t is not None:
+                changes.append((t, name, value))
+        elif isinstance(message, Info) and not message.several:
+            infos[message.name] = message.value
+        elif isinstance(message, Info):
+            parts = series.setdefault(message.name, [])
+            if message.continued and parts:
+                parts[-1].append(message.value)
+            else:
+                parts.append([message.value])
+    return {
+        "infos": MappingProxyType(infos),
+        "series_of_infos": MappingProxyType({name: tuple(map(tuple, one)) for name, one in series.items()}),
+        "parameters": MappingProxyType(parameters),
+        "parameter_changes": tuple(changes),
+        "system_defaults": MappingProxyType(defaults[0]),
+        "airframe_defaults": MappingProxyType(defaults[1]),
+        "texts": tuple(message for _, message in said if isinstance(message, LoggedText)),
+        "dropouts": tuple((t or 0, m.duration_ms * 1e-3) for t, m in said if isinstance(m, Dropout)),
+    }

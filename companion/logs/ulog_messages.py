@@ -1,0 +1,223 @@
+"""The messages of a ULog but for its data: definitions, settings, texts and marks, each as what it says.
+
+A message is its size (uint16), its type (a letter) and a body of that size.
+Source: https://docs.px4.io/main/en/dev_log/ulog_file_format.html
+"""
+
+from __future__ import annotations
+
+import re
+import string
+import struct
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+from companion.logs.ulog_layout import CODES, NAME, Field, parsed_format
+
+Value = int | float | str | bytes
+"""Bytes for an array, for a type that is none, and for a value that has not the size of its type."""
+
+
+@dataclass(frozen=True, slots=True)
+class Flags:
+    """B: what a reader has to know, first in the file."""
+
+    incompatible: bytes  # (8,)
+    appended: tuple[int, ...]  # where data begins that was added later, as after a crash
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """F: the fields of a type."""
+
+    name: str
+    fields: tuple[Field, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Subscription:
+    """A: from here on, data of this number are of a topic."""
+
+    number: int
+    topic: str
+    instance: int
+
+
+@dataclass(frozen=True, slots=True)
+class Unsubscription:
+    """R: from here on, they are no more."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Info:
+    """I and, where there may be several, M."""
+
+    name: str
+    value: Value
+    several: bool
+    continued: bool  # it goes on from the last one of the same name
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """P: a value that was set. Q: the value that it has by default."""
+
+    name: str
+    value: Value
+    default_of: int = 0  # bits: 1 of the system, 2 of the configured airframe; 0: it is the value itself
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedText:
+    """L, and with a tag C."""
+
+    stamp: int  # µs, boot clock
+    level: int  # 0 emergency to 7 debug
+    text: str
+    tag: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Dropout:
+    """O: what was lost because the logger could not keep up."""
+
+    duration_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class Sync:
+    """S: a mark by which a reader finds its way again."""
+
+
+Message = Flags | Format | Subscription | Unsubscription | Info | Parameter | LoggedText | Dropout | Sync
+
+DATA = ord("D")
+SYNC = bytes.fromhex("2F731320250CBB12")
+
+_KEY = re.compile(rb"(\w+)(\[\d*\])? ([!-~]+)")
+_VALUES = {kind: struct.Struct(code) for kind, code in CODES.items()}
+_LEVELS = range(ord("0"), ord("8"))
+_FLAGS_BYTES = 40
+_LEAST_KEY = 4  # its length, and "a b"
+_MOST_NAME = 255
+
+
+def parsed_message(kind: int, body: bytes) -> Message | None:
+    """What a message that is no data says; None where it is of no known type, or its body none of that type."""
+    parse = _PARSERS.get(kind)
+    return None if parse is None else parse(body)
+
+
+def _flags(body: bytes) -> Flags | None:
+    if len(body) < _FLAGS_BYTES:
+        return None
+    return Flags(body[8:16], tuple(at for at in struct.unpack_from("<3Q", body, 16) if at))
+
+
+def _format(body: bytes) -> Format | None:
+    parsed = parsed_format(_text(body))
+    return None if parsed is None else Format(*parsed)
+
+
+def _subscription(body: bytes) -> Subscription | None:
+    if not 3 < len(body) <= 3 + _MOST_NAME:
+        return None
+    instance, number = struct.unpack_from("<BH", body)
+    topic = _text(body[3:])
+    return Subscription(number, topic, instance) if NAME.fullmatch(topic) else None
+
+
+def _unsubscription(body: bytes) -> Unsubscription | None:
+    return Unsubscription(int.from_bytes(body, "little")) if len(body) == 2 else None
+
+
+def _info(body: bytes) -> Info | None:
+    said = _key_and_value(body)
+    return None if said is None else Info(*said, several=False, continued=False)
+
+
+def _one_of_several(body: bytes) -> Info | None:
+    said = _key_and_value(body[1:])
+    return None if said is None or body[0] > 1 else Info(*said, several=True, continued=body[0] == 1)
+
+
+def _parameter(body: bytes) -> Parameter | None:
+    said = _key_and_value(body)
+    return None if said is None else Parameter(*said)
+
+
+def _default(body: bytes) -> Parameter | None:
+    said = _key_and_value(body[1:])
+    return None if said is None or not body[0] else Parameter(*said, default_of=body[0])
+
+
+def _logged(body: bytes) -> LoggedText | None:
+    if len(body) < 9 or body[0] not in _LEVELS:
+        return None
+    return LoggedText(int.from_bytes(body[1:9], "little"), body[0] - ord("0"), _text(body[9:]), None)
+
+
+def _tagged(body: bytes) -> LoggedText | None:
+    if len(body) < 11 or body[0] not in _LEVELS:
+        return None
+    tag, stamp = struct.unpack_from("<HQ", body, 1)
+    return LoggedText(stamp, body[0] - ord("0"), _text(body[11:]), tag)
+
+
+def _dropout(body: bytes) -> Dropout | None:
+    return Dropout(int.from_bytes(body, "little")) if len(body) == 2 else None
+
+
+def _sync(body: bytes) -> Sync | None:
+    return Sync() if body == SYNC else None
+
+
+_PARSERS: Mapping[int, Callable[[bytes], Message | None]] = {
+    ord(letter): parse
+    for letter, parse in {
+        "B": _flags, "F": _format, "A": _subscription, "R": _unsubscription, "I": _info, "M": _one_of_several,
+        "P": _parameter, "Q": _default, "L": _logged, "C": _tagged, "O": _dropout, "S": _sync,
+    }.items()
+}  # fmt: skip
+
+SIZES: Mapping[int, tuple[int, int]] = {
+    ord(letter): sizes
+    for letter, sizes in {
+        "B": (_FLAGS_BYTES, 255), "F": (6, 65_535), "A": (4, 3 + _MOST_NAME), "R": (2, 2), "I": (_LEAST_KEY, 65_535),
+        "M": (1 + _LEAST_KEY, 65_535), "P": (_LEAST_KEY, 1024), "Q": (1 + _LEAST_KEY, 1024), "L": (9, 65_535),
+        "C": (11, 65_535), "O": (2, 2), "S": (8, 8), "D": (2, 65_535),
+    }.items()
+}  # fmt: skip
+"""Type → the least and the most bytes of its body."""
+
+FIRST_BYTES: Mapping[int, Iterable[int]] = {
+    ord("F"): b"/-_0123456789" + string.ascii_letters.encode(), ord("M"): b"\0\1", ord("Q"): range(1, 256),
+    ord("L"): _LEVELS, ord("C"): _LEVELS, ord("S"): SYNC[:1],
+}  # fmt: skip
+"""Type → what its body begins with, where not any byte can be."""
+
+
+def _key_and_value(body: bytes) -> tuple[str, Value] | None:
+    """The length of the key, "type name", and the value."""
+    end = 1 + body[0] if body else 1
+    match = _KEY.fullmatch(body, 1, end) if end <= len(body) else None
+    if match is None:
+        return None
+    kind, array, name = match.groups()
+    return name.decode(), _value(kind.decode(), array is not None, body[end:])
+
+
+def _value(kind: str, array: bool, raw: bytes) -> Value:
+    if array:
+        return _text(raw) if kind == "char" else raw
+    one = _VALUES.get(kind)
+    if one is None or one.size != len(raw):
+        return raw
+    value: int | float = one.unpack(raw)[0]
+    return value
+
+
+def _text(raw: bytes) -> str:
+    return raw.decode("utf-8", "replace")
