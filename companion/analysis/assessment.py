@@ -286,8 +286,7 @@ def _best(
         if not out:
             return why, []
         try:  # the longest stretch in control: where nothing tells a heading, no other can be joined to it
-            span = max(between(out, comparison.track.t), key=lambda one: one[1] - one[0])
-            again = partial(again, span=span)
+            again = partial(again, span=max(between(out, comparison.track.t), key=lambda one: one[1] - one[0]))
             best = again(flight)
         except NoEstimateError:
             return why, []
