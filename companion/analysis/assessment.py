@@ -18,7 +18,7 @@ from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.departures import Sensitivity, sensitivity
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
 from companion.analysis.finding import Finding
-from companion.analysis.findings import findings, frozen_aiding, missed_findings, reading_faults, when_lost
+from companion.analysis.findings import findings, missed_findings, reading_faults, screened_aiding, when_lost
 from companion.analysis.findings.axes import misread_finding
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
@@ -186,7 +186,7 @@ def assess(
     allowed = expected_over(judged, chosen, figures, autopilot)
     faults = reading_faults(seen, judged, figures, autopilot)
     faults = [f for f in faults if all(f.end_s > part.end for part in parts if part.kind == "aligning")]
-    own, frozen = frozen_aiding(own, judged.track)
+    own, frozen = screened_aiding(own, judged.track)
     enough = len(while_judged(chosen, judged.track.t, parts).start) >= FEWEST_WINDOWS
     differ = enough and allowed is not None and not Agreement(JUDGED_S, 0, {}, allowed.inside).is_consistent
     judged = judged.forgotten()  # while the best estimate needs the room

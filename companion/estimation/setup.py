@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from companion.estimation.clipping import lost_by_clipping
 from companion.estimation.differences import Differences, differences
 from companion.estimation.earth_field import EarthField, field_at
 from companion.estimation.low_pass import BoolArray, restored, undelayed
@@ -93,8 +94,7 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
             f"{_LOWEST_HZ:g} Hz or more are needed",
             f"{flight.how_to_record}.",
         )
-    felt = float(np.median(np.linalg.norm(track.accel, axis=1))) / gravity
-    if felt > _MOST_FELT:
+    if (felt := float(np.median(np.linalg.norm(track.accel, axis=1))) / gravity) > _MOST_FELT:
         why = f"its accelerometer reads {felt:.3g} g most of the time, of other units it seems"
         raise NoEstimateError(track.source, why, "Try another IMU: --imu.")
     gps = _gps(flight, track)
@@ -127,6 +127,7 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
         notes.append(f"{int(broken.sum())} gaps in {track.source}: the estimate begins anew after each")
     noise, aliased, scattering = spectral_noise(track, longest), aliasing(track), relative_scatter(track, t, longest)
     gyro, accel = (scatter_between_samples(read, track.rate_hz) for read in (track.gyro, track.accel))
+    scattering[:, 1] = np.hypot(scattering[:, 1], lost_by_clipping(flight, track, t) / (accel * np.sqrt(np.diff(t))))
     others = differences(flight, flight.imu(imu), (float(track.t[0]), float(track.t[-1])), untrusted)
     track = restored(track, np.diff(track.t) > longest)
     return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),
@@ -281,7 +282,7 @@ def guesses(setup: Setup, flight: Flight) -> Iterator[States]:
 
 
 def _heading_is_told(setup: Setup) -> bool:
-    return any(one.name == "compass" for one in setup.readings)
+    return "compass" in (one.name for one in setup.readings)
 
 
 def _attitude_guess(setup: Setup, flight: Flight) -> Array:

@@ -1,9 +1,9 @@
 """What stands out in a flight: a module for each kind of fault, `detect` for which of them are only effects."""
 
-from companion.analysis.findings.aiding import frozen_aiding
+from companion.analysis.findings.aiding import screened_aiding
 from companion.analysis.findings.control import when_lost
 from companion.analysis.findings.detect import findings, reading_faults
 from companion.analysis.findings.missed import missed_findings
 from companion.analysis.findings.sampling import rate_warning
 
-__all__ = ["findings", "frozen_aiding", "missed_findings", "rate_warning", "reading_faults", "when_lost"]
+__all__ = ["findings", "missed_findings", "rate_warning", "reading_faults", "screened_aiding", "when_lost"]

@@ -1,4 +1,4 @@
-"""Findings about aiding sensors that read the same while the vehicle flies: compass, barometer, GPS.
+"""Findings about readings of aiding sensors that cannot be: the same again and again, or fixes that leap about.
 
 Such readings are taken out, and the rest is judged as before.
 """
@@ -14,7 +14,17 @@ import numpy as np
 from companion.analysis.finding import Cause, Finding, run_edges
 from companion.analysis.phases import phases
 from companion.analysis.reference import BoolArray, length
-from companion.model import Array, BarometerTrack, CompassTrack, Flight, GpsTrack, ImuTrack, Series, of_kind
+from companion.model import (
+    Array,
+    BarometerTrack,
+    CompassTrack,
+    Flight,
+    GpsTrack,
+    ImuTrack,
+    Series,
+    ned_from_geodetic,
+    of_kind,
+)
 from companion.strapdown import preintegrate, quaternion
 
 _FROZEN_S = 2.0  # an estimator that gets nothing new for less has hardly moved
@@ -27,6 +37,10 @@ _COARSEST = {"compass": 4.35e-7, "barometer": 0.55, "gps": 0.02}
 _LENGTH = 1e-6  # of a field: a length that is the same to this, of three components that are not, is made up
 _MOVES = 1.0  # m/s by GPS: a gyro that reads a turn at rest is off itself
 _BIAS = 0.1  # rad/s: of an even turn so much may be the gyro's bias
+_JUMPS = 10.0  # m, beyond what velocities say: far more than what two fixes of a receiver in order differ by
+_LEAPS, _SOONEST_S = 60.0, 0.05  # m/s²: no vehicle that these autopilots fly
+_OFTEN, _TOGETHER_S = 4, 5.0
+_UNVERIFIED_S = 5.0  # without a GPS that can be believed, an autopilot's position may be anything
 _SPREAD = 1.5  # m, 1σ: how far the heights of a GPS in order wander meanwhile
 
 _Track = CompassTrack | BarometerTrack | GpsTrack
@@ -43,7 +57,7 @@ class _Sensor:
     reads: str  # in words, what a stretch of them is
 
 
-def frozen_aiding(flight: Flight, imu: ImuTrack) -> tuple[Flight, list[Finding]]:
+def screened_aiding(flight: Flight, imu: ImuTrack) -> tuple[Flight, list[Finding]]:
     """The flight without readings of aiding sensors that cannot be, and a finding for each such stretch.
 
     In flight alone. A stretch of n repetitions is frozen where a sensor in order would not repeat its readings so
@@ -59,6 +73,9 @@ def frozen_aiding(flight: Flight, imu: ImuTrack) -> tuple[Flight, list[Finding]]
         for first, last in _frozen(sensor, aloft, flight, imu, track):
             kept[first + 1 : last + 1] = False
             faults.append(_finding(sensor, float(track.t[first]), float(track.t[last])))
+        for first, last in _contradicting(track) if isinstance(track, GpsTrack) else ():
+            kept[first : last + 1] = False
+            faults.append(_wild(track.source, float(track.t[first]), float(track.t[last])))
         return track if kept.all() else _rows(track, kept)
 
     left_out = [one for one in _constant(flight) if not any(one.source == c.source for c in flight.compasses)]
@@ -129,6 +146,40 @@ def _frozen(
                 yield a, b
 
 
+def _contradicting(track: GpsTrack) -> Iterator[tuple[int, int]]:
+    """First and last fix of stretches in which positions do not move as the velocities say, or these leap, often.
+
+    One jump is a step of the position, which the estimate explains; a receiver that is jammed leaps with every fix.
+    """
+    fixed = np.flatnonzero((track.fix_type >= 3) & np.isfinite(track.latitude) & np.isfinite(track.velocity[:, 0]))
+    if len(fixed) < _OFTEN:
+        return
+    t, velocity = track.t[fixed], track.velocity[fixed, :2]
+    latitude, longitude = track.latitude[fixed], track.longitude[fixed]
+    place = ned_from_geodetic(latitude, longitude, np.zeros(len(t)), (float(latitude[0]), float(longitude[0]), 0.0))
+    apart = np.diff(t)[:, None]
+    off = length(np.diff(place[:, :2], axis=0) - 0.5 * (velocity[1:] + velocity[:-1]) * apart)
+    leaps = length(np.diff(velocity, axis=0)) > _LEAPS * np.maximum(apart[:, 0], _SOONEST_S)
+    wild = np.flatnonzero((apart[:, 0] < _TOGETHER_S) & ((off > _JUMPS) | leaps))
+    for group in np.split(wild, np.flatnonzero(np.diff(t[wild]) > _TOGETHER_S) + 1):
+        if len(group) >= _OFTEN:
+            yield int(fixed[group[0]]), int(fixed[group[-1] + 1])
+
+
+def _wild(source: str, begin: float, end: float) -> Finding:
+    return Finding(
+        "gps_wild",
+        "data",
+        "warning",
+        begin,
+        end,
+        f"the GPS ({source}) contradicts itself from {begin:.1f} to {end:.1f} s: its positions do not move as "
+        "its velocities say; left out there, position and velocity could not be verified",
+        "Jamming, reflected signals or a receiver that fails: look at its signal strengths and at transmitters nearby.",
+        undecided=end - begin > _UNVERIFIED_S,
+    )
+
+
 def _share(same: BoolArray) -> float:
     """The greatest share of repetitions in a block of readings, by Laplace's rule of succession; 1 for too few blocks.
 
@@ -186,6 +237,7 @@ _SHOWS = {
     "compass_frozen": ("heading_off", "heading_jump"),
     "barometer_frozen": ("height_off",),
     "gps_frozen": ("position_off", "velocity_off", "position_jump"),
+    "gps_wild": ("position_off", "velocity_off", "position_jump"),
 }
 _FOLLOWS_S = 20.0  # after a sensor reads anew its estimator may still be setting itself right
 
@@ -203,7 +255,7 @@ def misled_by_frozen(findings: Sequence[Finding]) -> list[Finding]:
             and one.start_s <= f.start_s <= one.end_s + _FOLLOWS_S
         ]
         if led:
-            sensor = one.kind.removesuffix("_frozen")
+            sensor = one.kind.partition("_")[0]
             words = tuple(f.headline or f.evidence for f in led)
             cause = Cause(one.kind, "autopilot", one.start_s, one.end_s, sensor=sensor, consequences=words)
             said = f"{one.evidence}; the autopilot was misled by it: {words[0]}"

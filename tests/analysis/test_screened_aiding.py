@@ -11,7 +11,7 @@ import pytest
 
 import companion as c
 from companion.analysis import GENERIC, Finding, assess
-from companion.analysis.findings import frozen_aiding
+from companion.analysis.findings import screened_aiding
 from companion.analysis.findings.aiding import misled_by_frozen
 from companion.model import Array, Flight, Series
 from tests.flights import CIRCLE, LIVELY, flown
@@ -66,7 +66,7 @@ FREEZE: dict[str, tuple[Callable[[Flight], Flight], str, str]] = {
 def test_a_frozen_sensor_is_named_and_its_readings_are_taken_out(name: str) -> None:
     freeze, kind, tracks = FREEZE[name]
     flight = freeze(flown(LIVELY))
-    seen, found = frozen_aiding(flight, flight.imu())
+    seen, found = screened_aiding(flight, flight.imu())
     assert [f.kind for f in found] == [kind]
     assert (found[0].start_s, found[0].end_s) == pytest.approx((BEGIN, END), abs=0.5)
     left, all_of_them = getattr(seen, tracks)[0].t, getattr(flight, tracks)[0].t
@@ -77,7 +77,7 @@ def test_a_frozen_sensor_is_named_and_its_readings_are_taken_out(name: str) -> N
 
 def test_sensors_in_order_are_not_frozen() -> None:
     for flight in (flown(LIVELY), flown(CIRCLE), c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]):
-        seen, found = frozen_aiding(flight, flight.imu())
+        seen, found = screened_aiding(flight, flight.imu())
         assert found == []
         assert seen is flight
 
@@ -91,7 +91,7 @@ def test_a_compass_without_noise_reads_the_same_where_nothing_turns() -> None:
     still = ((imu.t >= BEGIN - 0.1) & (imu.t < END + 0.1))[:, None]
     gyro = np.where(still, [0.0, 0.0, 0.03], imu.gyro)
     flight = replace(flight, compasses=(replace(one, field=coarse),), imus={imu.source: replace(imu, gyro=gyro)})
-    assert frozen_aiding(flight, flight.imu())[1] == []
+    assert screened_aiding(flight, flight.imu())[1] == []
 
 
 def test_a_compass_that_never_reads_anything_else_is_named_too() -> None:
@@ -101,7 +101,7 @@ def test_a_compass_that_never_reads_anything_else_is_named_too() -> None:
     constant = np.tile([67e-6, 0.0, 0.0], (len(one), 1))
     names = ("x_tesla", "y_tesla", "z_tesla")
     series = {"magnetometer": Series(one.t, constant, names, "MAG[0]", 0)}
-    found = frozen_aiding(replace(flight, compasses=(), series=series), flight.imu())[1]
+    found = screened_aiding(replace(flight, compasses=(), series=series), flight.imu())[1]
     assert [f.kind for f in found] == ["compass_frozen"]
 
 
@@ -115,7 +115,7 @@ def test_a_frozen_gps_does_not_end_the_judgement_of_the_rest() -> None:
 
 def test_an_autopilot_that_is_misled_by_a_frozen_sensor_has_that_as_the_cause() -> None:
     flight = compass(flown(LIVELY))
-    _, found = frozen_aiding(flight, flight.imu())
+    _, found = screened_aiding(flight, flight.imu())
     off = Finding("heading_off", "autopilot", "error", BEGIN + 5.0, END, "its heading is off by 40°", "look at it")
     (said, _) = misled_by_frozen([*found, off])
     assert (said.side, said.severity) == ("autopilot", "error")
@@ -128,4 +128,20 @@ def test_an_autopilot_that_is_misled_by_a_frozen_sensor_has_that_as_the_cause() 
 @pytest.mark.slow
 def test_a_recorded_compass_that_reads_67_for_ever() -> None:
     flight = c.open_log(shared("strangers/erlerobot__logs__83.BIN"))[0]
-    assert "compass_frozen" in [f.kind for f in frozen_aiding(flight, flight.imu())[1]]
+    assert "compass_frozen" in [f.kind for f in screened_aiding(flight, flight.imu())[1]]
+
+
+def test_a_gps_that_leaps_about_is_left_out_and_one_jump_is_not() -> None:
+    flight, rng = flown(), np.random.default_rng(4)
+    one = flight.gps[0]
+    during = (one.t >= BEGIN) & (one.t < END)
+    jammed = replace(one, latitude=one.latitude + np.where(during, rng.normal(0.0, 5e-4, len(one.t)), 0.0))
+    seen, found = screened_aiding(replace(flight, gps=(jammed,)), flight.imu())
+    assert [(f.kind, f.side) for f in found] == [("gps_wild", "data")]
+    assert found[0].start_s == pytest.approx(BEGIN, abs=1.0)
+    assert found[0].end_s == pytest.approx(END, abs=1.0)
+    assert len(seen.gps[0]) <= len(one) - during.sum() + 2
+    shifted = replace(one, latitude=one.latitude + np.where(during, 5e-4, 0.0))
+    assert screened_aiding(replace(flight, gps=(shifted,)), flight.imu())[1] == []
+    leaping = replace(one, velocity=one.velocity + np.where(during, rng.normal(0.0, 60.0, len(one.t)), 0.0)[:, None])
+    assert [f.kind for f in screened_aiding(replace(flight, gps=(leaping,)), flight.imu())[1]] == ["gps_wild"]
