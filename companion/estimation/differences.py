@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from companion.estimation.noise_density import ALIASED
 from companion.estimation.shapes import at_work
@@ -25,6 +26,7 @@ _MOST_BLOCKS = 250  # a longer flight has longer ones
 _FEWEST_READINGS, _FEWEST_BLOCKS = 3, 12
 _UNHEARD_S = 10.0
 _LAGS = 10  # blocks, at most, over which a random walk is told from white noise: a step is in one of eight
+_ABOUT = 3  # blocks either way, of whose median one stands apart that is an outlier: a step is none
 _OUTLIER = 8.0  # median deviations: 5 σ of white noise
 _OF_MEDIAN = 0.4549  # median of χ² with one degree of freedom
 _WHITE: Mapping[str, float] = {"gyro": 1e-4, "accel": 1e-3}
@@ -165,8 +167,9 @@ def _difference(
         off = sign * (read - interpolated(t, fast.t, getattr(fast, sensor)))
         value[sensor] = np.array([_mean(off[first:last]) for first, last in spans])
         felt[sensor] = np.array([read[first:last].mean(axis=0) for first, last in spans])
-        aliased[sensor] = ALIASED * np.median([off[first:last].std(axis=0) for first, last in spans], axis=0)
-        weight[sensor] = _weight(sensor, middle, value[sensor])
+        scatter = np.array([off[first:last].std(axis=0) for first, last in spans])
+        aliased[sensor] = ALIASED * np.median(scatter, axis=0)
+        weight[sensor] = _weight(sensor, middle, value[sensor], scatter)
     return Differences(other.instance, other.source, middle, width, value, felt, aliased, weight)
 
 
@@ -178,13 +181,13 @@ def _mean(values: Array) -> Array:
     return np.asarray((values * usual).sum(axis=0) / usual.sum(axis=0))
 
 
-def _weight(sensor: str, t: Array, off: Array) -> Array:
+def _weight(sensor: str, t: Array, off: Array, scatter: Array) -> Array:
     """(3, B, B) inverse covariances of differences off (B, 3) at t (B,): a random walk and white noise.
 
     Constants are free: one of each part of the flight, where either may have been calibrated anew while it was unheard.
-
-    Both by the median square of changes from one block to the next and over some, about their median: a step hardly
-    moves it, nor does a steady drift, which is a fault's or a warming part's.
+    Both noises by the median square of changes from one block to the next and over some, about their median: a step
+    hardly moves it, nor does a steady drift, which is a fault's or a warming part's. A block in which readings scatter
+    more, by scatter (B, 3), or which stands apart from those about it, is known by less.
     """
     lags = (1, max(2, min(_LAGS, len(t) // 8)))
     changes = [off[lag:] - off[:-lag] for lag in lags]
@@ -192,8 +195,12 @@ def _weight(sensor: str, t: Array, off: Array) -> Array:
     once, often = (float(np.median(t[lag:] - t[:-lag])) for lag in lags)
     walk = np.maximum((far - near) / max(often - once, 1e-9), _WALK[sensor] ** 2)
     white = np.maximum(0.5 * (near - walk * once), _WHITE[sensor] ** 2)
+    rough = np.maximum(scatter / np.maximum(np.median(scatter, axis=0), 1e-300), 1.0) ** 2
+    padded = np.concatenate([off[_ABOUT:0:-1], off, off[-2 : -_ABOUT - 2 : -1]])
+    apart = off - np.median(sliding_window_view(padded, 2 * _ABOUT + 1, axis=0), axis=2)
+    own = np.maximum(white * rough, apart**2)
     since = np.minimum(t[:, None], t) - t[0]
-    weight = np.linalg.inv(walk[:, None, None] * since + white[:, None, None] * np.eye(len(t)))
+    weight = np.linalg.inv(walk[:, None, None] * since + own.T[:, :, None] * np.eye(len(t)))
     heard = np.cumsum(np.diff(t, prepend=t[0]) > _UNHEARD_S)
     for part in np.unique(heard):
         total = weight[:, :, heard == part].sum(axis=2)
