@@ -2,13 +2,15 @@
 
 No change shows it: only the best estimate, which knows gravity and where the vehicle went. A constant error is one of a
 part in order or, rarely, of one that is broken, wrongly calibrated or of wrong settings; both are normal about zero,
-and the probability of the second is Bayes'.
+and the probability of the second is Bayes'. All IMUs of a vehicle are weighed together: what all of them read alike is
+likelier an error of the estimate, by which all are measured, than the same fault of each.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -24,6 +26,9 @@ _RATE = 0.01
 _LARGE: Mapping[str, float] = {"gyro": 0.2, "accel": 2.0}
 """rad/s, m/s²: 1σ of such an error: those three were off by 0.4 rad/s and 2.0 and 1.1 m/s²."""
 
+_MISJUDGED = 2e-4
+"""Prior probability that the best estimate is as far off itself, for a cause that no hypothesis of it has."""
+
 _SIGMAS = 3.0
 
 
@@ -36,6 +41,7 @@ class ConstantError:
     sensor: str  # "gyro", "accel"
     value: Array  # (3,) rad/s or m/s², FRD
     sigma: Array  # (3,)
+    probability: float  # that it is a fault
 
     @property
     def axis(self) -> int:
@@ -47,18 +53,32 @@ class ConstantError:
         """Whether it is surely more than a calibrated part shows."""
         return bool((np.abs(self.value) > USUAL_BIAS[self.sensor] + _SIGMAS * self.sigma).any())
 
-    @property
-    def probability(self) -> float:
-        """That it is a fault."""
-        value, usual = float(self.value[self.axis]), np.hypot(self.sigma[self.axis], _usual(self.sensor))
-        large = np.hypot(usual, _LARGE[self.sensor])
-        odds = np.log(_RATE / (1.0 - _RATE)) + np.log(usual / large) + 0.5 * value**2 * (usual**-2 - large**-2)
-        return float(1.0 / (1.0 + np.exp(-np.clip(odds, -500.0, 500.0))))
-
 
 def _usual(sensor: str) -> float:
     """1σ of a part in order, wide on purpose: nineteen of twenty axes stay below it."""
     return 0.5 * USUAL_BIAS[sensor]
+
+
+def fault_probabilities(sensor: str, values: Array, sigma: float, own: Array) -> Array:
+    """The probability (N,) that each of N IMUs has a constant fault on an axis.
+
+    values: (N,) their errors, all measured by one estimate that is off by sigma; own: (N,) 1σ of each beside that.
+    """
+    usual, large = _usual(sensor), _LARGE[sensor]
+    count = len(values)
+    weights, sets = [], []
+    for faulty in product((False, True), repeat=count):
+        for misjudged in (False, True):
+            common = sigma**2 + large**2 * misjudged
+            covariance = common * np.ones((count, count)) + np.diag(usual**2 + own**2 + large**2 * np.array(faulty))
+            prior = sum(np.log(_RATE if one else 1.0 - _RATE) for one in faulty)
+            prior += np.log(_MISJUDGED if misjudged else 1.0 - _MISJUDGED)
+            likelihood = -0.5 * (np.linalg.slogdet(covariance)[1] + values @ np.linalg.solve(covariance, values))
+            weights.append(prior + likelihood)
+            sets.append(faulty)
+    share = np.exp(np.array(weights) - max(weights))
+    share /= share.sum()
+    return np.asarray(share @ np.array(sets, np.float64))
 
 
 def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, ...]:
@@ -70,7 +90,8 @@ def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, 
     if best.contradicted:
         return ()
     changed = {(e.imu, kind_of(e.kind).sensor) for e in best.explained if not kind_of(e.kind).nuisance}
-    out = []
+    others = differences(flight, best.imu)
+    out: list[ConstantError] = []
     for sensor in ("gyro", "accel"):
         if (None, sensor) in changed:
             continue
@@ -78,12 +99,15 @@ def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, 
         if sensor == "accel":
             value = value + best.states.constant("accel_matrix").reshape(3, 3) @ [0.0, 0.0, -best.gravity]
         sigma = np.median(getattr(best, f"{sensor}_bias_sigma"), axis=0)
-        out.append(ConstantError(best.imu.instance, best.imu.source, sensor, value, sigma))
-        for one in differences(flight, best.imu):
-            if (one.instance, sensor) not in changed:
-                off = value + np.median(one.value[sensor], axis=0)
-                of_both = np.hypot(sigma, one.aliased[sensor])
-                out.append(ConstantError(one.instance, one.source, sensor, off, of_both))
+        steady = [one for one in others if (one.instance, sensor) not in changed]
+        imus = [(best.imu.instance, best.imu.source), *((one.instance, one.source) for one in steady)]
+        values = np.array([value, *(value + np.median(one.value[sensor], axis=0) for one in steady)])
+        own = np.array([np.zeros(3), *(one.aliased[sensor] for one in steady)])
+        sure = np.array([fault_probabilities(sensor, values[:, i], sigma[i], own[:, i]) for i in range(3)])
+        out += [
+            ConstantError(*imu, sensor, values[k], np.hypot(sigma, own[k]), float(sure[:, k].max()))
+            for k, imu in enumerate(imus)
+        ]
     return tuple(out)
 
 

@@ -36,6 +36,7 @@ from companion.estimation.model import (
 from companion.estimation.retiming import retimed
 from companion.estimation.search import detectable, trials
 from companion.estimation.setup import Setup, guesses, set_up
+from companion.estimation.shapes import SLOPED
 from companion.estimation.system import Solution, measurement_residual, solve
 from companion.model import STANDARD_GRAVITY, DataError, Flight, NoEstimateError
 
@@ -204,6 +205,10 @@ def _with(setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice
     settled, linear = possible.estimated or estimate(
         possible.setup, start, [*accepted, possible.choice], passes=_TRIED_PASSES
     )
+    last = possible.choice.of(linear.problem)
+    size = linear.solution.c[len(linear.solution.c) - (0 if last is None else last.unknowns) :]
+    if possible.choice.shape not in SLOPED and (np.abs(size) > choice.kind.most).any():
+        return None
     return Cause(possible.choice, possible.setup, settled, linear)
 
 

@@ -8,34 +8,42 @@ import numpy as np
 import pytest
 
 from companion.analysis.constant_faults import (
-    ConstantError,
     constant_errors,
     constant_fault_probability,
     constant_findings,
+    fault_probabilities,
 )
 from companion.analysis.imu_spec import USUAL_BIAS
 from companion.estimation import ACCUSED, BestEstimate, smooth
 from companion.model import Array, Flight, ImuTrack
 
 
-def off(sensor: str, *value: float, sigma: float = 1e-3) -> ConstantError:
-    return ConstantError(0, "RAW_IMU", sensor, np.array(value), np.full(3, sigma))
+def probability(sensor: str, *values: float, sigma: float = 1e-3) -> Array:
+    return fault_probabilities(sensor, np.array(values), sigma, np.full(len(values), 1e-4))
 
 
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
 def test_five_times_what_parts_do_is_a_fault_and_twice_is_none(sensor: str) -> None:
     part = 0.5 * USUAL_BIAS[sensor]
-    assert off(sensor, 0.0, 5.0 * part, 0.0).probability > ACCUSED
-    assert off(sensor, 0.0, 2.0 * part, 0.0).probability < 1.0 - ACCUSED
-    assert off(sensor, 0.0, 5.0 * part, 0.0, sigma=5.0 * part).probability < 0.5, "nothing is known of it"
+    assert probability(sensor, 5.0 * part)[0] > ACCUSED
+    assert probability(sensor, 2.0 * part)[0] < 1.0 - ACCUSED
+    assert probability(sensor, 5.0 * part, sigma=5.0 * part)[0] < 0.5, "nothing is known of it"
 
 
 def test_its_probability_grows_with_its_size() -> None:
-    sizes = np.linspace(0.0, 3.0, 60)
-    shares = [off("accel", 0.0, 0.0, size).probability for size in sizes]
+    shares = [float(probability("accel", size)[0]) for size in np.linspace(0.0, 3.0, 60)]
     assert (np.diff(shares) >= 0).all()
-    assert constant_fault_probability([]) == 0.0
-    assert constant_fault_probability([off("accel", 0, 0, 0.3)] * 2) > off("accel", 0, 0, 0.3).probability
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_what_all_imus_read_alike_is_an_error_of_the_estimate(sensor: str) -> None:
+    part = 0.5 * USUAL_BIAS[sensor]
+    assert (probability(sensor, 6.0 * part, 6.1 * part, sigma=0.5 * part) < 1.0 - ACCUSED).all()
+    one, other = probability(sensor, 6.0 * part, 0.1 * part, sigma=0.5 * part)
+    assert one > ACCUSED
+    assert other < 1.0 - ACCUSED
+    opposite = probability(sensor, 6.0 * part, -6.0 * part, sigma=0.5 * part)
+    assert (opposite > ACCUSED).all(), "both are off, each its own way"
 
 
 def wrong(flight: Flight, **errors: Array) -> Flight:
