@@ -13,7 +13,7 @@ from companion.analysis.autopilot_error import AutopilotBias, autopilot_bias
 from companion.analysis.budget import Expected, chi_square_95, chi_square_999, expected_over
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
-from companion.analysis.constant_faults import ConstantError, constant_errors
+from companion.analysis.constant_faults import read_wrongly
 from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.departures import Sensitivity, sensitivity
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
@@ -193,7 +193,8 @@ def assess(
     made, told_by_it = _best(own, judged, faults, unjudged(parts), before, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
     faults += [*told_by_it, *frozen]
-    constants = _read_wrongly(best, seen, faults)
+    unread = any(f.severity == "error" for f in faults)  # readings that are none are off by nothing
+    constants = () if unread else read_wrongly(best, seen, how.gravity)
     all_findings, clean = findings(flight, judged, allowed, figures, noise, autopilot, faults, best, constants)
     all_findings = when_lost(all_findings, flight, track, parts, figures)
     third = best if best is not None and _independent(best) else None
@@ -221,13 +222,6 @@ def assess(
         best=best,
         sensitivity=_could_show(made, judged.track.t),
     )
-
-
-def _read_wrongly(best: BestEstimate | None, flight: Flight, faults: Sequence[Finding]) -> tuple[ConstantError, ...]:
-    """What the IMUs read wrongly all the time; readings that are none are off by nothing."""
-    if best is None or any(f.severity == "error" for f in faults):
-        return ()
-    return tuple(constant_errors(best, flight))
 
 
 def _could_show(made: BestEstimate | NoEstimateError, t: Array) -> Sensitivity:

@@ -17,8 +17,8 @@ import numpy as np
 from companion.analysis.episode import BIAS_UNITS, SENSORS, percent
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.imu_spec import USUAL_BIAS
-from companion.estimation import ACCUSED, BestEstimate, differences, kind_of
-from companion.model import Array, Flight
+from companion.estimation import ACCUSED, BestEstimate, at_rest, differences, kind_of
+from companion.model import Array, Flight, ImuTrack
 
 _RATE = 0.01
 """Share of IMUs that fly with one: three of 86 logs of strangers' vehicles."""
@@ -30,6 +30,10 @@ _MISJUDGED = 2e-4
 """Prior probability that the best estimate is as far off itself, for a cause that no hypothesis of it has."""
 
 _SIGMAS = 3.0
+_APART_S, _LEAST_REST_S, _MOST_REST_S = 0.5, 3.0, 10.0  # between looks for rest, and how much of it
+_FEWEST = 10  # samples
+_TURNING = 0.1  # rad/s, 1σ: what a vehicle that lies still may be turned with, as on a boat
+_LOCAL = 0.05  # m/s²: gravity where the vehicle is, and steps of the readings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +85,15 @@ def fault_probabilities(sensor: str, values: Array, sigma: float, own: Array) ->
     return np.asarray(share @ np.array(sets, np.float64))
 
 
+def read_wrongly(best: BestEstimate | None, flight: Flight, gravity: float) -> tuple[ConstantError, ...]:
+    """What the IMUs of a flight read wrongly all the time: by the best estimate, and gyros at rest by themselves."""
+    told = () if best is None else constant_errors(best, flight)
+    known = {(one.imu, one.sensor): one for one in told}
+    still = {(one.imu, one.sensor): one for one in errors_at_rest(flight, gravity)}
+    still = {key: one for key, one in still.items() if key not in known or one.sensor == "gyro"}
+    return tuple((known | still).values())
+
+
 def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, ...]:
     """Of every IMU: the estimate's own, and by what the others read more than it.
 
@@ -111,14 +124,52 @@ def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, 
     return tuple(out)
 
 
+def errors_at_rest(flight: Flight, gravity: float) -> tuple[ConstantError, ...]:
+    """What every IMU reads too much while the vehicle lies still for the first time.
+
+    A gyro at rest reads its error, but for a turn about the vertical, of which gravity tells nothing. Of an
+    accelerometer gravity tells the length alone: its error along that.
+    """
+    read: dict[str, list[tuple[int, str, Array, Array]]] = {"gyro": [], "accel": []}
+    for track in _one_of_each(flight):
+        t = np.arange(track.t[0], track.t[-1], _APART_S)
+        rates, own, still = at_rest(flight, track, t)
+        first = np.flatnonzero(still)[: round(_MOST_REST_S / _APART_S)]
+        if len(first) * _APART_S < _LEAST_REST_S:
+            continue
+        sample, rates = np.searchsorted(track.t, t[first]), rates[first]
+        force = np.median(track.accel[np.minimum(sample, len(track) - 1)], axis=0)
+        size = float(np.linalg.norm(force))
+        spread = np.hypot(np.hypot(np.median(own[first]), rates.std(axis=0)), _TURNING * np.abs(force) / size)
+        read["gyro"].append((track.instance, track.source, np.median(rates, axis=0), spread))
+        read["accel"].append((track.instance, track.source, force * (1.0 - gravity / size), np.full(3, _LOCAL)))
+    out: list[ConstantError] = []
+    for sensor, imus in read.items():
+        if not imus:
+            continue
+        values, sigma = np.array([one[2] for one in imus]), np.array([one[3] for one in imus])
+        sure = np.array([fault_probabilities(sensor, values[:, i], 0.0, sigma[:, i]) for i in range(3)])
+        out += [ConstantError(*imu[:2], sensor, imu[2], imu[3], float(sure[:, k].max())) for k, imu in enumerate(imus)]
+    return tuple(out)
+
+
+def _one_of_each(flight: Flight) -> list[ImuTrack]:
+    """The fastest track of every IMU that has samples enough."""
+    tracks: dict[int, ImuTrack] = {}
+    for track in flight.imus.values():
+        known = tracks.get(track.instance)
+        if len(track) >= _FEWEST and (known is None or track.rate_hz > known.rate_hz):
+            tracks[track.instance] = track
+    return list(tracks.values())
+
+
 def constant_fault_probability(errors: Sequence[ConstantError]) -> float:
     """That any IMU has one."""
     return float(1.0 - np.prod([1.0 - one.probability for one in errors]))
 
 
-def constant_findings(errors: Sequence[ConstantError], best: BestEstimate) -> Iterator[Finding]:
-    """Those that are faults, as errors; those of which it cannot be told, as warnings."""
-    begin, end = float(best.t[0]), float(best.t[-1])
+def constant_findings(errors: Sequence[ConstantError], begin: float, end: float) -> Iterator[Finding]:
+    """Those that are faults, as errors; those of which it cannot be told, as warnings. begin, end: of the log, s."""
     for one in errors:
         sure, i = one.probability, one.axis
         if not one.is_unusual and sure < 1.0 - ACCUSED:

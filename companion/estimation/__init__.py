@@ -33,6 +33,7 @@ from companion.estimation.noise_density import (
     white_noise,
 )
 from companion.estimation.phrases import Size, main_axis, turn_of_the_field
+from companion.estimation.rest import at_rest
 from companion.estimation.search import CREEPS, times_of_change
 from companion.estimation.shapes import SLOPED, at_work
 from companion.estimation.smoother import smooth
@@ -76,6 +77,7 @@ __all__ = [
     "WhiteNoise",
     "allan_deviation",
     "allowing",
+    "at_rest",
     "at_work",
     "between_samples",
     "confirmed_sampling",

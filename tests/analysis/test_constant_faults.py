@@ -11,11 +11,13 @@ from companion.analysis.constant_faults import (
     constant_errors,
     constant_fault_probability,
     constant_findings,
+    errors_at_rest,
     fault_probabilities,
 )
 from companion.analysis.imu_spec import USUAL_BIAS
 from companion.estimation import ACCUSED, BestEstimate, smooth
 from companion.model import Array, Flight, ImuTrack
+from tests.estimation.sensed import sensed
 
 
 def probability(sensor: str, *values: float, sigma: float = 1e-3) -> Array:
@@ -55,7 +57,7 @@ def test_an_accelerometer_that_is_off_from_the_start_is_named(flight: Flight) ->
     bad = wrong(flight, accel=np.array([0.0, 0.0, 1.5]))
     best = smooth(bad)
     errors = constant_errors(best, bad)
-    (one,) = (f for f in constant_findings(errors, best) if f.severity == "error")
+    (one,) = (f for f in constant_findings(errors, 0.0, 60.0) if f.severity == "error")
     assert (one.kind, one.side) == ("accel_bias", "imu")
     assert one.cause is not None
     assert (one.cause.sensor, one.cause.axis, one.cause.imu) == ("accel", "z", 0)
@@ -77,7 +79,7 @@ def test_of_another_imu_it_is_that_one(
 ) -> None:
     other = sibling(flight, **{sensor: np.array(value)})
     both = replace(flight, imus={**flight.imus, other.source: other})
-    (one,) = constant_findings(constant_errors(best, both), best)
+    (one,) = constant_findings(constant_errors(best, both), 0.0, 60.0)
     assert one.severity == "error"
     assert one.cause is not None
     assert (one.cause.imu, one.cause.sensor) == (1, sensor)
@@ -87,4 +89,20 @@ def test_of_another_imu_it_is_that_one(
 def test_imus_in_order_are_accused_of_nothing(flight: Flight, best: BestEstimate) -> None:
     other = sibling(flight, gyro=np.array([0.0, 0.0, 0.008]), accel=np.array([0.0, 0.08, 0.0]))
     both = replace(flight, imus={**flight.imus, other.source: other})
-    assert list(constant_findings(constant_errors(best, both), best)) == []
+    assert list(constant_findings(constant_errors(best, both), 0.0, 60.0)) == []
+
+
+@pytest.mark.parametrize("rate", [1, 25])
+def test_at_rest_gravity_alone_tells_and_no_estimate_is_needed(rate: int) -> None:
+    """At the 2 Hz of a ground station too."""
+    flight = sensed(30.0, rate=50.0)[0]
+    bad = wrong(flight, gyro=np.array([0.4, 0.0, 0.0]), accel=np.array([0.0, 0.0, 2.0]))
+    imu = bad.imu()
+    resting = replace(bad, imus={imu.source: imu[:250][::rate]}, gps=())
+    gyro, accel = errors_at_rest(resting, 9.80665)
+    assert (gyro.sensor, accel.sensor) == ("gyro", "accel")
+    assert gyro.value[0] == pytest.approx(0.4, abs=0.02)
+    assert accel.value[2] == pytest.approx(2.0, abs=0.2)
+    assert min(gyro.probability, accel.probability) > ACCUSED
+    fine = replace(flight, imus={imu.source: flight.imu()[:250][::rate]})
+    assert all(one.probability < 1.0 - ACCUSED for one in errors_at_rest(fine, 9.80665))

@@ -114,10 +114,11 @@ def findings(
         departed = tuple(one for one in departed if not _is_led_to(one.start, one.end, faults))
         all_findings += findings_of(while_judged, departed, best, jumps, flight.imu_in_use)
         all_findings += known_biases(flight, best)
-        all_findings += constant_findings(constants, best)
         # the best estimate has judged where the autopilot went: a jump is one of the signs of it
         jumps = [_confirmed(f, all_findings, best) for f in jumps]
     all_findings += jumps
+    track = comparison.track
+    all_findings += constant_findings(constants, float(track.t[0]), float(track.t[-1]))
     others = list(_of_other_imus(flight, comparison, autopilot, faults))
     all_findings = [with_witnesses(f, flight) for f in all_findings if not _follows(f, all_findings)]
     return by_severity([*misled_by_frozen(all_findings), *others]), clean
