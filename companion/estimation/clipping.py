@@ -12,15 +12,20 @@ _LOST = 0.04
 """m/s, 1σ of what a clipped reading takes: a quarter of 16 g, for a thousandth of a second. Both autopilots count raw
 readings, at 1 kHz or more."""
 
+_QUIETEST = 1e-4  # m/s²/√Hz: no accelerometer is, but a simulated one
 
-def lost_by_clipping(flight: Flight, track: ImuTrack, t: Array) -> Array:
-    """(K-1,) m/s, 1σ of what clipped readings take from the velocity between times t (K,), s; zero without counters."""
+
+def lost_by_clipping(flight: Flight, track: ImuTrack, t: Array, density: float) -> Array:
+    """(K-1,) how noisy clipped readings make the velocity between times t (K,), s; zero without counters.
+
+    In times of a white noise of some density, m/s²/√Hz.
+    """
     lost = np.zeros(len(t) - 1)
     for when, count in _counters(flight, track):
         if len(when) > 1:
             clipped = np.concatenate([[0.0], np.cumsum(np.maximum(np.diff(count), 0.0))])
             lost = np.maximum(lost, _LOST * np.diff(np.interp(t, when, clipped)))
-    return lost
+    return lost / (max(density, _QUIETEST) * np.sqrt(np.diff(t)))
 
 
 def _counters(flight: Flight, track: ImuTrack) -> Iterator[tuple[Array, Array]]:

@@ -195,7 +195,8 @@ def _weight(sensor: str, t: Array, off: Array, scatter: Array) -> Array:
     once, often = (float(np.median(t[lag:] - t[:-lag])) for lag in lags)
     walk = np.maximum((far - near) / max(often - once, 1e-9), _WALK[sensor] ** 2)
     white = np.maximum(0.5 * (near - walk * once), _WHITE[sensor] ** 2)
-    rough = np.maximum(scatter / np.maximum(np.median(scatter, axis=0), 1e-300), 1.0) ** 2
+    usual = np.maximum(np.median(scatter, axis=0), _WHITE[sensor])
+    rough = np.maximum(scatter / usual, 1.0) ** 2
     padded = np.concatenate([off[_ABOUT:0:-1], off, off[-2 : -_ABOUT - 2 : -1]])
     apart = off - np.median(sliding_window_view(padded, 2 * _ABOUT + 1, axis=0), axis=2)
     own = np.maximum(white * rough, apart**2)

@@ -127,7 +127,7 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
         notes.append(f"{int(broken.sum())} gaps in {track.source}: the estimate begins anew after each")
     noise, aliased, scattering = spectral_noise(track, longest), aliasing(track), relative_scatter(track, t, longest)
     gyro, accel = (scatter_between_samples(read, track.rate_hz) for read in (track.gyro, track.accel))
-    scattering[:, 1] = np.hypot(scattering[:, 1], lost_by_clipping(flight, track, t) / (accel * np.sqrt(np.diff(t))))
+    scattering[:, 1] = np.hypot(scattering[:, 1], lost_by_clipping(flight, track, t, accel))
     others = differences(flight, flight.imu(imu), (float(track.t[0]), float(track.t[-1])), untrusted)
     track = restored(track, np.diff(track.t) > longest)
     return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),

@@ -24,7 +24,7 @@ def test_two_flights_side_by_side(capsys: Captured, monkeypatch: pytest.MonkeyPa
     table = out.split("Drift: median")[1].split("Expected drift")[0]
     rows = [line.split() for line in table.splitlines() if line.strip().startswith(("1 s", "5 s"))]
     assert rows[0][2:4] == ["101", "99"]
-    assert rows[1][4:6] == ["0.165", "0.495"]
+    assert rows[1][4:6] == ["0.165", "0.499"]
     assert max(len(line) for line in table.splitlines() if " s  " in line) <= 80
     assert "Finding only in B: heading jump" in out
     assert "one set of windows against the other" in out

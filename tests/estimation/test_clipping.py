@@ -25,11 +25,12 @@ def counted(flight: Flight, column: str, each: float) -> Flight:
 
 def test_only_the_imu_and_the_time_that_were_counted() -> None:
     t = np.arange(0.0, 60.0, 0.5)
-    lost = lost_by_clipping(counted(FLIGHT, "clips_0", 100.0), FLIGHT.imu(), t)
-    assert lost[(t[:-1] >= 30.0) & (t[1:] <= 35.0)] == pytest.approx(2.0)
+    lost = lost_by_clipping(counted(FLIGHT, "clips_0", 100.0), FLIGHT.imu(), t, 0.1)
+    assert lost[(t[:-1] >= 30.0) & (t[1:] <= 35.0)] == pytest.approx(2.0 / (0.1 * np.sqrt(0.5)))
     assert not lost[t[1:] < 30.0].any()
-    assert lost_by_clipping(counted(FLIGHT, "clips_x", 100.0), FLIGHT.imu(), t) == pytest.approx(lost)
-    assert not lost_by_clipping(counted(FLIGHT, "clips_1", 100.0), FLIGHT.imu(), t).any()
+    assert np.isfinite(lost_by_clipping(FLIGHT, FLIGHT.imu(), t, 0.0)).all(), "a simulated sensor has no noise"
+    assert lost_by_clipping(counted(FLIGHT, "clips_x", 100.0), FLIGHT.imu(), t, 0.1) == pytest.approx(lost)
+    assert not lost_by_clipping(counted(FLIGHT, "clips_1", 100.0), FLIGHT.imu(), t, 0.1).any()
 
 
 def test_an_accelerometer_that_clips_is_not_accused_of_a_fault_meanwhile() -> None:

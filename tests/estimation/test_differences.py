@@ -114,3 +114,13 @@ def test_sizes_are_those_of_least_squares_and_what_is_free_tells_nothing() -> No
     b, v = one.beside(error).told("gyro", "bias", "step", np.array([ONSET]), np.array([np.inf]))
     assert abs(b).max() < 1e-2 * sigma.min() ** -1
     assert np.trace(v[0]) < 1e-3
+
+
+def test_sensors_without_noise_have_finite_weights() -> None:
+    """As simulators have them: two that read the very same, but for a moment."""
+    own = flown().imu()
+    twin = replace(own, source="IMU[1]", instance=own.instance + 1)
+    jolted = replace(twin, accel=twin.accel + ((own.t > 30.0) & (own.t < 30.5))[:, None] * np.array([0.0, 0.0, 3.0]))
+    for other in (twin, jolted):
+        (one,) = differences(beside(other), own)
+        assert all(np.isfinite(weight).all() for weight in one.weight.values())
