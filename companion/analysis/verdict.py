@@ -121,9 +121,11 @@ def _fall(lost: Sequence[Finding]) -> str:
 
 
 def _then(cause: Cause, lost: Sequence[Finding]) -> str:
-    """That control was lost after a cause had begun, and how long after; "" where it was not."""
+    """That control was lost after a cause began, and how long after where it began in flight; "" where it was not."""
     after = next((one for one in lost if one.start_s >= cause.onset_s), None)
-    return "" if after is None else f"{_fall([after])[:-1]}, {after.start_s - cause.onset_s:.1f} s after it began."
+    if after is None or (cause.onset_sigma_s is None and cause.end_s is None):  # it was there from the start
+        return "" if after is None else _fall([after])
+    return f"{_fall([after])[:-1]}, {after.start_s - cause.onset_s:.1f} s after it began."
 
 
 def _all_the_same(judged: Agreement, source: str) -> str:
