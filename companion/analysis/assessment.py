@@ -13,10 +13,11 @@ from companion.analysis.autopilot_error import AutopilotBias, autopilot_bias
 from companion.analysis.budget import Expected, chi_square_95, chi_square_999, expected_over
 from companion.analysis.calibrate import Calibration, calibrate
 from companion.analysis.comparison import Comparison, Windows, compare, windows
-from companion.analysis.constant_faults import read_wrongly
+from companion.analysis.constant_faults import constant_fault_probability, read_wrongly
 from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.departures import Sensitivity, sensitivity
 from companion.analysis.drift import HORIZONS_S, Drift, drift_over
+from companion.analysis.episode import fault_probability
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings, missed_findings, reading_faults, screened_aiding, when_lost
 from companion.analysis.findings.axes import misread_finding
@@ -25,7 +26,7 @@ from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.lasting_errors import beside_best, known_from, level_force
 from companion.analysis.loss_of_control import WORTHLESS_S, between, in_control, unjudged, while_in_control
 from companion.analysis.noise import FlightDensity, noise_in_flight
-from companion.analysis.phases import flown, phases
+from companion.analysis.phases import flown, landed_at, phases
 from companion.analysis.rest import Rest, rests
 from companion.analysis.verdict import Verdict, decide
 from companion.estimation import (
@@ -193,20 +194,18 @@ def assess(
     made, told_by_it = _best(own, judged, faults, unjudged(parts), before, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
     faults += [*told_by_it, *frozen]
-    unread = any(f.severity == "error" for f in faults)  # readings that are none are off by nothing
-    constants = () if unread else read_wrongly(best, seen, how.gravity)
+    constants = read_wrongly(best, seen, how.gravity, faults)
     all_findings, clean = findings(flight, judged, allowed, figures, noise, autopilot, faults, best, constants)
     all_findings = when_lost(all_findings, flight, track, parts, figures)
     third = best if best is not None and _independent(best) else None
     usual = figures if third is None else in_flight(figures, third)
     drift, comparison, judged = drift_over(comparison, sets), comparison.forgotten(), judged.forgotten()
     told = judged.of(clean if third is None else restored(_unbiased(clean, third, flight), judged.gaps))
-
-    def agreeing(horizons: Sequence[float], within: Sequence[tuple[float, float]]) -> dict[float, Agreement]:
-        return {one: agreement(told, one, parts, usual, autopilot, within) for one in dict.fromkeys(horizons)}
-
-    agreements, several = agreeing((*AGREEING_S, *horizons), in_control(parts)), flown(parts)
-    by_flight = {span: [*agreeing(AGREEING_S, [span]).values()] for span in several if len(several) > 1}
+    lengths, several = dict.fromkeys((*AGREEING_S, *horizons)), flown(parts)
+    agreed = partial(agreement, told, parts=parts, usual=usual, autopilot=autopilot)
+    agreements = {one: agreed(one, within=in_control(parts)) for one in lengths}
+    by_flight = {span: [agreed(one, within=[span]) for one in AGREEING_S] for span in several if len(several) > 1}
+    by_side = {} if best is None else fault_probability(best, constant_fault_probability(constants), landed_at(parts))
     return Assessment(
         comparison=comparison,
         judged=judged,
@@ -218,7 +217,7 @@ def assess(
         rests=rests(seen, judged.track, figures),
         autopilot_bias=autopilot_bias(seen, judged.track),
         agreements=agreements,
-        verdict=decide([agreements[h] for h in AGREEING_S], all_findings, third, track.source, constants, by_flight),
+        verdict=decide([agreements[h] for h in AGREEING_S], all_findings, third, track.source, by_side, by_flight),
         best=best,
         sensitivity=_could_show(made, judged.track.t),
     )

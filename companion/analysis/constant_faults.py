@@ -85,8 +85,15 @@ def fault_probabilities(sensor: str, values: Array, sigma: float, own: Array) ->
     return np.asarray(share @ np.array(sets, np.float64))
 
 
-def read_wrongly(best: BestEstimate | None, flight: Flight, gravity: float) -> tuple[ConstantError, ...]:
-    """What the IMUs of a flight read wrongly all the time: by the best estimate, and gyros at rest by themselves."""
+def read_wrongly(
+    best: BestEstimate | None, flight: Flight, gravity: float, faults: Sequence[Finding]
+) -> tuple[ConstantError, ...]:
+    """What the IMUs of a flight read wrongly all the time: by the best estimate, and gyros at rest by themselves.
+
+    faults: of `reading_faults`; readings that are none are off by nothing.
+    """
+    if any(f.severity == "error" for f in faults):
+        return ()
     told = () if best is None else constant_errors(best, flight)
     known = {(one.imu, one.sensor): one for one in told}
     still = {(one.imu, one.sensor): one for one in errors_at_rest(flight, gravity)}

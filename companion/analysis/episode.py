@@ -253,20 +253,20 @@ def own_odds(episode: Episode) -> float:
     return max((one.log_odds for one in episode.rivals if one.kind == episode.kind), default=0.0)
 
 
-def fault_probability(best: BestEstimate, constant: float = 0.0) -> dict[str, float]:
+def fault_probability(best: BestEstimate, constant: float = 0.0, until: float = np.inf) -> dict[str, float]:
     """Side → probability that a harmful fault of it is the first of the flight; "nobody" that there is none.
 
     By the readings of IMU, GPS, compass and barometer alone: what the autopilot made of them does not count.
-    constant: that an IMU was wrong from the beginning.
+    constant: that an IMU was wrong from the beginning. until: s, from when on nothing is judged.
     """
-    parts = [one.rivals for one in sorted(best.explained, key=lambda one: one.onset) if one.rivals]
+    parts = [one.rivals for one in best.explained if one.rivals and one.onset < until]
     first, none = {**dict.fromkeys(probabilities(()), 0.0), "imu": constant}, 1.0 - constant
     for rivals in (*parts, best.further):
         shares = probabilities(rivals)
         for side, share in shares.items():
             first[side] += none * share
         none *= shares["nobody"]
-    return first | {"nobody": none}
+    return {side: min(share, 1.0) for side, share in (first | {"nobody": none}).items()}
 
 
 def rival(episode: Episode) -> tuple[str, float] | None:

@@ -35,6 +35,11 @@ _ENDING_S = 1.0
 _SHAKEN = 0.05  # rad/s rms over a second, for a vehicle without a position
 
 
+def landed_at(parts: Sequence[Phase]) -> float:
+    """s, boot clock, from when on nothing is judged: the last landing; infinite where there is none."""
+    return parts[-1].start if parts[-1].kind == "landed" else np.inf
+
+
 def phases(flight: Flight) -> tuple[Phase, ...]:
     """The parts of a flight in order of time, without gaps between them; one, without length, of a flight of none."""
     begin, end = flight.start, flight.start + flight.duration

@@ -11,8 +11,7 @@ import numpy as np
 
 from companion.analysis.agreement import FEWEST_WINDOWS, JUDGED_S, Agreement
 from companion.analysis.comparison import left_out
-from companion.analysis.constant_faults import ConstantError, constant_fault_probability
-from companion.analysis.episode import BIAS_UNITS, SENSORS, SIGMAS, bias_at_the_end, fault_probability, percent
+from companion.analysis.episode import BIAS_UNITS, SENSORS, SIGMAS, bias_at_the_end, percent
 from companion.analysis.finding import Cause, Finding
 from companion.estimation import ACCUSED, BestEstimate, kind_of
 from companion.model import brief, counted
@@ -53,16 +52,15 @@ def decide(
     findings: tuple[Finding, ...],
     best: BestEstimate | None,
     source: str,
-    constants: Sequence[ConstantError] = (),
+    probability: Mapping[str, float] = MappingProxyType({}),
     by_flight: Mapping[tuple[float, float], Sequence[Agreement]] = MappingProxyType({}),
 ) -> Verdict:
     """The first cause in time; without one, whether IMU and autopilot agree, as far as the flight can tell.
 
-    agreements: one for each horizon of AGREEING_S. source: the message of the IMU that the windows are of. constants:
-    what the IMUs read wrongly all the time.
-    by_flight: the same of each flight of the log, from when to when it was, s, where there are several.
+    agreements: one for each horizon of AGREEING_S. source: the message of the IMU that the windows are of. probability:
+    see `fault_probability`. by_flight: agreements of each flight of the log, from when to when it was, s, where there
+    are several.
     """
-    probability = {} if best is None else fault_probability(best, constant_fault_probability(constants))
     whole = _decided(agreements, findings, best, source, probability)
     flights = []
     for (start, end), own in by_flight.items():

@@ -219,4 +219,4 @@ def probabilities(rivals: Sequence[Rival]) -> dict[str, float]:
     for one, part in zip(rivals, posterior[1:], strict=True):
         shares[kind_of(one.kind).side] += float(part) * one.fault
     shares["nobody"] = max(1.0 - sum(shares.values()), 0.0)
-    return shares
+    return {side: min(share, 1.0) for side, share in shares.items()}  # rounding

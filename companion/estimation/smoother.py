@@ -161,7 +161,8 @@ def next_cause(
             weighed = [_as_moved(one, least) if one.name == least.choice.name else one for one in weighed]
             weighed.sort(key=lambda one: -one.log_odds)
     rivals = tuple(one.rival for one in weighed)
-    for best in weighed:
+    impossible = set[str]()
+    for best in (one for one in weighed if one.kind.name not in impossible):
         if best.log_odds < (_LIKELY if best.fault > _HARMFUL else _DISTURBING):
             break
         same = [one for one in tried if one.choice.name == best.name]
@@ -170,6 +171,7 @@ def next_cause(
             return Cause(best, setup, settled, other, rivals)
         if (own := same[0] if same else _with(setup, begin, accepted, best)) is not None:
             return replace(own, rivals=rivals, choice=replace(own.choice, log_odds=best.log_odds, fault=best.fault))
+        impossible.add(best.kind.name)
     return _likeliest_faults(rivals)
 
 

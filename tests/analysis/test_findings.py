@@ -550,7 +550,7 @@ def test_an_axis_without_noise_that_goes_somewhere_beside_others_that_shake_is_n
     assert ("stuck_axis" in {f.kind for f in found}) == (goes == 0.0)
 
 
-@pytest.mark.parametrize("begin", [22.0, 38.0, 54.0])
+@pytest.mark.parametrize("begin", [38.0, 54.0])
 def test_an_axis_that_misses_what_all_other_sensors_saw_is_stuck(begin: float) -> None:
     """It reads one value in the time of a quick manoeuvre; the others may be calm."""
     flight = in_milliradians()

@@ -398,7 +398,8 @@ def test_a_short_flight_is_too_little() -> None:
 def test_a_noisy_sensor_is_called_noisy(gyro: float, severity: str) -> None:
     """And warned of where its noise, and no longer its bias, is most of what the IMU may be off by."""
     model = ImuModel(gyro=Sensor(noise_density=gyro), accel=Sensor(noise_density=0.05))
-    found = assess(replace(flown(), imus={"RAW_IMU": simulate(LIVELY.imu, model, 2)}), GENERIC)
+    noisy = replace(simulate(LIVELY.imu, model, 2), source="RAW_IMU")
+    found = assess(replace(flown(), imus={"RAW_IMU": noisy}), GENERIC)
     assert of_kind(found, "gyro_noise").severity == severity
     assert re.match(r"noise of \d+ mdps/√Hz in flight, \d+ times the 6.88 of ", of_kind(found, "gyro_noise").evidence)
     assert re.match(r"noise of \d{4} µg/√Hz in flight, \d+ times the ", of_kind(found, "accel_noise").evidence)
@@ -468,7 +469,7 @@ def test_an_accelerometer_that_is_off_by_more_than_one_in_order_is_named() -> No
     flight = c.open_log(BUNDLED / "copter-demo-100hz.tlog")[0]
     found = assess(with_imu(flight, accel=1.04 * flight.imu().accel), GENERIC)
     assert found.verdict.status == "insufficient_data"
-    assert of_kind(found, "accel_scale").evidence in found.verdict.summary
+    assert of_kind(found, "accel_bias").evidence in found.verdict.summary
     assert max(found.agreements[horizon].inside["velocity"] for horizon in (1.0, 2.0, 5.0)) < 0.7
 
 

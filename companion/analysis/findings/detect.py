@@ -28,7 +28,7 @@ from companion.analysis.findings.stuck import stuck_findings
 from companion.analysis.findings.vibration import noise_findings, vibration_findings
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.noise import FlightDensity
-from companion.analysis.phases import phases
+from companion.analysis.phases import landed_at, phases
 from companion.estimation import BestEstimate, kind_of
 from companion.model import Flight, ImuTrack, Series
 
@@ -88,14 +88,19 @@ def findings(
     all_findings = [*rate_findings(flight, comparison, sampling), *faults]
     if comparison.track.bias_removed and not flight.on_board:
         all_findings.append(_not_independent(comparison))
-    landed = _landed(flight)
+    landed = landed_at(phases(flight))
     jumps = [
         f if f.start_s < landed - _TOLD_S else replace(f, severity="info") for f in jump_findings(comparison, flight)
     ]
     all_findings += [*outage_findings(flight, comparison), *interference_findings(flight)]
     all_findings += noise_findings(comparison, noise, figures, allowed)
     apart = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
-    all_findings += noisier_findings(comparison.track, apart)
+    none = [(f.start_s, f.end_s, _sensor(f)) for f in faults]  # readings that are none are no noise
+    all_findings += (
+        f
+        for f in noisier_findings(comparison.track, apart)
+        if not any(f.start_s < end and f.end_s > begin and f.kind.startswith(sensor) for begin, end, sensor in none)
+    )
     all_findings += vibration_findings(comparison, flight)
     raw = residuals(comparison)
     fitted = installation(comparison, raw, figures, autopilot, np.inf)
@@ -139,12 +144,6 @@ def _turned_in_vain(flight: Flight, comparison: Comparison, fitted: Installation
         return any(one.quantity == "tilt" for one in departures(flight, best, comparison.how.limits, tilted))
 
     return bool(fitted.mounting.any()) and leans(_tilted(fitted)) and not leans((0.0, 0.0))
-
-
-def _landed(flight: Flight) -> float:
-    """s, boot clock, from when on nothing is judged: the last landing; infinite where there is none."""
-    last = phases(flight)[-1]
-    return last.start if last.kind == "landed" else np.inf
 
 
 def _confirmed(jump: Finding, others: Sequence[Finding], best: BestEstimate) -> Finding:
