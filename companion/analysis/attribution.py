@@ -34,7 +34,6 @@ from companion.analysis.lasting_errors import ALL_THE_TIME
 from companion.estimation import (
     ACCUSED,
     BestEstimate,
-    between_samples,
     coning,
     harmful,
     hides_shaking,
@@ -186,11 +185,7 @@ def _turned(episode: Episode, best: BestEstimate) -> Finding:
 
 
 _OF_HEIGHT = ("gps_height", "barometer")  # kinds that mislead nothing else
-_FEWEST = 8  # samples
 _HARDLY_OFF = "that close to what both may be off by, it cannot be told which of them is wrong"
-_CONTRADICTED = (
-    "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which of them is wrong"
-)
 
 
 def _may_be_coning(episode: Episode, size: float, best: BestEstimate) -> bool:
@@ -203,23 +198,7 @@ def _may_be_coning(episode: Episode, size: float, best: BestEstimate) -> bool:
     )
 
 
-def _may_be_folded(episode: Episode, best: BestEstimate) -> bool:
-    """Whether what an IMU reads wrongly is no more than what scatters between its samples while it is there adds up to.
-
-    As where a launch or a violent manoeuvre shakes it, which its samples fold down: as white noise of that size would.
-    """
-    sensor, _, what = episode.kind.partition("_")
-    part = best.imu[slice(*np.searchsorted(best.imu.t, (episode.start, episode.end)).tolist())]
-    if what not in ("bias", "scale") or episode.imu is not None or len(part) < _FEWEST:
-        return False
-    read = getattr(part, sensor)
-    variance = np.maximum(between_samples(read) ** 2, 1e-300)
-    scaled = np.maximum((read**2).mean(axis=0) - variance, 0.0) if what == "scale" else np.ones(3)
-    return float((episode.size**2 * scaled / variance).sum()) * len(part) < SIGMAS**2
-
-
 _ANOTHER = "A second sensor of the same kind in the log would tell, another IMU before all."
-_FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
 _CUTOFF = "The cutoff of the gyro's low-pass, a parameter of the vehicle, in the log would tell."
 
 
@@ -236,8 +215,6 @@ def _why_undecided(episode: Episode, best: BestEstimate) -> tuple[str, str]:
          "a shock, strong vibration or lost samples do this too: no sensor is blamed for a single moment", ""),
         (_may_be_coning(episode, size, best),
          "the gyro is shaken so much that what its low-pass hides of the shaking may add up to it", _CUTOFF),
-        (_may_be_folded(episode, best),
-         "the IMU is shaken so much while it is there that its samples may fold down as much", _FASTER),
         (best.contradicted and episode.witness != "imu", _CONTRADICTED, _FASTER),
         _undecided(episode),
     )  # fmt: skip
@@ -262,8 +239,11 @@ def _side(kind: str) -> str:
 
 
 _WITNESS = "GPS while the vehicle moves, or a second IMU, in the log would tell."
+_CONTRADICTED = (
+    "the IMU fits the other sensors only with far more noise than it shows: it cannot be told which of them is wrong"
+)
+_FASTER = "An IMU that is better damped, logged faster than it shakes, or a second one would tell."
 _RECEIVER = "A second GPS receiver in the log would tell."
-_EARLIER = "A log that begins earlier would tell."
 
 
 _MEASURED = ("position", "height")  # by GPS and barometer, whatever a gyro, an accelerometer or a compass reads
@@ -280,8 +260,6 @@ def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> tupl
         (slowly_off and _creeps_in_order("gps_position", departure.size, departure.sigma),
          "a GPS in order creeps as far: it cannot be told which of them is wrong", _RECEIVER),
         (best.contradicted, _CONTRADICTED, _FASTER),
-        (departure.recovers, "it was so when this began, and the estimate recovers: what led to it lies before",
-         _EARLIER),
         (departure.start >= by_imu, "the IMU moved as the autopilot says: it cannot be told which of them is wrong",
          _ANOTHER),
         (sensor is not None,

@@ -21,7 +21,6 @@ from companion.estimation import (
     corrected,
     kind_of,
     shaking,
-    times_of_change,
 )
 from companion.model import Array, EstimatorReset, Flight, NoEstimateError, weighted_median
 from companion.strapdown import preintegrate, quaternion
@@ -95,7 +94,6 @@ def departures(
         above = (best.position - reference.position)[:, 2]
         height = _together(best.sigma(POSITION)[:, 2], between.position)
         off["height"] = np.abs(above - _at_first(above, known, which)), height
-    judging = times_of_change(t[judged])
     departed: list[Departure] = []
     for name, (value, sigma) in off.items():
         both = np.hypot(sigma, _TOLERANCE[name][0])
@@ -105,10 +103,9 @@ def departures(
             stepped = len(before) > 0 and value[first] - before.min() > _SUDDEN * value[first]
             if t[last] - t[first] >= (_SUDDEN_S if stepped else _LASTING_S[name]):
                 peak = first + int(np.argmax(value[first : last + 1]))
-                recovers = bool(t[first] <= judging[0] and t[last] < judging[1])
                 size, own = float(value[peak]), float(both[peak])
                 felt = _imu_confirms(best, reference, name, value, peak)
-                departed.append(Departure(name, float(t[first]), float(t[last]), size, own, recovers, felt, stepped))
+                departed.append(Departure(name, float(t[first]), float(t[last]), size, own, felt, stepped))
     return tuple(sorted(departed, key=lambda d: d.start))
 
 

@@ -64,7 +64,6 @@ class Departure:
     end: float
     size: float  # at its greatest: rad, m/s, m
     sigma: float  # of both together, at that time
-    recovers: bool = False  # whether it was so when the autopilot was first judged, and ended
     as_the_imu: bool = False  # whether the IMU moved as the autopilot says, and not as the best estimate
     sudden: bool = False  # whether it began with a step of a good part of itself
 

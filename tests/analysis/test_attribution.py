@@ -228,13 +228,11 @@ def test_an_autopilot_is_not_accused_of_what_a_receiver_in_order_does(
     assert found == ([] if side is None else [side])
 
 
-@pytest.mark.parametrize(("until", "side"), [(40.0, "data"), (np.inf, "autopilot")], ids=["recovers", "stays"])
-def test_an_estimate_that_recovers_from_what_was_before_is_not_accused(
-    flight: Flight, best: BestEstimate, until: float, side: str
-) -> None:
+@pytest.mark.parametrize("until", [40.0, np.inf], ids=["recovers", "stays"])
+def test_an_estimate_that_is_off_from_the_beginning_is_told(flight: Flight, best: BestEstimate, until: float) -> None:
     other = turned(flight, np.radians(40.0) * (flight.require_attitude().t < until)[:, None] * DOWN)
     found = [f for f in findings_of((), departures(other, best, Limits()), best) if f.kind == "heading_off"]
-    assert found[0].side == side
+    assert found[0].side == "autopilot"
 
 
 def test_an_imu_that_is_known_to_sit_askew_is_no_departure(flight: Flight, best: BestEstimate) -> None:
@@ -430,17 +428,6 @@ def test_an_estimator_that_jumps_as_its_imu_is_contradicted_is_not_accused(best:
     assert "far more noise than it shows" in told.evidence
     before = Departure("tilt", ONSET - 10.0, ONSET - 5.0, 0.3, 0.01, as_the_imu=True)
     assert [one.side for one in findings_of((), (before, away), best, [jump])] == ["data", "data"]
-
-
-@pytest.mark.parametrize(("times", "side"), [(0.5, "data"), (2.0, "imu")])
-def test_a_bias_of_what_the_samples_fold_down_accuses_nobody(best: BestEstimate, times: float, side: str) -> None:
-    """An IMU that is shaken by as much between two samples, for as long as it is there."""
-    imu, last = best.imu, 2.0
-    inside = (imu.t >= ONSET) & (imu.t < ONSET + last)
-    shaken = imu.gyro + 0.5 * np.random.default_rng(2).standard_normal(imu.gyro.shape) * inside[:, None]
-    size = times * 3.0 * 0.5 / np.sqrt(inside.sum())
-    off = replace(best, imu=replace(imu, gyro=shaken), explained=(step(ONSET, ONSET + last, size),))
-    assert [one.side for one in findings_of(episodes(off), (), off)] == [side]
 
 
 @pytest.mark.parametrize(
