@@ -258,7 +258,8 @@ def fault_probability(best: BestEstimate, constant: float = 0.0, until: float = 
     By the readings of IMU, GPS, compass and barometer alone: what the autopilot made of them does not count.
     constant: that an IMU was wrong from the beginning. until: s, from when on nothing is judged.
     """
-    parts = [one.rivals for one in best.explained if one.rivals and one.onset < until]
+    in_time = sorted(best.explained, key=lambda one: one.onset)
+    parts = [one.rivals for one in in_time if one.rivals and one.onset < until]
     first, none = {**dict.fromkeys(probabilities(()), 0.0), "imu": constant}, 1.0 - constant
     for rivals in (*parts, best.further):
         shares = probabilities(rivals)
