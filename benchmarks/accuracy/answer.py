@@ -41,7 +41,7 @@ CAUSES = {
     "barometer": ("position", "baro"),
     "compass_frozen": ("heading", "compass"),
     "barometer_frozen": ("position", "baro"),
-    "gps_wild": ("position", "gps"),
+    "gps_inconsistent": ("position", "gps"),
     "gps_frozen": ("position", "gps"),
     "tilt_off": ("tilt", ""),
     "heading_off": ("heading", ""),

@@ -35,7 +35,7 @@ KINDS: Mapping[str, str] = {
     "frozen": "the whole IMU reads the same again and again",
     "compass_frozen": "the compass reads the same again and again in flight",
     "barometer_frozen": "the barometer reads the same again and again in flight",
-    "gps_wild": "the GPS contradicts itself: positions that do not move as the velocities say",
+    "gps_inconsistent": "the GPS contradicts itself: positions that do not move as the velocities say",
     "gps_frozen": "the GPS repeats its last fix in flight",
     "gps_interference": "the GPS says itself that it is jammed or spoofed in flight",
     "gyro_clipping": "the gyro is at the end of its range",

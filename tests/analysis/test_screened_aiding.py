@@ -137,11 +137,11 @@ def test_a_gps_that_leaps_about_is_left_out_and_one_jump_is_not() -> None:
     during = (one.t >= BEGIN) & (one.t < END)
     jammed = replace(one, latitude=one.latitude + np.where(during, rng.normal(0.0, 5e-4, len(one.t)), 0.0))
     seen, found = screened_aiding(replace(flight, gps=(jammed,)), flight.imu())
-    assert [(f.kind, f.side) for f in found] == [("gps_wild", "data")]
+    assert [(f.kind, f.side) for f in found] == [("gps_inconsistent", "data")]
     assert found[0].start_s == pytest.approx(BEGIN, abs=1.0)
     assert found[0].end_s == pytest.approx(END, abs=1.0)
     assert len(seen.gps[0]) <= len(one) - during.sum() + 2
     shifted = replace(one, latitude=one.latitude + np.where(during, 5e-4, 0.0))
     assert screened_aiding(replace(flight, gps=(shifted,)), flight.imu())[1] == []
     leaping = replace(one, velocity=one.velocity + np.where(during, rng.normal(0.0, 60.0, len(one.t)), 0.0)[:, None])
-    assert [f.kind for f in screened_aiding(replace(flight, gps=(leaping,)), flight.imu())[1]] == ["gps_wild"]
+    assert [f.kind for f in screened_aiding(replace(flight, gps=(leaping,)), flight.imu())[1]] == ["gps_inconsistent"]

@@ -75,7 +75,7 @@ def screened_aiding(flight: Flight, imu: ImuTrack) -> tuple[Flight, list[Finding
             faults.append(_finding(sensor, float(track.t[first]), float(track.t[last])))
         for first, last in _contradicting(track) if isinstance(track, GpsTrack) else ():
             kept[first : last + 1] = False
-            faults.append(_wild(track.source, float(track.t[first]), float(track.t[last])))
+            faults.append(_inconsistent(track.source, float(track.t[first]), float(track.t[last])))
         return track if kept.all() else _rows(track, kept)
 
     left_out = [one for one in _constant(flight) if not any(one.source == c.source for c in flight.compasses)]
@@ -160,15 +160,15 @@ def _contradicting(track: GpsTrack) -> Iterator[tuple[int, int]]:
     apart = np.diff(t)[:, None]
     off = length(np.diff(place[:, :2], axis=0) - 0.5 * (velocity[1:] + velocity[:-1]) * apart)
     leaps = length(np.diff(velocity, axis=0)) > _LEAPS * np.maximum(apart[:, 0], _SOONEST_S)
-    wild = np.flatnonzero((apart[:, 0] < _TOGETHER_S) & ((off > _JUMPS) | leaps))
-    for group in np.split(wild, np.flatnonzero(np.diff(t[wild]) > _TOGETHER_S) + 1):
+    bad = np.flatnonzero((apart[:, 0] < _TOGETHER_S) & ((off > _JUMPS) | leaps))
+    for group in np.split(bad, np.flatnonzero(np.diff(t[bad]) > _TOGETHER_S) + 1):
         if len(group) >= _OFTEN:
             yield int(fixed[group[0]]), int(fixed[group[-1] + 1])
 
 
-def _wild(source: str, begin: float, end: float) -> Finding:
+def _inconsistent(source: str, begin: float, end: float) -> Finding:
     return Finding(
-        "gps_wild",
+        "gps_inconsistent",
         "data",
         "warning",
         begin,
@@ -237,7 +237,7 @@ _SHOWS = {
     "compass_frozen": ("heading_off", "heading_jump"),
     "barometer_frozen": ("height_off",),
     "gps_frozen": ("position_off", "velocity_off", "position_jump"),
-    "gps_wild": ("position_off", "velocity_off", "position_jump"),
+    "gps_inconsistent": ("position_off", "velocity_off", "position_jump"),
 }
 _FOLLOWS_S = 20.0  # after a sensor reads anew its estimator may still be setting itself right
 
