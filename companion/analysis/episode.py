@@ -221,7 +221,10 @@ def said(episode: Episode, best: BestEstimate) -> str:
         what = kind_of(episode.kind).phrase(_size(episode, best))
     if episode.imu is not None:
         what = f"IMU {episode.imu}, beside IMU {best.imu.instance}: {what}"
-    return f"{what}, from {episode.start:.1f} ± {episode.start_sigma:.1f} s {until}"
+    since = f"from {episode.start:.1f} ± {episode.start_sigma:.1f} s"
+    if episode.start - episode.start_sigma < best.t[0]:  # it may have been there from the beginning
+        since = f"from before {episode.start + episode.start_sigma:.1f} s"
+    return f"{what}, {since} {until}"
 
 
 def likelihoods(episode: Episode) -> dict[str, float]:
