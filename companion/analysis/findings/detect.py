@@ -30,7 +30,7 @@ from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import landed_at, phases
 from companion.estimation import BestEstimate, kind_of
-from companion.model import Flight, ImuTrack, Phase, Series
+from companion.model import Flight, ImuTrack, Series
 
 
 def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec) -> list[Finding]:
@@ -47,7 +47,8 @@ def _of_other_imus(
 ) -> Iterator[Finding]:
     """Axes that are stuck on the IMUs that were not judged: each sensor's once, whichever message tells of it.
 
-    ArduPilot's HIGHRES_IMU has the first usable gyro: the one that is dead is in RAW_IMU alone.
+    ArduPilot's HIGHRES_IMU has the first usable gyro: the one that is dead is in RAW_IMU alone. Gyros only: in a calm
+    hover an accelerometer of coarse steps and no noise reads the same for long beside one that has some.
     """
     parts = phases(flight)
     aligned = max((part.end for part in parts if part.kind == "aligning"), default=-np.inf)
@@ -59,14 +60,9 @@ def _of_other_imus(
         others = [other for other in flight.imus.values() if other.instance != track.instance]
         stuck = stuck_findings(compare(flight, track=track, how=comparison.how), autopilot, others)
         mine = [f for f in stuck if f.end_s > aligned and f.start_s < lost]
-        mine = [f for f in mine if (track.instance, _sensor(f)) not in told and _begins_aloft(f, parts)]
+        mine = [f for f in mine if (track.instance, _sensor(f)) not in told and _sensor(f) != "accel"]
         told |= {(track.instance, _sensor(f)) for f in mine}
         yield from (replace(f, evidence=f"{track.source}: {f.evidence}") for f in mine)
-
-
-def _begins_aloft(finding: Finding, parts: Sequence[Phase]) -> bool:
-    """Whether it begins in flight: at rest a quiet sensor of coarse steps reads the same beside a noisier one."""
-    return any(part.kind == "flight" and part.start <= finding.start_s < part.end for part in parts)
 
 
 def _sensor(finding: Finding) -> str:
