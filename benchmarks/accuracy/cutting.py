@@ -3,58 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
-from typing import Any, TypeVar
+from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from companion.model import Array, CompassTrack, Flight, GpsTrack, ImuTrack, PositionTrack, ned_from_geodetic
+from companion.model import (
+    Array,
+    CompassTrack,
+    Flight,
+    GpsTrack,
+    ImuTrack,
+    PositionTrack,
+    Track,
+    ned_from_geodetic,
+    rows,
+    with_tracks,
+)
 from companion.simulate import LOOP_US, low_pass
 from companion.strapdown import quaternion
 
-Track = TypeVar("Track")
-
 _EARTH_M = 6_371_000.0
 _FILTER_HZ = 20.0  # ArduPilot's INS_GYRO_FILTER
-
-
-def part(track: Track, chosen: npt.NDArray[Any] | slice) -> Track:
-    """Some samples of any track."""
-    given: Any = track
-    columns = {f.name: getattr(given, f.name) for f in fields(given)}
-    arrays = {n: v[chosen] for n, v in columns.items() if isinstance(v, np.ndarray) and len(v) == len(given.t)}
-    changed: Track = replace(given, **arrays)
-    return changed
 
 
 def cut(flight: Flight, begin: float, end: float) -> Flight:
     """What lies between two times of the boot clock, s."""
 
     def inside(track: Track) -> Track:
-        t: Array = track.t  # type: ignore[attr-defined]
-        return part(track, slice(*np.searchsorted(t, [begin, end]).tolist()))
-
-    def optional(track: Track | None) -> Track | None:
-        return None if track is None else inside(track)
+        return rows(track, slice(*np.searchsorted(track.t, [begin, end]).tolist()))
 
     return replace(
-        flight,
+        with_tracks(flight, inside),
         start=begin,
         duration=end - begin,
-        imus={name: inside(track) for name, track in flight.imus.items()},
-        attitude=optional(flight.attitude),
-        position=optional(flight.position),
-        gps=tuple(map(inside, flight.gps)),
-        compasses=tuple(map(inside, flight.compasses)),
-        barometers=tuple(map(inside, flight.barometers)),
-        airspeeds=tuple(map(inside, flight.airspeeds)),
-        ranges=tuple(map(inside, flight.ranges)),
-        flows=tuple(map(inside, flight.flows)),
         biases=tuple(map(inside, flight.biases)),
-        control=optional(flight.control),
-        actuators=optional(flight.actuators),
-        truth=optional(flight.truth),
+        control=None if flight.control is None else inside(flight.control),
+        actuators=None if flight.actuators is None else inside(flight.actuators),
+        truth=None if flight.truth is None else inside(flight.truth),
         series={name: inside(series) for name, series in flight.series.items()},
         events=tuple(e for e in flight.events if begin <= e.t < end),
         texts=tuple(s for s in flight.texts if begin <= s.t < end),

@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from benchmarks.accuracy.answer import Answer, answer
-from benchmarks.accuracy.cutting import at, attitude_at, every_imu, gps_moved, part
+from benchmarks.accuracy.cutting import at, attitude_at, every_imu, gps_moved
 from benchmarks.accuracy.injected import (
     FAST_HZ,
     NO_LOGS,
@@ -34,7 +34,7 @@ from benchmarks.accuracy.injected import (
 )
 from benchmarks.accuracy.parallel import Failed, each
 from companion.app.recording import read_recording
-from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack
+from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack, rows
 from companion.strapdown import quaternion
 
 Random = np.random.Generator
@@ -142,7 +142,7 @@ def _lossy(flight: Flight, random: Random) -> Flight:
 
     def lose(track: ImuTrack) -> ImuTrack:
         kept = np.random.default_rng(len(track.t)).random(len(track.t)) > 0.05  # an IMU's messages lose the same
-        return part(track, kept & ((track.t < begin) | (track.t > begin + 1.5)))
+        return rows(track, kept & ((track.t < begin) | (track.t > begin + 1.5)))
 
     del random
     return every_imu(flight, lose)

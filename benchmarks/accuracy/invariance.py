@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.accuracy.answer import Answer, answer
-from benchmarks.accuracy.cutting import cut, every_imu, part
+from benchmarks.accuracy.cutting import cut, every_imu
 from benchmarks.accuracy.injected import NO_LOGS, logs_of
 from benchmarks.accuracy.parallel import Failed, each
 from companion.app.recording import read_recording
-from companion.model import Flight, ImuTrack
+from companion.model import Flight, ImuTrack, rows
 
 STANDARD = (
     "sitl/copter-demo-100hz.tlog",
@@ -38,7 +38,7 @@ _CUT_S = 5.0
 
 
 def _thin(flight: Flight, every: int) -> Flight:
-    return every_imu(flight, lambda track: part(track, slice(None, None, every)))
+    return every_imu(flight, lambda track: rows(track, slice(None, None, every)))
 
 
 def _noisier(flight: Flight) -> Flight:
@@ -60,13 +60,13 @@ def _attitude(flight: Flight, hz: float) -> Flight:
     if flight.attitude is None:
         return flight
     every = max(1, round((len(flight.attitude) - 1) / max(np.ptp(flight.attitude.t), 1e-9) / hz))
-    return replace(flight, attitude=part(flight.attitude, slice(None, None, every)))
+    return replace(flight, attitude=rows(flight.attitude, slice(None, None, every)))
 
 
 def _gps(flight: Flight) -> Flight:
     """One fix a second."""
     return replace(flight, gps=tuple(
-        part(one, np.flatnonzero(np.diff(np.floor(one.t), prepend=-1.0) > 0)) for one in flight.gps
+        rows(one, np.flatnonzero(np.diff(np.floor(one.t), prepend=-1.0) > 0)) for one in flight.gps
     ))  # fmt: skip
 
 
@@ -112,12 +112,12 @@ def judged(path: Path) -> list[Row]:
     return [Row(path.name, name, answer(change(flight))) for name, change in CHANGES.items()]
 
 
-def flips(rows: list[Row]) -> list[Row]:
+def flips(judgements: list[Row]) -> list[Row]:
     """Those of which another status is told than of the flight as it is, but for "cannot tell"; or another cause."""
-    first = rows[0].said
+    first = judgements[0].said
     return [
         row
-        for row in rows[1:]
+        for row in judgements[1:]
         if "cannot_tell" not in (row.said.side, first.side)
         and (row.said.side, row.said.cause) != (first.side, first.cause)
     ]
@@ -133,15 +133,15 @@ def main() -> int:
     if not paths:
         parser.error(NO_LOGS)
     counts: Counter[str] = Counter()
-    for index, rows in each(judged, paths, workers=chosen.workers, timeout=1200.0):
-        if isinstance(rows, Failed):
-            print(f"{paths[index].name}: {rows.reason}", file=sys.stderr)
+    for index, judgements in each(judged, paths, workers=chosen.workers, timeout=1200.0):
+        if isinstance(judgements, Failed):
+            print(f"{paths[index].name}: {judgements.reason}", file=sys.stderr)
             continue
-        first = rows[0].said
-        print(f"{rows[0].log}: {first.side} {first.cause}")
-        turned = flips(rows)
-        counts.update(["changes"] * (len(rows) - 1), flips=len(turned))
-        counts["cannot tell"] += sum(r.said.side == "cannot_tell" != first.side for r in rows[1:])
+        first = judgements[0].said
+        print(f"{judgements[0].log}: {first.side} {first.cause}")
+        turned = flips(judgements)
+        counts.update(["changes"] * (len(judgements) - 1), flips=len(turned))
+        counts["cannot tell"] += sum(r.said.side == "cannot_tell" != first.side for r in judgements[1:])
         for row in turned:
             print(f"  {row.change}: {row.said.side} {row.said.cause}: {row.said.summary}")
     print(f"{counts['flips']} flips of {counts['changes']}; cannot tell any more: {counts['cannot tell']}")

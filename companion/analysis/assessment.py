@@ -23,7 +23,7 @@ from companion.analysis.findings import findings, missed_findings, reading_fault
 from companion.analysis.findings.axes import misread_finding
 from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
-from companion.analysis.lasting_errors import beside_best, known_from, level_force
+from companion.analysis.lasting_errors import beside_best, known_from, level_is_unusual
 from companion.analysis.loss_of_control import WORTHLESS_S, between, in_control, unjudged, while_in_control
 from companion.analysis.noise import FlightDensity, noise_in_flight
 from companion.analysis.phases import flown, landed_at, phases
@@ -329,7 +329,7 @@ def _unbiased(track: ImuTrack, best: BestEstimate, flight: Flight) -> ImuTrack:
     show is not taken off in silence: of an accelerometer that is off by more nothing is.
     """
     states = best.states
-    if level_force(best, flight).unusual.any():
+    if level_is_unusual(best, flight):
         place, _ = CONSTANTS["accel_matrix"]
         constants = states.constants.copy()
         constants[place] = 0.0

@@ -109,13 +109,9 @@ def findings_of(
     """
     may = tuple(e for e in all_episodes if e.witness != "imu" or _in_use(e, best, in_use))
     causes = [_cause_among(d, may, best) for d in departed]
-    out = [
-        finding
-        for episode in all_episodes
-        if (finding := _of_episode(
-            episode, [d for d, cause in zip(departed, causes, strict=True) if cause is episode], best, in_use
-        )) is not None
-    ]  # fmt: skip
+    led_to = [[d for d, cause in zip(departed, causes, strict=True) if cause is one] for one in all_episodes]
+    told = [_of_episode(one, led, best, in_use) for one, led in zip(all_episodes, led_to, strict=True)]
+    out = [finding for finding in told if finding is not None]
     own = [d for d, cause in zip(departed, causes, strict=True) if cause is None]
     by_imu = min((d.start for d in own if d.as_the_imu), default=np.inf)
     return out + [_own(d, best, by_imu, _steps(d, jumps)) for d in own]

@@ -17,8 +17,9 @@ import numpy as np
 from companion.analysis.episode import BIAS_UNITS, SENSORS, percent
 from companion.analysis.finding import Cause, Finding
 from companion.analysis.imu_spec import USUAL_BIAS
+from companion.analysis.lasting_errors import steady_error
 from companion.estimation import ACCUSED, BestEstimate, at_rest, differences, kind_of
-from companion.model import Array, Flight, ImuTrack
+from companion.model import Array, Flight
 
 _RATE = 0.01
 """Share of IMUs that fly with one: three of 86 logs of strangers' vehicles."""
@@ -115,20 +116,25 @@ def constant_errors(best: BestEstimate, flight: Flight) -> tuple[ConstantError, 
     for sensor in ("gyro", "accel"):
         if (None, sensor) in changed:
             continue
-        value = np.median(getattr(best.states, f"{sensor}_bias"), axis=0)
-        if sensor == "accel":
-            value = value + best.states.constant("accel_matrix").reshape(3, 3) @ [0.0, 0.0, -best.gravity]
-        sigma = np.median(getattr(best, f"{sensor}_bias_sigma"), axis=0)
+        value, sigma = steady_error(best, sensor)
         steady = [one for one in others if (one.instance, sensor) not in changed]
         imus = [(best.imu.instance, best.imu.source), *((one.instance, one.source) for one in steady)]
-        values = np.array([value, *(value + np.median(one.value[sensor], axis=0) for one in steady)])
-        own = np.array([np.zeros(3), *(one.aliased[sensor] for one in steady)])
-        sure = np.array([fault_probabilities(sensor, values[:, i], sigma[i], own[:, i]) for i in range(3)])
-        out += [
-            ConstantError(*imu, sensor, values[k], np.hypot(sigma, own[k]), float(sure[:, k].max()))
-            for k, imu in enumerate(imus)
-        ]
+        values = [value, *(value + np.median(one.value[sensor], axis=0) for one in steady)]
+        out += _weighed(sensor, imus, values, [np.zeros(3), *(one.aliased[sensor] for one in steady)], sigma)
     return tuple(out)
+
+
+def _weighed(
+    sensor: str, imus: Sequence[tuple[int, str]], values: Sequence[Array], own: Sequence[Array], sigma: Array
+) -> Iterator[ConstantError]:
+    """The errors (3,) of some IMUs, instance and message, with the probability that each is a fault on any axis.
+
+    sigma: (3,) 1σ that they share, of the estimate that measured them; own: (3,) of each beside that.
+    """
+    errors, spread = np.array(values), np.array(own)
+    sure = np.array([fault_probabilities(sensor, errors[:, i], sigma[i], spread[:, i]) for i in range(3)])
+    for k, (instance, source) in enumerate(imus):
+        yield ConstantError(instance, source, sensor, errors[k], np.hypot(sigma, spread[k]), float(sure[:, k].max()))
 
 
 def errors_at_rest(flight: Flight, gravity: float) -> tuple[ConstantError, ...]:
@@ -137,8 +143,9 @@ def errors_at_rest(flight: Flight, gravity: float) -> tuple[ConstantError, ...]:
     A gyro at rest reads its error, but for a turn about the vertical, of which gravity tells nothing. Of an
     accelerometer gravity tells the length alone: its error along that.
     """
-    read: dict[str, list[tuple[int, str, Array, Array]]] = {"gyro": [], "accel": []}
-    for track in _one_of_each(flight):
+    imus: list[tuple[int, str]] = []
+    gyro, accel = [], []  # what each reads too much, and its 1σ
+    for track in flight.each_imu(_FEWEST):
         t = np.arange(track.t[0], track.t[-1], _APART_S)
         rates, own, still = at_rest(flight, track, t)
         first = np.flatnonzero(still)[: round(_MOST_REST_S / _APART_S)]
@@ -148,26 +155,15 @@ def errors_at_rest(flight: Flight, gravity: float) -> tuple[ConstantError, ...]:
         force = np.median(track.accel[np.minimum(sample, len(track) - 1)], axis=0)
         size = float(np.linalg.norm(force))
         spread = np.hypot(np.hypot(np.median(own[first]), rates.std(axis=0)), _TURNING * np.abs(force) / size)
-        read["gyro"].append((track.instance, track.source, np.median(rates, axis=0), spread))
-        read["accel"].append((track.instance, track.source, force * (1.0 - gravity / size), np.full(3, _LOCAL)))
+        imus.append((track.instance, track.source))
+        gyro.append((np.median(rates, axis=0), spread))
+        accel.append((force * (1.0 - gravity / size), np.full(3, _LOCAL)))
+    if not imus:
+        return ()
     out: list[ConstantError] = []
-    for sensor, imus in read.items():
-        if not imus:
-            continue
-        values, sigma = np.array([one[2] for one in imus]), np.array([one[3] for one in imus])
-        sure = np.array([fault_probabilities(sensor, values[:, i], 0.0, sigma[:, i]) for i in range(3)])
-        out += [ConstantError(*imu[:2], sensor, imu[2], imu[3], float(sure[:, k].max())) for k, imu in enumerate(imus)]
+    for sensor, told in (("gyro", gyro), ("accel", accel)):
+        out += _weighed(sensor, imus, [value for value, _ in told], [sigma for _, sigma in told], np.zeros(3))
     return tuple(out)
-
-
-def _one_of_each(flight: Flight) -> list[ImuTrack]:
-    """The fastest track of every IMU that has samples enough."""
-    tracks: dict[int, ImuTrack] = {}
-    for track in flight.imus.values():
-        known = tracks.get(track.instance)
-        if len(track) >= _FEWEST and (known is None or track.rate_hz > known.rate_hz):
-            tracks[track.instance] = track
-    return list(tracks.values())
 
 
 def constant_fault_probability(errors: Sequence[ConstantError]) -> float:

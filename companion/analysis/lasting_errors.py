@@ -58,24 +58,24 @@ def lasting_covariance(track: ImuTrack) -> Array:
     return out
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LevelForce:
-    """What an accelerometer reads too much in level flight, bias and scale together, all the time."""
+def steady_error(best: BestEstimate, sensor: str) -> tuple[Array, Array]:
+    """What "gyro" or "accel" reads too much all the time, (3,) FRD, and its 1σ, rad/s or m/s².
 
-    value: Array  # (3,) m/s², FRD
-    sigma: Array  # (3,)
-    unusual: BoolArray  # (3,) more than a part in order shows, and not known to the autopilot
+    Of an accelerometer when level, bias and scale together.
+    """
+    value = np.median(getattr(best.states, f"{sensor}_bias"), axis=0)
+    if sensor == "accel":
+        value = value + best.states.constant("accel_matrix").reshape(3, 3) @ [0.0, 0.0, -best.gravity]
+    return value, np.median(getattr(best, f"{sensor}_bias_sigma"), axis=0)
 
 
-def level_force(best: BestEstimate, flight: Flight) -> LevelForce:
-    """By the best estimate. What the autopilot's estimator has as well, it takes off: that is no fault."""
-    matrix = best.states.constant("accel_matrix").reshape(3, 3)
-    value = np.median(best.states.accel_bias, axis=0) + matrix @ [0.0, 0.0, -best.gravity]
-    sigma = np.median(best.accel_bias_sigma, axis=0)
+def level_is_unusual(best: BestEstimate, flight: Flight) -> bool:
+    """Whether an accelerometer reads more too much when level than a part in order does, unknown to the autopilot."""
+    value, sigma = steady_error(best, "accel")
     held = next((one for one in flight.biases if one.imu_instance == best.imu.instance and len(one)), None)
     theirs = np.full(3, np.nan) if held is None else np.median(held.accel, axis=0)
     known = np.abs(value - theirs) <= _SIGMAS * sigma
-    return LevelForce(value, sigma, (np.abs(value) > USUAL_BIAS["accel"] + _SIGMAS * sigma) & ~known)
+    return bool(((np.abs(value) > USUAL_BIAS["accel"] + _SIGMAS * sigma) & ~known).any())
 
 
 ALL_THE_TIME = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"

@@ -2,6 +2,7 @@
 
 from companion.estimation.allan import AllanDeviation, Coefficient, NoiseFigures, allan_deviation, noise_figures
 from companion.estimation.axes import Reading, motion_between, other_reading
+from companion.estimation.clipping import clip_counters
 from companion.estimation.constant_errors import allowing
 from companion.estimation.differences import differences
 from companion.estimation.evidence import ACCUSED, harmful, probabilities
@@ -80,6 +81,7 @@ __all__ = [
     "at_rest",
     "at_work",
     "between_samples",
+    "clip_counters",
     "confirmed_sampling",
     "coning",
     "corrected",

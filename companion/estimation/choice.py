@@ -8,7 +8,7 @@ from functools import reduce
 
 import numpy as np
 
-from companion.estimation.differences import Differences, Error
+from companion.estimation.differences import Differences, Error, told_of_own
 from companion.estimation.evidence import Trial, grows_for
 from companion.estimation.explanations import Kind, Problem, Signature
 from companion.estimation.model import CONSTANT_STATES, Explained, Rival
@@ -106,11 +106,10 @@ def _from_differences(problem: Problem, choice: Choice) -> tuple[Array, Array]:
     """What is known of a size beforehand, (m,) and its 1σ: by the other IMUs too, of an error of the estimate's own."""
     reached = grows_for(choice.shape, np.array([choice.onset]), np.array([choice.end]), float(problem.t[-1]))
     b, v = np.zeros(1), np.full(1, (choice.kind.prior / float(reached[0])) ** -2.0)
-    if choice.error is not None and choice.imu is None and problem.others:
-        one = choice.error
-        for other in problem.others:
-            own, information = other.told(one.sensor, one.what, one.shape, np.array([one.onset]), np.array([one.end]))
-            b, v = b - own[0], v + np.diagonal(information[0])
+    if (one := choice.error) is not None and choice.imu is None and problem.others:
+        times = np.array([one.onset]), np.array([one.end])
+        told, information = told_of_own(problem.others, one.sensor, one.what, one.shape, *times)
+        b, v = told[0], v + np.diagonal(information[0])
         if choice.axis >= 0:
             b, v = b[choice.axis : choice.axis + 1], v[choice.axis : choice.axis + 1]
     signature = choice.of(problem)

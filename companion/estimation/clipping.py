@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from companion.model import Array, Flight, ImuTrack, of_kind
+from companion.model import Array, Flight, ImuTrack, Series, of_kind
 
 _LOST = 0.04
 """m/s, 1σ of what a clipped reading takes: a quarter of 16 g, for a thousandth of a second. Both autopilots count raw
@@ -21,19 +21,21 @@ def lost_by_clipping(flight: Flight, track: ImuTrack, t: Array, density: float) 
     In times of a white noise of some density, m/s²/√Hz.
     """
     lost = np.zeros(len(t) - 1)
-    for when, count in _counters(flight, track):
-        if len(when) > 1:
-            clipped = np.concatenate([[0.0], np.cumsum(np.maximum(np.diff(count), 0.0))])
-            lost = np.maximum(lost, _LOST * np.diff(np.interp(t, when, clipped)))
+    for series in of_kind(flight.series, "vibration"):
+        for name, when, clipped in clip_counters(series):
+            axis = name.removeprefix("clips_")
+            if axis == str(track.instance) or (not axis.isdigit() and series.instance == track.instance):
+                lost = np.maximum(lost, _LOST * np.diff(np.interp(t, when, clipped)))
     return lost / (max(density, _QUIETEST) * np.sqrt(np.diff(t)))
 
 
-def _counters(flight: Flight, track: ImuTrack) -> Iterator[tuple[Array, Array]]:
-    """Times (N,) s and counts (N,) of each counter that is of this IMU."""
-    for series in of_kind(flight.series, "vibration"):
-        for name in series.columns:
-            axis = name.removeprefix("clips_") if name.startswith("clips_") else ""
-            of_imu = axis == str(track.instance) if axis.isdigit() else series.instance == track.instance
-            if axis and of_imu:
-                known = np.isfinite(series[name])
-                yield series.t[known], series[name][known]
+def clip_counters(series: Series) -> Iterator[tuple[str, Array, Array]]:
+    """Every counter of a "vibration" series that is told: its column, times (N,) s, readings since the first (N,).
+
+    One that begins anew is not counted backwards.
+    """
+    for name in (column for column in series.columns if column.startswith("clips_")):
+        known = np.isfinite(series[name])
+        if known.any():
+            grown = np.maximum(np.diff(series[name][known]), 0.0)
+            yield name, series.t[known], np.concatenate([[0.0], np.cumsum(grown)])

@@ -65,7 +65,7 @@ class Differences:
     def told(self, sensor: str, what: str, shape: str, onset: Array, end: Array) -> tuple[Array, Array]:
         """Gradient b (T, 3) and information V (T, 3, 3) of errors of this IMU from onsets to ends (T,), s.
 
-        Those of the estimate's own IMU have the same V, and -b.
+        Those of the estimate's own IMU have the same V, and -b: see `told_of_own`.
         """
         columns = self.columns(sensor, what, shape, onset, end)
         weighed = columns @ self.weight[sensor]
@@ -124,15 +124,17 @@ def differences(
 
     span: boot times (s) to which they are confined. untrusted: stretches (s) in which those of `used` are no readings.
     """
-    tracks: dict[int, ImuTrack] = {}
-    for track in flight.imus.values():
-        if track.instance != used.instance and len(track) > 1:
-            known = tracks.get(track.instance)
-            if known is None or track.rate_hz > known.rate_hz:
-                tracks[track.instance] = track
-    return tuple(
-        one for track in tracks.values() if (one := _difference(flight, used, track, span, untrusted)) is not None
-    )
+    others = (track for track in flight.each_imu() if track.instance != used.instance)
+    made = (_difference(flight, used, track, span, untrusted) for track in others)
+    return tuple(one for one in made if one is not None)
+
+
+def told_of_own(
+    others: Sequence[Differences], sensor: str, what: str, shape: str, onset: Array, end: Array
+) -> tuple[Array, Array]:
+    """What differences (one at least) tell of errors of the estimate's own IMU: b (T, 3), V (T, 3, 3)."""
+    told = [one.told(sensor, what, shape, onset, end) for one in others]
+    return np.asarray(-sum(b for b, _ in told)), np.asarray(sum(v for _, v in told))
 
 
 def _difference(

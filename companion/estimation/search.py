@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from companion.estimation.differences import Differences
+from companion.estimation.differences import Differences, told_of_own
 from companion.estimation.evidence import Trial, joined, kept, least_found, trial
 from companion.estimation.explanations import KINDS, Kind, Problem, kind_of
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, GYRO_BIAS, VELOCITY
@@ -130,10 +130,9 @@ def _trial(
     span = float(problem.t[0]), float(problem.t[-1])
     rougher = problem.rougher.get(kind.name.partition("_")[0], 1.0)
     b, v = (one / rougher for one in scores)
-    if kind.side == "imu":
-        for other in problem.others:
-            own, information = other.told(kind.sensor, kind.error, shape, times[0], times[1])
-            b, v = b - own, v + information
+    if kind.side == "imu" and problem.others:
+        told, information = told_of_own(problem.others, kind.sensor, kind.error, shape, times[0], times[1])
+        b, v = b + told, v + information
     return trial(kind, shape, times, span, b, v, problem.aliased.get(kind.name, 0.0))
 
 

@@ -282,7 +282,7 @@ def guesses(setup: Setup, flight: Flight) -> Iterator[States]:
 
 
 def _heading_is_told(setup: Setup) -> bool:
-    return "compass" in (one.name for one in setup.readings)
+    return any(one.name == "compass" for one in setup.readings)
 
 
 def _attitude_guess(setup: Setup, flight: Flight) -> Array:

@@ -165,10 +165,10 @@ def next_cause(
     for best in (one for one in weighed if one.kind.name not in impossible):
         if best.log_odds < (_LIKELY if best.fault > _HARMFUL else _DISTURBING):
             break
-        same = [one for one in tried if one.choice.name == best.name]
-        if best.imu is not None:
+        if best.imu is not None:  # nothing of the estimate changes
             other = replace(linear, problem=beside(linear.problem, best))
             return Cause(best, setup, settled, other, rivals)
+        same = [one for one in tried if one.choice.name == best.name]
         if (own := same[0] if same else _with(setup, begin, accepted, best)) is not None:
             return replace(own, rivals=rivals, choice=replace(own.choice, log_odds=best.log_odds, fault=best.fault))
         impossible.add(best.kind.name)

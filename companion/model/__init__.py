@@ -29,7 +29,7 @@ from companion.model.geodesy import (
     ned_from_geodetic,
 )
 from companion.model.imu_messages import IMU_MESSAGES
-from companion.model.omission import without
+from companion.model.omission import with_tracks, without
 from companion.model.tracks import (
     GAP_PERIODS,
     GAP_S,
@@ -41,6 +41,7 @@ from companion.model.tracks import (
     NavState,
     PositionTrack,
     Series,
+    Track,
     Trajectory,
     interpolated,
     longest_step,
@@ -48,6 +49,7 @@ from companion.model.tracks import (
     nearest,
     of_kind,
     percentile,
+    rows,
     weighted_median,
 )
 from companion.model.wording import brief, counted, nearest_word, words
@@ -92,6 +94,7 @@ __all__ = [
     "SettingNames",
     "SettingsError",
     "StatusText",
+    "Track",
     "Trajectory",
     "TruthTrack",
     "Vehicle",
@@ -111,7 +114,9 @@ __all__ = [
     "ned_from_geodetic",
     "of_kind",
     "percentile",
+    "rows",
     "weighted_median",
+    "with_tracks",
     "without",
     "words",
 ]

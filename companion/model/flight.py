@@ -167,6 +167,14 @@ class Flight:
             "on-board log"
         )
 
+    def each_imu(self, fewest: int = 2) -> tuple[ImuTrack, ...]:
+        """One track of every IMU that has samples enough: of several messages that with the highest rate."""
+        tracks: dict[int, ImuTrack] = {}
+        for track in (one for one in self.imus.values() if len(one) >= fewest):
+            known = tracks.setdefault(track.instance, track)
+            tracks[track.instance] = max(known, track, key=lambda one: one.rate_hz)
+        return tuple(tracks.values())
+
     def imu(self, name: str | None = None) -> ImuTrack:
         """The IMU track of message `name`, in capitals or not (default: `default_imu`).
 

@@ -3,15 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
-from typing import TypeVar
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 
 from companion.model.flight import Flight
-from companion.model.tracks import Sampled
+from companion.model.tracks import Track, rows
 
-Track = TypeVar("Track", bound=Sampled)
+
+class Change(Protocol):
+    """What a track becomes, whatever it is of."""
+
+    def __call__(self, track: Track, /) -> Track: ...
+
+
+def with_tracks(flight: Flight, change: Change) -> Flight:
+    """The flight with every track changed of what sensors read and what the estimator told."""
+    return replace(
+        flight,
+        imus={name: change(track) for name, track in flight.imus.items()},
+        attitude=None if flight.attitude is None else change(flight.attitude),
+        position=None if flight.position is None else change(flight.position),
+        gps=tuple(map(change, flight.gps)),
+        compasses=tuple(map(change, flight.compasses)),
+        barometers=tuple(map(change, flight.barometers)),
+        airspeeds=tuple(map(change, flight.airspeeds)),
+        ranges=tuple(map(change, flight.ranges)),
+        flows=tuple(map(change, flight.flows)),
+    )
 
 
 def without(flight: Flight, spans: Sequence[tuple[float, float]]) -> Flight:
@@ -26,19 +46,6 @@ def without(flight: Flight, spans: Sequence[tuple[float, float]]) -> Flight:
         kept = np.ones(len(track), np.bool_)
         for begin, end in spans:
             kept &= (track.t < begin) | (track.t >= end)
-        columns = {field.name: getattr(track, field.name) for field in fields(track)}  # type: ignore[arg-type]
-        arrays = {n: v[kept] for n, v in columns.items() if isinstance(v, np.ndarray) and len(v) == len(kept)}
-        return replace(track, **arrays)  # type: ignore[type-var]
+        return rows(track, kept)
 
-    return replace(
-        flight,
-        imus={name: outside(track) for name, track in flight.imus.items()},
-        attitude=None if flight.attitude is None else outside(flight.attitude),
-        position=None if flight.position is None else outside(flight.position),
-        gps=tuple(map(outside, flight.gps)),
-        compasses=tuple(map(outside, flight.compasses)),
-        barometers=tuple(map(outside, flight.barometers)),
-        airspeeds=tuple(map(outside, flight.airspeeds)),
-        ranges=tuple(map(outside, flight.ranges)),
-        flows=tuple(map(outside, flight.flows)),
-    )
+    return with_tracks(flight, outside)

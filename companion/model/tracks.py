@@ -11,8 +11,9 @@ Conventions, everywhere (docs/conventions.md):
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +39,16 @@ class Sampled:
 
     def __len__(self) -> int:
         return len(self.t)
+
+
+Track = TypeVar("Track", bound=Sampled)
+
+
+def rows(track: Track, chosen: npt.NDArray[Any] | slice) -> Track:
+    """Some samples of a track: of every array that is as long as its times."""
+    columns = {field.name: getattr(track, field.name) for field in fields(cast(Any, track))}
+    arrays = {n: v[chosen] for n, v in columns.items() if isinstance(v, np.ndarray) and len(v) == len(track)}
+    return cast(Track, replace(cast(Any, track), **arrays))
 
 
 def _hold(track: Sampled, **widths: int) -> None:

@@ -11,7 +11,7 @@ import contextlib
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,7 @@ from companion.model import (
     RangeTrack,
     Series,
     TruthTrack,
+    rows,
 )
 from companion.strapdown import motions
 from companion.telemetry.flights import NEEDED
@@ -120,9 +121,7 @@ def first(track: Any, amount: Amount) -> Any:
         return tuple(first(one, amount) for one in track) if amount >= 0 else ()
     if amount < 0:
         return None
-    columns = {field.name: getattr(track, field.name) for field in fields(track)}
-    sampled = {name: v for name, v in columns.items() if isinstance(v, np.ndarray) and len(v) == len(track)}
-    return replace(track, **{name: values[:amount] for name, values in sampled.items()})
+    return rows(track, slice(amount))
 
 
 def examined(flight: Flight, source: Source) -> None:

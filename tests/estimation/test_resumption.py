@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.accuracy.cutting import cut, part
+from benchmarks.accuracy.cutting import cut
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate, iteration, linearisation, smooth
 from companion.estimation.iteration import resuming, start_of
 from companion.estimation.setup import first_guess, set_up
-from companion.model import STANDARD_GRAVITY, Flight
+from companion.model import STANDARD_GRAVITY, Flight, rows
 from companion.strapdown import quaternion
 from tests.estimation.sensed import sensed, with_imu
 
@@ -96,7 +96,7 @@ def test_nothing_is_carried_across_a_gap() -> None:
     whole = window(flown(), 1)
     imu = whole.imu()
     begin = whole.start + LAG - 3.0
-    flight = with_imu(whole, part(imu, (imu.t < begin) | (imu.t > begin + 1.5)))
+    flight = with_imu(whole, rows(imu, (imu.t < begin) | (imu.t > begin + 1.5)))
     before = smooth(window(flown(), 0))
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     guess = first_guess(setup, flight)

@@ -24,6 +24,7 @@ from companion.model import (
     Series,
     ned_from_geodetic,
     of_kind,
+    rows,
 )
 from companion.strapdown import preintegrate, quaternion
 
@@ -76,7 +77,7 @@ def screened_aiding(flight: Flight, imu: ImuTrack) -> tuple[Flight, list[Finding
         for first, last in _contradicting(track) if isinstance(track, GpsTrack) else ():
             kept[first : last + 1] = False
             faults.append(_inconsistent(track.source, float(track.t[first]), float(track.t[last])))
-        return track if kept.all() else _rows(track, kept)
+        return track if kept.all() else rows(track, kept)
 
     left_out = [one for one in _constant(flight) if not any(one.source == c.source for c in flight.compasses)]
     faults += [
@@ -102,12 +103,6 @@ def _constant(flight: Flight) -> Iterator[CompassTrack]:
             and not np.ptp(one.values, axis=0).any()
         ):
             yield CompassTrack(one.t, one.values, one.source, one.instance)
-
-
-def _rows(track: _Track, kept: BoolArray) -> _Track:
-    columns = {name: getattr(track, name) for name in track.__dataclass_fields__}
-    chosen: dict[str, Any] = {name: value[kept] for name, value in columns.items() if isinstance(value, np.ndarray)}
-    return replace(track, **chosen)
 
 
 def _compass(track: CompassTrack) -> _Sensor:

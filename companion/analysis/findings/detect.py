@@ -58,9 +58,9 @@ def _of_other_imus(
         if track.source == comparison.track.source or len(track) < 2:
             continue
         others = [other for other in flight.imus.values() if other.instance != track.instance]
-        stuck = stuck_findings(compare(flight, track=track, how=comparison.how), autopilot, others)
+        stuck = stuck_findings(compare(flight, track=track, how=comparison.how), autopilot, others, ("gyro",))
         mine = [f for f in stuck if f.end_s > aligned and f.start_s < lost]
-        mine = [f for f in mine if (track.instance, _sensor(f)) not in told and _sensor(f) != "accel"]
+        mine = [f for f in mine if (track.instance, _sensor(f)) not in told]
         told |= {(track.instance, _sensor(f)) for f in mine}
         yield from (replace(f, evidence=f"{track.source}: {f.evidence}") for f in mine)
 
@@ -96,11 +96,11 @@ def findings(
     all_findings += [*outage_findings(flight, comparison), *interference_findings(flight)]
     all_findings += noise_findings(comparison, noise, figures, allowed)
     apart = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
-    none = [(f.start_s, f.end_s, _sensor(f)) for f in faults]  # readings that are none are no noise
+    unread = [(f.start_s, f.end_s, _sensor(f)) for f in faults]  # readings that are none are no noise
     all_findings += (
         f
         for f in noisier_findings(comparison.track, apart)
-        if not any(f.start_s < end and f.end_s > begin and f.kind.startswith(sensor) for begin, end, sensor in none)
+        if not any(f.start_s < end and f.end_s > begin and f.kind.startswith(sensor) for begin, end, sensor in unread)
     )
     all_findings += vibration_findings(comparison, flight)
     raw = residuals(comparison)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,7 +91,12 @@ def unchanged(readings: Array) -> BoolArray:
     return np.asarray(change <= np.maximum(nothing, _FLICKER * np.abs(readings[1:])))
 
 
-def stuck_findings(comparison: Comparison, autopilot: ReferenceSpec, others: Sequence[ImuTrack]) -> Iterator[Finding]:
+def stuck_findings(
+    comparison: Comparison,
+    autopilot: ReferenceSpec,
+    others: Sequence[ImuTrack],
+    sensors: Collection[str] = ("gyro", "accel"),
+) -> Iterator[Finding]:
     """An axis that reads the same for half a second or more while its neighbours go on and the vehicle moves about it.
 
     Or all three of a sensor, while the other sensor goes on. What shows noise in every second is stuck when it stops.
@@ -101,7 +106,7 @@ def stuck_findings(comparison: Comparison, autopilot: ReferenceSpec, others: Seq
     """
     if comparison.track.rate_hz < STUCK_RATE_HZ:
         return
-    for axes in _all_axes(comparison.track):
+    for axes in (one for one in _all_axes(comparison.track) if one.sensor.name in sensors):
         for first, last in _stopped(comparison, autopilot, others, axes):
             yield stuck_finding(axes.sensor, axes.axes, first, last)
 

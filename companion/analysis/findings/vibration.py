@@ -12,7 +12,7 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding, Severity
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.noise import FlightDensity
-from companion.estimation import vibration
+from companion.estimation import clip_counters, vibration
 from companion.model import STANDARD_GRAVITY, Array, Flight, Series, counted, of_kind
 
 
@@ -27,14 +27,11 @@ class Clips:
 
 
 def clip_counts(series: Series) -> Iterator[Clips]:
-    """Every counter of a "vibration" series that the vehicle tells. One that begins anew is not counted backwards."""
-    for name in (column for column in series.columns if column.startswith("clips_")):
-        known = np.isfinite(series[name])
-        t, grown = series.t[known], np.maximum(np.diff(series[name][known]), 0.0)
-        if len(t):
-            at = np.flatnonzero(grown)
-            first, last = (at[0], at[-1] + 1) if len(at) else (0, 0)
-            yield Clips(name, float(grown.sum()), float(t[first]), float(t[last]))
+    """Every counter of a "vibration" series that the vehicle tells."""
+    for name, t, clipped in clip_counters(series):
+        at = np.flatnonzero(np.diff(clipped))
+        first, last = (at[0], at[-1] + 1) if len(at) else (0, 0)
+        yield Clips(name, float(clipped[-1]), float(t[first]), float(t[last]))
 
 
 _HIGH, _MUCH = 15.0, 30.0  # m/s²: ArduPilot's documentation calls 30 the end of what is acceptable
