@@ -220,7 +220,7 @@ def said(episode: Episode, best: BestEstimate) -> str:
     if is_sized(episode, best):
         what = kind_of(episode.kind).phrase(_size(episode, best))
     if episode.imu is not None:
-        what = f"IMU {episode.imu}, beside IMU {best.imu.instance}: {what}"
+        what = f"IMU {episode.imu}, compared with IMU {best.imu.instance}: {what}"
     since = f"from {episode.start:.1f} ± {episode.start_sigma:.1f} s"
     if episode.start - episode.start_sigma < best.t[0]:  # it may have been there from the beginning
         since = f"from before {episode.start + episode.start_sigma:.1f} s"
