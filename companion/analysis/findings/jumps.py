@@ -9,6 +9,7 @@ import numpy as np
 from companion.analysis.comparison import Comparison
 from companion.analysis.episode import SIGMAS
 from companion.analysis.finding import Cause, Finding, Severity, runs
+from companion.analysis.phases import phases
 from companion.analysis.reference import length
 from companion.model import Flight, PositionTrack
 from companion.strapdown import quaternion
@@ -22,6 +23,7 @@ def jump_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
     """The autopilot's estimate steps where neither its own velocity, its own rates nor the IMU say so."""
     known = comparison.reference.t[comparison.reference.position_known]
     settled = float(known[0]) if len(known) else float(comparison.track.t[0])
+    settled = max([settled, *(part.end for part in phases(flight) if part.kind == "aligning")])
     position = flight.position
     if position is not None:
         yield from _position_findings(comparison, position, settled)
