@@ -17,6 +17,7 @@ PACKAGE = Path(companion.__file__).parent
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if "data" not in p.relative_to(PACKAGE).parts)
 
 GROUND = {"model"}
+CONSTANTS = {f"constants.{table}" for table in ("healthy", "harm", "priors", "num", "check")}
 MAY_IMPORT = {
     "model": set[str](),
     "installation": GROUND,
@@ -25,8 +26,10 @@ MAY_IMPORT = {
     "links": GROUND | {"mavlink", "logs"},
     "telemetry": GROUND | {"mavlink", "logs"},
     "strapdown": GROUND,
-    "estimation": GROUND | {"strapdown"},
-    "analysis": GROUND | {"strapdown", "estimation"},
+    "constants": set[str](),
+    **dict.fromkeys(CONSTANTS, GROUND),
+    "estimation": GROUND | CONSTANTS | {"strapdown"},
+    "analysis": GROUND | CONSTANTS | {"strapdown", "estimation"},
     "simulate": GROUND | {"mavlink", "links", "strapdown"},
     "app": set[str](),
     "app.resources": set[str](),
@@ -73,7 +76,7 @@ MAY_IMPORT = {
 A part is a package, or one module of a package whose modules are doors of their own (`ROOMS_OF_ROOMS`).
 """
 
-ROOMS_OF_ROOMS = {"app"}
+ROOMS_OF_ROOMS = {"app", "constants"}
 
 VIEW_MAY_IMPORT = {
     "state": set[str](),
@@ -189,7 +192,7 @@ def test_a_module_of_the_view_imports_only_what_its_room_may(path: Path) -> None
         assert not (room == "state" and name.split(".")[0] == "viser"), "what is shown knows no browser"
 
 
-@pytest.mark.parametrize("part", ["model", "strapdown", "estimation", "analysis"])
+@pytest.mark.parametrize("part", ["model", "strapdown", *sorted(CONSTANTS), "estimation", "analysis"])
 def test_the_core_is_pure(part: str) -> None:
     for path in (p for p in MODULES if part_at(p) == part):
         standard = {name.split(".")[0] for name in imports(path)} & sys.stdlib_module_names

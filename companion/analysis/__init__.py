@@ -19,7 +19,7 @@ from companion.analysis.comparison import (
 from companion.analysis.correction import NAMES, NO_CORRECTION, PARTS, Correction
 from companion.analysis.departures import Sensitivity
 from companion.analysis.difference import Change, Contrast, FigureChange, contrast
-from companion.analysis.drift import HORIZONS_S, Drift, DriftRow, Statistic, drift, drift_of
+from companion.analysis.drift import Drift, DriftRow, Statistic, drift, drift_of
 from companion.analysis.episode import percent
 from companion.analysis.finding import Cause, Finding, by_severity
 from companion.analysis.findings import rate_warning
@@ -56,6 +56,7 @@ from companion.analysis.replay import Continued, Replay, go_on, replay, replay_f
 from companion.analysis.rest import Rest, rests
 from companion.analysis.running_drift import RunningDrift, newest_stands_out
 from companion.analysis.verdict import FlightVerdict, Verdict, lasting
+from companion.constants.num import HORIZONS_S
 
 __all__ = [
     "GENERIC",

@@ -10,16 +10,8 @@ import numpy as np
 from companion.analysis.budget import expected_over
 from companion.analysis.comparison import Comparison, Windows, windows
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
+from companion.constants import priors
 from companion.model import Array, Phase, counted
-
-JUDGED_S = 5.0
-"""The horizon that calibration is judged at, and that a flight has to be long enough for."""
-
-AGREEING_S = (JUDGED_S, 1.0, 2.0, 10.0, 30.0)
-"""The horizons that consistency is judged at: the first, and the others where one window of many decides nothing."""
-
-FEWEST_WINDOWS = 3
-_CONSISTENT_SHARE = 0.7  # of windows inside the 95 % bound: the windows of a flight share one draw of its biases
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +35,7 @@ class Agreement:
     @property
     def is_consistent(self) -> bool:
         """Whether enough are inside in every quantity."""
-        return self.share >= _CONSISTENT_SHARE
+        return self.share >= priors.CONSISTENT_SHARE
 
     def __str__(self) -> str:
         """How many are inside, and what of."""

@@ -15,14 +15,9 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.reference import attitude_error, length
 from companion.analysis.rest import Rest, rests, why_none
+from companion.constants import healthy, num
 from companion.model import Array, DataError, Flight, ImuTrack, nearest
 from companion.strapdown import Propagation, preintegrate, propagate, quaternion
-
-LATER_S = (1.0, 10.0, 60.0)
-_MAGNETIC = 0.05  # rad, 1σ of a magnetic heading: what is left of hard and soft iron
-_DECLINED = 0.2  # rad, 1σ of one without the declination: most of the Earth is within 20°
-_UNKNOWN = np.pi / np.sqrt(3.0)  # rad, 1σ of any heading at all
-_EARTH_RATE = 7.2921e-5  # rad/s: a gyro at rest feels it, and after a turn it is another
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +44,7 @@ class Alignment:
     magnetic_rad: float | None  # heading by the magnetometer, with the declination where it is known; None without one
     magnetic_error_rad: float | None  # that less the autopilot's
     declination_rad: float  # 0 where it is not known
-    later: tuple[Later, ...]  # after LATER_S and at the end of the track, as far as it goes without a gap
+    later: tuple[Later, ...]  # after num.ALIGNED_LATER_S and at the end of the track, as far as it goes without a gap
     notes: tuple[str, ...]
 
     def freed(self, track: ImuTrack) -> ImuTrack:
@@ -82,18 +77,18 @@ def align(flight: Flight, comparison: Comparison, imu: ImuSpec, autopilot: Refer
     yaw_reference = None
     if comparison.reference.attitude_known[rest.last]:
         yaw_reference = float(quaternion.to_euler(comparison.reference.q_ned_frd[rest.last])[2])
-    source, yaw, heading_sigma = "nothing", 0.0, _UNKNOWN
+    source, yaw, heading_sigma = "nothing", 0.0, healthy.UNKNOWN_HEADING_RAD
     if magnetic is not None:
         magnetic += flight.declination
     if magnetic is not None and flight.declination != 0.0:
-        source, yaw, heading_sigma = "magnetometer", magnetic, _MAGNETIC
+        source, yaw, heading_sigma = "magnetometer", magnetic, healthy.MAGNETIC_HEADING_RAD
         notes.append(f"declination {np.degrees(flight.declination):.1f}°, by the vehicle's parameters")
     elif yaw_reference is not None:
         source, yaw, heading_sigma = "autopilot", yaw_reference, autopilot.heading
         if magnetic is not None:
             notes.append("the magnetic declination is not known: the heading is the autopilot's at the end of the rest")
     elif magnetic is not None:
-        source, yaw, heading_sigma = "magnetometer", magnetic, _DECLINED
+        source, yaw, heading_sigma = "magnetometer", magnetic, healthy.UNDECLINED_HEADING_RAD
         notes.append("the magnetic declination is not known: the heading is magnetic")
     aligned = Alignment(
         rest=rest,
@@ -143,7 +138,7 @@ def _later(
     if not len(known) or known[-1] <= start or len(track) < 2:
         return (), notes
     last = int(known[-1])
-    wanted = track.t[start] + np.array(LATER_S)
+    wanted = track.t[start] + np.array(num.ALIGNED_LATER_S)
     index = nearest(track.t, wanted[wanted < track.t[last]])
     index = np.unique(np.append(index[comparison.reference.attitude_known[index]], last))
     index = index[index > start]
@@ -179,7 +174,7 @@ def _covariance(
     bias, gyro = growth.transition[:, :3, 9:12], growth.gyro_matrix[:, :3]
     # the rest shows the bias, less what its steps hide; in flight the steps take something else
     steps = lasting_step_error(track.gyro, track.gyro_step)
-    bias = bias * np.sqrt(aligned.rest.gyro_sigma**2 + steps**2 + _EARTH_RATE**2)
+    bias = bias * np.sqrt(aligned.rest.gyro_sigma**2 + steps**2 + num.EARTH_RATE_RPS**2)
     scale = gyro[:, :, np.arange(3), np.arange(3)] * imu.gyro.scale
     turned = turn_jacobian(growth)[:, :3] * autopilot.misalignment
     late = growth.time_offset[:, :3, None] * autopilot.time_offset

@@ -8,7 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from companion.analysis.agreement import AGREEING_S, FEWEST_WINDOWS, JUDGED_S, Agreement, agreement, while_judged
+from companion.analysis.agreement import Agreement, agreement, while_judged
 from companion.analysis.autopilot_error import AutopilotBias, autopilot_bias
 from companion.analysis.budget import Expected, chi_square_95, chi_square_999, expected_over
 from companion.analysis.calibrate import Calibration, calibrate
@@ -16,19 +16,20 @@ from companion.analysis.comparison import Comparison, Windows, compare, windows
 from companion.analysis.constant_faults import constant_fault_probability, read_wrongly
 from companion.analysis.correction import NO_CORRECTION, Correction
 from companion.analysis.departures import Sensitivity, sensitivity
-from companion.analysis.drift import HORIZONS_S, Drift, drift_over
+from companion.analysis.drift import Drift, drift_over
 from companion.analysis.episode import fault_probability
 from companion.analysis.finding import Finding
 from companion.analysis.findings import findings, missed_findings, reading_faults, screened_aiding, when_lost
 from companion.analysis.findings.axes import misread_finding
-from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec, ReferenceSpec, SensorSpec
+from companion.analysis.imu_spec import ImuSpec, ReferenceSpec, SensorSpec
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.lasting_errors import beside_best, known_from, level_is_unusual
-from companion.analysis.loss_of_control import WORTHLESS_S, between, in_control, unjudged, while_in_control
+from companion.analysis.loss_of_control import between, in_control, unjudged, while_in_control
 from companion.analysis.noise import FlightDensity, noise_in_flight
 from companion.analysis.phases import flown, landed_at, phases
 from companion.analysis.rest import Rest, rests
 from companion.analysis.verdict import Verdict, decide
+from companion.constants import check, healthy, num
 from companion.estimation import (
     CONSTANTS,
     BestEstimate,
@@ -41,9 +42,6 @@ from companion.estimation import (
     without_errors,
 )
 from companion.model import Array, Flight, ImuTrack, NoEstimateError, brief
-
-_WARMS = (1.5e-3, 0.03)  # rad/s, m/s², within four minutes of flight
-_SHARED = float(np.sqrt(chi_square_999(3) / chi_square_95(3)))  # what all windows share is allowed for so much more
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,12 +126,12 @@ class Assessment:
     def _fitted(self) -> tuple[Calibration | None, Calibration | None]:
         """The calibration, and that of the first half; None where a half has too few windows."""
         own, best = self.judged, self._third
-        if len(windows(own, JUDGED_S).start) < FEWEST_WINDOWS:
+        if len(windows(own, num.JUDGED_S).start) < num.MIN_WINDOWS:
             return None, None
 
         def fitted(errors: ConstantErrors | None, until: float = np.inf) -> Calibration | None:
             known = None if errors is None else known_from(errors, self.figures, own.track)
-            return calibrate(own, self.figures, self.autopilot, horizon=JUDGED_S, until=until, known=known)
+            return calibrate(own, self.figures, self.autopilot, horizon=num.JUDGED_S, until=until, known=known)
 
         try:
             steady = best is not None and not any(_changes(one) for one in best.explained)
@@ -141,12 +139,12 @@ class Assessment:
             part = fitted(best.first_half[1] if best and steady else None, self._middle)
         except np.linalg.LinAlgError:  # the flight does not determine what is asked of it
             return None, None
-        if part is None or min(part.windows, len(self._second_half(own).start)) < FEWEST_WINDOWS:
+        if part is None or min(part.windows, len(self._second_half(own).start)) < num.MIN_WINDOWS:
             return whole, None
         return whole, part
 
     def _second_half(self, comparison: Comparison) -> Windows:
-        chosen = windows(comparison, JUDGED_S)
+        chosen = windows(comparison, num.JUDGED_S)
         return chosen.only(comparison.track.t[chosen.start] >= self._middle)
 
     @property
@@ -166,7 +164,7 @@ def assess(
     figures: ImuSpec,
     *,
     autopilot: ReferenceSpec | None = None,
-    horizons: Sequence[float] = HORIZONS_S,
+    horizons: Sequence[float] = num.HORIZONS_S,
     imu: str | None = None,
     how: Integration = DEFAULT,
     correction: Correction = NO_CORRECTION,
@@ -183,13 +181,13 @@ def assess(
     judged = comparison if seen is flight else compare(own, imu=track.source, how=how)
     noise = noise_in_flight(seen, judged.track, figures, how.limits)
     sets = tuple(windows(comparison, horizon) for horizon in horizons)
-    chosen = windows(judged, JUDGED_S)
+    chosen = windows(judged, num.JUDGED_S)
     allowed = expected_over(judged, chosen, figures, autopilot)
     faults = reading_faults(seen, judged, figures, autopilot)
     faults = [f for f in faults if all(f.end_s > part.end for part in parts if part.kind == "aligning")]
     own, frozen = screened_aiding(own, judged.track)
-    enough = len(while_judged(chosen, judged.track.t, parts).start) >= FEWEST_WINDOWS
-    differ = enough and allowed is not None and not Agreement(JUDGED_S, 0, {}, allowed.inside).is_consistent
+    enough = len(while_judged(chosen, judged.track.t, parts).start) >= num.MIN_WINDOWS
+    differ = enough and allowed is not None and not Agreement(num.JUDGED_S, 0, {}, allowed.inside).is_consistent
     judged = judged.forgotten()  # while the best estimate needs the room
     made, told_by_it = _best(own, judged, faults, unjudged(parts), before, differ=differ)
     best = made if isinstance(made, BestEstimate) else None
@@ -201,10 +199,10 @@ def assess(
     usual = figures if third is None else in_flight(figures, third)
     drift, comparison, judged = drift_over(comparison, sets), comparison.forgotten(), judged.forgotten()
     told = judged.of(clean if third is None else restored(_unbiased(clean, third, flight), judged.gaps))
-    lengths, several = dict.fromkeys((*AGREEING_S, *horizons)), flown(parts)
+    lengths, several = dict.fromkeys((*num.AGREEING_S, *horizons)), flown(parts)
     agreed = partial(agreement, told, parts=parts, usual=usual, autopilot=autopilot)
     agreements = {one: agreed(one, within=in_control(parts)) for one in lengths}
-    by_flight = {span: [agreed(one, within=[span]) for one in AGREEING_S] for span in several if len(several) > 1}
+    by_flight = {span: [agreed(one, within=[span]) for one in num.AGREEING_S] for span in several if len(several) > 1}
     by_side = {} if best is None else fault_probability(best, constant_fault_probability(constants), landed_at(parts))
     return Assessment(
         comparison=comparison,
@@ -217,7 +215,7 @@ def assess(
         rests=rests(seen, judged.track, figures),
         autopilot_bias=autopilot_bias(seen, judged.track),
         agreements=agreements,
-        verdict=decide([agreements[h] for h in AGREEING_S], all_findings, third, track.source, by_side, by_flight),
+        verdict=decide([agreements[h] for h in num.AGREEING_S], all_findings, third, track.source, by_side, by_flight),
         best=best,
         sensitivity=_could_show(made, judged.track.t),
     )
@@ -226,7 +224,8 @@ def assess(
 def _could_show(made: BestEstimate | NoEstimateError, t: Array) -> Sensitivity:
     """What the flight could have shown; t: of the IMU that was judged (N,), all of which an estimate may not cover."""
     could = sensitivity(made)
-    if isinstance(made, NoEstimateError) or (made.t[0] < t[0] + WORTHLESS_S and made.t[-1] > t[-1] - WORTHLESS_S):
+    ends = check.WORTHLESS_S
+    if isinstance(made, NoEstimateError) or (made.t[0] < t[0] + ends and made.t[-1] > t[-1] - ends):
         return could
     part = f"by the other sensors: but for {made.t[0]:.1f}-{made.t[-1]:.1f} s, with which the rest cannot be joined"
     return replace(could, not_judged=(*could.not_judged, part))
@@ -308,17 +307,19 @@ def in_flight(figures: ImuSpec, best: BestEstimate) -> ImuSpec:
     All windows of the flight share one draw of it: at its 99.9 % it has to reach no further than their 95 %.
     """
 
+    shared = float(np.sqrt(chi_square_999(3) / chi_square_95(3)))  # what all windows share is allowed for so much more
+
     def left(part: SensorSpec, noise: float, sigma: Array, warms: float) -> SensorSpec:
         unknown = float(np.sqrt((np.median(sigma, axis=0) ** 2).mean()))
         return replace(
-            part, noise_density=max(part.noise_density, noise), residual_bias=_SHARED * float(np.hypot(unknown, warms))
+            part, noise_density=max(part.noise_density, noise), residual_bias=shared * float(np.hypot(unknown, warms))
         )
 
     noise, lasting = best.noise, best.lasting
     return replace(
         figures,
-        gyro=left(figures.gyro, noise.gyro_noise * lasting[0], best.gyro_bias_sigma, _WARMS[0]),
-        accel=left(figures.accel, noise.accel_noise * lasting[1], best.accel_bias_sigma, _WARMS[1]),
+        gyro=left(figures.gyro, noise.gyro_noise * lasting[0], best.gyro_bias_sigma, healthy.WARMING_BIAS[0]),
+        accel=left(figures.accel, noise.accel_noise * lasting[1], best.accel_bias_sigma, healthy.WARMING_BIAS[1]),
     )
 
 
@@ -339,5 +340,8 @@ def _unbiased(track: ImuTrack, best: BestEstimate, flight: Flight) -> ImuTrack:
         return np.asarray(np.clip(np.median(bias, axis=0), -most, most))
 
     return without_errors(
-        track, states, usual(states.gyro_bias, USUAL_BIAS["gyro"]), usual(states.accel_bias, USUAL_BIAS["accel"])
+        track,
+        states,
+        usual(states.gyro_bias, healthy.USUAL_BIAS["gyro"]),
+        usual(states.accel_bias, healthy.USUAL_BIAS["accel"]),
     )

@@ -14,7 +14,6 @@ import numpy as np
 
 from companion.analysis.episode import (
     SENSORS,
-    SIGMAS,
     Departure,
     Episode,
     cause_of,
@@ -31,8 +30,8 @@ from companion.analysis.episode import (
 )
 from companion.analysis.finding import Finding, Severity, Side
 from companion.analysis.lasting_errors import ALL_THE_TIME
+from companion.constants import check, num, priors
 from companion.estimation import (
-    ACCUSED,
     BestEstimate,
     coning,
     harmful,
@@ -41,12 +40,6 @@ from companion.estimation import (
     times_of_change,
 )
 from companion.model import SensorInUse, words
-
-_CANDIDATE = -3.0  # log odds of a fault against nothing, from which on what is not in the estimate may be the reason
-_OVERSHOOTS = 2.0  # times what misled it: a height that is off by more has another cause
-_WITHIN_S = 5.0  # before an episode's onset a departure may seem to begin: steps are blurred
-_SURELY = 2.0  # σ of its onset, by which an episode began in flight: a scale shows from where the vehicle moves on
-_CERTAIN = 4.0  # σ of both together, from which on a departure is the autopilot's alone
 
 
 def is_serious(episode: Episode) -> bool:
@@ -58,16 +51,16 @@ def is_serious(episode: Episode) -> bool:
 
 def follows(departure: Departure, episode: Episode, best: BestEstimate) -> bool:
     """Whether a departure may be the consequence of an episode."""
-    if departure.start < episode.start - _WITHIN_S - SIGMAS * episode.start_sigma:
+    if departure.start < episode.start - check.NEAR_S - num.SIGMAS * episode.start_sigma:
         return False
     if episode.kind in _OF_HEIGHT:
-        most = _OVERSHOOTS * episode.magnitude + SIGMAS * departure.sigma
+        most = check.OVERSHOOT * episode.magnitude + num.SIGMAS * departure.sigma
         return departure.quantity == "height" and departure.size < most
     if episode.witness != "compass":
         return True
     if departure.quantity == "heading":
         turned, sigma = turn_of_compass(episode, best)
-        return departure.size < _OVERSHOOTS * turned + SIGMAS * float(np.hypot(sigma, departure.sigma))
+        return departure.size < check.OVERSHOOT * turned + num.SIGMAS * float(np.hypot(sigma, departure.sigma))
     return departure.quantity != "height"
 
 
@@ -81,7 +74,7 @@ def _in_use(episode: Episode, best: BestEstimate, in_use: SensorInUse | None) ->
 def _which_imu(episode: Episode, best: BestEstimate) -> str:
     """Which other IMU it may be, where that is not sure; "" elsewhere."""
     shares = probability_by_imu(episode, best)
-    if next(iter(shares.values()), 1.0) >= ACCUSED:
+    if next(iter(shares.values()), 1.0) >= priors.ACCUSED:
         return ""
     return f" (which IMU is not known: {', '.join(f'IMU {k} {percent(p)}' for k, p in shares.items() if p > 0.01)})"
 
@@ -91,7 +84,7 @@ def _cause_among(departure: Departure, all_episodes: tuple[Episode, ...], best: 
     may = [episode for episode in all_episodes if follows(departure, episode, best)]
 
     def begins(one: Episode) -> bool:
-        return abs(departure.start - one.start) <= _WITHIN_S + SIGMAS * one.start_sigma
+        return abs(departure.start - one.start) <= check.NEAR_S + num.SIGMAS * one.start_sigma
 
     return max(filter(begins, may), key=own_odds, default=may[0] if may else None)
 
@@ -122,14 +115,14 @@ def _of_episode(
 ) -> Finding | None:
     """A sensor's episode with the departures that follow it; None for what is harmless and hardly more than its σ."""
     harmed = bool(consequences)
-    misleads = any(d.size >= _CERTAIN * d.sigma for d in consequences)
+    misleads = any(d.size >= check.CERTAIN_SIGMAS * d.sigma for d in consequences)
     severity: Severity = "warning" if harmed else "info"
-    no_fault = likelihoods(episode).get("nobody", 0.0) >= ACCUSED
+    no_fault = likelihoods(episode).get("nobody", 0.0) >= priors.ACCUSED
     if misleads or (is_serious(episode) and (harmed or (episode.witness == "imu" and not no_fault))):
         severity = "error"
     if severity == "info" and not is_sized(episode, best):
         return None
-    from_start = episode.start - _SURELY * episode.start_sigma <= times_of_change(best.t)[0]
+    from_start = episode.start - num.ONSET_SIGMAS * episode.start_sigma <= times_of_change(best.t)[0]
     if from_start and episode.kind == "compass_turn" and not no_fault and not harmed:
         return _turned(episode, best)
     side: Side = "imu" if episode.witness == "imu" else "autopilot" if harmed else "data"
@@ -200,7 +193,7 @@ _CUTOFF = "The cutoff of the gyro's low-pass, a parameter of the vehicle, in the
 
 def _creeps_in_order(kind: str, size: float, sigma: float) -> bool:
     """Whether what goes off slowly may go no further than that of a sensor in order."""
-    return size < kind_of(kind).least_slow + SIGMAS * sigma
+    return size < kind_of(kind).least_slow + num.SIGMAS * sigma
 
 
 def _why_undecided(episode: Episode, best: BestEstimate) -> tuple[str, str]:
@@ -224,7 +217,7 @@ def _undecided(episode: Episode) -> tuple[bool, str, str]:
     likeliest = next((one.kind for one in episode.rivals if _side(one.kind) == other), "")
     name = "no fault" if other == "nobody" else words(likeliest)
     return (
-        by_side[own] < ACCUSED,
+        by_side[own] < priors.ACCUSED,
         f"cannot tell {words(episode.kind)} from {name} ({percent(by_side[own])} / {percent(by_side[other])})",
         _ANOTHER,
     )
@@ -247,7 +240,7 @@ _MEASURED = ("position", "height")  # by GPS and barometer, whatever a gyro, an 
 
 def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> tuple[str, str]:
     """Why a departure does not accuse the autopilot, empty where it does; and what would tell."""
-    faults = (one.kind for one in best.further if one.fault_log_odds > _CANDIDATE)
+    faults = (one.kind for one in best.further if one.fault_log_odds > priors.CANDIDATE)
     likely = (sensor for kind in faults if (sensor := SENSORS.get(kind.split("_")[0])))
     sensor = None if departure.quantity in _MEASURED else next(likely, None)
     slowly_off = departure.quantity == "position" and not departure.sudden
@@ -260,13 +253,12 @@ def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> tupl
          _ANOTHER),
         (sensor is not None,
          f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong", _ANOTHER),
-        (departure.size < _CERTAIN * departure.sigma, _HARDLY_OFF, _ANOTHER),
+        (departure.size < check.CERTAIN_SIGMAS * departure.sigma, _HARDLY_OFF, _ANOTHER),
     )  # fmt: skip
     return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
 
 
 _STEPS = {"heading": "heading_jump", "position": "position_jump"}
-_NEAR_S, _BLURRED_S = 5.0, 20.0  # a departure may be noticed so long after it began
 
 
 def _steps(departure: Departure, jumps: Sequence[Finding]) -> bool:
@@ -277,7 +269,7 @@ def _steps(departure: Departure, jumps: Sequence[Finding]) -> bool:
     if departure.quantity == "position" and not departure.sudden:
         return False
     own = [one for one in jumps if one.kind == _STEPS.get(departure.quantity) and one.severity == "error"]
-    return any(-_BLURRED_S < one.start_s - departure.start < _NEAR_S for one in own)
+    return any(-check.NOTICED_S < one.start_s - departure.start < check.NEAR_S for one in own)
 
 
 def _own(departure: Departure, best: BestEstimate, by_imu: float, steps: bool) -> Finding:

@@ -10,13 +10,10 @@ import numpy as np
 from companion.analysis.episode import BIAS_UNITS, SENSORS
 from companion.analysis.finding import Finding
 from companion.analysis.reference import Limits, attitude_error, length, reference_at
+from companion.constants import harm, healthy, num
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
 from companion.model import Array, Flight, ImuTrack, interpolated
 from companion.strapdown import preintegrate
-
-_BLOCK_S = 1.0
-_FEWEST = 5  # blocks
-_SLOW = 0.15  # rad/s: a board trim turns fast rates into false biases, since ATTITUDE's rates are not turned by it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,27 +42,24 @@ def autopilot_bias(flight: Flight, track: ImuTrack) -> AutopilotBias | None:
     if len(t) < 2:
         return None
     gyro = interpolated(t, track.t, track.gyro)
-    slow = length(rates) < _SLOW
-    block = ((t - t[0]) / _BLOCK_S).astype(np.intp)
+    slow = length(rates) < num.AP_BIAS_MAX_RPS
+    block = ((t - t[0]) / num.AVERAGED_S).astype(np.intp)
     count = np.bincount(block[slow], minlength=block[-1] + 1)
     full = np.flatnonzero(count >= 0.9 * np.bincount(block).clip(1))
-    if len(full) < _FEWEST:
+    if len(full) < num.AP_BIAS_MIN_BLOCKS:
         return None
     sums = [np.bincount(block[slow], (gyro - rates)[slow, axis], minlength=len(count))[full] for axis in range(3)]
     means = np.column_stack(sums) / count[full, None]
-    newest = means[-max(_FEWEST, round(_NEWEST * len(means))) :]
+    newest = means[-max(num.AP_BIAS_MIN_BLOCKS, round(num.AP_BIAS_NEWEST * len(means))) :]
     used = full[-len(newest) :]
     middle = np.median(newest, axis=0)
     scatter = 1.4826 * np.median(np.abs(newest - middle), axis=0)
     return AutopilotBias(
         gyro=middle,
         sigma=np.hypot(scatter, 0.5 * track.gyro_step),
-        start_s=float(t[0] + used[0] * _BLOCK_S),
-        end_s=float(min(t[0] + (used[-1] + 1) * _BLOCK_S, t[-1])),
+        start_s=float(t[0] + used[0] * num.AVERAGED_S),
+        end_s=float(min(t[0] + (used[-1] + 1) * num.AVERAGED_S, t[-1])),
     )
-
-
-_BEGIN = 0.1  # of the flight: where both positions begin
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +103,7 @@ def autopilot_error(
     known = reference.position_known
     if "gps_position" in best.residuals and known.any():
         moved = reference.position - best.position
-        begin = np.flatnonzero(known)[: max(5, int(_BEGIN * known.sum()))]
+        begin = np.flatnonzero(known)[: max(5, int(num.POSITION_ORIGIN_SHARE * known.sum()))]
         rows.append(("velocity", "m/s", length(reference.velocity - best.velocity), velocity, known))
         rows.append(("position", "m", length(moved - np.median(moved[begin], axis=0)), position, known))
     return tuple(
@@ -134,12 +128,6 @@ def _summary(name: str, unit: str, t: Array, size: Array, sigma: Array) -> Autop
     )
 
 
-_LARGE = {"gyro": 3e-3, "accel": 0.1}  # rad/s, m/s²: of a real, calibrated part
-_LEAST_SIGMA = {"gyro": 3e-4, "accel": 0.02}
-_SIGMAS = 3.0
-_NEWEST = 0.25  # part of the flight, at its end: an estimator learns
-
-
 def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:
     """Where the best estimate and an estimator of the vehicle find the same large bias in the IMU that was judged."""
     own = [b for b in flight.biases if b.imu_instance == best.imu.instance and len(b)]
@@ -147,9 +135,9 @@ def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:
         return
     held = own[0]
     begin, end = float(best.t[0]), float(best.t[-1])
-    since = end - _NEWEST * (end - begin)
+    since = end - num.AP_BIAS_NEWEST * (end - begin)
     late, newest = held.t >= since, best.t >= since
-    for sensor, large in _LARGE.items():
+    for sensor, large in harm.AP_BIAS.items():
         values: Array = getattr(held, sensor)[late]
         estimate: Array = getattr(best.states, f"{sensor}_bias")[newest]
         if not len(values) or not np.isfinite(values).all():
@@ -159,8 +147,8 @@ def known_biases(flight: Flight, best: BestEstimate) -> Iterator[Finding]:
             np.nan_to_num(np.median(getattr(held, f"{sensor}_sigma")[late], axis=0)),
             np.median(getattr(best, f"{sensor}_bias_sigma")[newest], axis=0),
         )
-        sigma = np.maximum(sigma, _LEAST_SIGMA[sensor])
-        if float(length(ours)) < large or (np.abs(ours - theirs) > _SIGMAS * sigma).any():
+        sigma = np.maximum(sigma, healthy.AP_BIAS_MIN_SIGMA[sensor])
+        if float(length(ours)) < large or (np.abs(ours - theirs) > num.SIGMAS * sigma).any():
             continue
         axis = int(np.argmax(np.abs(ours)))
         if abs(theirs[axis]) < 0.5 * abs(ours[axis]):

@@ -15,14 +15,11 @@ import numpy as np
 from companion.analysis.comparison import Comparison, IntArray, Windows, errors
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.reference import InterpolationError
+from companion.constants import num
 from companion.model import Array, ImuTrack
 from companion.strapdown import Propagation
 
 ATTITUDE, VELOCITY, POSITION = slice(0, 3), slice(3, 6), slice(6, 9)
-
-NOISE_RATE_HZ = 40.0
-
-_Z_95, _Z_999 = 1.6448536, 3.0902  # the standard normal's 95 % and 99.9 % points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,12 +141,12 @@ def chi_square(k: int, z: float) -> float:
 
 def chi_square_95(k: int) -> float:
     """The 95 % point."""
-    return chi_square(k, _Z_95)
+    return chi_square(k, num.Z_95)
 
 
 def chi_square_999(k: int) -> float:
     """The 99.9 % point."""
-    return chi_square(k, _Z_999)
+    return chi_square(k, num.Z_999)
 
 
 def stacked(comparison: Comparison, chosen: Windows) -> Array:
@@ -161,10 +158,10 @@ def stacked(comparison: Comparison, chosen: Windows) -> Array:
 def window_noise(track: ImuTrack, chosen: Windows) -> Array:
     """White-noise density of gyro and accelerometer in each window, (W, 2): rad/s/√Hz, m/s²/√Hz, worst axis.
 
-    From second differences, which smooth motion leaves alone. Zero below NOISE_RATE_HZ, where motion does not look
+    From second differences, which smooth motion leaves alone. Zero below num.NOISE_RATE_HZ, where motion does not look
     smooth any more.
     """
-    if track.rate_hz < NOISE_RATE_HZ:
+    if track.rate_hz < num.NOISE_RATE_HZ:
         return np.zeros((len(chosen.start), 2))
     most, samples = np.zeros((len(chosen.start), 2)), chosen.end + 1 - chosen.start
     total = np.zeros(len(track) + 1)
@@ -206,11 +203,6 @@ def _step_errors(readings: Array, step: float, start: IntArray, end: IntArray) -
     return np.asarray(step * np.sqrt((0.5 * mean[:, :3]) ** 2 + mean[:, 3:] ** 2 / 3))
 
 
-_FINEST = 4  # a stream may be sent at every second or third tick of the autopilot's loop, as it comes
-_REGULAR = 0.1  # part of a tick that regular stamps keep to
-_FEWEST = 20  # intervals
-
-
 def stamp_jitter(track: ImuTrack) -> float:
     """1σ, s, of the error of one stamp against its neighbours'.
 
@@ -219,16 +211,16 @@ def stamp_jitter(track: ImuTrack) -> float:
     """
     least = float(track.t_step / np.sqrt(12.0))
     intervals = np.diff(track.t)
-    if len(intervals) < _FEWEST:
+    if len(intervals) < num.TICK_MIN_INTERVALS:
         return least
     period = float(np.percentile(intervals, 10.0))
     near = intervals[intervals < 5.5 * period]
     spreads = []
-    for pieces in range(1, _FINEST + 1):
+    for pieces in range(1, num.TICK_MAX_PIECES + 1):
         tick = period / pieces
         low, high = np.percentile(near - tick * np.round(near / tick), [16.0, 84.0])
         spreads.append(0.5 * float(high - low))
-        if spreads[-1] < _REGULAR * tick:
+        if spreads[-1] < num.TICK_REGULAR * tick:
             return float(max(least, spreads[-1] / np.sqrt(2.0)))  # an interval has two stamps
     return float(max(least, spreads[0] / np.sqrt(2.0)))
 

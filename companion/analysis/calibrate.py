@@ -22,8 +22,9 @@ from companion.analysis.budget import Budget, budget, chi_square_95, nees, stack
 from companion.analysis.comparison import Comparison, Windows, windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS, Correction
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
-from companion.analysis.lasting_errors import OBSERVABLE, Known, lasting_covariance
+from companion.analysis.lasting_errors import Known, lasting_covariance
 from companion.analysis.reference import BoolArray
+from companion.constants import healthy, num
 from companion.model import STANDARD_GRAVITY, Array, brief
 from companion.strapdown import quaternion
 
@@ -31,18 +32,6 @@ _COUNT = len(NAMES)
 _LASTING: Final = ("autopilot_tilt_north", "autopilot_tilt_east", "autopilot_heading", "gravity")
 _SOLVED_FOR: Final = ("gyro_bias", "accel_bias", "misalignment", "time_offset", "scale", "gravity")
 """Causes of the budget that the unknowns replace."""
-
-_MOUNTING_PRIOR, _TIME_PRIOR, _LEVER_PRIOR = 0.1, 0.05, 0.3  # rad, s, m
-_CONFOUNDED = 0.7
-"""Correlation of two figures from which on the one is said not to be told apart from the other."""
-
-_NEAR = 1.0
-"""A step below this part of the standard errors leaves the derivatives as they are."""
-_BEYOND_S = 5.0
-"""Readings that are kept beyond the last window: the fit may shift their times."""
-_STILL, _SHORTER = 0.02, 0.9
-"""The fit stands still when no figure moves by more than this part of its standard error, or steps get hardly shorter:
-where it shifts the times, windows that begin a sample later or earlier lead to and fro."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +77,7 @@ def calibrate(
     until: when the windows have to end, s, boot clock; known: what the best estimate says of the errors.
     """
     prior = _prior(imu, autopilot)
-    comparison, seen = own, own.track[: int(np.searchsorted(own.track.t, until + _BEYOND_S))]
+    comparison, seen = own, own.track[: int(np.searchsorted(own.track.t, until + num.CAL_BEYOND_S))]
     values = np.zeros(_COUNT)
     weight, near, before = np.ones(0), False, np.inf
     for _ in range(iterations):
@@ -108,14 +97,14 @@ def calibrate(
         weight = np.minimum(1.0, chi_square_95(size) / np.maximum(normalised, 1e-12))
         values = values + step[:_COUNT]
         moved = float((np.abs(step[:_COUNT]) / np.sqrt(np.diag(joint)[:_COUNT])).max())
-        if moved < _STILL or (near and moved > _SHORTER * before):
+        if moved < num.CAL_CONVERGED or (near and moved > num.CAL_SHORTER * before):
             break
-        near, before = moved < _NEAR, moved
+        near, before = moved < num.CAL_NEAR, moved
         comparison = own.of(Correction.of(values).apply(seen))
     spread = float(np.median(normalised)) / size
     joint = joint * max(1.0, spread)
     joint[:_COUNT, :_COUNT] += lasting_covariance(own.track)
-    enough = OBSERVABLE * np.maximum(prior[:_COUNT], np.abs(values))  # a sensor may be off by more than its kind
+    enough = num.OBSERVABLE * np.maximum(prior[:_COUNT], np.abs(values))  # a sensor may be off by more than its kind
     taken = np.zeros(_COUNT, np.bool_) if known is None else known.told
     if known is not None:
         values, joint = _given(values, joint, taken, known.values, known.covariance)
@@ -150,7 +139,7 @@ def _calibration(
         assumed=tuple(assumed.tolist()),
         assumed_sigma=np.where(assumed, given, sigma),
         confounded=tuple(
-            known[j] if not seen[i] and alike[i, j] > _CONFOUNDED else "" for i, j in enumerate(partner.tolist())
+            known[j] if not seen[i] and alike[i, j] > num.CONFOUNDED else "" for i, j in enumerate(partner.tolist())
         ),
         level_force=(float(vertical @ values), float(np.sqrt(vertical @ own @ vertical))),
         from_best=tuple(from_best.tolist()),
@@ -187,13 +176,13 @@ def _prior(imu: ImuSpec, autopilot: ReferenceSpec) -> Array:
     parts = {
         "gyro_bias": imu.gyro.offset,
         "accel_bias": imu.accel.offset,
-        "mounting": _MOUNTING_PRIOR,
-        "time_offset": _TIME_PRIOR,
+        "mounting": healthy.MOUNTING_RAD,
+        "time_offset": healthy.TIME_OFFSET_S,
         "gyro_scale": imu.gyro.scale_tolerance,
         "accel_scale": imu.accel.scale,
         "gyro_misalignment": autopilot.misalignment,
         "accel_misalignment": autopilot.misalignment,
-        "lever_arm": _LEVER_PRIOR,
+        "lever_arm": healthy.LEVER_ARM_M,
     }
     lasting = (autopilot.tilt, autopilot.tilt, autopilot.heading, autopilot.gravity)
     own = [np.full(place.stop - place.start, parts[name]) for name, place in PARTS.items()]

@@ -18,12 +18,11 @@ from companion.analysis.reference import (
     position_jumps,
     reference_at,
 )
+from companion.constants import num
 from companion.model import Array, AttitudeTrack, Flight, ImuTrack, PositionTrack, brief, check_seconds, median, nearest
 from companion.strapdown import Preintegration, Propagation, Sums, error_sums, joined, preintegrate, propagate
 
 IntArray = npt.NDArray[np.intp]
-
-_SHORT = 100_000  # samples: the passes over so many take 15 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +48,7 @@ class Comparison:
 
     def forgotten(self) -> Comparison:
         """The same without its passes over a long track, made anew when they are asked for: of an hour 60 MB."""
-        return self if len(self.track) < _SHORT else replace(self)
+        return self if len(self.track) < num.CACHED_SAMPLES else replace(self)
 
     def coarse(self, *samples: IntArray) -> Preintegration:
         """The same pass with rk4's other middle sample, at these samples: the difference is the error of the sampling.

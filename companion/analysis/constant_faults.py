@@ -8,7 +8,7 @@ likelier an error of the estimate, by which all are measured, than the same faul
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -16,25 +16,10 @@ import numpy as np
 
 from companion.analysis.episode import BIAS_UNITS, SENSORS, percent
 from companion.analysis.finding import Cause, Finding
-from companion.analysis.imu_spec import USUAL_BIAS
 from companion.analysis.lasting_errors import steady_error
-from companion.estimation import ACCUSED, BestEstimate, at_rest, differences, kind_of
+from companion.constants import check, harm, healthy, num, priors
+from companion.estimation import BestEstimate, at_rest, differences, kind_of
 from companion.model import Array, Flight
-
-_RATE = 0.01
-"""Share of IMUs that fly with one: three of 86 logs of strangers' vehicles."""
-
-_LARGE: Mapping[str, float] = {"gyro": 0.2, "accel": 2.0}
-"""rad/s, m/s²: 1σ of such an error: those three were off by 0.4 rad/s and 2.0 and 1.1 m/s²."""
-
-_MISJUDGED = 2e-4
-"""Prior probability that the best estimate is as far off itself, for a cause that no hypothesis of it has."""
-
-_SIGMAS = 3.0
-_APART_S, _LEAST_REST_S, _MOST_REST_S = 0.5, 3.0, 10.0  # between looks for rest, and how much of it
-_FEWEST = 10  # samples
-_TURNING = 0.1  # rad/s, 1σ: what a vehicle that lies still may be turned with, as on a boat
-_LOCAL = 0.05  # m/s²: gravity where the vehicle is, and steps of the readings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,12 +41,12 @@ class ConstantError:
     @property
     def is_unusual(self) -> bool:
         """Whether it is surely more than a calibrated part shows."""
-        return bool((np.abs(self.value) > USUAL_BIAS[self.sensor] + _SIGMAS * self.sigma).any())
+        return bool((np.abs(self.value) > healthy.USUAL_BIAS[self.sensor] + num.SIGMAS * self.sigma).any())
 
 
 def _usual(sensor: str) -> float:
     """1σ of a part in order, wide on purpose: nineteen of twenty axes stay below it."""
-    return 0.5 * USUAL_BIAS[sensor]
+    return 0.5 * healthy.USUAL_BIAS[sensor]
 
 
 def fault_probabilities(sensor: str, values: Array, sigma: float, own: Array) -> Array:
@@ -69,15 +54,15 @@ def fault_probabilities(sensor: str, values: Array, sigma: float, own: Array) ->
 
     values: (N,) their errors, all measured by one estimate that is off by sigma; own: (N,) 1σ of each beside that.
     """
-    usual, large = _usual(sensor), _LARGE[sensor]
+    usual, large = _usual(sensor), harm.CONSTANT_FAULT_SIGMA[sensor]
     count = len(values)
     weights, sets = [], []
     for faulty in product((False, True), repeat=count):
         for misjudged in (False, True):
             common = sigma**2 + large**2 * misjudged
             covariance = common * np.ones((count, count)) + np.diag(usual**2 + own**2 + large**2 * np.array(faulty))
-            prior = sum(np.log(_RATE if one else 1.0 - _RATE) for one in faulty)
-            prior += np.log(_MISJUDGED if misjudged else 1.0 - _MISJUDGED)
+            prior = sum(np.log(priors.FAULTY_IMU if one else 1.0 - priors.FAULTY_IMU) for one in faulty)
+            prior += np.log(priors.MISJUDGED_ESTIMATE if misjudged else 1.0 - priors.MISJUDGED_ESTIMATE)
             likelihood = -0.5 * (np.linalg.slogdet(covariance)[1] + values @ np.linalg.solve(covariance, values))
             weights.append(prior + likelihood)
             sets.append(faulty)
@@ -145,19 +130,20 @@ def errors_at_rest(flight: Flight, gravity: float) -> tuple[ConstantError, ...]:
     """
     imus: list[tuple[int, str]] = []
     gyro, accel = [], []  # what each reads too much, and its 1σ
-    for track in flight.each_imu(_FEWEST):
-        t = np.arange(track.t[0], track.t[-1], _APART_S)
+    for track in flight.each_imu(num.REST_READ_MIN_SAMPLES):
+        t = np.arange(track.t[0], track.t[-1], check.REST_BLOCK_S)
         rates, own, still = at_rest(flight, track, t)
-        first = np.flatnonzero(still)[: round(_MOST_REST_S / _APART_S)]
-        if len(first) * _APART_S < _LEAST_REST_S:
+        first = np.flatnonzero(still)[: round(num.REST_READ_MAX_S / check.REST_BLOCK_S)]
+        if len(first) * check.REST_BLOCK_S < check.REST_MIN_S:
             continue
         sample, rates = np.searchsorted(track.t, t[first]), rates[first]
         force = np.median(track.accel[np.minimum(sample, len(track) - 1)], axis=0)
         size = float(np.linalg.norm(force))
-        spread = np.hypot(np.hypot(np.median(own[first]), rates.std(axis=0)), _TURNING * np.abs(force) / size)
+        turning = healthy.REST_TURN_RPS * np.abs(force) / size
+        spread = np.hypot(np.hypot(np.median(own[first]), rates.std(axis=0)), turning)
         imus.append((track.instance, track.source))
         gyro.append((np.median(rates, axis=0), spread))
-        accel.append((force * (1.0 - gravity / size), np.full(3, _LOCAL)))
+        accel.append((force * (1.0 - gravity / size), np.full(3, healthy.LOCAL_GRAVITY)))
     if not imus:
         return ()
     out: list[ConstantError] = []
@@ -175,7 +161,7 @@ def constant_findings(errors: Sequence[ConstantError], begin: float, end: float)
     """Those that are faults, as errors; those of which it cannot be told, as warnings. begin, end: of the log, s."""
     for one in errors:
         sure, i = one.probability, one.axis
-        if not one.is_unusual and sure < 1.0 - ACCUSED:
+        if not one.is_unusual and sure < 1.0 - priors.ACCUSED:
             continue
         unit, scale, decimals = BIAS_UNITS[one.sensor]
         reads = f"{scale * one.value[i]:.{decimals}f} ± {scale * one.sigma[i]:.{decimals}f} {unit}"
@@ -183,9 +169,9 @@ def constant_findings(errors: Sequence[ConstantError], begin: float, end: float)
             f"{SENSORS[one.sensor]} {'xyz'[i]} of IMU {one.imu} ({one.source}) reads {reads} too much"
             f"{' when level' if one.sensor == 'accel' else ''} since the start of the log"
         )
-        usual = f"a calibrated part stays below {scale * USUAL_BIAS[one.sensor]:.{decimals}f}"
+        usual = f"a calibrated part stays below {scale * healthy.USUAL_BIAS[one.sensor]:.{decimals}f}"
         kind = kind_of(f"{one.sensor}_bias")
-        fault = sure >= ACCUSED
+        fault = sure >= priors.ACCUSED
         cause = Cause(
             kind.name,
             "imu",
@@ -209,5 +195,5 @@ def constant_findings(errors: Sequence[ConstantError], begin: float, end: float)
             f"Calibrate the {SENSORS[one.sensor]} of IMU {one.imu}, and look at its range setting.",
             words if fault else "",
             cause if fault else None,
-            undecided=not fault and sure > 1.0 - ACCUSED,
+            undecided=not fault and sure > 1.0 - priors.ACCUSED,
         )

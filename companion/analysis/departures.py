@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.analysis.episode import SIGMAS, Departure
+from companion.analysis.episode import BIAS_UNITS, Departure
 from companion.analysis.finding import IntArray, runs
 from companion.analysis.phases import flown, phases
 from companion.analysis.reference import BoolArray, Limits, Reference, attitude_error, length, reference_at
+from companion.constants import check, harm, healthy, num
 from companion.estimation import (
     ATTITUDE,
     CONSTANTS,
-    CREEPS,
     POSITION,
     VELOCITY,
     BestEstimate,
@@ -25,13 +25,6 @@ from companion.estimation import (
 from companion.model import Array, EstimatorReset, Flight, NoEstimateError, weighted_median
 from companion.strapdown import preintegrate, quaternion
 
-_LASTING_S: Mapping[str, float] = {"tilt": 3.0, "heading": 6.0, "velocity": 3.0, "position": 3.0, "height": 5.0}
-"""A departure lasts as long, s: what an estimator mends by itself is none."""
-
-_SUDDEN_S, _SUDDEN = 1.0, 0.5  # one that begins with a step of so much of itself need not last longer
-
-_RISEN = 0.25  # of a departure's peak, from where it rose
-_TELLS_S = 10.0  # for so long an IMU tells a velocity and a position
 _AXES: Mapping[str, tuple[str, slice]] = {
     "tilt": ("turn", slice(0, 2)),
     "heading": ("turn", slice(2, 3)),
@@ -41,19 +34,7 @@ _AXES: Mapping[str, tuple[str, slice]] = {
 }
 """Quantity → what it is of, and its components in NED."""
 
-_TELLING, _FEWEST_TELLING, _LONGEST_LAG_S = 0.1, 10, 0.1  # rad/s and changes that tell of a lag; s
-_SHAKEN_S = 1.0  # either way
-_SETTLED_S = 10.0  # on a bench, after which an estimator has aligned
-_WELL = 0.5  # of what an estimator in order may be off by: an estimate that is known so well is judged as it is
-_BETTER = 0.5  # of the σ of a heading: that of its change, where the change is known far better
-_TOLERANCE: Mapping[str, tuple[float, float]] = {
-    "tilt": (np.radians(0.7), np.radians(2.0)),
-    "heading": (np.radians(3.0), np.radians(8.0)),
-    "velocity": (0.25, 1.0),
-    "position": (1.0, kind_of("gps_position").least),  # as a receiver in order shifts
-    "height": (3.0, 10.0),  # a GPS is off by 13 m in 5 % of all heights (GPS SPS Performance Standard, 2020)
-}
-"""Quantity → 1σ of an estimator in order, and the least that is called a departure: rad, m/s, m."""
+_LEAST = {**harm.AP_ERROR, "position": kind_of("gps_position").least}  # as a healthy receiver shifts
 
 
 def departures(
@@ -96,12 +77,12 @@ def departures(
         off["height"] = np.abs(above - _at_first(above, known, which)), height
     departed: list[Departure] = []
     for name, (value, sigma) in off.items():
-        both = np.hypot(sigma, _TOLERANCE[name][0])
+        both = np.hypot(sigma, healthy.AP_SIGMA[name])
         where = (judged if name in ("tilt", "heading") else known) & (value > least_departure(name, sigma))
         for first, last in runs(np.asarray(where)):
             before = value[max(first - 2, 0) : first]  # one keyframe may lie within the step
-            stepped = len(before) > 0 and value[first] - before.min() > _SUDDEN * value[first]
-            if t[last] - t[first] >= (_SUDDEN_S if stepped else _LASTING_S[name]):
+            stepped = len(before) > 0 and value[first] - before.min() > check.SUDDEN * value[first]
+            if t[last] - t[first] >= (check.SUDDEN_S if stepped else healthy.DEVIATION_S[name]):
                 peak = first + int(np.argmax(value[first : last + 1]))
                 size, own = float(value[peak]), float(both[peak])
                 felt = _imu_confirms(best, reference, name, value, peak)
@@ -113,13 +94,13 @@ def _shaken(best: BestEstimate) -> Array:
     """(K,) rad, 1σ of what two attitudes differ by that tell the shaking of a vehicle at other times, around each."""
     _, turned = shaking(best.imu)
     square = np.concatenate([[0.0], np.cumsum((turned**2).sum(axis=1))])
-    first, last = (np.searchsorted(best.imu.t, best.t + apart) for apart in (-_SHAKEN_S, _SHAKEN_S))
+    first, last = (np.searchsorted(best.imu.t, best.t + apart) for apart in (-num.AVERAGED_S, num.AVERAGED_S))
     return np.asarray(np.sqrt(2.0 * (square[last] - square[first]) / np.maximum(last - first, 1)))
 
 
 def _beyond(quantity: str, sigma: Array) -> Array:
     """(K,) 1σ, what is more in some σ (K,) than an estimator in order may be off by."""
-    return np.asarray(np.sqrt(np.maximum(sigma**2 - _TOLERANCE[quantity][0] ** 2, 0.0)))
+    return np.asarray(np.sqrt(np.maximum(sigma**2 - healthy.AP_SIGMA[quantity] ** 2, 0.0)))
 
 
 def _imu_confirms(best: BestEstimate, reference: Reference, quantity: str, value: Array, peak: int) -> bool:
@@ -129,11 +110,11 @@ def _imu_confirms(best: BestEstimate, reference: Reference, quantity: str, value
     by itself is contradicted by what the value rose by. Of what was off from the beginning on the IMU tells nothing,
     nor of velocity and position after more than some seconds.
     """
-    low = np.flatnonzero(value[:peak] <= _RISEN * value[peak])
+    low = np.flatnonzero(value[:peak] <= check.DEVIATION_ONSET * value[peak])
     if not len(low):
         return False
     first, (moved, axes) = int(low[-1]), _AXES[quantity]
-    if moved != "turn" and best.t[peak] - best.t[first] > _TELLS_S:
+    if moved != "turn" and best.t[peak] - best.t[first] > check.DEAD_RECKONED_S:
         return False
     path = preintegrate(corrected(best.imu[best.index[first] : best.index[peak] + 1], best))
 
@@ -148,7 +129,7 @@ def _imu_confirms(best: BestEstimate, reference: Reference, quantity: str, value
         return float(np.linalg.norm(error[moved][axes]))
 
     autopilot = off(reference)
-    return autopilot < off(best) and autopilot < (1.0 - _RISEN) * float(value[peak])
+    return autopilot < off(best) and autopilot < (1.0 - check.DEVIATION_ONSET) * float(value[peak])
 
 
 def _together(*sigmas: Array) -> Array:
@@ -189,7 +170,7 @@ def _heading_off(
     """
     sigma = whole = best.sigma(ATTITUDE)[:, 2]
     size = np.abs(error)
-    doubted = sigma > _WELL * _TOLERANCE["heading"][0]
+    doubted = sigma > check.WELL_KNOWN * healthy.AP_SIGMA["heading"]
     told = np.sort([one.t for one in resets if one.kind == "heading"])
     turned = min((one.onset for one in best.explained if kind_of(one.kind).side == "compass"), default=np.inf)
     at = np.searchsorted(best.t, told)
@@ -201,7 +182,7 @@ def _heading_off(
         changed = best.change_sigma(ATTITUDE, first)[:, 2]
         since = np.abs(np.mod(error - error[first] + np.pi, 2.0 * np.pi) - np.pi)  # half a turn off is off either way
         less = since / least_departure("heading", changed) < np.abs(error) / least_departure("heading", whole)
-        use = doubted & (part == one) & (less | (changed < _BETTER * whole))
+        use = doubted & (part == one) & (less | (changed < check.KNOWN_BETTER * whole))
         size = np.where(use, since, size)
         sigma = np.where(use, changed, sigma)
     return size, sigma
@@ -209,8 +190,8 @@ def _heading_off(
 
 def least_departure(quantity: str, sigma: Array) -> Array:
     """(K,) the least that is called a departure where the best estimate is known to sigma (K,): rad, m/s, m."""
-    own, least = _TOLERANCE[quantity]
-    return np.maximum(SIGMAS * np.hypot(sigma, own), least)
+    own, least = healthy.AP_SIGMA[quantity], _LEAST[quantity]
+    return np.maximum(num.SIGMAS * np.hypot(sigma, own), least)
 
 
 def _judged(flight: Flight, t: Array) -> BoolArray:
@@ -219,7 +200,7 @@ def _judged(flight: Flight, t: Array) -> BoolArray:
     aloft = [p for p in parts if p.kind == "flight"]
     judged = np.zeros(len(t), np.bool_)
     for part in aloft or [p for p in parts if p.kind == "standing"]:
-        begin = part.start if aloft else part.start + _SETTLED_S
+        begin = part.start if aloft else part.start + healthy.ALIGNS_S
         judged |= (t >= begin) & (t <= part.end)
     return judged
 
@@ -234,23 +215,23 @@ def _lag(error: Array, best: BestEstimate, judged: BoolArray) -> Array:
     both = judged[1:] & judged[:-1]
     changed, off = np.diff(rate, axis=0)[both], np.diff(error, axis=0)[both]
     weight = (changed**2).sum(axis=1)
-    telling = weight > _TELLING**2
-    if telling.sum() < _FEWEST_TELLING:
+    telling = weight > check.RATE_LAG_RPS**2
+    if telling.sum() < check.RATE_LAG_CHANGES:
         return np.zeros_like(error)
     weight, said = weight[telling], (off * changed).sum(axis=1)[telling] / weight[telling]
-    return np.asarray(rate * np.clip(weighted_median(said, weight), -_LONGEST_LAG_S, _LONGEST_LAG_S))
+    return np.asarray(rate * np.clip(weighted_median(said, weight), -check.RATE_LAG_S, check.RATE_LAG_S))
 
 
-_UNITS: Mapping[str, tuple[str, str, float, float]] = {
-    "gyro_bias": ("gyro bias", "mrad/s", 1e3, 0.1),
-    "accel_bias": ("accelerometer bias", "m/s²", 1.0, 3.0),
-    "tilt": ("tilt", "°", np.degrees(1.0), np.radians(20.0)),
-    "heading": ("heading", "°", np.degrees(1.0), np.radians(45.0)),
-    "position": ("a position step", "m", 1.0, 50.0),
-    "gps": ("a GPS creep", f"m in {CREEPS['gps_position']:g} s", 1.0, 100.0),
-    "compass": ("a compass turn", f"° in {CREEPS['compass_field']:g} s", np.degrees(1.0), np.radians(90.0)),
+_UNITS: Mapping[str, tuple[str, str, float]] = {
+    "gyro_bias": ("gyro bias", *BIAS_UNITS["gyro"][:2]),
+    "accel_bias": ("accelerometer bias", *BIAS_UNITS["accel"][:2]),
+    "tilt": ("tilt", "°", np.degrees(1.0)),
+    "heading": ("heading", "°", np.degrees(1.0)),
+    "position": ("a position step", "m", 1.0),
+    "gps": ("a GPS creep", f"m in {num.CREEPS['gps_position']:g} s", 1.0),
+    "compass": ("a compass turn", f"° in {num.CREEPS['compass_field']:g} s", np.degrees(1.0)),
 }
-"""What may be off → its name, unit, units in the SI one, and the size from which on it is no use to have looked."""
+"""What may be off → its name, unit, and units in the SI one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,8 +271,8 @@ def sensitivity(best: BestEstimate | NoEstimateError) -> Sensitivity:
     if "compass_field" in best.detectable:
         level = float(np.linalg.norm(best.states.constant("earth_field")[:2]))
         smallest["compass"] = float(np.arctan(best.detectable["compass_field"] / max(level, 1e-9)))
-    for kind, (name, unit, factor, useless) in _UNITS.items():
-        if smallest.get(kind, 0.0) > useless:
+    for kind, (name, unit, factor) in _UNITS.items():
+        if smallest.get(kind, 0.0) > (useless := harm.UNDETECTABLE[kind]):
             del smallest[kind]
             lacking.append(f"{name}: not even {useless * factor:.0f} {unit} would show".replace(" °", "°"))
     return Sensitivity(smallest, tuple(lacking))

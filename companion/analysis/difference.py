@@ -16,12 +16,10 @@ from companion.analysis.drift import DriftRow
 from companion.analysis.finding import Finding
 from companion.analysis.ranks import shift
 from companion.analysis.reference import length
+from companion.constants import num
 from companion.model import Array, brief, nearest
 
 QUANTITIES = ("attitude", "velocity", "position")
-_SMALLEST = 1e-12  # rad, m/s, m: an error of zero has no logarithm
-_PAIR = 0.25  # part of the horizon by which the anchors of one window pair may be apart
-_DIFFERS = 1.96  # standard errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +64,7 @@ class FigureChange:
     @property
     def differs(self) -> bool:
         """Whether the difference is larger than both fits explain (95 %)."""
-        return abs(self.b - self.a) > _DIFFERS * self.sigma
+        return abs(self.b - self.a) > num.Z_975 * self.sigma
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +111,7 @@ def contrast(a: Assessment, b: Assessment, *, same_flight: bool) -> Contrast:
 def _changes(a: DriftRow, b: DriftRow, same_flight: bool) -> dict[str, Change]:
     of_a, of_b = np.arange(a.windows), np.arange(b.windows)
     if same_flight:
-        of_a, of_b = _pairs(a.errors.anchor_s, b.errors.anchor_s, _PAIR * a.horizon_s)
+        of_a, of_b = _pairs(a.errors.anchor_s, b.errors.anchor_s, num.PAIRED_ANCHORS * a.horizon_s)
     if not len(of_a) or not len(of_b):
         return {}
     changes = {}
@@ -121,7 +119,7 @@ def _changes(a: DriftRow, b: DriftRow, same_flight: bool) -> dict[str, Change]:
         if quantity != "attitude" and (a.position_m is None or b.position_m is None):
             continue
         logs = (
-            np.log(np.maximum(length(getattr(row.errors, quantity)[chosen]), _SMALLEST))
+            np.log(np.maximum(length(getattr(row.errors, quantity)[chosen]), num.LOG_MIN_ERROR))
             for row, chosen in ((a, of_a), (b, of_b))
         )
         moved = shift(*logs, paired=same_flight)

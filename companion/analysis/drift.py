@@ -16,9 +16,8 @@ import numpy as np
 from companion.analysis.comparison import Comparison, WindowErrors, Windows, compare, errors, windows
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import length
+from companion.constants import num
 from companion.model import Array, Flight, SettingsError, brief
-
-HORIZONS_S = (1.0, 2.0, 5.0, 10.0, 30.0)
 
 
 def _percentile(percent: float, heading: str) -> float:
@@ -99,7 +98,7 @@ class Drift:
 def drift(
     flight: Flight,
     *,
-    horizons: Sequence[float] = HORIZONS_S,
+    horizons: Sequence[float] = num.HORIZONS_S,
     imu: str | None = None,
     how: Integration = DEFAULT,
 ) -> Drift:
@@ -124,7 +123,7 @@ def drift(
     return drift_of(compare(flight, imu=imu, how=how), horizons)
 
 
-def drift_of(comparison: Comparison, horizons: Sequence[float] = HORIZONS_S) -> Drift:
+def drift_of(comparison: Comparison, horizons: Sequence[float] = num.HORIZONS_S) -> Drift:
     """The drift table of a comparison. Raises SettingsError for a horizon that is not positive, and for none."""
     if np.ndim(horizons) != 1 or not len(horizons):
         raise SettingsError(f"horizons must be positive seconds such as (1, 5), got {horizons!r}")

@@ -9,6 +9,7 @@ import numpy as np
 
 from companion.analysis.finding import Cause, Side, runs
 from companion.analysis.reference import length
+from companion.constants import num
 from companion.estimation import (
     KINDS,
     SLOPED,
@@ -24,7 +25,6 @@ from companion.estimation import (
 )
 from companion.model import Array, words
 
-SIGMAS = 3.0  # from which on something stands out
 SENSORS: Mapping[str, str] = {"gyro": "gyro", "accel": "accelerometer", "compass": "compass"}
 """Sensor, as kinds begin with it → its name in words."""
 
@@ -100,7 +100,7 @@ def _episodes_of(parts: list[Explained], witness: str, least: float, best: BestE
         here = slice(first, final + 1)
         if float(size[here].max()) < least:
             continue
-        peak = first + int(np.argmax(size[here] - SIGMAS * sigma[here]))  # where it surely is largest
+        peak = first + int(np.argmax(size[here] - num.SIGMAS * sigma[here]))  # where it surely is largest
         before = [p for p in parts if p.onset <= grid[first] + 1e-9]
         cause = before[-1] if before[-1].shape not in SLOPED else next(p for p in before if p.shape in SLOPED)
         yield Episode(

@@ -8,11 +8,10 @@ import numpy as np
 
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import attitude_error
-from companion.analysis.replay import CONTEXT, Continued, Replay
+from companion.analysis.replay import Continued, Replay
+from companion.constants import num
 from companion.model import Array, ImuTrack, NavState, Trajectory
 from companion.strapdown import SAME_TIME, Reckoner
-
-_SETTLED_S = 2.0  # samples older than this change no more: packets come late, and the last cubic is one-sided
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,10 +64,10 @@ class FreeRun:
             self._end(f"the IMU was silent for {steps.max():.1f} s")
             return None
         reckoner = Reckoner(settled, method=how.method, middle=how.middle, segments=how.segments, gravity=how.gravity)
-        begun = reckoner.push(track[max(at - CONTEXT, 0) : end])
+        begun = reckoner.push(track[max(at - num.CONTEXT, 0) : end])
         rest = reckoner.finish()
         t = np.concatenate([begun.t, rest.t])
-        old = int(np.searchsorted(t, t[-1] - _SETTLED_S)) - 1
+        old = int(np.searchsorted(t, t[-1] - num.FREE_RUN_SETTLED_S)) - 1
         if 0 <= old < len(begun):
             self._settled = NavState(float(t[old]), begun.q_ned_frd[old], begun.velocity[old], begun.position[old])
         self._begun, self._gravity = begun, how.gravity
@@ -82,11 +81,11 @@ class FreeRun:
         if self._begun is None or not len(self._begun):
             return None
         begun, path = self._begun, continued.path
-        at = int(np.searchsorted(begun.t, path.t[CONTEXT] - SAME_TIME))
-        if at >= len(begun) or abs(begun.t[at] - path.t[CONTEXT]) > SAME_TIME:
+        at = int(np.searchsorted(begun.t, path.t[num.CONTEXT] - SAME_TIME))
+        if at >= len(begun) or abs(begun.t[at] - path.t[num.CONTEXT]) > SAME_TIME:
             return None
         state = (a[at] for a in (begun.q_ned_frd, begun.velocity, begun.position))
-        q, velocity, position = path.carry(CONTEXT, len(path.t) - 1, *state, gravity=self._gravity)
+        q, velocity, position = path.carry(num.CONTEXT, len(path.t) - 1, *state, gravity=self._gravity)
         return self._beside(NavState(float(path.t[-1]), q, velocity, position), continued.replay)
 
     def _beside(self, now: NavState, replay: Replay) -> FreeState:

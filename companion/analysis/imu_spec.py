@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from companion.constants import healthy
 from companion.model import Flight, of_kind
-
-USUAL_BIAS: Mapping[str, float] = {"gyro": 0.018, "accel": 0.2}
-"""rad/s, m/s²: twice what 19 of 20 axes of 14 real vehicles stay below in flight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +58,6 @@ GENERIC = ImuSpec(
 """The middle of the parts in config/imu, for use without that library; there `generic-mems.toml` names the sources."""
 
 
-_LEAST = 1e-4  # rad, m/s: nobody is more certain
-
-
 def reported_by(flight: Flight, figures: ReferenceSpec) -> ReferenceSpec:
     """The figures with what the vehicle reports in their place, as it is for most of the flight.
 
@@ -93,4 +88,4 @@ def _sigma(variances: Sequence[np.ndarray[tuple[int, ...], np.dtype[np.float64]]
     """Median over time of the standard deviation of one axis; None where nothing usable is reported."""
     stacked = np.column_stack(variances)
     good = stacked[(np.isfinite(stacked) & (stacked > 0)).all(axis=1)]
-    return max(float(np.sqrt(np.median(good.mean(axis=1)))), _LEAST) if len(good) else None
+    return max(float(np.sqrt(np.median(good.mean(axis=1)))), healthy.AP_MIN_SIGMA) if len(good) else None

@@ -10,20 +10,15 @@ import numpy as np
 from companion.analysis.budget import lasting_step_error
 from companion.analysis.comparison import Comparison, Windows
 from companion.analysis.correction import ACCEL_MISALIGNED, GYRO_MISALIGNED, NAMES, PARTS
-from companion.analysis.imu_spec import USUAL_BIAS, ImuSpec
+from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.reference import BoolArray, IntArray, InterpolationError, Reference, States
+from companion.constants import healthy, num
 from companion.estimation import BestEstimate, ConstantErrors, allowing
 from companion.model import Array, Flight, ImuTrack
 from companion.strapdown import Preintegration
 
-_SIGMAS = 3.0
-
 _COMMON = ("gyro_bias", "accel_bias", "gyro_scale", "accel_scale", "gyro_misalignment", "accel_misalignment")
 """Parts of a calibration that the best estimate has figures of too."""
-
-
-OBSERVABLE = 0.3
-"""A figure is observable when its standard error is below this part of what was possible beforehand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +39,8 @@ def known_from(errors: ConstantErrors, imu: ImuSpec, track: ImuTrack) -> Known:
     values[place] = turn @ wider.values
     covariance[np.ix_(place, place)] += turn @ wider.covariance @ turn.T
     possible[place] = np.sqrt(np.diag(turn @ np.diag(wider.possible**2) @ turn.T))
-    return Known(values, covariance, np.sqrt(np.diag(covariance)) < OBSERVABLE * np.maximum(possible, np.abs(values)))
+    observable = np.sqrt(np.diag(covariance)) < num.OBSERVABLE * np.maximum(possible, np.abs(values))
+    return Known(values, covariance, observable)
 
 
 def lasting_covariance(track: ImuTrack) -> Array:
@@ -74,8 +70,8 @@ def level_is_unusual(best: BestEstimate, flight: Flight) -> bool:
     value, sigma = steady_error(best, "accel")
     held = next((one for one in flight.biases if one.imu_instance == best.imu.instance and len(one)), None)
     theirs = np.full(3, np.nan) if held is None else np.median(held.accel, axis=0)
-    known = np.abs(value - theirs) <= _SIGMAS * sigma
-    return bool(((np.abs(value) > USUAL_BIAS["accel"] + _SIGMAS * sigma) & ~known).any())
+    known = np.abs(value - theirs) <= num.SIGMAS * sigma
+    return bool(((np.abs(value) > healthy.USUAL_BIAS["accel"] + num.SIGMAS * sigma) & ~known).any())
 
 
 ALL_THE_TIME = "it was so from the beginning on: calibration, mounting or what the model lacks would look like it"

@@ -12,30 +12,17 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from companion.constants import check, harm, healthy
 from companion.model import Array, AttitudeTrack, ControlTrack, Flight, Phase, without
 
 BoolArray = npt.NDArray[np.bool_]
 Span = tuple[float, float]
 
-OVER = np.radians(60.0)  # from level, for what flies by thrust alone; or from the desired attitude, for every vehicle
 _CRASHED = re.compile(
     r"Crash: Disarming|crash check: error|[Aa]ttitude failure|[Cc]ritical failure|[Ff]light termination", re.ASCII
 )
 _UPRIGHT = ("QUADROTOR", "HEXAROTOR", "OCTOROTOR", "TRICOPTER", "DODECAROTOR", "COAXIAL", "HELICOPTER")
 _AT_WILL = ("ACRO", "FLIP")  # modes in which a pilot may turn it over: ArduCopter looks for no crash (crash_check.cpp)
-_TUMBLING = 10.0  # rad/s
-_FAST = 2.0  # rad/s: what leads to a loss of control
-_CAUGHT_S = 2.0  # in control for so long, the vehicle has been caught
-_FLIP_S = 2.5  # what was caught sooner was a flip: ArduCopter gives up one that takes longer (mode_flip.cpp)
-_HELD_S = 10.0  # in control in the air: in less an estimator has not aligned anew, with what it took on while tumbling
-_RESTING = 0.2  # m/s², scatter on every axis: one that lies as still does not fall, though its attitude turns over
-_LASTING_S = 0.3  # PX4's FD_FAIL_R_TTRI: a failure of the attitude lasts as long
-_BEFORE_S = 3.0  # so long before the vehicle is over, control may have been lost
-_FRESH_S = 0.5  # age of a desired attitude that still holds
-_FOLLOWS_S = 2.0  # that a vehicle may take to follow another desired attitude
-_LANDED_S, _TOLD_S = 1.0, 10.0  # after the last motion, until which a vehicle may turn over, and a crash may be told
-WORTHLESS_S = 1.0
-"""Evidence so shortly before control was lost, or a log ended, is worth nothing."""
 
 
 def losses_of_control(flight: Flight, airborne: Sequence[Span]) -> tuple[Phase, ...]:
@@ -56,7 +43,7 @@ def losses_of_control(flight: Flight, airborne: Sequence[Span]) -> tuple[Phase, 
 
 def unjudged(parts: Sequence[Phase]) -> tuple[Span, ...]:
     """The stretches of a flight's phases that are left out of it, s: out of control, and a second before."""
-    return tuple((part.start - WORTHLESS_S, part.end) for part in parts if part.kind == "impact")
+    return tuple((part.start - check.WORTHLESS_S, part.end) for part in parts if part.kind == "impact")
 
 
 def in_control(parts: Sequence[Phase]) -> tuple[Span, ...]:
@@ -95,7 +82,7 @@ def _told(flight: Flight, airborne: Sequence[Span], calm: Sequence[Span]) -> Ite
     """Crashes by the vehicle's own words. calm: in control, s."""
     words = [*((said.t, said.text) for said in flight.texts), *((event.t, event.text) for event in flight.events)]
     for t, text in words:
-        if _CRASHED.search(text) and any(begin <= t <= end + _TOLD_S for begin, end in airborne):
+        if _CRASHED.search(text) and any(begin <= t <= end + check.CRASH_REPORTED_S for begin, end in airborne):
             yield Phase(t, _armed_again(flight, calm, t), "impact", text)
 
 
@@ -107,14 +94,15 @@ def _turned_over(
         return  # a board that is turned by hand has lost nothing
     free = -np.inf
     for start, stop in over:
-        landed = next((end for begin, end in airborne if begin <= start <= end + _LANDED_S), None)
+        landed = next((end for begin, end in airborne if begin <= start <= end + check.LANDED_S), None)
         if start < free or landed is None or _at_rest(flight, start):
             continue
         aloft = [(begin, min(end, landed)) for begin, end in calm if end > stop]
-        caught = next((begin for begin, end in aloft if end - begin > _CAUGHT_S), None)
-        if stop - start < _LASTING_S if caught is None else caught - start <= _FLIP_S or _at_will(flight, start):
+        caught = next((begin for begin, end in aloft if end - begin > check.CAUGHT_S), None)
+        intended = caught is not None and (caught - start <= healthy.FLIP_S or _at_will(flight, start))
+        if intended or (caught is None and stop - start < harm.OVERTURNED_S):
             continue
-        held = next((begin + _HELD_S for begin, end in aloft if end - begin > _HELD_S), np.inf)
+        held = next((begin + healthy.ALIGNS_S for begin, end in aloft if end - begin > healthy.ALIGNS_S), np.inf)
         free = min(held, _armed_again(flight, calm, stop))
         yield Phase(_onset(flight, start), free, "impact", "the attitude is beyond control")
 
@@ -132,7 +120,7 @@ def _at_rest(flight: Flight, over: float) -> bool:
         return False
     track = flight.imus[name]
     around = track.accel[slice(*np.searchsorted(track.t, [over - 1.0, over + 1.0]))]
-    return len(around) > 1 and bool((around.std(axis=0) < _RESTING).all())
+    return len(around) > 1 and bool((around.std(axis=0) < healthy.LYING_SCATTER).all())
 
 
 def _armed_again(flight: Flight, calm: Sequence[Span], lost: float) -> float:
@@ -145,17 +133,17 @@ def _armed_again(flight: Flight, calm: Sequence[Span], lost: float) -> float:
     if armed is None or flight.attitude is None:
         return end if armed is None else armed
     since = ((max(begin, armed), stop) for begin, stop in calm)
-    return next((begin for begin, stop in since if stop - begin > _CAUGHT_S), end)
+    return next((begin for begin, stop in since if stop - begin > check.CAUGHT_S), end)
 
 
 def _over(flight: Flight, track: AttitudeTrack) -> BoolArray:
     """(N,) where the attitude is beyond control."""
     level = down_in_body(track.q_ned_frd)[:, 2]  # cosine of the angle between body and world down
-    over = (level < np.cos(OVER)) & (flight.vehicle.type in _UPRIGHT)
+    over = (level < np.cos(harm.OVERTURNED_RAD)) & (flight.vehicle.type in _UPRIGHT)
     if flight.control is not None and len(flight.control):
         followed, unfollowed = _as_desired(track, flight.control)
         over = (over & ~followed) | unfollowed
-    return np.asarray(over | (np.linalg.norm(track.rates, axis=1) > _TUMBLING))
+    return np.asarray(over | (np.linalg.norm(track.rates, axis=1) > harm.TUMBLING_RPS))
 
 
 def _as_desired(track: AttitudeTrack, control: ControlTrack) -> tuple[BoolArray, BoolArray]:
@@ -165,13 +153,13 @@ def _as_desired(track: AttitudeTrack, control: ControlTrack) -> tuple[BoolArray,
     """
     t, down, desired = track.t, down_in_body(track.q_ned_frd), down_in_body(control.q_ned_frd)
     last = np.maximum(np.searchsorted(control.t, t, side="right") - 1, 0)
-    fresh, alike = np.abs(t - control.t[last]) < _FRESH_S, (down * desired[last]).sum(axis=1)
-    apart = np.asarray(fresh & (alike < np.cos(OVER)))
+    fresh, alike = np.abs(t - control.t[last]) < check.DESIRED_FRESH_S, (down * desired[last]).sum(axis=1)
+    apart = np.asarray(fresh & (alike < np.cos(harm.OVERTURNED_RAD)))
     for begin, end in _runs(apart):
-        lately = slice(*np.searchsorted(control.t, [t[begin] - _FOLLOWS_S, t[begin]]))
-        if (desired[lately] @ down[begin] > np.cos(0.5 * OVER)).any():
-            apart[begin : min(np.searchsorted(t, t[begin] + _FOLLOWS_S), end + 1)] = False
-    return np.asarray(fresh & (alike > np.cos(0.5 * OVER))), apart
+        lately = slice(*np.searchsorted(control.t, [t[begin] - healthy.ATTITUDE_FOLLOWS_S, t[begin]]))
+        if (desired[lately] @ down[begin] > np.cos(0.5 * harm.OVERTURNED_RAD)).any():
+            apart[begin : min(np.searchsorted(t, t[begin] + healthy.ATTITUDE_FOLLOWS_S), end + 1)] = False
+    return np.asarray(fresh & (alike > np.cos(0.5 * harm.OVERTURNED_RAD))), apart
 
 
 def _runs(mask: BoolArray) -> list[tuple[int, int]]:
@@ -188,6 +176,6 @@ def _spans(t: Array, mask: BoolArray) -> list[Span]:
 def _onset(flight: Flight, over: float) -> float:
     """Where the turning began that ended in being over."""
     t, rates = body_rates(flight)
-    near = (t <= over) & (t >= over - _BEFORE_S)
-    slow = t[near][np.linalg.norm(rates[near], axis=1) < _FAST]
+    near = (t <= over) & (t >= over - check.LOST_BEFORE_S)
+    slow = t[near][np.linalg.norm(rates[near], axis=1) < check.LEADS_TO_TUMBLING_RPS]
     return min(float(slow[-1]), over) if len(slow) else over

@@ -11,6 +11,7 @@ import numpy as np
 from companion.analysis.imu_spec import ImuSpec, SensorSpec
 from companion.analysis.reference import BoolArray, Limits
 from companion.analysis.rest import Rest, armed, rests
+from companion.constants import check, healthy
 from companion.estimation import (
     AllanDeviation,
     Coefficient,
@@ -30,12 +31,6 @@ from companion.estimation import (
 )
 from companion.model import Array, DataError, Flight, ImuTrack
 
-LONG_S = 120.0
-"""A rest that is long enough for an Allan deviation to show more than white noise."""
-
-_SHORT_S = 10.0  # of a rest that tells white noise
-_FILTER_TIMES = 5.0  # τ below so many periods of a low-pass's corner are not white noise's: it loses 1.5 % of N there
-_TOO_QUIET = 0.02  # times the data sheet's noise
 _SENSORS: tuple[Literal["gyro", "accel"], ...] = ("gyro", "accel")
 _AXES = "xyz"
 
@@ -112,8 +107,9 @@ def imu_noise(flight: Flight, imu: str, figures: ImuSpec, limits: Limits) -> Imu
     flying = _flight_noise(_only(track, _flown(flight, track, still)), sampling, gap)
     if not resting and flying is None:
         raise DataError(
-            f"{track.source} has {len(track)} samples in {track.t[-1] - track.t[0]:.1f} s: no rest of {_SHORT_S:g} s "
-            f"and no stretch without a gap that is long enough for a spectrum. {flight.how_to_record}."
+            f"{track.source} has {len(track)} samples in {track.t[-1] - track.t[0]:.1f} s: no rest of "
+            f"{check.SHORT_REST_S:g} s and no stretch without a gap that is long enough for a "
+            f"spectrum. {flight.how_to_record}."
         )
     noise = ImuNoise(track.source, track.rate_hz, sampling, figures, resting, flying, ())
     return replace(noise, notes=tuple(_notes(noise, track)))
@@ -146,9 +142,9 @@ def _sampling(track: ImuTrack, chosen: Sequence[Rest], gap: float) -> Sampling:
 
 
 def _chosen(still: tuple[Rest, ...]) -> list[Rest]:
-    long = [rest for rest in still if rest.duration_s >= LONG_S]
+    long = [rest for rest in still if rest.duration_s >= check.LONG_REST_S]
     longest = max(still, key=lambda rest: rest.duration_s, default=None)
-    if long or longest is None or longest.duration_s < _SHORT_S:
+    if long or longest is None or longest.duration_s < check.SHORT_REST_S:
         return long
     return [longest]
 
@@ -197,7 +193,7 @@ def _axis(
     bound = quantisation_bound(readings, step, rate, sampling)
     if bound is not None:
         return AxisNoise(Coefficient(None, 0.0, bound), None, None, hidden=True)
-    shortest = _FILTER_TIMES / sampling.corner_hz if sampling.corner_hz else 0.0
+    shortest = check.FILTERED_PERIODS / sampling.corner_hz if sampling.corner_hz else 0.0
     fitted = noise_figures(allan, axis, shortest, step**2 / (12.0 * rate))
     return AxisNoise(fitted.white, fitted.instability, fitted.walk, hidden=False) if fitted else None
 
@@ -214,11 +210,11 @@ def _flight_noise(track: ImuTrack, sampling: Sampling, gap: float) -> FlightNois
 def _notes(noise: ImuNoise, track: ImuTrack) -> Iterator[str]:
     rest, flight, how = noise.rest, noise.flight, noise.sampling
     if rest is None:
-        yield f"no rest of {_SHORT_S:g} s: N is that of the flight, vibration included; B and K are not told"
-    elif rest.duration_s < LONG_S:
+        yield f"no rest of {check.SHORT_REST_S:g} s: N is that of the flight, vibration included; B and K are not told"
+    elif rest.duration_s < check.LONG_REST_S:
         yield (
-            f"no rest of {LONG_S:g} s: the longest has {rest.duration_s:.0f} s, which tells N at best; for B and K "
-            "record 10 minutes or more in which the vehicle stands still"
+            f"no rest of {check.LONG_REST_S:g} s: the longest has {rest.duration_s:.0f} s, which tells N at best; for "
+            "B and K record 10 minutes or more in which the vehicle stands still"
         )
     if flight is not None and flight.gyro is None:
         yield f"{noise.rate_hz:.1f} Hz is too low to tell noise from motion in flight: more than 10 Hz are needed"
@@ -243,7 +239,7 @@ def _quiet_notes(noise: ImuNoise, track: ImuTrack) -> Iterator[str]:
     for sensor, values, step in (("gyro", track.gyro, track.gyro_step), ("accel", track.accel, track.accel_step)):
         sheet = getattr(noise.figures, sensor).noise_density
         spread = values.std(axis=0)
-        for i in np.flatnonzero(spread < _TOO_QUIET * sheet * np.sqrt(noise.rate_hz)):
+        for i in np.flatnonzero(spread < healthy.TOO_QUIET * sheet * np.sqrt(noise.rate_hz)):
             between = f"{values[:, i].min():.6g} to {values[:, i].max():.6g}" if spread[i] else f"{values[0, i]:.6g}"
             yield (
                 f"{sensor} {_AXES[i]} reads {between} throughout"

@@ -16,23 +16,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from companion.analysis.loss_of_control import OVER, Span, body_rates, down_in_body, losses_of_control
+from companion.analysis.loss_of_control import Span, body_rates, down_in_body, losses_of_control
+from companion.constants import check, harm, healthy
 from companion.model import Array, Flight, Phase, PhaseKind
 
-_ATTITUDE, _POSITION = 0b1, 0b11000  # ESTIMATOR_STATUS_FLAGS: attitude; horizontal position, relative or absolute
 _STARTING = re.compile(
     r"AHRS: (?:DCM active|EKF\d active)|EKF\d IMU\d (?:initialised|tilt alignment complete|is using GPS|.*initial yaw)",
     re.ASCII,
 )
 _RECEIVER = re.compile(r"GPS \d: detected", re.ASCII)
-
-_YOUNG_S = 60.0  # since boot: until then an estimator may still be finding its heading
-_SETTLED = np.radians(2.0)  # heading, at rest
-_BIAS = 0.02  # rad/s, of a gyro at rest
-_STILL = 0.03  # rad/s: a vehicle that is not being turned
-_MOVING = 0.5  # m/s, or m above where it was armed
-_ENDING_S = 1.0
-_SHAKEN = 0.05  # rad/s rms over a second, for a vehicle without a position
 
 
 def landed_at(parts: Sequence[Phase]) -> float:
@@ -126,7 +118,7 @@ def _airborne(flight: Flight, armed: list[Span] | None) -> list[Span]:
         if flight.vehicle.type in _ON_THE_GROUND and armed is not None:
             last = end  # it stops on its way as well
         over = flight.start + flight.duration
-        whole = end >= over and last > over - _ENDING_S  # the log ends in the air
+        whole = end >= over and last > over - check.HEARTBEAT_S  # the log ends in the air
         flown.append((first, over if whole else max(last, first)))
     return flown
 
@@ -147,13 +139,14 @@ def _moving(flight: Flight, begin: float, end: float, *, by_position: bool) -> l
         t, height = track.t[inside], -track.position[inside, 2]
         if len(t) > 1:
             speed = np.linalg.norm(track.velocity[inside], axis=1)
-            moving, until = (t[(speed > _MOVING) | (np.abs(height - height[ground]) > _MOVING)] for ground in (0, -1))
+            least = healthy.REST_MPS
+            moving, until = (t[(speed > least) | (np.abs(height - height[ground]) > least)] for ground in (0, -1))
             if not len(moving):
                 return []
-            lost = t[-1] < end - _ENDING_S and moving[-1] > t[-1] - _ENDING_S
+            lost = t[-1] < end - check.HEARTBEAT_S and moving[-1] > t[-1] - check.HEARTBEAT_S
             if begin > flight.start or lost:
                 return [float(moving[0]), end if lost else float(moving[-1])]
-            landed = height[-1] < 0.5 * (height.min() + height.max()) and np.ptp(height) > _MOVING
+            landed = height[-1] < 0.5 * (height.min() + height.max()) and np.ptp(height) > healthy.REST_MPS
             return [float(moving[0]), float(until[-1] if landed and len(until) else t[-1])]
     t, rates = body_rates(flight)
     if not len(t):
@@ -164,13 +157,13 @@ def _moving(flight: Flight, begin: float, end: float, *, by_position: bool) -> l
         return []
     second = np.floor(t - t[0]).astype(np.int64)
     rms = np.sqrt(np.bincount(second, turning) / np.maximum(np.bincount(second), 1))
-    shaken = t[rms[second] > _SHAKEN]
+    shaken = t[rms[second] > harm.ALOFT_RPS]
     return [float(shaken[0]), float(shaken[-1])] if len(shaken) else []
 
 
 def _rest(rates: Array) -> Array:
     """(3,) rad/s that a gyro reads at rest: what it reads mostly, but no more than a bias; the rest is an even turn."""
-    return np.asarray(np.clip(np.median(rates, axis=0), -_BIAS, _BIAS))
+    return np.asarray(np.clip(np.median(rates, axis=0), -healthy.REST_GYRO_BIAS_RPS, healthy.REST_GYRO_BIAS_RPS))
 
 
 def _aligned(flight: Flight, takeoff: float) -> tuple[float, str]:
@@ -185,13 +178,13 @@ def _aligned(flight: Flight, takeoff: float) -> tuple[float, str]:
     if estimator is not None and "flags" in estimator.columns:
         known = np.isfinite(estimator["flags"])
         t, flags = estimator.t[known], estimator["flags"][known].astype(np.int64)
-        placed = (flags & _ATTITUDE != 0) & (flags & _POSITION != 0)
-        valid = placed if placed.any() else flags & _ATTITUDE != 0
+        placed = (flags & check.ATTITUDE_VALID != 0) & (flags & check.POSITION_VALID != 0)
+        valid = placed if placed.any() else flags & check.ATTITUDE_VALID != 0
         if valid.any():
             told = "the estimator's flags: " + ("position" if placed.any() else "attitude")
             best, why = (flight.start, "") if valid[0] else (float(t[valid][0]), told)
-    young = why or flight.start < _YOUNG_S
-    if young and (settled := _settled(flight, min(takeoff, flight.start + _YOUNG_S))) > best:
+    young = why or flight.start < healthy.EKF_YOUNG_S
+    if young and (settled := _settled(flight, min(takeoff, flight.start + healthy.EKF_YOUNG_S))) > best:
         best, why = settled, "the heading turns at rest"
     return min(best, takeoff), why
 
@@ -203,13 +196,13 @@ def _settled(flight: Flight, until: float) -> float:
     early = t <= until
     if track is None or not early.any():
         return flight.start
-    turning = np.linalg.norm(rates[early] - _rest(rates[early]), axis=1) > _STILL
+    turning = np.linalg.norm(rates[early] - _rest(rates[early]), axis=1) > healthy.HANDLED_RPS
     since = float(t[early][turning][-1]) if turning.any() else flight.start
     before = np.flatnonzero((track.t <= until) & (track.t > since))
-    on_its_side = down_in_body(track.q_ned_frd[before])[:, 2] < np.cos(OVER)  # where it has no heading
+    on_its_side = down_in_body(track.q_ned_frd[before])[:, 2] < np.cos(harm.OVERTURNED_RAD)  # where it has no heading
     if len(before) < 2 or on_its_side.any():
         return flight.start
     w, x, y, z = track.q_ned_frd[before].T
     heading = np.unwrap(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
-    off = np.flatnonzero(np.abs(heading - heading[-1]) > _SETTLED)
+    off = np.flatnonzero(np.abs(heading - heading[-1]) > healthy.HEADING_SETTLED_RAD)
     return float(track.t[before[off[-1]]]) if len(off) else flight.start

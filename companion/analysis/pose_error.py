@@ -18,6 +18,7 @@ from companion.analysis.comparison import Comparison, IntArray, Windows, windows
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.reference import attitude_error, length
 from companion.analysis.replay import Replay
+from companion.constants import num
 from companion.model import Array, DataError, SettingsError, nearest
 from companion.strapdown import quaternion
 
@@ -97,11 +98,6 @@ def _spread(values: Array) -> Spread:
     )
 
 
-_POINTS = 2400
-_LONGEST_S = 120.0
-"""Beyond it the error is no longer linear in its causes, and its covariance says nothing."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Expectation:
     """The expected error of a replay, at times of its own. At an anchor it steps: just before it, and at it."""
@@ -128,10 +124,10 @@ def expected_since_anchor(
     if shown.from_rest:
         return None
     ends = np.append(shown.anchors[1:], shown.t[-1])
-    if np.max(ends - shown.anchors) > _LONGEST_S or 3 * len(shown.anchors) > _POINTS:
+    if np.max(ends - shown.anchors) > num.POSE_MAX_S or 3 * len(shown.anchors) > num.POSE_POINTS:
         return None
     t = comparison.track.t
-    steps = np.linspace(0.0, 1.0, _POINTS // len(shown.anchors)) ** 1.5
+    steps = np.linspace(0.0, 1.0, num.POSE_POINTS // len(shown.anchors)) ** 1.5
     wanted = shown.anchors[:, None] + steps * (ends - shown.anchors)[:, None]
     start = np.repeat(nearest(t, shown.anchors), len(steps))
     end = np.maximum(nearest(t, wanted.ravel()), start)

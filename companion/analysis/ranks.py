@@ -12,11 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.constants import num
 from companion.model import Array
-
-_TAIL, _Z = 0.025, 1.959964  # 95 % in between
-_EXACT = 50  # values a side; beyond, the normal approximation is as good
-_MOST = 1000  # values a side that are taken: more cost memory and tell nothing new
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,20 +37,22 @@ def shift(a: Array, b: Array, *, paired: bool) -> Shift:
         first, second = np.triu_indices(len(change))
         differences = np.sort(0.5 * (change[first] + change[second]))  # Walsh averages
         n = len(change)
-        skip = _edge(_signed_ranks(n) if n <= _EXACT else None, len(differences), n * (n + 1) * (2 * n + 1) / 24)
+        skip = _edge(
+            _signed_ranks(n) if n <= num.RANK_EXACT else None, len(differences), n * (n + 1) * (2 * n + 1) / 24
+        )
     else:
         a, b = _some(a), _some(b)
         n, m = len(a), len(b)
         differences = np.sort((b[:, None] - a).ravel())
-        skip = _edge(_rank_sums(n, m) if max(n, m) <= _EXACT else None, n * m, n * m * (n + m + 1) / 12)
+        skip = _edge(_rank_sums(n, m) if max(n, m) <= num.RANK_EXACT else None, n * m, n * m * (n + m + 1) / 12)
     low, high = (differences[skip - 1], differences[-skip]) if skip else (-np.inf, np.inf)
     return Shift(float(np.median(differences)), float(low), float(high))
 
 
 def _some(values: Array) -> Array:
-    if len(values) <= _MOST:
+    if len(values) <= num.RANK_MAX:
         return values
-    return np.asarray(values[np.linspace(0, len(values) - 1, _MOST).round().astype(np.intp)])
+    return np.asarray(values[np.linspace(0, len(values) - 1, num.RANK_MAX).round().astype(np.intp)])
 
 
 def _edge(counts: Array | None, count: int, variance: float) -> int:
@@ -62,9 +61,9 @@ def _edge(counts: Array | None, count: int, variance: float) -> int:
     counts: how many arrangements give each value 0, 1, ... of the statistic; None: it is taken as normal.
     """
     if counts is None:
-        return max(0, int(np.floor(count / 2 - _Z * np.sqrt(variance) + 0.5)))
+        return max(0, int(np.floor(count / 2 - num.Z_975 * np.sqrt(variance) + 0.5)))
     below = np.cumsum(counts) / counts.sum()
-    return int(np.searchsorted(below, _TAIL, side="right"))
+    return int(np.searchsorted(below, num.RANK_TAIL, side="right"))
 
 
 def _rank_sums(n: int, m: int) -> Array:

@@ -11,9 +11,8 @@ from companion.analysis.budget import ATTITUDE, POSITION, budget, chi_square_95,
 from companion.analysis.comparison import Comparison, windows
 from companion.analysis.drift import DriftRow, drift_of
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
+from companion.constants import num
 from companion.model import Flight
-
-_HORIZON_S = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +41,7 @@ def each_imu(
 
 
 def _redundant(comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec) -> RedundantImu:
-    chosen = windows(comparison, _HORIZON_S)
+    chosen = windows(comparison, num.JUDGED_S)
     inside: dict[str, float] = {}
     if len(chosen.start):
         total = budget(comparison, chosen, figures, autopilot).total
@@ -51,6 +50,6 @@ def _redundant(comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpe
         inside = {
             name: float(np.mean(nees(error[:, b], total[:, b, b]) < chi_square_95(3))) for name, b in blocks.items()
         }
-    row = drift_of(comparison, (_HORIZON_S,)).rows[0]
+    row = drift_of(comparison, (num.JUDGED_S,)).rows[0]
     track = comparison.track
     return RedundantImu(track.source, track.instance, track.rate_hz, row, inside)

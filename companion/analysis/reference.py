@@ -9,6 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 import numpy.typing as npt
 
+from companion.constants import num
 from companion.model import (
     GAP_PERIODS,
     GAP_S,
@@ -35,8 +36,6 @@ def length(vectors: Array) -> Array:
 
 BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.intp]
-
-_BLOCK = 4096  # samples at a time
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,8 +145,8 @@ def reference_at(attitude: AttitudeTrack, position: PositionTrack | None, t: Arr
 def _states(attitude: AttitudeTrack, position: PositionTrack | None, t: Array, index: IntArray) -> States:
     count = len(index)
     out = States(np.empty((count, 4)), np.zeros((count, 3)), np.zeros((count, 3)))
-    for first in range(0, count, _BLOCK):  # what is made on the way stays in the processor's cache
-        part = slice(first, first + _BLOCK)
+    for first in range(0, count, num.SAMPLES_AT_ONCE):  # what is made on the way stays in the processor's cache
+        part = slice(first, first + num.SAMPLES_AT_ONCE)
         when = t[index[part]]
         i, u = _bracket(attitude.t, when)
         j = np.minimum(i + 1, len(attitude) - 1)

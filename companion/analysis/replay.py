@@ -10,6 +10,7 @@ from companion.analysis.alignment import Alignment
 from companion.analysis.comparison import IntArray
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import BoolArray, Reference, attitude_error, reference_at
+from companion.constants import num
 from companion.model import (
     Array,
     AttitudeTrack,
@@ -151,12 +152,8 @@ def _reckoned(
 class Continued:
     """A replay that went on."""
 
-    replay: Replay  # from `BACK` samples before the end of the one before
-    path: Preintegration  # over its samples, after `CONTEXT` more
-
-
-CONTEXT = 3  # samples before a state, for the cubic through four
-BACK = 4  # before the end: there a sample's state does not change any more when the next ones come
+    replay: Replay  # from `num.BACK` samples before the end of the one before
+    path: Preintegration  # over its samples, after `num.CONTEXT` more
 
 
 def go_on(
@@ -169,24 +166,24 @@ def go_on(
     """
     has_position = before.has_position
     if (
-        len(before.t) <= BACK
-        or before.anchors[-1] > before.t[-1 - BACK] + SAME_TIME
+        len(before.t) <= num.BACK
+        or before.anchors[-1] > before.t[-1 - num.BACK] + SAME_TIME
         or not len(attitude)
         or (has_position and not (position is not None and len(position)))
     ):
         return None
-    first = int(np.searchsorted(imu.t, before.t[-1 - BACK] - SAME_TIME))
-    if first < CONTEXT or first >= len(imu) or abs(imu.t[first] - before.t[-1 - BACK]) > SAME_TIME:
+    first = int(np.searchsorted(imu.t, before.t[-1 - num.BACK] - SAME_TIME))
+    if first < num.CONTEXT or first >= len(imu) or abs(imu.t[first] - before.t[-1 - num.BACK]) > SAME_TIME:
         return None
     reference = reference_at(attitude, position if has_position else None, imu.t, how.limits)
     known = np.flatnonzero(reference.position_known if has_position else reference.attitude_known)
     last = int(known[-1]) if len(known) else -1
-    part, shown = slice(first - CONTEXT, last + 1), slice(first, last + 1)
-    if last < first + BACK or np.diff(imu.t[part]).max() > how.limits.longest_step(imu.t):
+    part, shown = slice(first - num.CONTEXT, last + 1), slice(first, last + 1)
+    if last < first + num.BACK or np.diff(imu.t[part]).max() > how.limits.longest_step(imu.t):
         return None
     path = preintegrate(imu[part], method=how.method, middle=how.middle, segments=how.segments)
-    state = (a[-1 - BACK] for a in (before.q_imu, before.velocity_imu, before.position_imu))
-    states = path.carry(CONTEXT, np.arange(CONTEXT, len(path.t)), *state, gravity=how.gravity)
+    state = (a[-1 - num.BACK] for a in (before.q_imu, before.velocity_imu, before.position_imu))
+    states = path.carry(num.CONTEXT, np.arange(num.CONTEXT, len(path.t)), *state, gravity=how.gravity)
     newest = _beside(imu.t[shown], states, reference, shown, before.anchors, has_position=has_position)
     return Continued(newest, path)
 

@@ -16,17 +16,8 @@ from companion.analysis.budget import lasting_step_error
 from companion.analysis.finding import IntArray, run_edges
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.reference import BoolArray, length
+from companion.constants import check, harm, healthy
 from companion.model import STANDARD_GRAVITY, Array, Flight, ImuTrack
-
-_BLOCK_S, _BLOCK_SAMPLES = 0.5, 5  # a block is as long as both need
-_SHORTEST_S = 3.0
-_QUIETEST = 5.0  # percentile of the blocks that is as quiet as this IMU gets
-_LOUDER = 2.0  # than the quietest, and still quiet
-_CONTRAST = 3.0  # an armed vehicle that rests becomes this much louder when it flies
-_MOST = (0.012, 0.2)  # rad/s, m/s²: a spread that no bench has; a boat at its moorings does
-_SLOW = 0.5  # m/s
-_FLOWN_M, _GROUND_M = 2.0, 1.5  # a flight is higher than this; the ground is within this of the lowest point
-_CLUSTER_S = 0.25  # over which noise is averaged: filters make neighbouring samples alike
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,12 +77,12 @@ def why_none(flight: Flight, track: ImuTrack, imu: ImuSpec) -> str:
     if quiet.any() and not (quiet & possible).any():
         return moment + "; the vehicle was moving or in the air whenever its IMU was quiet"
     if (quiet & possible).any():
-        return moment + f"; no quiet stretch lasts {_SHORTEST_S:g} s"
+        return moment + f"; no quiet stretch lasts {check.REST_MIN_S:g} s"
     return moment
 
 
 def _blocks(track: ImuTrack) -> _Blocks | None:
-    size = max(_BLOCK_SAMPLES, round(_BLOCK_S * track.rate_hz))
+    size = max(check.REST_BLOCK_SAMPLES, round(check.REST_BLOCK_S * track.rate_hz))
     count = len(track) // size
     if count < 2:
         return None
@@ -118,12 +109,12 @@ def _quiet(blocks: _Blocks, track: ImuTrack, imu: ImuSpec) -> BoolArray:
     )
     quiet = possible & (np.diff(blocks.t) < 2.0 * blocks.size / max(track.rate_hz, 1e-9))  # no gap in it
     for spread, step, sheet, most in (
-        (blocks.gyro_spread, track.gyro_step, imu.gyro.noise_density, _MOST[0]),
-        (blocks.accel_spread, track.accel_step, imu.accel.noise_density, _MOST[1]),
+        (blocks.gyro_spread, track.gyro_step, imu.gyro.noise_density, healthy.REST_SPREAD[0]),
+        (blocks.accel_spread, track.accel_step, imu.accel.noise_density, healthy.REST_SPREAD[1]),
     ):
-        floor = float(np.percentile(spread, _QUIETEST))
+        floor = float(np.percentile(spread, check.REST_QUIETEST))
         # a reading at the edge of a step flickers by half a step; a data sheet's noise is nobody's fault
-        quiet &= spread < min(most, max(_LOUDER * floor, 0.55 * step, sheet * np.sqrt(0.5 * track.rate_hz)))
+        quiet &= spread < min(most, max(healthy.REST_LOUDER * floor, 0.55 * step, sheet * np.sqrt(0.5 * track.rate_hz)))
     return np.asarray(quiet)
 
 
@@ -136,14 +127,15 @@ def _possible(flight: Flight, blocks: _Blocks) -> BoolArray:
     if position is not None and len(position) > 1:
         inside = (begin >= position.t[0]) & (end <= position.t[-1])
         speed = np.interp(0.5 * (begin + end), position.t, length(position.velocity))
-        fine &= ~inside | (speed < _SLOW) | (known & ~motors)  # an estimator that starts up may think that it moves
+        # an estimator that starts up may think that it moves
+        fine &= ~inside | (speed < healthy.REST_MPS) | (known & ~motors)
         down = np.interp(0.5 * (begin + end), position.t, position.position[:, 2])
-        if np.ptp(position.position[:, 2]) > _FLOWN_M:
-            ground = float(position.position[:, 2].max()) - _GROUND_M
+        if np.ptp(position.position[:, 2]) > harm.FLOWN_M:
+            ground = float(position.position[:, 2].max()) - healthy.GROUND_M
             fine &= ~inside | (down > ground) | (known & ~motors)
     if motors.any():  # motors off and motors on are not the same
         loud = float(np.percentile(blocks.gyro_spread, 75.0))
-        fine &= ~motors | (blocks.gyro_spread * _CONTRAST < loud)
+        fine &= ~motors | (blocks.gyro_spread * healthy.REST_CONTRAST < loud)
     return np.asarray(fine)
 
 
@@ -166,7 +158,7 @@ def _stretches(still: BoolArray, blocks: _Blocks, track: ImuTrack) -> Iterator[t
         same &= np.abs(np.diff(mean, axis=0)).max(axis=1) < noise + 1.1 * step + little
     first, last = run_edges(np.asarray(same))
     for i, j in zip(first.tolist(), (last + 1).tolist(), strict=True):
-        if blocks.t[j + 1] - blocks.t[i] >= _SHORTEST_S:
+        if blocks.t[j + 1] - blocks.t[i] >= check.REST_MIN_S:
             yield i, j
 
 
@@ -197,7 +189,7 @@ def _density(readings: Array, step: float, rate: float) -> float | None:
     """
     if step and float(readings.std(axis=0).max()) < 0.3 * step:
         return None
-    size = max(1, round(_CLUSTER_S * rate))
+    size = max(1, round(check.REST_CLUSTER_S * rate))
     count = len(readings) // size
     if count < 5:
         return None

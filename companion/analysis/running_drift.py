@@ -9,14 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from companion.analysis.comparison import Comparison, Part, WindowErrors, compare, edges, errors, grid_origin, windows
-from companion.analysis.drift import HORIZONS_S, DriftRow, drift_row
-from companion.analysis.findings.stuck import STOPPED_S, STUCK_S, unchanged
+from companion.analysis.drift import DriftRow, drift_row
+from companion.analysis.findings.stuck import unchanged
 from companion.analysis.integration import DEFAULT, Integration
 from companion.analysis.reference import length
+from companion.constants import check, healthy, num
 from companion.model import Array, DataError, Flight, ImuTrack, percentile
-
-MOST_WINDOWS = 40_000
-"""Of a horizon. At 1 s that is 11 h; then the oldest are forgotten, which bounds the memory."""
 
 
 class RunningDrift:
@@ -26,7 +24,7 @@ class RunningDrift:
     table is that of `drift` over the whole.
     """
 
-    def __init__(self, horizons: Sequence[float] = HORIZONS_S) -> None:
+    def __init__(self, horizons: Sequence[float] = num.HORIZONS_S) -> None:
         self._tables = [_Table(horizon) for horizon in horizons]
         self._part: Part | None = None
         self._begin = np.nan  # s, boot clock, the first known attitude
@@ -89,7 +87,7 @@ class _Table:
         self._excluded.update(chosen.excluded)
         e = errors(comparison, chosen)
         new = np.column_stack([e.anchor_s, e.end_s, e.attitude, e.velocity, e.position])
-        self._errors = np.concatenate([self._errors, new])[-MOST_WINDOWS:]
+        self._errors = np.concatenate([self._errors, new])[-check.MAX_LIVE_WINDOWS :]
 
     def row(self, *, has_position: bool) -> DriftRow:
         if has_position not in self._row:  # a page asks for it more often than it changes
@@ -102,29 +100,26 @@ class _Table:
         return drift_row(self.horizon, dict(self._excluded), window_errors, has_position=has_position)
 
 
-_NEWEST_S, _WINDOW_S = 2.5, 1.0
-_FEWEST = 8  # windows before the newest
-_JUST_S = 0.6  # from when on an axis that stands still can be judged: later, it has been
-_TIMES, _USUAL = 3.0, 90.0  # times that percentile of the windows before
-
-
 def newest_stands_out(comparison: Comparison) -> bool:
     """Whether the autopilot's estimate has just stepped, IMU and autopilot part faster than before, or an axis stands.
 
     It says that something may have begun, not what.
     """
-    since = float(comparison.track.t[-1]) - _NEWEST_S
+    since = float(comparison.track.t[-1]) - check.LIVE_NEWEST_S
     if any(len(steps) and steps[-1, 1] > since for steps in (comparison.attitude_steps, comparison.position_steps)):
         return True
     if _stands(comparison.track):
         return True
-    chosen = windows(comparison, _WINDOW_S)
+    chosen = windows(comparison, num.AVERAGED_S)
     window_errors = errors(comparison, chosen)
     new = window_errors.end_s > since
-    if not new.any() or (~new).sum() < _FEWEST:
+    if not new.any() or (~new).sum() < check.LIVE_MIN:
         return False
     parted = [window_errors.attitude, window_errors.velocity] if comparison.has_position else [window_errors.attitude]
-    return any(float(size[new].max()) > _TIMES * percentile(size[~new], _USUAL) for size in map(length, parted))
+    return any(
+        float(size[new].max()) > check.LIVE_TIMES * percentile(size[~new], check.LIVE_USUAL)
+        for size in map(length, parted)
+    )
 
 
 def _stands(track: ImuTrack) -> bool:
@@ -141,6 +136,7 @@ def _has_stopped(t: Array, readings: Array) -> bool:
         if len(moves) < 2:
             continue
         lasted = float(t[-1] - t[moves[-1]])
-        if STOPPED_S < lasted < STUCK_S + _JUST_S and float(np.diff(t[moves]).max()) < 0.5 * lasted:
+        just = healthy.FROZEN_S < lasted < healthy.STUCK_S + check.JUST_S
+        if just and float(np.diff(t[moves]).max()) < 0.5 * lasted:
             return True
     return False

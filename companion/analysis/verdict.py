@@ -9,17 +9,17 @@ from typing import Literal
 
 import numpy as np
 
-from companion.analysis.agreement import FEWEST_WINDOWS, JUDGED_S, Agreement
+from companion.analysis.agreement import Agreement
 from companion.analysis.comparison import left_out
-from companion.analysis.episode import BIAS_UNITS, SENSORS, SIGMAS, bias_at_the_end, percent
+from companion.analysis.episode import BIAS_UNITS, SENSORS, bias_at_the_end, percent
 from companion.analysis.finding import Cause, Finding
-from companion.estimation import ACCUSED, BestEstimate, kind_of
+from companion.constants import num, priors
+from companion.estimation import BestEstimate, kind_of
 from companion.model import brief, counted
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
 
 _CONSTANT = ("gyro_bias", "gyro_scale", "accel_bias", "accel_scale")  # that may have been there all the time
-_MANY_WINDOWS = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ def _decided(
     if lacking is not None:
         return Verdict("insufficient_data", lacking, findings)
     lost = [f for f in findings if f.kind == "control_lost"]
-    many = [one for one in agreements[1:] if one.windows >= _MANY_WINDOWS]
+    many = [one for one in agreements[1:] if one.windows >= num.MANY_WINDOWS]
     worst = min([agreements[0], *many], key=lambda one: one.share)
     if causes:
         first = _first(causes)
@@ -106,7 +106,7 @@ def _how_sure(cause: Cause) -> str:
     """The probability that accuses, and that of the one sensor where it alone would not."""
     if cause.side_probability is None or cause.probability is None:
         return ""
-    own = "" if cause.probability >= ACCUSED else f"; {cause.sensor}: {percent(cause.probability)}"
+    own = "" if cause.probability >= priors.ACCUSED else f"; {cause.sensor}: {percent(cause.probability)}"
     return f" (probability {percent(cause.side_probability)}{own})"
 
 
@@ -153,7 +153,7 @@ def lasting(
     (then, before), (now, after) = (bias_at_the_end(one, kind.name) for one in (sound, best))
     axis = int(np.argmax(np.abs(now - then)))
     size, sigma = float((now - then)[axis]), float(np.hypot(before, after)[axis])
-    if abs(size) < max(kind.least, SIGMAS * sigma):
+    if abs(size) < max(kind.least, num.SIGMAS * sigma):
         return verdict
     unit, scale, decimals = BIAS_UNITS[sensor]
     words = (
@@ -203,13 +203,13 @@ def _lacking(judged: Agreement, findings: tuple[Finding, ...], has_cause: bool) 
     data = [f for f in findings if f.side == "data" and f.severity == "error"]
     if data:
         return f"Cannot tell: {data[0].evidence}."
-    if judged.windows < FEWEST_WINDOWS and not has_cause:
+    if judged.windows < num.MIN_WINDOWS and not has_cause:
         reasons = left_out(judged.excluded)
-        short = f"the flight is too short: at least {FEWEST_WINDOWS * JUDGED_S:g} s are needed"
+        short = f"the flight is too short: at least {num.MIN_WINDOWS * num.JUDGED_S:g} s are needed"
         why = f"left out: {reasons}" if reasons else short
         usable = f"only {counted(judged.windows, 'window')}" if judged.windows else "no window"
         begun = f"{_fall(lost)[1:]} No sensor fault was found, but" if lost else "Cannot tell:"
-        return f"{begun} {usable} of {JUDGED_S:g} s can be used ({why})."
+        return f"{begun} {usable} of {num.JUDGED_S:g} s can be used ({why})."
     return None
 
 
@@ -232,7 +232,7 @@ def _doubt(worst: Agreement, findings: tuple[Finding, ...], best: BestEstimate |
 def _of_imu(probability: Mapping[str, float]) -> str | None:
     """That a fault of an IMU is too likely for agreement: what harmed nothing yet, or is not known well enough."""
     sure = probability.get("imu", 0.0)
-    return None if sure <= 1.0 - ACCUSED else f"an IMU is at fault with a probability of {percent(sure)}"
+    return None if sure <= 1.0 - priors.ACCUSED else f"an IMU is at fault with a probability of {percent(sure)}"
 
 
 def _first(causes: Sequence[Finding]) -> Finding:
@@ -243,7 +243,7 @@ def _first(causes: Sequence[Finding]) -> Finding:
     first = _cause(causes[0])
     if not first.sensor or not first.onset_sigma_s:
         return causes[0]
-    latest = first.onset_s + SIGMAS * first.onset_sigma_s
+    latest = first.onset_s + num.SIGMAS * first.onset_sigma_s
     together = [f for f in causes if f.start_s <= latest and _cause(f).sensor == first.sensor]
     return min(together, key=lambda f: _cause(f).onset_sigma_s or 0.0)
 

@@ -5,7 +5,7 @@ from companion.estimation.axes import Reading, motion_between, other_reading
 from companion.estimation.clipping import clip_counters
 from companion.estimation.constant_errors import allowing
 from companion.estimation.differences import differences
-from companion.estimation.evidence import ACCUSED, harmful, probabilities
+from companion.estimation.evidence import harmful, probabilities
 from companion.estimation.explanations import KINDS, Kind, kind_of
 from companion.estimation.low_pass import coning, hides_shaking, restored, shaking
 from companion.estimation.model import (
@@ -35,7 +35,7 @@ from companion.estimation.noise_density import (
 )
 from companion.estimation.phrases import Size, main_axis, turn_of_the_field
 from companion.estimation.rest import at_rest
-from companion.estimation.search import CREEPS, times_of_change
+from companion.estimation.search import times_of_change
 from companion.estimation.shapes import SLOPED, at_work
 from companion.estimation.smoother import smooth
 from companion.estimation.spectrum import (
@@ -50,10 +50,8 @@ from companion.estimation.spectrum import (
 )
 
 __all__ = [
-    "ACCUSED",
     "ATTITUDE",
     "CONSTANTS",
-    "CREEPS",
     "KINDS",
     "POSITION",
     "SLOPED",

@@ -15,15 +15,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.constants import num
 from companion.model import Array
-
-FLICKER = 2.0 * np.log(2.0) / np.pi  # σ² of a flicker floor of B = 1: its root is 0.664
-_PER_DECADE = 10  # points of the curve
-_LONGEST = 0.25  # of the rest, τ of the last point: fewer than three independent differences say nothing
-_FEWEST = 32  # samples
-_SIGMAS = 2.0  # a term is seen when it is so many standard errors above zero
-_PASSES = 4  # of the weights
-_ALIKE = 3.0  # octaves of τ that are as good as one point: with it the 95 % intervals hold 95 % (test)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +64,10 @@ def allan_deviation(readings: Array, rate_hz: float) -> AllanDeviation | None:
     table 5 for its degrees of freedom.
     """
     count = len(readings)
-    if count < _FEWEST:
+    if count < num.ALLAN_MIN_SAMPLES:
         return None
-    longest = count * _LONGEST
-    sizes = np.unique(np.geomspace(1, longest, int(_PER_DECADE * np.log10(longest)) + 1).astype(np.int64))
+    longest = count * num.ALLAN_MAX_TAU
+    sizes = np.unique(np.geomspace(1, longest, int(num.ALLAN_PER_DECADE * np.log10(longest)) + 1).astype(np.int64))
     angle = np.concatenate([np.zeros((1, 3)), np.cumsum(readings - readings.mean(axis=0), axis=0)])
     rows = []
     for m in sizes:
@@ -105,13 +98,13 @@ def noise_figures(allan: AllanDeviation, axis: int, shortest_s: float = 0.0, gri
         return None
     tau, freedom = allan.tau[used], allan.freedom[used]
     variance = np.square(allan.deviation[used, axis])
-    shapes = np.column_stack([1.0 / tau, np.full(len(tau), FLICKER), tau / 3.0])
-    alike = _ALIKE * max(len(tau) / max(float(np.log2(tau[-1] / tau[0])), 1.0), 1.0)
+    shapes = np.column_stack([1.0 / tau, np.full(len(tau), num.FLICKER_VARIANCE), tau / 3.0])
+    alike = num.ALLAN_OCTAVES * max(len(tau) / max(float(np.log2(tau[-1] / tau[0])), 1.0), 1.0)
     seen = [0, 1, 2]
     while True:  # a term that is not seen is left out of the fit, the least sure first: it only blurs the others
         power, sigma = _fit(shapes[:, seen], variance, freedom, alike)
         sure = power / np.maximum(sigma, 1e-300)
-        if sure.min() > _SIGMAS or len(seen) == 1:
+        if sure.min() > num.ALLAN_SIGMAS or len(seen) == 1:
             break
         seen.pop(int(np.argmin(sure)))
     fitted = {which: (float(power[i]), float(sigma[i])) for i, which in enumerate(seen)}
@@ -129,7 +122,7 @@ def _fit(shapes: Array, variance: Array, freedom: Array, alike: float) -> tuple[
     """
     weight = np.sqrt(freedom / (2.0 * alike))
     model = variance
-    for _ in range(_PASSES):
+    for _ in range(num.ALLAN_PASSES):
         scaled = shapes * (weight / model)[:, None]
         size = np.linalg.norm(scaled, axis=0)
         power = nonnegative_least_squares(scaled / size, variance * weight / model) / size
@@ -156,7 +149,7 @@ def nonnegative_least_squares(columns: Array, values: Array) -> Array:
 
 def _coefficient(power: float, sigma: float, bound: float) -> Coefficient:
     """The square root of a term with its interval; where the term is not seen, what the whole curve leaves for it."""
-    if power <= _SIGMAS * sigma or power <= 0.0:
+    if power <= num.ALLAN_SIGMAS * sigma or power <= 0.0:
         return Coefficient(None, 0.0, bound)
     root, spread = float(np.sqrt(power)), sigma / power  # two standard errors of the root
     return Coefficient(root, root * float(np.exp(-spread)), root * float(np.exp(spread)))

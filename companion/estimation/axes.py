@@ -14,24 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from companion.constants import healthy, num
 from companion.estimation.explanations import kind_of
-from companion.estimation.iteration import PASSES, Start, estimate, in_noise, likelihood, start_of
+from companion.estimation.iteration import Start, estimate, in_noise, likelihood, start_of
 from companion.estimation.learned_noise import scatter
 from companion.estimation.model import BestEstimate, corrected
 from companion.estimation.setup import Setup, set_up, unaided_guess
 from companion.estimation.smoother import Cause, boundary, next_cause
 from companion.model import STANDARD_GRAVITY, Array, Flight, NoEstimateError
 from companion.strapdown import preintegrate, quaternion
-
-_FOLLOWED = 0.7  # of what an axis reads: right axes are followed by 0.8 and more, mirrored and exchanged ones by less
-_HEARD = 2.0  # times its noise, as learned or as its samples scatter by, whichever is less
-_FEW = 30  # intervals, from which on something can be said of them
-_WORTHWHILE = 1.3  # times less noise if these axes were not off at all: what they spoil on the others comes on top
-_SURELY = 2.0  # σ of an onset
-_LONGEST_S = 100.0  # that is read otherwise: a wrong axis is wrong all the time
-_FIRST = 6  # passes, that tell the ways apart: what contradicts itself is far from the end of its iteration then
-_CLEARLY = 2.0  # times less noise, in every interval and on every axis: chance has no part in it
-
 
 Motion = tuple[tuple[Array, Array], tuple[Array, Array]]
 """Of gyro and accelerometer: what the estimate's motion has and what was read, (K-1, 3) each."""
@@ -72,16 +63,17 @@ def followed(best: BestEstimate, motion: Motion) -> tuple[Array, Array]:
     seconds = np.diff(best.t)[:, None]
     plain = np.ones(len(seconds), np.bool_)
     for one in best.explained:
-        began = one.onset - _SURELY * one.onset_sigma > best.t[0]  # else an axis that is read wrongly looks like it
+        # else an axis that is read wrongly looks like it
+        began = one.onset - num.ONSET_SIGMAS * one.onset_sigma > best.t[0]
         if began and kind_of(one.kind).side == "imu":
             plain &= (best.t[1:] < one.onset) | (best.t[:-1] > one.end)
-    if plain.sum() < _FEW:
+    if plain.sum() < num.AXIS_MIN_INTERVALS:
         plain[:] = True
     parts = []
     noises = zip((best.noise.gyro_noise, best.noise.accel_noise), best.scatter, strict=True)
     for (moved, read), noise in zip(motion, map(min, noises), strict=True):
         square = (read[plain] ** 2).sum(axis=0)
-        heard = square > _HEARD**2 * noise**2 * (1.0 / seconds[plain]).sum()
+        heard = square > num.AXIS_SIGNAL_SIGMAS**2 * noise**2 * (1.0 / seconds[plain]).sum()
         parts.append(np.where(heard, (moved * read)[plain].sum(axis=0) / np.maximum(square, 1e-300), 1.0))
     return parts[0], parts[1]
 
@@ -122,11 +114,11 @@ def other_reading(
     """
     motion = motion_between(best)
     astray = best.noise.contradicts(best.scatter)  # all the time, as a wrong axis is
-    gyro, accel = (astray | (part < _FOLLOWED) for part in followed(best, motion))
-    if not (gyro.any() or accel.any()) or not (best.contradicted or _spared(motion, gyro, accel) > _WORTHWHILE):
+    gyro, accel = (astray | (part < healthy.AXIS_FOLLOWED) for part in followed(best, motion))
+    if not (gyro.any() or accel.any()) or not (best.contradicted or _spared(motion, gyro, accel) > num.AXIS_GAIN):
         return None
     ways = {words: turn for words, turn in WAYS.items() if _touches(turn[0], gyro) or _touches(turn[1], accel)}
-    part = _least_followed(best.t, motion) if best.t[-1] - best.t[0] > _LONGEST_S else span
+    part = _least_followed(best.t, motion) if best.t[-1] - best.t[0] > num.AXIS_SPAN_S else span
     track = flight.imu(best.imu.source)
 
     def begun(turn: tuple[Array, Array]) -> tuple[Setup, Start] | None:
@@ -140,14 +132,14 @@ def other_reading(
         except NoEstimateError:
             return None
 
-    tried = {words: _gone_on(begun(turn), _FIRST) for words, turn in ways.items()}
+    tried = {words: _gone_on(begun(turn), num.AXIS_TRIAL_PASSES) for words, turn in ways.items()}
     words = max(tried, key=lambda name: tried[name].likelihood)
     as_it_is = _gone_on(begun((np.eye(3), np.eye(3))))  # with nothing explained, as the others
     read_so = _gone_on(tried[words].at)
-    if not np.isfinite(as_it_is.likelihood) or read_so.fits_beside(as_it_is.likelihood) <= _CLEARLY:
+    if not np.isfinite(as_it_is.likelihood) or read_so.fits_beside(as_it_is.likelihood) <= num.AXIS_CLEARLY_BETTER:
         return None
     fits = read_so.fits_beside(_likeliest(as_it_is))
-    return Reading(words, fits) if fits > _CLEARLY else None
+    return Reading(words, fits) if fits > num.AXIS_CLEARLY_BETTER else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,7 +155,7 @@ class _Tried:
         return in_noise(self.likelihood - likelihood, intervals)
 
 
-def _gone_on(at: tuple[Setup, Start] | None, passes: int = PASSES) -> _Tried:
+def _gone_on(at: tuple[Setup, Start] | None, passes: int = num.SMOOTHER_PASSES) -> _Tried:
     if at is None:
         return _Tried(None)
     setup, start = at
@@ -211,6 +203,6 @@ def _least_followed(t: Array, motion: Motion) -> tuple[float, float]:
     """The boot times (s), of those of keyframes (K,), between which motion and readings differ most."""
     off = sum(((m - r) ** 2).sum(axis=1) / ((m - r) ** 2).mean() for m, r in motion)
     total = np.concatenate([[0.0], np.cumsum(off * np.diff(t))])
-    end = np.searchsorted(t, t + _LONGEST_S, side="right") - 1
+    end = np.searchsorted(t, t + num.AXIS_SPAN_S, side="right") - 1
     first = int(np.argmax(total[end] - total))
     return float(t[first]), float(t[end[first]])

@@ -14,11 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.constants import num
 from companion.model import Array
-
-_ROUNDING = (0.0, 1e-12, 1e-11, 1e-10)
-_FEW = 16  # blocks, of which LAPACK inverts one after the other sooner than a loop over their rows all of them
-_TOGETHER = 512  # blocks that stay in cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,8 +28,8 @@ class _Level:
 
     def parts(self, even: int) -> Iterator[tuple[slice, slice, slice]]:
         """Odd blocks that stay in cache together, those with a block after them, and these, of `even` in all."""
-        for first in range(0, len(self.left), _TOGETHER):
-            last = min(first + _TOGETHER, len(self.left))
+        for first in range(0, len(self.left), num.CACHED_BLOCKS):
+            last = min(first + num.CACHED_BLOCKS, len(self.left))
             joined = min(last, even - 1)
             yield slice(first, last), slice(first, joined), slice(first + 1, joined + 1)
 
@@ -146,7 +143,7 @@ def roots(blocks: Array) -> Array:
 
     Raises numpy.linalg.LinAlgError for what is not positive definite.
     """
-    for rounding in _ROUNDING:  # the diagonal is about 1, and what is not observed is next to nothing
+    for rounding in num.DIAGONAL_LOADING:  # the diagonal is about 1, and what is not observed is next to nothing
         with contextlib.suppress(np.linalg.LinAlgError):
             lower = np.linalg.cholesky(blocks + rounding * np.eye(blocks.shape[-1]))
             return _lower_inverses(np.asarray(lower, np.float64))
@@ -155,15 +152,15 @@ def roots(blocks: Array) -> Array:
 
 def _lower_inverses(lower: Array) -> Array:
     """Inverses of lower triangular blocks (M, n, n), by forward substitution of all blocks at once."""
-    if len(lower) < _FEW:
+    if len(lower) < num.SHORT_CHAIN_BLOCKS:
         return np.asarray(np.linalg.inv(lower))
     out = np.empty_like(lower)
-    for first in range(0, len(lower), _TOGETHER):
-        rows = np.ascontiguousarray(lower[first : first + _TOGETHER].transpose(1, 2, 0))
+    for first in range(0, len(lower), num.CACHED_BLOCKS):
+        rows = np.ascontiguousarray(lower[first : first + num.CACHED_BLOCKS].transpose(1, 2, 0))
         inverse = np.zeros_like(rows)
         for i, row in enumerate(rows):
             inverse[i, i] = 1.0 / row[i]
             if i:
                 inverse[i, :i] = np.einsum("jk,jmk->mk", row[:i] * -inverse[i, i], inverse[:i, :i])
-        out[first : first + _TOGETHER] = inverse.transpose(2, 0, 1)
+        out[first : first + num.CACHED_BLOCKS] = inverse.transpose(2, 0, 1)
     return out

@@ -8,6 +8,7 @@ from functools import reduce
 
 import numpy as np
 
+from companion.constants import num
 from companion.estimation.differences import Differences, Error, told_of_own
 from companion.estimation.evidence import Trial, grows_for
 from companion.estimation.explanations import Kind, Problem, Signature
@@ -15,8 +16,6 @@ from companion.estimation.model import CONSTANT_STATES, Explained, Rival
 from companion.estimation.shapes import at_work
 from companion.estimation.system import Prior, Solution
 from companion.model import Array
-
-SHARPEST_S = 0.05  # 1σ of an onset, at best
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +37,7 @@ class Choice:
     def of_trial(cls, one: Trial) -> Choice:
         """The likeliest times of a trial."""
         i = one.best
-        return cls(one.kind, one.shape, float(one.onset[i]), float(one.end[i]), max(one.onset_sigma, SHARPEST_S),
+        return cls(one.kind, one.shape, float(one.onset[i]), float(one.end[i]), max(one.onset_sigma, num.ONSET_SIGMA_S),
                    int(one.axis[i]), one.log_odds, one.fault, one.imu)  # fmt: skip
 
     @property

@@ -6,13 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from companion.constants import healthy
 from companion.model import Array, Flight, ImuTrack, Series, of_kind
-
-_LOST = 0.04
-"""m/s, 1σ of what a clipped reading takes: a quarter of 16 g, for a thousandth of a second. Both autopilots count raw
-readings, at 1 kHz or more."""
-
-_QUIETEST = 1e-4  # m/s²/√Hz: no accelerometer is, but a simulated one
 
 
 def lost_by_clipping(flight: Flight, track: ImuTrack, t: Array, density: float) -> Array:
@@ -25,8 +20,8 @@ def lost_by_clipping(flight: Flight, track: ImuTrack, t: Array, density: float) 
         for name, when, clipped in clip_counters(series):
             axis = name.removeprefix("clips_")
             if axis == str(track.instance) or (not axis.isdigit() and series.instance == track.instance):
-                lost = np.maximum(lost, _LOST * np.diff(np.interp(t, when, clipped)))
-    return lost / (max(density, _QUIETEST) * np.sqrt(np.diff(t)))
+                lost = np.maximum(lost, healthy.CLIPPED_MPS * np.diff(np.interp(t, when, clipped)))
+    return lost / (max(density, healthy.ACCEL_MIN_DENSITY) * np.sqrt(np.diff(t)))
 
 
 def clip_counters(series: Series) -> Iterator[tuple[str, Array, Array]]:

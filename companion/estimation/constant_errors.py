@@ -6,14 +6,14 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from companion.estimation.linearisation import BIAS_SIGMA, Linear
+from companion.constants import healthy
+from companion.estimation.linearisation import Linear
 from companion.estimation.model import ACCEL_BIAS, CONSTANTS, GYRO_BIAS, ConstantErrors, States
 from companion.estimation.system import Motion, Solution, solve
 
 _BIASES = slice(GYRO_BIAS.start, ACCEL_BIAS.stop)
 _MATRICES = np.r_[CONSTANTS["gyro_matrix"][0], CONSTANTS["accel_matrix"][0]]
-_BELIEVED = np.repeat([*BIAS_SIGMA, CONSTANTS["gyro_matrix"][1], CONSTANTS["accel_matrix"][1]], [3, 3, 9, 9])
-_SCALES = (np.array([6, 10, 14]), np.array([15, 19, 23]))  # the diagonals of both matrices, after six biases
+_BELIEVED = np.repeat([*healthy.BIAS_SIGMA, CONSTANTS["gyro_matrix"][1], CONSTANTS["accel_matrix"][1]], [3, 3, 9, 9])
 
 
 def constant_errors(states: States, solution: Solution) -> ConstantErrors:
@@ -58,8 +58,8 @@ def allowing(errors: ConstantErrors, gyro_scale: float, accel_scale: float) -> C
     The difference is taken out of what it believed beforehand, which leaves what the flight says as it is.
     """
     possible = errors.possible.copy()
-    for places, size in zip(_SCALES, (gyro_scale, accel_scale), strict=True):
-        possible[places] = np.maximum(possible[places], size)
+    diagonals = possible[6:].reshape(2, 9)[:, ::4]  # of both matrices, after six biases
+    diagonals[:] = np.maximum(diagonals, [[gyro_scale], [accel_scale]])
     wider = possible > errors.possible
     information = 1.0 / errors.possible[wider] ** 2 - 1.0 / possible[wider] ** 2
     covariance = errors.covariance

@@ -14,26 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from companion.estimation.noise_density import ALIASED
+from companion.constants import harm, healthy, num
 from companion.estimation.shapes import at_work
 from companion.model import Array, Flight, ImuTrack, interpolated
-
-LIVELY: Mapping[str, float] = {"gyro": 0.2, "accel": 1.5}
-"""rad/s, m/s²: root mean square of an axis from which on its scale is told; below, noise would be scaled."""
-
-_BLOCK_S = 2.0  # over which differences are averaged
-_MOST_BLOCKS = 250  # a longer flight has longer ones
-_FEWEST_READINGS, _FEWEST_BLOCKS = 3, 12
-_UNHEARD_S = 10.0
-_LAGS = 10  # blocks, at most, over which a random walk is told from white noise: a step is in one of eight
-_ABOUT = 3  # blocks either way, of whose median one stands apart that is an outlier: a step is none
-_OUTLIER = 8.0  # median deviations: 5 σ of white noise
-_OF_MEDIAN = 0.4549  # median of χ² with one degree of freedom
-_WHITE: Mapping[str, float] = {"gyro": 1e-4, "accel": 1e-3}
-"""rad/s, m/s²: 1σ of a block's difference at least, the resolution of the messages."""
-
-_WALK: Mapping[str, float] = {"gyro": 4e-5, "accel": 8e-4}
-"""rad/s/√s, m/s²/√s: the random walk of the difference at least: twice what the simulator's perfect parts show."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +93,7 @@ class Differences:
         if what != "scale":
             return np.asarray(np.broadcast_to(share, (3, *share.shape)))
         felt = self.felt[sensor]
-        felt = felt * (np.sqrt((felt**2).mean(axis=0)) > LIVELY[sensor])
+        felt = felt * (np.sqrt((felt**2).mean(axis=0)) > harm.LIVELY[sensor])
         return np.asarray(share * felt.T[:, None, :])
 
 
@@ -155,12 +138,12 @@ def _difference(
     if armed is not None and armed.any():
         inside &= armed
     t = slow.t[inside]
-    if len(t) < _FEWEST_BLOCKS * _FEWEST_READINGS:
+    if len(t) < num.DIFF_MIN_BLOCKS * num.DIFF_MIN_READINGS:
         return None
-    width = max(_BLOCK_S, _FEWEST_READINGS / slow.rate_hz, float(t[-1] - t[0]) / _MOST_BLOCKS)
+    width = max(num.DIFF_BLOCK_S, num.DIFF_MIN_READINGS / slow.rate_hz, float(t[-1] - t[0]) / num.DIFF_MAX_BLOCKS)
     names, begin, count = np.unique(np.floor(t / width), return_index=True, return_counts=True)
-    whole = count >= _FEWEST_READINGS
-    if whole.sum() < _FEWEST_BLOCKS:
+    whole = count >= num.DIFF_MIN_READINGS
+    if whole.sum() < num.DIFF_MIN_BLOCKS:
         return None
     spans = list(zip(begin[whole].tolist(), (begin + count)[whole].tolist(), strict=True))
     value, felt, aliased, weight, middle = {}, {}, {}, {}, (names[whole] + 0.5) * width
@@ -170,7 +153,7 @@ def _difference(
         value[sensor] = np.array([_mean(off[first:last]) for first, last in spans])
         felt[sensor] = np.array([read[first:last].mean(axis=0) for first, last in spans])
         scatter = np.array([off[first:last].std(axis=0) for first, last in spans])
-        aliased[sensor] = ALIASED * np.median(scatter, axis=0)
+        aliased[sensor] = healthy.ALIASED * np.median(scatter, axis=0)
         weight[sensor] = _weight(sensor, middle, value[sensor], scatter)
     return Differences(other.instance, other.source, middle, width, value, felt, aliased, weight)
 
@@ -179,7 +162,7 @@ def _mean(values: Array) -> Array:
     """(3,) mean of readings (n, 3) without those far off: a median would tell of a step within them the longer side."""
     middle = np.median(values, axis=0)
     apart = np.abs(values - middle)
-    usual = apart <= _OUTLIER * np.maximum(np.median(apart, axis=0), 1e-12)
+    usual = apart <= num.DIFF_OUTLIER * np.maximum(np.median(apart, axis=0), 1e-12)
     return np.asarray((values * usual).sum(axis=0) / usual.sum(axis=0))
 
 
@@ -191,20 +174,20 @@ def _weight(sensor: str, t: Array, off: Array, scatter: Array) -> Array:
     hardly moves it, nor does a steady drift, which is a fault's or a warming part's. A block in which readings scatter
     more, by scatter (B, 3), or which stands apart from those about it, is known by less.
     """
-    lags = (1, max(2, min(_LAGS, len(t) // 8)))
+    lags = (1, max(2, min(num.DIFF_MAX_LAG, len(t) // 8)))
     changes = [off[lag:] - off[:-lag] for lag in lags]
-    near, far = (np.median((one - np.median(one, axis=0)) ** 2, axis=0) / _OF_MEDIAN for one in changes)
+    near, far = (np.median((one - np.median(one, axis=0)) ** 2, axis=0) / num.CHI_SQUARE_MEDIAN for one in changes)
     once, often = (float(np.median(t[lag:] - t[:-lag])) for lag in lags)
-    walk = np.maximum((far - near) / max(often - once, 1e-9), _WALK[sensor] ** 2)
-    white = np.maximum(0.5 * (near - walk * once), _WHITE[sensor] ** 2)
-    usual = np.maximum(np.median(scatter, axis=0), _WHITE[sensor])
+    walk = np.maximum((far - near) / max(often - once, 1e-9), healthy.DIFF_MIN_WALK[sensor] ** 2)
+    white = np.maximum(0.5 * (near - walk * once), healthy.DIFF_MIN_NOISE[sensor] ** 2)
+    usual = np.maximum(np.median(scatter, axis=0), healthy.DIFF_MIN_NOISE[sensor])
     rough = np.maximum(scatter / usual, 1.0) ** 2
-    padded = np.concatenate([off[_ABOUT:0:-1], off, off[-2 : -_ABOUT - 2 : -1]])
-    apart = off - np.median(sliding_window_view(padded, 2 * _ABOUT + 1, axis=0), axis=2)
+    padded = np.concatenate([off[num.DIFF_REACH : 0 : -1], off, off[-2 : -num.DIFF_REACH - 2 : -1]])
+    apart = off - np.median(sliding_window_view(padded, 2 * num.DIFF_REACH + 1, axis=0), axis=2)
     own = np.maximum(white * rough, apart**2)
     since = np.minimum(t[:, None], t) - t[0]
     weight = np.linalg.inv(walk[:, None, None] * since + own.T[:, :, None] * np.eye(len(t)))
-    heard = np.cumsum(np.diff(t, prepend=t[0]) > _UNHEARD_S)
+    heard = np.cumsum(np.diff(t, prepend=t[0]) > num.DIFF_GAP_S)
     for part in np.unique(heard):
         total = weight[:, :, heard == part].sum(axis=2)
         weight = weight - total[:, :, None] * total[:, None, :] / total[:, heard == part].sum(axis=1)[:, None, None]

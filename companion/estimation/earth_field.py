@@ -7,12 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from companion.constants import healthy, num
 from companion.model import Array, Epoch, Origin
-
-_SECONDS_A_YEAR = 31556952.0
-_UNDATED = 2023.0  # where the log tells no date; the field turns by some 0.1° a year
-_LOCAL = 0.04  # 1σ of local anomalies and of a compass calibration's scale, as part of the field
-_FIRST, _LAST = 2010.0, 2030.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,8 +28,8 @@ def field_at(origin: Origin | None, epoch: Epoch | None) -> EarthField | None:
     """
     if origin is None or not np.isfinite([origin.latitude, origin.longitude, origin.height]).all():
         return None
-    year = 1970.0 + epoch.unix_s / _SECONDS_A_YEAR if epoch is not None and np.isfinite(epoch.unix_s) else _UNDATED
-    year = float(np.clip(year, _FIRST, _LAST - 0.1)) if year >= _FIRST else _UNDATED
+    year = 1970.0 + epoch.unix_s / num.YEAR_S if epoch is not None and np.isfinite(epoch.unix_s) else num.UNDATED_YEAR
+    year = float(np.clip(year, num.WMM_FIRST, num.WMM_LAST - 0.1)) if year >= num.WMM_FIRST else num.UNDATED_YEAR
     latitude, longitude = float(np.degrees(origin.latitude)), float(np.degrees(origin.longitude))
     if abs(latitude) > 89.99:
         return None
@@ -50,5 +46,5 @@ def _model(latitude: float, longitude: float, height: float, year: float) -> Ear
         glat=latitude, glon=longitude, alt=height * 1e-3, time=year, allow_date_outside_lifespan=True
     )
     ned = np.array([result.x, result.y, result.z]) * 1e-9
-    sigma = np.full(3, _LOCAL * float(np.linalg.norm(ned)))
+    sigma = np.full(3, healthy.FIELD_ANOMALY * float(np.linalg.norm(ned)))
     return EarthField(ned, sigma, float(np.radians(result.d)), float(np.radians(result.i)))

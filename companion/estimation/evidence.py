@@ -20,17 +20,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from companion.constants import harm, num, priors
 from companion.estimation.explanations import KINDS, Kind, kind_of
 from companion.estimation.model import Rival
 from companion.estimation.shapes import SLOPED
 from companion.model import Array
-
-_NUISANCES_PER_H = 10.0  # of each hypothesis: what parts in order show, every few minutes
-_BEATS_S = 5.0  # for which a vibration that is folded down may stay: its mean falls with the time beyond
-NUISANCE = 0.2  # 1σ of their sizes, of what is called harmful: at that size both are equally likely
-_SECONDS_PER_H = 3600.0
-_IMPOSSIBLE = -1e6  # log evidence
-_CANDIDATE, _DISTURBS = -3.0, 7.0  # log odds of a fault, and of a nuisance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +56,7 @@ class Trial:
     @property
     def worth_trying(self) -> bool:
         """Whether an estimate with it may show a fault, or take out what disturbs the others."""
-        return bool(_log_sum(self._cells()[:, 1]) > _CANDIDATE or self.log_odds > _DISTURBS)
+        return bool(_log_sum(self._cells()[:, 1]) > priors.CANDIDATE or self.log_odds > priors.LIKELY_NUISANCE)
 
     @property
     def fault(self) -> float:
@@ -80,7 +74,7 @@ class Trial:
 
     def _cells(self) -> Array:
         with np.errstate(divide="ignore"):
-            usual = self.kind.rate if self.kind.nuisance else _NUISANCES_PER_H
+            usual = self.kind.rate if self.kind.nuisance else priors.NUISANCES_PER_H
             rates = np.array([usual / len(self.kind.shapes), self.kind.rate_of(self.shape)]) * _hours(self.flight)
             return np.asarray(np.log(self.weight)[:, None] + np.log(rates) + self.log_bayes)
 
@@ -106,7 +100,7 @@ def grows_for(shape: str, onset: Array, end: Array, last: float) -> Array:
 
 
 def _hours(flight: tuple[float, float]) -> float:
-    return (flight[1] - flight[0]) / _SECONDS_PER_H
+    return (flight[1] - flight[0]) / num.HOUR_S
 
 
 def trial(
@@ -128,12 +122,12 @@ def trial(
     v = 0.5 * (v + v.swapaxes(-1, -2))
     large, size, covariance, axis = _of_scale(b, v, kind.prior / reached)
     if kind.nuisance:
-        small, large = large, np.full(len(b), _IMPOSSIBLE)
+        small, large = large, np.full(len(b), num.LOG_ZERO)
     else:
-        beat = aliased * np.minimum(_BEATS_S / np.maximum(np.minimum(end, flight[1]) - onset, 1e-3), 1.0)
-        small, *_ = _of_scale(b, v, np.maximum(NUISANCE * harmful(kind, shape, imu), beat) / reached)
+        beat = aliased * np.minimum(num.BEAT_S / np.maximum(np.minimum(end, flight[1]) - onset, 1e-3), 1.0)
+        small, *_ = _of_scale(b, v, np.maximum(harm.NUISANCE * harmful(kind, shape, imu), beat) / reached)
     possible = np.abs(size).max(axis=1) * reached <= kind.most
-    small, large = (np.where(possible, one, _IMPOSSIBLE) for one in (small, large))
+    small, large = (np.where(possible, one, num.LOG_ZERO) for one in (small, large))
     return Trial(kind, shape, onset, end, weight, np.stack([small, large], axis=1), size, covariance, axis, flight, imu)
 
 
@@ -201,14 +195,9 @@ def least_found(information: Array, kind: Kind, shape: str, hours: float, cell: 
     (the minimal detectable bias, W. Baarda 1968). cell: prior probability of the times about an onset.
     """
     sigma = kind.prior / reached
-    asked = 2.0 * (_ODDS - np.log(kind.rate_of(shape) * hours * cell) + np.log(6.0))
+    asked = 2.0 * (priors.ACCUSED_ODDS - np.log(kind.rate_of(shape) * hours * cell) + np.log(6.0))
     asked = np.maximum(asked + np.log1p(information * sigma**2), 0.0)
-    return np.asarray((np.sqrt(asked) + _QUANTILE) / np.sqrt(np.maximum(information, 1e-300)))
-
-
-ACCUSED = 0.95  # probability from which on a side is accused
-_ODDS = float(np.log(ACCUSED / (1.0 - ACCUSED)))
-_QUANTILE = 1.6449  # 95 % of a normal distribution, one-sided
+    return np.asarray((np.sqrt(asked) + num.Z_95) / np.sqrt(np.maximum(information, 1e-300)))
 
 
 def probabilities(rivals: Sequence[Rival]) -> dict[str, float]:

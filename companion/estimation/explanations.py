@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.estimation.differences import LIVELY, Differences
+from companion.constants import harm, num, priors
+from companion.estimation.differences import Differences
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, VELOCITY
 from companion.estimation.phrases import Phrase, by_axes, by_length, by_number, by_turn_of_the_field
 from companion.estimation.shapes import INTEGRAL, SLOPED
@@ -19,13 +20,9 @@ from companion.estimation.system import Measurement, Motion
 from companion.model import Array
 from companion.strapdown import quaternion, skew
 
-_RECOVERS = 1e-3  # of the IMU's faults, those that end in flight
 _SENSOR = {GYRO_BIAS.start: "gyro", ACCEL_BIAS.start: "accel"}
-_MOST_SCALE = 0.6  # a range that is set wrong by a factor of two is off by half
-_OFTEN = 8  # measurements, less than which show no change
 _DEGREES = float(np.degrees(1.0))
 _GPS = ("gps_position", "gps_height", "gps_velocity", "gps_climb")
-_HEIGHT_CREEPS = 15.0  # m, of a GPS in order, against which alone a barometer's height is known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +60,7 @@ class Problem:
     def told_often(self, name: str) -> Measurement | None:
         """The same of a witness that was heard often enough to show a change; None otherwise."""
         one = self.witness(name)
-        return one if one is not None and len(one.t) >= _OFTEN else None
+        return one if one is not None and len(one.t) >= num.KIND_MIN_READINGS else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +104,7 @@ class Kind:
         """Faults an hour of one of its shapes: an IMU that is off hardly ever recovers by itself."""
         if self.side != "imu":
             return self.rate / len(self.shapes)
-        return self.rate * (_RECOVERS if shape == "pulse" else 1.0)
+        return self.rate * (priors.RECOVERING_SHARE if shape == "pulse" else 1.0)
 
     def harmful(self, shape: str) -> float:
         """The size from which on it is a fault; of what grows, at its end."""
@@ -163,7 +160,8 @@ def _scale(block: slice) -> Callable[[Problem], Signature | None]:
             force = np.diff(problem.velocity, axis=0) / lasted - [0.0, 0.0, problem.gravity]
             felt = quaternion.rotate(quaternion.conjugate(q[:-1]), force)
         out = np.zeros((*problem.motion.residual.shape, 3))
-        lively = np.sqrt((felt**2).mean(axis=0)) > LIVELY[_SENSOR[block.start]]  # else it is the noise that is scaled
+        # else it is the noise that is scaled
+        lively = np.sqrt((felt**2).mean(axis=0)) > harm.LIVELY[_SENSOR[block.start]]
         out[:, :9] = problem.motion.transition[:, :9, block] * (felt * lively)[:, None, :]
         return Signature(out, {})
 
@@ -240,11 +238,11 @@ KINDS: tuple[Kind, ...] = (
     Kind("gyro_scale", "the gyro's scale changes",
          by_axes("gyro", "% of what it turns", 100.0, 1),
          "A gyro of wrong scale: check its range setting and its calibration.",
-         "imu", "", ("step", "pulse"), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position", rate=3e-4, most=_MOST_SCALE),
+         "imu", "", ("step", "pulse"), 0.3, 0.02, _scale(GYRO_BIAS), "gps_position", rate=3e-4, most=num.MAX_SCALE),
     Kind("accel_scale", "the accelerometer's scale changes",
          by_axes("accelerometer", "% of what it feels", 100.0, 1),
          "Calibrate the accelerometer in six positions.",
-         "imu", "", ("step", "pulse"), 0.1, 0.02, _scale(ACCEL_BIAS), "gps_position", rate=3e-4, most=_MOST_SCALE),
+         "imu", "", ("step", "pulse"), 0.1, 0.02, _scale(ACCEL_BIAS), "gps_position", rate=3e-4, most=num.MAX_SCALE),
     Kind("gyro_shock", "the gyro misses a turn, all at once",
          by_number("the gyro misses a turn of {:.0f} ± {:.0f}°", _DEGREES),
          _LOOK_AT_THE_MOUNTING,
@@ -261,7 +259,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("gps_height", "the GPS height jumps, creeps or is off for a time",
          by_length("the GPS height", "m"),
          "Usual under trees and beside walls; fly on the barometer.",
-         "gps", "m", ("step", "ramp", "pulse"), 50.0, 5.0, _shift("gps_height"), least_slow=_HEIGHT_CREEPS, rate=1.0),
+         "gps", "m", ("step", "ramp", "pulse"), 50.0, 5.0, _shift("gps_height"), least_slow=harm.CREEP_M, rate=1.0),
     Kind("gps_motion", "GPS velocity and position move as the vehicle does not",
          by_length("the GPS reports a motion that no other sensor feels: it", "m/s"),
          "Position and velocity go off together: look at the receiver, and at interference or spoofing.",
@@ -292,7 +290,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("barometer", "the barometer jumps or creeps",
          by_length("the barometer", "m"),
          "Shield it from wind and light.",
-         "barometer", "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift("barometer"), least_slow=_HEIGHT_CREEPS,
+         "barometer", "m", ("step", "ramp", "pulse"), 20.0, 4.0, _shift("barometer"), least_slow=harm.CREEP_M,
          rate=1.0),
 )  # fmt: skip
 """What may be wrong. An explanation that is not in this table does not exist."""

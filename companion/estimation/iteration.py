@@ -17,20 +17,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from companion.constants import num
 from companion.estimation.choice import Choice
 from companion.estimation.learned_noise import START, Change, coloured, learn, noise_limits
 from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
 from companion.estimation.measurements import SLOW
 from companion.estimation.model import CONSTANT_STATES, BestEstimate, ProcessNoise, States, corrected
-from companion.estimation.robust_weights import MOST_SHAKEN, outlier_weights, shocks
+from companion.estimation.robust_weights import outlier_weights, shocks
 from companion.estimation.setup import Setup
 from companion.estimation.system import Prior, misfit, squares
 from companion.model import Array, interpolated, nearest
 from companion.strapdown import preintegrate
-
-LITTLE = 1e-3  # of the misfit: no state moves by more than three hundredths of its σ
-_SHORTEST, _LONGEST = 0.1, 0.5  # of a step that is shortened once
-_SHORTENED = 2  # times, at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,19 +83,19 @@ class Step:
         linearised: makes the problem about a point. Raises numpy.linalg.LinAlgError where the misfit is no number
         there, however short the step.
         """
-        share, left = 1.0, _SHORTENED
+        share, left = 1.0, num.SHORTENED_TIMES
         while True:
             point = self.at(share)
             linear = linearised(point)
             higher = self.misfit_at(point, linear) - self.misfit
-            uphill = not higher <= LITTLE  # NaN is higher than anything
+            uphill = not higher <= num.CONVERGED_MISFIT  # NaN is higher than anything
             if not (uphill and left):
                 if not np.isfinite(higher):
                     raise np.linalg.LinAlgError("the misfit is not finite")
                 return point, linear, uphill
             del linear  # before the next is made, as large
             least = np.nan_to_num(self.gain * share**2 / (higher + 2.0 * self.gain * share))
-            share, left = float(np.clip(least, _SHORTEST * share, _LONGEST * share)), left - 1
+            share, left = float(np.clip(least, num.SHORTENED_MIN * share, num.SHORTENED_MAX * share)), left - 1
 
 
 def _misfit(linear: Linear, sizes: Array, weight: Array, information: Sequence[Array]) -> float:
@@ -118,18 +115,6 @@ def _misfit(linear: Linear, sizes: Array, weight: Array, information: Sequence[A
 
 def _of_prior(prior: Prior, states: Array, constants: Array) -> float:
     return float(((states / prior.sigma) ** 2).sum() + ((constants / prior.constants_sigma) ** 2).sum())
-
-
-PASSES = 20  # at most
-_LEARN_FROM = 1  # the pass after which densities are learned
-_WEIGHTS_FROM = 4  # the pass after which outliers weigh less, whether or not densities have settled
-_WEIGHTED = 2  # passes with such weights, at least
-_NEAR, SETTLED = 0.15, 0.05  # changes of the logarithm of a density
-_LEARNING = 0.1  # of the misfit, that may be left to gain while the noise still changes a little with every pass
-_POLISHED = 4  # passes with the noise that lasts, at most
-_FAR = (4e-3, 0.1)  # rad/s, m/s²: a bias further off than this changes the path by more than its first order
-_ROUGHLY = 5.0  # times as far it still changes it by less than the noise, for as long as that is being learned
-_OF_SENSOR = 6.0  # twice the logarithm of a likelihood, that the noise of a sensor of three axes has in an interval
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,7 +143,7 @@ def estimate(
     *,
     white: bool = False,
     polished: bool = True,
-    passes: int = PASSES,
+    passes: int = num.SMOOTHER_PASSES,
 ) -> tuple[Start, Linear]:
     """The iteration with what is accepted: where it settles, and the linear problem there.
 
@@ -167,7 +152,7 @@ def estimate(
     the noise as it is learned at last, for who needs more than the noise. passes: at most so many, before these.
     """
     noise, scale, slow, change = start.noise, dict(start.scale), dict(start.slow), dict[str, Change]()
-    weights, weighted, roughly = dict[str, Array](), 0, _ROUGHLY
+    weights, weighted, roughly = dict[str, Array](), 0, num.BIAS_LINEAR_LEARNING
     limits, path = limits or noise_limits(setup), carried(setup, start.states, start.path, roughly)
     wide, shaken = noise, np.ones_like(setup.relative_noise)
 
@@ -189,25 +174,25 @@ def estimate(
     point = Point(start.states, np.zeros(len(linear.prior.constants_sigma) - CONSTANT_STATES))
     for count in range(passes):
         step, largest = Step.of(linear, point.sizes), np.inf
-        if count >= _LEARN_FROM or start.near:
+        if count >= num.LEARN_FROM_PASS or start.near:
             noise, scale, slow, change = learn(linear, setup, noise, scale, slow, limits, change)
             wide, largest = noise, max(abs(one.size) for one in change.values())
-            if weighted or accepted or largest < _NEAR or count >= _WEIGHTS_FROM:
-                weights, shaken = outlier_weights(linear), np.minimum(shaken * shocks(linear), MOST_SHAKEN)
+            if weighted or accepted or largest < num.DENSITY_NEAR or count >= num.WEIGHTS_FROM_PASS:
+                weights, shaken = outlier_weights(linear), np.minimum(shaken * shocks(linear), num.SHAKEN_MAX)
                 weighted += 1
-        there = uphill or step.gain < _LEARNING  # as near as it comes
-        if (weighted >= _WEIGHTED and largest < SETTLED and there) or count == passes - 1:
+        there = uphill or step.gain < num.LEARNING_MISFIT  # as near as it comes
+        if (weighted >= num.WEIGHTED_PASSES and largest < num.DENSITY_SETTLED and there) or count == passes - 1:
             break
         del linear  # before the next is made: of a long flight two are more than all else
         point, linear, uphill = moved(step)
         del step  # its weights are as large as the motion of the next
     wide, roughly = noise if white else noise.louder(**coloured(linear)), 1.0
-    for _ in range(_POLISHED if polished else 0):
+    for _ in range(num.FINAL_PASSES if polished else 0):
         del linear
         point, linear, _ = moved(step)  # noqa: F821  (ruff takes the break above for none)
         del step  # noqa: F821
         step = Step.of(linear, point.sizes)
-        if step.gain < LITTLE:
+        if step.gain < num.CONVERGED_MISFIT:
             break
     return Start(step.at(1.0).states, noise, scale, slow, path), linear
 
@@ -215,13 +200,13 @@ def estimate(
 def likelihood(settled: Start, linear: Linear) -> float:
     """Twice the logarithm of the likelihood at the noise that was learned, but for a constant: what fits needs less."""
     noise, scale = settled.noise, settled.scale
-    of_imu = -_OF_SENSOR * len(linear.variance) * float(np.log(noise.gyro_noise) + np.log(noise.accel_noise))
+    of_imu = -num.LIKELIHOOD_3 * len(linear.variance) * float(np.log(noise.gyro_noise) + np.log(noise.accel_noise))
     return of_imu - 2.0 * sum(m.residual.size * float(np.log(scale[m.name])) for m in linear.measurements)
 
 
 def in_noise(more: float, intervals: int) -> float:
     """How many times less noise of both sensors makes so many intervals likelier by `more`, as `likelihood` has it."""
-    return float(np.exp(more / (2.0 * _OF_SENSOR * intervals)))
+    return float(np.exp(more / (2.0 * num.LIKELIHOOD_3 * intervals)))
 
 
 def carried(setup: Setup, states: States, before: CarriedImu | None, times: float = 1.0) -> CarriedImu:
@@ -232,7 +217,7 @@ def carried(setup: Setup, states: States, before: CarriedImu | None, times: floa
     bias = np.median(states.gyro_bias, axis=0), np.median(states.accel_bias, axis=0)
     if before is not None:
         apart = (np.abs(one - other).max() for one, other in zip(bias, before.bias, strict=True))
-        if all(one < times * far for one, far in zip(apart, _FAR, strict=True)):
+        if all(one < times * far for one, far in zip(apart, num.BIAS_LINEAR, strict=True)):
             return before
     return carry_imu(setup, bias)
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from companion.constants import healthy, num
 from companion.estimation.block_tridiagonal import roots
 from companion.estimation.explanations import KINDS
 from companion.estimation.linearisation import Linear
@@ -32,32 +33,7 @@ from companion.estimation.system import Index, measurement_residual, measurement
 from companion.model import Array, percentile
 from companion.strapdown import MOVED, quaternion
 
-START = ProcessNoise(gyro_noise=3e-3, accel_noise=5e-2, gyro_walk=1e-4, accel_walk=2e-3)
-"""Where learning begins: wide, some thirty times a data sheet, as vibration and aliasing make it. The walks are not
-learned: they are what warming parts show in flight (1.5 mrad/s and 0.03 m/s² in four minutes), and a walk that were
-free would swallow every fault."""
-
-
-LEAST_NOISE, MOST_NOISE = (5e-5, 1e-3), (0.5, 5.0)
-"""rad/s/√Hz, m/s²/√Hz: what may be learned of gyro and accelerometer."""
-
-
-_BELIEF = 1.0
-"""Readings' worth by which a density is believed beforehand to be what the spectrum shows: to a factor of two (1σ).
-A steady hover may tell nothing of the gyro's noise, and what is most likely is then none at all. A band in which the
-vehicle moves shows more, vibration folded down by the sampling less than what the integration meets."""
-
-_TRUNCATED_S = 0.2  # for so long the error of a reading that is cut to whole steps may stay the same
-_STRETCHES = 12  # of the flight
-_TYPICAL = 65.0  # percentile of the stretches: a third of a log may stand still, a third may hold a fault
-_RESTING, _FEWEST_MOVING = 1.0 / 3.0, 24  # part of a log, and intervals or readings in motion that tell without it
-_LAGS = 15
-_WHITER = 3.0  # times what shows between samples, of a filter that makes it less
-_MOST = 100.0  # of the scale of a witness' σ
-_LASTING = 8.0  # times what its readings scatter by: no noise
-_SLOW = 0.3  # ratio of one step to the one before, either way, from which on the series is summed
-_FURTHEST = np.log(10.0)
-_TIMES = 5.0  # further than a plain step, at most: a ratio near 1 is seldom that of a series
+START = ProcessNoise(**num.FIRST_PROCESS_NOISE)
 
 
 _OF_WITNESS = {kind.name: kind for kind in KINDS if kind.name in NOMINAL}
@@ -79,14 +55,14 @@ def noise_limits(setup: Setup) -> dict[str, tuple[float, float]]:
     """
     steps = (setup.imu.gyro_step, setup.imu.accel_step)
     limits = {
-        cause: (max(least, 0.5 * step * np.sqrt(_TRUNCATED_S)), most)
-        for cause, least, most, step in zip(CAUSES[:2], LEAST_NOISE, MOST_NOISE, steps, strict=True)
+        cause: (max(least, 0.5 * step * np.sqrt(num.TRUNCATED_S)), most)
+        for cause, (least, most), step in zip(CAUSES[:2], healthy.IMU_NOISE, steps, strict=True)
     }
     if any(one.name == "calm" for one in setup.readings):
         least, most = limits["accel_noise"]
         limits["accel_noise"] = (
             least,
-            float(np.clip(_WHITER * setup.scatter[1], least, most)),
+            float(np.clip(num.FILTERED_NOISE * setup.scatter[1], least, most)),
         )
     return limits
 
@@ -103,7 +79,7 @@ def scatter(setup: Setup) -> tuple[float, float]:
 def believing(limits: Mapping[str, tuple[float, float]], shown: tuple[float, float]) -> dict[str, tuple[float, float]]:
     """Limits within which the IMU is what its readings scatter by (`scatter`): as if the others were to blame."""
     return {
-        cause: (least, float(np.clip(_WHITER * one, least, most)))
+        cause: (least, float(np.clip(num.FILTERED_NOISE * one, least, most)))
         for (cause, (least, most)), one in zip(limits.items(), shown, strict=True)
     }
 
@@ -118,12 +94,12 @@ def lasting(setup: Setup, scale: Mapping[str, float], linear: Linear) -> dict[st
     limits = {}
     for one in linear.measurements:
         kind = _OF_WITNESS.get(one.name)
-        if kind is None or len(one.t) < _STRETCHES:
+        if kind is None or len(one.t) < num.NOISE_STRETCHES:
             continue
         in_order = max(kind.least, kind.least_slow) / 3.0
         steps = np.diff(measurement_residual(one, linear.solution), n=2, axis=0) / np.sqrt(6.0)
         shown = 1.4826 * float(np.median(np.abs(steps)))  # σ of what is normal, whatever a few steps are
-        if scale[one.name] * nominal[one.name] > max(in_order, _LASTING * shown):
+        if scale[one.name] * nominal[one.name] > max(in_order, num.AIDING_SCATTERS * shown):
             most = in_order / nominal[one.name]
             limits[one.name] = (min(LEAST[one.name] / nominal[one.name], 1.0, most), most)
     return limits
@@ -148,7 +124,7 @@ def learn(
     across_gaps = linear.variance[:, 0] > 0.1
     still = _at_rest(linear)
     usual = _telling(still[:-1] & still[1:], ~across_gaps | across_gaps.all())
-    count = max(1, min(_STRETCHES, len(usual) // 8))
+    count = max(1, min(num.NOISE_STRETCHES, len(usual) // 8))
     # what is off in the same way all through a stretch is a bias, and no noise
     e = _in_body(linear, solution.disturbances[0])[usual]
     e -= _means(e, count)
@@ -163,7 +139,7 @@ def learn(
     change: dict[str, Change] = {}
     for cause, expected in zip(CAUSES[:2], setup.spectral_noise, strict=True):
         own, v = MOVED[cause], linear.sums[cause][usual]
-        believed = _BELIEF / len(e) / noise.density(cause) ** 2
+        believed = num.DENSITY_PRIOR_READINGS / len(e) / noise.density(cause) ** 2
         above = np.einsum("ki,kij,kj->k", e[:, own], v, e[:, own]) + believed * (expected / noise.density(cause)) ** 2
         below = np.einsum("kij,kij->k", d[:, own, own], v) * (1.0 - count / len(e)) + believed
         step = _further(0.5 * np.log(_typical(above, below)), before.get(cause))
@@ -179,7 +155,7 @@ def learn(
         least = LEAST[one.name] / percentile(one.sigma.ravel() / scale[one.name], 50.0)
         told = _telling(still[one.keyframe])
         step = _further(0.5 * np.log(_typical(above[told], below[told])), before.get(one.name))
-        bounds = limits.get(one.name, (min(least, 1.0), _MOST))
+        bounds = limits.get(one.name, (min(least, 1.0), num.AIDING_MAX_SCALE))
         learned[one.name], change[one.name] = _changed(scale[one.name], step, bounds)
     wandering: dict[str, float] = {}
     for name, growth in _slow_errors(linear, setup, slow).items():
@@ -213,9 +189,9 @@ def _further(step: float, before: Change | None) -> Change:
     One that goes to and fro ends before its next step does. A step that is as far as a series leads begins none.
     """
     ratio = step / before.size if before is not None and before.plain and before.size else 0.0
-    goes_on = _SLOW < abs(ratio) < 1.0
-    times = min(1.0 / (1.0 - ratio), _TIMES) if goes_on else 1.0
-    return Change(float(np.clip(times * step, -_FURTHEST, _FURTHEST)), not goes_on)
+    goes_on = num.SERIES_RATIO < abs(ratio) < 1.0
+    times = min(1.0 / (1.0 - ratio), num.SERIES_MAX_STEPS) if goes_on else 1.0
+    return Change(float(np.clip(times * step, -num.SERIES_MAX_LOG, num.SERIES_MAX_LOG)), not goes_on)
 
 
 def _changed(value: float, step: Change, limits: tuple[float, float]) -> tuple[float, Change]:
@@ -253,8 +229,8 @@ def _telling(still: BoolArray, good: BoolArray | None = None) -> Index:
     """
     good = np.ones(len(still), np.bool_) if good is None else good
     moving = good & ~still
-    few = moving.sum() < _FEWEST_MOVING
-    return np.flatnonzero(good if few or still[good].mean() <= _RESTING else moving)
+    few = moving.sum() < num.MOVING_MIN_INTERVALS
+    return np.flatnonzero(good if few or still[good].mean() <= num.RESTING_SHARE else moving)
 
 
 def _stretches(count: int, parts: int) -> Index:
@@ -274,14 +250,14 @@ def _typical(above: Array, below: Array) -> float:
     """The ratio of the sums in a typical stretch, between 1/100 and 100; 1 where nothing says it."""
     if not len(above):
         return 1.0
-    count = min(_STRETCHES, len(above) // 8)
+    count = min(num.NOISE_STRETCHES, len(above) // 8)
     begin = _stretches(len(above), count if count >= 3 else 1)
     sums = np.add.reduceat(np.stack((above, below)), begin, axis=1)
     above, below = sums[:, np.isfinite(sums).all(axis=0) & (sums[1] > 0.0)]
     if not len(below):
         return 1.0
     ratio = above / np.maximum(below, above / 100.0)  # at most 100: a quotient of what is absurd overflows
-    return float(np.clip(percentile(ratio, _TYPICAL), 0.01, 100.0))
+    return float(np.clip(percentile(ratio, num.TYPICAL_PERCENTILE), 0.01, 100.0))
 
 
 def coloured(linear: Linear) -> dict[str, float]:
@@ -319,13 +295,13 @@ def _drawn(linear: Linear) -> Array:
 
 def _lasting(values: Array) -> float:
     """The root of the sum of the autocorrelation of values (M, d), in a typical stretch; at least 1."""
-    if len(values) < 4 * _LAGS:
+    if len(values) < 4 * num.CORRELATED_LAGS:
         return 1.0
     ratios = []
-    for part in np.array_split(values, len(values) // (4 * _LAGS)):
+    for part in np.array_split(values, len(values) // (4 * num.CORRELATED_LAGS)):
         rest = part - part.mean(axis=0)
         own = float((rest**2).sum())
-        lags = [float((rest[lag:] * rest[:-lag]).sum()) / max(own, 1e-300) for lag in range(1, _LAGS)]
+        lags = [float((rest[lag:] * rest[:-lag]).sum()) / max(own, 1e-300) for lag in range(1, num.CORRELATED_LAGS)]
         end = next((i for i, value in enumerate(lags) if value < 0.05), len(lags))
         ratios.append(1.0 + 2.0 * sum(lags[:end]))
     return float(np.sqrt(np.clip(np.median(ratios), 1.0, 36.0)))

@@ -8,10 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
+from companion.constants import healthy, num
 from companion.estimation.block_tridiagonal import inverses, scaled
 from companion.estimation.choice import Choice, with_choice
 from companion.estimation.explanations import Problem
-from companion.estimation.measurements import LONGEST_S, SLOW, Kinematics, measure, three_samples
+from companion.estimation.measurements import SLOW, Kinematics, measure, three_samples
 from companion.estimation.model import (
     ACCEL_BIAS,
     ATTITUDE,
@@ -37,22 +38,7 @@ from companion.estimation.system import (
 from companion.model import Array
 from companion.strapdown import MOVED, Preintegration, error_sums, preintegrate, quaternion, skew
 
-BIAS_SIGMA = (0.02, 0.08)  # rad/s, m/s², 1σ at the first keyframe: what real parts show (config/imu/README.md)
-
-
-_GAP = (2.0, 30.0, 100.0)  # rad, m/s, m per s: what may happen while the IMU is not heard
-
-
-_APART_S = 0.1  # of three samples about a keyframe, among which its fix was taken
-
-
 _NOTHING = np.zeros(0)
-
-
-_ANEW_S = 60.0  # unheard for so long, an IMU may have been calibrated anew or have cooled: its bias is as at first
-
-
-_FLOOR = np.repeat([1e-6, 2e-5, 2e-5, 1e-9, 1e-8], 3) ** 2  # of the process noise, for its inverse
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +82,7 @@ def carry_imu(setup: Setup, bias: tuple[Array, Array]) -> CarriedImu:
     raw = error_sums(track, path, setup.index[:-1], setup.index[1:])
     read = [readings.sample.ravel() for readings in setup.readings]
     count = len(setup.index) - 1
-    about = three_samples(track, setup.index, _APART_S, before=1)
+    about = three_samples(track, setup.index, num.FIX_SAMPLES_S, before=1)
     path = path.at(np.unique(np.concatenate([setup.index, about.ravel(), *read])))
     return CarriedImu(
         bias,
@@ -126,13 +112,14 @@ def linearise(
     sizes: (m,) what they were found to be so far, where they were.
     """
     turn = _turn(setup, path, states)
-    covariance, sums = np.tile(np.diag(_FLOOR), (len(path.transition), 1, 1)), _sums(setup, path)
+    floor = np.diag(np.repeat(num.STEP_FLOOR, 3) ** 2)
+    covariance, sums = np.tile(floor, (len(path.transition), 1, 1)), _sums(setup, path)
     for cause, own in MOVED.items():
         covariance[:, own, own] += noise.density(cause) ** 2 * sums[cause]
     if setup.broken.any():
         lasted = np.diff(setup.t)[setup.broken][:, None]
-        unheard = np.minimum(lasted / _ANEW_S, 1.0)
-        wander = [w * (1 + lasted) for w in _GAP] + [w * unheard for w in BIAS_SIGMA]
+        unheard = np.minimum(lasted / healthy.BIAS_RENEWED_S, 1.0)
+        wander = [w * (1 + lasted) for w in healthy.UNHEARD_MOTION] + [w * unheard for w in healthy.BIAS_SIGMA]
         wide = np.concatenate([np.repeat(one, 3, axis=1) for one in wander], axis=1)
         covariance[setup.broken] += wide[:, :, None] ** 2 * np.eye(STATES)
     back = turn.swapaxes(-1, -2)
@@ -274,7 +261,7 @@ def _kinematics(setup: Setup, path: CarriedImu, states: States) -> Kinematics:
     velocity -= s.velocity[:, None]
     position -= s.position[:, None] + s.velocity[:, None] * when[..., None]
     beside_gap = np.concatenate(([False], setup.broken)) | np.concatenate((setup.broken, [False]))
-    heard = (when[:, 2] - when[:, 0] < LONGEST_S) & ~beside_gap  # across a gap the IMU tells nothing
+    heard = (when[:, 2] - when[:, 0] < num.GAP_S) & ~beside_gap  # across a gap the IMU tells nothing
     velocity *= heard[:, None, None]
     position *= heard[:, None, None]
     velocity[..., 2] -= setup.gravity * when
@@ -308,7 +295,7 @@ def _prior(setup: Setup, states: States, slow: Mapping[str, float]) -> Prior:
     residual = np.zeros(STATES)
     residual[GYRO_BIAS], residual[ACCEL_BIAS] = -states.gyro_bias[0], -states.accel_bias[0]
     residual = np.concatenate((residual, -states.slow[0]))
-    sigma = np.concatenate((np.repeat([1.0, 30.0, 100.0, *BIAS_SIGMA], 3), _slow_sigma(setup, slow)))
+    sigma = np.concatenate((np.repeat([1.0, 30.0, 100.0, *healthy.BIAS_SIGMA], 3), _slow_sigma(setup, slow)))
     return Prior(residual, sigma, setup.constants - states.constants, setup.constants_sigma)
 
 

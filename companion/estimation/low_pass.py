@@ -13,16 +13,10 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from companion.constants import num
 from companion.model import Array, ImuTrack, interpolated
 
 BoolArray = npt.NDArray[np.bool_]
-
-_OF_RATE, _OF_CORNER = 0.4, 2.0  # the highest frequency that is given back, whichever is less
-_LEAST = 0.5  # of the corner: below it hardly anything was taken away
-_STEEPNESS = 8
-_LASTS = 4.0  # of the filter's 1 / f: what it does to a sample is over then
-_FREQUENCIES = 2048
-_SLOW_S = 0.2  # what lasts for longer is no shaking
 
 
 def undelayed(track: ImuTrack) -> ImuTrack:
@@ -55,7 +49,7 @@ def restored(track: ImuTrack, gaps: BoolArray) -> ImuTrack:
 def hides_shaking(track: ImuTrack) -> bool:
     """Whether some of what the gyro's low-pass took away is not given back: its corner is not known, or not sampled."""
     corner = track.gyro_low_pass_hz
-    return corner is None or corner > _OF_RATE * track.rate_hz
+    return corner is None or corner > num.RESTORED_OF_RATE * track.rate_hz
 
 
 def coning(track: ImuTrack, begin: float, end: float) -> Array:
@@ -68,8 +62,8 @@ def coning(track: ImuTrack, begin: float, end: float) -> Array:
 
 
 def shaking(track: ImuTrack) -> tuple[Array, Array]:
-    """(N, 3) rad/s, (N, 3) rad: the rates, and the turns, that are quicker than `_SLOW_S`."""
-    span = max(1, min(round(_SLOW_S * track.rate_hz), len(track)))
+    """(N, 3) rad/s, (N, 3) rad: the rates, and the turns, that are quicker than `num.VEHICLE_MOTION_S`."""
+    span = max(1, min(round(num.VEHICLE_MOTION_S * track.rate_hz), len(track)))
     rate = _less_its_mean(track.gyro, span)
     steps = np.diff(track.t)[:, None] * 0.5 * (rate[1:] + rate[:-1])
     return rate, _less_its_mean(np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]), span)
@@ -91,8 +85,8 @@ def _corners(track: ImuTrack) -> tuple[float, float] | None:
 
 def _given_back(track: ImuTrack, read: Array, corner_hz: float, gaps: BoolArray) -> Array:
     """Readings (N, 3) with the amplitudes that they had before a Butterworth low-pass of second order."""
-    highest = min(_OF_RATE * track.rate_hz, _OF_CORNER * corner_hz)
-    if corner_hz <= 0 or highest < _LEAST * corner_hz:
+    highest = min(num.RESTORED_OF_RATE * track.rate_hz, num.RESTORED_OF_CORNER * corner_hz)
+    if corner_hz <= 0 or highest < num.RESTORED_MIN_OF_CORNER * corner_hz:
         return read
     kernel = _kernel(corner_hz, highest, track.rate_hz)
     reach = len(kernel) // 2
@@ -105,10 +99,10 @@ def _given_back(track: ImuTrack, read: Array, corner_hz: float, gaps: BoolArray)
 
 def _kernel(corner_hz: float, highest_hz: float, rate_hz: float) -> Array:
     """(2 M + 1,) whose convolution undoes the low-pass up to a frequency, and leaves what is constant as it is."""
-    f = np.fft.rfftfreq(2 * _FREQUENCIES, 1.0 / rate_hz)
+    f = np.fft.rfftfreq(2 * num.FILTER_FREQUENCIES, 1.0 / rate_hz)
     s = 1j * f / corner_hz
     undone = (1.0 + np.sqrt(2.0) * s + s**2) * np.exp(-np.sqrt(2.0) * s)  # without the delay, by which times are moved
-    response = 1.0 + (undone - 1.0) / (1.0 + (f / highest_hz) ** _STEEPNESS)
-    reach = min(int(np.ceil(_LASTS * rate_hz / corner_hz)), _FREQUENCIES - 1)
+    response = 1.0 + (undone - 1.0) / (1.0 + (f / highest_hz) ** num.RESTORED_ORDER)
+    reach = min(int(np.ceil(num.FILTER_LASTS * rate_hz / corner_hz)), num.FILTER_FREQUENCIES - 1)
     kernel = np.roll(np.fft.irfft(response), reach)[: 2 * reach + 1] * np.hanning(2 * reach + 3)[1:-1]
     return np.asarray(kernel / kernel.sum())

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from companion.constants import healthy, num
 from companion.estimation.model import (
     ATTITUDE,
     CONSTANT_STATES,
@@ -28,8 +29,6 @@ from companion.estimation.model import (
 from companion.estimation.system import Index, Measurement
 from companion.model import Array, GpsTrack, ImuTrack, nearest, ned_from_geodetic
 from companion.strapdown import Preintegration, quaternion, skew
-
-MICROTESLA = 1e6
 
 NOMINAL: Mapping[str, float] = {
     "gps_position": 1.0,  # m, horizontal
@@ -62,10 +61,6 @@ UNITS: Mapping[str, str] = {
     "gps_position": "m", "gps_height": "m", "gps_velocity": "m/s", "gps_climb": "m/s", "compass": "µT",
     "barometer": "m", "rest_velocity": "m/s", "rest_rate": "rad/s", "calm": "m/s",
 }  # fmt: skip
-
-
-GPS_LATENCY_S = 0.1  # of an ordinary receiver: keyframes stand where its fixes were taken, as far as that is known
-LONGEST_S = 0.6  # between three samples from which a moment between them is read: two that lie further apart: a gap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,7 +193,7 @@ def three_samples(track: ImuTrack, samples: Index, apart_s: float, *, before: in
 
 
 def _usual_latency(name: str) -> float:
-    return GPS_LATENCY_S if name.startswith("gps") else 0.0
+    return healthy.GPS_LATENCY_S if name.startswith("gps") else 0.0
 
 
 def measure(one: Readings, states: States, at: Kinematics, path: Preintegration, index: Index) -> Measurement:
@@ -228,7 +223,7 @@ def _gps(one: Readings, states: States, at: Kinematics, h: Array, h_c: Array) ->
     k = one.keyframe
     lever = states.constant("lever_arm")
     heard = at.heard[k]  # else a velocity that nobody tells would go with the latency
-    late = one.t - one.late - at.t[k] - np.where(heard, states.constant("gps_latency")[0], GPS_LATENCY_S)
+    late = one.t - one.late - at.t[k] - np.where(heard, states.constant("gps_latency")[0], healthy.GPS_LATENCY_S)
     matrix = quaternion.to_matrix(states.q_ned_frd[k])
     rows = slice(2, 3) if one.name in ("gps_height", "gps_climb") else slice(0, 2)
     if one.name in ("gps_position", "gps_height"):
@@ -263,7 +258,7 @@ def _compass(one: Readings, states: States, path: Preintegration, index: Index, 
     start, samples = path.row(index[one.keyframe]), path.row(one.sample)
     turned = quaternion.log(quaternion.multiply(quaternion.conjugate(path.q[start])[:, None], path.q[samples]))
     when = path.t[samples]
-    across_gap = when[:, 2] - when[:, 0] > LONGEST_S
+    across_gap = when[:, 2] - when[:, 0] > num.GAP_S
     turned[across_gap] = turned[across_gap, 2:]
     angle, rate = _through(when, turned, one.t - states.constant("compass_latency"))
     q = quaternion.multiply(states.q_ned_frd[one.keyframe], quaternion.exp(angle))

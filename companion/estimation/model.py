@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from companion.constants import num
 from companion.estimation.block_tridiagonal import Factor
 from companion.model import Array, ImuTrack, Origin, interpolated, nearest
 from companion.strapdown import preintegrate, quaternion
@@ -15,7 +16,7 @@ from companion.strapdown import preintegrate, quaternion
 ATTITUDE, VELOCITY, POSITION, GYRO_BIAS, ACCEL_BIAS = (slice(i, i + 3) for i in range(0, 15, 3))
 """Places in the error of a keyframe, truth minus estimate: rad and m/s and m in NED, rad/s and m/s² in FRD."""
 
-STATES = 15
+STATES = ACCEL_BIAS.stop
 
 CONSTANTS: Mapping[str, tuple[slice, float]] = {
     "earth_field": (slice(0, 3), 8.0),  # µT, NED; the world model's own σ is set where it is known
@@ -30,12 +31,9 @@ CONSTANTS: Mapping[str, tuple[slice, float]] = {
 }
 """Constant of the flight → its place among the constants, and the 1σ of its prior."""
 
-CONSTANT_STATES = 39
+CONSTANT_STATES = max(place.stop for place, _ in CONSTANTS.values())
 
 CAUSES = ("gyro_noise", "accel_noise", "gyro_walk", "accel_walk")
-
-
-_BEYOND = 8.0  # times what the readings scatter by: more is learned of no sensor whose axes are right
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +56,8 @@ class ProcessNoise:
     def contradicts(self, scatter: tuple[float, float]) -> bool:
         """Whether gyro or accelerometer needs far more than its readings scatter by, in the same units."""
         return any(
-            own > _BEYOND * shown for own, shown in zip((self.gyro_noise, self.accel_noise), scatter, strict=True)
+            own > num.NOISE_BEYOND * shown
+            for own, shown in zip((self.gyro_noise, self.accel_noise), scatter, strict=True)
         )
 
 

@@ -21,24 +21,11 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from companion.constants import healthy, num
 from companion.estimation.spectrum import frequencies, neighbourhoods, periodograms, segment_length, segments
 from companion.model import Array, ImuTrack
 
-_SLOWEST_HZ = 3.0  # below it a vehicle moves
-_FASTEST_HZ = 10.0  # well below the corner of ArduPilot's filters, which are 20 Hz where nobody has changed them
-_NARROWEST_HZ = 1.5  # a band narrower than this says nothing
-_SEGMENT_S = 2.0  # short, so that a manoeuvre is in few of them
-_MOST_SEGMENTS = 512  # as many as a median needs, spread evenly over the flight
-_FEWEST_SEGMENTS = 4
-_QUIET = 0.25  # quantile over the frequencies: up to three quarters of them may hold vibration or motion
-_TWO_VALUES = 0.85  # share of the readings that two values have when noise is half a step
-_MOSTLY_ZERO = 0.3
-_HIDDEN = 0.5  # steps of noise that they hide
-_BLOCKS = 8  # of time, for the standard error
 _WINDOW = "blackmanharris"  # its side lobes are 92 dB down: noise of a ten-thousandth of the motion is seen beside it
-_VISIBLE = 300.0  # a filter's fall is fitted to 25 dB below its pass band: further down digital and analogue part ways
-_OWN = 0.5  # of what a gyro shows above 3 Hz: the rest is the vehicle, which its controller keeps turning a little
-_EFFICIENCY = 0.48  # of the median of an exponential variable beside its mean: ln²2
 _NORMAL = NormalDist()
 
 
@@ -99,11 +86,11 @@ def white_noise(
     band = _band(rate, how)
     if band is None:
         return None
-    length = max(round(_SEGMENT_S * rate), 2)
+    length = max(round(num.NOISE_SEGMENT_S * rate), 2)
     begin = segments(track.t, gap_s, length)
-    if len(begin) < _FEWEST_SEGMENTS:
+    if len(begin) < num.NOISE_MIN_SEGMENTS:
         return None
-    begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), _MOST_SEGMENTS)).round().astype(np.int64)]
+    begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), num.NOISE_MAX_SEGMENTS)).round().astype(np.int64)]
     values, step = (track.gyro, track.gyro_step) if sensor == "gyro" else (track.accel, track.accel_step)
     f = frequencies(length, rate)
     inside = (f >= band[0]) & (f <= band[1])
@@ -111,12 +98,13 @@ def white_noise(
     gain = folded_gain(f[inside], rate, how)
     grid = step**2 / (12.0 * rate)
     density = _density(power, gain, grid)
-    blocks = np.array_split(np.arange(len(begin)), min(_BLOCKS, len(begin) // 2))
+    blocks = np.array_split(np.arange(len(begin)), min(num.NOISE_BLOCKS, len(begin) // 2))
     without = np.array([_density(np.delete(power, block, axis=0), gain, grid) for block in blocks])
     sigma = np.sqrt((1.0 - 1.0 / len(blocks)) * np.square(without - without.mean(axis=0)).sum(axis=0))  # jackknife
     total = float(np.sqrt(folded_gain(np.zeros(1), rate, how)[0]))
     hidden = density**2 < grid  # less than the steps' own noise: it cannot be told from it
-    half = _HIDDEN * step * total / np.sqrt(_bandwidth(rate, how))  # more than this would show through the steps
+    # more than this would show through the steps
+    half = num.HIDDEN * step * total / np.sqrt(_bandwidth(rate, how))
     sampled = np.where(hidden, np.maximum(half, np.sqrt(density**2 + grid)), density * total)
     known = how.kind != "point" or how.source == "spectrum"
     return WhiteNoise(sampled, density if known else None, sigma * total, band, hidden)
@@ -129,7 +117,8 @@ def spectral_noise(track: ImuTrack, gap_s: float) -> tuple[float, float]:
     """
     gyro, accel = (white_noise(track, sensor, gap_s) for sensor in ("gyro", "accel"))
     return (
-        _OWN * (scatter_between_samples(track.gyro, track.rate_hz) if gyro is None else _together(gyro.sampled)),
+        healthy.GYRO_SHARE
+        * (scatter_between_samples(track.gyro, track.rate_hz) if gyro is None else _together(gyro.sampled)),
         scatter_between_samples(track.accel, track.rate_hz) if accel is None else _together(accel.sampled),
     )
 
@@ -157,9 +146,9 @@ def confirmed_sampling(track: ImuTrack, gap_s: float) -> Sampling:
     """
     told, rate, length = sampling_of(track), track.rate_hz, segment_length(max(track.rate_hz, 1.0))
     begin = segments(track.t, gap_s, length)
-    if len(begin) < 2 * _FEWEST_SEGMENTS or rate < 4.0 * _NARROWEST_HZ:
+    if len(begin) < 2 * num.NOISE_MIN_SEGMENTS or rate < 4.0 * num.NOISE_MIN_BAND_HZ:
         return told
-    begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), _MOST_SEGMENTS)).round().astype(np.int64)]
+    begin = begin[np.linspace(0, len(begin) - 1, min(len(begin), num.NOISE_MAX_SEGMENTS)).round().astype(np.int64)]
     f = frequencies(length, rate)
     used = slice(2, len(f) - 1)
     clear: list[Array] = []
@@ -188,7 +177,7 @@ def quantisation_bound(readings: Array, step: float, rate_hz: float, sampling: S
     order = np.argsort(counts)[::-1]
     share = float(counts[order[0]] / len(readings))
     zero = values[order[0]] == 0
-    if counts[order[:2]].sum() < _TWO_VALUES * len(readings) and not (zero and share > _MOSTLY_ZERO):
+    if counts[order[:2]].sum() < num.TWO_VALUES_SHARE * len(readings) and not (zero and share > num.MOSTLY_ZERO_SHARE):
         return None
     outside = 1.0 - share
     outside += (3.0 + 2.0 * np.sqrt(outside * len(readings))) / len(
@@ -224,7 +213,7 @@ def _judged(told: Sampling, corner: float | None, rate: float) -> Sampling:
 def _best_shape(power: Array, shapes: Array, count: int) -> int | None:
     """Which of the logarithms of shapes (S, F) a density (F,) of `count` segments follows; None where it is flat."""
     smooth = np.median(neighbourhoods(power, 9), axis=-1)
-    fallen = np.flatnonzero(smooth < smooth[: max(len(power) // 50, 9)].mean() / _VISIBLE)
+    fallen = np.flatnonzero(smooth < smooth[: max(len(power) // 50, 9)].mean() / num.FILTER_VISIBLE)
     end = int(fallen[0]) if len(fallen) else len(power)
     logarithm = np.log(power[:end])
     costs = np.var(logarithm - shapes[:, :end], axis=1)
@@ -237,30 +226,25 @@ def _best_shape(power: Array, shapes: Array, count: int) -> int | None:
 
 def _band(rate: float, how: Sampling) -> tuple[float, float] | None:
     """From 3 Hz to half the filter's corner, at most 10 Hz and below half the rate; None where that is too narrow."""
-    fastest = min(_FASTEST_HZ, max(0.5 * how.corner_hz, 5.0) if how.corner_hz else np.inf, 0.45 * rate)
-    return (_SLOWEST_HZ, fastest) if fastest - _SLOWEST_HZ >= _NARROWEST_HZ else None
+    fastest = min(num.NOISE_MAX_HZ, max(0.5 * how.corner_hz, 5.0) if how.corner_hz else np.inf, 0.45 * rate)
+    return (num.VEHICLE_MOTION_HZ, fastest) if fastest - num.VEHICLE_MOTION_HZ >= num.NOISE_MIN_BAND_HZ else None
 
 
 def _density(power: Array, gain: Array, grid: float) -> Array:
     """N (3,) before folding from one-sided densities (S, F, 3), G (F,) and what the steps of the readings add, N²."""
     typical = np.median(power, axis=0) / np.log(2.0)  # the median of an exponential variable of mean 1 is ln 2
     each = (0.5 * typical - grid) / gain[:, None]
-    lower = _quiet_share(max(2.0 * len(power) * _EFFICIENCY, 1.0))
-    return np.asarray(np.sqrt(np.maximum(np.quantile(each, _QUIET, axis=0) / lower, 0.0)))
+    lower = _quiet_share(max(2.0 * len(power) * num.MEDIAN_EFFICIENCY, 1.0))
+    return np.asarray(np.sqrt(np.maximum(np.quantile(each, num.NOISE_QUANTILE, axis=0) / lower, 0.0)))
 
 
 def _quiet_share(freedom: float) -> float:
-    """The quantile `_QUIET` of a χ² variable over its mean, its degrees of freedom (E. B. Wilson, M. M. Hilferty 1931).
+    """`num.NOISE_QUANTILE` of χ² over its mean, its degrees of freedom (E. B. Wilson, M. M. Hilferty 1931).
 
     Within 1 % from 4 degrees of freedom on, 4 % below. SciPy has it exactly, for 27 MB and 0.1 s of every verdict.
     """
     narrow = 2.0 / (9.0 * freedom)
-    return float((1.0 - narrow + _NORMAL.inv_cdf(_QUIET) * np.sqrt(narrow)) ** 3)
-
-
-ALIASED = 0.25  # 1σ of a slow error, as part of the scatter of readings that are sampled too slowly for it
-_WHOLE, _TURNS = 0.7, 0.2  # part of the sampling interval; rad/s, below which a scale hardly shows
-_SAMPLED_SLOWLY = 0.4  # corner of the low-pass, as part of the sampling rate
+    return float((1.0 - narrow + _NORMAL.inv_cdf(num.NOISE_QUANTILE) * np.sqrt(narrow)) ** 3)
 
 
 def aliasing(track: ImuTrack) -> dict[str, float]:
@@ -270,20 +254,15 @@ def aliasing(track: ImuTrack) -> dict[str, float]:
     readings that are means over the whole of their interval, or filtered well below the sampling rate.
     """
     how = sampling_of(track)
-    averaged = (how.interval_s or 0.0) > _WHOLE / track.rate_hz
-    if averaged or (how.corner_hz and how.corner_hz < _SAMPLED_SLOWLY * track.rate_hz):
+    averaged = (how.interval_s or 0.0) > num.MEAN_OF_INTERVAL / track.rate_hz
+    if averaged or (how.corner_hz and how.corner_hz < num.ALIASED_CORNER * track.rate_hz):
         return {}
     out = {}
-    for sensor, readings, least in (("gyro", track.gyro, _TURNS), ("accel", track.accel, 0.0)):
-        scatter = ALIASED * float(np.linalg.norm(between_samples(readings)))
+    for sensor, readings, least in (("gyro", track.gyro, healthy.SCALE_SHOWS_RPS), ("accel", track.accel, 0.0)):
+        scatter = healthy.ALIASED * float(np.linalg.norm(between_samples(readings)))
         out[f"{sensor}_bias"] = scatter
         out[f"{sensor}_scale"] = scatter / max(float(np.sqrt((readings**2).sum(axis=1).mean())), least, 1e-9)
     return out
-
-
-_FEWEST_DIFFERENCES = 8
-_AROUND_S = 1.5  # s either way, over which the noise is taken as one: vibration changes with throttle, in seconds
-_LEAST_SCATTER, _MOST_SCATTER = 0.1, 30.0  # times the median: bias walk and timing remain where nothing shakes
 
 
 def relative_scatter(track: ImuTrack, t: Array, longest_s: float) -> Array:
@@ -295,7 +274,7 @@ def relative_scatter(track: ImuTrack, t: Array, longest_s: float) -> Array:
     middle, dt = 0.5 * (t[1:] + t[:-1]), np.diff(track.t)
     whole = np.maximum(dt[1:], dt[:-1]) <= longest_s
     when = track.t[1:-1]
-    first, last = np.searchsorted(when, middle - _AROUND_S), np.searchsorted(when, middle + _AROUND_S)
+    first, last = np.searchsorted(when, middle - num.SCATTER_S), np.searchsorted(when, middle + num.SCATTER_S)
     count = np.concatenate([[0], np.cumsum(whole)])
     out = np.ones((len(middle), 2))
     for column, (readings, step) in enumerate(((track.gyro, track.gyro_step), (track.accel, track.accel_step))):
@@ -303,9 +282,9 @@ def relative_scatter(track: ImuTrack, t: Array, longest_s: float) -> Array:
         total = np.concatenate([[0.0], np.cumsum(square)])
         number = count[last] - count[first]
         variance = (total[last] - total[first]) / np.maximum(number, 1) + 3.0 * step**2 / 12.0
-        known = (number >= _FEWEST_DIFFERENCES) & (variance > 0.0)
+        known = (number >= num.SCATTER_MIN_DIFFERENCES) & (variance > 0.0)
         if known.any():
             scatter = np.sqrt(np.where(known, variance, 1.0))
             usual = np.median(scatter[known])
-            out[known, column] = np.clip(scatter[known] / usual, _LEAST_SCATTER, _MOST_SCATTER)
+            out[known, column] = np.clip(scatter[known] / usual, *num.SCATTER_RANGE)
     return out

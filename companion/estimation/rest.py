@@ -5,16 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from companion.constants import healthy, num
 from companion.model import STANDARD_GRAVITY, Array, Flight, GpsTrack, ImuTrack, ned_from_geodetic
-
-_LOUDER = 2.0  # than the quietest tenth, and still quiet
-_MOST = (0.01, 0.15)  # rad/s, m/s²: a spread that nothing at rest has
-_FORCE = 0.8  # of gravity, more or less: an accelerometer may be wrong
-_TURNING = 0.1  # rad/s about the vertical, which gravity does not show; about the other axes it would turn
-_MOVING_MPS = 0.5
-_DRIFTED, _AGREES = 1.0, 0.5  # m by the GPS velocity, and the part of it by which the position may say otherwise
-_NEIGHBOURS = 5  # keyframes before and after
-_TURNED = 12.0  # standard errors of a mean force by which neighbours differ where gravity turns: noise has colours
 
 
 def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
@@ -36,23 +28,24 @@ def at_rest(flight: Flight, track: ImuTrack, t: Array) -> tuple[Array, Array, np
         mean.append(average)
         spread.append(np.sqrt(np.maximum(variance, 0.0)).max(axis=1))
     still = np.zeros(len(t), np.bool_) if armed is None else ~armed  # where nothing is said of them, motors may run
-    for quiet, step, most in ((spread[0], track.gyro_step, _MOST[0]), (spread[1], track.accel_step, _MOST[1])):
-        still &= quiet < min(most, max(_LOUDER * float(np.percentile(quiet, 10.0)), 0.6 * step, 0.2 * most))
+    steps = (track.gyro_step, track.accel_step)
+    for quiet, step, most in zip(spread, steps, healthy.REST_CHANGE, strict=True):
+        still &= quiet < min(most, max(healthy.REST_LOUDER * float(np.percentile(quiet, 10.0)), 0.6 * step, 0.2 * most))
     felt = np.linalg.norm(mean[1], axis=1)
-    still &= np.abs(felt - STANDARD_GRAVITY) < _FORCE * STANDARD_GRAVITY
-    still &= np.abs((mean[0] * mean[1]).sum(axis=1)) < _TURNING * felt
+    still &= np.abs(felt - STANDARD_GRAVITY) < healthy.REST_FORCE * STANDARD_GRAVITY
+    still &= np.abs((mean[0] * mean[1]).sum(axis=1)) < healthy.REST_TURN_RPS * felt
     for gps in flight.gps[:1]:
         speed = np.linalg.norm(gps.velocity[:, :2], axis=1)
         good = np.isfinite(speed) & (gps.fix_type >= 3)
         if good.sum() > 1:
-            still &= np.interp(t, gps.t[good], speed[good]) < _MOVING_MPS
+            still &= np.interp(t, gps.t[good], speed[good]) < healthy.REST_MPS
             still &= ~_drifting(gps, good, t, still)
     # the neighbours have to rest too: nothing begins or ends here
     calm = still.copy()
     calm[1:] &= still[:-1]
     calm[:-1] &= still[1:]
     own = [values * np.sqrt(2.0 / count[:, 0]) for values in spread]
-    calm &= _change(mean[1], still) < _TURNED * own[1]  # else gravity turns
+    calm &= _change(mean[1], still) < healthy.REST_FORCE_SIGMAS * own[1]  # else gravity turns
     return mean[0], np.maximum(own[0], 0.5 * _change(mean[0], still)), np.asarray(calm)
 
 
@@ -73,7 +66,7 @@ def _drifting(
     ends = np.clip(np.searchsorted(when, t[edges - [0, 1]]), 0, len(when) - 1)
     told, seen = (both[ends[:, 1]] - both[ends[:, 0]] for both in (path, place))
     far = np.linalg.norm(told, axis=1)
-    drifts = (far > _DRIFTED) & (np.linalg.norm(seen - told, axis=1) < _AGREES * far)
+    drifts = (far > healthy.REST_DRIFT_M) & (np.linalg.norm(seen - told, axis=1) < healthy.REST_DRIFT_CONFIRMED * far)
     out = np.zeros(len(t), np.bool_)
     for first, last in edges[drifts].tolist():
         out[first:last] = True
@@ -86,10 +79,10 @@ def _change(means: Array, still: npt.NDArray[np.bool_]) -> Array:
     A vehicle that sways on its legs, or is carried, is as quiet for a moment as one that stands. Half of what its rate
     changes by is how far it may be from a bias.
     """
-    padded = np.full((len(means) + 2 * _NEIGHBOURS, 3), np.nan)
-    padded[_NEIGHBOURS : len(means) + _NEIGHBOURS][still] = means[still]
+    padded = np.full((len(means) + 2 * num.REST_NEIGHBOURS, 3), np.nan)
+    padded[num.REST_NEIGHBOURS : len(means) + num.REST_NEIGHBOURS][still] = means[still]
     highest, lowest = means.copy(), means.copy()
-    for first in range(2 * _NEIGHBOURS + 1):
+    for first in range(2 * num.REST_NEIGHBOURS + 1):
         near = padded[first : first + len(means)]
         np.fmax(highest, near, out=highest)
         np.fmin(lowest, near, out=lowest)

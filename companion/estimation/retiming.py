@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.estimation.choice import SHARPEST_S, Choice
+from companion.constants import num
+from companion.estimation.choice import Choice
 from companion.estimation.iteration import Start, carried, estimate
 from companion.estimation.linearisation import Linear, linearise
 from companion.estimation.search import times_of_change
@@ -21,11 +22,6 @@ from companion.estimation.setup import Setup
 from companion.estimation.shapes import at_work
 from companion.estimation.system import misfit
 from companion.model import Array
-
-_TIMES = 4  # that a size is asked for again, at most
-_LITTLE_S = 0.02  # and below which it is left
-_MUCH_S = 0.2  # from which on the onset is sought again
-_ONSETS, _FINE, _ROUNDS = 12, 7, 3
 
 Limits = Mapping[str, tuple[float, float]]
 
@@ -51,10 +47,10 @@ def retimed(
         return Retimed(setup, choice)
     linearly, moved, settled = choice, setup, start
     for searched in (False, True):
-        for _ in range(_TIMES):
+        for _ in range(num.LATENCY_ROUNDS):
             settled, linear = estimate(moved, start, [*accepted, choice], limits)
             further = float(linear.solution.c[-1])
-            if abs(further) < _LITTLE_S:
+            if abs(further) < num.LATENCY_CONVERGED_S:
                 break
             choice = replace(choice, taken=choice.taken + further)
             if choice.taken < -float(settled.states.constant("gps_latency")[0]):
@@ -62,7 +58,7 @@ def retimed(
             moved = _moved(setup, choice)
         else:
             return Retimed(setup, linearly)
-        if searched or choice.shape != "step" or abs(choice.taken) < _MUCH_S:
+        if searched or choice.shape != "step" or abs(choice.taken) < num.LATENCY_SEARCHED_S:
             break
         choice = _with_onset(setup, settled, accepted, choice)
         moved = _moved(setup, choice)
@@ -98,14 +94,14 @@ def _with_onset(setup: Setup, settled: Start, accepted: Sequence[Choice], choice
         return np.array(excess)
 
     first, last = times_of_change(setup.t)
-    onsets = np.linspace(first, last, _ONSETS)
+    onsets = np.linspace(first, last, num.LATENCY_ONSETS)
     left, step = misfits(onsets), float(onsets[1] - onsets[0])
-    for _ in range(_ROUNDS):
-        fine = np.clip(onsets[np.argmin(left)] + step * np.linspace(-1.0, 1.0, _FINE), first, last)
+    for _ in range(num.LATENCY_REFINEMENTS):
+        fine = np.clip(onsets[np.argmin(left)] + step * np.linspace(-1.0, 1.0, num.LATENCY_FINE_ONSETS), first, last)
         onsets, where = np.unique(np.concatenate((onsets, fine)), return_index=True)
         left = np.concatenate((left, misfits(fine)))[where]
-        step = 2.0 * step / (_FINE - 1)
+        step = 2.0 * step / (num.LATENCY_FINE_ONSETS - 1)
     best = float(onsets[np.argmin(left)])
     likely = np.gradient(onsets) * np.exp(0.5 * (left.min() - left))
     sigma = float(np.sqrt(likely @ (onsets - best) ** 2 / likely.sum()))
-    return replace(choice, onset=best, onset_sigma=max(sigma, SHARPEST_S))
+    return replace(choice, onset=best, onset_sigma=max(sigma, num.ONSET_SIGMA_S))

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from companion.constants import num
 from companion.estimation.linearisation import Linear
 from companion.estimation.model import ATTITUDE, VELOCITY
 from companion.estimation.spectrum import neighbourhoods
 from companion.estimation.system import measurement_residual
 from companion.model import Array
-
-_HUBER, _NEIGHBOURS = 4.0, 7
-MOST_SHAKEN = 10.0
-"""Times that the noise of an interval may be larger: beyond, a jump of a GPS would pass for noise of the IMU."""
 
 
 def outlier_weights(linear: Linear) -> dict[str, Array]:
@@ -23,7 +20,7 @@ def outlier_weights(linear: Linear) -> dict[str, Array]:
     return {
         one.name: _beside_neighbours(measurement_residual(one, linear.solution) / one.sigma)
         for one in linear.measurements
-        if len(one.t) > _NEIGHBOURS
+        if len(one.t) > num.HUBER_SPAN
     }
 
 
@@ -33,7 +30,7 @@ def shocks(linear: Linear) -> Array:
     """
     e, d = linear.solution.disturbances
     out = np.ones((len(e), 2))
-    if len(e) <= _NEIGHBOURS:
+    if len(e) <= num.HUBER_SPAN:
         return out
     for column, block in enumerate((ATTITUDE, VELOCITY)):
         known = np.diagonal(d, axis1=1, axis2=2)[:, block]
@@ -44,6 +41,7 @@ def shocks(linear: Linear) -> Array:
 
 def _beside_neighbours(values: Array) -> Array:
     """(M,) weights of normalised values (M, d): 1 where they are near the median of those around them."""
-    typical = np.partition(neighbourhoods(values, _NEIGHBOURS), _NEIGHBOURS // 2, axis=-1)[..., _NEIGHBOURS // 2]
+    half = num.HUBER_SPAN // 2
+    typical = np.partition(neighbourhoods(values, num.HUBER_SPAN), half, axis=-1)[..., half]
     size = np.abs(values - typical).max(axis=1)
-    return np.asarray(np.minimum(1.0, _HUBER / np.maximum(size, 1e-9)) ** 2)
+    return np.asarray(np.minimum(1.0, num.HUBER / np.maximum(size, 1e-9)) ** 2)

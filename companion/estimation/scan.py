@@ -14,14 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from companion.constants import num
 from companion.estimation.block_tridiagonal import factorise, gram, roots, scaled
 from companion.estimation.explanations import KINDS, Kind, Problem, Signature, kind_of
 from companion.estimation.shapes import SLOPED
 from companion.estimation.system import Index, Solution
 from companion.estimation.weighing import Factors, changed
 from companion.model import Array
-
-_FEWEST, _KEYFRAMES = 3, 16_000  # kinds at a time, and kinds by keyframes: columns of 10 MB, and as much on the way
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +64,7 @@ def scan(problem: Problem, solution: Solution, stretches: int) -> Scan:
     cuts = problem.t[::length]
     signatures = [(kind, whole) for kind in KINDS if (whole := kind.of(problem)) is not None]
     said: dict[str, tuple[Array, Array]] = {}
-    together = max(_FEWEST, _KEYFRAMES // len(problem.t))
+    together = max(num.SCAN_MIN_KINDS, num.SCAN_SIZE // len(problem.t))
     for first in range(0, len(signatures), together):
         said |= _said(problem, solution, cuts, length, dict(signatures[first : first + together]))
     return Scan(problem, cuts, said)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from companion.constants import num
 from companion.estimation.differences import Differences, told_of_own
 from companion.estimation.evidence import Trial, joined, kept, least_found, trial
 from companion.estimation.explanations import KINDS, Kind, Problem, kind_of
@@ -17,15 +18,6 @@ from companion.estimation.system import Solution
 from companion.estimation.weighing import jumps, pushes, score
 from companion.model import Array
 
-_STRETCHES = 25
-_REFINED, _PART, _LEAST = 6, 0.5, 2.0  # of the best: what explains half as much on the coarse grid, and anything
-_ROUNDS, _POINTS = 3, 7
-_PER_BLOCK = 5  # onsets within a block of differences
-_LEAST_S = {"imu": 5.0, "gps": 0.5, "compass": 2.0, "barometer": 2.0}  # what ends sooner is a shock, or a step
-_SHORTEST_S = 1.0
-_MARGIN_S, _MARGIN = 3.0, 0.1  # s, and of the flight
-CREEPS = {"gps_position": 30.0, "compass_field": 10.0}
-"""Kind of an aiding sensor → s in which it goes off evenly, for the size that would have been found."""
 _AT_EVERY_KEYFRAME = {
     ("gyro_bias", "step"): GYRO_BIAS, ("accel_bias", "step"): ACCEL_BIAS,
     ("gyro_shock", "shock"): ATTITUDE, ("accel_shock", "shock"): VELOCITY,
@@ -34,7 +26,7 @@ _AT_EVERY_KEYFRAME = {
 
 def trials(problem: Problem, solution: Solution) -> tuple[Trial, ...]:
     """Every hypothesis and shape with its evidence, the likeliest first."""
-    grid = scan(problem, solution, _STRETCHES)
+    grid = scan(problem, solution, num.SCAN_STRETCHES)
     every = [
         one
         for kind in KINDS
@@ -42,9 +34,9 @@ def trials(problem: Problem, solution: Solution) -> tuple[Trial, ...]:
         if (one := _on_the_grid(problem, solution, grid, kind, shape)) is not None
     ]
     every.sort(key=lambda one: -one.log_bayes.max())
-    least = max(_PART * every[0].log_bayes.max(), _LEAST) if every else 0.0
+    least = max(num.REFINED_OF_BEST * every[0].log_bayes.max(), num.REFINED_LOG_BAYES) if every else 0.0
     fine = [
-        _refined(problem, solution, one, grid) if i < _REFINED and one.log_bayes.max() > least else one
+        _refined(problem, solution, one, grid) if i < num.REFINED_KINDS and one.log_bayes.max() > least else one
         for i, one in enumerate(every)
     ]
     fine += (
@@ -63,7 +55,7 @@ def times_of_change(t: Array) -> tuple[float, float]:
     What is wrong from the first seconds on is a constant: nothing before it can be compared.
     """
     begin, end = float(t[0]), float(t[-1])
-    margin = min(_MARGIN_S, _MARGIN * (end - begin))
+    margin = min(num.CHANGE_MARGIN_S, num.CHANGE_MARGIN * (end - begin))
     return begin + margin, end - margin
 
 
@@ -86,7 +78,7 @@ def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, kind: Kind, s
     parts: list[Trial | None] = []
     if shape in ENDING:
         begin, end = _pairs(inside)
-        lasts = grid.cuts[end] - grid.cuts[begin] >= _LEAST_S[kind.side]
+        lasts = grid.cuts[end] - grid.cuts[begin] >= num.PULSE_MIN_S[kind.side]
         parts.append(_cells(problem, grid, kind, shape, begin[lasts], end[lasts]))
     else:
         parts.append(_cells(problem, grid, kind, shape, inside))
@@ -94,7 +86,7 @@ def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, kind: Kind, s
         sudden = np.sort(pushes(problem, solution) if kind.summed else jumps(problem, solution, kind))
         sudden = sudden[(sudden >= first) & (sudden <= last)]
         begin, end = _pairs(sudden) if shape == "pulse" else (sudden, np.full(len(sudden), np.inf))
-        lasts = end - begin >= _LEAST_S[kind.side]
+        lasts = end - begin >= num.PULSE_MIN_S[kind.side]
         begin, end = begin[lasts], end[lasts]
         if len(begin):
             width = np.full(len(begin), float(np.median(np.diff(t))))
@@ -108,7 +100,7 @@ def _cells(problem: Problem, grid: Scan, kind: Kind, shape: str, onset: Any, end
     scores = grid.score(kind.name, shape, onset, end)
     if scores is None:
         return None
-    width = float(np.diff(grid.cuts).max()) if len(grid.cuts) > 1 else _SHORTEST_S
+    width = float(np.diff(grid.cuts).max()) if len(grid.cuts) > 1 else num.CHANGE_MIN_S
     begin = grid.cuts[onset]
     final = np.full(len(begin), np.inf) if end is None else grid.cuts[end]
     return _trial(problem, kind, shape, (begin, final, _weight(problem, begin, final, width, width)), scores)
@@ -138,13 +130,13 @@ def _trial(
 
 def _of_another(problem: Problem, one: Differences, kind: Kind, shape: str) -> Trial:
     """An error of another IMU, that begins and ends within blocks of its differences."""
-    times = np.linspace(one.t[0], one.t[-1], _PER_BLOCK * len(one.t))
+    times = np.linspace(one.t[0], one.t[-1], num.ONSETS_PER_BLOCK * len(one.t))
     apart = float(times[1] - times[0])
     if shape in ENDING:
-        cuts = times[:: -(-len(times) // _STRETCHES)]
+        cuts = times[:: -(-len(times) // num.SCAN_STRETCHES)]
         onset, end = _pairs(cuts)
         width = np.full(len(onset), float(np.diff(cuts).max()))
-        lasts = end - onset >= _LEAST_S["imu"]
+        lasts = end - onset >= num.PULSE_MIN_S["imu"]
         onset, end, width = onset[lasts], end[lasts], width[lasts]
     else:
         onset, end, width = times, np.full(len(times), np.inf), np.full(len(times), apart)
@@ -157,11 +149,11 @@ def _of_another(problem: Problem, one: Differences, kind: Kind, shape: str) -> T
 def _weight(problem: Problem, onset: Array, end: Array, wide: Any, long: Any) -> Array:
     """(T,) prior probability of cells of widths wide and long, s: onsets alike, durations alike in their logarithm."""
     first, last = times_of_change(problem.t)
-    span = max(last - first, _SHORTEST_S)
+    span = max(last - first, num.CHANGE_MIN_S)
     share = np.minimum(wide / span, 1.0) * np.ones(len(onset))
     ends = np.isfinite(end)
-    lasted = np.where(ends, np.maximum(end - onset, _SHORTEST_S), 1.0)
-    durations = max(float(np.log(span / _SHORTEST_S)), 1.0)
+    lasted = np.where(ends, np.maximum(end - onset, num.CHANGE_MIN_S), 1.0)
+    durations = max(float(np.log(span / num.CHANGE_MIN_S)), 1.0)
     return np.asarray(np.where(ends, share * np.minimum(long / lasted / durations, 1.0), share))
 
 
@@ -179,15 +171,15 @@ def _refined(problem: Problem, solution: Solution, one: Trial, grid: Scan) -> Tr
     step = 0.5 * float(np.diff(grid.cuts).max())
     on_jump = one.onset[one.best] not in grid.cuts
     reach = 0.5 * float(np.median(np.diff(problem.t))) if on_jump else step
-    for _ in range(_ROUNDS):
+    for _ in range(num.REFINEMENTS):
         begin, final = float(one.onset[one.best]), float(one.end[one.best])
-        shift, width = reach * np.linspace(-1.0, 1.0, _POINTS), 2.0 * reach / (_POINTS - 1)
-        onset, end = begin + shift, np.full(_POINTS, np.inf)
+        shift, width = reach * np.linspace(-1.0, 1.0, num.REFINED_POINTS), 2.0 * reach / (num.REFINED_POINTS - 1)
+        onset, end = begin + shift, np.full(num.REFINED_POINTS, np.inf)
         near = np.abs(one.onset - begin) <= reach
         if np.isfinite(final):
             onset, end = (x.ravel() for x in np.meshgrid(begin + shift, final + shift))
             near &= np.abs(one.end - final) <= reach
-        right = (onset >= first) & (onset <= last) & (end > onset + _LEAST_S[one.kind.side])
+        right = (onset >= first) & (onset <= last) & (end > onset + num.PULSE_MIN_S[one.kind.side])
         right &= ~np.isfinite(end) | (end <= last)
         if not right.any():
             return one
@@ -203,7 +195,7 @@ def _refined(problem: Problem, solution: Solution, one: Trial, grid: Scan) -> Tr
 def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
     """Kind → the smallest that would have been accused in 95 % of flights like this, in the middle of it.
 
-    Of an IMU's bias a step, of an aiding sensor what `CREEPS` says; in the kind's unit.
+    Of an IMU's bias a step, of an aiding sensor what `num.CREEPS` says; in the kind's unit.
     """
     smallest = {}
     t = problem.t
@@ -211,7 +203,7 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
     first, last = times_of_change(t)
     count = len(t) - 1
     middle = slice(count // 4, max(count // 4 + 1, 3 * count // 4))
-    cell = float(np.median(np.diff(t))) / max(last - first, _SHORTEST_S)
+    cell = float(np.median(np.diff(t))) / max(last - first, num.CHANGE_MIN_S)
     _, d = solution.disturbances
     for (name, shape), block in _AT_EVERY_KEYFRAME.items():
         kind = kind_of(name)
@@ -220,7 +212,7 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
         known = np.maximum(np.diagonal(d[middle, block, block], axis1=1, axis2=2).min(axis=1), 1e-300)
         sizes = least_found(known, kind, shape, hours, cell)
         smallest[name] = max(float(np.median(sizes)), kind.harmful(shape))
-    for name, lasts in CREEPS.items():
+    for name, lasts in num.CREEPS.items():
         kind, onset = kind_of(name), 0.5 * (t[:1] + t[-1:] - lasts)
         scores = score(problem, solution, kind, "creep", onset, onset + lasts) if onset[0] >= first else None
         if scores is not None:

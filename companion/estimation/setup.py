@@ -8,13 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from companion.constants import healthy, num
 from companion.estimation.clipping import lost_by_clipping
 from companion.estimation.differences import Differences, differences
 from companion.estimation.earth_field import EarthField, field_at
 from companion.estimation.low_pass import BoolArray, restored, undelayed
 from companion.estimation.measurements import (
-    GPS_LATENCY_S,
-    MICROTESLA,
     NOMINAL,
     Readings,
     averaged,
@@ -42,18 +41,6 @@ from companion.model import (
 from companion.strapdown import preintegrate, quaternion
 
 Span = tuple[float, float]  # s, boot clock
-
-_SPACING_S = (0.2, 1.0)  # between keyframes, at least and at most
-_KEYFRAMES = 1000  # a longer flight has them further apart
-_WITHOUT_GPS_S = 0.5
-_COMPASS_APART_S = 0.05  # of three samples between which the field was read: it is some hundredths of a second old
-_AVERAGED_S, _HARDLY_RAD = 0.1, 0.15  # of a field either way, at most: what turns by so much is short by 0.4 %
-_FEWEST_FIXES = 5
-_AROUND_S = 2.0  # of a keyframe, either way: forces and fields whose mean a first guess is made of
-_FEWEST_SAMPLES = 20
-_FEWEST = 8  # intervals between keyframes without a gap
-_MOST_FELT = 10.0  # g, median: what turns hard for a while does not do so for half of a flight
-_LOWEST_HZ = 8.0  # below it a keyframe interval has no motion of its own between two samples
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,27 +74,27 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
     if span is not None:
         first, last = np.searchsorted(track.t, span)
         track = track[int(first) : int(last)]
-    if len(track) < _FEWEST_SAMPLES or track.rate_hz < _LOWEST_HZ:
+    if len(track) < num.MIN_SAMPLES or track.rate_hz < num.MIN_RATE_HZ:
         raise NoEstimateError(
             track.source,
-            f"it has {counted(len(track), 'sample')} at {track.rate_hz:.1f} Hz, and {_FEWEST_SAMPLES} at "
-            f"{_LOWEST_HZ:g} Hz or more are needed",
+            f"it has {counted(len(track), 'sample')} at {track.rate_hz:.1f} Hz, and {num.MIN_SAMPLES} at "
+            f"{num.MIN_RATE_HZ:g} Hz or more are needed",
             f"{flight.how_to_record}.",
         )
-    if (felt := float(np.median(np.linalg.norm(track.accel, axis=1))) / gravity) > _MOST_FELT:
+    if (felt := float(np.median(np.linalg.norm(track.accel, axis=1))) / gravity) > healthy.MAX_MEDIAN_G:
         why = f"its accelerometer reads {felt:.3g} g most of the time, of other units it seems"
         raise NoEstimateError(track.source, why, "Try another IMU: --imu.")
     gps = _gps(flight, track)
-    spacing = float(np.clip((track.t[-1] - track.t[0]) / _KEYFRAMES, *_SPACING_S))
+    spacing = float(np.clip((track.t[-1] - track.t[0]) / num.KEYFRAMES, *num.KEYFRAME_SPACING_S))
     spacing = max(spacing, 1.5 / track.rate_hz)
-    index = _keyframes(track, gps.t[gps.fix_type >= 3] - GPS_LATENCY_S if gps is not None else None, spacing)
+    index = _keyframes(track, gps.t[gps.fix_type >= 3] - healthy.GPS_LATENCY_S if gps is not None else None, spacing)
     t = track.t[index]
     notes: list[str] = []
     origin = _origin(flight, gps)
     readings: list[Readings] = []
     if gps is not None and origin is not None:
         readings += gps_readings(gps, t, (origin.latitude, origin.longitude, origin.height), 2 * spacing)
-    readings += _compass(flight, track, t, spacing if gps is not None else max(spacing, _WITHOUT_GPS_S), notes)
+    readings += _compass(flight, track, t, spacing if gps is not None else max(spacing, num.NO_GPS_SPACING_S), notes)
     if flight.barometers:
         one = max(flight.barometers, key=len)
         good = np.isfinite(one.altitude)
@@ -115,7 +102,7 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
             readings.append(vector_readings("barometer", one.t[good], one.altitude[good][:, None], t, 2 * spacing))
     readings = [one for one in readings if len(one.t) > 1]
     if not any(one.name.startswith("gps") for one in readings):
-        why = f"none of the {len(flight.gps)} has {_FEWEST_FIXES} fixes in the IMU's time: " if flight.gps else ""
+        why = f"none of the {len(flight.gps)} has {num.MIN_FIXES} fixes in the IMU's time: " if flight.gps else ""
         notes.append(f"no GPS: {why}attitude only, from gravity and compass; position and velocity are not known")
         sigma = np.full((len(t), 3), NOMINAL["calm"])
         readings.insert(0, Readings("calm", t, np.arange(len(t)), np.zeros((len(t), 3)), sigma, index))
@@ -141,7 +128,7 @@ def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
         return int(((one.fix_type >= 3) & (one.t >= track.t[0]) & (one.t <= track.t[-1])).sum())
 
     best = max(flight.gps, key=fixes, default=None)
-    return best if best is not None and fixes(best) >= _FEWEST_FIXES else None
+    return best if best is not None and fixes(best) >= num.MIN_FIXES else None
 
 
 def _broken(flight: Flight, track: ImuTrack, index: Index, longest: float, untrusted: Sequence[Span]) -> BoolArray:
@@ -151,8 +138,9 @@ def _broken(flight: Flight, track: ImuTrack, index: Index, longest: float, untru
     for first, last in untrusted:
         broken |= (t[1:] > first) & (t[:-1] < last)
     whole = len(broken) - int(broken.sum())
-    if whole < _FEWEST:
-        why = f"it has readings to trust in {whole} of {len(broken)} intervals, and {_FEWEST} without gaps are needed"
+    if whole < num.MIN_INTERVALS:
+        why = f"it has readings to trust in {whole} of {len(broken)} intervals, and {num.MIN_INTERVALS} without gaps "
+        why += "are needed"
         raise NoEstimateError(track.source, why, f"{flight.how_to_record}.")
     return np.asarray(broken)
 
@@ -160,7 +148,7 @@ def _broken(flight: Flight, track: ImuTrack, index: Index, longest: float, untru
 def _keyframes(track: ImuTrack, epochs: Array | None, spacing: float) -> Index:
     """Samples at the times of GPS fixes, thinned to the spacing and filled where there are none for longer."""
     if epochs is None or not len(epochs):
-        wanted = _between(track.t, track.t[0], track.t[-1], max(spacing, _WITHOUT_GPS_S))
+        wanted = _between(track.t, track.t[0], track.t[-1], max(spacing, num.NO_GPS_SPACING_S))
     else:
         inside = epochs[(epochs >= track.t[0]) & (epochs <= track.t[-1])]
         slot = np.floor((inside - inside[:1]) / spacing + 0.5)  # of the fixes' own phase: two may not share one
@@ -204,16 +192,17 @@ def _compass(flight: Flight, track: ImuTrack, t: Array, spacing: float, notes: l
     readings = vector_readings("compass", when, field, t, spacing)
     readings = averaged(readings, when, field, _hardly_turned(track, readings.t))
     sample = np.clip(np.searchsorted(track.t, readings.t), 0, len(track) - 1).astype(np.intp)
-    sample = three_samples(track, sample, _COMPASS_APART_S, before=2)
-    return [replace(readings, value=readings.value * MICROTESLA, sample=sample)]
+    sample = three_samples(track, sample, num.FIELD_SAMPLES_S, before=2)
+    return [replace(readings, value=readings.value * num.MICROTESLA, sample=sample)]
 
 
 def _hardly_turned(track: ImuTrack, t: Array) -> Array:
     """(M,) s, for how long before and after times t (M,) a mean of directions is as good as one that is turned back."""
     turned = np.cumsum(track.gyro[1:] * np.diff(track.t)[:, None], axis=0)
-    before, after = (interpolated(t + apart, track.t[1:], turned) for apart in (-_AVERAGED_S, _AVERAGED_S))
+    reach = healthy.FIELD_MEAN_S
+    before, after = (interpolated(t + apart, track.t[1:], turned) for apart in (-reach, reach))
     angle = 0.5 * np.linalg.norm(after - before, axis=1)
-    return np.asarray(_AVERAGED_S * _HARDLY_RAD / np.maximum(angle, _HARDLY_RAD))
+    return np.asarray(healthy.FIELD_MEAN_S * num.FIELD_MEAN_RAD / np.maximum(angle, num.FIELD_MEAN_RAD))
 
 
 def _plausible(field: Array) -> bool:
@@ -240,10 +229,10 @@ def _constants(earth: EarthField | None, readings: list[Readings]) -> tuple[Arra
     mean, sigma = np.zeros(CONSTANT_STATES), np.empty(CONSTANT_STATES)
     for place, width in CONSTANTS.values():
         sigma[place] = width
-    mean[CONSTANTS["gps_latency"][0]] = GPS_LATENCY_S
+    mean[CONSTANTS["gps_latency"][0]] = healthy.GPS_LATENCY_S
     field = CONSTANTS["earth_field"][0]
     if earth is not None:
-        mean[field], sigma[field] = earth.ned * MICROTESLA, earth.sigma * MICROTESLA
+        mean[field], sigma[field] = earth.ned * num.MICROTESLA, earth.sigma * num.MICROTESLA
     else:
         size = [float(np.median(np.linalg.norm(one.value, axis=1))) for one in readings if one.name == "compass"]
         # the dip is not known, nor on which half of the Earth it is: only that north is magnetic north
@@ -303,7 +292,7 @@ def _triad(setup: Setup) -> Array:
     track, index = setup.imu, setup.index
     q = preintegrate(track).q
     force = _sums_around(setup.t, track.t, quaternion.rotate(q, track.accel))
-    low, high = np.maximum(setup.t - _AROUND_S, setup.t[0]), np.minimum(setup.t + _AROUND_S, setup.t[-1])
+    low, high = np.maximum(setup.t - num.GUESS_S, setup.t[0]), np.minimum(setup.t + num.GUESS_S, setup.t[-1])
     force_ned = np.tile([0.0, 0.0, -setup.gravity], (len(index), 1))
     field, field_ned = np.array([[1.0, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])
     for one in setup.readings:
@@ -323,9 +312,9 @@ def _triad(setup: Setup) -> Array:
 
 
 def _sums_around(at: Array, t: Array, values: Array) -> Array:
-    """(K, 3) sums of values (N, 3) at times t (N,) not further than `_AROUND_S` from each of at (K,), s."""
+    """(K, 3) sums of values (N, 3) at times t (N,) not further than `num.GUESS_S` from each of at (K,), s."""
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(values, axis=0)])
-    first, last = (np.searchsorted(t, at + apart) for apart in (-_AROUND_S, _AROUND_S))
+    first, last = (np.searchsorted(t, at + apart) for apart in (-num.GUESS_S, num.GUESS_S))
     return np.asarray(total[last] - total[first])
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from companion.constants import num, priors
 from companion.estimation.choice import Choice, beside, explained
 from companion.estimation.constant_errors import constant_errors, of_first_half
 from companion.estimation.evidence import Trial
@@ -39,11 +40,6 @@ from companion.estimation.setup import Setup, guesses, set_up
 from companion.estimation.shapes import SLOPED
 from companion.estimation.system import Solution, measurement_residual, solve
 from companion.model import STANDARD_GRAVITY, DataError, Flight, NoEstimateError
-
-_MOST_EXPLAINED = 4
-_LIKELY, _DISTURBING, _HARMFUL = 0.0, 10.0, 0.5  # log odds to accept what is harmful, and what is not, by probability
-_TRIED_PASSES = 8  # of the iteration, after which it shows which of several hypotheses leaves least
-_ABOUT_S = 2.0  # before a cause, where it shows that the cause lies in a rough stretch
 
 
 def smooth(
@@ -98,7 +94,7 @@ def explain(setup: Setup, starts: Iterable[Start]) -> BestEstimate:
     shown = scatter(setup)
     start, settled, linear = _begun(setup, starts, shown)
     further: tuple[Rival, ...] = ()
-    while len(accepted) < _MOST_EXPLAINED:
+    while len(accepted) < num.MAX_EXPLAINED:
         cause = next_cause(setup, start, settled, linear, accepted, shown)
         if isinstance(cause, Cause):
             accepted.append(cause.choice)
@@ -163,7 +159,7 @@ def next_cause(
     rivals = tuple(one.rival for one in weighed)
     impossible = set[str]()
     for best in (one for one in weighed if one.kind.name not in impossible):
-        if best.log_odds < (_LIKELY if best.fault > _HARMFUL else _DISTURBING):
+        if best.log_odds < (priors.ACCEPT_FAULT if best.fault > priors.PROBABLY_HARMFUL else priors.ACCEPT_NUISANCE):
             break
         if best.imu is not None:  # nothing of the estimate changes
             other = replace(linear, problem=beside(linear.problem, best))
@@ -205,7 +201,7 @@ def _with(setup: Setup, start: Start, accepted: Sequence[Choice], choice: Choice
     if possible is None:
         return None
     settled, linear = possible.estimated or estimate(
-        possible.setup, start, [*accepted, possible.choice], passes=_TRIED_PASSES
+        possible.setup, start, [*accepted, possible.choice], passes=num.TRIAL_PASSES
     )
     last = possible.choice.of(linear.problem)
     size = linear.solution.c[len(linear.solution.c) - (0 if last is None else last.unknowns) :]
@@ -273,7 +269,7 @@ def local_noise(linear: Linear, choice: Choice) -> dict[str, float]:
     """
     e, d = linear.solution.disturbances
     t, own = linear.problem.t, np.diagonal(d, axis1=1, axis2=2)
-    within = (t[1:] > choice.onset - _ABOUT_S) & (t[:-1] < choice.end)
+    within = (t[1:] > choice.onset - num.ROUGH_STRETCH_S) & (t[:-1] < choice.end)
 
     def ratio(block: slice) -> float:
         unlikely = (e[:, block] ** 2 / np.where(own[:, block] > 0.0, own[:, block], np.inf)).sum(axis=1)

@@ -7,19 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from companion.constants import num
 from companion.model import Array, ImuTrack
 
 IntArray = npt.NDArray[np.int64]
-
-_SEGMENT_S = 4.0  # s: a resolution of a quarter of a hertz
-_FEWEST, _MOST = 32, 4096  # samples of a segment
-_AT_ONCE = 128  # segments in memory, so that a day's log needs no more than a minute's
-_VIBRATION_S = 1.0  # s, over which the vibration is averaged
-_SLOW_S = 0.2  # s, the moving mean that is taken for the vehicle's own motion: 5 Hz
-_WINDOWS = {"hann": (0.5, -0.5), "blackmanharris": (0.35875, -0.48829, 0.14128, -0.01168)}  # of 1, cos x, cos 2x, ...
-_PEAK = 4.0  # times the density around it, in power: 6 dB
-_AROUND_HZ = 6.0  # what "around it" is
-_SLOWEST_PEAK_HZ = 3.0  # below it the vehicle flies, it does not vibrate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +53,7 @@ def imu_spectrum(track: ImuTrack, gap_s: float) -> Spectrum | None:
     begin = segments(track.t, gap_s, length)
     if not len(begin):
         return None
-    parts = np.array_split(begin, -(-len(begin) // _AT_ONCE))
+    parts = np.array_split(begin, -(-len(begin) // num.PSD_BATCH))
 
     def mean(values: Array) -> Array:
         total = sum(periodograms(values, some, rate, length).sum(axis=0) for some in parts)
@@ -73,7 +64,7 @@ def imu_spectrum(track: ImuTrack, gap_s: float) -> Spectrum | None:
 
 def segment_length(rate_hz: float) -> int:
     """Samples of a segment at a rate, Hz: a power of two, about four seconds."""
-    return int(np.clip(2 ** np.floor(np.log2(_SEGMENT_S * rate_hz)), _FEWEST, _MOST))
+    return int(np.clip(2 ** np.floor(np.log2(num.PSD_SEGMENT_S * rate_hz)), *num.PSD_SAMPLES))
 
 
 def segments(t: Array, gap_s: float, length: int) -> IntArray:
@@ -96,12 +87,12 @@ def frequencies(length: int, rate_hz: float) -> Array:
 def periodograms(values: Array, begin: IntArray, rate_hz: float, length: int, window: str = "hann") -> Array:
     """One-sided power spectral density (S, F, ...) of each of the segments of values (N, ...) that start at `begin`.
 
-    Each without its mean and under a window of `_WINDOWS`; it integrates to the variance. As scipy.signal.periodogram,
+    Each without its mean and under a spectral window; it integrates to the variance. As scipy.signal.periodogram,
     whose import would take longer than the analysis of a short log.
     """
     parts = values[begin[:, None] + np.arange(length)]
     phase = 2.0 * np.pi * np.arange(length) / length
-    weights = sum((a * np.cos(k * phase) for k, a in enumerate(_WINDOWS[window])), np.zeros(length))
+    weights = sum((a * np.cos(k * phase) for k, a in enumerate(num.SPECTRAL_WINDOWS[window])), np.zeros(length))
     flat = parts - parts.mean(axis=1, keepdims=True)
     power = np.square(np.abs(np.fft.rfft(flat * weights.reshape(-1, *[1] * (values.ndim - 1)), axis=1)))
     power[:, 1 : (length + 1) // 2] *= 2.0  # the negative frequencies' share: neither 0 nor half the rate has one
@@ -121,14 +112,14 @@ def peaks(spectrum: Spectrum, density: Array, most: int = 3) -> tuple[Peak, ...]
     A line is four times as strong as the median within 6 Hz, and more than chance makes of so few segments.
     """
     resolution = float(spectrum.frequency_hz[1])
-    threshold = _PEAK * (1.0 + 6.0 / np.sqrt(max(spectrum.segments, 1)))
+    threshold = num.PSD_PEAK * (1.0 + 6.0 / np.sqrt(max(spectrum.segments, 1)))
     lines = []
     for axis in range(3):
         line = density[:, axis]
-        around = np.median(neighbourhoods(line, 2 * round(_AROUND_HZ / resolution) + 1), axis=-1)
+        around = np.median(neighbourhoods(line, 2 * round(num.PSD_AROUND_HZ / resolution) + 1), axis=-1)
         ratio = line / np.maximum(around, 1e-30)
         highest = neighbourhoods(ratio, 2 * max(round(1.0 / resolution), 1) + 1).max(axis=-1)
-        stands_out = (ratio == highest) & (ratio >= threshold) & (spectrum.frequency_hz >= _SLOWEST_PEAK_HZ)
+        stands_out = (ratio == highest) & (ratio >= threshold) & (spectrum.frequency_hz >= num.VEHICLE_MOTION_HZ)
         for top in (1 + np.flatnonzero(stands_out[1:-1])).tolist():
             near = slice(max(top - 2, 0), top + 3)  # a line under a Hann window is four bins wide
             power = float(np.sum(np.maximum(line[near] - around[near], 0.0))) * resolution
@@ -150,9 +141,9 @@ def vibration(track: ImuTrack, gap_s: float) -> Vibration | None:
     have lost is missing here.
     """
     rate = track.rate_hz
-    if rate < 4 / _SLOW_S:
+    if rate < 4 / num.VEHICLE_MOTION_S:
         return None
-    slow, second = round(_SLOW_S * rate) | 1, round(_VIBRATION_S * rate)
+    slow, second = round(num.VEHICLE_MOTION_S * rate) | 1, round(num.AVERAGED_S * rate)
     times, levels = [], []
     for a, b in stretches(track.t, gap_s):
         if b - a < slow + second:

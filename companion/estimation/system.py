@@ -15,13 +15,12 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from companion.constants import num
 from companion.estimation.block_tridiagonal import Factor, factorise, gram
 from companion.model import Array
 
 Index = npt.NDArray[np.intp]
 
-_ROUNDING = 1e-8
-_BLOCK = 128  # keyframes at a time: what is made on the way stays small
 _ALL = slice(None)
 
 
@@ -98,11 +97,11 @@ class Solution:
         w = self.motion.weight
         e = (w @ motion_residual(self.motion, self)[..., None])[..., 0]
         d = np.empty_like(w)
-        for first in range(0, len(w), _BLOCK):
-            part = slice(first, first + _BLOCK)
+        for first in range(0, len(w), num.BATCH):
+            part = slice(first, first + num.BATCH)
             d[part] = w[part] - w[part] @ motion_residual_covariance(self.motion, self, blocks, part) @ w[part]
         own, left = np.diagonal(w, axis1=1, axis2=2), np.diagonal(d, axis1=1, axis2=2)
-        known = (left > _ROUNDING * own).astype(np.float64)  # else nothing but rounding is left of the difference
+        known = (left > num.ROUNDING * own).astype(np.float64)  # else nothing but rounding is left of the difference
         d *= known[:, :, None]
         d *= known[:, None, :]
         return blocks[0], e * known, d
@@ -128,9 +127,9 @@ class Solution:
     def covariances(self) -> Array:
         """Covariance (K, n, n) of every keyframe, the constants unknown."""
         out = self.marginals.copy()
-        for first in range(0, len(out), _BLOCK):
-            y = self.border[first : first + _BLOCK]
-            out[first : first + _BLOCK] += _times(y, self.constants_covariance) @ y.swapaxes(-1, -2)
+        for first in range(0, len(out), num.BATCH):
+            y = self.border[first : first + num.BATCH]
+            out[first : first + num.BATCH] += _times(y, self.constants_covariance) @ y.swapaxes(-1, -2)
         return out
 
 
@@ -149,8 +148,8 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
     border[0, :, -1] += prior.residual * prior.sigma**-2.0
 
     upper = np.empty((max(count - 1, 0), states, states))
-    for first in range(0, count, _BLOCK):
-        own, after = slice(first, min(first + _BLOCK, count - 1)), slice(first + 1, first + 1 + _BLOCK)
+    for first in range(0, count, num.BATCH):
+        own, after = slice(first, min(first + num.BATCH, count - 1)), slice(first + 1, first + 1 + num.BATCH)
         phi, weight = motion.transition[own], motion.weight[own]
         beside = np.concatenate((motion.constants[own], -motion.residual[own, :, None]), axis=2)
         weighted, weighted_beside = weight @ phi, weight @ beside
@@ -161,7 +160,7 @@ def solve(count: int, motion: Motion, measurements: Sequence[Measurement], prior
         inner += _crossed(beside, weighted_beside)[:-1]
         upper[own] = -weighted.swapaxes(-1, -2)
 
-        own = slice(first, min(first + _BLOCK, count))
+        own = slice(first, min(first + num.BATCH, count))
         h, beside = _whitened(own, measurements, states, constants)
         diagonal[own] += gram(h)
         border[own] += h.swapaxes(-1, -2) @ beside
@@ -259,8 +258,8 @@ def measurement_variance(one: Measurement, solution: Solution) -> Array:
     """(M, d) variance of the posterior of every component of H x + H_c c."""
     own = solution.marginals
     variance = np.empty(one.residual.shape)
-    for first in range(0, len(variance), _BLOCK):
-        part = slice(first, first + _BLOCK)
+    for first in range(0, len(variance), num.BATCH):
+        part = slice(first, first + num.BATCH)
         h, k = one.states[part], one.keyframe[part]
         constants = one.constants[part] - h @ solution.border[k]
         variance[part] = np.einsum("kij,kij->ki", h @ own[k], h)

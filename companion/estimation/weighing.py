@@ -11,14 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.constants import num
 from companion.estimation.explanations import Kind, Problem, Signature
 from companion.estimation.model import VELOCITY
 from companion.estimation.shapes import at_work
 from companion.estimation.system import Index, Solution, measurement_residual, motion_residual
 from companion.model import Array
-
-_UNUSUAL, _JUMPS = 8.0, 8  # a step of this many median steps, and how many are tried
-_FEWEST, _KEYFRAMES = 2, 12_000  # onsets at a time, and onsets by keyframes: columns of 20 MB, and as much on the way
 
 
 def jumps(problem: Problem, solution: Solution, kind: Kind) -> Array:
@@ -28,15 +26,15 @@ def jumps(problem: Problem, solution: Solution, kind: Kind) -> Array:
     if one is None or len(one.t) < 10:
         return np.zeros(0)
     step = np.linalg.norm(np.diff(measurement_residual(one, solution) / one.sigma, axis=0), axis=1)
-    unusual = np.flatnonzero(step > _UNUSUAL * np.median(step) + 1e-9)
-    order = unusual[np.argsort(-step[unusual])][:_JUMPS]
+    unusual = np.flatnonzero(step > num.JUMP_STEPS * np.median(step) + 1e-9)
+    order = unusual[np.argsort(-step[unusual])][: num.MAX_JUMPS]
     return np.asarray(0.5 * (one.t[order] + one.t[order + 1]))
 
 
 def pushes(problem: Problem, solution: Solution) -> Array:
     """(J,) s: keyframes before which the velocity changes most beyond what the IMU felt, the most unlikely first."""
     at = _peaks(solution)
-    return np.asarray(problem.t[at[:_JUMPS]] + 1e-3)
+    return np.asarray(problem.t[at[: num.MAX_JUMPS]] + 1e-3)
 
 
 def _peaks(solution: Solution) -> Index:
@@ -108,7 +106,7 @@ def score(
     if signature is None:
         return None
     factors = tuple(changed(problem, solution, signature))
-    return _told(solution, factors, kind, shape, onset, end, max(_FEWEST, _KEYFRAMES // len(problem.t)))
+    return _told(solution, factors, kind, shape, onset, end, max(num.WEIGH_MIN, num.WEIGH_SIZE // len(problem.t)))
 
 
 def _told(

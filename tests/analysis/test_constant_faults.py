@@ -14,8 +14,9 @@ from companion.analysis.constant_faults import (
     errors_at_rest,
     fault_probabilities,
 )
-from companion.analysis.imu_spec import USUAL_BIAS
-from companion.estimation import ACCUSED, BestEstimate, smooth
+from companion.constants import healthy
+from companion.constants.priors import ACCUSED
+from companion.estimation import BestEstimate, smooth
 from companion.model import Array, Flight, ImuTrack
 from tests.estimation.sensed import sensed
 
@@ -26,7 +27,7 @@ def probability(sensor: str, *values: float, sigma: float = 1e-3) -> Array:
 
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
 def test_five_times_what_parts_do_is_a_fault_and_twice_is_none(sensor: str) -> None:
-    part = 0.5 * USUAL_BIAS[sensor]
+    part = 0.5 * healthy.USUAL_BIAS[sensor]
     assert probability(sensor, 5.0 * part)[0] > ACCUSED
     assert probability(sensor, 2.0 * part)[0] < 1.0 - ACCUSED
     assert probability(sensor, 5.0 * part, sigma=5.0 * part)[0] < 0.5, "nothing is known of it"
@@ -39,7 +40,7 @@ def test_its_probability_grows_with_its_size() -> None:
 
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
 def test_what_all_imus_read_alike_is_an_error_of_the_estimate(sensor: str) -> None:
-    part = 0.5 * USUAL_BIAS[sensor]
+    part = 0.5 * healthy.USUAL_BIAS[sensor]
     assert (probability(sensor, 6.0 * part, 6.1 * part, sigma=0.5 * part) < 1.0 - ACCUSED).all()
     one, other = probability(sensor, 6.0 * part, 0.1 * part, sigma=0.5 * part)
     assert one > ACCUSED

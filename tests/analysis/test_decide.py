@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from companion.analysis.agreement import AGREEING_S, Agreement
+from companion.analysis.agreement import Agreement
 from companion.analysis.finding import Cause, Finding, Side
 from companion.analysis.verdict import decide
+from companion.constants import num
 
 
 def cause(kind: str, side: Side, onset: float, sigma: float | None, sensor: str) -> Finding:
@@ -19,7 +20,7 @@ def cause(kind: str, side: Side, onset: float, sigma: float | None, sensor: str)
 def agreements(windows: int, inside: dict[str, float], excluded: dict[str, int] | None = None) -> list[Agreement]:
     """So many windows of 5 s, and as many of a second as that makes."""
     each = {5.0: windows, 1.0: 5 * windows}
-    return [Agreement(horizon, each.get(horizon, 0), excluded or {}, inside) for horizon in AGREEING_S]
+    return [Agreement(horizon, each.get(horizon, 0), excluded or {}, inside) for horizon in num.AGREEING_S]
 
 
 VAGUE = cause("accel_scale", "imu", 66.6, 3.6, "accel")
@@ -104,7 +105,8 @@ def test_consistent_holds_at_every_horizon_that_has_many_windows() -> None:
     for seconds, status in ((9, "consistent"), (10, "insufficient_data")):
         shares = {5.0: (4, 0.96), 1.0: (seconds, 0.0)}
         judged = [
-            Agreement(h, shares.get(h, (0, 0.0))[0], {}, {"velocity": shares.get(h, (0, 0.0))[1]}) for h in AGREEING_S
+            Agreement(h, shares.get(h, (0, 0.0))[0], {}, {"velocity": shares.get(h, (0, 0.0))[1]})
+            for h in num.AGREEING_S
         ]
         verdict = decide(judged, (), None, "RAW_IMU")
         assert verdict.status == status

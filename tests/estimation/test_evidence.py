@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from companion.estimation import ACCUSED, KINDS, Rival, kind_of, probabilities
+from companion.constants.priors import ACCUSED
+from companion.estimation import KINDS, Rival, kind_of, probabilities
 from companion.estimation.evidence import Trial, joined, kept, least_found, trial
 from companion.model import Array
 

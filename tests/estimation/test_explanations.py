@@ -9,14 +9,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from companion.estimation import ACCUSED, KINDS, BestEstimate, Explained, kind_of, probabilities, smooth
+from companion.constants import num
+from companion.constants.priors import ACCUSED
+from companion.estimation import KINDS, BestEstimate, Explained, kind_of, probabilities, smooth
 from companion.estimation.choice import Choice, with_choice
 from companion.estimation.explanations import Problem
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import Linear, carry_imu, linearise
 from companion.estimation.measurements import SLOW
 from companion.estimation.scan import scan
-from companion.estimation.search import CREEPS
 from companion.estimation.setup import first_guess, set_up
 from companion.estimation.system import Prior, Solution, motion_residual, solve
 from companion.estimation.weighing import score
@@ -150,7 +151,7 @@ def test_what_would_have_shown_shows(share: float, told: bool) -> None:
     """A GPS that creeps away within 30 s and a field that turns within 10 s, by shares of what is said to be enough."""
     flight, _ = sensed(60.0)
     enough = smooth(flight).detectable
-    assert set(CREEPS) <= enough.keys()
+    assert set(num.CREEPS) <= enough.keys()
     (gps,), (compass,) = flight.gps, flight.compasses
     q, middle = flight.require_attitude(), 30.0
     gone = np.clip((gps.t - middle + 15.0) / 30.0, 0.0, 1.0) * share * enough["gps_position"]
@@ -296,7 +297,7 @@ def test_what_is_scored_together_is_each_alone(
     linear: Linear, name: str, shape: str, together: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A law: from moment to moment is the sum of all that lies between, whatever else is tried."""
-    monkeypatch.setattr("companion.estimation.weighing._KEYFRAMES", together)
+    monkeypatch.setattr("companion.constants.num.WEIGH_SIZE", together)
     onset, end = np.array([5.1, 9.0, 5.1, 16.2]), np.array([9.0, 14.7, 14.7, 18.0])
     ends = shape != "ramp"
     problem, solution, kind = linear.problem, linear.solution, kind_of(name)

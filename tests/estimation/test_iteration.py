@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from companion.constants import num
 from companion.estimation import iteration
 from companion.estimation.choice import Choice
 from companion.estimation.explanations import kind_of
-from companion.estimation.iteration import LITTLE, Point, Step, carried, estimate, in_noise, likelihood, start_of
+from companion.estimation.iteration import Point, Step, carried, estimate, in_noise, likelihood, start_of
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import CarriedImu, Linear, carry_imu, linearise
 from companion.estimation.setup import Setup, first_guess, set_up
@@ -56,7 +57,7 @@ def test_no_step_leads_uphill() -> None:
         point, linear, uphill = step.taken(about)
         assert not uphill
         shortened += not np.array_equal(point.states.position, step.at(1.0).states.position)
-        assert step.misfit_at(point, linear) < step.misfit + LITTLE
+        assert step.misfit_at(point, linear) < step.misfit + num.CONVERGED_MISFIT
     assert shortened, "the problem is too easy to show anything"
 
 

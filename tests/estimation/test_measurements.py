@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.constants import healthy
 from companion.estimation.iteration import start_of
 from companion.estimation.learned_noise import START
 from companion.estimation.linearisation import carry_imu, linearise
-from companion.estimation.measurements import GPS_LATENCY_S, gps_readings, vector_readings
+from companion.estimation.measurements import gps_readings, vector_readings
 from companion.estimation.setup import set_up
 from companion.model import STANDARD_GRAVITY, Array, GpsTrack, geodetic_from_ned
 from companion.strapdown import motions
@@ -49,7 +50,7 @@ def fixes(t: Array) -> GpsTrack:
 def test_a_fix_stands_where_the_vehicle_was_when_it_was_made() -> None:
     track = fixes(np.arange(0.0, 30.0, 0.01))
     for one in gps_readings(track, T, PLACE, SPACING):
-        assert (np.abs(one.t - GPS_LATENCY_S - T[one.keyframe]) <= 0.5 * SPACING + 1e-3).all()
+        assert (np.abs(one.t - healthy.GPS_LATENCY_S - T[one.keyframe]) <= 0.5 * SPACING + 1e-3).all()
         assert not ((one.t > 10.3) & (one.t < 19.7)).any(), "no keyframe is near"
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import gammaincinv
 
+from companion.constants import num
 from companion.estimation import (
     Sampling,
     confirmed_sampling,
@@ -17,7 +18,7 @@ from companion.estimation import (
     sampling_of,
     white_noise,
 )
-from companion.estimation.noise_density import _QUIET, _quiet_share
+from companion.estimation.noise_density import _quiet_share
 from companion.model import Array, ImuTrack
 from companion.simulate import fly
 from companion.strapdown import ImuModel, Sensor
@@ -154,5 +155,5 @@ def test_noise_of_several_steps_is_not_hidden() -> None:
 
 @pytest.mark.parametrize(("freedom", "within"), [(1.0, 0.05), (2.0, 0.02), (4.0, 0.01), (30.0, 1e-3), (500.0, 1e-4)])
 def test_the_quiet_part_of_few_spectra_is_that_of_chi_square(freedom: float, within: float) -> None:
-    exact = float(gammaincinv(0.5 * freedom, _QUIET) / (0.5 * freedom))
+    exact = float(gammaincinv(0.5 * freedom, num.NOISE_QUANTILE) / (0.5 * freedom))
     assert _quiet_share(freedom) == pytest.approx(exact, rel=within)

@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.estimation import ACCUSED, kind_of, probabilities, smooth
+from companion.constants import healthy
+from companion.constants.priors import ACCUSED
+from companion.estimation import kind_of, probabilities, smooth
 from companion.estimation.choice import Choice
 from companion.estimation.iteration import start_of
-from companion.estimation.measurements import GPS_LATENCY_S, Readings
+from companion.estimation.measurements import Readings
 from companion.estimation.retiming import retimed
 from companion.estimation.setup import first_guess, set_up
 from companion.model import STANDARD_GRAVITY, Flight
@@ -58,16 +60,16 @@ def test_no_fix_tells_of_what_has_not_happened_yet() -> None:
 
 def test_a_late_reading_goes_to_the_keyframe_that_it_speaks_of() -> None:
     t = 0.2 * np.arange(20.0)
-    told = t + GPS_LATENCY_S
+    told = t + healthy.GPS_LATENCY_S
     one = Readings(
         "gps_position", told, np.arange(20), np.column_stack([t, -t]), np.ones((20, 2)), np.zeros(20, np.intp)
     )
     late = one.later(np.where(told >= 2.0, 0.6, 0.0), t)
     assert (np.diff(late.keyframe) > 0).all()  # each once
-    np.testing.assert_allclose(late.t - late.late - GPS_LATENCY_S, t[late.keyframe])
-    np.testing.assert_allclose(late.value[:, 0], late.t - GPS_LATENCY_S)  # what was read goes with it
+    np.testing.assert_allclose(late.t - late.late - healthy.GPS_LATENCY_S, t[late.keyframe])
+    np.testing.assert_allclose(late.value[:, 0], late.t - healthy.GPS_LATENCY_S)  # what was read goes with it
     back = late.later(np.where(late.t >= 2.0, -0.6, 0.0), t)
-    np.testing.assert_allclose(back.t - GPS_LATENCY_S, t[back.keyframe])
+    np.testing.assert_allclose(back.t - healthy.GPS_LATENCY_S, t[back.keyframe])
     assert back.late == pytest.approx(0.0)
     assert len(one.later(np.full(20, 1.0), t).t) == 15  # what speaks of the time before the first is left out
 

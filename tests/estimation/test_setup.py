@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.constants import healthy, num
 from companion.estimation.earth_field import field_at
-from companion.estimation.measurements import GPS_LATENCY_S, MICROTESLA
 from companion.estimation.setup import set_up, unaided_guess
 from companion.model import STANDARD_GRAVITY, Array, CompassTrack, Origin, interpolated
 from companion.strapdown import quaternion
@@ -58,7 +58,7 @@ def test_keyframes_stand_where_the_fixes_were_taken() -> None:
     setup = set_up(flight, None, STANDARD_GRAVITY, None)
     for one in setup.readings:
         if one.name.startswith("gps"):
-            apart = one.t - GPS_LATENCY_S - setup.t[one.keyframe]
+            apart = one.t - healthy.GPS_LATENCY_S - setup.t[one.keyframe]
             assert np.abs(apart[1:-1]).max() <= 0.5 / setup.imu.rate_hz + 1e-9
             assert len(one.t) >= 45
 
@@ -82,7 +82,7 @@ def test_a_quick_compass_is_averaged_as_far_as_the_vehicle_hardly_turns(path: st
     read = (field + 2e-6 * np.random.default_rng(1).standard_normal(field.shape))[::2]
     quick = replace(flight, compasses=(CompassTrack(truth.t[::2], read, "RAW_IMU"),))
     one = next(r for r in set_up(quick, None, STANDARD_GRAVITY, None).readings if r.name == "compass")
-    off = one.value - MICROTESLA * interpolated(one.t, truth.t, field)
+    off = one.value - num.MICROTESLA * interpolated(one.t, truth.t, field)
     assert off.std() < (0.75 if path == "rest" else 1.5)
-    size = np.linalg.norm(one.value, axis=1).mean() / (MICROTESLA * np.linalg.norm(earth.ned))
+    size = np.linalg.norm(one.value, axis=1).mean() / (num.MICROTESLA * np.linalg.norm(earth.ned))
     assert size == pytest.approx(1.0, abs=0.01)

@@ -14,6 +14,7 @@ import numpy as np
 from companion.analysis.finding import Cause, Finding, run_edges
 from companion.analysis.phases import phases
 from companion.analysis.reference import BoolArray, length
+from companion.constants import check, harm, healthy, priors
 from companion.model import (
     Array,
     BarometerTrack,
@@ -27,22 +28,6 @@ from companion.model import (
     rows,
 )
 from companion.strapdown import preintegrate, quaternion
-
-_FROZEN_S = 2.0  # an estimator that gets nothing new for less has hardly moved
-_CHANCE = 1e-3  # of a stretch like it anywhere in the record of a sensor in order
-_BLOCK, _FEWEST = 20, 10  # readings; blocks outside of such stretches that tell how often one is repeated
-_SELDOM = 0.5  # above it one repetition makes the next likelier, and chance is not told by their share
-_STEPS = 10.0  # of the coarsest sensor, that a reading has to have changed by
-_COARSEST = {"compass": 4.35e-7, "barometer": 0.55, "gps": 0.02}
-"""tesla (HMC5883L data sheet: 4.35 mG), m (MS5611 data sheet: 0.065 mbar, at sea level), m (1e-7° of latitude)."""
-_LENGTH = 1e-6  # of a field: a length that is the same to this, of three components that are not, is made up
-_MOVES = 1.0  # m/s by GPS: a gyro that reads a turn at rest is off itself
-_BIAS = 0.1  # rad/s: of an even turn so much may be the gyro's bias
-_JUMPS = 10.0  # m, beyond what velocities say: far more than what two fixes of a receiver in order differ by
-_LEAPS, _SOONEST_S = 60.0, 0.05  # m/s²: no vehicle that these autopilots fly
-_OFTEN, _TOGETHER_S = 4, 5.0
-_UNVERIFIED_S = 5.0  # without a GPS that can be believed, an autopilot's position may be anything
-_SPREAD = 1.5  # m, 1σ: how far the heights of a GPS in order wander meanwhile
 
 _Track = CompassTrack | BarometerTrack | GpsTrack
 
@@ -98,7 +83,7 @@ def _constant(flight: Flight) -> Iterator[CompassTrack]:
     for one in of_kind(flight.series, "magnetometer"):
         if (
             isinstance(one, Series)
-            and len(one.t) > _BLOCK
+            and len(one.t) > check.REPEATS_BLOCK
             and one.values.any()
             and not np.ptp(one.values, axis=0).any()
         ):
@@ -107,7 +92,9 @@ def _constant(flight: Flight) -> Iterator[CompassTrack]:
 
 def _compass(track: CompassTrack) -> _Sensor:
     size = length(track.field)
-    same = (np.diff(track.field, axis=0) == 0.0).all(axis=1) | (np.abs(np.diff(size)) < _LENGTH * size[1:])
+    same = (np.diff(track.field, axis=0) == 0.0).all(axis=1) | (
+        np.abs(np.diff(size)) < check.SYNTHETIC_FIELD * size[1:]
+    )
     return _Sensor("compass", track.source, track.t, np.asarray(same), "one field, or one of exactly the same length")
 
 
@@ -132,11 +119,12 @@ def _frozen(
         i, j = (int(at) for at in np.searchsorted(t, (begin, end)))
         same = sensor.same[i : max(j - 1, i)]
         first, last = run_edges(np.asarray(same))
-        long = np.flatnonzero(t[i + last + 1] - t[i + first] > _FROZEN_S) if len(first) else first
+        long = np.flatnonzero(t[i + last + 1] - t[i + first] > healthy.EKF_UNFED_S) if len(first) else first
         for one in long:
             a, b = i + int(first[one]), i + int(last[one]) + 1
             p = _share(np.delete(same, slice(a - i, b - i)))
-            no_chance = p < _SELDOM and np.log(len(same)) + (b - a) * np.log(p) < np.log(_CHANCE)
+            by_chance = np.log(len(same)) + (b - a) * np.log(p) >= np.log(priors.FALSE_ALARM)
+            no_chance = p < check.REPEATS_SELDOM and not by_chance
             if no_chance or _should_have_changed(sensor.kind, track, slice(a, b + 1), flight, imu):
                 yield a, b
 
@@ -147,17 +135,18 @@ def _contradicting(track: GpsTrack) -> Iterator[tuple[int, int]]:
     One jump is a step of the position, which the estimate explains; a receiver that is jammed leaps with every fix.
     """
     fixed = np.flatnonzero((track.fix_type >= 3) & np.isfinite(track.latitude) & np.isfinite(track.velocity[:, 0]))
-    if len(fixed) < _OFTEN:
+    if len(fixed) < check.FIX_JUMPS_MIN:
         return
     t, velocity = track.t[fixed], track.velocity[fixed, :2]
     latitude, longitude = track.latitude[fixed], track.longitude[fixed]
     place = ned_from_geodetic(latitude, longitude, np.zeros(len(t)), (float(latitude[0]), float(longitude[0]), 0.0))
     apart = np.diff(t)[:, None]
     off = length(np.diff(place[:, :2], axis=0) - 0.5 * (velocity[1:] + velocity[:-1]) * apart)
-    leaps = length(np.diff(velocity, axis=0)) > _LEAPS * np.maximum(apart[:, 0], _SOONEST_S)
-    bad = np.flatnonzero((apart[:, 0] < _TOGETHER_S) & ((off > _JUMPS) | leaps))
-    for group in np.split(bad, np.flatnonzero(np.diff(t[bad]) > _TOGETHER_S) + 1):
-        if len(group) >= _OFTEN:
+    interval = np.maximum(apart[:, 0], check.FIX_MIN_INTERVAL_S)
+    leaps = length(np.diff(velocity, axis=0)) > healthy.MAX_MPS2 * interval
+    bad = np.flatnonzero((apart[:, 0] < check.FIX_JUMPS_GROUPED_S) & ((off > harm.FIX_JUMP_M) | leaps))
+    for group in np.split(bad, np.flatnonzero(np.diff(t[bad]) > check.FIX_JUMPS_GROUPED_S) + 1):
+        if len(group) >= check.FIX_JUMPS_MIN:
             yield int(fixed[group[0]]), int(fixed[group[-1] + 1])
 
 
@@ -171,7 +160,7 @@ def _inconsistent(source: str, begin: float, end: float) -> Finding:
         f"the GPS ({source}) contradicts itself from {begin:.1f} to {end:.1f} s: its positions do not move as "
         "its velocities say; left out there, position and velocity could not be verified",
         "Jamming, reflected signals or a receiver that fails: look at its signal strengths and at transmitters nearby.",
-        undecided=end - begin > _UNVERIFIED_S,
+        undecided=end - begin > harm.GPS_OUTAGE_S,
     )
 
 
@@ -181,10 +170,11 @@ def _share(same: BoolArray) -> float:
     A sensor whose noise is below its steps, or that is sent more often than it reads, has some in which it repeats
     most.
     """
-    blocks = len(same) // _BLOCK
-    if blocks < _FEWEST:
+    size = check.REPEATS_BLOCK
+    blocks = len(same) // size
+    if blocks < check.REPEATS_MIN_BLOCKS:
         return 1.0
-    return float((same[: blocks * _BLOCK].reshape(blocks, _BLOCK).sum(axis=1).max() + 1.0) / (_BLOCK + 2.0))
+    return float((same[: blocks * size].reshape(blocks, size).sum(axis=1).max() + 1.0) / (size + 2.0))
 
 
 def _should_have_changed(kind: str, track: _Track, part: slice, flight: Flight, imu: ImuTrack) -> bool:
@@ -192,15 +182,15 @@ def _should_have_changed(kind: str, track: _Track, part: slice, flight: Flight, 
     begin, end = float(track.t[part][0]), float(track.t[part][-1])
     if isinstance(track, GpsTrack):
         speed = float(np.nan_to_num(length(np.nan_to_num(track.velocity[part])))[0])
-        return speed > _MOVES and speed * (end - begin) > _STEPS * _COARSEST[kind]
+        return speed > harm.FROZEN_MPS and speed * (end - begin) > check.FROZEN_STEPS * healthy.COARSEST_STEP[kind]
     fixes = [(one, (one.t >= begin) & (one.t <= end) & (one.fix_type >= 3)) for one in flight.gps]
     if isinstance(track, BarometerTrack):
         heights = [one.height[at][np.isfinite(one.height[at])] for one, at in fixes]
-        least = _STEPS * _COARSEST[kind] + 3.0 * _SPREAD
+        least = check.FROZEN_STEPS * healthy.COARSEST_STEP[kind] + 3.0 * healthy.GPS_HEIGHT_WANDER_M
         return any(len(h) > 2 and float(np.subtract(*np.percentile(h, [90, 10]))) > least for h in heights)
     moves = [np.nanmedian(length(one.velocity[at][:, :2])) for one, at in fixes if at.any()]
-    return any(speed > _MOVES for speed in moves) and _turned(track.field[part][0], imu, begin, end) > (
-        _STEPS * _COARSEST[kind]
+    return any(speed > harm.FROZEN_MPS for speed in moves) and _turned(track.field[part][0], imu, begin, end) > (
+        check.FROZEN_STEPS * healthy.COARSEST_STEP[kind]
     )
 
 
@@ -210,7 +200,7 @@ def _turned(field: Array, imu: ImuTrack, begin: float, end: float) -> float:
     if during.stop - during.start < 3:
         return 0.0
     rate = imu.gyro[during]  # a bias turns nothing
-    steady = np.clip(rate.mean(axis=0), -_BIAS, _BIAS)
+    steady = np.clip(rate.mean(axis=0), -healthy.GYRO_BIAS_RPS, healthy.GYRO_BIAS_RPS)
     q = preintegrate(replace(imu[during], gyro=rate - steady)).q
     return float(length(quaternion.rotate(quaternion.conjugate(q), np.broadcast_to(field, (len(q), 3))) - field).max())
 
@@ -234,7 +224,6 @@ _SHOWS = {
     "gps_frozen": ("position_off", "velocity_off", "position_jump"),
     "gps_inconsistent": ("position_off", "velocity_off", "position_jump"),
 }
-_FOLLOWS_S = 20.0  # after a sensor reads anew its estimator may still be setting itself right
 
 
 def misled_by_frozen(findings: Sequence[Finding]) -> list[Finding]:
@@ -247,7 +236,7 @@ def misled_by_frozen(findings: Sequence[Finding]) -> list[Finding]:
             if f.kind in _SHOWS.get(one.kind, ())
             and f.side == "autopilot"
             and f.severity == "error"
-            and one.start_s <= f.start_s <= one.end_s + _FOLLOWS_S
+            and one.start_s <= f.start_s <= one.end_s + healthy.EKF_RECOVERS_S
         ]
         if led:
             sensor = one.kind.partition("_")[0]

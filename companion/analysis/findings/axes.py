@@ -12,22 +12,12 @@ from companion.analysis.comparison import Comparison, IntArray
 from companion.analysis.episode import SENSORS
 from companion.analysis.finding import Finding
 from companion.analysis.reference import length
+from companion.constants import check, harm, healthy
 from companion.estimation import BestEstimate, Reading
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack
 from companion.strapdown import quaternion
 
-_TURN_S = 0.5  # over which turns and forces are averaged
-_PLAIN = 0.2  # misfit, g plus rad/s, from which on a far better rotation is enough
-_NOTHING = 0.015  # misfit of a good sensor
-_ASKEW = np.radians(12.0)  # less is a trim
 _ADVICE = "Set the board's orientation to how it is mounted, and calibrate again."
-_LEAST = 0.04  # below it a bias explains it as well
-_FEWEST = 10  # windows; of those with motion, for units
-_NEARLY, _MOSTLY = np.log(1.5), 0.8  # within such a factor of the usual one, in such a share of the windows
-_MOVED = 0.05  # of the squares about the axis with most: about others there is too little
-_REST = 0.1  # of the squares of what is read, that the motion may leave
-_MULTIPLE = 2.0  # or a half: what is less off is no unit
-_EXACT = 0.03  # by which a factor of units may be missed
 _DOES = {"gyro": "turns", "accel": "feels"}
 _THOUSAND = {1e3: "thousandths, where whole units are meant", 1e-3: "whole units, where thousandths are meant"}
 _UNITS = {
@@ -60,12 +50,12 @@ def meaning_findings(comparison: Comparison) -> Iterator[Finding]:
 def _motion(comparison: Comparison) -> _Motion | None:
     """Of the windows in which the autopilot's attitude is known; None where they are too few."""
     track, reference = comparison.track, comparison.reference
-    span = max(1, round(_TURN_S * track.rate_hz))
+    span = max(1, round(check.AXES_WINDOW_S * track.rate_hz))
     start = np.arange(0, len(track) - span, span)
     end = start + span
     known = reference.attitude_known[start] & reference.attitude_known[end]
-    known &= track.t[end] - track.t[start] < 2 * _TURN_S
-    if known.sum() < _FEWEST:
+    known &= track.t[end] - track.t[start] < 2 * check.AXES_WINDOW_S
+    if known.sum() < check.AXES_MIN_WINDOWS:
         return None
     start, end = start[known], end[known]
     q = reference.q_ned_frd
@@ -84,9 +74,9 @@ def _unit_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
     """A sensor reads a multiple of the motion, the same about every axis: no fault of a sensor, but of its units."""
     pairs = {"gyro": _times(motion.turn, motion.gyro, biased=True), "accel": _times(motion.pull, motion.accel)}
     for sensor, times in pairs.items():
-        if times is None or max(times, 1.0 / times) < _MULTIPLE:
+        if times is None or max(times, 1.0 / times) < check.UNIT_MIN_FACTOR:
             continue
-        meant = (words for known, words in _UNITS[sensor].items() if abs(times / known - 1.0) < _EXACT)
+        meant = (words for known, words in _UNITS[sensor].items() if abs(times / known - 1.0) < check.UNIT_TOLERANCE)
         how = (
             f"{SENSORS[sensor]} reads {times:.3g} times what the vehicle {_DOES[sensor]} by the autopilot's estimate, "
             f"about every axis alike: {next(meant, 'as the counts of a converter would')}"
@@ -107,11 +97,11 @@ def _times(own: Array, read: Array, *, biased: bool = False) -> float | None:
     """
     moved, heard = length(own), length(read)
     busy = (moved >= np.median(moved)) & (moved > 0) & (heard > 0)
-    if busy.sum() < _FEWEST:
+    if busy.sum() < check.AXES_MIN_WINDOWS:
         return None
     times = heard[busy] / moved[busy]
-    usual = np.abs(np.log(times / np.median(times))) < _NEARLY
-    if usual.mean() < _MOSTLY:
+    usual = np.abs(np.log(times / np.median(times))) < check.UNIT_FACTOR_LOG
+    if usual.mean() < check.UNIT_FACTOR_SHARE:
         return None
     own, read = own[busy][usual], read[busy][usual]  # without an attitude that is set, and spikes
     if biased:
@@ -119,10 +109,11 @@ def _times(own: Array, read: Array, *, biased: bool = False) -> float | None:
     much, axes = np.linalg.eigh(own.T @ own)
     if not much[-1] > 0:
         return None
-    moved = own @ axes[:, much > _MOVED * much[-1]]
+    moved = own @ axes[:, much > check.UNIT_AXIS_SHARE * much[-1]]
     by, *_ = np.linalg.lstsq(moved, read)
     sizes = np.linalg.svd(by, compute_uv=False)
-    alike = sizes[0] < np.exp(_NEARLY) * sizes[-1] and ((read - moved @ by) ** 2).sum() < _REST * (read**2).sum()
+    explained = ((read - moved @ by) ** 2).sum() < check.UNIT_REST * (read**2).sum()
+    alike = sizes[0] < np.exp(check.UNIT_FACTOR_LOG) * sizes[-1] and explained
     return float(np.sqrt(sizes[0] * sizes[-1])) if alike else None
 
 
@@ -140,9 +131,10 @@ def _axes_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
     own = total["x y z"]
     # where little is wrong, turns and forces both have to say so: else it is a bias
     both = all(
-        better < 0.5 * worse or worse < _NOTHING for better, worse in zip(misfit[best], misfit["x y z"], strict=True)
+        better < 0.5 * worse or worse < healthy.AXES_MISFIT
+        for better, worse in zip(misfit[best], misfit["x y z"], strict=True)
     )
-    if total[best] < 0.3 * own and (own > _PLAIN or (own > _LEAST and both)):
+    if total[best] < 0.3 * own and (own > harm.AXES_MISFIT or (own > harm.AXES_MIN_MISFIT and both)):
         yield _wrong(
             track,
             f"forward, right, down are the IMU's ({best.replace(' ', ', ')}): so the readings fit "
@@ -156,8 +148,8 @@ def _axes_findings(track: ImuTrack, motion: _Motion) -> Iterator[Finding]:
     forces, turns = _misfit(pull, accel, turn, gyro, free)
     # a tilted board and an offset of the accelerometer look alike in level flight: the turns have to say so
     if (
-        length(angle) > _ASKEW
-        and misfit["x y z"][1] > _NOTHING
+        length(angle) > healthy.TRIM_RAD
+        and misfit["x y z"][1] > healthy.AXES_MISFIT
         and turns < 0.4 * misfit["x y z"][1]
         and forces + turns < 0.3 * own
     ):

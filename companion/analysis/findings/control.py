@@ -10,7 +10,8 @@ import numpy as np
 from companion.analysis.finding import Finding, by_severity
 from companion.analysis.findings.readings import reading_findings
 from companion.analysis.imu_spec import ImuSpec
-from companion.analysis.loss_of_control import WORTHLESS_S, unjudged
+from companion.analysis.loss_of_control import unjudged
+from companion.constants import check
 from companion.model import Flight, ImuTrack, Phase
 
 
@@ -25,8 +26,10 @@ def when_lost(
     """
     lost, out = [part for part in parts if part.kind == "impact"], unjudged(parts)
     end = float(track.t[-1])
-    kept = [f for f in told if not any(begin <= f.start_s and f.end_s < over + WORTHLESS_S for begin, over in out)]
-    kept = [replace(f, severity="info", cause=None) if f.start_s > end - WORTHLESS_S else f for f in kept]
+    kept = [
+        f for f in told if not any(begin <= f.start_s and f.end_s < over + check.WORTHLESS_S for begin, over in out)
+    ]
+    kept = [replace(f, severity="info", cause=None) if f.start_s > end - check.WORTHLESS_S else f for f in kept]
     said: list[Finding] = []
     for part in lost:
         falling = track[slice(*np.searchsorted(track.t, [part.start, part.end]).tolist())]
@@ -58,8 +61,6 @@ def _as_consequence(clipping: Finding) -> Finding:
 
 
 _LOST = "Look at motors, propellers and the desired attitude before it: a vehicle that tumbles misleads every sensor."
-_FULL = 0.98  # of an output's range
-_AROUND_S = 1.0  # before control was lost and after, in which an output may have come to its end
 
 
 def _at_its_end(flight: Flight, lost: float) -> str:
@@ -67,9 +68,10 @@ def _at_its_end(flight: Flight, lost: float) -> str:
     track = flight.actuators
     if track is None:
         return ""
-    full = np.nan_to_num(track.output) >= _FULL
-    usual = full[track.t < lost - _AROUND_S].mean(axis=0) if (track.t < lost - _AROUND_S).any() else full[0]
-    around = (full[(track.t >= begin) & (track.t < begin + _AROUND_S)] for begin in (lost - _AROUND_S, lost))
+    full = np.nan_to_num(track.output) >= check.OUTPUT_FULL
+    before = lost - check.AROUND_S
+    usual = full[track.t < before].mean(axis=0) if (track.t < before).any() else full[0]
+    around = (full[(track.t >= begin) & (track.t < begin + check.AROUND_S)] for begin in (before, lost))
     most = np.max([part.mean(axis=0) if len(part) else np.zeros(full.shape[1]) for part in around], axis=0)
     names = [_output(flight, int(i)) for i in np.flatnonzero((most > 0.5) & (usual < 0.05))]
     return f" with {' and '.join(names)} at {'its' if len(names) == 1 else 'their'} end" if names else ""

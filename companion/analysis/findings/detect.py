@@ -13,7 +13,7 @@ from companion.analysis.budget import Expected
 from companion.analysis.comparison import Comparison, compare
 from companion.analysis.constant_faults import ConstantError, constant_findings
 from companion.analysis.departures import departures
-from companion.analysis.episode import SIGMAS, episodes
+from companion.analysis.episode import episodes
 from companion.analysis.finding import Finding, by_severity
 from companion.analysis.findings.aiding import misled_by_frozen
 from companion.analysis.findings.axes import meaning_findings
@@ -29,6 +29,7 @@ from companion.analysis.findings.vibration import noise_findings, vibration_find
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
 from companion.analysis.noise import FlightDensity
 from companion.analysis.phases import landed_at, phases
+from companion.constants import check, harm, num
 from companion.estimation import BestEstimate, kind_of
 from companion.model import Flight, ImuTrack, Series
 
@@ -91,7 +92,8 @@ def findings(
         all_findings.append(_not_independent(comparison))
     landed = landed_at(phases(flight))
     jumps = [
-        f if f.start_s < landed - _TOLD_S else replace(f, severity="info") for f in jump_findings(comparison, flight)
+        f if f.start_s < landed - check.HEARTBEAT_S else replace(f, severity="info")
+        for f in jump_findings(comparison, flight)
     ]
     all_findings += [*outage_findings(flight, comparison), *interference_findings(flight)]
     all_findings += noise_findings(comparison, noise, figures, allowed)
@@ -115,7 +117,7 @@ def findings(
         tilted = _tilted(fitted)
     if best is not None:
         limits = comparison.how.limits
-        while_judged = tuple(one for one in episodes(best) if one.start - SIGMAS * one.start_sigma < landed)
+        while_judged = tuple(one for one in episodes(best) if one.start - num.SIGMAS * one.start_sigma < landed)
         departed = departures(flight, best, limits, tilted)
         departed = tuple(one for one in departed if not _is_led_to(one.start, one.end, faults))
         all_findings += findings_of(while_judged, departed, best, jumps, flight.imu_in_use)
@@ -154,7 +156,7 @@ def _confirmed(jump: Finding, others: Sequence[Finding], best: BestEstimate) -> 
     after it, and an estimator that corrects itself accuses nobody.
     """
     off = [f for f in others if f.side == "autopilot" and f.severity == "error"]
-    if jump.severity != "error" or any(f.start_s - _NEAR_S <= jump.start_s <= f.end_s + _NEAR_S for f in off):
+    if jump.severity != "error" or any(f.start_s - check.NEAR_S <= jump.start_s <= f.end_s + check.NEAR_S for f in off):
         return jump
     size = jump.cause.size if jump.cause is not None and jump.kind == "position_jump" else None
     if size is not None and size >= kind_of("gps_position").least and "gps_position" not in best.residuals:
@@ -181,10 +183,7 @@ def _is_led_to(start: float, end: float, others: Sequence[Finding]) -> bool:
     )
 
 
-_NEAR_S = 5.0
-_TOLD_S = 1.0  # heartbeats tell once a second whether a vehicle is armed
 _CAUSES = ("stuck_axis", "frozen", "units_wrong", "axes_wrong", "clocks_diverge")
-_MOUNTING_RAD = np.radians(2.0)
 
 
 def _installed(flight: Flight, comparison: Comparison, fitted: Installation) -> Iterator[Finding]:
@@ -206,7 +205,7 @@ def _installed(flight: Flight, comparison: Comparison, fitted: Installation) -> 
         yield Finding(
             "mounting",
             "data",
-            "warning" if size > _MOUNTING_RAD else "info",
+            "warning" if size > harm.MOUNTING_RAD else "info",
             begin,
             end,
             f"the IMU is turned by ({roll:.1f}, {pitch:.1f}, {yaw:.1f})° against the axes of the attitude, throughout",
@@ -239,9 +238,7 @@ def _not_independent(comparison: Comparison) -> Finding:
     )
 
 
-_BEFORE_S, _AFTER_S = 2.0, 15.0  # a glitch is spoken of once the estimator has noticed
 _WORDS = ("ekf", "gps", "compass", "mag", "yaw", "lane", "glitch", "aiding", "primary", "variance", "failsafe", "reset")
-_MOST = 2  # quotations
 _RATIOS = {
     "velocity_ratio": "velocity",
     "position_ratio": "position",
@@ -257,17 +254,18 @@ def with_witnesses(finding: Finding, flight: Flight) -> Finding:
     """
     if finding.side != "autopilot" and not finding.kind.startswith("compass"):
         return finding
-    begin, end = finding.start_s, min(finding.end_s, finding.start_s + _AFTER_S)
+    begin, end = finding.start_s, min(finding.end_s, finding.start_s + check.AFTER_S)
     said = [(t.t, t.text) for t in flight.texts if _speaks(t.text)]
     said += [(e.t, e.text) for e in flight.events if e.kind in {"error", "event"} and _speaks(e.text)]
-    during = [(t, text) for t, text in said if begin - _BEFORE_S <= t <= end + _AFTER_S]
+    during = [(t, text) for t, text in said if begin - check.BEFORE_S <= t <= end + check.AFTER_S]
     nearest = sorted(during, key=lambda spoken: max(begin - spoken[0], spoken[0] - end, 0.0))
     words = dict.fromkeys(f"{''.join(c for c in text if c.isprintable())!r} at {t:.1f} s" for t, text in nearest)
     evidence = [finding.evidence]
     if words:
-        evidence.append(f"the vehicle said {', '.join(list(words)[:_MOST])}")
+        evidence.append(f"the vehicle said {', '.join(list(words)[: check.MAX_QUOTED])}")
     estimator = flight.series.get("estimator")
-    if estimator is not None and (ratio := _worst_ratio(estimator, begin - _BEFORE_S, end + _BEFORE_S)):
+    reach = check.BEFORE_S
+    if estimator is not None and (ratio := _worst_ratio(estimator, begin - reach, end + reach)):
         evidence.append(ratio)
     return replace(finding, evidence="; ".join(evidence), headline=finding.headline or finding.evidence)
 

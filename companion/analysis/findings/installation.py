@@ -18,16 +18,8 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.correction import Correction
 from companion.analysis.findings.residuals import ACCEL_BIAS, GYRO_BIAS, Residuals
 from companion.analysis.imu_spec import ImuSpec, ReferenceSpec
+from companion.constants import check, harm, healthy
 from companion.model import Array, ImuTrack
-
-_TURNED, _LATE, _OFF = 0.1, 0.02, 0.3  # what may be expected beforehand, 1σ: rad, s, m
-_BIASED = 4.0  # times what calibration leaves: a gyro may be wrong as well
-_POINTED = 0.1  # rad, the autopilot's heading
-_CERTAIN, _CERTAIN_TURN = 5.0, 3.0  # standard errors from which on it is believed
-_TURNED_MOST = np.radians(12.0)  # AHRS_TRIM reaches ±10°; more is another orientation
-_TURNED_LEAST, _LATE_LEAST, _OFF_LEAST = np.radians(1.0), 0.005, 0.05
-_FEWEST = 5  # windows
-_ROUNDS = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,22 +41,23 @@ def installation(
     comparison: Comparison, residuals: Residuals, imu: ImuSpec, autopilot: ReferenceSpec, trusted_until: float
 ) -> Installation | None:
     """Fit it; None with too few windows. trusted_until: s, from when on the autopilot's heading is known to be off."""
-    if len(residuals) < _FEWEST:
+    if len(residuals) < check.INSTALLED_MIN_WINDOWS:
         return None
     turning = _turns(comparison, residuals, imu, autopilot)
     lag, lag_sigma = float(turning.x[6]), float(turning.sigma[6])
-    if abs(lag) < max(_LATE_LEAST, 3.0 * lag_sigma):
+    if abs(lag) < max(harm.ATTITUDE_LAG_S, 3.0 * lag_sigma):
         lag = 0.0
     fit, part = turning, slice(3, 6)
-    lever, lever_sigma = np.zeros(3), np.full(3, _OFF)
-    if comparison.has_position and (residuals.end < trusted_until).sum() >= _FEWEST:
+    lever, lever_sigma = np.zeros(3), np.full(3, healthy.LEVER_ARM_M)
+    if comparison.has_position and (residuals.end < trusted_until).sum() >= check.INSTALLED_MIN_WINDOWS:
         fit, part = _turns_and_forces(comparison, residuals, imu, autopilot, trusted_until), slice(6, 9)
         lever, lever_sigma = fit.x[9:12], fit.sigma[9:12]
     mounting = fit.x[part]
-    if not (_TURNED_LEAST < np.linalg.norm(mounting) < _TURNED_MOST and fit.certain(part, _CERTAIN_TURN)):
+    turned = harm.MOUNTING_MIN_RAD < np.linalg.norm(mounting) < healthy.TRIM_RAD
+    if not (turned and fit.certain(part, check.MOUNTING_SIGMAS)):
         mounting = np.zeros(3)
-    sure = (np.abs(lever) > _CERTAIN * lever_sigma) & (np.abs(lever) > _OFF_LEAST)
-    lever = np.where(lever_sigma < 0.3 * _OFF, lever, 0.0) if sure.any() else np.zeros(3)
+    sure = (np.abs(lever) > check.LEVER_SIGMAS * lever_sigma) & (np.abs(lever) > harm.LEVER_ARM_M)
+    lever = np.where(lever_sigma < 0.3 * healthy.LEVER_ARM_M, lever, 0.0) if sure.any() else np.zeros(3)
     return Installation(mounting, lag, lag_sigma, lever)
 
 
@@ -103,7 +96,8 @@ def _turns(
         ],
         axis=2,
     )
-    prior = np.concatenate([np.full(3, _BIASED * imu.gyro.residual_bias), np.full(3, _TURNED), [_LATE]])
+    biased = healthy.GYRO_TIMES * imu.gyro.residual_bias
+    prior = np.array([*[biased] * 3, *[healthy.MOUNTING_RAD] * 3, healthy.ATTITUDE_LAG_S])
     return _robust([(jacobian, residuals.attitude, _turn_sigma(comparison, residuals, autopilot))], prior)
 
 
@@ -129,11 +123,11 @@ def _turns_and_forces(
     )
     prior = np.concatenate(
         [
-            np.full(3, _BIASED * imu.gyro.residual_bias),
+            np.full(3, healthy.GYRO_TIMES * imu.gyro.residual_bias),
             np.full(3, imu.accel.residual_bias),
-            np.full(3, _TURNED),
-            np.full(3, _OFF),
-            [_LATE, autopilot.tilt, autopilot.tilt, _POINTED],
+            np.full(3, healthy.MOUNTING_RAD),
+            np.full(3, healthy.LEVER_ARM_M),
+            [healthy.ATTITUDE_LAG_S, autopilot.tilt, autopilot.tilt, healthy.AP_HEADING_RAD],
         ]
     )
     noise = residuals.noise[:, 1] * residuals.span[:, 0]
@@ -163,7 +157,7 @@ def _robust(blocks: list[tuple[Array, Array, Array]], prior: Array) -> _Fit:
     """
     x = np.zeros(len(prior))
     information, spread = np.zeros((len(prior), len(prior))), 1.0
-    for _ in range(_ROUNDS):
+    for _ in range(check.INSTALLED_ROUNDS):
         information, pull = np.diag(prior**-2.0), np.zeros(len(prior))
         misfit = []
         for jacobian, error, sigma in blocks:

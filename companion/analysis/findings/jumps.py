@@ -7,16 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from companion.analysis.comparison import Comparison
-from companion.analysis.episode import SIGMAS
 from companion.analysis.finding import Cause, Finding, Severity, runs
 from companion.analysis.phases import phases
 from companion.analysis.reference import length
+from companion.constants import check, num
 from companion.model import Flight, PositionTrack
 from companion.strapdown import quaternion
-
-_STEP_RATE_HZ = 20.0  # below it a turn between two samples looks like a step of the heading
-_STEP_S = 0.2  # length of the windows in which a heading step is looked for
-_TOGETHER_S = 1.0  # jumps closer than this are one finding
 
 
 def jump_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
@@ -54,7 +50,7 @@ def _position_findings(comparison: Comparison, position: PositionTrack, settled:
     steps = steps[~lost]
     if not len(steps):
         return
-    for group in np.split(steps, np.flatnonzero(np.diff(steps[:, 0]) > _TOGETHER_S) + 1):
+    for group in np.split(steps, np.flatnonzero(np.diff(steps[:, 0]) > check.GROUPED_S) + 1):
         i, j = np.searchsorted(position.t, group[:, 0]), np.searchsorted(position.t, group[:, 1])
         moved = float(length(position.position[j] - position.position[i]).max())
         start, end = float(group[0, 0]), float(group[-1, 1])
@@ -78,9 +74,9 @@ def _heading_steps(comparison: Comparison) -> Iterator[tuple[float, float, float
     And larger than what the attitude between two of its samples may make of it.
     """
     t, q = comparison.track.t, comparison.reference.q_ned_frd
-    if comparison.track.rate_hz < _STEP_RATE_HZ:
+    if comparison.track.rate_hz < check.YAW_STEP_RATE_HZ:
         return
-    span = max(1, round(_STEP_S * comparison.track.rate_hz))
+    span = max(1, round(check.YAW_STEP_S * comparison.track.rate_hz))
     start = np.arange(0, len(t) - span)
     end = start + span
     known = comparison.reference.attitude_known
@@ -89,10 +85,10 @@ def _heading_steps(comparison: Comparison) -> Iterator[tuple[float, float, float
     error = quaternion.log(seen)
     tilt = length(error[:, :2])
     big = (np.abs(error[:, 2]) > np.radians(1.5)) & (tilt < 0.5 * np.abs(error[:, 2])) & known[start] & known[end]
-    big &= t[end] - t[start] < 2 * _STEP_S
+    big &= t[end] - t[start] < 2 * check.YAW_STEP_S
     some = np.flatnonzero(big)
     ends = (comparison.reference.interpolation_error(at[some], comparison.path).attitude for at in (start, end))
-    big[some] = np.abs(error[some, 2]) > SIGMAS * np.hypot(*ends)
+    big[some] = np.abs(error[some, 2]) > num.SIGMAS * np.hypot(*ends)
     for first, last in runs(np.asarray(big)):
         peak = first + int(np.argmax(np.abs(error[first : last + 1, 2])))
         edges = sorted((float(t[start[last]]), float(t[end[first]])))

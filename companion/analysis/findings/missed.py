@@ -9,14 +9,13 @@ import numpy as np
 
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding, run_edges
-from companion.analysis.findings.stuck import SOME, STUCK_RATE_HZ, STUCK_S, Sensor, stuck_finding
+from companion.analysis.findings.stuck import Sensor, stuck_finding
 from companion.analysis.reference import length
+from companion.constants import check, healthy
 from companion.estimation import BestEstimate, Explained, motion_between
 from companion.model import Flight, ImuTrack, NoEstimateError
 
 _AIDING = ("compass", "gps")  # that tell a turn, each with gravity
-_HALF = 0.5  # of what an axis missed, that another IMU has to have felt
-_FEWEST_MISSED, _ALONG, _BEYOND_USUAL = 3, 0.8, 3.0  # intervals; the part of a motion along the axis; times the usual
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +72,8 @@ def _blames(best: BestEstimate, missed: _Missed) -> bool:
     """Whether an estimate has to explain something of the gyro along an axis, in a time in which it reads the same."""
     begin, end = missed.sensor.t[missed.first], missed.sensor.t[missed.last]
     return any(
-        abs(one.size[missed.axis]) > _HALF * np.linalg.norm(one.size) for one in _explained(best, "gyro", begin, end)
+        abs(one.size[missed.axis]) > check.MISSED_CONFIRMED * np.linalg.norm(one.size)
+        for one in _explained(best, "gyro", begin, end)
     )
 
 
@@ -90,7 +90,7 @@ def _explained(best: BestEstimate, sensor: str, begin: float, end: float) -> lis
 
 def _read_throughout(other: ImuTrack, missed: _Missed) -> bool:
     t = missed.sensor.t
-    return other.rate_hz >= STUCK_RATE_HZ and other.t[0] <= t[missed.first] and other.t[-1] >= t[missed.last]
+    return other.rate_hz >= check.STUCK_RATE_HZ and other.t[0] <= t[missed.first] and other.t[-1] >= t[missed.last]
 
 
 def _turned_too(other: ImuTrack, missed: _Missed, best: BestEstimate) -> bool:
@@ -99,7 +99,7 @@ def _turned_too(other: ImuTrack, missed: _Missed, best: BestEstimate) -> bool:
     at = best.t[(best.t >= begin) & (best.t <= end)]
     steps = np.diff(other.t) * 0.5 * (other.gyro[1:, missed.axis] + other.gyro[:-1, missed.axis])
     angle = np.interp(at, other.t, np.concatenate([[0.0], np.cumsum(steps)]))
-    return float((np.diff(angle) / np.diff(at)).std()) > _HALF * missed.size
+    return float((np.diff(angle) / np.diff(at)).std()) > check.MISSED_CONFIRMED * missed.size
 
 
 def _missed(comparison: Comparison, best: BestEstimate) -> Iterator[_Missed]:
@@ -110,7 +110,7 @@ def _missed(comparison: Comparison, best: BestEstimate) -> Iterator[_Missed]:
     """
     track = comparison.track
     sensors = {one.kind.partition("_")[0] for one in best.explained} & {"gyro", "accel"}
-    if track.rate_hz < STUCK_RATE_HZ or not sensors:
+    if track.rate_hz < check.STUCK_RATE_HZ or not sensors:
         return
     for name, (moved, read) in zip(("gyro", "accel"), motion_between(best), strict=True):
         if name not in sensors:
@@ -118,13 +118,14 @@ def _missed(comparison: Comparison, best: BestEstimate) -> Iterator[_Missed]:
         sensor, missed = Sensor(track, name), moved - read
         for axis in range(3):
             first, last = run_edges(np.asarray(sensor.same[:, axis]))
-            for i in np.flatnonzero(track.t[last + 1] - track.t[first] > STUCK_S):
+            for i in np.flatnonzero(track.t[last + 1] - track.t[first] > healthy.STUCK_S):
                 begin, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
                 inside = (best.t[:-1] >= begin) & (best.t[1:] <= end)
-                if not _explained(best, name, begin, end) or min(inside.sum(), (~inside).sum()) < _FEWEST_MISSED:
+                few = min(inside.sum(), (~inside).sum()) < check.MISSED_MIN
+                if few or not _explained(best, name, begin, end):
                     continue
                 # Its variation, for a bias is missed all the time.
                 size, usual = (missed[part].std(axis=0) for part in (inside, ~inside))
-                alone = size[axis] > _ALONG * length(size)
-                if alone and size[axis] > max(SOME * sensor.step, _BEYOND_USUAL * usual[axis]):
+                alone = size[axis] > check.MISSED_ALONG * length(size)
+                if alone and size[axis] > max(check.SOME_STEPS * sensor.step, check.MISSED_BEYOND_USUAL * usual[axis]):
                     yield _Missed(sensor, axis, int(first[i]), int(last[i]) + 1, float(size[axis]))

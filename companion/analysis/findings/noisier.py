@@ -10,15 +10,8 @@ import numpy as np
 from companion.analysis.episode import SENSORS
 from companion.analysis.finding import Cause, Finding, run_edges
 from companion.analysis.reference import BoolArray
+from companion.constants import check, priors
 from companion.model import Array, ImuTrack
-
-_CHANCE = 1e-3  # that anything is said of an IMU in order
-_BLOCK_S, _BLOCK = 2.0, 20  # at least: a scatter of 20 differences is known to 20 %
-_LASTS = 3  # blocks
-_FEWEST = 10  # others that tell what is usual
-_ORDER = 4  # of the differences: of a motion of 2 Hz at 100 Hz 0.03 % is left
-_GAIN = 70.0  # of the variance of white noise by them, the sum of the squares of 1 4 6 4 1
-_LEAST = 0.05  # of a logarithm: what scatters by less is known no better
 
 
 def noisier_findings(track: ImuTrack, others: Sequence[ImuTrack]) -> Iterator[Finding]:
@@ -43,18 +36,19 @@ def noisier_findings(track: ImuTrack, others: Sequence[ImuTrack]) -> Iterator[Fi
 def _levels(track: ImuTrack, name: str) -> tuple[Array, Array]:
     """Start of each block (B+1,) s, the end of the last with them, and log of the noise (1σ) of each axis (B, 3)."""
     readings, step = (track.gyro, track.gyro_step) if name == "gyro" else (track.accel, track.accel_step)
-    size = max(_BLOCK, round(_BLOCK_S * track.rate_hz))
-    changes = np.diff(readings, _ORDER, axis=0)
+    size = max(check.NOISIER_BLOCK, round(check.NOISIER_BLOCK_S * track.rate_hz))
+    changes = np.diff(readings, check.NOISIER_ORDER, axis=0)
     blocks = len(changes) // size
     if blocks < 1:
         return track.t[:1], np.zeros((0, 3))
-    variance = (changes[: blocks * size].reshape(blocks, size, 3) ** 2).mean(axis=1) / _GAIN + step**2 / 12.0
+    squares = changes[: blocks * size].reshape(blocks, size, 3) ** 2
+    variance = squares.mean(axis=1) / check.NOISIER_GAIN + step**2 / 12.0
     return track.t[: blocks * size + 1 : size], 0.5 * np.log(np.maximum(variance, 1e-300))
 
 
 def _noisier(level: Array, axis: int) -> Iterator[tuple[int, int]]:
     """First and last block of stretches in which the noise (log, (B, 3)) of an axis has no chance to be usual."""
-    if len(level) < _FEWEST + _LASTS:
+    if len(level) < check.NOISIER_OTHERS + check.NOISIER_MIN_BLOCKS:
         return
     ratio = level[:, axis] - np.delete(level, axis, axis=1).max(axis=1)
     usual = np.median(ratio)
@@ -63,13 +57,14 @@ def _noisier(level: Array, axis: int) -> Iterator[tuple[int, int]]:
         outside = np.ones(len(level), np.bool_)
         outside[max(i - 1, 0) : j + 2] = False
         stretch = _longest(level, axis, slice(i, j + 1), outside)
-        if stretch is None or outside.sum() < _FEWEST or stretch[0] == 0:  # from the start on it became nothing
+        # from the start on it became nothing
+        if stretch is None or outside.sum() < check.NOISIER_OTHERS or stretch[0] == 0:
             continue
         begin, end = stretch
         others = ratio[outside]
-        spread = max(float(others.std(ddof=1)), _LEAST) * np.sqrt(1.0 + 1.0 / len(others))
+        spread = max(float(others.std(ddof=1)), check.NOISIER_MIN_SPREAD) * np.sqrt(1.0 + 1.0 / len(others))
         excess = (float(ratio[begin : end + 1].min()) - float(others.mean())) / spread
-        if _tail(excess, len(others) - 1) * 6 * len(level) < _CHANCE:
+        if _tail(excess, len(others) - 1) * 6 * len(level) < priors.FALSE_ALARM:
             yield begin, end
 
 
@@ -78,7 +73,7 @@ def _longest(level: Array, axis: int, part: slice, outside: BoolArray) -> tuple[
     if not outside.any():
         return None
     first, last = run_edges(np.asarray(level[part, axis] > level[outside, axis].max()))
-    if not len(first) or (last - first).max() + 1 < _LASTS:
+    if not len(first) or (last - first).max() + 1 < check.NOISIER_MIN_BLOCKS:
         return None
     longest = int(np.argmax(last - first))
     return part.start + int(first[longest]), part.start + int(last[longest])
@@ -100,7 +95,7 @@ def _alone(name: str, axis: int, begin: float, end: float, others: Sequence[ImuT
     told = False
     for other in others:
         start, level = _levels(other, name)
-        if len(level) < _FEWEST + _LASTS or start[0] > begin or start[-1] < end:
+        if len(level) < check.NOISIER_OTHERS + check.NOISIER_MIN_BLOCKS or start[0] > begin or start[-1] < end:
             continue
         told = True
         if any(start[i] < end and start[j + 1] > begin for i, j in _noisier(level, axis)):

@@ -10,14 +10,10 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding
 from companion.analysis.phases import phases
 from companion.analysis.reference import length
+from companion.constants import check, harm
 from companion.model import Array, Flight, of_kind
 
 Span = tuple[float, float]  # s, boot clock
-
-_LONG_S = 5.0  # an accelerometer that is off by 0.1 m/s² has moved a dead-reckoned position by 1.25 m then
-_FIX_3D = 3
-_STATE = 2  # of jamming_state and spoofing_state: 0 unknown, 1 none, 2 mitigated or indicated, 3 detected or multiple
-_INDICATOR = 80.0  # of 255 (PX4 User Guide, Log Analysis using Flight Review: above it is too much interference)
 
 
 def outage_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding]:
@@ -26,7 +22,7 @@ def outage_findings(flight: Flight, comparison: Comparison) -> Iterator[Finding]
     Only what had been there before is lost, and only while the IMU is in the log: a gap of the link says nothing.
     A position is dead-reckoned where no receiver has a fix: whatever else aids it, GPS does not.
     """
-    fixes = [one.t[one.fix_type >= _FIX_3D] for one in flight.gps]
+    fixes = [one.t[one.fix_type >= check.FIX_3D] for one in flight.gps]
     without_fix = _gaps(flight, comparison, np.sort(np.concatenate(fixes)) if fixes else np.zeros(0))
     position = flight.position
     lost = [] if position is None else _gaps(flight, comparison, position.t)
@@ -56,11 +52,12 @@ def interference_findings(flight: Flight) -> Iterator[Finding]:
         columns = {name: np.nan_to_num(one[name]) for name in one.columns}
         nothing = np.zeros(len(one.t))
         state = columns.get("jamming_state", nothing)
-        jammed = (state >= _STATE) | ((state == 0) & (columns.get("jamming_indicator", nothing) >= _INDICATOR))
-        for words, where in (("jammed", jammed), ("spoofed", columns.get("spoofing_state", nothing) >= _STATE)):
+        noisy = columns.get("jamming_indicator", nothing) >= harm.JAMMING
+        jammed = (state >= check.JAMMED) | ((state == 0) & noisy)
+        for words, where in (("jammed", jammed), ("spoofed", columns.get("spoofing_state", nothing) >= check.JAMMED)):
             said = [t for t in one.t[where].tolist() if any(part.start <= t <= part.end for part in aloft)]
             interval = float(np.median(np.diff(one.t))) if len(one.t) > 1 else 0.0
-            if len(said) * interval > _LONG_S:
+            if len(said) * interval > harm.GPS_OUTAGE_S:
                 yield Finding(
                     "gps_interference",
                     "data",
@@ -103,10 +100,10 @@ def _gaps(flight: Flight, comparison: Comparison, t: Array) -> list[Span]:
     end = min(flight.start + flight.duration, float(comparison.track.t[-1]))
     begins, ends = t, np.append(t[1:], max(end, t[-1]))
     out = []
-    for begin, stop in np.column_stack([begins, ends])[ends - begins > _LONG_S].tolist():
+    for begin, stop in np.column_stack([begins, ends])[ends - begins > harm.GPS_OUTAGE_S].tolist():
         for part in phases(flight):
             first, last = max(begin, part.start), min(stop, part.end)
-            if part.kind == "flight" and last - first - _unheard(comparison, first, last) > _LONG_S:
+            if part.kind == "flight" and last - first - _unheard(comparison, first, last) > harm.GPS_OUTAGE_S:
                 out.append((first, last))
     return out
 

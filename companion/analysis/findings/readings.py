@@ -10,24 +10,9 @@ from companion.analysis.episode import SENSORS
 from companion.analysis.finding import Cause, Finding, IntArray, run_edges, runs
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.reference import BoolArray
-from companion.model import STANDARD_GRAVITY, Array, AttitudeTrack, ImuTrack, counted
+from companion.constants import check, harm, healthy, priors
+from companion.model import Array, AttitudeTrack, ImuTrack, counted
 from companion.strapdown import quaternion
-
-_FROZEN_S = 0.5
-_TOGETHER_S = 1.0  # shocks closer than this are one finding
-_MOMENT_S = 0.05  # a shorter end of the range is a shock, which no sensor is accused of
-_OFTEN_S = 0.15  # in all, and it is none
-_SELDOM, _BACK = 0.25, 0.1  # of the samples of a second
-_FLAT = 0.003  # of the level, that neighbours on a top differ by
-_EDGE = 0.03  # of the level, that is lower beside it
-_SCATTER = 1.5  # times what neighbours differ by: as far many samples of noise are apart
-_FLAT_S, _FLAT_SAMPLES = 0.02, 3  # of a top at least, and in which, and one sample, it is reached and left
-_STRONG = {"gyro": 1.0, "accel": 1.5 * STANDARD_GRAVITY}  # rad/s, m/s²: nothing is so even there by chance
-_STEPS = 3.0  # of the readings, that an edge has to have: else noise makes one
-_CHANCE, _STRONGEST = 1e-3, 1000  # of a top like it anywhere in a record of a sensor in order; readings that tell it
-FEWEST_SECONDS = 10  # so many there have to be to tell
-MANY = 50.0  # steps
-MOVED = np.radians(1.0)  # what rests reads the same for ever: only a vehicle that moves shows a sensor that does not
 
 
 def reading_findings(track: ImuTrack, attitude: AttitudeTrack, imu: ImuSpec) -> Iterator[Finding]:
@@ -42,10 +27,10 @@ def reading_findings(track: ImuTrack, attitude: AttitudeTrack, imu: ImuSpec) -> 
         )
         if not len(at):
             continue
-        groups = np.split(at, np.flatnonzero(np.diff(track.t[at]) > _TOGETHER_S) + 1)
+        groups = np.split(at, np.flatnonzero(np.diff(track.t[at]) > check.GROUPED_S) + 1)
         for group in groups:
             start, end, most = float(track.t[group[0]]), float(track.t[group[-1]]), np.abs(readings[group]).max()
-            moment = len(group) < _MOMENT_S * track.rate_hz and len(at) < _OFTEN_S * track.rate_hz
+            moment = len(group) < harm.CLIPPED_MOMENT_S * track.rate_hz and len(at) < harm.CLIPPED_S * track.rate_hz
             yield Finding(
                 f"{name}_clipping",
                 "imu",
@@ -68,16 +53,16 @@ def _frozen(track: ImuTrack, attitude: AttitudeTrack) -> Iterator[Finding]:
     change = np.abs(np.diff(track.gyro, axis=0)).sum(axis=1) + np.abs(np.diff(track.accel, axis=0)).sum(axis=1)
     first, last = run_edges(np.asarray(change == 0))
     lasted = track.t[last + 1] - track.t[first]
-    long = np.flatnonzero(lasted >= _FROZEN_S)
+    long = np.flatnonzero(lasted >= healthy.FROZEN_S)
     left = change[beside(len(change), first[long], last[long])]
-    least_rate = 0.0 if never_repeats(np.asarray(left == 0), track.rate_hz) else MANY * track.gyro_step
+    least_rate = 0.0 if never_repeats(np.asarray(left == 0), track.rate_hz) else check.MANY_STEPS * track.gyro_step
     for i in long:
         start, end = float(track.t[first[i]]), float(track.t[last[i] + 1])
         during = slice(*np.searchsorted(attitude.t, [start, end + 1e-9]).tolist())
         if during.stop - during.start < 3:
             continue
         moved = float(np.abs(np.diff(heading_free(attitude.q_ned_frd[during]), axis=0)).sum(axis=0).max())
-        if moved > max(MOVED, least_rate * (end - start)):
+        if moved > max(harm.MOVED_RAD, least_rate * (end - start)):
             yield Finding(
                 "frozen",
                 "imu",
@@ -106,15 +91,16 @@ def _flat_tops(readings: Array, name: str, step: float, rate_hz: float) -> BoolA
     flat = np.zeros(len(readings), np.bool_)
     for column in readings.T:
         level = np.abs(column)
-        alike = np.abs(np.diff(column)) <= _FLAT * level[1:]
-        tops = list(_tops(column, alike & (level[1:] > _STEPS / _EDGE * step), rate_hz))
+        alike = np.abs(np.diff(column)) <= check.FLAT_TOP * level[1:]
+        tops = list(_tops(column, alike & (level[1:] > check.TOP_STEPS / check.TOP_EDGE * step), rate_hz))
         outside = np.ones(len(alike), np.bool_)
         for top in tops:
             outside[top.start : top.stop - 1] = False
-        most = np.argsort(np.where(outside, level[1:], -1.0))[-min(_STRONGEST, int(outside.sum())) :]
+        most = np.argsort(np.where(outside, level[1:], -1.0))[-min(check.TOP_OTHERS, int(outside.sum())) :]
         p = (1.0 + alike[most].sum()) / (2.0 + len(most))
         for top in tops:
-            if level[top].max() > _STRONG[name] or len(column) * p ** (top.stop - top.start - 1) < _CHANCE:
+            unlikely = len(column) * p ** (top.stop - top.start - 1) < priors.FALSE_ALARM
+            if level[top].max() > harm.TOP_LEVEL[name] or unlikely:
                 flat[top] = True
     return flat
 
@@ -122,18 +108,19 @@ def _flat_tops(readings: Array, name: str, step: float, rate_hz: float) -> BoolA
 def _tops(column: Array, same: BoolArray, rate_hz: float) -> Iterator[slice]:
     """Where one axis (N,) has the form of a flat top. same: (N-1,) neighbours that are alike."""
     level, lowest, highest = np.abs(column), float(column.min()), float(column.max())
-    moment = round(_FLAT_S * rate_hz)
-    fewest = max(_FLAT_SAMPLES, moment)
+    moment = round(check.TOP_S * rate_hz)
+    fewest = max(check.TOP_SAMPLES, moment)
     for first, last in runs(np.asarray(same)):
         top, count = slice(first, last + 2), last + 2 - first
         most = level[top].max()
-        exceeded = (highest if column[first] > 0.0 else -lowest) > (1.0 + _EDGE) * most
-        if count < fewest or first == 0 or exceeded or np.ptp(column[top]) > _SCATTER * _FLAT * most:
+        exceeded = (highest if column[first] > 0.0 else -lowest) > (1.0 + check.TOP_EDGE) * most
+        scatters = np.ptp(column[top]) > check.TOP_SCATTER * check.FLAT_TOP * most
+        if count < fewest or first == 0 or exceeded or scatters:
             continue
         beside = max(1, min(moment + 1, count // 2))
         before, after = max(first - beside, 0), min(last + 1 + beside, len(column) - 1)
-        reached = abs(column[first] - column[before]) > _EDGE * most
-        left = abs(column[after] - column[last + 1]) > _EDGE * most and most > level[after]
+        reached = abs(column[first] - column[before]) > check.TOP_EDGE * most
+        left = abs(column[after] - column[last + 1]) > check.TOP_EDGE * most and most > level[after]
         if reached and (left or top.stop == len(column)):
             yield top
 
@@ -158,14 +145,14 @@ def never_repeats(same: BoolArray, rate_hz: float) -> bool:
     To read the same for a second is then no chance, however little the vehicle moves.
     """
     seconds = by_second(same.astype(np.float64), rate_hz).mean(axis=1)
-    return len(seconds) >= FEWEST_SECONDS and float(seconds.max()) < _SELDOM
+    return len(seconds) >= check.MIN_SECONDS and float(seconds.max()) < check.REPEATED_SELDOM
 
 
 def goes_to_and_fro(change: Array, rate_hz: float) -> bool:
     """Whether changes (n,) turn back in every second, as those of noise do, and of no vehicle that only turns."""
     back = np.append(change[1:] * change[:-1] < 0.0, False).astype(np.float64)
     seconds = by_second(back, rate_hz).mean(axis=1)
-    return len(seconds) >= FEWEST_SECONDS and float(seconds.min()) > _BACK
+    return len(seconds) >= check.MIN_SECONDS and float(seconds.min()) > check.REPEATED_OFTEN
 
 
 def swing(readings: Array) -> float:

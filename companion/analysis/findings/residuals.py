@@ -8,10 +8,10 @@ import numpy as np
 
 from companion.analysis.budget import VELOCITY, window_noise
 from companion.analysis.comparison import Comparison, Windows, errors, windows
+from companion.constants import check
 from companion.model import Array
 from companion.strapdown import Propagation, propagate, quaternion
 
-SHORT_S = 2.0  # length of the windows
 GYRO_BIAS = slice(9, 12)  # places in the 15-state error of `propagate`
 ACCEL_BIAS = slice(12, 15)
 
@@ -43,7 +43,7 @@ class Residuals:
 
 def residuals(comparison: Comparison) -> Residuals:
     """The short windows of a comparison."""
-    chosen = windows(comparison, SHORT_S)
+    chosen = windows(comparison, check.SHORT_S)
     window_errors = errors(comparison, chosen)
     begin = comparison.reference.at(chosen.start)
     growth = propagate(

@@ -9,21 +9,16 @@ import numpy as np
 from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding
 from companion.analysis.reference import BoolArray
+from companion.constants import check, harm, healthy
 from companion.model import Array, Flight, counted, median
 from companion.strapdown import quaternion
-
-_LOST = 8.0  # periods from which on an interval is a gap
-_UNEVEN, _UNEVEN_S = 0.2, 0.004  # of a period, s
-_MOVED_S, _SPOILT_S = 0.05, 0.1  # s
-_ARMS_S = 0.5  # from the first sample until the arming that began the logging is logged
-_LOW_HZ, _USELESS_HZ = 40.0, 10.0  # RAW_IMU is low-passed at 20 Hz: below twice that, motion aliases into the samples
 
 
 def rate_warning(flight: Flight, rate_hz: float) -> str | None:
     """What to say above the drift of an IMU whose samples are far apart; None where they are not."""
-    if rate_hz >= _LOW_HZ:
+    if rate_hz >= harm.LOW_RATE_HZ:
         return None
-    if rate_hz < _USELESS_HZ:
+    if rate_hz < harm.USELESS_RATE_HZ:
         lost = "too low to integrate: motion between samples is lost and causes most of the drift"
     else:
         lost = "low: fast motion between samples is lost, which adds to the drift"
@@ -34,7 +29,7 @@ def rate_findings(flight: Flight, comparison: Comparison, sampling_share: float)
     """The sample rate is too low for the motion: nothing else in the budget matters then."""
     track = comparison.track
     rate = track.rate_hz
-    if rate < _USELESS_HZ or sampling_share > 0.5:
+    if rate < harm.USELESS_RATE_HZ or sampling_share > 0.5:
         yield Finding(
             "rate_too_low",
             "data",
@@ -81,7 +76,7 @@ def _paused(flight: Flight, begin: Array, end: Array) -> BoolArray:
     if armed is None or not flight.on_board:
         return np.zeros(len(begin), np.bool_)
     changes = np.array([event.t for event in flight.events if event.kind in {"armed", "disarmed"}])
-    return ~armed | (np.searchsorted(changes, end + _ARMS_S, side="right") > np.searchsorted(changes, begin))
+    return ~armed | (np.searchsorted(changes, end + check.ARMS_S, side="right") > np.searchsorted(changes, begin))
 
 
 def stamp_findings(
@@ -93,13 +88,14 @@ def stamp_findings(
     """
     track = comparison.track
     period, interval = float(np.median(np.diff(track.t))), np.diff(track.t)
-    off = np.abs(interval - np.maximum(1.0, np.round(interval / period)) * period)[interval < _LOST * period]
+    heard = interval[interval < check.GAP_PERIODS * period]
+    off = np.abs(heard - np.maximum(1.0, np.round(heard / period)) * period)
     uneven = float(np.percentile(off, 90))
-    if uneven > max(_UNEVEN * period, _UNEVEN_S):
+    if uneven > max(healthy.UNEVEN_PERIOD * period, healthy.UNEVEN_S):
         yield Finding(
             "samples_irregular",
             "data",
-            "warning" if uneven > 2 * _UNEVEN * period else "info",
+            "warning" if uneven > 2 * healthy.UNEVEN_PERIOD * period else "info",
             float(track.t[0]),
             float(track.t[-1]),
             f"one interval in ten of {track.source} is off by {uneven * 1e3:.0f} ms or more from multiples of "
@@ -113,11 +109,11 @@ def stamp_findings(
         return
     first, last = lags[0], lags[-1]
     moved = last[2] - first[2]
-    if abs(moved) > _MOVED_S:
+    if abs(moved) > harm.CLOCK_MOVED_S:
         yield Finding(
             "clocks_diverge",
             "data",
-            "error" if abs(moved) > _SPOILT_S else "warning",
+            "error" if abs(moved) > harm.CLOCK_SPOILT_S else "warning",
             first[0],
             last[1],
             f"the IMU lags {first[2] * 1e3:.0f} ms behind the attitude at first and "
@@ -127,23 +123,16 @@ def stamp_findings(
         )
 
 
-_PARTS = 3
-_GRID_S, _TURN_S, _MOST_S = 0.04, 0.2, 1.0  # s
-_TURNING = 0.05  # rad/s, root mean square: less does not tell a lag
-_SHARP = 0.1  # part of the power, and of what is left beside it, that the best lag may leave
-_ASIDE = 5  # shifts
-_MOST_POINTS = 10  # of the grid for each sample
-
-
 def lags(comparison: Comparison) -> list[tuple[float, float, float]]:
     """(begin s, end s, lag s) of each third of the flight that turns enough to tell, by the best match of the turns."""
     track, reference = comparison.track, comparison.reference
-    if track.rate_hz < 1 / _TURN_S or track.t[-1] - track.t[0] < _PARTS * 4 * _MOST_S:
+    if track.rate_hz < 1 / check.LAG_TURN_S or track.t[-1] - track.t[0] < check.LAG_PARTS * 4 * check.LAG_MAX_S:
         return []
-    if (track.t[-1] - track.t[0]) / _GRID_S > _MOST_POINTS * len(track):
+    if (track.t[-1] - track.t[0]) / check.LAG_GRID_S > check.LAG_OVERSAMPLED * len(track):
         return []  # mostly gaps
-    grid = np.arange(track.t[0] + _TURN_S, track.t[-1] - _TURN_S, _GRID_S)
-    ends = [np.clip(np.searchsorted(track.t, grid + half), 0, len(track) - 1) for half in (-_TURN_S / 2, _TURN_S / 2)]
+    grid = np.arange(track.t[0] + check.LAG_TURN_S, track.t[-1] - check.LAG_TURN_S, check.LAG_GRID_S)
+    half = check.LAG_TURN_S / 2
+    ends = [np.clip(np.searchsorted(track.t, grid + one), 0, len(track) - 1) for one in (-half, half)]
     good = reference.attitude_known[ends[0]] & reference.attitude_known[ends[1]] & (ends[1] > ends[0])
     span = np.maximum(track.t[ends[1]] - track.t[ends[0]], 1e-9)[:, None]
     turned = [
@@ -151,7 +140,7 @@ def lags(comparison: Comparison) -> list[tuple[float, float, float]]:
         for q in (comparison.path.q, reference.q_ned_frd)
     ]
     by_part = []
-    for part in np.array_split(np.arange(len(grid)), _PARTS):
+    for part in np.array_split(np.arange(len(grid)), check.LAG_PARTS):
         lag = _best(turned[0][part], turned[1][part], np.asarray(good[part]))
         if lag is not None:
             by_part.append((float(grid[part[0]]), float(grid[part[-1]]), lag))
@@ -160,12 +149,12 @@ def lags(comparison: Comparison) -> list[tuple[float, float, float]]:
 
 def _best(gyro: Array, attitude: Array, good: BoolArray) -> float | None:
     """The shift, s, that leaves the least between two rates (N, 3); None where none stands out."""
-    most = round(_MOST_S / _GRID_S)
+    most = round(check.LAG_MAX_S / check.LAG_GRID_S)
     inner = slice(most, len(gyro) - most)
     seen, known = attitude[inner] - attitude[inner].mean(axis=0), good[inner]  # a constant rate fits any lag
     gyro = gyro - gyro[inner].mean(axis=0)
     power = median((seen[known] ** 2).sum(axis=1)) if known.any() else 0.0
-    if power < _TURNING**2:
+    if power < check.LAG_MIN_RPS**2:
         return None
     left = np.array(
         [
@@ -174,8 +163,9 @@ def _best(gyro: Array, attitude: Array, good: BoolArray) -> float | None:
         ]
     )
     k = int(np.argmin(left))
-    aside = left[max(0, k - _ASIDE) : k + _ASIDE + 1][[0, -1]].min()
-    if not _ASIDE <= k <= 2 * most - _ASIDE or left[k] > _SHARP * power or left[k] > _SHARP * aside:
+    shifts = check.LAG_ASIDE
+    aside = left[max(0, k - shifts) : k + shifts + 1][[0, -1]].min()
+    if not shifts <= k <= 2 * most - shifts or left[k] > check.LAG_SHARP * min(power, aside):
         return None
     below, at, above = left[k - 1 : k + 2]
-    return float((k - most + 0.5 * (below - above) / max(below - 2 * at + above, 1e-12)) * _GRID_S)
+    return float((k - most + 0.5 * (below - above) / max(below - 2 * at + above, 1e-12)) * check.LAG_GRID_S)

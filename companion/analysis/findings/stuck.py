@@ -10,9 +10,6 @@ import numpy as np
 from companion.analysis.comparison import Comparison, IntArray
 from companion.analysis.finding import Cause, Finding, run_edges
 from companion.analysis.findings.readings import (
-    FEWEST_SECONDS,
-    MANY,
-    MOVED,
     beside,
     by_second,
     evened,
@@ -23,25 +20,9 @@ from companion.analysis.findings.readings import (
 )
 from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.reference import BoolArray, length
+from companion.constants import check, harm, healthy, priors
 from companion.model import STANDARD_GRAVITY, Array, ImuTrack, median
 from companion.strapdown import quaternion
-
-STUCK_S, STOPPED_S = 1.0, 0.5  # the second of an axis whose noise shows in every second
-_KNOWN, _BESIDE = 0.9, 0.8  # of the stretch, that is known; that another axis may stand still with it
-_TURN_PART = 0.14  # of a stretch, over which the attitude's turn is told: a step is in less than a fifth of such spans
-STUCK_RATE_HZ = 20.0
-SOME, _FEW = 10.0, 8.0  # steps
-_FEWEST_FELT = 2  # samples of another IMU
-_FEWEST_SECONDS_MOVED = 3
-_MORE = 1.01  # for sums of floats are no whole steps
-_CHANCE = 1e-3  # of a stretch like it anywhere in a healthy flight
-_LAST_DIGIT, _FLICKER = 2.0**-22, 2.0**-20  # of a float of 32 bits: its last digit, and its last two bits more
-_NEARLY = 0.005  # of what another axis changes by from sample to sample, or this one when it does
-_EVER, _MOVES = 0.99, 4.0  # quantile; times what is nothing, between readings of an axis that is not stuck all the time
-_FAR = 20.0  # changes from sample to sample, as they are on average
-_MISSED = 0.8  # quantile of what a gyro does not read of the attitude's turns: a step is in less than a fifth
-_QUIETER = 0.1  # than its quietest seconds
-_CALM = 0.25  # of what the other axes change by in half of the flight
 
 
 class Sensor:
@@ -85,10 +66,12 @@ def unchanged(readings: Array) -> BoolArray:
     change = np.abs(np.diff(readings, axis=0))
     if not len(change):
         return np.zeros((0, 3), np.bool_)
-    nothing, own = np.full(3, _NEARLY * max(map(median, change.T))), _NEARLY * np.quantile(change, _EVER, axis=0)
-    moves = np.ptp(np.quantile(readings, (1.0 - _EVER, _EVER), axis=0), axis=0) > _MOVES * nothing
+    nothing = np.full(3, check.STUCK_CHANGE * max(map(median, change.T)))
+    own = check.STUCK_CHANGE * np.quantile(change, check.STUCK_USUAL, axis=0)
+    usual = np.quantile(readings, (1.0 - check.STUCK_USUAL, check.STUCK_USUAL), axis=0)
+    moves = np.ptp(usual, axis=0) > check.STUCK_SWING * nothing
     nothing[moves] = np.minimum(nothing, own)[moves]  # the others may be shaken alone
-    return np.asarray(change <= np.maximum(nothing, _FLICKER * np.abs(readings[1:])))
+    return np.asarray(change <= np.maximum(nothing, check.FLOAT32_BITS * np.abs(readings[1:])))
 
 
 def stuck_findings(
@@ -104,7 +87,7 @@ def stuck_findings(
     happens. What the autopilot's attitude says that an axis should have read has to move there by ten steps, and by
     more than the attitude's own noise. Or another IMU has to move along it as it does where this one is seldom still.
     """
-    if comparison.track.rate_hz < STUCK_RATE_HZ:
+    if comparison.track.rate_hz < check.STUCK_RATE_HZ:
         return
     for axes in (one for one in _all_axes(comparison.track) if one.sensor.name in sensors):
         for first, last in _stopped(comparison, autopilot, others, axes):
@@ -139,7 +122,7 @@ def _stopped(
     sensor, gaps, known = axes.sensor, comparison.gaps, comparison.reference.attitude_known
     first, last = run_edges(axes.same)
     lasted = sensor.t[last + 1] - sensor.t[first]
-    even = np.flatnonzero(lasted > STOPPED_S)
+    even = np.flatnonzero(lasted > healthy.FROZEN_S)
     if not len(even):
         return
     change = sensor.change[:, axes.axes].max(axis=1)
@@ -149,19 +132,20 @@ def _stopped(
         restless = goes_to_and_fro(np.diff(sensor.readings[:, axes.axes[0]])[elsewhere], sensor.rate_hz)
     quietest = 0.0 if sensor.step else _quietest(change[elsewhere], sensor.rate_hz)
     usual = np.median(axes.beside, axis=0)
-    spreads = _beside_others(axes, others) if sensor.step and (lasted > STUCK_S).any() else []
+    spreads = _beside_others(axes, others) if sensor.step and (lasted > healthy.STUCK_S).any() else []
     for i in even:
         stretch = slice(int(first[i]), int(last[i]) + 2)
         if gaps[stretch].any():
             continue
         still = axes.beside_same[stretch].mean(axis=0)
-        alone = still.min() <= _BESIDE  # else it is the whole sensor
+        alone = still.min() <= check.BESIDE  # else it is the whole sensor
         if alone and any(_never_so_still(seconds, sensor.t[first[i]], sensor.t[last[i] + 1]) for seconds in spreads):
             yield stretch.start, stretch.stop - 1
             continue
-        if still.max() > _BESIDE:
-            goes_on = axes.beside_same[stretch].all(axis=1).mean() <= _BESIDE  # as a whole, whatever its axes do
-            whole = len(axes.axes) == 3 and lasted[i] > STUCK_S
+        if still.max() > check.BESIDE:
+            # as a whole, whatever its axes do
+            goes_on = axes.beside_same[stretch].all(axis=1).mean() <= check.BESIDE
+            whole = len(axes.axes) == 3 and lasted[i] > healthy.STUCK_S
             if whole and goes_on and any(_moves_in_seconds(axes, other, stretch) for other in others):
                 yield stretch.start, stretch.stop - 1
             continue
@@ -169,12 +153,13 @@ def _stopped(
         if _goes_somewhere(sensor.readings[stretch, axes.axes]):
             continue
         reads = np.abs(sensor.readings[stretch.start, axes.axes]).max()
-        flickers = np.quantile(change[changes], 0.9) > _LAST_DIGIT * reads  # a low-pass takes its time to settle
+        # a low-pass takes its time to settle
+        flickers = np.quantile(change[changes], 0.9) > check.FLOAT32_BIT * reads
         # the motors shake all axes: where another one is calm too, none need show any noise
-        calm = (np.median(axes.beside[changes], axis=0) < _CALM * usual).any()
+        calm = (np.median(axes.beside[changes], axis=0) < check.STUCK_CALM * usual).any()
         if flickers or calm or not restless:
             # while it goes on, the newest readings are newer than the autopilot's newest attitude
-            if lasted[i] <= STUCK_S or known[stretch].mean() < _KNOWN:
+            if lasted[i] <= healthy.STUCK_S or known[stretch].mean() < check.STUCK_KNOWN:
                 continue
             if sensor.step and not _should_have_moved(comparison, autopilot, others, axes, stretch):
                 continue
@@ -186,7 +171,7 @@ def _stopped(
 def _goes_somewhere(readings: Array) -> bool:
     """Whether readings (n, m) get further in the second half of a stretch than what flickers in its place."""
     later = readings[len(readings) // 2 :]
-    return bool((np.ptp(later, axis=0) > _FAR * np.abs(np.diff(later, axis=0)).mean(axis=0)).any())
+    return bool((np.ptp(later, axis=0) > check.STUCK_FAR * np.abs(np.diff(later, axis=0)).mean(axis=0)).any())
 
 
 def _is_quieter_than_ever(comparison: Comparison, axes: _Axes, change: Array, stretch: slice, quietest: float) -> bool:
@@ -197,20 +182,20 @@ def _is_quieter_than_ever(comparison: Comparison, axes: _Axes, change: Array, st
     only where they do not read what it turns.
     """
     sensor, q = axes.sensor, comparison.reference.q_ned_frd[stretch]
-    down, span = heading_free(q), max(1, round(_TURN_PART * len(q)))
+    down, span = heading_free(q), max(1, round(check.TURN_PART * len(q)))
     turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:]))
-    moves = max(np.median(length(np.cross(down, down[:1]))), np.median(length(turned))) >= MOVED
+    moves = max(np.median(length(np.cross(down, down[:1]))), np.median(length(turned))) >= harm.MOVED_RAD
     if sensor.name == "gyro":
         lasted = sensor.t[stretch][span:] - sensor.t[stretch][:-span]
         missed = np.abs(turned - sensor.readings[stretch].mean(axis=0) * lasted[:, None])
-        moves &= np.quantile(missed[:, axes.axes].max(axis=1), _MISSED) >= MOVED
-    return bool(moves) and float(change.mean()) < _QUIETER * quietest
+        moves &= np.quantile(missed[:, axes.axes].max(axis=1), check.STUCK_MISSED) >= harm.MOVED_RAD
+    return bool(moves) and float(change.mean()) < check.STUCK_QUIETER * quietest
 
 
 def _quietest(change: Array, rate_hz: float) -> float:
     """How little an axis changes from sample to sample (n,) in its quietest seconds; infinite where these are few."""
     seconds = by_second(change, rate_hz).mean(axis=1)
-    return float(np.percentile(seconds, 5.0)) if len(seconds) >= FEWEST_SECONDS else np.inf
+    return float(np.percentile(seconds, 5.0)) if len(seconds) >= check.MIN_SECONDS else np.inf
 
 
 def _should_have_moved(
@@ -228,25 +213,27 @@ def _should_have_moved(
         return int(np.sum(moved)) >= min(2, len(axes.axes))
 
     meanwhile = [(o, (o.t >= t[0]) & (o.t <= t[-1])) for o in others]
-    meanwhile = [(o, during) for o, during in meanwhile if during.sum() > _FEWEST_FELT]
+    meanwhile = [(o, during) for o, during in meanwhile if during.sum() > check.STUCK_MIN_SAMPLES]
     if meanwhile and name == "accel":
         level, usual = readings[stretch].mean(axis=0), np.median(readings, axis=0)
         for other, during in meanwhile:
             own = other.accel[during][:, axes.axes]
             # two accelerometers differ by their biases, which may step: one that reads the same too feels nothing new
             felt = own - np.median(other.accel[:, axes.axes], axis=0) + usual
-            moved = np.ptp(own, axis=0) > _MORE * (step + other.accel_step)
-            if enough(moved & (np.abs(felt - level).mean(axis=0) > _FEW * step)):
+            moved = np.ptp(own, axis=0) > check.STEP_ROUNDING * (step + other.accel_step)
+            if enough(moved & (np.abs(felt - level).mean(axis=0) > check.FEW_STEPS * step)):
                 return True
         return False
     if meanwhile:  # what changed: a gyro's bias may step between its usual reading and this one
         return any(
-            enough([swing(evened(o.gyro[at, i], _TURN_PART)) >= SOME * step for i in axes.axes]) for o, at in meanwhile
+            enough([swing(evened(o.gyro[at, i], check.TURN_PART)) >= check.SOME_STEPS * step for i in axes.axes])
+            for o, at in meanwhile
         )
     lasted = float(t[-1] - t[0])
-    noise = autopilot.attitude_noise * (STANDARD_GRAVITY if name == "accel" else np.sqrt(2.0) / (_TURN_PART * lasted))
+    by = STANDARD_GRAVITY if name == "accel" else np.sqrt(2.0) / (check.TURN_PART * lasted)
+    noise = autopilot.attitude_noise * by
     should = _should_read(comparison, name, stretch)
-    least = max((MANY if name == "accel" else SOME) * step, 2 * noise)
+    least = max((check.MANY_STEPS if name == "accel" else check.SOME_STEPS) * step, 2 * noise)
     return enough([swing(should[:, i]) >= least for i in axes.axes])
 
 
@@ -257,12 +244,12 @@ def _moves_in_seconds(axes: _Axes, other: ImuTrack, stretch: slice) -> bool:
     """
     t = axes.sensor.t[stretch]
     during = (other.t >= t[0]) & (other.t <= t[-1])
-    if other.rate_hz < STUCK_RATE_HZ or not during.any():
+    if other.rate_hz < check.STUCK_RATE_HZ or not during.any():
         return False
     readings, step = _read(other, axes.sensor.name)
-    least = SOME * max(step, axes.sensor.step)
+    least = check.SOME_STEPS * max(step, axes.sensor.step)
     spread = np.array([_spread_by_second(other.t[during], readings[during, axis])[1] for axis in axes.axes])
-    return least > 0.0 and int(((spread >= least).sum(axis=0) >= 2).sum()) >= _FEWEST_SECONDS_MOVED
+    return least > 0.0 and int(((spread >= least).sum(axis=0) >= 2).sum()) >= check.STUCK_MIN_SECONDS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -286,10 +273,10 @@ def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
     start, own = _spread_by_second(sensor.t, sensor.readings[:, axis])
     out = []
     for track in others:
-        if track.rate_hz >= STUCK_RATE_HZ:
+        if track.rate_hz >= check.STUCK_RATE_HZ:
             readings, step = _read(track, sensor.name)
             when, other = _spread_by_second(track.t, readings[:, axis])
-            moved = other > _MORE * (sensor.step + step)
+            moved = other > check.STEP_ROUNDING * (sensor.step + step)
             both, i, j = np.intersect1d(start, when[moved], assume_unique=True, return_indices=True)
             out.append(_Seconds(both.astype(np.float64), own[i], other[moved][j]))
     return out
@@ -313,11 +300,11 @@ def _never_so_still(seconds: _Seconds, begin: float, end: float) -> bool:
     moved = seconds.other[during]
     alike = (seconds.other >= moved.min()) & (seconds.other <= np.median(moved))
     elsewhere = alike & ~during
-    if elsewhere.sum() < FEWEST_SECONDS:
+    if elsewhere.sum() < check.MIN_SECONDS:
         return False
     # Laplace's rule of succession
     still = (1.0 + (elsewhere & (seconds.own == 0)).sum()) / (2.0 + elsewhere.sum())
-    return bool(len(seconds.start) * still ** (alike & during).sum() < _CHANCE)
+    return bool(len(seconds.start) * still ** (alike & during).sum() < priors.FALSE_ALARM)
 
 
 def _should_read(comparison: Comparison, name: str, stretch: slice) -> Array:
@@ -330,11 +317,11 @@ def _should_read(comparison: Comparison, name: str, stretch: slice) -> Array:
     if name == "accel":
         if not comparison.reference.position_known[stretch].all():
             return np.zeros((len(t), 3))
-        span = max(1, round(_TURN_PART * len(t)))
+        span = max(1, round(check.TURN_PART * len(t)))
         velocity = comparison.reference.velocity[stretch]
         force = (velocity[span:] - velocity[:-span]) / (t[span:] - t[:-span])[:, None] - [0.0, 0.0, STANDARD_GRAVITY]
         return quaternion.rotate(quaternion.conjugate(q[span // 2 : span // 2 + len(force)]), force)
-    span = max(1, round(_TURN_PART * len(t)))
+    span = max(1, round(check.TURN_PART * len(t)))
     turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:]))
     down = heading_free(q[span // 2 : span // 2 + len(turned)])
     turned = turned - (turned * down).sum(axis=1, keepdims=True) * down

@@ -12,6 +12,7 @@ from companion.analysis.comparison import Comparison
 from companion.analysis.finding import Finding, Severity
 from companion.analysis.imu_spec import ImuSpec
 from companion.analysis.noise import FlightDensity
+from companion.constants import harm, healthy
 from companion.estimation import clip_counters, vibration
 from companion.model import STANDARD_GRAVITY, Array, Flight, Series, counted, of_kind
 
@@ -34,11 +35,6 @@ def clip_counts(series: Series) -> Iterator[Clips]:
         yield Clips(name, float(clipped[-1]), float(t[first]), float(t[last]))
 
 
-_HIGH, _MUCH = 15.0, 30.0  # m/s²: ArduPilot's documentation calls 30 the end of what is acceptable
-_HIGH_IN_SAMPLES = 5.0  # m/s² that has come through the filter and the rate of a stream
-_NOISY = 10.0  # times the data sheet
-
-
 def vibration_findings(comparison: Comparison, flight: Flight) -> Iterator[Finding]:
     """How strongly the vehicle shakes, m/s² as ArduPilot's VIBE defines it: what is above 5 Hz, root mean square.
 
@@ -49,12 +45,12 @@ def vibration_findings(comparison: Comparison, flight: Flight) -> Iterator[Findi
     for series in of_kind(flight.series, "vibration"):
         if "x_mps2" in series.columns and len(series):
             said = True
-            yield from _level(series.t, series.values[:, :3], series.source, _HIGH)
+            yield from _level(series.t, series.values[:, :3], series.source, harm.VIBRATION_HIGH)
         yield from _clips(series)
     level = vibration(comparison.track, comparison.how.limits.longest_step(comparison.track.t))
     if not said and level is not None:
         yield from _level(
-            level.t, level.accel, f"what the samples of {comparison.track.source} show of it", _HIGH_IN_SAMPLES
+            level.t, level.accel, f"what the samples of {comparison.track.source} show of it", harm.VIBRATION_SAMPLED
         )
 
 
@@ -65,9 +61,10 @@ def _level(t: Array, each: Array, source: str, high: float) -> Iterator[Finding]
     if strong.mean() < 0.05:
         return
     usual, most = np.percentile(worst[strong], [50, 100])
-    severity: Severity = "warning" if most > _MUCH or high < _HIGH else "info"
+    severity: Severity = "warning" if most > harm.VIBRATION_LIMIT or high < harm.VIBRATION_HIGH else "info"
     x, y, z = np.median(each[strong], axis=0)
-    limit = f"above {_MUCH:.0f} the estimator suffers" if high == _HIGH else "the vehicle shakes more than they show"
+    suffers = f"above {harm.VIBRATION_LIMIT:.0f} the estimator suffers"
+    limit = suffers if high == harm.VIBRATION_HIGH else "the vehicle shakes more than they show"
     yield Finding(
         "vibration",
         "imu",
@@ -110,7 +107,7 @@ def noise_findings(
         ("gyro", measured.gyro, imu.gyro.noise_density, 1e3 * np.degrees(1.0), "mdps/√Hz", "attitude"),
         ("accel", measured.accel, imu.accel.noise_density, 1e6 / STANDARD_GRAVITY, "µg/√Hz", "velocity"),
     ):
-        if density is None or density <= _NOISY * sheet:
+        if density is None or density <= healthy.NOISE_OVER_DATA_SHEET * sheet:
             continue
         shares = allowed.shares.get(quantity, {}) if allowed else {}
         limits = max(shares, key=lambda cause: shares[cause], default="") == f"{name}_noise"
