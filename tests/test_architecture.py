@@ -49,7 +49,7 @@ MAY_IMPORT = {
     "app.live_page": GROUND | {"links", "analysis", "app.settings", "app.live", "app.running_verdict", "view"},
     "app.notebook": GROUND
     | {"app.settings", "app.sensors", "app.recording", "app.examination", "app.replay_page", "view"},
-    "present": GROUND | {"analysis"},
+    "present": GROUND | {"strapdown", "estimation", "analysis"},
     "documents": GROUND | {"estimation", "analysis", "app.recording", "app.examination"},
     "export": GROUND | {"installation", "strapdown", "estimation", "analysis", "present"},
     "view": GROUND | {"strapdown", "estimation", "analysis", "present"},

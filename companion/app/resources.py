@@ -1,17 +1,12 @@
-"""What a process takes of the computer: threads of BLAS, other processors, and memory that it needs no longer."""
+"""What a process takes of the computer: threads of BLAS, and memory that it needs no longer."""
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
-import multiprocessing
 import os
-import signal
 import sys
 from collections.abc import Callable
 from functools import cache, wraps
-from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -35,44 +30,6 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **kwargs)
 
     return limited
-
-
-def begun(work: Callable[[], R]) -> Callable[[], R]:
-    """Have a copy of this process begin `work` on another processor; what is returned waits for what comes of it.
-
-    Where there is no other processor, or no copy can be made without harm (fork(2): of one thread only), or the copy
-    fails, the work is done when it is asked for. What comes of it has to be fit to be pickled.
-    """
-    if not _may_fork():
-        return work
-    copies = multiprocessing.get_context("fork")
-    receiving, sending = copies.Pipe(duplex=False)
-    copy = copies.Process(target=_answer, args=(work, receiving, sending), daemon=True)
-    copy.start()
-    sending.close()
-
-    def answer() -> R:
-        with receiving:
-            try:
-                result: R = receiving.recv()
-            except EOFError:  # whatever it was is seen here, where it can be told
-                return work()
-        copy.join()
-        return result
-
-    return answer
-
-
-def _may_fork() -> bool:
-    threads = Path("/proc/self/task")
-    return threads.is_dir() and len(list(threads.iterdir())) == 1 and len(os.sched_getaffinity(0)) > 1
-
-
-def _answer(work: Callable[[], Any], others: Connection, to: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that was copied ends this one
-    others.close()  # or nobody tells when that has gone
-    with contextlib.suppress(Exception):
-        to.send(work())
 
 
 def give_back() -> None:

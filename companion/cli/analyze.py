@@ -9,8 +9,8 @@ import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from rich.console import Console
 from rich.markup import escape
+from rich.table import Table
 
 from companion.analysis import Assessment, Finding, rate_warning
 from companion.app.examination import Examination, Unexamined, examine, unexaminable
@@ -19,9 +19,21 @@ from companion.cli import many_logs, options, sensor_lines, tables
 from companion.cli.info import reference_line
 from companion.cli.tables import SIGNS, status_text, wrapped
 from companion.documents import analysis_document, encode, unexamined_document
-from companion.model import DataError, counted
-from companion.present import clause, fixed, flight_words, ranked, vehicle_words, words
-from companion.strapdown import METHODS
+from companion.model import DataError, Flight, counted
+from companion.present import (
+    QUANTITIES,
+    agreement_table,
+    clause,
+    drift_table,
+    expected_table,
+    fixed,
+    flight_words,
+    method_words,
+    ranked,
+    redundant_imus_table,
+    vehicle_words,
+    words,
+)
 
 
 def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -59,21 +71,16 @@ def run(arguments: argparse.Namespace) -> int:
     examined = examine(
         flight,
         settings,
-        imu=arguments.imu,
-        imu_model=arguments.imu_model,
-        correction=arguments.correction,
+        **options.chosen(arguments),
         anchor=arguments.anchor,
     )
     if arguments.json:
         print(encode(analysis_document(recording.source, examined)))
     else:
         console = tables.console()
-        if arguments.full:
-            _print(examined, console)
-        else:
-            for line in first_screen(examined, console.width):
-                console.print(line, highlight=False)
-        _print_alignment(examined, console)
+        console.lines(*(_everything(examined) if arguments.full else first_screen(examined, console.width)))
+        if examined.alignment is not None:
+            console.lines(*sensor_lines.alignment_lines(examined.alignment))
     return options.exit_code(arguments.fail_on, [examined.assessment.verdict.status])
 
 
@@ -82,64 +89,55 @@ def _refuse(lacking: Unexamined, source: Source, *, as_json: bool) -> int:
     if as_json:
         print(encode(unexamined_document(source, lacking)))
     else:
-        for line in tables.verdict_lines(lacking.verdict):
-            tables.console().print(line, highlight=False)
+        tables.console().lines(*tables.verdict_lines(lacking.verdict))
     options.say(
         f"companion: nothing was analysed. What the log has: companion info {'-' if source.kept_in else source.path}"
     )
     return DataError.exit_code
 
 
-def _print(examined: Examination, console: Console) -> None:
+def _everything(examined: Examination) -> Iterator[str | Table]:
     flight, assessment = examined.flight, examined.assessment
-    table = assessment.drift
-    gaps = examined.gaps[table.imu]
-    track, vehicle = flight.imu(table.imu), flight.vehicle
-    for line in tables.verdict_lines(assessment.verdict):
-        console.print(line, highlight=False)
-    middle = f", {table.middle} middle sample" if METHODS[table.method].looks_inside else ""
-    lines = [
-        "",
-        f"[bold]Vehicle {vehicle}, boot {flight.boot}[/]: {vehicle_words(vehicle)}, {flight.duration:.1f} s",
-        f"IMU:       {table.imu} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
-        + (f", {counted(gaps, 'gap')}" if gaps else ""),
-        f"IMU noise model: {assessment.figures.name} ({escape(assessment.figures.reason)})",
-        *sensor_lines.noise_lines(assessment),
-        sensor_lines.autopilot_line(assessment),
-        f"Reference: {reference_line(flight)}",
-        f"Method:    {table.method}{middle}, gravity {assessment.comparison.how.gravity:.5f} m/s²",
-    ]
+    drift = assessment.drift
+    gaps, track = examined.gaps[drift.imu], flight.imu(drift.imu)
+    yield from tables.verdict_lines(assessment.verdict)
+    yield ""
+    yield f"[bold]Vehicle {flight.vehicle}, boot {flight.boot}[/]: {_vehicle(flight)}"
+    yield (
+        f"IMU:       {drift.imu} (IMU {track.instance}), {len(track)} samples at {track.rate_hz:.1f} Hz"
+        + (f", {counted(gaps, 'gap')}" if gaps else "")
+    )
+    yield f"IMU noise model: {assessment.figures.name} ({escape(assessment.figures.reason)})"
+    yield from sensor_lines.noise_lines(assessment)
+    yield sensor_lines.autopilot_line(assessment)
+    yield f"Reference: {reference_line(flight)}"
+    how = assessment.comparison.how
+    yield f"Method:    {method_words(drift.method, drift.middle)}, gravity {how.gravity:.5f} m/s²"
     if examined.correction:
-        lines.append(f"Corrected: by {escape(examined.correction)}")
-    lines += [f"Note:      {escape(note)}" for note in (*flight.notes, *table.notes)]
+        yield f"Corrected: by {escape(examined.correction)}"
+    yield from (f"Note:      {escape(note)}" for note in (*flight.notes, *drift.notes))
     if warning := rate_warning(flight, track.rate_hz):
-        lines.append(f"[yellow]Warning:   {warning}[/]")
-    for line in lines:
-        console.print(line, highlight=False)
-    console.print("\n[bold]Drift of the IMU alone from the autopilot[/]")
-    console.print(tables.drift_table(table), no_wrap=True)
-    for line in tables.left_out_lines(table):
-        console.print(line, highlight=False)
-    if not any(row.windows for row in table.rows):
-        excluded = any(row.excluded for row in table.rows)
-        console.print(f"No window could be used: {'see above' if excluded else 'the flight is too short'}.")
+        yield f"[yellow]Warning:   {warning}[/]"
+    yield "\n[bold]Drift of the IMU alone from the autopilot[/]"
+    yield tables.rendered(drift_table(drift))
+    yield from tables.left_out_lines(drift)
+    if not any(row.windows for row in drift.rows):
+        excluded = any(row.excluded for row in drift.rows)
+        yield f"No window could be used: {'see above' if excluded else 'the flight is too short'}."
         return
-    console.print("\n[bold]Expected drift (1σ)[/]")
-    console.print(tables.expected_table(assessment), no_wrap=True)
-    console.print("\n[bold]Windows inside the 95 % bound[/]")
-    console.print(tables.agreement_table(assessment), no_wrap=True)
+    yield "\n[bold]Expected drift (1σ)[/]"
+    yield tables.rendered(expected_table(assessment))
+    yield "\n[bold]Windows inside the 95 % bound[/]"
+    yield tables.rendered(agreement_table(assessment))
     if len(examined.redundant_imus) > 1:
-        console.print("\n[bold]Every IMU after 5 s[/]")
-        console.print(tables.redundant_imus_table(examined.redundant_imus), no_wrap=True)
-    console.print()
-    for line in sensor_lines.calibration_lines(assessment):
-        console.print(line, highlight=False)
+        yield "\n[bold]Every IMU after 5 s[/]"
+        yield tables.rendered(redundant_imus_table(examined.redundant_imus))
+    yield ""
+    yield from sensor_lines.calibration_lines(assessment)
 
 
-def _print_alignment(examined: Examination, console: Console) -> None:
-    if examined.alignment is not None:
-        for line in sensor_lines.alignment_lines(examined.alignment):
-            console.print(line, highlight=False)
+def _vehicle(flight: Flight) -> str:
+    return f"{vehicle_words(flight.vehicle)}, {flight.duration:.1f} s"
 
 
 _MOST_LINES = 23  # in _COLUMNS, and the prompt: an old terminal's window; one that is narrower is taller
@@ -159,13 +157,8 @@ def first_screen(examined: Examination, width: int) -> list[str]:
     status = words(assessment.verdict.status).upper()
     head = wrapped(f"{status}  {clause(assessment.verdict.summary)}", width, 2)
     head[0] = head[0].replace(escape(status), status_text(assessment.verdict.status), 1)
-    vehicle = flight.vehicle
-    head += wrapped(
-        f"Vehicle {vehicle}, boot {flight.boot}: {vehicle_words(vehicle)}, {flight.duration:.1f} s; "
-        f"{assessment.drift.imu} at {track.rate_hz:.1f} Hz",
-        width,
-        2,
-    )
+    used = f"{assessment.drift.imu} at {track.rate_hz:.1f} Hz"
+    head += wrapped(f"Vehicle {flight.vehicle}, boot {flight.boot}: {_vehicle(flight)}; {used}", width, 2)
     rows = [*_rows(assessment, rate_warning(flight, track.rate_hz) or "")]
     tail = [line for label, text in rows for line in _labelled(label, text, width)]
     room = max(_MOST_LINES, _MOST_LINES * _COLUMNS // width) - len(head) - len(tail) - 4
@@ -189,10 +182,9 @@ def _rows(assessment: Assessment, warning: str) -> Iterator[tuple[str, str]]:
         yield "Detectable", str(could)
     for why in could.not_judged:
         yield "Not judged", why
-    told = [
-        f.advice for f in assessment.verdict.findings if f.severity != "info" and f.advice and f.advice not in warning
-    ]
-    for i, advice in enumerate(list(dict.fromkeys(told))[:_ADVICES]):
+    severe = (f for f in assessment.verdict.findings if f.severity != "info")
+    advices = dict.fromkeys(f.advice for f in severe if f.advice and f.advice not in warning)
+    for i, advice in enumerate(list(advices)[:_ADVICES]):
         yield "" if i else "What to do", advice
 
 
@@ -204,12 +196,8 @@ def _drift(assessment: Assessment) -> tuple[str, str]:
     label = f"After {row.horizon_s:g} s"
     if expected is None:
         return label, "no window could be used"
-    pairs = (
-        (row.attitude_deg, expected.attitude_deg, "°"),
-        (row.velocity_mps, expected.velocity_mps, " m/s"),
-        (row.position_m, expected.position_m, " m"),
-    )
-    parts = [f"{fixed(s.median)}{unit} ({fixed(e)} expected)" for s, e, unit in pairs if s and e is not None]
+    pairs = ((q, getattr(row, q.attribute), getattr(expected, q.attribute)) for q in QUANTITIES)
+    parts = [f"{fixed(s.median)}{q.after} ({fixed(e)} expected)" for q, s, e in pairs if s and e is not None]
     return label, f"the IMU alone is off by {', '.join(parts)}: median of {counted(row.windows, 'window')}"
 
 

@@ -42,9 +42,8 @@ def run(arguments: argparse.Namespace) -> int:
     assessment = assess_imu(flight, settings, imu=arguments.imu, imu_model=arguments.imu_model)
     if assessment.calibration is None:
         raise DataError(f"no calibration: {assessment.verdict.summary}")
-    console = tables.console()
-    for line in (*tables.verdict_lines(assessment.verdict, most=3), "", *sensor_lines.calibration_lines(assessment)):
-        console.print(line, highlight=False)
+    calibrated = sensor_lines.calibration_lines(assessment)
+    tables.console().lines(*tables.verdict_lines(assessment.verdict, most=3), "", *calibrated)
     if path is None:
         return 0
     if not arguments.force and (assessment.verdict.status == "insufficient_data" or assessment.made_worse):

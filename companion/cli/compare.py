@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
-from rich import box
 from rich.markup import escape
 from rich.table import Table
 
 from companion.analysis import Change, Contrast, DriftRow, Expected, contrast
 from companion.app.examination import Examination, examine
 from companion.app.recording import Recording
-from companion.cli import options, sensor_lines, tables
+from companion.cli import options, tables
 from companion.documents import contrast_document, encode
 from companion.model import DataError, SettingsError, words
-from companion.present import QUANTITIES, clause, fixed
-from companion.strapdown import METHODS
+from companion.present import CALIBRATED, QUANTITIES, clause, dominant, fixed, method_words
 
 _OF_B = {
     "config": ("FILE", "settings file"),
@@ -74,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(encode(contrast_document(difference, (first.source, a), (second.source, b), same_flight=same)))
     else:
-        _print(difference, (first, a), (second, b), same)
+        tables.console().lines(*_lines(difference, (first, a), (second, b), same))
         for horizon, quantity, change in worse:
             options.say(f"worse than allowed: {quantity} after {horizon:g} s, {_percent(change.ratio)}")
     return 1 if worse else 0
@@ -83,49 +82,40 @@ def run(arguments: argparse.Namespace) -> int:
 def _examined(arguments: argparse.Namespace) -> tuple[Recording, Examination]:
     settings, recording, flight = options.one_flight(arguments)
     try:
-        return recording, examine(
-            flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
-        )
+        return recording, examine(flight, settings, **options.chosen(arguments))
     except DataError as error:
         raise DataError(f"{recording.source.path}: {error}") from None  # there are two logs
 
 
-def _print(
+def _lines(
     difference: Contrast, a: tuple[Recording, Examination], b: tuple[Recording, Examination], same: bool
-) -> None:
-    console = tables.console()
+) -> Iterator[str | Table]:
     for name, (recording, examined) in (("A", a), ("B", b)):
-        verdict, table = examined.assessment.verdict, examined.assessment.drift
-        flight = examined.flight
-        middle = f" {table.middle}" if METHODS[table.method].looks_inside else ""
-        console.print(
+        verdict, table, flight = examined.assessment.verdict, examined.assessment.drift, examined.flight
+        yield (
             f"[bold]{name}[/]  {tables.status_text(verdict.status)}  {escape(str(recording.source.path))}, vehicle "
             f"{flight.vehicle}, boot {flight.boot}: {table.imu} {flight.imu(table.imu).rate_hz:.1f} Hz, "
-            f"{table.method}{middle}"
-            + (f", corrected by {escape(examined.correction)}" if examined.correction else ""),
-            highlight=False,
+            f"{method_words(table.method, table.middle)}"
+            + (f", corrected by {escape(examined.correction)}" if examined.correction else "")
         )
-        console.print(f"   {escape(clause(verdict.summary))}", highlight=False)
-    if not any(row.changes for row in difference.rows):
-        console.print("\nNo horizon has usable windows in both: nothing to compare.")
+        yield f"   {escape(clause(verdict.summary))}"
+    if any(row.changes for row in difference.rows):
+        yield "\n[bold]Drift: median of the windows, and how B's errors compare with A's[/]"
+        yield _drift_table(difference)
+        way = "window by window" if same else "one set of windows against the other"
+        yield f"* larger than the spread between windows: 95 % intervals of the change, {way}"
+        yield from _significant(difference)
+        yield "\n[bold]Expected drift (1σ)[/]"
+        yield _budget_table(difference)
     else:
-        console.print("\n[bold]Drift: median of the windows, and how B's errors compare with A's[/]")
-        console.print(_drift_table(difference), no_wrap=True)
-        how = "window by window" if same else "one set of windows against the other"
-        console.print(f"* larger than the spread between windows: 95 % intervals of the change, {how}")
-        for line in _significant(difference):
-            console.print(line, highlight=False)
-        console.print("\n[bold]Expected drift (1σ)[/]")
-        console.print(_budget_table(difference), no_wrap=True)
-    console.print()
-    for line in (*_finding_lines(difference), *_figure_lines(difference)):
-        console.print(line, highlight=False)
+        yield "\nNo horizon has usable windows in both: nothing to compare."
+    yield ""
+    yield from _finding_lines(difference)
+    yield from _figure_lines(difference)
 
 
 def _drift_table(difference: Contrast) -> Table:
-    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
-    shown.add_column("\nafter", justify="right", no_wrap=True)
-    shown.add_column("windows\nA    B", justify="right", no_wrap=True)
+    shown = tables.table("\nafter", "windows\nA    B")
     for quantity in QUANTITIES:
         shown.add_column(f"{quantity.title:^19}\n{'A':>6}{'B':>6}{'change':>7}", no_wrap=True)
     for row in difference.rows:
@@ -155,8 +145,7 @@ def _significant(difference: Contrast) -> list[str]:
 
 
 def _budget_table(difference: Contrast) -> Table:
-    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
-    shown.add_column("\nafter", justify="right", no_wrap=True)
+    shown = tables.table("\nafter")
     quantities = [quantity for quantity in QUANTITIES if quantity.name != "velocity"]
     for quantity in quantities:
         shown.add_column(f"{quantity.title:^12}\n{'A':>6}{'B':>6}", no_wrap=True)
@@ -165,7 +154,7 @@ def _budget_table(difference: Contrast) -> Table:
     for row in difference.rows:
         both = (row.expected_a, row.expected_b)
         cells = ("".join(f"{_expected(e, key):>6}" for e in both) for key in (q.attribute for q in quantities))
-        mostly = ("-" if e is None else tables.largest(e) for e in both)
+        mostly = ("-" if e is None else dominant(e) for e in both)
         shown.add_row(f"{row.a.horizon_s:g} s", *cells, *mostly)
     return shown
 
@@ -191,9 +180,10 @@ def _figure_lines(difference: Contrast) -> list[str]:
     differing = [figure for figure in difference.figures if figure.differs]
     lines = []
     for figure in differing:
-        name, unit, factor, digits = sensor_lines.figure_name(figure.name)
-        a, b, sigma = (f"{value * factor:.{digits}f}" for value in (figure.a, figure.b, figure.sigma))
-        lines.append(f"Calibration differs: {name} {a} → {b} {unit} (± {sigma})")
+        name = next(part for part in CALIBRATED if figure.name.startswith(part))
+        part, axis = CALIBRATED[name], figure.name.removeprefix(name).replace("_", " ")
+        a, b, sigma = (f"{value * part.factor:.{part.digits}f}" for value in (figure.a, figure.b, figure.sigma))
+        lines.append(f"Calibration differs: {part.title}{axis} {a} → {b} {part.unit} (± {sigma})")
     if not differing and difference.figures:
         lines.append(f"Calibration: none of the {len(difference.figures)} figures that both tell differs (95 %)")
     return lines

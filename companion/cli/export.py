@@ -51,9 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings, recording, flight = options.one_flight(arguments)
     contents: Contents | None = None
     try:
-        examined = examine(
-            flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
-        )
+        examined = examine(flight, settings, **options.chosen(arguments))
         shown = reckoning_of(flight, examined.assessment, settings.view.reanchor_s or None)
     except DataError as error:
         if kind.bare is None:

@@ -140,9 +140,7 @@ def _judged(flight: Flight, settings: Settings, arguments: argparse.Namespace) -
     if lacking is not None:
         return lacking.verdict.status, clause(lacking.verdict.summary), ""
     try:
-        examined = examine(
-            flight, settings, imu=arguments.imu, imu_model=arguments.imu_model, correction=arguments.correction
-        ).assessment
+        examined = examine(flight, settings, **options.chosen(arguments)).assessment
     except CompanionError as error:
         return "insufficient_data", str(error), ""
     drift = ""

@@ -7,27 +7,23 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import AxisNoise, FlightNoise, ImuNoise, RestNoise
+from companion.analysis import FlightNoise, ImuNoise, RestNoise
 from companion.app import destination
 from companion.app.examination import noise_of
 from companion.app.sensors import imu_model_text
 from companion.app.settings import Settings
 from companion.cli import options, tables
 from companion.documents import encode, noise_document
-from companion.estimation import Coefficient, folded_gain, folded_onto
+from companion.estimation import folded_gain, folded_onto
 from companion.export import kalibr_text
-from companion.model import STANDARD_GRAVITY, DataError, Flight, InputError
-from companion.present import fixed
+from companion.model import DataError, Flight, InputError
+from companion.present import SENSORS, density, fixed, interval
 
-_SENSORS = (
-    ("gyro", "gyro", 1e3 * float(np.degrees(1.0)), "mdps", "°/s", float(np.degrees(1.0))),
-    ("accel", "accelerometer", 1e6 / STANDARD_GRAVITY, "µg", "m/s²", 1.0),
-)
-"""Attribute, name, factor to the unit of densities, that unit, unit of a vibration and the factor to it."""
+_VIBRATION = {"gyro": ("°/s", float(np.degrees(1.0))), "accel": ("m/s²", 1.0)}
+"""Unit of a vibration, and the factor to it."""
 
 _FILES = {".yaml": "kalibr", ".yml": "kalibr", ".toml": "model"}
 _MOST_PEAKS = 4
@@ -71,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(encode(noise_document(recording.source, flight, noises)))
     else:
-        _print(noises, refused)
+        tables.console().lines(*_lines(noises, refused))
     if path is not None:
         _write(path, next((noise for noise in noises if noise.imu == main), noises[0]), Path(arguments.log).name)
     return 0
@@ -113,88 +109,66 @@ def _write(path: Path, noise: ImuNoise, origin: str) -> None:
     options.say(f"written: {path} ({noise.imu})")
 
 
-def _print(noises: list[ImuNoise], refused: dict[str, str]) -> None:
-    console = tables.console()
+def _lines(noises: list[ImuNoise], refused: dict[str, str]) -> Iterator[str | Table]:
     for i, noise in enumerate(noises):
-        console.print("\n" * (i > 0) + f"[bold]{escape(noise.imu)}[/], {noise.rate_hz:.1f} Hz", highlight=False)
-        for line in _head(noise):
-            console.print(line, highlight=False)
+        yield "\n" * (i > 0) + f"[bold]{escape(noise.imu)}[/], {noise.rate_hz:.1f} Hz"
+        yield from _head(noise)
         for rest in noise.rests:
-            console.print(f"\nAt rest, {rest.start_s:.1f}-{rest.end_s:.1f} s: Allan deviation, 95 %", highlight=False)
-            console.print(_rest_table(rest), no_wrap=True)
+            yield f"\nAt rest, {rest.start_s:.1f}-{rest.end_s:.1f} s: Allan deviation, 95 %"
+            yield _at_rest(rest)
         if noise.flight is not None:
-            for part in _flight_parts(noise, noise.flight):
-                console.print(part, highlight=False)
-        for note in noise.notes:
-            console.print(f"Note: {escape(note)}", highlight=False)
+            yield from _in_flight(noise, noise.flight)
+        yield from (f"Note: {escape(note)}" for note in noise.notes)
     for name, why in refused.items():
-        console.print(f"\n[bold]{escape(name)}[/]: {escape(why)}", highlight=False)
+        yield f"\n[bold]{escape(name)}[/]: {escape(why)}"
 
 
 def _head(noise: ImuNoise) -> Iterator[str]:
-    how, sheet = noise.sampling, noise.figures
+    sampling, sheet = noise.sampling, noise.figures
     yield f"IMU noise model: {escape(sheet.name)} ({escape(sheet.reason)})"
-    told = {"log": "by the log", "spectrum": "by its spectrum at rest", "assumed": "assumed"}[how.source]
-    if how.confirmed is not None:
-        told += ", confirmed by its spectrum" if how.confirmed else ", not confirmed by its spectrum"
-    if how.kind == "averaged":
-        before = f", after a low-pass of {how.corner_hz:.0f} Hz (spectrum)" if how.corner_hz else ""
-        yield f"Sampling: mean of {1e3 * (how.interval_s or 0.0):.1f} ms ({told}){before}"
-    elif how.corner_hz:
-        share = 1.0 - 1.0 / float(folded_gain(np.zeros(1), noise.rate_hz, how)[0])
-        yield f"Sampling: after a low-pass of {how.corner_hz:.0f} Hz ({told})"
+    source = {"log": "by the log", "spectrum": "by its spectrum at rest", "assumed": "assumed"}[sampling.source]
+    if sampling.confirmed is not None:
+        source += ", confirmed by its spectrum" if sampling.confirmed else ", not confirmed by its spectrum"
+    if sampling.kind == "averaged":
+        before = f", after a low-pass of {sampling.corner_hz:.0f} Hz (spectrum)" if sampling.corner_hz else ""
+        yield f"Sampling: mean of {1e3 * (sampling.interval_s or 0.0):.1f} ms ({source}){before}"
+    elif sampling.corner_hz:
+        share = 1.0 - 1.0 / float(folded_gain(np.zeros(1), noise.rate_hz, sampling)[0])
+        yield f"Sampling: after a low-pass of {sampling.corner_hz:.0f} Hz ({source})"
         yield f"Aliasing: {share:.0%} of the white noise is folded from above {noise.rate_hz / 2:.1f} Hz"
     else:
-        seen = how.source == "spectrum"
-        yield "Sampling: " + (f"no low-pass ({told})" if seen else "assumed unfiltered (not stated in the log)")
+        seen = sampling.source == "spectrum"
+        yield "Sampling: " + (f"no low-pass ({source})" if seen else "assumed unfiltered (not stated in the log)")
         yield f"Aliasing: whatever shakes faster than {noise.rate_hz / 2:.1f} Hz is folded in"
 
 
-def _rest_table(rest: RestNoise) -> Table:
-    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
-    for heading in ("", "", "N /√Hz", "B", "K /√s"):
-        shown.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
-    for key, _, factor, unit, _, _ in _SENSORS:
-        for name, axis in zip("xyz", getattr(rest, f"{key}_axes"), strict=True):
-            cells = _cells(axis, factor) if axis is not None else ["-"] * 3
-            shown.add_row(f"{key} {name}", unit, *cells)
+def _at_rest(rest: RestNoise) -> Table:
+    shown = tables.table("", "", "N /√Hz", "B", "K /√s", left=2)
+    for sensor in SENSORS:
+        for name, axis in zip("xyz", getattr(rest, f"{sensor.key}_axes"), strict=True):
+            figures = (getattr(axis, name_of, None) for name_of in ("white", "instability", "walk"))
+            shown.add_row(f"{sensor.key} {name}", sensor.unit, *(interval(one, sensor.factor) for one in figures))
     return shown
 
 
-def _cells(axis: AxisNoise, factor: float) -> list[str]:
-    return [
-        "-" if figure is None else _coefficient(figure, factor) for figure in (axis.white, axis.instability, axis.walk)
-    ]
-
-
-def _coefficient(coefficient: Coefficient, factor: float) -> str:
-    """4.2 (4.1-4.3), or < 5 for a bound."""
-    if coefficient.value is None:
-        return f"< {fixed(coefficient.high * factor)}"
-    return f"{fixed(coefficient.value * factor)} ({fixed(coefficient.low * factor)}-{fixed(coefficient.high * factor)})"
-
-
-def _flight_parts(noise: ImuNoise, flight: FlightNoise) -> Iterator[str | Table]:
+def _in_flight(noise: ImuNoise, flight: FlightNoise) -> Iterator[str | Table]:
     if flight.gyro is None or flight.accel is None:
         return
     low, high = flight.gyro.band_hz
     yield f"\nIn flight, {flight.duration_s:.0f} s: white noise, read at {low:.0f}-{high:.0f} Hz"
-    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
-    for heading in ("", "", "N /√Hz", "data sheet", "times"):
-        shown.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
-    for key, _, factor, unit, _, _ in _SENSORS:
-        white, sheet = getattr(flight, key), getattr(noise.figures, key).noise_density
+    shown = tables.table("", "", "N /√Hz", "data sheet", "times", left=2)
+    for sensor in SENSORS:
+        white, sheet = getattr(flight, sensor.key), getattr(noise.figures, sensor.key).noise_density
         for i, name in enumerate("xyz"):
-            value = f"{fixed(white.sampled[i] * factor)} ± {fixed(white.sigma[i] * factor)}"
-            value = f"< {fixed(white.sampled[i] * factor)}" if white.hidden[i] else value
-            ratio = f"{white.sampled[i] / sheet:.1f}"
-            shown.add_row(f"{key} {name}", unit, value, fixed(sheet * factor), ratio)
+            stated, ratio = fixed(sheet * sensor.factor), f"{white.sampled[i] / sheet:.1f}"
+            shown.add_row(f"{sensor.key} {name}", sensor.unit, density(white, i, sensor.factor), stated, ratio)
     yield shown
-    for key, title, _, _, unit, factor in _SENSORS:
-        lines = sorted(getattr(flight, f"{key}_peaks"), key=lambda peak: -peak.amplitude)[:_MOST_PEAKS]
-        for peak in lines:
+    for sensor in SENSORS:
+        unit, factor = _VIBRATION[sensor.key]
+        peaks = sorted(getattr(flight, f"{sensor.key}_peaks"), key=lambda peak: -peak.amplitude)
+        for peak in peaks[:_MOST_PEAKS]:
             other = " or ".join(f"{f:.0f}" for f in folded_onto(peak.frequency_hz, noise.rate_hz, 2))
             size = fixed(peak.amplitude * factor)
-            yield f"Peak: {title} {'xyz'[peak.axis]} {size} {unit} at {peak.frequency_hz:.1f} Hz (or {other})"
+            yield f"Peak: {sensor.name} {'xyz'[peak.axis]} {size} {unit} at {peak.frequency_hz:.1f} Hz (or {other})"
     if not (flight.gyro_peaks or flight.accel_peaks):
         yield "Peaks: none"

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -127,6 +128,11 @@ def add_judgement(parser: argparse.ArgumentParser) -> None:
     add_figures(parser)
     parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
     parser.add_argument("--horizons", type=_horizons, metavar="S,S,...", help="seconds (default: 1,2,5,10,30)")
+
+
+def chosen(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What `add_judgement` has the user choose of an IMU, as `companion.app.examination` takes it."""
+    return {name: getattr(arguments, name) for name in ("imu", "imu_model", "correction")}
 
 
 def add_anchor(parser: argparse.ArgumentParser) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from rich import box
 from rich.markup import escape
 from rich.table import Table
 
@@ -19,8 +18,8 @@ from companion.cli import options, tables
 from companion.documents import encode, estimate_document
 from companion.estimation import CONSTANTS, SLOPED, BestEstimate, Explained, kind_of, probabilities, smooth
 from companion.export import write_estimate_tum
-from companion.model import STANDARD_GRAVITY, Array, BiasTrack, Flight, InputError
-from companion.present import fixed, words
+from companion.model import Array, BiasTrack, Flight, InputError
+from companion.present import SENSORS, fixed, words
 
 _DEGREES = float(np.degrees(1.0))
 _SHOWN: Mapping[str, tuple[str, float]] = {
@@ -94,11 +93,10 @@ def _print(
     limits: Limits,
 ) -> None:
     console = tables.console()
-    console.print(
+    console.lines(
         f"Best estimate of vehicle {flight.vehicle}, boot {flight.boot}, {best.t[0]:.1f}-{best.t[-1]:.1f} s: "
         f"{escape(best.imu.source)} {best.imu.rate_hz:.1f} Hz, {len(best.t)} keyframes; heading from "
-        f"{best.heading_from}",
-        highlight=False,
+        f"{best.heading_from}"
     )
     for title, table in (
         ("Measurements used", _measurements(best)),
@@ -108,25 +106,13 @@ def _print(
         ("Autopilot minus best estimate", _errors(errors)),
     ):
         if table.row_count:
-            console.print(f"\n[bold]{title}[/]", highlight=False)
-            console.print(table, no_wrap=True)
-    console.print("\n[bold]Where the sensors disagree[/]", highlight=False)
-    for line in explained_lines(best.explained):
-        console.print(line, highlight=False)
-    for note in best.notes:
-        console.print(f"Note: {escape(note)}", highlight=False)
-
-
-def _table(*headings: str, left: int = 1) -> Table:
-    """A table whose first columns are text."""
-    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
-    for i, heading in enumerate(headings):
-        shown.add_column(heading, justify="left" if i < left else "right", no_wrap=True)
-    return shown
+            console.lines(f"\n[bold]{title}[/]", table)
+    console.lines("\n[bold]Where the sensors disagree[/]", *explained_lines(best.explained))
+    console.lines(*(f"Note: {escape(note)}" for note in best.notes))
 
 
 def _measurements(best: BestEstimate) -> Table:
-    shown = _table("", "used", "residual, rms", "in σ", "σ, times stated", "doubted")
+    shown = tables.table("", "used", "residual, rms", "in σ", "σ, times stated", "doubted", left=1)
     for name, left in best.residuals.items():
         factor = 1e3 if left.unit == "rad/s" else 1.0
         unit = "mrad/s" if left.unit == "rad/s" else left.unit
@@ -164,7 +150,7 @@ def explained_lines(explanations: Sequence[Explained]) -> Iterator[str]:
 
 
 def _biases(best: BestEstimate, believed: BiasTrack | None) -> Table:
-    shown = _table("", "", "forward", "right", "down", left=2)
+    shown = tables.table("", "", "forward", "right", "down", left=2)
     for name, unit, factor, value, sigma, own in (
         ("gyro", "mrad/s", 1e3, best.states.gyro_bias, best.gyro_bias_sigma, believed.gyro if believed else None),
         ("accel", "m/s²", 1.0, best.states.accel_bias, best.accel_bias_sigma, believed.accel if believed else None),
@@ -181,28 +167,21 @@ def _biases(best: BestEstimate, believed: BiasTrack | None) -> Table:
 
 def _noise(flight: Flight, best: BestEstimate, limits: Limits) -> Table:
     """As `companion noise` measures it, and what the estimate weighs the IMU with, which has learned it."""
-    shown = _table("", "", "N /√Hz", "data sheet", "times", "weighed as", "lasting", left=2)
+    shown = tables.table("", "", "N /√Hz", "data sheet", "times", "weighed as", "lasting", left=2)
     sheet = imu_spec_of(flight, best.imu.source)
     measured = noise_in_flight(flight, flight.imu(best.imu.source), sheet, limits)
-    for name, unit, factor, value, weighed, given, lasting in (
-        (
-            "gyro", "mdps", 1e3 * _DEGREES, measured.gyro, best.noise.gyro_noise, sheet.gyro.noise_density,
-            best.lasting[0],
-        ),
-        (
-            "accel", "µg", 1e6 / STANDARD_GRAVITY, measured.accel, best.noise.accel_noise, sheet.accel.noise_density,
-            best.lasting[1],
-        ),
-    ):  # fmt: skip
-        told = ("-", fixed(given * factor), "-")
-        if value is not None:
-            told = (fixed(value * factor), told[1], f"{value / given:.1f}")
-        shown.add_row(name, unit, *told, fixed(weighed * factor), f"{lasting:.1f}")
+    for i, sensor in enumerate(SENSORS):
+        given = getattr(sheet, sensor.key).noise_density
+        weighed = getattr(best.noise, f"{sensor.key}_noise")
+        value = getattr(measured, sensor.key)
+        seen, times = ("-", "-") if value is None else (fixed(value * sensor.factor), f"{value / given:.1f}")
+        stated, used = fixed(given * sensor.factor), fixed(weighed * sensor.factor)
+        shown.add_row(sensor.key, sensor.unit, seen, stated, times, used, f"{best.lasting[i]:.1f}")
     return shown
 
 
 def _constants(best: BestEstimate) -> Table:
-    shown = _table("", "", "value", "1σ", left=2)
+    shown = tables.table("", "", "value", "1σ", left=2)
     for name, (unit, factor) in _CONSTANT_UNITS.items():
         if not any(witness.startswith(_NEEDS[name]) for witness in best.residuals):
             continue
@@ -221,7 +200,7 @@ def _listed(values: Array) -> str:
 
 
 def _errors(errors: Sequence[AutopilotError]) -> Table:
-    shown = _table("", "", "median", "95 %", "worst", "at s", "its 1σ", left=2)
+    shown = tables.table("", "", "median", "95 %", "worst", "at s", "its 1σ", left=2)
     for one in errors:
         unit, factor = _SHOWN.get(one.unit, (one.unit, 1.0))
         numbers = (fixed(value * factor) for value in (one.median, one.p95, one.worst))

@@ -1,18 +1,19 @@
-"""What `analyze` and `calibrate` show in a terminal of 80 columns."""
+"""How the commands print in a terminal of 80 columns."""
 
 from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 
 from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from companion.analysis import Assessment, Drift, Expected, RedundantImu, Statistic, Verdict, left_out
-from companion.present import MOST_LINES, QUANTITIES, STATISTICS, clause, fixed, flight_words, ranked, span, words
+from companion import present
+from companion.analysis import Drift, Verdict, left_out
+from companion.present import MOST_LINES, clause, fixed, flight_words, ranked, span, words
 
 _STATUS = {
     "consistent": "green",
@@ -30,8 +31,13 @@ class _Console(Console):
         """Leave it to `main`: rich would exit with 1, which means "suspect" here."""
         raise BrokenPipeError
 
+    def lines(self, *parts: str | Table) -> None:
+        """Each on a line of its own, as it is."""
+        for part in parts:
+            self.print(part, highlight=False, no_wrap=isinstance(part, Table) or None)
 
-def console() -> Console:
+
+def console() -> _Console:
     """For results: no emoji codes in names like 1:100:, no folding of long lines."""
     return _Console(soft_wrap=True, emoji=False)
 
@@ -64,100 +70,47 @@ def status_text(status: str) -> str:
     return f"[bold {_STATUS[status]}]{words(status).upper()}[/]"
 
 
-def drift_table(table: Drift) -> Table:
-    """The drift as a rich table: median, 95 % and worst of the windows of each horizon."""
-    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
-    shown.add_column("\nafter", justify="right", no_wrap=True)
-    shown.add_column("\nwindows", justify="right", no_wrap=True)
-    for quantity in QUANTITIES:
-        shown.add_column(f"{quantity.title:^{len(_line(*STATISTICS))}}\n{_line(*STATISTICS.values())}", no_wrap=True)
-    for row in table.rows:
-        shown.add_row(
-            f"{row.horizon_s:g} s",
-            f"{row.windows}",
-            *(_cell(getattr(row, quantity.attribute)) for quantity in QUANTITIES),
-        )
+def table(*headings: str, left: int = 0, fold: bool = False) -> Table:
+    """A table whose first `left` columns are text; fold: text that is too wide is folded, never cut."""
+    padding = (0, 1, 0, 0) if fold else (0, 0, 0, 1)
+    shown = Table(box=box.SIMPLE_HEAD, padding=padding, show_edge=False)
+    for i, heading in enumerate(headings):
+        text = i < left
+        shown.add_column(heading, justify="left" if text else "right", no_wrap=not (fold and text), overflow="fold")
     return shown
 
 
-def expected_table(assessment: Assessment) -> Table:
-    """What the drift should be: 1σ, and what it is made of."""
-    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
-    shown.add_column("\nafter", justify="right", no_wrap=True)
-    shown.add_column(f"{'expected, 1σ':^18}\n{_line(*(q.unit for q in QUANTITIES))}", no_wrap=True)
-    shown.add_column("\nmostly", no_wrap=True)
-    for row, expected in zip(assessment.drift.rows, assessment.expected, strict=True):
-        if expected is None:
-            continue
-        sigma = [getattr(expected, quantity.attribute) for quantity in QUANTITIES]
-        shown.add_row(
-            f"{row.horizon_s:g} s", _line(*("-" if s is None else fixed(s) for s in sigma)), largest(expected)
-        )
+def rendered(of: present.Table) -> Table:
+    """A table of results; the columns of a group are columns within one of the terminal's."""
+    groups = list(of.groups)
+    has_groups = any(title for title, _ in groups)
+    shown = table()
+    for title, places in groups:
+        names = [of.columns[i].title for i in places]
+        head = _line(*(n if len(n) <= _WIDTH else f"{n[:3]}." for n in names)) if title else names[0]
+        is_text = title or of.columns[places[0]].is_text
+        heading = f"{title:^{len(head)}}\n{head}" if has_groups else head
+        shown.add_column(heading, justify="left" if is_text else "right", no_wrap=True)
+    for row in of.rows:
+        cells = [_cell(cell) for cell in row]
+        shown.add_row(*(_line(*(cells[i] for i in places)) if title else cells[places[0]] for title, places in groups))
     return shown
 
 
-def agreement_table(assessment: Assessment) -> Table:
-    """The share of windows inside the 95 % bound: of the IMU as it is, and as the verdict judges it."""
-    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
-    shown.add_column("\nafter", justify="right", no_wrap=True)
-    heading = _line("n", *(quantity.name[:3] + "." for quantity in QUANTITIES))
-    for title in ("the IMU as it is", "known errors removed"):
-        shown.add_column(f"{title:^{len(heading)}}\n{heading}", no_wrap=True)
-    for row, expected in zip(assessment.drift.rows, assessment.expected, strict=True):
-        judged = assessment.agreements[row.horizon_s]
-        shown.add_row(
-            f"{row.horizon_s:g} s",
-            _shares(row.windows, expected.inside if expected else {}),
-            _shares(judged.windows, judged.inside),
-        )
-    return shown
+_WIDTH = 6
+"""Characters of a number in a group: whatever its length, they stand under one another."""
 
 
-def _shares(windows: int, inside: Mapping[str, float]) -> str:
-    shares = (inside.get(quantity.name) for quantity in QUANTITIES)
-    return _line(f"{windows}", *("-" if share is None else f"{share:.0%}" for share in shares))
-
-
-def redundant_imus_table(others: Sequence[RedundantImu]) -> Table:
-    """The IMUs of a flight side by side."""
-    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
-    shown.add_column("IMU", no_wrap=True)
-    for heading in ("Hz", "windows", "median °", "median m", "inside 95 %: att.", "pos."):
-        shown.add_column(heading, justify="right", no_wrap=True)
-    for other in others:
-        row = other.drift
-        cells = [None if s is None else s.median for s in (row.attitude_deg, row.position_m)]
-        shares = [other.inside.get(name) for name in ("attitude", "position")]
-        shown.add_row(
-            escape(other.imu),
-            f"{other.rate_hz:.1f}",
-            f"{row.windows}",
-            *("-" if cell is None else fixed(cell) for cell in cells),
-            *("-" if share is None else f"{share:.0%}" for share in shares),
-        )
-    return shown
-
-
-def left_out_lines(table: Drift) -> Iterator[str]:
-    """A line for each horizon that has windows which were not used."""
-    for row in table.rows:
-        if row.excluded:
-            yield f"Left out of the windows of {row.horizon_s:g} s: {left_out(row.excluded)}"
-
-
-def largest(expected: Expected) -> str:
-    """The largest cause of the position's budget, or of the attitude's where there is no position."""
-    shares = expected.shares.get("position", expected.shares["attitude"])
-    name = max(shares, key=lambda cause: shares[cause])
-    return f"{words(name)} {shares[name]:.0%}"
-
-
-def _cell(statistic: Statistic | None) -> str:
-    if statistic is None:
-        return _line(*("-" for _ in STATISTICS))
-    return _line(*(fixed(getattr(statistic, key)) for key in STATISTICS))
+def _cell(cell: present.Cell) -> str:
+    return "-" if cell is None else fixed(cell) if isinstance(cell, float) else escape(str(cell))
 
 
 def _line(*parts: str) -> str:
-    """Numbers under one another, whatever their length: columns within a column."""
-    return "".join(f"{part:>6}" for part in parts)
+    return "".join(f"{part:>{_WIDTH}}" for part in parts)
+
+
+def left_out_lines(drift: Drift) -> Iterator[str]:
+    """A line for each horizon that has windows which were not used."""
+    for row in drift.rows:
+        if row.excluded:
+            yield f"Left out of the windows of {row.horizon_s:g} s: {left_out(row.excluded)}"

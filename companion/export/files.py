@@ -41,7 +41,7 @@ def write_parquet(folder: Path, tables: Mapping[str, Table]) -> list[Path]:
     return paths
 
 
-def write_json(path: Path, analysis: msgspec.Struct, tables: Mapping[str, Table]) -> list[Path]:
+def write_json(path: Path, analysis: Mapping[str, Any], tables: Mapping[str, Table]) -> list[Path]:
     """The document of `companion analyze --json` with one key more, `tracks`: each table with its columns."""
     tracks = {
         name: {
@@ -50,7 +50,7 @@ def write_json(path: Path, analysis: msgspec.Struct, tables: Mapping[str, Table]
         }
         for name, table in tables.items()
     }
-    path.write_bytes(msgspec.json.encode(msgspec.to_builtins(analysis) | {"tracks": tracks}))
+    path.write_bytes(msgspec.json.encode({**analysis, "tracks": tracks}))
     return [path]
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -139,7 +138,7 @@ class Contents:
     assessment: Assessment
     shown: Replay
     tables: Mapping[str, Table]
-    document: Callable[[], msgspec.Struct]  # that of `companion analyze --json`, made when it is asked for
+    document: Callable[[], dict[str, Any]]  # that of `companion analyze --json`, made when it is asked for
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,14 +15,15 @@ import msgspec
 
 from companion.app.sensors import load_imu_spec
 from companion.app.settings import Settings
-from companion.documents import schema
+from companion.documents import Document
 from companion.installation import data_folder
+from companion.model import Vehicle
 
 
 class FlightRecord(msgspec.Struct, frozen=True, kw_only=True):
     """One flight of a log: who flew, with which sensors, and the analysis that `companion analyze --json` prints."""
 
-    vehicle: schema.VehicleObject
+    vehicle: Vehicle
     boot: int
     duration_s: float
     date_s: float | None = None  # UNIX time of the flight's beginning, s
@@ -30,7 +31,7 @@ class FlightRecord(msgspec.Struct, frozen=True, kw_only=True):
     gyro_ids: Mapping[str, int] = {}  # IMU message → the autopilot's id of the sensor behind it
     accel_ids: Mapping[str, int] = {}
     temperatures_degc: Mapping[str, float] = {}  # IMU message → median over the flight
-    analysis: schema.AnalyzeFlight | None = None
+    analysis: Document | None = None
     error: str | None = None  # why there is no analysis
     report: str | None = None  # its page, relative to the folder of the results
     report_error: str | None = None  # why it was not written

@@ -9,9 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
-from companion.documents import schema
+from companion.documents import Document
 from companion.export import harmless
 from companion.fleet.journal import printable
 from companion.fleet.records import FlightRecord, LogRecord
@@ -24,7 +22,11 @@ if TYPE_CHECKING:
 Row = dict[str, Any]
 
 _JUDGED_S = 5.0  # the horizon that verdicts are made at
-_AXES = ("x", "y", "z")
+_XYZ = ("_x", "_y", "_z")
+_FITTED = (
+    ("gyro_bias", "radps", _XYZ), ("accel_bias", "mps2", _XYZ), ("mounting", "rad", _XYZ), ("time_offset", "s", ("",)),
+)  # fmt: skip
+"""Parts of a calibration that have columns: their unit and axes, as they stand in the names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +54,13 @@ def rows_of(logs: Iterable[tuple[FoundLog, LogRecord]]) -> Rows:
         for flight in record.flights:
             key = {
                 "log": of_log["log"],
-                "vehicle": f"{flight.vehicle.sysid}:{flight.vehicle.compid}",
+                "vehicle": str(flight.vehicle),
                 "boot": flight.boot,
             }
             flights.append(of_log | key | _flight(flight))
             if flight.analysis is not None:
                 drift += [key | row for row in _drift(flight.analysis)]
-                findings += [key | msgspec.structs.asdict(finding) for finding in flight.analysis.verdict.findings]
+                findings += [key | finding for finding in flight.analysis["verdict"]["findings"]]
                 calibration += [key | row for row in _calibration(flight, flight.analysis)]
     return Rows(tuple(flights), tuple(drift), tuple(findings), tuple(calibration))
 
@@ -79,39 +81,39 @@ def _flight(flight: FlightRecord) -> Row:
     }
     if (analysis := flight.analysis) is None:
         return row
+    imu = analysis["used_imu"]
     return row | {
-        "imu": analysis.used_imu,
-        "rate_hz": next((imu.rate_hz for imu in analysis.imu if imu.message == analysis.used_imu), None),
-        "figures": analysis.figures.name if analysis.figures else None,
-        "status": analysis.verdict.status,
-        "summary": analysis.verdict.summary,
+        "imu": imu,
+        "rate_hz": next((one["rate_hz"] for one in analysis["imu"] if one["message"] == imu), None),
+        "figures": analysis["figures"] and analysis["figures"]["name"],
+        "status": analysis["verdict"]["status"],
+        "summary": analysis["verdict"]["summary"],
         "drift_ratio": _drift_ratio(analysis),
     }
 
 
-def _drift(analysis: schema.AnalyzeFlight) -> Iterator[Row]:
-    inside = {share.horizon_s: share for share in analysis.consistency}
-    for drift in analysis.drift:
+def _drift(analysis: Document) -> Iterator[Row]:
+    inside = {share["horizon_s"]: share for share in analysis["consistency"]}
+    for drift in analysis["drift"]:
         row: Row = {
-            "imu": analysis.used_imu,
-            "horizon_s": drift.horizon_s,
-            "windows": drift.windows,
-            "windows_left_out": sum(drift.excluded.values()),
+            "imu": analysis["used_imu"],
+            "horizon_s": drift["horizon_s"],
+            "windows": drift["windows"],
+            "windows_left_out": sum(drift["excluded"].values()),
         }
-        shares = inside.get(drift.horizon_s)
+        shares = inside.get(drift["horizon_s"])
         for quantity in QUANTITIES:
-            statistic = getattr(drift, quantity.attribute)
-            if statistic is not None:
-                row |= {quantity.column(key): getattr(statistic, key) for key in STATISTICS}
-            if drift.expected is not None:
-                row[quantity.column("expected")] = getattr(drift.expected, quantity.attribute)
+            if (statistic := drift[quantity.attribute]) is not None:
+                row |= {quantity.column(key): statistic[key] for key in STATISTICS}
+            if (expected := drift["expected"]) is not None:
+                row[quantity.column("expected")] = expected[quantity.attribute]
             if shares is not None:
-                row[f"{quantity.name}_inside"] = getattr(shares, quantity.name)
+                row[f"{quantity.name}_inside"] = shares[quantity.name]
         yield row
 
 
-def _calibration(flight: FlightRecord, analysis: schema.AnalyzeFlight) -> Iterator[Row]:
-    fit, imu = analysis.calibration, analysis.used_imu
+def _calibration(flight: FlightRecord, analysis: Document) -> Iterator[Row]:
+    fit, imu = analysis["calibration"], analysis["used_imu"]
     if fit is None or imu is None:
         return
     row: Row = {
@@ -121,42 +123,32 @@ def _calibration(flight: FlightRecord, analysis: schema.AnalyzeFlight) -> Iterat
         "gyro_id": flight.gyro_ids.get(imu),
         "accel_id": flight.accel_ids.get(imu),
         "temperature_degc": flight.temperatures_degc.get(imu),
-        "windows": fit.windows,
+        "windows": fit["windows"],
     }
-    for name, unit, figure in (
-        ("gyro_bias", "radps", fit.gyro_bias_radps),
-        ("accel_bias", "mps2", fit.accel_bias_mps2),
-        ("mounting", "rad", fit.mounting_rad),
-    ):
-        for axis, value, sigma, seen in zip(_AXES, figure.value, figure.sigma, figure.observable, strict=True):
-            row[f"{name}_{axis}_{unit}"] = value
-            row[f"{name}_{axis}_sigma_{unit}"] = sigma
-            row[f"{name}_{axis}_observable"] = seen
-    lag = fit.time_offset_s
-    row["time_offset_s"], row["time_offset_sigma_s"], row["time_offset_observable"] = (
-        lag.value[0],
-        lag.sigma[0],
-        lag.observable[0],
-    )
+    for name, unit, axes in _FITTED:
+        figure = fit[f"{name}_{unit}"]
+        for i, axis in enumerate(axes):
+            row[f"{name}{axis}_{unit}"] = figure["value"][i]
+            row[f"{name}{axis}_sigma_{unit}"] = figure["sigma"][i]
+            row[f"{name}{axis}_observable"] = figure["observable"][i]
     yield row
 
 
-def _drift_ratio(analysis: schema.AnalyzeFlight) -> float | None:
+def _drift_ratio(analysis: Document) -> float | None:
     """Median drift over the expected one, of the quantity where it is largest, at the horizon nearest to 5 s."""
-    usable = [row for row in analysis.drift if row.expected is not None]
+    usable = [row for row in analysis["drift"] if row["expected"] is not None]
     if not usable:
         return None
-    row: schema.DriftObject = min(usable, key=lambda row: abs(row.horizon_s - _JUDGED_S))
-    assert row.expected is not None
-    pairs = [(getattr(row, q.attribute), getattr(row.expected, q.attribute)) for q in QUANTITIES]
-    return max((measured.median / allowed for measured, allowed in pairs if measured and allowed), default=None)
+    row = min(usable, key=lambda row: abs(row["horizon_s"] - _JUDGED_S))
+    pairs = [(row[q.attribute], row["expected"][q.attribute]) for q in QUANTITIES]
+    return max((measured["median"] / allowed for measured, allowed in pairs if measured and allowed), default=None)
 
 
 _KEY = {"log": "string", "vehicle": "string", "boot": "int"}
 _OBSERVED = {
-    f"{name}_{axis}{part}": kind
-    for name, unit in (("gyro_bias", "radps"), ("accel_bias", "mps2"), ("mounting", "rad"))
-    for axis in "xyz"
+    f"{name}{axis}{part}": kind
+    for name, unit, axes in _FITTED
+    for axis in axes
     for part, kind in ((f"_{unit}", "float"), (f"_sigma_{unit}", "float"), ("_observable", "bool"))
 }
 _SPREAD = {quantity.column(statistic): "float" for quantity in QUANTITIES for statistic in (*STATISTICS, "expected")}
@@ -183,7 +175,6 @@ COLUMNS: Mapping[str, Mapping[str, str]] = {
         **_KEY,
         "date_s": "date", "board": "string", "imu": "string", "gyro_id": "int", "accel_id": "int",
         "temperature_degc": "float", "windows": "int", **_OBSERVED,
-        "time_offset_s": "float", "time_offset_sigma_s": "float", "time_offset_observable": "bool",
     },
 }  # fmt: skip
 """Table → column → kind. docs/fleet.md describes them."""

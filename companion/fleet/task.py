@@ -23,7 +23,7 @@ from companion.app.destination import replacing
 from companion.app.examination import Examination, examine, unexaminable
 from companion.app.recording import Recording, read_recording
 from companion.app.settings import Settings
-from companion.documents import analysis_document, unexamined_document, vehicle_object
+from companion.documents import analysis_document, unexamined_document
 from companion.fleet.journal import printable
 from companion.fleet.limits import TimeUpError, limited
 from companion.fleet.records import FlightRecord, LogRecord, Plan, version_of
@@ -88,7 +88,7 @@ def _record(path: str, plan: Plan, known: Collection[str]) -> LogRecord:
 def _flight(recording: Recording, flight: Flight, plan: Plan, settings: Settings, digest: str) -> FlightRecord:
     same = [other for other in recording.flights if other.vehicle == flight.vehicle]
     record = FlightRecord(
-        vehicle=vehicle_object(flight),
+        vehicle=flight.vehicle,
         boot=flight.boot,
         duration_s=flight.duration,
         date_s=_date(flight),
@@ -98,11 +98,11 @@ def _flight(recording: Recording, flight: Flight, plan: Plan, settings: Settings
         temperatures_degc=temperatures(flight),
     )
     if (lacking := unexaminable(flight, settings)) is not None:
-        (analysis,) = unexamined_document(recording.source, lacking).flights
+        (analysis,) = unexamined_document(recording.source, lacking)["flights"]
         return msgspec.structs.replace(record, analysis=analysis)
     try:
         examined = examine(flight, settings, imu=plan.imu, imu_model=plan.imu_model)
-        (analysis,) = analysis_document(recording.source, examined).flights
+        (analysis,) = analysis_document(recording.source, examined)["flights"]
     except Exception as error:  # noqa: BLE001  (its other flights may be good)
         return msgspec.structs.replace(record, error=_said(error))
     record = msgspec.structs.replace(record, analysis=analysis)

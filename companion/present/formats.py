@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 
 from companion.model import Vehicle, words
+from companion.strapdown import METHODS
+
+_SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
 
 
 def short(value: float | None) -> str:
@@ -52,6 +55,16 @@ def autopilot_words(autopilot: str) -> str:
 def vehicle_words(vehicle: Vehicle) -> str:
     """Autopilot, firmware where it is known, and type: `ArduPilot 4.7.0 quadrotor`; untrusted text."""
     return words(" ".join(filter(None, (autopilot_words(vehicle.autopilot), vehicle.firmware, vehicle.type.lower()))))
+
+
+def method_words(method: str, middle: str) -> str:
+    """An integrator, and how it interpolates where it does: `rk4, cubic middle sample`."""
+    return f"{method}, {middle} middle sample" if METHODS[method].looks_inside else method
+
+
+def severity_word(severity: int) -> str:
+    """MAV_SEVERITY in a word; the number where there is none."""
+    return _SEVERITIES[severity] if 0 <= severity < len(_SEVERITIES) else str(severity)
 
 
 def clause(sentence: str) -> str:

@@ -7,6 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from urllib.parse import quote
 
+from companion.present.formats import short
+from companion.present.tables import Table
+
 Row = Sequence[object]
 
 
@@ -60,6 +63,15 @@ def table(
         f'<div class="wide"><table{identity}><thead>{f"<tr>{above}</tr>" if above else ""}<tr>{head}</tr></thead>'
         f"<tbody>{body}</tbody></table></div>"
     )
+
+
+def html_table(of: Table, name: str) -> str:
+    """A table of results, its numbers to three digits."""
+    rows = ([short(cell) if isinstance(cell, float | None) else cell for cell in row] for row in of.rows)
+    groups = [(group, len(places)) for group, places in of.groups]
+    titles = [column.title for column in of.columns]
+    has_groups = any(group for group, _ in groups)
+    return table(titles, rows, name=name, groups=groups if has_groups else ())
 
 
 def details(summary: str, body: str) -> str:

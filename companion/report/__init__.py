@@ -1,7 +1,6 @@
 """A flight's examination as one HTML file that needs no network, and what such pages are made of."""
 
 from companion.present import markup
-from companion.report.apart import made_apart
 from companion.report.charts import Charts, laid_out
 from companion.report.errors_over_time import error_panels
 from companion.report.html_page import Section, sheet
@@ -22,7 +21,6 @@ __all__ = [
     "error_panels",
     "ground_track",
     "laid_out",
-    "made_apart",
     "markup",
     "plot_drift",
     "plot_errors",

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from companion.analysis import left_out
-from companion.documents import schema
 from companion.model import Array
-from companion.present import QUANTITIES, STATISTICS, details, palette, paragraph, percent, short, table, words
+from companion.present import (
+    QUANTITIES,
+    agreement_table,
+    details,
+    drift_table,
+    html_table,
+    palette,
+    paragraph,
+    table,
+    words,
+)
 from companion.report import traces
 from companion.report.html_page import Section
 from companion.report.subject import Subject
@@ -37,7 +46,8 @@ _CAUSES: dict[str, tuple[palette.Rgb, float]] = {
 
 def drift(subject: Subject) -> Section:
     """Drift against horizon, measured and expected."""
-    rows = subject.numbers.drift
+    drift, expected = subject.assessment.drift, subject.assessment.expected
+    rows = drift.rows
     excluded = [
         f"Left out of the windows of {row.horizon_s:g} s: {left_out(row.excluded)}" for row in rows if row.excluded
     ]
@@ -57,54 +67,45 @@ def drift(subject: Subject) -> Section:
         "Every window starts from the autopilot's own state and is compared with it at its end. 1σ: what is expected."
     )
     chart = subject.charts.add(figure, caption, rows=len(panels))
-    cells = []
-    for row in rows:
-        cells.append([f"{row.horizon_s:g} s", str(row.windows)])
-        for quantity in QUANTITIES:
-            statistic = getattr(row, quantity.attribute)
-            cells[-1] += [short(getattr(statistic, key, None)) for key in STATISTICS]
-            cells[-1].append(short(getattr(row.expected, quantity.attribute, None)))
-    columns = [*STATISTICS.values(), "1σ"]
-    headings = ["after", "windows"] + columns * len(QUANTITIES)
-    groups = [("", 2), *((quantity.title, len(columns)) for quantity in QUANTITIES)]
-    if not subject.comparison.has_position:
-        caption = "This flight has no position: attitude alone is compared."
-        chart += paragraph(caption)
-        told = 2 + len(columns)
-        headings, groups, cells = headings[:told], groups[:2], [row[:told] for row in cells]
+    has_position = subject.comparison.has_position
+    if not has_position:
+        chart += paragraph("This flight has no position: attitude alone is compared.")
     return Section(
         "drift",
         "Drift of the IMU alone from the autopilot",
         chart
-        + table(headings, cells, name="drift-table", groups=groups)
+        + html_table(drift_table(drift, expected, QUANTITIES if has_position else QUANTITIES[:1]), "drift-table")
         + "".join(paragraph(e, "quiet") for e in excluded),
     )
 
 
 def budget(subject: Subject) -> Section:
     """What the expected error is made of."""
-    rows = [row for row in subject.numbers.drift if row.expected]
+    assessment = subject.assessment
+    shares = {
+        f"{row.horizon_s:g} s": expected.shares
+        for row, expected in zip(assessment.drift.rows, assessment.expected, strict=True)
+        if expected is not None
+    }
     title = "Expected drift, and what causes it"
-    if not rows:
+    if not shares:
         return Section("budget", title, paragraph("Without windows there is no error to expect."))
-    names = [
-        quantity.name for quantity in QUANTITIES if any(quantity.name in r.expected.shares for r in rows if r.expected)
-    ]
-    causes = list(dict.fromkeys(c for r in rows if r.expected for s in r.expected.shares.values() for c in s))
+    names = [quantity.name for quantity in QUANTITIES if any(quantity.name in of for of in shares.values())]
+    causes = list(dict.fromkeys(cause for of in shares.values() for part in of.values() for cause in part))
     causes.sort(key=lambda c: list(_CAUSES).index(c) if c in _CAUSES else len(_CAUSES))
     panels = []
     for name in names:
         bars = [
             {
                 "type": "bar",
-                "x": [f"{row.horizon_s:g} s" for row in rows],
-                "y": [100 * row.expected.shares[name].get(cause, 0.0) if row.expected else 0.0 for row in rows],
+                "x": list(shares),
+                "y": [100 * of[name].get(cause, 0.0) for of in shares.values()],
                 "name": words(cause),
                 "marker": {"color": _colour(cause)},
                 "hovertemplate": "%{y:.1f} %",
             }
             for cause in causes
-            if any(r.expected and r.expected.shares[n].get(cause, 0.0) > 0.01 for r in rows for n in names)
+            if any(of[n].get(cause, 0.0) > 0.01 for of in shares.values() for n in names)
         ]
         panels.append(traces.Panel(f"{name}, %", bars, {"range": [0, 100]}))
     figure = traces.stack(panels, "seconds on the IMU alone", type="category")
@@ -114,10 +115,10 @@ def budget(subject: Subject) -> Section:
         "Part of the expected mean square that each cause has; causes below 1 % everywhere are not drawn.",
         rows=len(panels),
     )
-    figures, noise = subject.assessment.figures, subject.assessment.measured_noise
+    figures, noise = assessment.figures, assessment.measured_noise
     lines = [f"IMU noise model: {figures.name} ({figures.reason})."]
-    told = ((noise.gyro, "rad/s/√Hz"), (noise.accel, "m/s²/√Hz"))
-    if measured := " and ".join(f"{density:.2g} {unit}" for density, unit in told if density is not None):
+    densities = ((noise.gyro, "rad/s/√Hz"), (noise.accel, "m/s²/√Hz"))
+    if measured := " and ".join(f"{density:.2g} {unit}" for density, unit in densities if density is not None):
         lines.append(f"White noise in flight, worst axis: {measured}.")
     lines.append("The budget takes what the samples of a window scatter by where that is more than the data sheet's.")
     return Section(
@@ -126,38 +127,17 @@ def budget(subject: Subject) -> Section:
         "".join(paragraph(line) for line in lines)
         + chart
         + "<h3>Windows inside their 95 % bound</h3>"
-        + _inside(subject)
-        + details("Every cause in numbers", _shares(rows, names, causes)),
+        + html_table(agreement_table(assessment), "inside-table")
+        + details("Every cause in numbers", _shares(shares, names, causes)),
     )
 
 
-def _inside(subject: Subject) -> str:
-    """How many of the windows are inside the bound, as a table: of the IMU as it is, and as the verdict judges it."""
-    names = [quantity.name for quantity in QUANTITIES]
+def _shares(shares: Mapping[str, Mapping[str, Mapping[str, float]]], names: list[str], causes: list[str]) -> str:
+    """The share of each cause, as a table. shares: horizon → quantity → cause → part."""
     return table(
-        ["after", *names, "judged windows", *(f"{name}, known errors removed" for name in names)],
+        ["cause", *(f"{name} {horizon}" for name in names for horizon in shares)],
         [
-            [
-                f"{c.horizon_s:g} s",
-                *(percent(getattr(c, name)) for name in names),
-                f"{c.judged.windows}",
-                *(percent(getattr(c.judged, name)) for name in names),
-            ]
-            for c in subject.numbers.consistency
-        ],
-        name="inside-table",
-    )
-
-
-def _shares(rows: Sequence[schema.DriftObject], names: Sequence[str], causes: Sequence[str]) -> str:
-    """The share of each cause, as a table."""
-    return table(
-        ["cause", *(f"{name} {row.horizon_s:g} s" for name in names for row in rows)],
-        [
-            [
-                words(c),
-                *(f"{100 * r.expected.shares[n].get(c, 0.0):.1f} %" if r.expected else "" for n in names for r in rows),
-            ]
+            [words(c), *(f"{100 * of[name].get(c, 0.0):.1f} %" for name in names for of in shares.values())]
             for c in causes
         ],
         name="shares-table",
@@ -165,12 +145,13 @@ def _shares(rows: Sequence[schema.DriftObject], names: Sequence[str], causes: Se
 
 
 def _measured(subject: Subject, attribute: str) -> list[traces.Trace]:
-    """Median, 95 % and worst of the windows, every window as a dot, and what was expected."""
-    rows = [row for row in subject.numbers.drift if getattr(row, attribute)]
-    horizons = np.array([row.horizon_s for row in rows])
+    """Median, 95 % and worst of the windows, and what was expected."""
+    of_all = zip(subject.assessment.drift.rows, subject.assessment.expected, strict=True)
+    rows = [(row.horizon_s, getattr(row, attribute), should) for row, should in of_all if getattr(row, attribute)]
+    horizons = np.array([horizon for horizon, _, _ in rows])
 
     def measured(key: str) -> Array:
-        return np.array([getattr(getattr(row, attribute), key) for row in rows])
+        return np.array([getattr(statistic, key) for _, statistic, _ in rows])
 
     curves = [
         traces.curve(horizons, measured("median"), "median", palette.DIFFERENCE, width=2.5, mode="lines+markers"),
@@ -181,7 +162,7 @@ def _measured(subject: Subject, attribute: str) -> list[traces.Trace]:
             horizons, measured("max"), "worst", palette.DIFFERENCE, line={"dash": "dot"}, mode="lines+markers"
         ),
     ]
-    expected = [(row.horizon_s, getattr(row.expected, attribute)) for row in rows if row.expected]
+    expected = [(horizon, getattr(should, attribute)) for horizon, _, should in rows if should]
     known = np.array([(h, s) for h, s in expected if s is not None]).reshape(-1, 2)
     for factor, name, width in ((1.0, "expected 1σ", 2.0), (3.0, "expected 3σ", 1.0)):
         curves.append(traces.curve(known[:, 0], factor * known[:, 1], name, traces.GREY, width=width))

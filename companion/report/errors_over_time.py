@@ -18,11 +18,11 @@ def errors(subject: Subject) -> Section:
     title = "Errors over the flight"
     shown = subject.replay
     if shown is None:
-        return Section("errors", title, paragraph(f"Not drawn: {subject.apart.why_no_replay}"))
-    expected = subject.apart.expected
+        return Section("errors", title, paragraph(f"Not drawn: {subject.why_no_replay}"))
+    expected = subject.expected
     panels = error_panels(shown, expected)
-    severe = [(f.start_s, f.end_s) for f in subject.severe if not subject.is_throughout(f)]
-    figure = traces.stack(panels, traces.TIME, spans=severe)
+    severe = [f for f in subject.assessment.verdict.findings if f.severity != "info" and not subject.is_throughout(f)]
+    figure = traces.stack(panels, traces.TIME, spans=[(f.start_s, f.end_s) for f in severe])
     period = subject.settings.view.reanchor_s
     caption = (
         f"The IMU alone, started again from the autopilot's state every {period:g} s. "

@@ -65,10 +65,10 @@ def _panels(subject: Subject, finding: Finding, low: float, high: float) -> tupl
         caption = "The IMU alone, from the autopilot's state on, and the autopilot."
         return _errors(subject, finding.kind, low, high), caption
     if any(part in finding.kind for part in _RAW):
-        return _readings(subject, finding.kind, low, high), f"What {subject.numbers.used_imu} read around it."
+        return _readings(subject, finding.kind, low, high), f"What {subject.imu} read around it."
     panels = _differences(subject, low, high)
     if not panels:
-        return _readings(subject, finding.kind, low, high), f"What {subject.numbers.used_imu} read around it."
+        return _readings(subject, finding.kind, low, high), f"What {subject.imu} read around it."
     return panels, (
         "IMU minus what the autopilot's attitude and velocity did, mean of each second: a bias shows as a level, "
         "a lag or a scale only where the vehicle moves."

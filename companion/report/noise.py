@@ -5,53 +5,33 @@ from __future__ import annotations
 import numpy as np
 
 from companion.analysis import ImuNoise, RestNoise
-from companion.estimation import AllanDeviation, Coefficient
-from companion.model import STANDARD_GRAVITY
-from companion.present import palette, paragraph, short, table
+from companion.estimation import AllanDeviation
+from companion.present import SENSORS, density, interval, palette, paragraph, short, table
 from companion.report import traces
 from companion.report.html_page import Section
 from companion.report.subject import AXES, Subject
-
-_SENSORS = (
-    ("gyro", "gyro", 1e3 * float(np.degrees(1.0)), "mdps/√Hz"),
-    ("accel", "accelerometer", 1e6 / STANDARD_GRAVITY, "µg/√Hz"),
-)
 
 
 def noise(subject: Subject) -> Section:
     """White noise of each axis at rest, in flight and by the data sheet; the Allan deviation of the longest rest."""
     title = "IMU noise"
-    measured = subject.apart.noise
+    measured = subject.noise
     if isinstance(measured, str):
-        return Section("noise", title, paragraph(f"Not told: {measured}"))
+        return Section("noise", title, paragraph(f"Not known: {measured}"))
     rows = []
-    for key, name, factor, unit in _SENSORS:
+    for sensor in SENSORS:
+        sheet = short(getattr(measured.figures, sensor.key).noise_density * sensor.factor)
+        resting = getattr(measured.rest, f"{sensor.key}_axes", (None, None, None))
+        flying = getattr(measured.flight, sensor.key) if measured.flight else None
         for i, (axis, _) in enumerate(AXES):
-            sheet = short(getattr(measured.figures, key).noise_density * factor)
-            rows.append([f"{name} {axis}", *_cells(measured, key, i, factor), sheet, unit])
+            rest = interval(getattr(resting[i], "white", None), sensor.factor)
+            flight = density(flying, i, sensor.factor) if flying else "-"
+            rows.append([f"{sensor.name} {axis}", rest, flight, sheet, f"{sensor.unit}/√Hz"])
     body = table(["white noise N", "at rest", "in flight", "data sheet", ""], rows, name="noise-table", words=1)
     if measured.rest is not None:
         body += _allan_chart(subject, measured, measured.rest)
     body += "".join(paragraph(f"{note[:1].upper()}{note[1:]}.") for note in measured.notes)
     return Section("noise", title, body)
-
-
-def _cells(measured: ImuNoise, key: str, axis: int, factor: float) -> tuple[str, str]:
-    resting = getattr(measured.rest, f"{key}_axes")[axis] if measured.rest else None
-    flying = getattr(measured.flight, key) if measured.flight else None
-    rest = "-" if resting is None else _interval(resting.white, factor)
-    if flying is None:
-        return rest, "-"
-    value = short(float(flying.sampled[axis]) * factor)
-    return rest, f"< {value}" if flying.hidden[axis] else f"{value} ± {short(float(flying.sigma[axis]) * factor)}"
-
-
-def _interval(coefficient: Coefficient, factor: float) -> str:
-    if coefficient.value is None:
-        return f"< {short(coefficient.high * factor)}"
-    return (
-        f"{short(coefficient.value * factor)} ({short(coefficient.low * factor)} to {short(coefficient.high * factor)})"
-    )
 
 
 def _allan_chart(subject: Subject, measured: ImuNoise, rest: RestNoise) -> str:

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import msgspec
 
 from companion.app.examination import Examination, Unexamined
 from companion.app.recording import Source
 from companion.app.settings import Settings
-from companion.documents import encode, unexamined_document
-from companion.present import palette
+from companion.documents import analysis_document, encode
+from companion.present import palette, paragraph
 from companion.report import drift, errors_over_time, noise, provenance, sensors, vibration
-from companion.report.apart import Apart, made_apart
 from companion.report.charts import Charts
 from companion.report.findings import findings
-from companion.report.html_page import sheet
-from companion.report.playback import playback
-from companion.report.subject import subject_of
+from companion.report.html_page import Section, sheet
+from companion.report.subject import Subject, subject_of
 from companion.report.summary import bare_head, head
 from companion.report.track_and_altitude import ground, track
 
@@ -29,23 +25,17 @@ def report_html(
     *,
     command: str = "",
     with_playback: bool = True,
-    apart: Callable[[], Apart] | None = None,
 ) -> str:
     """The report of an examined flight as one HTML file in UTF-8.
 
     source: the log that the flight was read from; settings: those that it was examined with; command: the command
-    line, to be shown. Without the playback it is about 1.5 MB smaller. apart: what `made_apart` makes of the same
-    flight and settings, where that was begun before.
+    line, to be shown. Without the playback it is about 1.5 MB smaller.
     Raises InputError when plotly is not installed.
     """
-    charts, settings, assessment = Charts(), settings or Settings(), examined.assessment
-
-    def made() -> Apart:
-        begin = assessment.comparison, assessment.figures, assessment.autopilot
-        return made_apart(examined.flight, *begin, settings, with_playback=with_playback)
-
-    subject = subject_of(examined, source, settings, charts, apart or made)
-    first = head(subject, ground(subject.flight, subject.replay, subject.colour, charts, subject.assessment.best))
+    charts, flight, assessment = Charts(), examined.flight, examined.assessment
+    subject = subject_of(examined, source, settings or Settings(), charts)
+    drawn = flight, subject.replay, subject.colour, charts, assessment.best
+    first = head(subject, ground(*drawn))
     sections = [
         findings(subject),
         errors_over_time.errors(subject),
@@ -56,22 +46,37 @@ def report_html(
         noise.noise(subject),
         vibration.spectra(subject),
         vibration.shaking(subject),
-        track(subject.flight, subject.replay, subject.colour, charts, subject.assessment.best),
+        track(*drawn),
     ]
-    player: str | None = None
+    data = {"companion": encode(analysis_document(source, examined))}
     if with_playback:
-        section, player = playback(subject)
-        sections.append(section)
+        sections.append(_playback(subject))
+        if subject.replay is not None:
+            from companion.view import Reckoning, replay_page  # noqa: PLC0415  (brings viser, slow to import)
+
+            player = replay_page(Reckoning(subject.replay, subject.comparison.track), flight)
+            data["player"] = msgspec.json.encode(player).decode()
+    notes = (*flight.notes, *assessment.drift.notes)
     sections += [
-        provenance.log_facts(source, subject.flight, subject.numbers.imu, subject.numbers.notes),
-        provenance.again(
-            source, subject.settings, command, provenance.choices(subject.assessment, subject.examined.correction)
-        ),
+        provenance.log_facts(source, flight, examined.gaps, notes),
+        provenance.again(source, subject.settings, command, provenance.choices(assessment, examined.correction)),
     ]
-    data = {"companion": encode(subject.document)}
-    if player is not None:
-        data["player"] = msgspec.json.encode(player).decode()
     return sheet(_name(source), first, sections, charts, data)
+
+
+def _playback(subject: Subject) -> Section:
+    """The 3D replay: a document of its own in a frame, so that its scripts and the page's keep apart."""
+    if subject.replay is None:
+        return Section("playback", "3D playback", paragraph(f"Not made: {subject.why_no_replay}"))
+    words = (
+        "The solid drone is the IMU alone, the see-through blue one the autopilot. Drag to turn, scroll to come "
+        "nearer, press play below."
+    )
+    frame = (
+        '<div id="playback-place"><button id="playback-start" type="button">Load the 3D playback</button></div>'
+        '<p class="paper">The 3D playback is in the file that this was printed from: open it in a browser.</p>'
+    )
+    return Section("playback", "3D playback", paragraph(words, "screen") + frame)
 
 
 def bare_html(unexamined: Unexamined, source: Source, settings: Settings | None = None, *, command: str = "") -> str:
@@ -83,7 +88,7 @@ def bare_html(unexamined: Unexamined, source: Source, settings: Settings | None 
     first = bare_head(flight, source, unexamined.verdict, ground(flight, None, palette.IMU, charts))
     sections = [
         track(flight, None, palette.IMU, charts),
-        provenance.log_facts(source, flight, unexamined_document(source, unexamined).flights[0].imu, flight.notes),
+        provenance.log_facts(source, flight, unexamined.gaps, flight.notes),
         provenance.again(source, settings or Settings(), command),
     ]
     return sheet(_name(source), first, sections, charts, {})

@@ -4,30 +4,26 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from companion.analysis import Assessment
 from companion.app.recording import Source
 from companion.app.settings import Settings
-from companion.documents import schema
 from companion.model import Flight
-from companion.present import details, paragraph, table, text
+from companion.present import details, method_words, paragraph, severity_word, table, text
 from companion.report.html_page import Section
-from companion.strapdown import METHODS
 
-_SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
 _LIBRARIES = ("mavlink-companion", "numpy", "pymavlink", "plotly", "viser")
 MOST_TEXTS = 500
 
 
-def log_facts(
-    source: Source, flight: Flight, imus: Sequence[schema.ImuObject] = (), notes: Sequence[str] = ()
-) -> Section:
-    """Rates, gaps, damage, notes, and what the vehicle said."""
+def log_facts(source: Source, flight: Flight, imu_gaps: Mapping[str, int], notes: Sequence[str]) -> Section:
+    """Rates, gaps (of each IMU), damage, notes, and what the vehicle said."""
     unknown = ", ".join(f"{i} ({n})" for i, n in sorted(source.unknown_frames.items()))
     facts = [
         ("file", source.path),
@@ -39,11 +35,14 @@ def log_facts(
         ("message ids that the dialect does not know", unknown or "none"),
         ("boot clock", f"{flight.start:.2f} to {flight.start + flight.duration:.2f} s"),
     ]
-    rates = table(
-        ["IMU message", "samples", "rate, Hz", "gaps", "longest gap, s", "duplicates"],
-        [[i.message, i.samples, f"{i.rate_hz:.1f}", i.gaps, _seconds(i.longest_gap_s), i.duplicates] for i in imus],
-        name="rates-table",
-    )
+    imus = []
+    for name, one in flight.imus.items():
+        stats = flight.messages.get(name)  # an on-board log has one message for all its IMUs
+        gap = float(np.diff(one.t).max()) if len(one) > 1 else None
+        row = (name, len(one), f"{one.rate_hz:.1f}", imu_gaps[name], _seconds(gap), stats.duplicates if stats else 0)
+        imus.append(row)
+    headings = ["IMU message", "samples", "rate, Hz", "gaps", "longest gap, s", "duplicates"]
+    rates = table(headings, imus, name="rates-table")
     messages = table(
         ["message", "count", "rate, Hz", "longest gap, s", "duplicates"],
         [
@@ -53,10 +52,7 @@ def log_facts(
     )
     said = table(
         ["said", "severity", "s"],
-        [
-            [t.text, _SEVERITIES[t.severity] if 0 <= t.severity < 8 else t.severity, f"{t.t:.2f}"]
-            for t in flight.texts[:MOST_TEXTS]
-        ],
+        [[t.text, severity_word(t.severity), f"{t.t:.2f}"] for t in flight.texts[:MOST_TEXTS]],
         words=2,
     )
     body = table(["the log", ""], facts, words=2) + (f"<h3>IMUs</h3>{rates}" if imus else "")
@@ -99,10 +95,9 @@ def again(source: Source, settings: Settings, command: str, chosen: Sequence[tup
 def choices(assessment: Assessment, correction: str | None) -> list[tuple[str, str]]:
     """How the flight was examined, as rows for `again`. correction: the file that was applied."""
     how = assessment.comparison.how
-    middle = f", {how.middle} middle sample" if METHODS[how.method].looks_inside else ""
     return [
         ("IMU", assessment.drift.imu),
-        ("integration", f"{how.method}{middle}, gravity {how.gravity:.5f} m/s²"),
+        ("integration", f"{method_words(how.method, how.middle)}, gravity {how.gravity:.5f} m/s²"),
         ("sensor figures", f"{assessment.figures.name} ({assessment.figures.reason})"),
         ("correction", correction or "none"),
     ]

@@ -2,41 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from companion import present
-from companion.analysis import Assessment, Comparison, Finding, Replay
+from companion.analysis import (
+    Assessment,
+    Comparison,
+    Expectation,
+    Finding,
+    ImuNoise,
+    Replay,
+    expected_since_anchor,
+    imu_noise,
+    replay,
+)
 from companion.app.examination import Examination
 from companion.app.recording import Source
 from companion.app.settings import Settings
-from companion.documents import FindingObject, analysis_document, schema
-from companion.model import Flight
+from companion.model import CompanionError, DataError, Flight
 from companion.present import palette
-from companion.report.apart import Apart
 from companion.report.charts import Charts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Subject:
-    """One flight, examined. Tables are made from `document`: what `companion analyze --json` prints."""
+    """One flight, examined."""
 
     examined: Examination
     source: Source
     settings: Settings
-    document: schema.Analysis
-    apart: Apart
     charts: Charts
+    replay: Replay | None  # what is drawn over time; None where it cannot be made
+    why_no_replay: str
+    expected: Expectation | None  # of the replay's errors; None without a replay, or where nothing can be expected
+    noise: ImuNoise | str  # or why it is not known
 
     @property
     def flight(self) -> Flight:
         """As it was read."""
         return self.examined.flight
-
-    @property
-    def replay(self) -> Replay | None:
-        """What is drawn over time; None where it cannot be made."""
-        return self.apart.replay
 
     @property
     def assessment(self) -> Assessment:
@@ -49,9 +53,9 @@ class Subject:
         return self.assessment.comparison
 
     @property
-    def numbers(self) -> schema.AnalyzeFlight:
-        """The flight in the document."""
-        return self.document.flights[0]
+    def imu(self) -> str:
+        """The message of that IMU."""
+        return self.comparison.track.source
 
     @property
     def colours(self) -> dict[str, palette.Rgb]:
@@ -61,14 +65,9 @@ class Subject:
     @property
     def colour(self) -> palette.Rgb:
         """That of the IMU that was used."""
-        return self.colours[self.comparison.track.source]
+        return self.colours[self.imu]
 
-    @property
-    def severe(self) -> list[FindingObject]:
-        """The findings that are more than a remark."""
-        return [finding for finding in self.numbers.verdict.findings if finding.severity != "info"]
-
-    def is_throughout(self, finding: Finding | FindingObject) -> bool:
+    def is_throughout(self, finding: Finding) -> bool:
         """Whether it lasts as long as the flight, so that its time says nothing."""
         first, last = self.ends
         return finding.end_s - finding.start_s > 0.9 * (last - first)
@@ -80,11 +79,30 @@ class Subject:
         return float(t[0]), float(t[-1])
 
 
-def subject_of(
-    examined: Examination, source: Source, settings: Settings, charts: Charts, apart: Callable[[], Apart]
-) -> Subject:
-    """Everything that the sections share. apart: waited for when all else is done."""
-    return Subject(examined, source, settings, analysis_document(source, examined), apart(), charts)
+def subject_of(examined: Examination, source: Source, settings: Settings, charts: Charts) -> Subject:
+    """Everything that the sections share."""
+    assessment, flight = examined.assessment, examined.flight
+    comparison = assessment.comparison
+    track, how = comparison.track, comparison.how
+    shown, why = None, ""
+    try:
+        shown = replay(
+            replace(flight, imus={**flight.imus, track.source: track}),
+            imu=track.source,
+            how=how,
+            reanchor_s=settings.view.reanchor_s or None,
+            reference=comparison.reference,
+        )
+    except CompanionError as error:
+        why = str(error)
+    expected = None
+    if shown is not None:
+        expected = expected_since_anchor(comparison, assessment.figures, assessment.autopilot, shown)
+    try:
+        noise: ImuNoise | str = imu_noise(flight, track.source, assessment.figures, how.limits)
+    except DataError as error:
+        noise = str(error)
+    return Subject(examined, source, settings, charts, shown, why, expected, noise)
 
 
 AXES: tuple[tuple[str, palette.Rgb], ...] = tuple(zip(present.AXES, palette.AXES, strict=True))

@@ -10,7 +10,7 @@ import numpy as np
 from companion.analysis import Verdict, rate_warning
 from companion.app.recording import Source
 from companion.model import Flight
-from companion.present import clause, flight_words, palette, paragraph, short, text, vehicle_words
+from companion.present import QUANTITIES, clause, flight_words, palette, paragraph, short, text, vehicle_words
 from companion.report.subject import Subject
 from companion.view import worst_stretch
 
@@ -27,17 +27,16 @@ _SHOWN_S = 5.0  # the horizon of which the median is told
 
 def head(subject: Subject, ground: str) -> str:
     """HTML of the title, the verdict and its figures; ground: the chart that stands beside them, "" for none."""
-    numbers, verdict, rate = subject.numbers, subject.numbers.verdict, subject.comparison.track.rate_hz
-    against = ", ".join((numbers.reference.attitude or "no attitude", numbers.reference.position or "no position"))
+    flight, verdict, rate = subject.flight, subject.assessment.verdict, subject.comparison.track.rate_hz
+    tracks = {"attitude": flight.attitude, "position": flight.position}
+    against = ", ".join(track.source if track else f"no {name}" for name, track in tracks.items())
     cards = "".join(
         f'<div class="card"><b>{text(value)}</b><span>{text(label)}</span></div>' for label, value in _cards(subject)
     )
-    flights = "".join(
-        paragraph(f"Flight {i}, {flight_words(one)}") for i, one in enumerate(subject.assessment.verdict.flights, 1)
-    )
+    flights = "".join(paragraph(f"Flight {i}, {flight_words(one)}") for i, one in enumerate(verdict.flights, 1))
     banner = _banner(verdict.status, verdict.summary) + flights
-    told = f'{banner}<div class="cards">{cards}</div>{_warning(subject.flight, rate)}'
-    title = _title(subject.flight, subject.source, f"{numbers.used_imu} at {rate:.1f} Hz against {against}")
+    told = f'{banner}<div class="cards">{cards}</div>{_warning(flight, rate)}'
+    title = _title(flight, subject.source, f"{subject.imu} at {rate:.1f} Hz against {against}")
     return f"<header>{title}{_beside(told, ground)}</header>"
 
 
@@ -85,17 +84,16 @@ def _cards(subject: Subject) -> list[tuple[str, str]]:
     are fewer than those of the drift table.
     """
     cards = _worst(subject)
-    rows = [row for row in subject.numbers.drift if row.windows]
+    drift = zip(subject.assessment.drift.rows, subject.assessment.expected, strict=True)
+    rows = [(row, should) for row, should in drift if row.windows]
     if not rows:
         return cards
-    row = min(rows, key=lambda r: abs(r.horizon_s - _SHOWN_S))
+    row, should = min(rows, key=lambda pair: abs(pair[0].horizon_s - _SHOWN_S))
     measured, expected = [], []
-    for statistic, sigma, unit in (
-        (row.attitude_deg, row.expected.attitude_deg if row.expected else None, "°"),
-        (row.velocity_mps, row.expected.velocity_mps if row.expected else None, f"{_NO_BREAK}m/s"),
-        (row.position_m, row.expected.position_m if row.expected else None, f"{_NO_BREAK}m"),
-    ):
+    for quantity in QUANTITIES:
+        statistic, sigma = getattr(row, quantity.attribute), getattr(should, quantity.attribute, None)
         if statistic is not None:
+            unit = quantity.after.replace(" ", _NO_BREAK)
             measured.append(f"{short(statistic.median)}{unit}")
             expected.append("" if sigma is None else f"{short(sigma)}{unit}")
     cards.append((f"after {row.horizon_s:g} s on the IMU alone, median of {row.windows}", ", ".join(measured)))
@@ -115,7 +113,7 @@ def _worst(subject: Subject) -> list[tuple[str, str]]:
         ("farthest apart", f"{short(worst.apart_m)} m"),
         (f"seconds since boot, {alone:.1f} s on the IMU alone", f"at {worst.end_s:.1f} s"),
     ]
-    expected = subject.apart.expected
+    expected = subject.expected
     if expected is not None:
         sigma = float(np.interp(worst.end_s, expected.t, expected.lengths[2]))
         if sigma > 0:

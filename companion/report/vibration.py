@@ -76,7 +76,7 @@ def shaking(subject: Subject) -> Section:
     if told is None and seen is None:
         rate = subject.comparison.track.rate_hz
         why = f"{rate:.1f} Hz is too slow" if rate < _FEWEST_HZ else "no stretch without a gap is long enough"
-        words = f"Not drawn: the vehicle did not tell its vibration, and {why} to see it in {subject.numbers.used_imu}."
+        words = f"Not drawn: the vehicle did not tell its vibration, and {why} to see it in {subject.imu}."
         return Section("vibration", title, paragraph(words))
     return Section("vibration", title, (told or "") + (seen or ""))
 

@@ -1,11 +1,8 @@
-"""One thread of BLAS, whoever asks; a copy of the process where one may be made; what was freed is given back."""
+"""One thread of BLAS, whoever calls; what was freed is given back."""
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +10,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 import companion as c
-from companion.app.resources import begun, give_back, one_blas_thread
-from tests.waiting import LIMIT_S
+from companion.app.resources import give_back, one_blas_thread
 
 
 def _threads() -> set[int]:
@@ -50,36 +46,3 @@ def test_what_was_freed_is_no_longer_resident() -> None:
     give_back()
     assert held - resident() > 40_000_000
     assert last.sum() == 2000.0
-
-
-@pytest.mark.skipif(sys.platform != "linux" or len(os.sched_getaffinity(0)) < 2, reason="needs two processors of Linux")
-def test_a_copy_works_and_one_that_fails_is_replaced() -> None:
-    script = """
-import os, signal
-from companion.app.resources import begun
-own = os.getpid()
-
-pid, text = begun(lambda: (os.getpid(), "x" * 1_000_000))()
-assert pid != own and len(text) == 1_000_000
-
-killed = begun(lambda: own == os.getpid() or os.kill(os.getpid(), signal.SIGKILL))
-assert killed() is True
-
-lost = begun(lambda: {}["nothing"])
-try:
-    lost()
-except KeyError as error:
-    print("seen here:", error)
-"""
-    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=LIMIT_S, check=True)
-    assert ended.stdout == "seen here: 'nothing'\n"
-    assert ended.stderr == ""
-
-
-def test_where_other_threads_run_no_copy_is_made() -> None:
-    over = threading.Event()
-    thread = threading.Thread(target=over.wait, args=(LIMIT_S,))
-    thread.start()
-    assert begun(os.getpid)() == os.getpid()
-    over.set()
-    thread.join()

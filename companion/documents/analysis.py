@@ -1,0 +1,236 @@
+"""`companion analyze --json` and `companion compare --json` (docs/json.md)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from companion.analysis import (
+    PARTS,
+    Alignment,
+    Assessment,
+    Contrast,
+    Drift,
+    DriftRow,
+    Expected,
+    Finding,
+    Sensitivity,
+    Verdict,
+)
+from companion.app.examination import Examination, Unexamined
+from companion.app.recording import Source
+from companion.documents.document import SCHEMA, Document, document, flight_head, of, plain
+from companion.documents.info import reference
+
+_QUANTITIES = {"attitude": "attitude_deg", "velocity": "velocity_mps", "position": "position_m"}
+_FITTED = {
+    "gyro_bias": "radps", "accel_bias": "mps2", "mounting": "rad", "time_offset": "s", "gyro_scale": "",
+    "accel_scale": "", "gyro_misalignment": "rad", "accel_misalignment": "rad", "lever_arm": "m",
+}  # fmt: skip
+"""Part of a calibration → the unit at the end of its key."""
+
+
+def analysis_document(source: Source, examined: Examination) -> Document:
+    """An examined flight."""
+    assessment = examined.assessment
+    table, comparison, noise = assessment.drift, assessment.comparison, assessment.measured_noise
+    expected = dict(zip((row.horizon_s for row in table.rows), assessment.expected, strict=True))
+    return _analysis(
+        source,
+        examined,
+        assessment.verdict,
+        assessment.sensitivity,
+        used_imu=table.imu,
+        method=table.method,
+        middle=table.middle,
+        gravity_mps2=comparison.how.gravity,
+        correction=examined.correction,
+        notes=[*examined.flight.notes, *table.notes],
+        drift=[_drift(row, expected[row.horizon_s]) for row in table.rows],
+        figures={
+            **of(assessment.figures, "name", "reason"),
+            "measured_gyro_noise": noise.gyro,
+            "measured_accel_noise": noise.accel,
+        },
+        consistency=[
+            {
+                "horizon_s": horizon,
+                **_by_quantity(allowed.inside),
+                "judged": {
+                    "windows": assessment.agreements[horizon].windows,
+                    **_by_quantity(assessment.agreements[horizon].inside),
+                },
+            }
+            for horizon, allowed in expected.items()
+            if allowed is not None
+        ],
+        calibration=_calibration(assessment),
+        rests=[
+            {
+                **of(rest, "start_s", "end_s"),
+                "gyro_bias_radps": rest.gyro,
+                "gyro_bias_sigma_radps": rest.gyro_sigma,
+                "accel_mps2": rest.accel,
+                **of(rest, "gyro_noise", "accel_noise"),
+            }
+            for rest in assessment.rests
+        ],
+        autopilot_gyro_bias=(held := assessment.autopilot_bias)
+        and {**of(held, "start_s", "end_s"), "value": held.gyro, "sigma": held.sigma},
+        alignment=examined.alignment and _alignment(examined.alignment),
+        imus=[
+            {
+                "message": other.imu,
+                "rate_hz": other.rate_hz,
+                **of(other.drift, "horizon_s", "windows", "attitude_deg", "position_m"),
+                "inside": other.inside,
+            }
+            for other in examined.redundant_imus
+        ],
+    )
+
+
+def unexamined_document(source: Source, unexamined: Unexamined) -> Document:
+    """The same of a flight that cannot be examined: its verdict, and what the log has."""
+    return _analysis(source, unexamined, unexamined.verdict, None, notes=unexamined.flight.notes)
+
+
+def contrast_document(
+    contrast: Contrast, a: tuple[Source, Examination], b: tuple[Source, Examination], *, same_flight: bool
+) -> Document:
+    """Both analyses whole, and what differs."""
+    return plain(
+        {
+            "schema": SCHEMA,
+            "a": analysis_document(*a),
+            "b": analysis_document(*b),
+            "same_flight": same_flight,
+            "drift": [
+                {
+                    "horizon_s": row.a.horizon_s,
+                    "a": _drift(row.a, row.expected_a),
+                    "b": _drift(row.b, row.expected_b),
+                    "change": {
+                        quantity: of(change, "ratio", "low", "high", "paired", "direction")
+                        for quantity, change in row.changes.items()
+                    },
+                }
+                for row in contrast.rows
+            ],
+            "findings": {
+                "gone": [_finding(one) for one in contrast.gone],
+                "new": [_finding(one) for one in contrast.new],
+                "kept": contrast.kept,
+            },
+            "calibration": [of(figure, "name", "a", "b", "sigma", "differs") for figure in contrast.figures],
+        }
+    )
+
+
+def _analysis(
+    source: Source, of_flight: Examination | Unexamined, verdict: Verdict, could: Sensitivity | None, **known: Any
+) -> Document:
+    """known: what an examination has beside; null or empty where it is not known."""
+    flight = of_flight.flight
+    none = dict.fromkeys(("used_imu", "method", "middle", "gravity_mps2", "correction"))
+    analysed = {
+        **flight_head(flight),
+        "duration_s": flight.duration,
+        "imu": [
+            {
+                "message": name,
+                "samples": len(track),
+                "rate_hz": track.rate_hz,
+                "gaps": of_flight.gaps[name],
+                "longest_gap_s": float(np.diff(track.t).max()) if len(track) > 1 else None,
+                "duplicates": flight.messages[name].duplicates if name in flight.messages else 0,
+            }
+            for name, track in flight.imus.items()
+        ],
+        "reference": reference(flight),
+        **none,
+        "notes": [],
+        "drift": [],
+        "figures": None,
+        "consistency": [],
+        "calibration": None,
+        "rests": [],
+        "autopilot_gyro_bias": None,
+        "alignment": None,
+        "imus": [],
+        **known,
+        "verdict": _verdict(verdict, could),
+    }
+    return document(source, [analysed])
+
+
+def _verdict(verdict: Verdict, could: Sensitivity | None) -> Document:
+    return {
+        **of(verdict, "status", "summary"),
+        "findings": [_finding(one) for one in verdict.findings],
+        "cause": verdict.cause,
+        "detectable": {} if could is None else could.smallest,
+        "not_judged": () if could is None else could.not_judged,
+        "probability": verdict.probability,
+        "flights": verdict.flights,
+    }
+
+
+def _finding(finding: Finding) -> Document:
+    """Without the numbers behind it."""
+    return of(finding, "kind", "side", "severity", "start_s", "end_s", "evidence", "advice")
+
+
+def _drift(row: DriftRow, expected: Expected | None) -> Document:
+    """A row of the drift table, and what was expected of it."""
+    keys = _QUANTITIES.values()
+    return {
+        **of(row, "horizon_s", "windows", "excluded", *keys),
+        "expected": None if expected is None else of(expected, *keys, "shares"),
+    }
+
+
+def _by_quantity(inside: Any) -> Document:
+    return {quantity: inside.get(quantity) for quantity in _QUANTITIES}
+
+
+def _calibration(assessment: Assessment) -> Document | None:
+    fit, by_best = assessment.calibration, assessment.judged_by_best or (None, None)
+    if fit is None:
+        return None
+
+    def figure(place: slice) -> Document:
+        return {
+            "value": fit.values[place],
+            "sigma": fit.sigma[place],
+            "observable": fit.observable[place],
+            "confounded": [other or None for other in fit.confounded[place]],
+            "from_best_estimate": fit.from_best[place],
+        }
+
+    def first(drift: Drift | None) -> Document | None:
+        return None if drift is None else _drift(drift.rows[0], None)
+
+    return {
+        **of(fit, "windows", "horizon_s"),
+        **{f"{part}_{unit}".removesuffix("_"): figure(PARTS[part]) for part, unit in _FITTED.items()},
+        "level_force_mps2": dict(zip(("value", "sigma"), fit.level_force, strict=True)),
+        "before": first(assessment.uncorrected),
+        "after": first(assessment.corrected),
+        "best_estimate_before": first(by_best[0]),
+        "best_estimate_after": first(by_best[1]),
+    }
+
+
+def _alignment(alignment: Alignment) -> Document:
+    return {
+        **of(alignment.rest, "start_s", "end_s"),
+        **of(alignment, "q_ned_frd", "heading_from"),
+        "tilt_sigma_rad": alignment.tilt_sigma,
+        "heading_sigma_rad": alignment.heading_sigma,
+        "magnetic_heading_rad": alignment.magnetic_rad,
+        "declination_rad": alignment.declination_rad,
+        "magnetic_minus_autopilot_rad": alignment.magnetic_error_rad,
+        **of(alignment, "later", "notes"),
+    }
