@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 import companion as c
-from companion.app.replay_page import Answers
+from companion.pages.replay import Answers
 from companion.app.settings import Settings
 from companion.simulate import SimulatedVehicle, fly, write_flight
 from companion.view import ReplayChoice, Viewer

@@ -23,7 +23,6 @@ from companion.analysis import (
     rpe,
 )
 from companion.app.examination import Examination, examine
-from companion.app.notebook import OpenReplay, show
 from companion.app.recording import open_log
 from companion.app.resources import one_blas_thread
 from companion.app.settings import Settings, load_settings
@@ -49,6 +48,7 @@ from companion.model import (
     Vehicle,
     from_euler,
 )
+from companion.pages.notebook import OpenReplay, show
 from companion.strapdown import quaternion, reckon
 
 if TYPE_CHECKING:

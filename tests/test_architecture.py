@@ -35,7 +35,7 @@ MAY_IMPORT = {
     "app.resources": set[str](),
     "app.toml_file": GROUND,
     "app.destination": GROUND,
-    "app.settings": GROUND | {"strapdown", "app.toml_file"},
+    "app.settings": GROUND | {"strapdown", "analysis", "app.toml_file"},
     "app.correction": GROUND | {"app.toml_file", "analysis"},
     "app.sensors": GROUND | {"installation", "telemetry", "app.toml_file", "analysis"},
     "app.recording": GROUND | {"installation", "mavlink", "logs", "telemetry"},
@@ -44,11 +44,12 @@ MAY_IMPORT = {
     "app.live": GROUND | {"mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
     | {"mavlink", "estimation", "analysis", "app.resources", "app.settings", "app.examination", "app.live"},
-    "app.replay_page": GROUND
+    "pages": set[str](),
+    "pages.replay": GROUND
     | {"analysis", "app.settings", "app.correction", "app.recording", "app.examination", "report", "view"},
-    "app.live_page": GROUND | {"links", "analysis", "app.settings", "app.live", "app.running_verdict", "view"},
-    "app.notebook": GROUND
-    | {"app.settings", "app.sensors", "app.recording", "app.examination", "app.replay_page", "view"},
+    "pages.live": GROUND | {"links", "analysis", "app.settings", "app.live", "app.running_verdict", "view"},
+    "pages.notebook": GROUND
+    | {"app.settings", "app.sensors", "app.recording", "app.examination", "pages.replay", "view"},
     "present": GROUND | {"strapdown", "estimation", "analysis"},
     "documents": GROUND | {"estimation", "analysis", "app.recording", "app.examination"},
     "export": GROUND | {"installation", "strapdown", "estimation", "analysis", "present"},
@@ -62,13 +63,13 @@ MAY_IMPORT = {
     "cli": GROUND
     | {"installation", "mavlink", "logs", "links", "telemetry", "strapdown", "estimation", "analysis", "simulate"}
     | {"app.destination", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination"}
-    | {"app.live", "app.resources", "app.running_verdict", "app.replay_page", "app.live_page"}
+    | {"app.live", "app.resources", "app.running_verdict", "pages.replay", "pages.live"}
     | {"documents", "present", "view", "report", "export", "fleet"},
     "__main__": {"cli"},
     "__init__": {"api"},
     "api": GROUND
     | {"strapdown", "estimation", "analysis", "app.resources", "app.settings"}
-    | {"app.recording", "app.examination", "app.notebook"}
+    | {"app.recording", "app.examination", "pages.notebook"}
     | {"export", "report"},
 }
 """Part of the house → the other parts that it may import.
@@ -76,7 +77,7 @@ MAY_IMPORT = {
 A part is a package, or one module of a package whose modules are doors of their own (`ROOMS_OF_ROOMS`).
 """
 
-ROOMS_OF_ROOMS = {"app", "constants"}
+ROOMS_OF_ROOMS = {"app", "constants", "pages"}
 
 VIEW_MAY_IMPORT = {
     "state": set[str](),
@@ -113,7 +114,7 @@ LIBRARIES = {
     "app.correction": {"msgspec", "numpy"},
     "app.examination": {"msgspec", "numpy"},
     "app.running_verdict": {"msgspec"},
-    "app.live_page": {"msgspec"},
+    "pages.live": {"msgspec"},
     "documents": {"msgspec", "numpy"},
     "export": {"numpy", "msgspec", "pyarrow", "mcap"},
     "view": {"numpy", "viser", "rich", "msgspec", "websockets", "PIL"},

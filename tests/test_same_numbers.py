@@ -16,9 +16,9 @@ import pytest
 
 import companion as c
 from companion.app.examination import integration_of
-from companion.app.replay_page import Answers
 from companion.cli import main
 from companion.model import STANDARD_GRAVITY
+from companion.pages.replay import Answers
 from companion.present import STATISTICS, palette
 from companion.view import ReplayChoice
 from companion.view.panels import verdict_tables

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 
@@ -16,7 +16,6 @@ from companion.analysis import (
     Alignment,
     Assessment,
     Comparison,
-    Correction,
     ImuNoise,
     ImuSpec,
     Integration,
@@ -48,15 +47,29 @@ class Examination:
 
     flight: Flight
     assessment: Assessment
-    beside: Callable[[], tuple[RedundantImu, ...]] = field(repr=False)
-    gaps: Mapping[str, int]  # gaps of each IMU message
+    settings: Settings
+    imu_model: str | None  # the part that was named
     correction: str | None  # the file that was applied
-    alignment: Alignment | None  # the IMU aligned by itself at rest, where that was asked for
+    alignment: Alignment | None  # the IMU aligned by itself at rest, where that was requested
+
+    @property
+    def gaps(self) -> Mapping[str, int]:
+        """Gaps of each IMU message."""
+        return _gaps(self.flight, self.assessment.comparison.how.limits)
 
     @cached_property
     def redundant_imus(self) -> tuple[RedundantImu, ...]:
-        """Every IMU, uncorrected: a correction is of one IMU. Reckoned when it is asked for."""
-        return self.beside()
+        """Every IMU, uncorrected: a correction is of one IMU. Computed when first used."""
+        flight, own = self.flight, self.assessment.comparison
+
+        def compared(name: str) -> Comparison:
+            is_own = self.correction is None and own.track.source == name
+            return own if is_own else compare(flight, imu=name, how=own.how)
+
+        def spec(name: str) -> ImuSpec:
+            return _spec(flight, name, self.imu_model)
+
+        return each_imu(flight, compared, spec, autopilot_of(self.settings, flight))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +113,11 @@ def examine(
     """
     check_anchor(anchor)
     with _cannot_tell():
-        return _examined(flight, settings, imu, imu_model, correction, how, anchor)
+        assessment = assess_imu(flight, settings, imu=imu, imu_model=imu_model, correction=correction, how=how)
+        own, spec, autopilot = assessment.comparison, assessment.figures, autopilot_of(settings, flight)
+        aligned = align(flight, own, spec, autopilot) if anchor == "rest" else None
+    file = None if correction is None else str(correction)
+    return Examination(flight, assessment, settings, imu_model, file, aligned)
 
 
 def check_anchor(anchor: str) -> None:
@@ -116,35 +133,9 @@ def _cannot_tell() -> Iterator[None]:
         yield
     except np.linalg.LinAlgError as error:
         raise DataError(
-            f"This flight cannot tell: its readings do not determine what is asked of them ({error}). They are stuck, "
+            f"This flight cannot tell: its readings do not determine what is estimated ({error}). They are stuck, "
             "repeated or damaged: see what the log has with companion info, and try another --imu."
         ) from None
-
-
-def _examined(
-    flight: Flight,
-    settings: Settings,
-    imu: str | None,
-    imu_model: str | None,
-    correction: str | Path | None,
-    how: Integration | None,
-    anchor: str,
-) -> Examination:
-    assessment = assess_imu(flight, settings, imu=imu, imu_model=imu_model, correction=correction, how=how)
-    comparison = assessment.comparison
-
-    def beside() -> tuple[RedundantImu, ...]:
-        own = comparison if correction is None else None
-        return imus_of(flight, settings, imu_model=imu_model, how=comparison.how, own=own)
-
-    return Examination(
-        flight,
-        assessment,
-        beside,
-        _gaps(flight, comparison.how.limits),
-        str(correction) if correction is not None else None,
-        align(flight, comparison, assessment.figures, autopilot_of(settings, flight)) if anchor == "rest" else None,
-    )
 
 
 def unexaminable(flight: Flight, settings: Settings = _DEFAULTS) -> Unexamined | None:
@@ -156,41 +147,6 @@ def unexaminable(flight: Flight, settings: Settings = _DEFAULTS) -> Unexamined |
         verdict = Verdict("insufficient_data", f"Cannot tell: {error}", ())
         return Unexamined(flight, verdict, _gaps(flight, limits_of(settings)))
     return None
-
-
-def imus_of(
-    flight: Flight,
-    settings: Settings,
-    *,
-    imu_model: str | None = None,
-    how: Integration | None = None,
-    own: Comparison | None = None,
-) -> tuple[RedundantImu, ...]:
-    """Every IMU of a flight, uncorrected. own: a comparison that is there already. The rest is as in `examine`."""
-    how = how or integration_of(settings, flight)
-
-    def compared(name: str) -> Comparison:
-        return own if own is not None and own.track.source == name else compare(flight, imu=name, how=how)
-
-    return each_imu(flight, compared, lambda name: _figures(flight, name, imu_model), autopilot_of(settings, flight))
-
-
-def comparison_of(
-    flight: Flight,
-    settings: Settings,
-    *,
-    imu: str | None = None,
-    imu_model: str | None = None,
-    correction: str | Path | None = None,
-    how: Integration | None = None,
-) -> tuple[Comparison, ImuSpec, ReferenceSpec]:
-    """What an examination begins with: one IMU beside the autopilot, and how far off each may be.
-
-    Arguments and errors as `examine`.
-    """
-    track = _correction(correction).apply(flight.imu(imu))
-    comparison = compare(flight, track=track, how=how or integration_of(settings, flight))
-    return comparison, _figures(flight, track.source, imu_model), autopilot_of(settings, flight)
 
 
 @_cannot_tell()
@@ -211,12 +167,12 @@ def assess_imu(
     name = flight.imu(imu).source
     return assess(
         flight,
-        _figures(flight, name, imu_model),
+        _spec(flight, name, imu_model),
         autopilot=autopilot_of(settings, flight),
         horizons=settings.drift.horizons_s,
         imu=name,
         how=how or integration_of(settings, flight),
-        correction=_correction(correction),
+        correction=NO_CORRECTION if correction is None else load_correction(correction),
         before=before,
     )
 
@@ -231,7 +187,9 @@ def align_imu(
     how: Integration | None = None,
 ) -> Alignment:
     """One IMU aligned by itself at rest. Arguments and errors as `examine`."""
-    return align(flight, *comparison_of(flight, settings, imu=imu, imu_model=imu_model, how=how))
+    track = flight.imu(imu)
+    comparison = compare(flight, track=track, how=how or integration_of(settings, flight))
+    return align(flight, comparison, _spec(flight, track.source, imu_model), autopilot_of(settings, flight))
 
 
 def noise_of(
@@ -239,48 +197,33 @@ def noise_of(
 ) -> ImuNoise:
     """The noise of one IMU at rest and in flight. Arguments and errors as `examine`; it needs no attitude."""
     name = flight.imu(imu).source
-    return imu_noise(flight, name, _figures(flight, name, imu_model), limits_of(settings))
+    return imu_noise(flight, name, _spec(flight, name, imu_model), limits_of(settings))
 
 
 def integration_of(settings: Settings, flight: Flight) -> Integration:
     """How the settings have an IMU of this flight integrated: gravity may depend on where it flew."""
-    chosen = settings.integration
-    return Integration(
-        method=chosen.method,
-        middle=chosen.middle,
-        segments=chosen.segments,
-        gravity=gravity_for(flight, chosen.gravity),
-        limits=limits_of(settings),
-    )
+    chosen = msgspec.structs.asdict(settings.integration)
+    gravity = gravity_for(flight, chosen.pop("gravity"))
+    return Integration(**chosen, gravity=gravity, limits=limits_of(settings))
 
 
 def limits_of(settings: Settings) -> Limits:
     """What the settings leave out of the windows."""
-    drift = settings.drift
-    return Limits(
-        gap_periods=drift.gap_periods,
-        gap_s=drift.gap_s,
-        position_jump_m=drift.position_jump_m,
-        attitude_jump_deg=drift.attitude_jump_deg,
-    )
+    return Limits(**{limit.name: getattr(settings.drift, limit.name) for limit in fields(Limits)})
 
 
 def autopilot_of(settings: Settings, flight: Flight) -> ReferenceSpec:
     """How far the settings, or the vehicle's own variances, let the autopilot be off."""
     given = msgspec.structs.asdict(settings.autopilot)
     reported = given.pop("reported")
-    figures = ReferenceSpec(**given)
-    return reported_by(flight, figures) if reported else figures
+    spec = ReferenceSpec(**given)
+    return reported_by(flight, spec) if reported else spec
 
 
 def _gaps(flight: Flight, limits: Limits) -> dict[str, int]:
     return {name: int((np.diff(track.t) > limits.longest_step(track.t)).sum()) for name, track in flight.imus.items()}
 
 
-def _correction(path: str | Path | None) -> Correction:
-    return NO_CORRECTION if path is None else load_correction(path)
-
-
-def _figures(flight: Flight, imu: str, imu_model: str | None) -> ImuSpec:
-    """The sensor figures that were asked for, else those of the part that the vehicle names."""
+def _spec(flight: Flight, imu: str, imu_model: str | None) -> ImuSpec:
+    """The noise specification that was requested, else that of the part that the vehicle names."""
     return load_imu_spec(imu_model) if imu_model else imu_spec_of(flight, imu)

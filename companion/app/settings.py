@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 
+from companion.analysis import HORIZONS_S, Integration, Limits, ReferenceSpec
 from companion.app.toml_file import read_toml
-from companion.model import GAP_PERIODS, GAP_S, InputError, SettingsError
-from companion.strapdown import METHODS
+from companion.model import InputError, SettingsError
+from companion.strapdown import METHODS, MIDDLES
 
 Positive = Annotated[float, msgspec.Meta(gt=0, le=1e6)]  # the upper bound keeps infinity out
 NotNegative = Annotated[float, msgspec.Meta(ge=0, le=1e6)]
 Small = Annotated[float, msgspec.Meta(ge=0, le=10)]
 SmallPositive = Annotated[float, msgspec.Meta(gt=0, le=10)]
 
+_HOW, _LIMITS, _AUTOPILOT = Integration(), Limits(), ReferenceSpec()
+"""The defaults of the analysis, which are those of the settings."""
+
 if TYPE_CHECKING:
     Method = str
+    Middle = str
 else:
-    Method = Literal[tuple(METHODS)]  # whatever integrators there are
+    Method, Middle = Literal[tuple(METHODS)], Literal[tuple(MIDDLES)]  # whatever integrators there are
 
 
 class _Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -34,37 +39,42 @@ class LogSettings(_Section, frozen=True):
     dequantise: bool = False
     max_size_gb: Positive = 0.8
 
+    @property
+    def options(self) -> dict[str, Any]:
+        """As `read_recording` takes them."""
+        return msgspec.structs.asdict(self)
+
 
 class IntegrationSettings(_Section, frozen=True):
     """How the IMU is integrated."""
 
-    method: Method = "rk4"
-    middle: Literal["linear", "cubic"] = "cubic"
-    segments: Annotated[int, msgspec.Meta(ge=1, le=64)] = 1
+    method: Method = _HOW.method
+    middle: Middle = _HOW.middle
+    segments: Annotated[int, msgspec.Meta(ge=1, le=64)] = _HOW.segments
     gravity: Literal["standard", "normal"] | Annotated[float, msgspec.Meta(ge=9.7, le=9.9)] = "standard"
 
 
 class DriftSettings(_Section, frozen=True):
     """Which windows the drift is measured over."""
 
-    horizons_s: Annotated[tuple[Positive, ...], msgspec.Meta(min_length=1)] = (1.0, 2.0, 5.0, 10.0, 30.0)
-    gap_periods: Positive = GAP_PERIODS
-    gap_s: NotNegative = GAP_S
-    position_jump_m: Positive = 1.0
-    attitude_jump_deg: Positive = 5.0
+    horizons_s: Annotated[tuple[Positive, ...], msgspec.Meta(min_length=1)] = HORIZONS_S
+    gap_periods: Positive = _LIMITS.gap_periods
+    gap_s: NotNegative = _LIMITS.gap_s
+    position_jump_m: Positive = _LIMITS.position_jump_m
+    attitude_jump_deg: Positive = _LIMITS.attitude_jump_deg
 
 
 class AutopilotSettings(_Section, frozen=True):
     """How far the autopilot's own estimate may be off, 1σ."""
 
-    tilt: Small = 0.005
-    heading: Small = 0.02
-    attitude_noise: SmallPositive = 0.002
-    velocity: SmallPositive = 0.05
-    position: SmallPositive = 0.1
-    time_offset: Small = 0.01
-    misalignment: Small = 0.005
-    gravity: Small = 0.003
+    tilt: Small = _AUTOPILOT.tilt
+    heading: Small = _AUTOPILOT.heading
+    attitude_noise: SmallPositive = _AUTOPILOT.attitude_noise
+    velocity: SmallPositive = _AUTOPILOT.velocity
+    position: SmallPositive = _AUTOPILOT.position
+    time_offset: Small = _AUTOPILOT.time_offset
+    misalignment: Small = _AUTOPILOT.misalignment
+    gravity: Small = _AUTOPILOT.gravity
     reported: bool = True
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 
 from rich import box
 from rich.markup import escape
@@ -125,11 +124,8 @@ def _logs(
 
 
 def _flights(path: str, core: int | None, settings: Settings) -> tuple[Flight, ...] | CompanionError:
-    log = settings.log
     try:
-        return read_recording(
-            Path(path), dialect=log.dialect, dequantise=log.dequantise, core=core, max_size_gb=log.max_size_gb
-        ).flights
+        return read_recording(path, core=core, **settings.log.options).flights
     except CompanionError as error:
         return error
 

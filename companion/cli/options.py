@@ -207,12 +207,10 @@ def read(arguments: argparse.Namespace, settings: Settings, *, every_message: bo
     with _progress(path) as progress:
         recording = read_recording(
             path,
-            dialect=settings.log.dialect,
-            dequantise=settings.log.dequantise,
             every_message=every_message,
             core=getattr(arguments, "core", None),
             progress=progress,
-            max_size_gb=settings.log.max_size_gb,
+            **settings.log.options,
         )
     if path == arguments.piped:
         recording = replace(recording, source=replace(recording.source, path=Path(STDIN), kept_in=path))

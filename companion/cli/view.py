@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from companion.app.replay_page import Answers, open_replay  # noqa: PLC0415  (viser is slow to import)
+    from companion.pages.replay import Answers, open_replay  # noqa: PLC0415  (viser is slow to import)
     from companion.view import check_url  # noqa: PLC0415
 
     settings = options.settings_of(arguments)

@@ -12,12 +12,12 @@ from collections.abc import Callable
 from companion.analysis import Integration
 from companion.app.examination import limits_of
 from companion.app.live import Attachment
-from companion.app.live_page import LiveFeed
 from companion.app.resources import give_back
 from companion.app.settings import Settings
 from companion.cli import live, options, unexpected_error
 from companion.links import Recorder, Session
 from companion.model import CompanionError, SettingsError
+from companion.pages.live import LiveFeed
 from companion.view import LiveViewer, ReplayChoice
 
 _GIVE_BACK_S = 5.0  # between two times that freed memory is given back

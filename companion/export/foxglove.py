@@ -16,6 +16,7 @@ Message = dict[str, Any]
 Schema = dict[str, Any]
 
 _NUMBER: Schema = {"type": "number"}
+_COUNT: Schema = {"type": "integer", "minimum": 0}
 _TEXT: Schema = {"type": "string"}
 
 
@@ -23,74 +24,45 @@ def _object(title: str = "", **properties: Schema) -> Schema:
     return {**({"title": title} if title else {}), "type": "object", "properties": properties}
 
 
-_TIME = _object("time", sec={"type": "integer", "minimum": 0}, nsec={"type": "integer", "minimum": 0})
+_TIME = _object("time", sec=_COUNT, nsec=_COUNT)
 _VECTOR = _object("foxglove.Vector3", x=_NUMBER, y=_NUMBER, z=_NUMBER)
 _QUATERNION = _object("foxglove.Quaternion", x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER)
 _POSE = _object("foxglove.Pose", position=_VECTOR, orientation=_QUATERNION)
 
-POSE = _object("foxglove.PoseInFrame", timestamp=_TIME, frame_id=_TEXT, pose=_POSE)
+
+def _in_frame(title: str, **properties: Schema) -> Schema:
+    return _object(title, timestamp=_TIME, frame_id=_TEXT, **properties)
+
+
+POSE = _in_frame("foxglove.PoseInFrame", pose=_POSE)
 TRANSFORM = _object(
-    "foxglove.FrameTransform",
-    timestamp=_TIME,
-    parent_frame_id=_TEXT,
-    child_frame_id=_TEXT,
-    translation=_VECTOR,
+    "foxglove.FrameTransform", timestamp=_TIME, parent_frame_id=_TEXT, child_frame_id=_TEXT, translation=_VECTOR,
     rotation=_QUATERNION,
-)
-LOCATION = _object(
-    "foxglove.LocationFix",
-    timestamp=_TIME,
-    frame_id=_TEXT,
-    latitude=_NUMBER,
-    longitude=_NUMBER,
-    altitude=_NUMBER,
+)  # fmt: skip
+LOCATION = _in_frame(
+    "foxglove.LocationFix", latitude=_NUMBER, longitude=_NUMBER, altitude=_NUMBER,
     position_covariance={"type": "array", "items": _NUMBER, "minItems": 9, "maxItems": 9},
-    position_covariance_type={"type": "integer", "minimum": 0, "maximum": 3},
-)
+    position_covariance_type={**_COUNT, "maximum": 3},
+)  # fmt: skip
 LOG = _object(
-    "foxglove.Log",
-    timestamp=_TIME,
-    level={"type": "integer", "minimum": 0, "maximum": 5},
-    message=_TEXT,
-    name=_TEXT,
-    file=_TEXT,
-    line={"type": "integer", "minimum": 0},
+    "foxglove.Log", timestamp=_TIME, level={**_COUNT, "maximum": 5}, message=_TEXT, name=_TEXT, file=_TEXT, line=_COUNT
 )
-IMU = _object(
-    "companion.Imu", timestamp=_TIME, frame_id=_TEXT, angular_velocity=_VECTOR, specific_force=_VECTOR
-)  # rad/s, m/s²
-ERROR = _object(
-    "companion.ReckoningError",
-    timestamp=_TIME,
-    frame_id=_TEXT,
-    attitude_deg=_NUMBER,
-    velocity_mps=_NUMBER,
-    position_m=_NUMBER,
-    attitude=_VECTOR,  # rad
-    velocity=_VECTOR,
-    position=_VECTOR,
-)
+IMU = _in_frame("companion.Imu", angular_velocity=_VECTOR, specific_force=_VECTOR)  # rad/s, m/s²
+ERROR = _in_frame(
+    "companion.ReckoningError", attitude_deg=_NUMBER, velocity_mps=_NUMBER, position_m=_NUMBER,
+    attitude=_VECTOR, velocity=_VECTOR, position=_VECTOR,
+)  # fmt: skip
+"""Vectors: rad, m/s, m."""
 _COLOUR = _object("foxglove.Color", r=_NUMBER, g=_NUMBER, b=_NUMBER, a=_NUMBER)
 _LINE = _object(
-    "foxglove.LinePrimitive",
-    type={"type": "integer", "minimum": 0, "maximum": 2},
-    pose=_POSE,
-    thickness=_NUMBER,
-    scale_invariant={"type": "boolean"},
-    points={"type": "array", "items": _VECTOR},
-    color=_COLOUR,
-    colors={"type": "array", "items": _COLOUR},
-    indices={"type": "array", "items": {"type": "integer"}},
-)
-_ENTITY = _object(
-    "foxglove.SceneEntity",
-    timestamp=_TIME,
-    frame_id=_TEXT,
-    id=_TEXT,
-    lifetime=_TIME,
-    frame_locked={"type": "boolean"},
+    "foxglove.LinePrimitive", type={**_COUNT, "maximum": 2}, pose=_POSE, thickness=_NUMBER,
+    scale_invariant={"type": "boolean"}, points={"type": "array", "items": _VECTOR}, color=_COLOUR,
+    colors={"type": "array", "items": _COLOUR}, indices={"type": "array", "items": {"type": "integer"}},
+)  # fmt: skip
+_ENTITY = _in_frame(
+    "foxglove.SceneEntity", id=_TEXT, lifetime=_TIME, frame_locked={"type": "boolean"},
     lines={"type": "array", "items": _LINE},
-)
+)  # fmt: skip
 SCENE = _object("foxglove.SceneUpdate", timestamp=_TIME, entities={"type": "array", "items": _ENTITY})
 
 _NO_COVARIANCE = {"position_covariance": [0.0] * 9, "position_covariance_type": 0}

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Protocol
 
 import numpy as np
 
 from companion.export.table import Column, Table, quaternions, series_name, table_name, times, vectors
-from companion.model import Flight, ImuTrack, Series
+from companion.model import Array, Flight, ImuTrack, Series
 
 _AIDING = ("gps", "magnetometer", "barometer")  # kinds of series
-_UNITS = {
-    "s": "s", "m": "m", "mps": "m/s", "mps2": "m/s²", "rad": "rad", "rad2": "rad²", "radps": "rad/s", "pa": "Pa",
-    "degc": "°C", "tesla": "T",
-}  # fmt: skip
-"""The end of a column's name → its unit."""
 
 
 def imu_table(flight: Flight, track: ImuTrack) -> Table:
@@ -34,80 +30,74 @@ def imu_table(flight: Flight, track: ImuTrack) -> Table:
     }
     columns = (
         *times(flight, track.t),
-        *vectors("gyro", track.gyro, "rad/s", "radps", "FRD"),
-        *vectors("accel", track.accel, "m/s²", "mps2", "FRD"),
+        *vectors("gyro", "radps", track.gyro, "FRD"),
+        *vectors("accel", "mps2", track.accel, "FRD"),
     )
     if track.interval is not None:
-        columns = (*columns, Column("interval_s", track.interval, "s"))
+        columns = (*columns, Column("interval_s", track.interval))
     return Table(table_name(track.source), columns, about)
 
 
 def series_table(flight: Flight, key: str, series: Series) -> Table:
-    body = ("vibration", "magnetometer")
-    columns = (
-        Column(name, series[name], _UNITS.get(name.rsplit("_", 1)[-1], ""), "FRD" if key.startswith(body) else "")
-        for name in series.columns
-    )
+    frame = "FRD" if key.startswith(("vibration", "magnetometer")) else ""
+    columns = (Column(name, series[name], frame) for name in series.columns)
     return Table(series_name(key), (*times(flight, series.t), *columns), {"source": series.source})
+
+
+class _Timed(Protocol):
+    @property
+    def t(self) -> Array: ...
+    @property
+    def source(self) -> str: ...
 
 
 def sensor_tables(flight: Flight) -> Iterator[Table]:
     """Biases, desired attitude, motors, and a simulator's truth: those that the flight has.
 
-    GPS, compasses and barometers are among the series, but for those that only PX4's drivers tell of.
+    GPS, compasses and barometers are among the series, but for those that only PX4's drivers report.
     """
-    told = {series.source for key, series in flight.series.items() if key.startswith(_AIDING)}
+    known = {series.source for key, series in flight.series.items() if key.startswith(_AIDING)}
+
+    def table(name: str, of: _Timed, *columns: Column, **about: str) -> Table:
+        return Table(name, (*times(flight, of.t), *columns), {"source": of.source, **about})
+
     for gps in flight.gps:
-        if gps.source not in told:
-            columns = (
-                Column("lat_rad", gps.latitude, "rad"), Column("lon_rad", gps.longitude, "rad"),
-                Column("height_m", gps.height, "m"), *vectors("velocity", gps.velocity, "m/s", "mps", "NED"),
-                Column("horizontal_sigma_m", gps.horizontal_sigma, "m"),
-                Column("vertical_sigma_m", gps.vertical_sigma, "m"), Column("speed_sigma_mps", gps.speed_sigma, "m/s"),
+        if gps.source not in known:
+            yield table(
+                table_name(f"gps_{gps.source}"), gps, Column("lat_rad", gps.latitude),
+                Column("lon_rad", gps.longitude), Column("height_m", gps.height),
+                *vectors("velocity", "mps", gps.velocity, "NED"), Column("horizontal_sigma_m", gps.horizontal_sigma),
+                Column("vertical_sigma_m", gps.vertical_sigma), Column("speed_sigma_mps", gps.speed_sigma),
                 Column("fix_type", gps.fix_type), Column("satellites", gps.satellites),
             )  # fmt: skip
-            yield Table(table_name(f"gps_{gps.source}"), (*times(flight, gps.t), *columns), {"source": gps.source})
     for compass in flight.compasses:
-        if compass.source not in told:
-            name = table_name(f"magnetometer_{compass.source}")
-            columns = tuple(Column(f"{x}_tesla", b, "T", "FRD") for x, b in zip("xyz", compass.field.T, strict=True))
-            yield Table(name, (*times(flight, compass.t), *columns), {"source": compass.source})
-    for air in flight.barometers:
-        if air.source not in told:
+        if compass.source not in known:
             columns = (
-                Column("pressure_pa", air.pressure, "Pa"), Column("altitude_m", air.altitude, "m"),
-                Column("temperature_degc", air.temperature, "°C"),
-            )  # fmt: skip
-            yield Table(
-                table_name(f"barometer_{air.source}"), (*times(flight, air.t), *columns), {"source": air.source}
+                Column(f"{axis}_tesla", field, "FRD") for axis, field in zip("xyz", compass.field.T, strict=True)
             )
+            yield table(table_name(f"magnetometer_{compass.source}"), compass, *columns)
+    for air in flight.barometers:
+        if air.source not in known:
+            values = {"pressure_pa": air.pressure, "altitude_m": air.altitude, "temperature_degc": air.temperature}
+            yield table(table_name(f"barometer_{air.source}"), air, *(Column(*column) for column in values.items()))
     for i, bias in enumerate(flight.biases):
-        columns = (
-            *vectors("gyro", bias.gyro, "rad/s", "radps", "FRD"),
-            *vectors("accel", bias.accel, "m/s²", "mps2", "FRD"),
-            *vectors("gyro_sigma", bias.gyro_sigma, "rad/s", "radps", "FRD"),
-            *vectors("accel_sigma", bias.accel_sigma, "m/s²", "mps2", "FRD"),
-        )
-        of = "" if bias.imu_instance is None else str(bias.imu_instance)
-        yield Table(f"bias_{i}", (*times(flight, bias.t), *columns), {"source": bias.source, "instance": of})
+        yield table(
+            f"bias_{i}", bias, *vectors("gyro", "radps", bias.gyro, "FRD"),
+            *vectors("accel", "mps2", bias.accel, "FRD"), *vectors("gyro_sigma", "radps", bias.gyro_sigma, "FRD"),
+            *vectors("accel_sigma", "mps2", bias.accel_sigma, "FRD"),
+            instance="" if bias.imu_instance is None else str(bias.imu_instance),
+        )  # fmt: skip
     if (control := flight.control) is not None:
-        columns = quaternions("q", control.q_ned_frd)
-        yield Table("control", (*times(flight, control.t), *columns), {"source": control.source})
+        yield table("control", control, *quaternions("q", control.q_ned_frd))
     if (motors := flight.actuators) is not None:
-        columns = tuple(Column(f"output_{i}", share) for i, share in enumerate(motors.output.T, 1))
-        yield Table("actuators", (*times(flight, motors.t), *columns), {"source": motors.source})
+        yield table("actuators", motors, *(Column(f"output_{i}", share) for i, share in enumerate(motors.output.T, 1)))
     if (used := flight.imu_in_use) is not None:
-        columns = (Column("instance", used.instance),)
-        yield Table("imu_in_use", (*times(flight, used.t), *columns), {"source": used.source})
+        yield table("imu_in_use", used, Column("instance", used.instance))
     if flight.aiding_in_use:
         yield _aiding_in_use(flight)
     if (truth := flight.truth) is not None:
-        columns = (
-            *quaternions("q", truth.q_ned_frd),
-            *vectors("position", truth.position, "m", "m", "NED"),
-            *vectors("velocity", truth.velocity, "m/s", "mps", "NED"),
-        )
-        yield Table("truth", (*times(flight, truth.t), *columns), {"source": truth.source})
+        moved = vectors("position", "m", truth.position, "NED"), vectors("velocity", "mps", truth.velocity, "NED")
+        yield table("truth", truth, *quaternions("q", truth.q_ned_frd), *moved[0], *moved[1])
 
 
 def _aiding_in_use(flight: Flight) -> Table:

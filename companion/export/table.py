@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,14 +23,25 @@ if TYPE_CHECKING:
 Values = npt.NDArray[Any]
 
 
+UNITS = {
+    "s": "s", "m": "m", "mps": "m/s", "mps2": "m/s²", "rad": "rad", "rad2": "rad²", "radps": "rad/s", "deg": "°",
+    "pa": "Pa", "degc": "°C", "tesla": "T",
+}  # fmt: skip
+"""The end of a column's name → its unit."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Column:
-    """One column. Its name ends in its unit."""
+    """One column."""
 
-    name: str
+    name: str  # ends in its unit
     values: Values  # (N,) float64, int64 or str; NaN where a number does not exist
-    unit: str = ""  # s, rad/s, m/s², ...; "" for names and for numbers without one
     frame: str = ""  # FRD, NED, "FRD → NED", or what a time counts from
+
+    @property
+    def unit(self) -> str:
+        """s, rad/s, m/s², ...; "" for names and for numbers without one."""
+        return UNITS.get(self.name.rsplit("_", 1)[-1], "")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,17 +97,15 @@ def _safe(values: Values) -> Values:
     return np.array(list(map(harmless, values.tolist()))) if values.dtype.kind == "U" and len(values) else values
 
 
-def vectors(name: str, values: npt.ArrayLike, unit: str, suffix: str, frame: str) -> tuple[Column, ...]:
-    """The three columns of vectors (N, 3): x, y, z in FRD, north, east, down in NED."""
+def vectors(name: str, unit: str, values: npt.ArrayLike, frame: str) -> tuple[Column, ...]:
+    """The three columns of vectors (N, 3): x, y, z in FRD, north, east, down in NED. unit: of UNITS."""
     axes = ("north", "east", "down") if frame == "NED" else ("x", "y", "z")
-    columns = zip(axes, np.asarray(values, np.float64).T, strict=True)
-    return tuple(Column(f"{name}_{axis}_{suffix}", column, unit, frame) for axis, column in columns)
+    return _split(name, [f"_{axis}_{unit}" for axis in axes], values, frame)
 
 
 def quaternions(name: str, values: npt.ArrayLike) -> tuple[Column, ...]:
     """The four columns of attitudes (N, 4), wxyz, from FRD to NED."""
-    columns = zip("wxyz", np.asarray(values, np.float64).T, strict=True)
-    return tuple(Column(f"{name}_{part}", column, "", "FRD → NED") for part, column in columns)
+    return _split(name, ["_w", "_x", "_y", "_z"], values, "FRD → NED")
 
 
 def euler_angles(name: str, values: npt.ArrayLike) -> tuple[Column, ...]:
@@ -103,8 +113,37 @@ def euler_angles(name: str, values: npt.ArrayLike) -> tuple[Column, ...]:
 
     For plots and spreadsheets: yaw jumps at ±π, and with the nose straight up or down roll and yaw mean nothing alone.
     """
-    angles = zip(("roll", "pitch", "yaw"), quaternion.to_euler(np.asarray(values, np.float64)).T, strict=True)
-    return tuple(Column(f"{name}{angle}_rad", column, "rad", "z-y-x, FRD → NED") for angle, column in angles)
+    angles = quaternion.to_euler(np.asarray(values, np.float64))
+    return _split(name, ["roll_rad", "pitch_rad", "yaw_rad"], angles, "z-y-x, FRD → NED")
+
+
+def _split(name: str, ends: Sequence[str], values: npt.ArrayLike, frame: str) -> tuple[Column, ...]:
+    columns = zip(ends, np.asarray(values, np.float64).T, strict=True)
+    return tuple(Column(f"{name}{end}", column, frame) for end, column in columns)
+
+
+def records(
+    flight: Flight,
+    name: str,
+    of: Sequence[object],
+    source: Mapping[str, str],
+    attributes: Mapping[str, type | tuple[type, str]],
+    when: Mapping[str, str] = MappingProxyType({"t": ""}),
+) -> Table:
+    """One row for each of some objects.
+
+    attributes: name of one → type of its column, and its frame; when: of one that is a time → prefix of its columns.
+    """
+
+    def values(attribute: str, kind: type) -> Values:
+        plain = [getattr(one, attribute) for one in of]
+        return np.array([np.nan if value is None else value for value in plain], kind)
+
+    columns = [column for key, prefix in when.items() for column in times(flight, values(key, float), prefix=prefix)]
+    for attribute, kind in attributes.items():
+        of_type, frame = kind if isinstance(kind, tuple) else (kind, "")
+        columns.append(Column(attribute, values(attribute, of_type), frame))
+    return Table(name, tuple(columns), source)
 
 
 def _stated(**about: str) -> dict[str, str]:
@@ -127,7 +166,7 @@ def series_name(key: str) -> str:
 def times(flight: Flight, t: Array, *, prefix: str = "") -> tuple[Column, Column]:
     unix = np.full(len(t), np.nan) if flight.epoch is None else flight.epoch.unix_s + t
     source = f"since 1970, UTC, by {flight.epoch.source}" if flight.epoch else "since 1970, UTC: not known"
-    return Column(f"{prefix}t_s", t, "s", BOOT_CLOCK), Column(f"{prefix}unix_s", unix, "s", source)
+    return Column(f"{prefix}t_s", t, BOOT_CLOCK), Column(f"{prefix}unix_s", unix, source)
 
 
 @dataclass(frozen=True, slots=True)

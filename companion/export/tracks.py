@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,15 +11,13 @@ from companion.analysis import NAMES, PARTS, Assessment, Calibration, DriftRow, 
 from companion.estimation import ATTITUDE, POSITION, VELOCITY, BestEstimate
 from companion.export.kml import places
 from companion.export.sensors import imu_table, sensor_tables, series_table
-from companion.export.table import BOOT_CLOCK, Column, Table, euler_angles, quaternions, times, vectors
+from companion.export.table import BOOT_CLOCK, Column, Table, euler_angles, quaternions, records, times, vectors
 from companion.model import Array, AttitudeTrack, Flight, PositionTrack, interpolated
-from companion.present import QUANTITIES, STATISTICS
+from companion.present import CALIBRATED, QUANTITIES, STATISTICS
 
 _PLACE = ("latitude_deg", "longitude_deg", "height_m")
-_PART_UNITS = {"gyro_bias": "rad/s", "accel_bias": "m/s²", "time_offset": "s", "lever_arm": "m", "gyro_scale": "",
-               "accel_scale": ""}  # fmt: skip
-_FIGURE_UNITS = {name: _PART_UNITS.get(part, "rad") for part, place in PARTS.items() for name in NAMES[place]}
-"""Figure of a calibration → its unit; what is not named is an angle."""
+_FIGURE_UNITS = {name: CALIBRATED[part].si for part, place in PARTS.items() for name in NAMES[place]}
+"""Figure of a calibration → its unit."""
 
 
 def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | None = None) -> dict[str, Table]:
@@ -48,8 +46,7 @@ def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | N
         parts.append(_position(flight, flight.position))
     parts += [series_table(flight, key, series) for key, series in flight.series.items()]
     parts += list(sensor_tables(flight))
-    parts += [_texts(flight), _events(flight), _phases(flight), _resets(flight)]
-    parts += [_parameters(flight), _parameter_changes(flight)]
+    parts += [*_records(flight), _parameters(flight)]
     if shown is not None:
         parts.append(_reckoning(flight, shown))
     if assessed is not None:
@@ -71,7 +68,7 @@ def _attitude(flight: Flight, track: AttitudeTrack) -> Table:
         *times(flight, track.t),
         *quaternions("q", track.q_ned_frd),
         *euler_angles("", track.q_ned_frd),
-        *vectors("rate", track.rates, "rad/s", "radps", "FRD"),
+        *vectors("rate", "radps", track.rates, "FRD"),
     )
     return Table("attitude", columns, {"source": track.source, "q": "Hamilton, wxyz, turns FRD vectors into NED"})
 
@@ -79,31 +76,23 @@ def _attitude(flight: Flight, track: AttitudeTrack) -> Table:
 def _position(flight: Flight, track: PositionTrack) -> Table:
     columns = (
         *times(flight, track.t),
-        *vectors("position", track.position, "m", "m", "NED"),
-        *vectors("velocity", track.velocity, "m/s", "mps", "NED"),
+        *vectors("position", "m", track.position, "NED"),
+        *vectors("velocity", "mps", track.velocity, "NED"),
     )
     return Table("position", columns, {"source": track.source})
 
 
-def _phases(flight: Flight) -> Table:
-    spans = phases(flight)
-    columns = (
-        *times(flight, np.array([part.start for part in spans], np.float64), prefix="start_"),
-        *times(flight, np.array([part.end for part in spans], np.float64), prefix="end_"),
-        Column("kind", np.array([part.kind for part in spans], np.str_)),
-        Column("reason", np.array([part.reason for part in spans], np.str_)),
-    )
-    return Table("phases", columns, {"source": "arming, estimator's flags, texts, motion"})
-
-
-def _resets(flight: Flight) -> Table:
-    columns = (
-        *times(flight, np.array([reset.t for reset in flight.resets], np.float64)),
-        Column("kind", np.array([reset.kind for reset in flight.resets], np.str_)),
-        Column("core", np.array([_or_nan(reset.core) for reset in flight.resets], np.float64)),
-        Column("text", np.array([reset.text for reset in flight.resets], np.str_)),
-    )
-    return Table("resets", columns, {"source": "jumps that the estimator announced"})
+def _records(flight: Flight) -> Iterator[Table]:
+    about = {"source": "what the vehicle said"}
+    yield records(flight, "texts", flight.texts, about, {"severity": (int, "MAV_SEVERITY"), "text": str})
+    about = {"source": "arming, modes, errors"}
+    yield records(flight, "events", flight.events, about, {"kind": str, "text": str})
+    about, span = {"source": "arming, estimator's flags, texts, motion"}, {"start": "start_", "end": "end_"}
+    yield records(flight, "phases", phases(flight), about, {"kind": str, "reason": str}, span)
+    about = {"source": "jumps that the estimator announced"}
+    yield records(flight, "resets", flight.resets, about, {"kind": str, "core": float, "text": str})
+    about = {"source": "parameters that got another value in the log"}
+    yield records(flight, "parameter_changes", flight.parameter_changes, about, {"name": str, "value": float})
 
 
 def _parameters(flight: Flight) -> Table:
@@ -115,50 +104,23 @@ def _parameters(flight: Flight) -> Table:
     return Table("parameters", columns, {"source": "the vehicle's parameters, as far as the log has them"})
 
 
-def _parameter_changes(flight: Flight) -> Table:
-    columns = (
-        *times(flight, np.array([change.t for change in flight.parameter_changes], np.float64)),
-        Column("name", np.array([change.name for change in flight.parameter_changes], np.str_)),
-        Column("value", np.array([change.value for change in flight.parameter_changes], np.float64)),
-    )
-    return Table("parameter_changes", columns, {"source": "parameters that got another value in the log"})
-
-
-def _texts(flight: Flight) -> Table:
-    columns = (
-        *times(flight, np.array([text.t for text in flight.texts], np.float64)),
-        Column("severity", np.array([text.severity for text in flight.texts], np.int64), "", "MAV_SEVERITY"),
-        Column("text", np.array([text.text for text in flight.texts], np.str_)),
-    )
-    return Table("texts", columns, {"source": "what the vehicle said"})
-
-
-def _events(flight: Flight) -> Table:
-    columns = (
-        *times(flight, np.array([event.t for event in flight.events], np.float64)),
-        Column("kind", np.array([event.kind for event in flight.events], np.str_)),
-        Column("text", np.array([event.text for event in flight.events], np.str_)),
-    )
-    return Table("events", columns, {"source": "arming, modes, errors"})
-
-
 def _reckoning(flight: Flight, shown: Replay) -> Table:
     anchor = shown.anchors[np.searchsorted(shown.anchors, shown.t, side="right") - 1]
     columns = (
         *times(flight, shown.t),
-        Column("anchor_t_s", anchor, "s", BOOT_CLOCK),
+        Column("anchor_t_s", anchor, BOOT_CLOCK),
         *quaternions("q_imu", shown.q_imu),
         *euler_angles("imu_", shown.q_imu),
-        *vectors("velocity_imu", shown.velocity_imu, "m/s", "mps", "NED"),
-        *vectors("position_imu", shown.position_imu, "m", "m", "NED"),
+        *vectors("velocity_imu", "mps", shown.velocity_imu, "NED"),
+        *vectors("position_imu", "m", shown.position_imu, "NED"),
         *quaternions("q_autopilot", shown.q_ref),
         *euler_angles("autopilot_", shown.q_ref),
-        *vectors("velocity_autopilot", shown.velocity_ref, "m/s", "mps", "NED"),
-        *vectors("position_autopilot", shown.position_ref, "m", "m", "NED"),
-        *vectors("attitude_error", shown.attitude_error, "rad", "rad", "NED"),
-        *vectors("velocity_error", shown.velocity_error, "m/s", "mps", "NED"),
-        *vectors("position_error", shown.position_error, "m", "m", "NED"),
-        Column("autopilot_known", shown.reference_valid.astype(np.int64), "", "0 inside a gap of its messages"),
+        *vectors("velocity_autopilot", "mps", shown.velocity_ref, "NED"),
+        *vectors("position_autopilot", "m", shown.position_ref, "NED"),
+        *vectors("attitude_error", "rad", shown.attitude_error, "NED"),
+        *vectors("velocity_error", "mps", shown.velocity_error, "NED"),
+        *vectors("position_error", "m", shown.position_error, "NED"),
+        Column("autopilot_known", shown.reference_valid.astype(np.int64), "0 inside a gap of its messages"),
     )
     if not shown.has_position:
         columns = tuple(c for c in columns if not c.name.startswith(("velocity", "position")))
@@ -174,12 +136,12 @@ def _best(flight: Flight, best: BestEstimate) -> Table:
         *times(flight, t),
         *quaternions("q", q),
         *euler_angles("", q),
-        *(Column(f"position_{n}", v, u) for n, v, u in zip(_PLACE, where, ("°", "°", "m"), strict=False)),
-        *vectors("velocity", velocity, "m/s", "mps", "NED"),
-        *vectors("position", position, "m", "m", "NED"),
-        *vectors("attitude_sigma", sigma[ATTITUDE.start], "rad", "rad", "NED"),
-        *vectors("velocity_sigma", sigma[VELOCITY.start], "m/s", "mps", "NED"),
-        *vectors("position_sigma", sigma[POSITION.start], "m", "m", "NED"),
+        *(Column(f"position_{name}", values) for name, values in zip(_PLACE, where, strict=False)),
+        *vectors("velocity", "mps", velocity, "NED"),
+        *vectors("position", "m", position, "NED"),
+        *vectors("attitude_sigma", "rad", sigma[ATTITUDE.start], "NED"),
+        *vectors("velocity_sigma", "mps", sigma[VELOCITY.start], "NED"),
+        *vectors("position_sigma", "m", sigma[POSITION.start], "NED"),
     )
     if "gps_position" not in best.residuals:
         columns = tuple(c for c in columns if not c.name.startswith(("velocity", "position")))
@@ -189,14 +151,15 @@ def _best(flight: Flight, best: BestEstimate) -> Table:
 def _drift(assessed: Assessment) -> Table:
     table = assessed.drift.to_dict()
     columns = [
-        Column("horizon_s", np.array(table["horizon_s"]), "s"),
+        Column("horizon_s", np.array(table["horizon_s"])),
         *(Column(name, np.array(table[name], np.int64)) for name in ("windows", "excluded")),
     ]
     for quantity in QUANTITIES:
         keys = [quantity.column(statistic) for statistic in STATISTICS]
-        columns += [Column(key, np.array(table[key]), quantity.unit) for key in keys]
-        values = np.array([_or_nan(getattr(expected, quantity.attribute, None)) for expected in assessed.expected])
-        columns.append(Column(quantity.column("expected"), values, quantity.unit, "1σ by the error budget"))
+        columns += [Column(key, np.array(table[key])) for key in keys]
+        allowed = [getattr(expected, quantity.attribute, None) for expected in assessed.expected]
+        sigma = np.array([np.nan if value is None else value for value in allowed])
+        columns.append(Column(quantity.column("expected"), sigma, "1σ by the error budget"))
     about = {"imu": assessed.drift.imu, "method": assessed.drift.method, "middle": assessed.drift.middle}
     return Table("drift", tuple(columns), about)
 
@@ -209,28 +172,21 @@ def _windows(flight: Flight, rows: Sequence[DriftRow]) -> Table:
         return np.concatenate([getattr(row.errors, name) for row in rows])
 
     columns = (
-        Column("horizon_s", np.repeat([row.horizon_s for row in rows], [row.windows for row in rows]), "s"),
+        Column("horizon_s", np.repeat([row.horizon_s for row in rows], [row.windows for row in rows])),
         *times(flight, joined("anchor_s"), prefix="anchor_"),
         *times(flight, joined("end_s"), prefix="end_"),
-        *vectors("attitude_error", joined("attitude"), "rad", "rad", "NED"),
-        *(vectors("velocity_error", joined("velocity"), "m/s", "mps", "NED") if has_position else ()),
-        *(vectors("position_error", joined("position"), "m", "m", "NED") if has_position else ()),
+        *vectors("attitude_error", "rad", joined("attitude"), "NED"),
+        *(vectors("velocity_error", "mps", joined("velocity"), "NED") if has_position else ()),
+        *(vectors("position_error", "m", joined("position"), "NED") if has_position else ()),
     )
     return Table("windows", columns, {"error": "autopilot minus IMU at the end of the window"})
 
 
 def _findings(flight: Flight, assessed: Assessment) -> Table:
-    findings = assessed.verdict.findings
-
-    def text(name: str) -> Column:
-        return Column(name, np.array([getattr(finding, name) for finding in findings], np.str_))
-
-    columns = (
-        *times(flight, np.array([finding.start_s for finding in findings], np.float64), prefix="start_"),
-        *times(flight, np.array([finding.end_s for finding in findings], np.float64), prefix="end_"),
-        *(text(name) for name in ("kind", "side", "severity", "evidence", "advice")),
-    )
-    return Table("findings", columns, {"status": assessed.verdict.status, "summary": assessed.verdict.summary})
+    about = {"status": assessed.verdict.status, "summary": assessed.verdict.summary}
+    span = {"start_s": "start_", "end_s": "end_"}
+    words = dict.fromkeys(("kind", "side", "severity", "evidence", "advice"), str)
+    return records(flight, "findings", assessed.verdict.findings, about, words, span)
 
 
 def _calibration(fit: Calibration) -> Table:
@@ -243,7 +199,3 @@ def _calibration(fit: Calibration) -> Table:
     )
     about = {"windows": str(fit.windows), "horizon_s": f"{fit.horizon_s:g}"}
     return Table("calibration", columns, about)
-
-
-def _or_nan(value: float | None) -> float:
-    return np.nan if value is None else value

@@ -72,10 +72,8 @@ def _record(path: str, plan: Plan, known: Collection[str]) -> LogRecord:
     try:
         recording = read_recording(
             path,
-            dialect=settings.log.dialect,
-            dequantise=settings.log.dequantise,
-            max_size_gb=settings.log.max_size_gb,
             every_message=plan.folder is not None,  # a report has the rates of all
+            **settings.log.options,
         )
         if not recording.flights:
             raise DataError(f"{recording.no_flight}.")

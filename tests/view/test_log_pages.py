@@ -17,9 +17,9 @@ from playwright.sync_api import Browser, Page, expect
 import companion as c
 from companion.app.examination import examine
 from companion.app.recording import Source
-from companion.app.replay_page import Answers, open_replay
 from companion.app.settings import Settings
 from companion.model import Flight
+from companion.pages.replay import Answers, open_replay
 from companion.present import palette
 from companion.simulate import SimulatedVehicle, fly, write_flight
 from companion.view import Viewer

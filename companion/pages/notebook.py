@@ -100,7 +100,7 @@ def show(
     """
     check_anchor(anchor)
     try:
-        from companion.app.replay_page import Answers, open_replay  # noqa: PLC0415
+        from companion.pages.replay import Answers, open_replay  # noqa: PLC0415
         from companion.view import check_url  # noqa: PLC0415
     except ImportError as error:
         raise InputError(
@@ -144,10 +144,7 @@ def _flights_of(
         case Examination():
             return (what.flight,), None
         case str() | Path():
-            log = settings.log
-            recording = read_recording(
-                what, dialect=log.dialect, dequantise=log.dequantise, max_size_gb=log.max_size_gb
-            )
+            recording = read_recording(what, **settings.log.options)
             return recording.flights, recording.source
         case Sequence() if all(isinstance(one, Flight) for one in what):
             return (*what,), None
