@@ -36,10 +36,11 @@ from companion.present import (
 )
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
-    parser = options.add_command(
+    parser = options.add_log_command(
         commands,
+        run,
         "analyze",
         "The verdict: do IMU and autopilot agree, or which is wrong?",
         "Do IMU and autopilot agree? How far the IMU drifts by itself, how far it should, and who is wrong.",
@@ -49,13 +50,12 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     options.add_judgement(parser)
     options.add_anchor(parser)
     parser.add_argument("--full", action="store_true", help="everything: all findings, all tables, the calibration")
-    parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
+    options.add_json(parser)
     parser.add_argument(
         "--fail-on",
         choices=("suspect", "insufficient"),
         help="exit with 1 when the IMU or the autopilot is suspect (insufficient: also when the log cannot tell)",
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -12,10 +12,11 @@ from companion.cli import options, sensor_lines, tables
 from companion.model import DataError
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
-    parser = options.add_command(
+    parser = options.add_log_command(
         commands,
+        run,
         "calibrate",
         "The IMU errors that best explain a flight, each with its σ",
         "The IMU's biases, scale, axes, mounting, lever arm and lag that best explain a flight, with their errors.",
@@ -24,13 +25,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     options.add_flight_choice(parser)
     options.add_integration(parser)
     options.add_figures(parser)
-    parser.add_argument("-o", "--output", metavar="FILE", help="write the correction for analyze --correction")
-    parser.add_argument(
-        "--force",
-        action="store_true",
-        help="replace FILE when it is there already, and write it when the flight is no good for it",
-    )
-    parser.set_defaults(run=run)
+    force = "replace FILE when it is there already, and write it when the flight is no good for it"
+    options.add_output(parser, "FILE", "write the correction for analyze --correction", force)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -32,10 +32,11 @@ _OF_B = {
 _COLOURS = {"worse": "red", "better": "green", "same": "dim"}
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
-    parser = options.add_command(
+    parser = options.add_log_command(
         commands,
+        run,
         "compare",
         "Two flights side by side: which drifts more?",
         "Two flights, or one before and after a change, side by side: which drifts more, and is that significant?",
@@ -47,14 +48,13 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     for name, (value, what) in _OF_B.items():
         kind = int if name == "boot" else str
         changed.add_argument(f"--{name.replace('_', '-')}-b", metavar=value, type=kind, help=f"{what} of B")
-    parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
+    options.add_json(parser)
     parser.add_argument(
         "--fail-on-worse",
         type=_share,
         metavar="PERCENT",
         help="exit with 1 when B drifts more than A by more than this, and by more than the spread between windows",
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import argparse
 
+from companion.cli import options
+
 SHELLS = ("bash", "zsh", "tcsh")
 _EXAMPLE = "companion completion bash > ~/.local/share/bash-completion/completions/companion"
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
     summary = "Print a script with which the shell completes commands, options and files."
-    parser = commands.add_parser(
-        "completion", help="Completion for bash, zsh or tcsh", description=summary, epilog=f"example: {_EXAMPLE}"
-    )
+    brief = "Completion for bash, zsh or tcsh"
+    parser = options.add_command(commands, run, "completion", brief, summary, _EXAMPLE)
     parser.add_argument("shell", choices=SHELLS, help="the shell to print it for")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -15,10 +15,11 @@ from companion.export import FORMATS, Contents, reckoning_of, tables
 from companion.model import DataError
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
-    parser = options.add_command(
+    parser = options.add_log_command(
         commands,
+        run,
         "export",
         "A flight for evo, Foxglove, maps, spreadsheets, notebooks",
         "A flight for other tools: evo, Foxglove, spreadsheets, notebooks.",
@@ -26,13 +27,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     options.add_judgement(parser)
     folders = ", ".join(name for name, one in FORMATS.items() if one.is_folder)
-    parser.add_argument(
-        "--reanchor",
-        dest="reanchor_s",
-        type=float,
-        metavar="S",
-        help="start the IMU again from the autopilot's state every S seconds; 0 lets it run free (default: 10)",
-    )
+    options.add_reanchor(parser)
     parser.add_argument(
         "--format",
         required=True,
@@ -41,7 +36,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     parser.add_argument("-o", "--output", required=True, metavar="PATH", help=f"a folder for {folders}; else a file")
     parser.add_argument("--force", action="store_true", help="replace what is there already")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import (
@@ -20,7 +19,6 @@ from rich.progress import (
     TextColumn,
     TimeRemainingColumn,
 )
-from rich.table import Table
 from rich.text import Text
 
 from companion.cli import options, tables
@@ -50,15 +48,11 @@ _NAME_WIDTHS = (15, 33)  # at least, of 60 columns; at most, of 80
 _MOST = 10  # lines of each part of the summary: the page has them all
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
     summary = "Every flight of many logs, on all processors or a Dask cluster: tables in Parquet, and a page."
-    parser = commands.add_parser(
-        "fleet",
-        help="Every flight of many logs: tables and one page",
-        description=summary,
-        epilog="example: companion fleet logs/ -o results",
-    )
+    brief = "Every flight of many logs: tables and one page"
+    parser = options.add_command(commands, run, "fleet", brief, summary, "companion fleet logs/ -o results")
     parser.add_argument("paths", metavar="PATH", nargs="+", help="logs, folders to search for logs, or patterns")
     parser.add_argument(
         "-o", "--output", metavar="DIR", required=True, help="output folder; logs already analysed in it are skipped"
@@ -77,7 +71,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     options.add_integration(parser)
     options.add_figures(parser)
     options.add_settings(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -148,7 +141,7 @@ def _print(fleet: Fleet, seconds: float) -> None:
     ratios = worst_ratios(rows)
     if flights := by_concern(rows)[:_MOST]:
         console.print("\n[bold]Look at these first[/]")
-        shown = _table("\nflight", "\nverdict", "worst ÷\nexpected>", "\nbecause")
+        shown = tables.folded_table("\nflight", "\nverdict", "worst ÷\nexpected", "\nbecause", numbers=(2,))
         shown.columns[0].min_width, shown.columns[0].max_width = _NAME_WIDTHS
         for row in flights:
             shown.add_row(
@@ -160,7 +153,7 @@ def _print(fleet: Fleet, seconds: float) -> None:
         console.print(shown)
     if kinds := count_findings(rows):
         console.print("\n[bold]Findings[/]")
-        shown = _table("finding", "severity", "times>", "flights>")
+        shown = tables.folded_table("finding", "severity", "times", "flights", numbers=(2, 3))
         for kind, severity, times, flights_of in kinds[:_MOST]:
             shown.add_row(escape(words(kind)), severity, str(times), str(flights_of))
         console.print(shown)
@@ -174,16 +167,6 @@ def _print(fleet: Fleet, seconds: float) -> None:
         folder = fleet.written[0].parent
         names_written = ", ".join(path.name for path in fleet.written)
         console.print(f"\nWritten to {folder}: {names_written}", markup=False, highlight=False)
-
-
-def _table(*headings: str) -> Table:
-    """Headings that end in > are of numbers; what is text is folded in a narrow terminal, never cut."""
-    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
-    for heading in headings:
-        number = heading.endswith(">")
-        name = heading.removesuffix(">")
-        shown.add_column(name, justify="right" if number else "left", no_wrap=number, overflow="fold")
-    return shown
 
 
 def _pace(logs: int, seconds: float) -> str:

@@ -17,24 +17,24 @@ from companion.app.recording import Recording, Source
 from companion.cli import many_logs, options, tables
 from companion.documents import encode, info_document
 from companion.model import Flight, SettingsError, counted
-from companion.present import vehicle_words
+from companion.present import severity_word, vehicle_words
 
 _MOST_SHOWN = 16  # flights
 _WIDE = 1000  # columns: more than any table needs
-_SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")  # MAV_SEVERITY
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
-    parser = options.add_command(
+    parser = options.add_log_command(
         commands,
+        run,
         "info",
         "What a log has: vehicles, sensors, messages, rates, gaps",
         "What is in a log: vehicles, boots, sensors, messages, rates, gaps.",
         "companion info flight.tlog",
         takes_several=True,
     )
-    parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
+    options.add_json(parser)
     parser.add_argument(
         "--verbose",
         action="store_true",
@@ -46,7 +46,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="one line per flight instead, with the rate of every sensor (Markdown, 25 columns)",
     )
     options.add_core(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -68,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     for flight in flights:
         _print_flight(console, flight)
         if arguments.verbose:
-            _print_said(console, flight)
+            _print_events(console, flight)
     if left := len(recording.flights) - len(flights):
         more = counted(left, "more flight")
         console.print(f"\n{more}, with fewer messages: --verbose or --json", highlight=False)
@@ -87,11 +86,9 @@ def _with_the_most(flights: Sequence[Flight]) -> Sequence[Flight]:
     return [flights[i] for i in sorted(most)]
 
 
-def _print_said(console: Console, flight: Flight) -> None:
+def _print_events(console: Console, flight: Flight) -> None:
     lines = [(event.t, event.kind, "" if event.text == event.kind else event.text) for event in flight.events]
-    for text in flight.texts:
-        severity = _SEVERITIES[text.severity] if 0 <= text.severity < len(_SEVERITIES) else str(text.severity)
-        lines.append((text.t, severity, text.text))
+    lines += [(text.t, severity_word(text.severity), text.text) for text in flight.texts]
     lines += [(reset.t, "reset", f"{reset.kind}: {reset.text}") for reset in flight.resets]
     lines += [(one.t, "parameter", f"{one.name} = {one.value:g}") for one in flight.parameter_changes]
     for t, kind, words in sorted(lines, key=lambda line: line[0]):
@@ -134,14 +131,12 @@ def _print_flight(console: Console, flight: Flight) -> None:
     console.print("\n" + "\n".join(title), highlight=False)
     _print_facts(console, _facts(flight))
     _print_sensors(console, flight)
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading in ("\nmessage", "\ncount", "\nmean Hz", "longest\ngap s", "\nduplicates"):
-        words = heading == "\nmessage"
-        table.add_column(heading, justify="left" if words else "right", overflow="fold")
+    table = _table("\nmessage", "\ncount", "\nmean Hz", "longest\ngap s", "\nduplicates")
+    table.columns[0].no_wrap, table.columns[0].overflow = False, "fold"
     for name, stats in flight.messages.items():
-        rate = "" if stats.rate_hz is None else f"{stats.rate_hz:.1f}" if stats.rate_hz < 1e4 else "burst"
-        gap = "" if stats.longest_gap_s is None else f"{stats.longest_gap_s:.2f}"
-        table.add_row(name, f"{stats.count}", rate, gap, f"{stats.duplicates}" if stats.duplicates else "")
+        rate = "burst" if (stats.rate_hz or 0.0) >= 1e4 else _number(stats.rate_hz, 1)
+        gap = _number(stats.longest_gap_s, 2)
+        table.add_row(name, f"{stats.count}", rate, gap, f"{stats.duplicates or ''}")
     console.print(table)
 
 
@@ -176,19 +171,28 @@ def _print_sensors(console: Console, flight: Flight) -> None:
 
 
 def _sensors(items: Sequence[Item], *, with_words: bool) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    narrow = ("\nsamples", "mean\nHz", "\ngaps", "max\ns")
-    figures = ("samples", "mean Hz", "gaps", "longest s") if with_words else narrow
-    for heading in ("sensor", "from", *figures, "") if with_words else ("\nsensor", "\nfrom", *figures):
-        words = heading not in figures
-        table.add_column(heading, justify="left" if words else "right", no_wrap=True)
+    if with_words:
+        table = _table("sensor", "from", "samples", "mean Hz", "gaps", "longest s", "")
+    else:
+        table = _table("\nsensor", "\nfrom", "\nsamples", "mean\nHz", "\ngaps", "max\ns")
     for item in items:
-        rate = "" if item.rate_hz is None else f"{item.rate_hz:.1f}"
-        gap = "" if item.longest_gap_s is None else f"{item.longest_gap_s:.2f}"
-        gaps = f"{item.gaps}" if item.gaps else ""
-        cells = (item.kind, escape(item.source), f"{item.samples}", rate, gaps, gap)
+        gap = _number(item.longest_gap_s, 2)
+        cells = (item.kind, escape(item.source), f"{item.samples}", _number(item.rate_hz, 1), f"{item.gaps or ''}", gap)
         table.add_row(*cells, *[escape(item.about)] * with_words)
     return table
+
+
+def _table(*headings: str) -> Table:
+    """Columns of numbers have other headings than these."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for heading in headings:
+        text = heading.strip() in ("message", "sensor", "from", "")
+        table.add_column(heading, justify="left" if text else "right", no_wrap=True)
+    return table
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
 
 
 def _announced(flight: Flight) -> str:

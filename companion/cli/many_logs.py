@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
-from rich import box
 from rich.markup import escape
-from rich.table import Table
 
 from companion.analysis import Item, inventory, used_imus
 from companion.app.examination import examine, unexaminable
@@ -43,23 +41,19 @@ def print_verdicts(arguments: argparse.Namespace) -> int:
     if given := [f"--{name}" for name in _OF_ONE if getattr(arguments, name)]:
         raise SettingsError(f"{' and '.join(given)} is of one log: name one. For many logs: companion fleet.")
     settings = options.settings_of(arguments)
-    unread, statuses = 0, list[str]()
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    for heading in ("log", "flight", "verdict", f"after {_HORIZON_S:g} s"):
-        table.add_column(heading, overflow="fold")
-    for name, flights in _logs(arguments, settings):
-        if isinstance(flights, CompanionError):
-            unread += 1
-            table.add_row(escape(name), "", f"[red]not read[/]: {escape(str(flights))}", "")
-            continue
-        for flight in flights:
-            status, words, drift = _judged(flight, settings, arguments)
-            statuses.append(status)
-            who = f"{flight.vehicle}, boot {flight.boot}, {flight.duration:.0f} s"
-            verdict = f"{tables.status_text(status)}: {escape(words)}"
-            table.add_row(escape(name), who, verdict, drift)
-        if not flights:
-            table.add_row(escape(name), "", "no vehicle", "")
+    statuses, unread = list[str](), 0
+
+    def cells(flight: Flight) -> Iterator[str]:
+        status, sentence, drift = _judged(flight, settings, arguments)
+        statuses.append(status)
+        yield f"{flight.vehicle}, boot {flight.boot}, {flight.duration:.0f} s"
+        yield f"{tables.status_text(status)}: {escape(sentence)}"
+        yield drift
+
+    table = tables.folded_table("log", "flight", "verdict", f"after {_HORIZON_S:g} s")
+    for name, row, error in _rows(arguments, cells):
+        unread += error is not None
+        table.add_row(escape(name), *(("", f"[red]not read[/]: {escape(str(error))}") if error else row))
     tables.console().print(table)
     return 2 if unread else options.exit_code(arguments.fail_on, statuses)
 
@@ -69,23 +63,19 @@ def print_overview(arguments: argparse.Namespace) -> int:
 
     Exit code 2 where a log cannot be read.
     """
+
+    def cells(flight: Flight) -> Iterator[str]:
+        yield _vehicle(flight) + (f", boot {flight.boot}" if flight.boot > 1 else "")
+        yield f"{flight.duration:.0f}"
+        yield from _rates(flight, _OVERVIEW)
+
     unread = list[str]()
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
-    table.add_column("\nlog", overflow="fold")
-    table.add_column("\nvehicle", no_wrap=True)
-    table.add_column("\ns", justify="right")
-    for kind in _OVERVIEW:
-        table.add_column(f"{kind}\nHz", justify="right", overflow="fold")
-    for name, flights in _logs(arguments, options.settings_of(arguments)):
-        if isinstance(flights, CompanionError):
-            unread.append(f"{name}: {flights}")
-            table.add_row(escape(name), "[red]not read[/]")
-        elif not flights:
-            table.add_row(escape(name), "no vehicle")
-        else:
-            for flight in flights:
-                vehicle = _vehicle(flight) + (f", boot {flight.boot}" if flight.boot > 1 else "")
-                table.add_row(escape(name), vehicle, f"{flight.duration:.0f}", *_rates(flight, _OVERVIEW))
+    headings = ("\nlog", "\nvehicle", "\ns", *(f"{kind}\nHz" for kind in _OVERVIEW))
+    table = tables.folded_table(*headings, numbers=range(2, len(headings)))
+    for name, row, error in _rows(arguments, cells):
+        if error:
+            unread.append(f"{name}: {error}")
+        table.add_row(escape(name), *(["[red]not read[/]"] if error else row))
     tables.console().print(table)
     for sentence in unread:
         options.say(sentence)
@@ -97,37 +87,48 @@ def print_sensors(arguments: argparse.Namespace) -> int:
 
     Exit code 2 where a log cannot be read.
     """
-    logs, unread = _logs(arguments, options.settings_of(arguments)), 0
+
+    def cells(flight: Flight) -> Iterator[str]:
+        yield f"{_vehicle(flight)}, boot {flight.boot}"
+        yield from _rates(flight, _COLUMNS)
+        yield used_imus(flight)
+        changes = counted(len(flight.parameter_changes), "parameter")
+        yield f"{counted(len(flight.resets), 'reset')}, {changes}"
+        yield str(len(flight.notes))
+
+    rows, unread = _rows(arguments, cells), 0
     print(_line(_HEADINGS))
     print(_line("---" for _ in _HEADINGS))
-    for name, flights in logs:
-        if isinstance(flights, CompanionError):
-            unread += 1
-            print(_line((name, f"not read: {flights}", *("" for _ in _HEADINGS[2:]))))
-            continue
-        for flight in flights:
-            print(_line(_cells(name, flight)), flush=True)
-        if not flights:
-            print(_line((name, "no vehicle", *("" for _ in _HEADINGS[2:]))))
+    for name, row, error in rows:
+        unread += error is not None
+        known = [name, f"not read: {error}"] if error else [name, *row]
+        print(_line([*known, *[""] * (len(_HEADINGS) - len(known))]), flush=True)
     return 2 if unread else 0
 
 
-def _logs(
-    arguments: argparse.Namespace, settings: Settings
-) -> Iterator[tuple[str, tuple[Flight, ...] | CompanionError]]:
-    """The name of each log that was named or is in a folder, with its flights, or with why it cannot be read."""
+def _rows(
+    arguments: argparse.Namespace, cells: Callable[[Flight], Iterable[str]]
+) -> Iterator[tuple[str, tuple[str, ...], CompanionError | None]]:
+    """Of each flight of the logs that were named or are in a folder: the log's name and cells; or why it has none."""
     from companion.fleet import find_logs, short_names  # noqa: PLC0415  (not needed for one log)
 
-    paths = [log.path for log in find_logs(options.log_paths(arguments), dialect=settings.log.dialect).logs]
+    log = options.settings_of(arguments).log
+    paths = [one.path for one in find_logs(options.log_paths(arguments), dialect=log.dialect).logs]
     names = short_names(paths)
-    return ((names[path], _flights(path, arguments.core, settings)) for path in paths)
 
+    def read() -> Iterator[tuple[str, tuple[str, ...], CompanionError | None]]:
+        for path in paths:
+            try:
+                flights = read_recording(path, core=arguments.core, **log.options).flights
+            except CompanionError as error:
+                yield names[path], (), error
+                continue
+            for flight in flights:
+                yield names[path], tuple(cells(flight)), None
+            if not flights:
+                yield names[path], ("no vehicle",), None
 
-def _flights(path: str, core: int | None, settings: Settings) -> tuple[Flight, ...] | CompanionError:
-    try:
-        return read_recording(path, core=core, **settings.log.options).flights
-    except CompanionError as error:
-        return error
+    return read()
 
 
 def _judged(flight: Flight, settings: Settings, arguments: argparse.Namespace) -> tuple[str, str, str]:
@@ -146,16 +147,6 @@ def _judged(flight: Flight, settings: Settings, arguments: argparse.Namespace) -
             parts += [f"{fixed(row.position_m.median)} m"] if row.position_m is not None else []
             drift = ", ".join(parts)
     return examined.verdict.status, clause(examined.verdict.summary), drift
-
-
-def _cells(name: str, flight: Flight) -> Iterable[str]:
-    yield name
-    yield f"{_vehicle(flight)}, boot {flight.boot}"
-    yield from _rates(flight, _COLUMNS)
-    yield used_imus(flight)
-    changes = counted(len(flight.parameter_changes), "parameter")
-    yield f"{counted(len(flight.resets), 'reset')}, {changes}"
-    yield str(len(flight.notes))
 
 
 def _vehicle(flight: Flight) -> str:

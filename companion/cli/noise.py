@@ -29,10 +29,11 @@ _FILES = {".yaml": "kalibr", ".yml": "kalibr", ".toml": "model"}
 _MOST_PEAKS = 4
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
-    parser = options.add_command(
+    parser = options.add_log_command(
         commands,
+        run,
         "noise",
         "IMU noise: Allan deviation at rest, spectra in flight",
         "How noisy the IMUs are: Allan deviation at rest, spectra and vibration in flight.",
@@ -41,16 +42,13 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     options.add_flight_choice(parser)
     parser.add_argument("--imu", metavar="NAME", help="this IMU message alone (default: every one)")
     options.add_figures(parser)
-    parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="PATH",
-        help="write the noise of --imu, else of the default IMU: FILE.yaml for Kalibr, FILE.toml for --imu-model, or "
-        "a folder for both",
+    options.add_json(parser)
+    options.add_output(
+        parser,
+        "PATH",
+        "write the noise of --imu, else of the default IMU: FILE.yaml for Kalibr, FILE.toml for --imu-model, or a "
+        "folder for both",
     )
-    parser.add_argument("--force", action="store_true", help="replace what is there already")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import msgspec
 import numpy as np
@@ -38,12 +38,26 @@ _SETTABLE = (
 """Options that are settings too: section, key, name of the option."""
 
 
+Parser = argparse.ArgumentParser
+
 _PAGE_BYTES = 256
 _LARGE_BYTES = 20_000_000
 
 
-def add_command(
-    commands: argparse._SubParsersAction[argparse.ArgumentParser],
+Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+Run = Callable[[argparse.Namespace], int]
+
+
+def add_command(commands: Commands, run: Run, name: str, brief: str, summary: str, example: str) -> Parser:
+    """A command. brief: what it does, in one line of a list; summary: the same in a sentence or two."""
+    parser = commands.add_parser(name, help=brief, description=summary, epilog=f"example: {example}")
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_log_command(
+    commands: Commands,
+    run: Run,
     name: str,
     brief: str,
     summary: str,
@@ -51,13 +65,12 @@ def add_command(
     *,
     takes_link: bool = False,
     takes_several: bool = False,
-) -> argparse.ArgumentParser:
+) -> Parser:
     """A command that takes a log, with the options that every such command has.
 
-    brief: what it does, in one line of a list; summary: the same in a sentence or two.
     takes_link: or a link. takes_several: `arguments.logs` are the logs, folders and patterns.
     """
-    parser = commands.add_parser(name, help=brief, description=summary, epilog=f"example: {example}")
+    parser = add_command(commands, run, name, brief, summary, example)
     log = "a log: .tlog, ArduPilot .bin or .log, PX4 .ulg; demo for the bundled flight; - for stdin"
     link = "; or a link: udpin:HOST:PORT, tcp:HOST:PORT, /dev/ttyACM0[:BAUD]" if takes_link else ""
     if takes_several:
@@ -69,10 +82,37 @@ def add_command(
     return parser
 
 
-def add_settings(parser: argparse.ArgumentParser) -> None:
-    """Where settings come from, and the one that is needed to read a log."""
+def add_json(parser: Parser) -> None:
+    """The results for programs."""
+    parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
+
+
+def add_output(parser: Parser, metavar: str, help: str, force: str = "replace what is there already") -> None:
+    """Where to write."""
+    parser.add_argument("-o", "--output", metavar=metavar, help=help)
+    parser.add_argument("--force", action="store_true", help=force)
+
+
+def add_reanchor(parser: Parser) -> None:
+    """How long the IMU is integrated alone."""
+    parser.add_argument(
+        "--reanchor",
+        dest="reanchor_s",
+        type=float,
+        metavar="S",
+        help="restart from the autopilot's state every S seconds; 0: never (default: 10)",
+    )
+
+
+def add_source(parser: Parser) -> None:
+    """Where settings come from, and the one that is needed to read messages."""
     parser.add_argument("--config", metavar="FILE", help="settings file; config/default.toml describes every key")
     parser.add_argument("--dialect", metavar="NAME", help="MAVLink dialect (default: ardupilotmega)")
+
+
+def add_settings(parser: Parser) -> None:
+    """The same, and the one that is needed to read a log."""
+    add_source(parser)
     parser.add_argument(
         "--max-size",
         type=float,
@@ -81,7 +121,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_flight_choice(parser: argparse.ArgumentParser) -> None:
+def add_flight_choice(parser: Parser) -> None:
     """Which of the log's flights."""
     parser.add_argument(
         "--vehicle", metavar="SYSID[:COMPID]", help="the vehicle (default: the one with the most IMU data)"
@@ -90,7 +130,7 @@ def add_flight_choice(parser: argparse.ArgumentParser) -> None:
     add_core(parser)
 
 
-def add_core(parser: argparse.ArgumentParser) -> None:
+def add_core(parser: Parser) -> None:
     """Which of the estimates in an on-board log."""
     parser.add_argument(
         "--core",
@@ -100,7 +140,7 @@ def add_core(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_integration(parser: argparse.ArgumentParser) -> None:
+def add_integration(parser: Parser) -> None:
     """Which IMU, integrated how."""
     parser.add_argument(
         "--imu",
@@ -112,7 +152,7 @@ def add_integration(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--middle", choices=MIDDLES, help="the signal between two samples (default: cubic)")
 
 
-def add_figures(parser: argparse.ArgumentParser) -> None:
+def add_figures(parser: Parser) -> None:
     """What the IMU is expected to be like."""
     parser.add_argument(
         "--imu-model",
@@ -121,7 +161,7 @@ def add_figures(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_judgement(parser: argparse.ArgumentParser) -> None:
+def add_judgement(parser: Parser) -> None:
     """How a flight is examined: which IMU of which flight, what it should be like, over which windows."""
     add_flight_choice(parser)
     add_integration(parser)
@@ -135,7 +175,7 @@ def chosen(arguments: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(arguments, name) for name in ("imu", "imu_model", "correction")}
 
 
-def add_anchor(parser: argparse.ArgumentParser) -> None:
+def add_anchor(parser: Parser) -> None:
     """Where the reckoning starts from."""
     parser.add_argument(
         "--anchor",
@@ -144,6 +184,11 @@ def add_anchor(parser: argparse.ArgumentParser) -> None:
         help="rest: align the IMU by itself where the vehicle first stands still, and dead-reckon from there on "
         "(default: autopilot)",
     )
+
+
+def most_bytes(arguments: argparse.Namespace) -> int:
+    """What a log on stdin may have."""
+    return round(settings_of(arguments).log.max_size_gb * 1e9)
 
 
 def settings_of(arguments: argparse.Namespace) -> Settings:

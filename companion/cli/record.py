@@ -10,16 +10,14 @@ from companion.links import Recorder, Session
 from companion.model import SettingsError
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
     summary = "Attach to a vehicle or simulator, ask for its IMU, and record a telemetry log until Ctrl-C."
-    example = "example: companion record udpin:0.0.0.0:14550 -o flight.tlog"
-    parser = commands.add_parser(
-        "record", help="Record a link into a .tlog, at the rates that are needed", description=summary, epilog=example
-    )
+    example = "companion record udpin:0.0.0.0:14550 -o flight.tlog"
+    brief = "Record a link into a .tlog, at the rates that are needed"
+    parser = options.add_command(commands, run, "record", brief, summary, example)
     live.add_link(parser)
     parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

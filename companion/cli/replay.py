@@ -16,10 +16,11 @@ from companion.model import DataError, InputError, SettingsError
 _WAITING = ("udpin", "tcpin", "tcp")  # links on which somebody else has to speak or listen first
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
-    parser = options.add_command(
+    parser = options.add_log_command(
         commands,
+        run,
         "replay",
         "Send a recorded log to a link, for testing clients",
         "Send a telemetry log's packets to a link at their own pace: for testing clients, never for a vehicle.",
@@ -35,7 +36,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="send the frames of ground stations, companion computers and others too, with their commands: for closed "
         "networks only",
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -12,20 +12,19 @@ from companion.app.examination import examine, unexaminable
 from companion.cli import options
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
-    parser = options.add_command(
+    parser = options.add_log_command(
         commands,
+        run,
         "report",
         "One HTML file with verdict, charts and 3D replay",
         "One HTML file with the verdict, the charts and the 3D playback of a flight: to mail, to print, to keep.",
         "companion report flight.tlog -o report.html",
     )
     options.add_judgement(parser)
-    parser.add_argument("-o", "--output", metavar="FILE", help="where to write it (default: LOG's name, .html, here)")
-    parser.add_argument("--force", action="store_true", help="replace FILE when it is there already")
+    options.add_output(parser, "FILE", "where to write it (default: LOG's name, .html, here)")
     parser.add_argument("--no-playback", action="store_true", help="leave the 3D playback out: a smaller file")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

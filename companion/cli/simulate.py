@@ -26,13 +26,12 @@ _WRITTEN = {
 _DEFAULT_PART = "icm-42688-p"
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
     summary = "Fly a simulated vehicle whose truth is known, on a link or into a telemetry log."
-    example = "example: companion simulate udpout:127.0.0.1:14550 --duration 120"
-    parser = commands.add_parser(
-        "simulate", help="A simulated vehicle, on a link or into a .tlog", description=summary, epilog=example
-    )
+    example = "companion simulate udpout:127.0.0.1:14550 --duration 120"
+    brief = "A simulated vehicle, on a link or into a .tlog"
+    parser = options.add_command(commands, run, "simulate", brief, summary, example)
     parser.add_argument("link", metavar="LINK", nargs="?", help="udpout:HOST:PORT, tcpin:HOST:PORT, ...")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the whole flight into this .tlog instead")
     parser.add_argument("--motion", choices=sorted(MOTIONS), default="square", help="motion (default: square)")
@@ -61,7 +60,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="imu-bias@T, imu-stuck@T, imu-clip@T (10 s), gps-glitch@T (20 s), ekf-reset@T, reboot@T, silence@T "
         "(10 s), or loss, duplicates, garbage; may be repeated",
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -40,10 +40,11 @@ _NEEDS = {
 """Constant of the flight → the witness without which nothing is known of it."""
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
-    parser = options.add_command(
+    parser = options.add_log_command(
         commands,
+        run,
         "smooth",
         "Best estimate of the trajectory from all sensors, without the EKF",
         "Where it really was: the best estimate of the trajectory from all sensors, independent of the EKF.",
@@ -51,10 +52,8 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     options.add_flight_choice(parser)
     parser.add_argument("--imu", metavar="NAME", help="IMU message that carries the estimate (default: the best)")
-    parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
-    parser.add_argument("-o", "--output", metavar="FILE.tum", help="write the trajectory, a pose for each IMU sample")
-    parser.add_argument("--force", action="store_true", help="replace what is there already")
-    parser.set_defaults(run=run)
+    options.add_json(parser)
+    options.add_output(parser, "FILE.tum", "write the trajectory, a pose for each IMU sample")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -10,7 +10,7 @@ import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 from typing import NoReturn
@@ -26,10 +26,10 @@ _EXAMPLE = "xz -dc flight.tlog.xz | companion analyze -"
 
 
 @contextlib.contextmanager
-def kept(arguments: argparse.Namespace) -> Iterator[None]:
+def kept(arguments: argparse.Namespace, most: Callable[[argparse.Namespace], int]) -> Iterator[None]:
     """Where a command's log is `-`: stdin in a file of its user's own, which is gone when the command ends.
 
-    The log is called STDIN from then on, and `options.log_path` knows where it is.
+    The log is called STDIN from then on, and `arguments.piped` is that file. most: bytes that it may have.
 
     Raises InputError for a stdin that has nothing, too much or is a terminal; SettingsError where it is named twice.
     """
@@ -40,10 +40,8 @@ def kept(arguments: argparse.Namespace) -> Iterator[None]:
         return
     if len(named) + len(several) > 1:
         raise SettingsError("- stands for the log on stdin, which is read once: name the other one by its path.")
-    from companion.cli import options  # noqa: PLC0415  (not needed by every command)
-
-    most_bytes = round(options.settings_of(arguments).log.max_size_gb * 1e9)
-    with _cleaned_up_when_told(), tempfile.TemporaryDirectory(prefix="companion-") as folder:
+    most_bytes = most(arguments)
+    with _cleaned_up_on_signals(), tempfile.TemporaryDirectory(prefix="companion-") as folder:
         path = Path(folder) / STDIN
         _keep(path, most_bytes)
         arguments.piped = path
@@ -85,7 +83,7 @@ def _keep(path: Path, most_bytes: int) -> None:
 
 
 @contextlib.contextmanager
-def _cleaned_up_when_told() -> Iterator[None]:
+def _cleaned_up_on_signals() -> Iterator[None]:
     """SIGTERM and SIGHUP end the command as an error does: what is on the way out is done. One ignored stays so."""
     if threading.current_thread() is not threading.main_thread():  # which alone gets signals
         yield

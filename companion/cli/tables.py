@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from rich import box
 from rich.console import Console
@@ -70,13 +70,20 @@ def status_text(status: str) -> str:
     return f"[bold {_STATUS[status]}]{words(status).upper()}[/]"
 
 
-def table(*headings: str, left: int = 0, fold: bool = False) -> Table:
-    """A table whose first `left` columns are text; fold: text that is too wide is folded, never cut."""
-    padding = (0, 1, 0, 0) if fold else (0, 0, 0, 1)
-    shown = Table(box=box.SIMPLE_HEAD, padding=padding, show_edge=False)
+def table(*headings: str, left: int = 0) -> Table:
+    """A table whose first `left` columns are text."""
+    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), show_edge=False)
     for i, heading in enumerate(headings):
-        text = i < left
-        shown.add_column(heading, justify="left" if text else "right", no_wrap=not (fold and text), overflow="fold")
+        shown.add_column(heading, justify="left" if i < left else "right", no_wrap=True)
+    return shown
+
+
+def folded_table(*headings: str, numbers: Collection[int] = ()) -> Table:
+    """A table of text, which is folded where it is too wide, never cut; numbers: the columns that are some."""
+    shown = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    for i, heading in enumerate(headings):
+        number = i in numbers
+        shown.add_column(heading, justify="right" if number else "left", no_wrap=number, overflow="fold")
     return shown
 
 

@@ -15,10 +15,11 @@ from companion.model import SettingsError
 _OF_LINKS = ("rate", "listen-only", "signing-key-file", "wait", "output", "no-record")
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
-    parser = options.add_command(
+    parser = options.add_log_command(
         commands,
+        run,
         "view",
         "A flight in the browser, in 3D: a log, or a live link",
         "See the flight twice in the browser: as the autopilot had it and as the IMU alone would have it. "
@@ -39,13 +40,7 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         default=None,
         help="let in only who has the token in the address, on 127.0.0.1 too (with another --host: always)",
     )
-    parser.add_argument(
-        "--reanchor",
-        dest="reanchor_s",
-        type=float,
-        metavar="S",
-        help="start again from the autopilot's state every S seconds; 0 lets it run free (default: 10)",
-    )
+    options.add_reanchor(parser)
     parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
     options.add_anchor(parser)
     parser.add_argument(
@@ -59,7 +54,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     on_link.add_argument("-o", "--output", metavar="FILE", help=live.OUTPUT)
     on_link.add_argument("--no-record", action="store_true", help="record nothing")
     parser.add_argument("--open", action="store_true", help="open the browser")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

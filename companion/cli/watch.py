@@ -27,13 +27,12 @@ _WORDS = {
 """What is announced; other states are nobody's business in flight."""
 
 
-def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def add_parser(commands: options.Commands) -> None:
     """Register the command."""
     summary = "Judge a vehicle while it flies, without a page: one JSON line a second on stdout, and a recording."
-    example = "example: companion watch /dev/ttyACM0 --fail-on suspect | jq .status"
-    parser = commands.add_parser(
-        "watch", help="Judge a vehicle while it flies: one JSON line a second", description=summary, epilog=example
-    )
+    example = "companion watch /dev/ttyACM0 --fail-on suspect | jq .status"
+    brief = "Judge a vehicle while it flies: one JSON line a second"
+    parser = options.add_command(commands, run, "watch", brief, summary, example)
     live.add_link(parser)
     parser.set_defaults(wait=float("inf"))
     parser.add_argument("--imu", metavar="MESSAGE", help="IMU message to judge (default: the best that comes)")
@@ -54,7 +53,6 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         action="store_true",
         help="send changes of the verdict to ground stations as STATUSTEXT, one in 10 s at most (off by default)",
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

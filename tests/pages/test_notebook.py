@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 
 import companion as c
-from companion.app import replay_page
 from companion.model import Flight
+from companion.pages import replay as replay_page
 from companion.simulate import SimulatedVehicle, fly, write_flight
 from tests.processes import ended, started
 from tests.recordings import BUNDLED
