@@ -64,7 +64,7 @@ class Recording:
     no_flight: str = "no vehicle found: it has no telemetry of an autopilot"  # why, where there are no flights
 
     @property
-    def crowd(self) -> int:
+    def unread_senders(self) -> int:
         """How many more speak in it, and were not looked at: only those with the most messages are."""
         read = {(f.vehicle.sysid, f.vehicle.compid) for f in self.flights}
         read |= {(other.sysid, other.compid) for other in self.bystanders}
@@ -85,11 +85,11 @@ def read_recording(
 
     path: "demo" is the bundled flight.
 
-    The format is told by the file's first bytes, compressed (.gz, .zst) or not. A damaged log is read as far as
+    The format is detected from the file's first bytes, compressed (.gz, .zst) or not. A damaged log is read as far as
     possible; `Recording.source` has the counts. dequantise: see `config/default.toml`. every_message: read
     the fields of messages too that no track is made of, so that `Flight.messages` knows their rates by the vehicle's
     own clock. core: of ArduPilot's EKF, to compare with, which a .bin has more than one of; None: the one that flew.
-    progress: told the bytes of each piece that was read. max_size_gb: of content, where the file is compressed.
+    progress: called with the bytes of each piece that was read. max_size_gb: of content, where the file is compressed.
 
     Raises InputError when there is no such file or nothing in it that can be read, SettingsError for an unknown
     dialect or a core where there are none, DataError for a core that the log has not.

@@ -36,7 +36,7 @@ from companion.model import Flight
 
 _HAND_OVER_S = 0.25  # between two times that what has arrived is handed over: as often as the newest is looked at
 _TOGETHER_S = 0.3  # what arrived within it is decoded in one go, which takes a twentieth of the time
-_BAND_S = 20.0  # of data between two times that what is expected is reckoned: it changes slowly
+_BAND_S = 20.0  # of data between two times that what is expected is computed: it changes slowly
 _MOST_WAITING = 10_000  # receipts: some minutes, while the process starts or the computer sleeps
 
 _BEGIN = "import sys; sys.path[:] = sys.argv[1:]; from companion.app.running_verdict import work; work()"
@@ -83,7 +83,7 @@ class RunningVerdict:
         """How old the data are that the opinion rests on, s."""
         return max(time.monotonic() + self._ahead - self.opinion.newest, 0.0) if self.opinion.newest else 0.0
 
-    def hear(self, receipts: Iterable[tuple[Frames, float]]) -> None:
+    def receive(self, receipts: Iterable[tuple[Frames, float]]) -> None:
         """Take what has arrived."""
         for frames, received in receipts:
             if len(frames):
@@ -133,15 +133,15 @@ def _send(stream: IO[bytes], one: object) -> None:
 
 
 def work() -> None:
-    """The process: hears, judges, says; ends when who started it has gone."""
+    """The process: receives, judges, answers; ends when who started it has gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Windows sends Ctrl-C to every process of the console
     warnings.simplefilter("ignore")
-    with os.fdopen(os.dup(1), "wb") as said:
+    with os.fdopen(os.dup(1), "wb") as answers:
         os.dup2(2, 1)  # what a library prints must not stand between two answers
-        _judge_until_the_end(sys.stdin.buffer, said)
+        _judge_until_the_end(sys.stdin.buffer, answers)
 
 
-def _judge_until_the_end(given: IO[bytes], said: IO[bytes]) -> None:
+def _judge_until_the_end(given: IO[bytes], answers: IO[bytes]) -> None:
     inbox: queue.SimpleQueue[_Given | None] = queue.SimpleQueue()
     assignment = pickle.load(given)
     threading.Thread(target=_listen, args=(given, inbox), daemon=True).start()
@@ -160,7 +160,7 @@ def _judge_until_the_end(given: IO[bytes], said: IO[bytes]) -> None:
         opinion = pace.step(time.monotonic())
         if opinion is not None:
             with contextlib.suppress(OSError):
-                _send(said, opinion)
+                _send(answers, opinion)
             give_back()  # a third of its memory is needed only while it judges
 
 

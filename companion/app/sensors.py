@@ -1,4 +1,4 @@
-"""The IMU library `config/imu/*.toml`: data-sheet figures in SI, and which part a vehicle says that it carries."""
+"""The IMU library `config/imu/*.toml`: noise specifications in SI, and the part that a vehicle says it carries."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ _SI: Mapping[str, float] = {
     "%": 1e-2,
 }
 
-ASKED_FOR = "asked for"
-"""Why figures are used that somebody has named, and not the vehicle."""
+REQUESTED = "requested"
+"""Why a specification is used that the user has named, and not the vehicle."""
 
 _CALIBRATED_SCALE = 0.1
 """Part of the scale tolerance that is left after an accelerometer's six-position calibration."""
@@ -83,8 +83,8 @@ def imu_parts() -> list[str]:
     return sorted(path.stem for path in (data_folder("config") / "imu").glob("*.toml"))
 
 
-def load_imu_spec(part: str, reason: str = ASKED_FOR) -> ImuSpec:
-    """The figures of a part of the library, or of a .toml file of the same form, in SI.
+def load_imu_spec(part: str, reason: str = REQUESTED) -> ImuSpec:
+    """The specification of a part of the library, or of a .toml file of the same form, in SI.
 
     Raises InputError for a part that the library does not have, SettingsError for a file that is not of that form.
     """
@@ -103,11 +103,11 @@ def imu_model_text(noise: ImuNoise, origin: str) -> str:
         f"datasheet = {_quoted(f'noise measured; the rest is that of {base.name}')}",
     ]
     measured = dict(zip(("gyro", "accel"), noise_model(noise), strict=True))
-    for sensor, told in measured.items():
+    for sensor, noise_of in measured.items():
         part: _Sensor = getattr(base, sensor)
         for name in _Sensor.__struct_fields__:
             figure: _Figure = getattr(part, name)
-            given = {"noise_density": told.white, "bias_walk": told.walk}.get(name)
+            given = {"noise_density": noise_of.white, "bias_walk": noise_of.walk}.get(name)
             lines += ["", f"[{sensor}.{name}]", *_figure_lines(figure, given)]
     return "\n".join(lines) + "\n"
 
@@ -155,7 +155,7 @@ def ardupilot_id(part: str) -> int:
 
 
 def imu_spec_of(flight: Flight, imu: str) -> ImuSpec:
-    """The figures of the part that the vehicle's parameters name for this IMU message, else of generic-mems."""
+    """The specification of the part that the vehicle's parameters name for this IMU message, else of generic-mems."""
     for parameter, (autopilot, name) in zip(
         id_parameters("gyro", flight.imus[imu].instance), (("ardupilot", "ArduPilot"), ("px4", "PX4")), strict=True
     ):

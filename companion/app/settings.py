@@ -89,7 +89,7 @@ class ViewSettings(_Section, frozen=True):
 
 
 class LiveSettings(_Section, frozen=True):
-    """What a live link is asked for, and as whom."""
+    """What a live link requests, and as whom."""
 
     imu_hz: Positive = 100.0
     attitude_hz: Positive = 50.0
@@ -119,13 +119,13 @@ def load_settings(path: str | Path | None = None) -> Settings:
     if path is None:
         return Settings()
     try:
-        said, text = read_toml(path)
+        values, text = read_toml(path)
     except OSError as error:
         raise InputError(
             f"cannot read the settings file {path}: {error}. Give --config the path of a TOML file."
         ) from None
     try:
-        return msgspec.convert(said, Settings)
+        return msgspec.convert(values, Settings)
     except msgspec.ValidationError as error:
         raise SettingsError(
             f"{path}, line {_line(text, str(error))}: {error}. Every key is described in config/default.toml."

@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     arguments.log = arguments.logs[0]
     settings, recording, flight = options.one_flight(arguments)
     if arguments.imu is not None:
-        flight.imu(arguments.imu)  # one that was asked for and is not there is a mistake, not a poor log
+        flight.imu(arguments.imu)  # one that was requested and is not there is a mistake, not a poor log
     if (lacking := unexaminable(flight, settings)) is not None:
         return _refuse(lacking, recording.source, as_json=arguments.json)
     examined = examine(
@@ -143,7 +143,7 @@ def _vehicle(flight: Flight) -> str:
 _MOST_LINES = 23  # in _COLUMNS, and the prompt: an old terminal's window; one that is narrower is taller
 _COLUMNS = 80
 _WIDEST = 100
-_SHOWN_S = 10.0  # the horizon that is told, or the one nearest to it
+_SHOWN_S = 10.0  # the horizon that is printed, or the one nearest to it
 _LABEL = 18  # columns of what stands before a line
 _ADVICES = 2
 _FLIGHTS = 3  # of several in a log
@@ -168,7 +168,7 @@ def first_screen(examined: Examination, width: int) -> list[str]:
 
 
 def _rows(assessment: Assessment, warning: str) -> Iterator[tuple[str, str]]:
-    """What is said under the evidence: label, words. warning: of a rate too low; "" for none."""
+    """What is printed under the evidence: label, words. warning: of a rate too low; "" for none."""
     if warning:
         yield "Warning", warning
     flights = assessment.verdict.flights

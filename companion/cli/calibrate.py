@@ -24,13 +24,13 @@ def add_parser(commands: options.Commands) -> None:
     )
     options.add_flight_choice(parser)
     options.add_integration(parser)
-    options.add_figures(parser)
+    options.add_imu_model(parser)
     force = "replace FILE when it is there already, and write it when the flight is no good for it"
     options.add_output(parser, "FILE", "write the correction for analyze --correction", force)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the calibration; write it where asked."""
+    """Print the calibration; write it where requested."""
     path = Path(arguments.output) if arguments.output else None
     if path is not None:
         destination.check(path, force=arguments.force)

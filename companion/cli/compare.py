@@ -61,8 +61,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Print both flights side by side."""
     changes = {name: value for name in _OF_B if (value := getattr(arguments, f"{name}_b")) is not None}
     if arguments.b is None and not changes:
-        asked = ", ".join(f"--{name.replace('_', '-')}-b" for name in _OF_B)
-        raise SettingsError(f"nothing to compare with: name a second log, or what B has otherwise ({asked}).")
+        choices = ", ".join(f"--{name.replace('_', '-')}-b" for name in _OF_B)
+        raise SettingsError(f"nothing to compare with: name a second log, or what B has otherwise ({choices}).")
     of_b = argparse.Namespace(**(vars(arguments) | changes | {"log": arguments.b or arguments.log}))
     first, a = _examined(arguments)
     second, b = _examined(of_b)
@@ -111,7 +111,7 @@ def _lines(
         yield "\nNo horizon has usable windows in both: nothing to compare."
     yield ""
     yield from _finding_lines(difference)
-    yield from _figure_lines(difference)
+    yield from _calibration_lines(difference)
 
 
 def _drift_table(difference: Contrast) -> Table:
@@ -176,16 +176,18 @@ def _finding_lines(difference: Contrast) -> list[str]:
     return lines or ["Findings: none in either"]
 
 
-def _figure_lines(difference: Contrast) -> list[str]:
-    differing = [figure for figure in difference.figures if figure.differs]
+def _calibration_lines(difference: Contrast) -> list[str]:
+    differing = [fitted for fitted in difference.figures if fitted.differs]
     lines = []
-    for figure in differing:
-        name = next(part for part in CALIBRATED if figure.name.startswith(part))
-        part, axis = CALIBRATED[name], figure.name.removeprefix(name).replace("_", " ")
-        a, b, sigma = (f"{value * part.factor:.{part.digits}f}" for value in (figure.a, figure.b, figure.sigma))
+    for fitted in differing:
+        name = next(part for part in CALIBRATED if fitted.name.startswith(part))
+        part, axis = CALIBRATED[name], fitted.name.removeprefix(name).replace("_", " ")
+        a, b, sigma = (f"{value * part.factor:.{part.digits}f}" for value in (fitted.a, fitted.b, fitted.sigma))
         lines.append(f"Calibration differs: {part.title}{axis} {a} → {b} {part.unit} (± {sigma})")
     if not differing and difference.figures:
-        lines.append(f"Calibration: none of the {len(difference.figures)} figures that both tell differs (95 %)")
+        lines.append(
+            f"Calibration: none of the {len(difference.figures)} parameters that both flights determine differs (95 %)"
+        )
     return lines
 
 

@@ -69,7 +69,7 @@ def add_parser(commands: options.Commands) -> None:
         "--timeout", type=_positive, metavar="S", default=TIMEOUT_S, help=f"for one log (default: {TIMEOUT_S:g})"
     )
     options.add_integration(parser)
-    options.add_figures(parser)
+    options.add_imu_model(parser)
     options.add_settings(parser)
 
 
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = options.settings_of(arguments)
     search = find_logs(arguments.paths, dialect=settings.log.dialect)
     _say_passed_over(search)
-    asked = FleetRun(
+    requested = FleetRun(
         Path(arguments.output),
         settings,
         imu=arguments.imu,
@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     began = time.monotonic()
     with _progress() as progress:
-        fleet = run_fleet(asked, search.logs, progress)
+        fleet = run_fleet(requested, search.logs, progress)
     _print(fleet, time.monotonic() - began)
     if fleet.complete:
         return 0
@@ -103,7 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 @contextlib.contextmanager
 def _progress() -> Iterator[Callable[[int, int], None]]:
-    """A bar on stderr, for someone who is watching; told how many of how many are done."""
+    """A bar on stderr, for someone who is watching; called with how many of how many are done."""
     console = Console(stderr=True)
     columns = (BarColumn(), MofNCompleteColumn(), _Rate(), TextColumn("left"), TimeRemainingColumn())
     with Progress("examining", *columns, console=console, transient=True, disable=not console.is_terminal) as bar:

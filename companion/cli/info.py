@@ -71,11 +71,11 @@ def run(arguments: argparse.Namespace) -> int:
     if left := len(recording.flights) - len(flights):
         more = counted(left, "more flight")
         console.print(f"\n{more}, with fewer messages: --verbose or --json", highlight=False)
-    if crowd := recording.crowd:
-        more = counted(crowd, "more sender")
+    if more_senders := recording.unread_senders:
+        more = counted(more_senders, "more sender")
         console.print(f"\n{more}, with fewer messages than these, not looked at", highlight=False)
     if arguments.verbose or not recording.flights:
-        _print_bystanders(console, recording)
+        _print_others(console, recording)
     return 0
 
 
@@ -95,13 +95,13 @@ def _print_events(console: Console, flight: Flight) -> None:
         console.print(f"  {t:9.2f} s  {kind:<9} {escape(words)}", highlight=False)
 
 
-def _print_bystanders(console: Console, recording: Recording) -> None:
+def _print_others(console: Console, recording: Recording) -> None:
     if recording.bystanders:
         console.print("\n[bold]Other senders, and why they are not vehicles[/]")
     for other in recording.bystanders:
         who = f"{other.sysid}:{other.compid}"
-        said = ", ".join(f"{name} ({count})" for name, count in sorted(recording.source.speakers[who].items()))
-        console.print(f"  {who}: {other.reason}. Sent: {said}", highlight=False)
+        parts = ", ".join(f"{name} ({count})" for name, count in sorted(recording.source.speakers[who].items()))
+        console.print(f"  {who}: {other.reason}. Sent: {parts}", highlight=False)
 
 
 def _summary(source: Source) -> str:
@@ -198,10 +198,10 @@ def _number(value: float | None, digits: int) -> str:
 def _announced(flight: Flight) -> str:
     """How many jumps and changes of parameters the vehicle announced; "" for none."""
     kinds = Counter(f"{reset.kind} {'switch' if reset.kind == 'lane' else 'reset'}" for reset in flight.resets)
-    said = [counted(count, kind) for kind, count in sorted(kinds.items())]
+    parts = [counted(count, kind) for kind, count in sorted(kinds.items())]
     if count := len(flight.parameter_changes):
-        said.append(counted(count, "parameter change"))
-    return ", ".join(said)
+        parts.append(counted(count, "parameter change"))
+    return ", ".join(parts)
 
 
 def imu_line(flight: Flight) -> str:

@@ -33,7 +33,7 @@ _TERMINAL_S, _LOG_S = 0.5, 10.0  # between status lines: rewritten on a terminal
 
 
 def add_link(parser: argparse.ArgumentParser) -> None:
-    """The link, and what may be asked of the vehicle."""
+    """The link, and what may be requested of the vehicle."""
     parser.add_argument(
         "link",
         metavar="LINK",
@@ -51,7 +51,7 @@ OUTPUT = "a new .tlog to record into (default: YYYY-MM-DD hh-mm-ss.tlog in this 
 
 
 def add_manners(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
-    """What may be asked of the vehicle."""
+    """What may be requested of the vehicle."""
     parser.add_argument("--rate", type=float, metavar="HZ", help="how often to ask for the IMU (default: 100)")
     parser.add_argument(
         "--signing-key-file",
@@ -70,13 +70,13 @@ def add_manners(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> No
 
 @dataclass(frozen=True, slots=True)
 class Patience:
-    """How long nothing may be heard: `until` s of `time.monotonic()`, infinite without a limit."""
+    """How long nothing may be received: `until` s of `time.monotonic()`, infinite without a limit."""
 
     seconds: float
     until: float
 
     def over(self, frames: int) -> bool:
-        """Whether nothing was heard in the time asked. frames: that have been received."""
+        """Whether nothing was received in that time. frames: that have been received."""
         return not frames and time.monotonic() > self.until
 
 
@@ -89,9 +89,9 @@ def patience_of(arguments: argparse.Namespace) -> Patience:
 
 
 def open_link(
-    address: str, arguments: argparse.Namespace, settings: Settings, patience: Patience, told: Callable[[], bool]
+    address: str, arguments: argparse.Namespace, settings: Settings, patience: Patience, ended: Callable[[], bool]
 ) -> Link:
-    """The link that was named; with --wait as soon as it can be opened. told: whether the user has ended it.
+    """The link that was named; with --wait as soon as it can be opened. ended: whether the user has.
 
     Raises InputError when it cannot be opened in that time.
     """
@@ -100,10 +100,10 @@ def open_link(
     key = load_key(arguments.signing_key_file) if arguments.signing_key_file else None
     if not arguments.listen_only and (warning := takes_the_link(parse_address(address))):
         say(warning)
-        _pause(_GRACE_S, told)
-        if told():
+        _pause(_GRACE_S, ended)
+        if ended():
             raise SettingsError(f"{address} has been left alone: nothing was sent.")
-    said = False
+    reported = False
     while True:
         try:
             return Link(
@@ -115,18 +115,18 @@ def open_link(
                 signing_key=key,
             )
         except NotThereError as error:
-            if arguments.wait is None or told() or patience.over(0):
+            if arguments.wait is None or ended() or patience.over(0):
                 raise
-            if not said:
-                said = True
+            if not reported:
+                reported = True
                 say(f"Waiting: {error}")
-        _pause(_AGAIN_S, told)
+        _pause(_AGAIN_S, ended)
 
 
-def _pause(seconds: float, told: Callable[[], bool]) -> None:
+def _pause(seconds: float, ended: Callable[[], bool]) -> None:
     """Wait, or until the user has ended it."""
     until = time.monotonic() + seconds
-    while not told() and time.monotonic() < until:
+    while not ended() and time.monotonic() < until:
         time.sleep(_LOOK_S)
 
 
@@ -160,18 +160,18 @@ def choice_of(arguments: argparse.Namespace, settings: Settings) -> Choice:
 
 
 @contextlib.contextmanager
-def until_told(*, outlive_terminal: bool = True) -> Iterator[Callable[[], bool]]:
+def until_signal(*, outlive_terminal: bool = True) -> Iterator[Callable[[], bool]]:
     """Whether Ctrl-C or SIGTERM has come, as a function: the work in hand is finished first.
 
     Also in the background of a script, where the shell has had SIGINT ignored: who sends it to a server means it.
     outlive_terminal: a terminal that is closed (SIGHUP) ends nothing: the flight is not over.
     """
-    told: list[int] = []
-    before = {number: signal.signal(number, lambda number, _: told.append(number)) for number in _SIGNALS}
+    ended: list[int] = []
+    before = {number: signal.signal(number, lambda number, _: ended.append(number)) for number in _SIGNALS}
     if outlive_terminal and _HANGUP is not None:
         before[_HANGUP] = signal.signal(_HANGUP, signal.SIG_IGN)
     try:
-        yield lambda: bool(told)
+        yield lambda: bool(ended)
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -220,12 +220,12 @@ def conclude(link: Link, recorder: Recorder, *, restored: bool) -> int:
             "were dropped: they are not in the recording"
         )
     if not link.health.frames:
-        return nothing_heard()
+        return nothing_received()
     tell(f"{recorder.path}: {counted(recorder.size_bytes, 'byte')}, {counted(recorder.frames, 'frame')}")
     return 2 if recorder.problem or not restored else 0
 
 
-def nothing_heard() -> int:
+def nothing_received() -> int:
     """Say so. Returns the exit code."""
     say("nothing was received, so nothing is recorded: does the vehicle send to this address?")
     return 2
@@ -256,7 +256,7 @@ class StatusLine:
             say("")
 
     def text(self) -> str:
-        """One line: time, what arrives of what was asked, loss, recording."""
+        """One line: time, what arrives of what was requested, loss, recording."""
         session, health = self._session, self._session.link.health
         parts = [f"{time.monotonic() - self._begin:.0f} s"]
         if problem := session.link.problem:

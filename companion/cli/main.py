@@ -20,7 +20,7 @@ _COMMANDS = (
     "info", "analyze", "report", "calibrate", "smooth", "noise", "compare", "view", "export", "fleet", "record",
     "watch", "simulate", "replay", "completion",
 )  # fmt: skip
-"""In the order in which they are listed. Each is a module of this package, loaded when it is asked for: all of them
+"""In the order in which they are listed. Each is a module of this package, loaded when it is needed: all of them
 take as long to load as a short flight to analyse."""
 
 _OF_OUTPUT = {errno.ENOSPC, errno.EIO, errno.EFBIG, errno.EBADF, errno.EINVAL, getattr(errno, "EDQUOT", errno.ENOSPC)}
@@ -78,7 +78,7 @@ def _check_command(given: str) -> None:
 
 
 def _no_such(given: str, command: str) -> str:
-    """What is said of an argument that a command does not have."""
+    """The message for an argument that a command does not have."""
     actions = _commands(parser(command)).choices[command]._actions
     options = [option.strip("-") for action in actions for option in action.option_strings]
     near = nearest_word(given.partition("=")[0].strip("-"), options) if given.startswith("--") else ""
@@ -115,7 +115,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Version(argparse.Action):
-    """Looks the version up when it is asked for, which takes a moment."""
+    """Looks the version up when needed, which takes a moment."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
         print(f"companion {unexpected_error.own_version()}")

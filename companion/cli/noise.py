@@ -41,7 +41,7 @@ def add_parser(commands: options.Commands) -> None:
     )
     options.add_flight_choice(parser)
     parser.add_argument("--imu", metavar="NAME", help="this IMU message alone (default: every one)")
-    options.add_figures(parser)
+    options.add_imu_model(parser)
     options.add_json(parser)
     options.add_output(
         parser,
@@ -52,7 +52,7 @@ def add_parser(commands: options.Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the noise; write it where asked."""
+    """Print the noise; write it where requested."""
     path = Path(arguments.output) if arguments.output else None
     if path is not None:
         _check(path, force=arguments.force)

@@ -152,7 +152,7 @@ def add_integration(parser: Parser) -> None:
     parser.add_argument("--middle", choices=MIDDLES, help="the signal between two samples (default: cubic)")
 
 
-def add_figures(parser: Parser) -> None:
+def add_imu_model(parser: Parser) -> None:
     """What the IMU is expected to be like."""
     parser.add_argument(
         "--imu-model",
@@ -165,7 +165,7 @@ def add_judgement(parser: Parser) -> None:
     """How a flight is examined: which IMU of which flight, what it should be like, over which windows."""
     add_flight_choice(parser)
     add_integration(parser)
-    add_figures(parser)
+    add_imu_model(parser)
     parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
     parser.add_argument("--horizons", type=_horizons, metavar="S,S,...", help="seconds (default: 1,2,5,10,30)")
 
@@ -176,7 +176,7 @@ def chosen(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def add_anchor(parser: Parser) -> None:
-    """Where the reckoning starts from."""
+    """Where dead reckoning starts from."""
     parser.add_argument(
         "--anchor",
         choices=("autopilot", "rest"),
@@ -264,7 +264,7 @@ def read(arguments: argparse.Namespace, settings: Settings, *, every_message: bo
 
 
 def one_flight(arguments: argparse.Namespace, *, every_message: bool = False) -> tuple[Settings, Recording, Flight]:
-    """The settings, the log that was named, and the flight of it that was asked for: see `choose`."""
+    """The settings, the log that was named, and the flight of it that was requested: see `choose`."""
     settings = settings_of(arguments)
     recording = read(arguments, settings, every_message=every_message)
     return settings, recording, recording.flights[choose(recording, arguments)]
@@ -283,7 +283,7 @@ def _progress(path: Path) -> Iterator[Callable[[int], None] | None]:
 
 
 def choose(recording: Recording, arguments: argparse.Namespace) -> int:
-    """Index of the flight that was asked for, by default the one with the most IMU samples beside an attitude.
+    """Index of the flight that was requested, by default the one with the most IMU samples beside an attitude.
 
     Raises DataError when the log has no such vehicle or boot; lists what it has.
     """
@@ -292,11 +292,11 @@ def choose(recording: Recording, arguments: argparse.Namespace) -> int:
         raise DataError(f"{arguments.log}: {recording.no_flight}. See what it has with: companion info {arguments.log}")
     matching = [i for i, flight in enumerate(flights) if _matches(flight, arguments)]
     if not matching:
-        asked = " ".join(
+        requested = " ".join(
             f"--{name} {value}" for name in ("vehicle", "boot") if (value := getattr(arguments, name)) is not None
         )
         have = "; ".join(f"--vehicle {f.vehicle} --boot {f.boot}" for f in flights)
-        raise DataError(f"no flight in {arguments.log} matches {asked}. It has: {have}.")
+        raise DataError(f"no flight in {arguments.log} matches {requested}. It has: {have}.")
     chosen = max(matching, key=lambda i: usable_samples(flights[i]))
     if len(matching) > 1:
         flight = flights[chosen]
@@ -323,14 +323,14 @@ def say(text: str) -> None:
     print(text, file=sys.stderr)
 
 
-def other_port(asked: int, served: int) -> str:
-    """What is said where another port than the one that was asked for is served on; nothing where any would do."""
-    return f"port {asked} is taken: using {served}" if asked not in (0, served) else ""
+def other_port(requested: int, served: int) -> str:
+    """The message where another port than the one that was requested is served on; nothing where any would do."""
+    return f"port {requested} is taken: using {served}" if requested not in (0, served) else ""
 
 
 def _matches(flight: Flight, arguments: argparse.Namespace) -> bool:
-    asked = str(arguments.vehicle) if arguments.vehicle is not None else None
-    vehicle = asked is None or asked in {str(flight.vehicle), str(flight.vehicle.sysid)}
+    requested = str(arguments.vehicle) if arguments.vehicle is not None else None
+    vehicle = requested is None or requested in {str(flight.vehicle), str(flight.vehicle.sysid)}
     return vehicle and arguments.boot in {None, flight.boot}
 
 

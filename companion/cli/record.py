@@ -27,15 +27,15 @@ def run(arguments: argparse.Namespace) -> int:
         raise SettingsError(f"--duration is a positive number of seconds, got {arguments.duration:g}.")
     choice, patience = live.choice_of(arguments, settings), live.patience_of(arguments)
     with (
-        live.until_told() as told,
-        live.open_link(arguments.link, arguments, settings, patience, told) as link,
+        live.until_signal() as ended,
+        live.open_link(arguments.link, arguments, settings, patience, ended) as link,
         Recorder(arguments.output) as recorder,
     ):
         session = Session(link, choice=choice, recorder=recorder, remember=True)
         status = live.StatusLine(session)
         live.say(f"Recording {link.address} into {recorder.path}  (Ctrl-C ends it)")
         end = time.monotonic() + arguments.duration if arguments.duration is not None else None
-        while not told() and not recorder.problem and (end is None or time.monotonic() < end):
+        while not ended() and not recorder.problem and (end is None or time.monotonic() < end):
             if patience.over(link.health.frames):
                 break
             session.step()

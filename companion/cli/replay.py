@@ -54,11 +54,11 @@ def run(arguments: argparse.Namespace) -> int:
     senders = None if arguments.everybody else _vehicles(arguments, path)
     port = open_port(address)
     try:
-        with live.until_told() as told:
-            _wait(port, address, told)
+        with live.until_signal() as ended:
+            _wait(port, address, ended)
             options.say(f"Replaying {path} on {address} at {arguments.speed:g} times its pace  (Ctrl-C ends it)")
             dialect = load_dialect(settings.log.dialect)
-            played = play(path, port, dialect, senders=senders, speed=arguments.speed, stop=told)
+            played = play(path, port, dialect, senders=senders, speed=arguments.speed, stop=ended)
     finally:
         port.close()
     names = ", ".join(f"{name} {count:,}" for name, count in played.sent.most_common())
@@ -76,17 +76,17 @@ def _vehicles(arguments: argparse.Namespace, path: Path) -> set[tuple[int, int]]
     vehicles = [flight.vehicle for flight in options.read(arguments, options.settings_of(arguments)).flights]
     autopilots = {(vehicle.sysid, vehicle.compid) for vehicle in vehicles}
     if not autopilots:
-        raise DataError(f"no vehicle found in {path}. To send what others said in it: --everybody.")
+        raise DataError(f"no vehicle found in {path}. To send the messages of others: --everybody.")
     return autopilots
 
 
-def _wait(port: Port, address: Address, told: Callable[[], bool]) -> None:
+def _wait(port: Port, address: Address, ended: Callable[[], bool]) -> None:
     """Until there is somebody to send to, where a link needs that."""
     if address.kind not in _WAITING:
         return
     if port.problem:
         options.say(f"{address}: {port.problem}; waiting")
-    while port.problem and not told():
+    while port.problem and not ended():
         port.wait(0.05)
         port.read()
         time.sleep(0.01)

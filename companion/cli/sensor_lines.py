@@ -51,7 +51,7 @@ def calibration_lines(assessment: Assessment) -> Iterator[str]:
     yield f"Calibration from {counted(fit.windows, 'window')} of {fit.horizon_s:g} s (± one standard error):"
     for part, shown in CALIBRATED.items():
         if fit.told(part):
-            yield f"  {shown.title:<19}{_figures(fit, part)} {shown.unit}"
+            yield f"  {shown.title:<19}{_values(fit, part)} {shown.unit}"
             if part == "gyro_bias":
                 yield from _other_estimates(assessment)
     if by_best := by_best_estimate(fit):
@@ -74,7 +74,7 @@ def calibration_lines(assessment: Assessment) -> Iterator[str]:
             yield "  [yellow]It makes the rest of the flight worse: the errors are not constant. Do not use it.[/]"
 
 
-def _figures(fit: Calibration, part: str) -> str:
+def _values(fit: Calibration, part: str) -> str:
     """The figures of a part with their standard errors."""
     place = PARTS[part]
     return ", ".join(

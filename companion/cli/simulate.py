@@ -21,7 +21,7 @@ _WRITTEN = {
     "LOCAL_POSITION_NED": 20.0, "GLOBAL_POSITION_INT": 5.0, "SYS_STATUS": 1.0, "SIM_STATE": 20.0,
     "GPS_RAW_INT": 5.0, "SCALED_PRESSURE": 10.0,
 }  # fmt: skip
-"""What a flight that is written to a file is made of, Hz; on a link nothing streams until it is asked for."""
+"""What a flight that is written to a file is made of, Hz; on a link nothing streams until it is requested."""
 
 _DEFAULT_PART = "icm-42688-p"
 
@@ -41,7 +41,7 @@ def add_parser(commands: options.Commands) -> None:
     parser.add_argument("--duration", type=float, default=600.0, metavar="S", help="seconds (default: 600)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed gives the same flight")
     parser.add_argument("--sysid", type=int, default=1, metavar="N", help="MAVLink system id (default: 1)")
-    options.add_figures(parser)
+    options.add_imu_model(parser)
     parser.add_argument(
         "--imu-filter",
         type=float,
@@ -100,15 +100,15 @@ def run(arguments: argparse.Namespace) -> int:
     port = open_port(parse_address(arguments.link))
     try:
         options.say(f"Vehicle {arguments.sysid}:1 flies a {arguments.motion} on {arguments.link}  (Ctrl-C ends it)")
-        with live.until_told() as told:
-            serve(vehicle, port, stop=told)
+        with live.until_signal() as ended:
+            serve(vehicle, port, stop=ended)
     finally:
         port.close()
     print(f"sent {vehicle.sent.total():,} messages: " + ", ".join(f"{n} {c:,}" for n, c in vehicle.sent.most_common()))
     return 0
 
 
-def model_of(figures: ImuSpec, seed: int) -> ImuModel:
+def model_of(spec: ImuSpec, seed: int) -> ImuModel:
     """An IMU of this part: its noise and range, and biases and scales as calibration leaves them, drawn by the seed."""
     rng = np.random.default_rng(seed)
 
@@ -121,7 +121,7 @@ def model_of(figures: ImuSpec, seed: int) -> ImuModel:
             full_scale=part.full_scale,
         )
 
-    return ImuModel(gyro=sensor(figures.gyro), accel=sensor(figures.accel))
+    return ImuModel(gyro=sensor(spec.gyro), accel=sensor(spec.accel))
 
 
 def faults_of(names: list[str]) -> Faults:

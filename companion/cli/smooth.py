@@ -37,7 +37,7 @@ _NEEDS = {
     "gps_latency": "gps", "lever_arm": "gps", "earth_field": "compass", "hard_iron": "compass",
     "compass_latency": "compass", "barometer_offset": "barometer",
 }  # fmt: skip
-"""Constant of the flight → the witness without which nothing is known of it."""
+"""Constant of the flight → the aiding sensor without which nothing is known of it."""
 
 
 def add_parser(commands: options.Commands) -> None:
@@ -57,7 +57,7 @@ def add_parser(commands: options.Commands) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the estimate; write it where asked."""
+    """Print the estimate; write it where requested."""
     path = Path(arguments.output) if arguments.output else None
     if path is not None:
         if path.suffix != ".tum":
@@ -182,7 +182,7 @@ def _noise(flight: Flight, best: BestEstimate, limits: Limits) -> Table:
 def _constants(best: BestEstimate) -> Table:
     shown = tables.table("", "", "value", "1σ", left=2)
     for name, (unit, factor) in _CONSTANT_UNITS.items():
-        if not any(witness.startswith(_NEEDS[name]) for witness in best.residuals):
+        if not any(sensor.startswith(_NEEDS[name]) for sensor in best.residuals):
             continue
         place, _ = CONSTANTS[name]
         shown.add_row(

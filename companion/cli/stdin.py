@@ -52,7 +52,7 @@ def kept(arguments: argparse.Namespace, most: Callable[[argparse.Namespace], int
         try:
             yield
         except CompanionError as error:  # nobody knows that file by its path, nor finds it any more
-            error.args = tuple(str(said).replace(str(path), STDIN) for said in error.args)
+            error.args = tuple(str(part).replace(str(path), STDIN) for part in error.args)
             raise
 
 

@@ -38,9 +38,9 @@ def own_version() -> str:
 
 def _write(error: BaseException, arguments: Sequence[str]) -> Path | None:
     """The report, in a new file of the folder for temporary ones that only its owner can read."""
-    told = "".join(traceback.format_exception(error))
+    trace = "".join(traceback.format_exception(error))
     about = f"companion {own_version()}, Python {platform.python_version()}, {platform.platform()}"
-    text = f"{about}\ncommand: {' '.join(map(repr, arguments))}\n\n{told}"
+    text = f"{about}\ncommand: {' '.join(map(repr, arguments))}\n\n{trace}"
     try:
         with tempfile.NamedTemporaryFile(
             "w", prefix="companion-report-", suffix=".txt", delete=False, encoding="utf-8", errors="replace"

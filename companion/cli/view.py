@@ -29,7 +29,7 @@ def add_parser(commands: options.Commands) -> None:
     )
     options.add_flight_choice(parser)
     options.add_integration(parser)
-    options.add_figures(parser)
+    options.add_imu_model(parser)
     parser.add_argument("--host", help="address to serve on (default: 127.0.0.1, this computer alone)")
     parser.add_argument(
         "--port", type=int, help="port to serve on, 0 for any free one (default: 8080; the next free one when taken)"
@@ -104,9 +104,9 @@ def _replay(arguments: argparse.Namespace) -> int:
             options.say(other)
         if viewer.warning:
             options.say(viewer.warning)
-        with live.until_told(outlive_terminal=False) as told:
+        with live.until_signal(outlive_terminal=False) as ended:
             print(f"Replay of {arguments.log}: {viewer.url}  (Ctrl-C ends it)", flush=True)
             if arguments.open:
                 webbrowser.open(viewer.url)
-            viewer.run(told)
+            viewer.run(ended)
     return 0

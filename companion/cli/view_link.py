@@ -29,14 +29,14 @@ def run(arguments: argparse.Namespace) -> int:
     if not settings.view.reanchor_s > 0:
         raise SettingsError("--reanchor is positive on a link; the free run is shown beside it.")
     with contextlib.ExitStack() as opened:
-        told = opened.enter_context(live.until_told())
+        ended = opened.enter_context(live.until_signal())
         patience = live.patience_of(arguments)
-        link = opened.enter_context(live.open_link(arguments.log, arguments, settings, patience, told))
+        link = opened.enter_context(live.open_link(arguments.log, arguments, settings, patience, ended))
         recorder = None if arguments.no_record else opened.enter_context(Recorder(arguments.output))
         session = Session(link, choice=live.choice_of(arguments, settings), recorder=recorder, remember=True)
         attachment = opened.enter_context(Attachment(session))
         try:
-            _show(attachment, arguments, settings, recorder, lambda: bool(told()) or patience.over(link.health.frames))
+            _show(attachment, arguments, settings, recorder, lambda: bool(ended()) or patience.over(link.health.frames))
         except CompanionError:
             raise
         except Exception as error:
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
                 raise
             unexpected_error.tell(error, sys.argv[1:])
             live.say("The page has ended. The recording goes on; Ctrl-C ends it.")
-        while recorder is not None and not told() and attachment.alive and not patience.over(link.health.frames):
+        while recorder is not None and not ended() and attachment.alive and not patience.over(link.health.frames):
             for sentence in attachment.said():
                 live.say(sentence)
             time.sleep(0.1)
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     if recorder is not None:
         return live.conclude(link, recorder, restored=attachment.restored)
     if not link.health.frames:
-        return live.nothing_heard()
+        return live.nothing_received()
     return 0 if attachment.restored else 2
 
 
@@ -64,9 +64,9 @@ def _show(
     arguments: argparse.Namespace,
     settings: Settings,
     recorder: Recorder | None,
-    told: Callable[[], bool],
+    ended: Callable[[], bool],
 ) -> None:
-    """Serve the page until it is told to end. An error of the page is raised here."""
+    """Serve the page until it is ended. An error of the page is raised here."""
     with contextlib.ExitStack() as opened:
         vehicle = None if arguments.vehicle == "all" else arguments.vehicle
         feed = LiveFeed(attachment, _choice(arguments, settings), vehicle, settings)
@@ -82,14 +82,14 @@ def _show(
         )
         _announce(arguments, settings, viewer, recorder)
         due = 0.0
-        while not told() and not viewer.stopped and attachment.alive:
+        while not ended() and not viewer.stopped and attachment.alive:
             for sentence in feed.news():
                 live.say(sentence)
             if time.monotonic() >= due:
                 due = time.monotonic() + _GIVE_BACK_S
                 give_back()
             time.sleep(0.1)
-        if told():
+        if ended():
             attachment.close()  # first of all: the vehicle gets its intervals back
         viewer.close()  # its thread takes no more sentences from the link's
         for sentence in feed.news():

@@ -66,8 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
     choice, patience = live.choice_of(arguments, settings), live.patience_of(arguments)
     vehicle = None if arguments.vehicle == "all" else arguments.vehicle
     with (
-        live.until_told() as told,
-        live.open_link(arguments.link, arguments, settings, patience, told) as link,
+        live.until_signal() as ended,
+        live.open_link(arguments.link, arguments, settings, patience, ended) as link,
         _Recording(arguments) as recording,
         RunningVerdict(Assignment(settings, imu=arguments.imu, vehicle=vehicle)) as verdict,
     ):
@@ -78,17 +78,17 @@ def run(arguments: argparse.Namespace) -> int:
             recorder=recording.recorder,
             remember=True,
         )
-        session.listen(lambda frames, received: verdict.hear([(frames, received)]))
+        session.listen(lambda frames, received: verdict.receive([(frames, received)]))
         lines = _Lines(session, verdict, _Changes(session, command, announces=arguments.announce))
         end = time.monotonic() + arguments.duration if arguments.duration is not None else float("inf")
-        while not told() and time.monotonic() < end and not patience.over(link.health.frames):
+        while not ended() and time.monotonic() < end and not patience.over(link.health.frames):
             session.step()
             session.beside(lines.show)
         restored = session.leave()
         for sentence in session.said:
             live.say(sentence)
     if not link.health.frames:
-        return live.nothing_heard()
+        return live.nothing_received()
     if not restored or (recording.recorder is not None and recording.recorder.problem):
         return 2
     status, _ = verdict.opinion.so_far
@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 class _Recording:
-    """The recording, if one is wanted."""
+    """The recording, if any."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self.recorder = None if arguments.no_record else Recorder(arguments.output)
@@ -118,7 +118,7 @@ def _command(text: str) -> list[str]:
 
 
 class _Lines:
-    """What is said on stdout: a line when the verdict changes, and one a second."""
+    """What is printed on stdout: a line when the verdict changes, and one a second."""
 
     def __init__(self, session: Session, verdict: RunningVerdict, changes: _Changes) -> None:
         self._session, self._verdict, self._changes = session, verdict, changes

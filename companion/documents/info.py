@@ -14,7 +14,7 @@ def info_document(recording: Recording) -> Document:
         recording.source,
         [_flight(flight) for flight in recording.flights],
         others=[of(other, "sysid", "compid", "reason") for other in recording.bystanders],
-        crowd=recording.crowd,
+        crowd=recording.unread_senders,
         unknown_frames={str(number): count for number, count in recording.source.unknown_frames.items()},
     )
 

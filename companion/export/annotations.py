@@ -90,7 +90,7 @@ def _cut(text: str, most: int) -> str:
 
 
 def _text(text: str) -> str:
-    """One line, printable: it may hold what a vehicle said."""
+    """One line, printable: it may hold what a vehicle sent."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 

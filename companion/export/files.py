@@ -32,7 +32,7 @@ def write_csv(folder: Path, tables: Mapping[str, Table]) -> list[Path]:
 def write_parquet(folder: Path, tables: Mapping[str, Table]) -> list[Path]:
     """NAME.parquet for each table, units and frames in the metadata of its columns. Needs pyarrow: see Table.arrow."""
     arrow = {name: table.arrow() for name, table in tables.items()}
-    from pyarrow import parquet  # noqa: PLC0415  (an extra: the line above has said so if it is absent)
+    from pyarrow import parquet  # noqa: PLC0415  (an extra: the line above raises if it is absent)
 
     paths = []
     for name, table in arrow.items():

@@ -25,7 +25,7 @@ from companion.model import Array, Flight, words
 _NED_IN_ENU = np.array([[0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0]])  # half a turn about north-east: swaps and flips
 _FLU_IN_FRD = np.array([[0.0, 1.0, 0.0, 0.0]])  # half a turn about forward
 _HERE = np.zeros((1, 3))
-_STATIC_S = 1.0  # frames that do not move are told again so often, for those who join in mid-file
+_STATIC_S = 1.0  # frames that do not move are repeated so often, for those who join in mid-file
 
 
 @dataclass(frozen=True, slots=True)

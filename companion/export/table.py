@@ -177,7 +177,7 @@ class Contents:
     assessment: Assessment
     shown: Replay
     tables: Mapping[str, Table]
-    document: Callable[[], dict[str, Any]]  # that of `companion analyze --json`, made when it is asked for
+    document: Callable[[], dict[str, Any]]  # that of `companion analyze --json`, made when it is needed
 
 
 @dataclass(frozen=True, slots=True)

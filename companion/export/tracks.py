@@ -57,7 +57,7 @@ def tables(flight: Flight, shown: Replay | None = None, assessed: Assessment | N
 
 
 def reckoning_of(flight: Flight, assessed: Assessment, reanchor_s: float | None) -> Replay:
-    """Both trajectories of the IMU that was assessed, as it was assessed: corrected, if that was asked for."""
+    """Both trajectories of the IMU that was assessed, as it was assessed: corrected, if that was requested."""
     track = assessed.comparison.track
     judged = replace(flight, imus={**flight.imus, track.source: track})
     return replay(judged, imu=track.source, how=assessed.comparison.how, reanchor_s=reanchor_s)
@@ -83,7 +83,7 @@ def _position(flight: Flight, track: PositionTrack) -> Table:
 
 
 def _records(flight: Flight) -> Iterator[Table]:
-    about = {"source": "what the vehicle said"}
+    about = {"source": "the vehicle's messages"}
     yield records(flight, "texts", flight.texts, about, {"severity": (int, "MAV_SEVERITY"), "text": str})
     about = {"source": "arming, modes, errors"}
     yield records(flight, "events", flight.events, about, {"kind": str, "text": str})

@@ -32,7 +32,7 @@ _ON_THE_WAY = 1000  # logs that are handed to the scheduler at a time: all would
 
 @contextlib.contextmanager
 def local_cluster(workers: int | None, most: int) -> Iterator[Client]:
-    """Worker processes of one thread each, which listen to this computer alone: one for each processor unless said.
+    """Worker processes of one thread each, which listen to this computer alone: one for each processor by default.
 
     `most`: as many as there is work for.
     """
@@ -85,13 +85,13 @@ def _interrupts_wait() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    told: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: told.append(number))
+    interrupts: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-    if told:
+    if interrupts:
         raise KeyboardInterrupt
 
 
@@ -130,7 +130,7 @@ def _silence(client: Client) -> None:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """What Dask logs of a scheduler that goes away, with tracebacks, is said in one sentence here."""
+    """What Dask logs of a scheduler that goes away, with tracebacks, is one sentence here."""
     handlers = [(one, one.level) for one in logging.getLogger("distributed").handlers]
     for handler, _ in handlers:
         handler.setLevel(logging.CRITICAL + 1)

@@ -77,9 +77,9 @@ def version_of(settings: Settings, imu: str | None, imu_model: str | None) -> st
     known = msgspec.to_builtins(settings)
     for section in _SHOWING:
         known.pop(section, None)
-    figures = repr(load_imu_spec(imu_model)) if imu_model else None
-    asked = msgspec.json.encode([_program_version(), known, imu, figures], order="sorted")
-    return hashlib.sha256(asked).hexdigest()[:16]
+    spec = repr(load_imu_spec(imu_model)) if imu_model else None
+    made_of = msgspec.json.encode([_program_version(), known, imu, spec], order="sorted")
+    return hashlib.sha256(made_of).hexdigest()[:16]
 
 
 @functools.cache

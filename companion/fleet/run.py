@@ -50,7 +50,7 @@ class Fleet:
     """What came of it."""
 
     rows: Rows
-    logs: int  # that were asked for
+    logs: int  # that were named
     examined: int  # in this run
     unchanged: int  # known from an earlier one
     written: tuple[Path, ...]
@@ -62,7 +62,7 @@ class Fleet:
 
 
 Progress = Callable[[int, int], None]
-"""Told how many logs of how many new ones are done."""
+"""Called with how many logs of how many new ones are done."""
 
 
 def run_fleet(run: FleetRun, logs: Sequence[FoundLog], progress: Progress | None = None) -> Fleet:
@@ -93,13 +93,13 @@ def run_fleet(run: FleetRun, logs: Sequence[FoundLog], progress: Progress | None
 
         try:
             if new:
-                told = progress or (lambda *_: None)
-                told(0, len(new))
+                report = progress or (lambda *_: None)
+                report(0, len(new))
                 cluster = remote_cluster(run.scheduler) if run.scheduler else local_cluster(run.workers, len(new))
                 with contextlib.suppress(KeyboardInterrupt), cluster as client:
                     for log, record in examine_all(client, new, plan, known):
                         done[log.path] = journal.add(log, record)
-                        told(len(done) - unchanged, len(new))
+                        report(len(done) - unchanged, len(new))
         finally:
             records = [(log, done[log.path]) for log in logs if log.path in done]
             written = write_results(run.folder, records, _about(run, version))
@@ -121,7 +121,7 @@ def _again(run: FleetRun, record: LogRecord) -> bool:
 
 
 def _absolute(imu_model: str | None) -> str | None:
-    """A file of figures by a path that means the same in every process."""
+    """A noise specification by a path that means the same in every process."""
     return str(Path(imu_model).resolve()) if imu_model and imu_model.endswith(".toml") else imu_model
 
 
@@ -143,8 +143,8 @@ _STATE = b"state"
 def write_results(folder: Path, logs: Sequence[tuple[FoundLog, LogRecord]], about: Mapping[str, str]) -> list[Path]:
     """Write tables and page, each replaced in one step; [] when they are there and say the same already.
 
-    about: how the rows were made, said on the page and in the metadata of each table. Raises InputError when a library
-    is missing or the folder cannot be written to.
+    about: how the rows were made, stated on the page and in the metadata of each table. Raises InputError when a
+    library is missing or the folder cannot be written to.
     """
     import pyarrow.parquet as pq  # noqa: PLC0415  (an extra)
 
@@ -172,8 +172,8 @@ def _page(rows: Rows, about: Mapping[str, str]) -> str:
     try:
         return fleet_html(rows, [(name.replace("_", " "), value) for name, value in about.items()])
     except Exception as error:  # noqa: BLE001
-        said = html.escape(f"{type(error).__name__}: {error}")
-        return f"<!doctype html><title>Fleet</title><p>This page cannot be drawn ({said}). The tables are beside it."
+        reason = html.escape(f"{type(error).__name__}: {error}")
+        return f"<!doctype html><title>Fleet</title><p>This page cannot be drawn ({reason}). The tables are beside it."
 
 
 def _state_of(path: Path) -> str | None:

@@ -1,6 +1,6 @@
 """One log examined where it is: the function that a worker runs. Only the path comes, only small rows go back.
 
-And a report of each flight, into the folder of the results, where one is wanted.
+And a report of each flight, into the folder of the results, where requested.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def examine_log(path: str, plan: Plan, known: Collection[str] = ()) -> bytes:
                 arrow_tables(rows_of([(FoundLog(path, 0, ""), record)]))  # what cannot be written is this log's error
             return msgspec.json.encode(record)
     except (Exception, TimeUpError) as error:  # noqa: BLE001  (the border between processes: not every exception survives the journey)
-        return msgspec.json.encode(LogRecord(sha256=_digest(path), error=_said(error)))
+        return msgspec.json.encode(LogRecord(sha256=_digest(path), error=_in_words(error)))
 
 
 def _record(path: str, plan: Plan, known: Collection[str]) -> LogRecord:
@@ -79,7 +79,7 @@ def _record(path: str, plan: Plan, known: Collection[str]) -> LogRecord:
             raise DataError(f"{recording.no_flight}.")
         flights = tuple(_flight(recording, flight, plan, settings, digest) for flight in recording.flights)
     except Exception as error:  # noqa: BLE001  (one bad log is a row, whatever it breaks)
-        return LogRecord(sha256=digest, error=_said(error))
+        return LogRecord(sha256=digest, error=_in_words(error))
     return LogRecord(sha256=digest, format=recording.source.format, flights=flights)
 
 
@@ -102,14 +102,14 @@ def _flight(recording: Recording, flight: Flight, plan: Plan, settings: Settings
         examined = examine(flight, settings, imu=plan.imu, imu_model=plan.imu_model)
         (analysis,) = analysis_document(recording.source, examined)["flights"]
     except Exception as error:  # noqa: BLE001  (its other flights may be good)
-        return msgspec.structs.replace(record, error=_said(error))
+        return msgspec.structs.replace(record, error=_in_words(error))
     record = msgspec.structs.replace(record, analysis=analysis)
     if plan.folder is None:
         return record
     try:
         page = write_report(Path(plan.folder), recording, examined, settings, digest)
     except Exception as error:  # noqa: BLE001  (the numbers are good)
-        return msgspec.structs.replace(record, report_error=f"on {socket.gethostname()}: {_said(error)}")
+        return msgspec.structs.replace(record, report_error=f"on {socket.gethostname()}: {_in_words(error)}")
     return msgspec.structs.replace(record, report=page)
 
 
@@ -129,7 +129,7 @@ def _digest(path: str) -> str | None:
         return None
 
 
-def _said(error: BaseException) -> str:
+def _in_words(error: BaseException) -> str:
     """An error in words that can be kept in a table."""
     if isinstance(error, CompanionError):
         return printable(str(error))
@@ -151,7 +151,7 @@ def _version(packed: bytes, imu: str | None, imu_model: str | None) -> str:
 
 
 def _unfit(plan: Plan) -> str | None:
-    """Why this worker cannot do it as it was asked, if so."""
+    """Why this worker cannot do it as requested, if so."""
     try:
         own = _version(plan.settings, plan.imu, plan.imu_model)
     except (CompanionError, msgspec.ValidationError) as error:
@@ -220,8 +220,8 @@ def board_of(flights: Iterable[Flight]) -> str | None:
     """
     number = 0.0
     for flight in flights:
-        for said in flight.texts:
-            if match := _SERIAL.search(said.text):
+        for sent in flight.texts:
+            if match := _SERIAL.search(sent.text):
                 return match[1] or match[2]
         number = flight.parameters.get("BRD_SERIAL_NUM", number)
     return str(int(number)) if number else None

@@ -56,7 +56,7 @@ class LiveFeed:
         self._verdict.assign(self._assignment(self._vehicle))
 
     def _assignment(self, vehicle: str | None) -> Assignment:
-        """The verdict rests on what the page reckons with."""
+        """The verdict rests on what the page integrates."""
         self._vehicle, how = vehicle, self._choice.how
         chosen = msgspec.structs.replace(
             self._settings.integration, method=how.method, middle=how.middle, segments=how.segments
@@ -121,7 +121,7 @@ class LiveFeed:
             self._news.append(sentence)
         receipts = self._attachment.fetch()
         self._watch.hear(receipts)
-        self._verdict.hear(receipts)
+        self._verdict.receive(receipts)
         sighting = self._watch.look()
         if sighting is None:
             return None

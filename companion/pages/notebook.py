@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Self
 
 from companion.app.examination import Examination, check_anchor
 from companion.app.recording import Source, read_recording, usable_samples
-from companion.app.sensors import ASKED_FOR
+from companion.app.sensors import REQUESTED
 from companion.app.settings import Settings
 from companion.model import DataError, Flight, InputError, SettingsError
 
@@ -91,7 +91,7 @@ def show(
     anchors and the map are settings (`[view]`). Any number of pages can be open at once.
 
     Raises DataError when there is no usable IMU, attitude or, for that, rest; InputError for a file that cannot be
-    read, a port that is taken and where viser cannot be loaded; SettingsError for what cannot be asked together.
+    read, a port that is taken and where viser cannot be loaded; SettingsError for what does not go together.
 
     >>> import companion as c
     >>> with c.show(c.open_log("tlogs/copter-demo-100hz.tlog")[0]) as page:
@@ -114,8 +114,8 @@ def show(
                 "an Examination is shown as it was examined: give imu, imu_model, correction and anchor to examine, "
                 "or show its flight."
             )
-        figures = examined.assessment.figures
-        imu_model = figures.name if figures.reason == ASKED_FOR else None
+        spec = examined.assessment.figures
+        imu_model = spec.name if spec.reason == REQUESTED else None
         correction = examined.correction
         anchor = "rest" if examined.alignment is not None else anchor
     command = f"companion.show({str(what)!r})" if isinstance(what, str | Path) else ""

@@ -1,4 +1,4 @@
-"""The page of a replayed flight, and what it asks for: the reckoning at once, the analysis after it.
+"""The page of a replayed flight, and what it requests: dead reckoning at once, the analysis after it.
 
 The one way to that page, for the command line and for a notebook. It loads viser, which takes a second.
 """
@@ -39,7 +39,7 @@ _SAME_S = 0.01  # the page rounds the start that it shows
 class Answers:
     """Called from several worker threads at once.
 
-    imu_model, correction: as `examine` takes them; from_rest: reckon from where the IMU can be aligned by itself;
+    imu_model, correction: as `examine` takes them; from_rest: dead-reckon from where the IMU can be aligned by itself;
     command: what a report says that it was made with. Raises InputError and SettingsError for a correction that cannot
     be read.
     """
@@ -70,7 +70,7 @@ class Answers:
         return Reckoning(self._replay(seen, choice.imu, choice, how), track, others)
 
     def examine(self, flight: Flight, choice: ReplayChoice, film: Footage) -> Insight:
-        """What the analysis says of what was reckoned: the same numbers as `companion analyze`."""
+        """The analysis of what is shown: the same numbers as `companion analyze`."""
         examined = self._examination(flight, choice, film)
         assessment = examined.assessment
         comparison = assessment.comparison
@@ -84,7 +84,7 @@ class Answers:
         )
 
     def _replay(self, flight: Flight, imu: str | None, choice: ReplayChoice, how: Integration) -> Replay:
-        """From rest where that was asked for, as long as the page asks for no anchor of the autopilot's."""
+        """From rest where requested, as long as the page requests no anchor of the autopilot's."""
         if self.from_rest and choice.reanchor_s is None:
             aligned = align_imu(flight, self.settings, imu=imu, imu_model=self._imu_model, how=how)
             if choice.start_s is None or abs(choice.start_s - aligned.rest.start_s) < _SAME_S:
@@ -93,7 +93,7 @@ class Answers:
 
     def report(self, source: Source, flight: Flight, choice: ReplayChoice, film: Footage) -> str:
         """The report of what is shown, without the playback: the page has that."""
-        from companion.report import report_html  # noqa: PLC0415  (rarely asked for)
+        from companion.report import report_html  # noqa: PLC0415  (rarely requested)
 
         examined = self._examination(flight, choice, film)
         return report_html(examined, source, self.settings, command=self._command, with_playback=False)
@@ -103,7 +103,7 @@ class Answers:
         self._remember(examined.flight, choice, examined, examined.assessment.comparison.track.source)
 
     def _examination(self, flight: Flight, choice: ReplayChoice, film: Footage) -> Examination:
-        """Everything about what was reckoned; found once, for the horizon and the anchors change nothing in it."""
+        """Everything about what is shown; made once, for the horizon and the anchors change nothing in it."""
         how = choice.integration(flight)
         last = self._last
         if last is not None and last[0] == _key(flight, choice):
@@ -154,7 +154,7 @@ def open_replay(
 
     chosen: index of the flight shown first; imu: the message integrated; source: the log, without which the page offers
     no report; examined: what is known of the chosen flight already, of the IMU that it tells; port, or_next: see
-    `Viewer`. Raises DataError when the flight cannot be reckoned, InputError for an address that is none.
+    `Viewer`. Raises DataError when the flight cannot be integrated, InputError for an address that is none.
     """
     settings, flight = answers.settings, flights[chosen]
     horizons = settings.drift.horizons_s

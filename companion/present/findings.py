@@ -72,8 +72,8 @@ def span(finding: Finding) -> str:
 
 def flight_words(flight: FlightVerdict) -> str:
     """One flight of several: when it was, its status and the sentence without the numbers in its brackets."""
-    said = _BRACKETS.sub("", clause(flight.summary))
-    return f"{flight.start_s:.1f}-{flight.end_s:.1f} s, {words(flight.status)}: {said}"
+    sentence = _BRACKETS.sub("", clause(flight.summary))
+    return f"{flight.start_s:.1f}-{flight.end_s:.1f} s, {words(flight.status)}: {sentence}"
 
 
 def _size(finding: Finding) -> float:

@@ -21,7 +21,7 @@ AXES: tuple[Rgb, Rgb, Rgb] = ((170, 51, 119), (133, 133, 0), (68, 68, 170))
 CURSOR: Rgb = (130, 130, 130)  # the current instant, and what is expected
 
 CONTROLS: Rgb = (84, 96, 112)  # buttons: no source's colour
-BRAND: Rgb = (68, 78, 92)  # told to viser, which draws it 1.34 times as light on a light page: see `BRAND_DRAWN`
+BRAND: Rgb = (68, 78, 92)  # given to viser, which draws it 1.34 times as light on a light page: see `BRAND_DRAWN`
 BRAND_DRAWN: Rgb = (92, 105, 123)
 GOOD: Rgb = (26, 115, 60)
 DOUBTFUL: Rgb = (133, 84, 0)

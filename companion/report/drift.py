@@ -115,8 +115,8 @@ def budget(subject: Subject) -> Section:
         "Part of the expected mean square that each cause has; causes below 1 % everywhere are not drawn.",
         rows=len(panels),
     )
-    figures, noise = assessment.figures, assessment.measured_noise
-    lines = [f"IMU noise model: {figures.name} ({figures.reason})."]
+    spec, noise = assessment.figures, assessment.measured_noise
+    lines = [f"IMU noise model: {spec.name} ({spec.reason})."]
     densities = ((noise.gyro, "rad/s/√Hz"), (noise.accel, "m/s²/√Hz"))
     if measured := " and ".join(f"{density:.2g} {unit}" for density, unit in densities if density is not None):
         lines.append(f"White noise in flight, worst axis: {measured}.")

@@ -48,8 +48,8 @@ def plot_drift(table: Drift) -> Any:
     for quantity in QUANTITIES:
         if np.isfinite(columns[quantity.column("median")]).any():
             drawn = [
-                curve(seconds, np.array(columns[quantity.column(part)]), said, palette.IMU, line=style)
-                for part, said, style in (("median", "median", {}), ("p95", "95 %", {"dash": "dot"}))
+                curve(seconds, np.array(columns[quantity.column(part)]), title, palette.IMU, line=style)
+                for part, title, style in (("median", "median", {}), ("p95", "95 %", {"dash": "dot"}))
             ]
             panels.append(Panel(quantity.title, drawn, {"type": "log", "dtick": 1}))
     if not panels:

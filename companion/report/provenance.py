@@ -23,7 +23,7 @@ MOST_TEXTS = 500
 
 
 def log_facts(source: Source, flight: Flight, imu_gaps: Mapping[str, int], notes: Sequence[str]) -> Section:
-    """Rates, gaps (of each IMU), damage, notes, and what the vehicle said."""
+    """Rates, gaps (of each IMU), damage, notes, and what the vehicle sent."""
     unknown = ", ".join(f"{i} ({n})" for i, n in sorted(source.unknown_frames.items()))
     facts = [
         ("file", source.path),
@@ -50,8 +50,8 @@ def log_facts(source: Source, flight: Flight, imu_gaps: Mapping[str, int], notes
             for name, s in flight.messages.items()
         ],
     )
-    said = table(
-        ["said", "severity", "s"],
+    texts = table(
+        ["text", "severity", "s"],
         [[t.text, severity_word(t.severity), f"{t.t:.2f}"] for t in flight.texts[:MOST_TEXTS]],
         words=2,
     )
@@ -62,7 +62,7 @@ def log_facts(source: Source, flight: Flight, imu_gaps: Mapping[str, int], notes
         rows = [[e.kind, e.text, f"{e.t:.2f}"] for e in flight.events[:MOST_TEXTS]]
         title = f"Arming, modes and errors ({_count(flight.events)})"
         body += details(title, table(["event", "", "s"], rows, words=2))
-    body += details(f"Vehicle messages ({_count(flight.texts)})", said) if flight.texts else ""
+    body += details(f"Vehicle messages ({_count(flight.texts)})", texts) if flight.texts else ""
     if flight.parameters:
         values = [[name, f"{value:g}"] for name, value in sorted(flight.parameters.items())]
         body += details(f"Parameters of the vehicle ({len(values)})", table(["parameter", "value"], values))
@@ -98,7 +98,7 @@ def choices(assessment: Assessment, correction: str | None) -> list[tuple[str, s
     return [
         ("IMU", assessment.drift.imu),
         ("integration", f"{method_words(how.method, how.middle)}, gravity {how.gravity:.5f} m/s²"),
-        ("sensor figures", f"{assessment.figures.name} ({assessment.figures.reason})"),
+        ("IMU noise model", f"{assessment.figures.name} ({assessment.figures.reason})"),
         ("correction", correction or "none"),
     ]
 

@@ -76,14 +76,14 @@ def redundant_imus(subject: Subject) -> Section:
 
 
 def _values(fit: Calibration, name: str) -> str:
-    """The figures of a part one after the other, and with what those go together that cannot be told."""
+    """The parameters of a part one after the other, and what those that are not observable go together with."""
     part, place = CALIBRATED[name], PARTS[name]
     words_of = []
     for i, axis in zip(range(place.start, place.stop), part.axes, strict=True):
         value = part.shown(fit.values[i], fit.sigma[i])
         if not fit.observable[i]:
             other = fit.confounded[i]
-            value = "not observable" + (f" (cannot be told from {words(other)})" if other else "")
+            value = "not observable" + (f" (not separable from {words(other)})" if other else "")
         words_of.append(f"{axis} {value}".strip())
     return ", ".join(words_of)
 

@@ -49,7 +49,7 @@ class Subject:
 
     @property
     def comparison(self) -> Comparison:
-        """That IMU, corrected if that was asked for, beside the autopilot."""
+        """That IMU, corrected if that was requested, beside the autopilot."""
         return self.assessment.comparison
 
     @property

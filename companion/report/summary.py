@@ -22,11 +22,11 @@ _MEANS = {
 }
 
 _NO_BREAK = "\N{NO-BREAK SPACE}"  # between a number and its unit
-_SHOWN_S = 5.0  # the horizon of which the median is told
+_SHOWN_S = 5.0  # the horizon of which the median is shown
 
 
 def head(subject: Subject, ground: str) -> str:
-    """HTML of the title, the verdict and its figures; ground: the chart that stands beside them, "" for none."""
+    """HTML of the title, the verdict and its numbers; ground: the chart that stands beside them, "" for none."""
     flight, verdict, rate = subject.flight, subject.assessment.verdict, subject.comparison.track.rate_hz
     tracks = {"attitude": flight.attitude, "position": flight.position}
     against = ", ".join(track.source if track else f"no {name}" for name, track in tracks.items())
@@ -35,20 +35,20 @@ def head(subject: Subject, ground: str) -> str:
     )
     flights = "".join(paragraph(f"Flight {i}, {flight_words(one)}") for i, one in enumerate(verdict.flights, 1))
     banner = _banner(verdict.status, verdict.summary) + flights
-    told = f'{banner}<div class="cards">{cards}</div>{_warning(flight, rate)}'
+    body = f'{banner}<div class="cards">{cards}</div>{_warning(flight, rate)}'
     title = _title(flight, subject.source, f"{subject.imu} at {rate:.1f} Hz against {against}")
-    return f"<header>{title}{_beside(told, ground)}</header>"
+    return f"<header>{title}{_beside(body, ground)}</header>"
 
 
 def bare_head(flight: Flight, source: Source, verdict: Verdict, ground: str) -> str:
     """The same for a flight that cannot be examined."""
-    told = _banner(verdict.status, verdict.summary)
-    return f"<header>{_title(flight, source, '')}{_beside(told, ground)}</header>"
+    body = _banner(verdict.status, verdict.summary)
+    return f"<header>{_title(flight, source, '')}{_beside(body, ground)}</header>"
 
 
-def _beside(told: str, ground: str) -> str:
+def _beside(body: str, ground: str) -> str:
     """The verdict, and the ground track beside it where the window is wide enough."""
-    return f'<div class="first"><div>{told}</div>{ground}</div>' if ground else told
+    return f'<div class="first"><div>{body}</div>{ground}</div>' if ground else body
 
 
 def _title(flight: Flight, source: Source, used: str) -> str:
@@ -61,8 +61,8 @@ def _title(flight: Flight, source: Source, used: str) -> str:
 
 def _banner(status: str, summary: str) -> str:
     title = f"{palette.SIGNS[status]} {text(_MEANS[status])}"
-    told = re.sub(r"(?<=\d) (?=%)", _NO_BREAK, clause(summary))
-    sentence = told[:1].upper() + told[1:]
+    words = re.sub(r"(?<=\d) (?=%)", _NO_BREAK, clause(summary))
+    sentence = words[:1].upper() + words[1:]
     return f'<div class="verdict {text(status)}" id="verdict"><h2>{title}</h2><p>{text(sentence)}</p></div>'
 
 

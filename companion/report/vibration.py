@@ -19,24 +19,22 @@ _FEWEST_HZ = 20.0
 def spectra(subject: Subject) -> Section:
     """Power spectral densities beside the sensor's own noise."""
     title = "IMU spectra"
-    comparison, figures = subject.comparison, subject.assessment.figures
+    comparison, spec = subject.comparison, subject.assessment.figures
     spectrum = imu_spectrum(comparison.track, comparison.how.limits.longest_step(comparison.track.t))
     if spectrum is None:
         reason = "Not drawn: no stretch without a gap is long enough for a spectrum (32 samples)."
         return Section("spectra", title, paragraph(reason))
     panels = [
+        traces.Panel("gyro, rad/s/√Hz", _densities(spectrum, spectrum.gyro, spec.gyro.noise_density), {"type": "log"}),
         traces.Panel(
-            "gyro, rad/s/√Hz", _densities(spectrum, spectrum.gyro, figures.gyro.noise_density), {"type": "log"}
-        ),
-        traces.Panel(
-            "accel, m/s²/√Hz", _densities(spectrum, spectrum.accel, figures.accel.noise_density), {"type": "log"}
+            "accel, m/s²/√Hz", _densities(spectrum, spectrum.accel, spec.accel.noise_density), {"type": "log"}
         ),
     ]
     figure = traces.stack(panels, "frequency, Hz", type="log")
     caption = (
         f"Amplitude density of {comparison.track.source} by Welch's method, two-sided as N is: mean of "
         f"{spectrum.segments} segments of {1 / spectrum.frequency_hz[1]:.2g} s. Grey: the white noise of "
-        f"{figures.name}. What moves faster than {spectrum.frequency_hz[-1]:.0f} Hz is folded into what is shown."
+        f"{spec.name}. What moves faster than {spectrum.frequency_hz[-1]:.0f} Hz is folded into what is shown."
     )
     return Section("spectra", title, subject.charts.add(figure, caption, rows=3) + _side_by_side(subject, spectrum))
 
@@ -71,18 +69,18 @@ def _side_by_side(subject: Subject, own: Spectrum) -> str:
 def shaking(subject: Subject) -> Section:
     """Vibration over the flight: the vehicle's own measure, and what the IMU's samples show of it."""
     title = "Vibration"
-    told = _told(subject)
-    seen = _seen(subject)
-    if told is None and seen is None:
+    reported = _reported(subject)
+    measured = _measured(subject)
+    if reported is None and measured is None:
         rate = subject.comparison.track.rate_hz
         why = f"{rate:.1f} Hz is too slow" if rate < _FEWEST_HZ else "no stretch without a gap is long enough"
-        words = f"Not drawn: the vehicle did not tell its vibration, and {why} to see it in {subject.imu}."
+        words = f"Not drawn: the vehicle did not report its vibration, and {why} to see it in {subject.imu}."
         return Section("vibration", title, paragraph(words))
-    return Section("vibration", title, (told or "") + (seen or ""))
+    return Section("vibration", title, (reported or "") + (measured or ""))
 
 
-def _told(subject: Subject) -> str | None:
-    """What the vehicle says of its vibration, and how often an accelerometer was at its limit."""
+def _reported(subject: Subject) -> str | None:
+    """What the vehicle reports of its vibration, and how often an accelerometer was at its limit."""
     series = subject.flight.series.get("vibration")
     names = [name for name in ("x_mps2", "y_mps2", "z_mps2", "accel_mps2") if series and name in series.columns]
     if series is None or not names or len(series) < 2:
@@ -103,7 +101,7 @@ def _told(subject: Subject) -> str | None:
     return subject.charts.add(figure, caption)
 
 
-def _seen(subject: Subject) -> str | None:
+def _measured(subject: Subject) -> str | None:
     """What is left of it in the samples."""
     comparison = subject.comparison
     seen = vibration(comparison.track, comparison.how.limits.longest_step(comparison.track.t))

@@ -36,7 +36,7 @@ def send(verdict: RunningVerdict, vehicle: SimulatedVehicle, until_s: float, dec
     """What the vehicle sends up to a time of its flight, as if it all arrived now and in good time."""
     sent = time.time() - until_s
     for t, packets in bursts(vehicle, until_s):
-        verdict.hear([(decoder.push(packets), sent + t)])
+        verdict.receive([(decoder.push(packets), sent + t)])
 
 
 def test_a_fault_is_told_within_a_few_looks(verdict: RunningVerdict) -> None:
@@ -70,7 +70,7 @@ def test_who_is_killed_or_ends_leaves_no_process(verdict: RunningVerdict) -> Non
     verdict.close()
     assert time.monotonic() - begin < 2.0
     assert verdict._process.poll() is not None
-    verdict.hear([])
+    verdict.receive([])
 
 
 def test_a_verdict_whose_process_has_died_holds_nobody_up(verdict: RunningVerdict) -> None:

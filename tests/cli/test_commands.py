@@ -418,7 +418,7 @@ def test_fail_on(capsys: Captured) -> None:
 
 def test_an_imu_model_can_be_chosen(capsys: Captured) -> None:
     assert main(["analyze", DEMO, "--full", "--imu-model", "icm-42688-p"]) == 0
-    assert "icm-42688-p (asked for)" in capsys.readouterr().out
+    assert "icm-42688-p (requested)" in capsys.readouterr().out
     assert "bmi088" in refused(["analyze", DEMO, "--imu-model", "bmi99"], capsys)
 
 

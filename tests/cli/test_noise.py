@@ -100,7 +100,7 @@ def test_kalibr_and_the_imu_library_read_what_is_written(standing: str, tmp_path
     assert figures.accel.full_scale == pytest.approx(GENERIC.accel.full_scale, rel=0.01)
     capsys.readouterr()
     assert main(["analyze", DEMO, "--full", "--imu-model", str(model)]) == 0
-    assert "imu.toml (asked for)" in capsys.readouterr().out
+    assert "imu.toml (requested)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", ["imu.yaml", "imu.toml"])

@@ -65,7 +65,7 @@ def test_a_log_of_a_crowd_is_summed_up(tmp_path: Path) -> None:
         log.attitude(i * 1e-3, 20 + i * 1e-3, sysid=sysid, compid=compid)
     recording = read_recording(log.close())
     assert len(recording.flights) == MOST_SENDERS
-    assert recording.crowd == 3001 - MOST_SENDERS
+    assert recording.unread_senders == 3001 - MOST_SENDERS
     first = recording.flights[0]
     assert (first.vehicle.sysid, first.messages["ATTITUDE"].count) == (1, 20)
     assert np.isfinite(first.duration)
