@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -21,41 +21,32 @@ def _bounded(most: float) -> msgspec.Meta:
     return msgspec.Meta(ge=-most, le=most)
 
 
-Rate = Annotated[float, _bounded(10)]  # rad/s
-Force = Annotated[float, _bounded(100)]  # m/s²
-Angle = Annotated[float, _bounded(1)]  # rad, small
-Lag = Annotated[float, _bounded(1)]  # s
-Part = Annotated[float, _bounded(0.5)]  # of the reading
-Length = Annotated[float, _bounded(100)]  # m
+_LIMITS = {
+    "gyro_bias": (10.0, "rad/s"), "accel_bias": (100.0, "m/s²"), "mounting": (1.0, "rad"), "time_offset": (1.0, "s"),
+    "gyro_scale": (0.5, "1"), "accel_scale": (0.5, "1"), "gyro_misalignment": (1.0, "rad; xy, xz, yx, yz, zx, zy"),
+    "accel_misalignment": (1.0, "rad; yx, zx, zy"), "lever_arm": (100.0, "m"),
+}  # fmt: skip
+"""Part → the largest value that a file may have, and the unit as it stands there."""
+_REQUIRED = ("gyro_bias", "accel_bias", "mounting", "time_offset")
 
 
-class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    gyro_bias: tuple[Rate, Rate, Rate]
-    accel_bias: tuple[Force, Force, Force]
-    mounting: tuple[Angle, Angle, Angle]
-    time_offset: Lag
-    gyro_scale: tuple[Part, Part, Part] = (0.0, 0.0, 0.0)
-    accel_scale: tuple[Part, Part, Part] = (0.0, 0.0, 0.0)
-    gyro_misalignment: tuple[Angle, Angle, Angle, Angle, Angle, Angle] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    accel_misalignment: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
-    lever_arm: tuple[Length, Length, Length] = (0.0, 0.0, 0.0)
-    format: Annotated[int, msgspec.Meta(ge=1, le=_FORMAT)] = 1
+def _key(part: str) -> tuple[str, Any, Any]:
+    """Name, type and default of the key of a part."""
+    count = PARTS[part].stop - PARTS[part].start
+    number = Annotated[float, _bounded(_LIMITS[part][0])]
+    kind = number if part == "time_offset" else tuple[(number,) * count]  # type: ignore[misc]
+    return part, kind, msgspec.NODEFAULT if part in _REQUIRED else (0.0,) * count
 
 
-_UNITS = {
-    "gyro_bias": "rad/s",
-    "accel_bias": "m/s²",
-    "mounting": "rad",
-    "time_offset": "s",
-    "gyro_scale": "1",
-    "accel_scale": "1",
-    "gyro_misalignment": "rad; xy, xz, yx, yz, zx, zy",
-    "accel_misalignment": "rad; yx, zx, zy",
-    "lever_arm": "m",
-}
+_File: Any = msgspec.defstruct(
+    "_File",
+    [*map(_key, _LIMITS), ("format", Annotated[int, msgspec.Meta(ge=1, le=_FORMAT)], 1)],
+    frozen=True,
+    forbid_unknown_fields=True,
+)
 
 
-_UNTOLD = "not observable in this flight"
+_NOT_OBSERVABLE = "not observable in this flight"
 
 
 def load_correction(path: str | Path) -> Correction:
@@ -85,11 +76,11 @@ def correction_text(calibration: Calibration, origin: str) -> str:
     ]
     for part, place in PARTS.items():
         error = ", ".join(_known(calibration, i) for i in range(place.start, place.stop))
-        if error == ", ".join([_UNTOLD] * (place.stop - place.start)):
-            error = _UNTOLD
+        if error == ", ".join([_NOT_OBSERVABLE] * (place.stop - place.start)):
+            error = _NOT_OBSERVABLE
         numbers = ", ".join(f"{v:.8f}" for v in values[place])
         written = numbers if part == "time_offset" else f"[{numbers}]"
-        lines.append(f"{part} = {written}  # {_UNITS[part]}: {error}")
+        lines.append(f"{part} = {written}  # {_LIMITS[part][1]}: {error}")
     return "\n".join(lines) + "\n"
 
 
@@ -99,4 +90,4 @@ def _known(calibration: Calibration, figure: int) -> str:
         return f"± {calibration.sigma[figure]:.2g}"
     if calibration.assumed[figure]:
         return f"± {calibration.assumed_sigma[figure]:.2g} if what is not observable is 0"
-    return _UNTOLD
+    return _NOT_OBSERVABLE

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from companion.installation import log_path
 from companion.logs import (
@@ -110,7 +111,8 @@ def read_recording(
     log = read_tlog(
         path, dialect=dialect, names=None if every_message else NEEDED, progress=progress, most_bytes=most_bytes
     )
-    source, messages = _source(log), dict(log.messages)
+    telemetry = {"bad_crc_frames": log.bad_crc_frames, "unknown_frames": log.unknown_frames}
+    source, messages = _source(log, speakers=_senders(log), **telemetry), dict(log.messages)
     del log  # `flights` lets go of what it has read
     of_log, others = flights(messages, spoken, dequantise=dequantise)
     return Recording(source, tuple(of_log), tuple(others))
@@ -119,7 +121,7 @@ def read_recording(
 def _read_ulog(path: Path, dialect: Dialect, progress: Callable[[int], None] | None, most_bytes: int) -> Recording:
     types = {v: n.removeprefix("MAV_TYPE_") for v, n in dialect.enum_names("MAV_TYPE").items()}
     log = read_ulog(path, names=TOPICS, progress=progress, most_bytes=most_bytes)
-    source, topics = _on_board(log), list(log.topics)
+    source, topics = _source(log), list(log.topics)
     log = replace(log, topics=())  # `ulog_flight` lets go of what it has read
     return Recording(source, (ulog_flight(log, topics, types),))
 
@@ -129,23 +131,11 @@ def _read_dataflash(
 ) -> Recording:
     read = read_dataflash if kind == "dataflash" else read_dataflash_text
     log = read(path, names=RECORDS, progress=progress, most_bytes=most_bytes)
-    source = _on_board(log)
+    source = _source(log)
     records, undecoded, nothing = dict(log.messages), log.undecoded, why_no_flight(log.messages)
     del log  # `dataflash_flight` lets go of what it has read
     flight = dataflash_flight(records, dialect, core=core, undecoded=undecoded)
     return Recording(source, (flight,)) if flight else Recording(source, (), no_flight=nothing)
-
-
-def _on_board(log: DataflashLog | Ulog) -> Source:
-    return Source(
-        path=log.path,
-        format=log.kind,
-        size_bytes=log.size_bytes,
-        frames=log.frames,
-        content_bytes=log.content_bytes,
-        trouble=log.trouble,
-        skipped_bytes=log.skipped_bytes,
-    )
 
 
 def open_log(
@@ -173,11 +163,7 @@ def usable_samples(flight: Flight) -> int:
     return len(flight.imus[name]) if flight.attitude is not None else 1
 
 
-def _source(log: Log) -> Source:
-    speakers: dict[str, dict[str, int]] = {}
-    for name, messages in log.messages.items():
-        for (sysid, compid), count in messages.senders().items():
-            speakers.setdefault(f"{sysid}:{compid}", {})[name] = count
+def _source(log: Log | DataflashLog | Ulog, **more: Any) -> Source:
     return Source(
         path=log.path,
         format=log.kind,
@@ -185,8 +171,15 @@ def _source(log: Log) -> Source:
         frames=log.frames,
         content_bytes=log.content_bytes,
         trouble=log.trouble,
-        bad_crc_frames=log.bad_crc_frames,
         skipped_bytes=log.skipped_bytes,
-        unknown_frames=log.unknown_frames,
-        speakers=speakers,
+        **more,
     )
+
+
+def _senders(log: Log) -> dict[str, dict[str, int]]:
+    """SYSID:COMPID → message → count."""
+    senders: dict[str, dict[str, int]] = {}
+    for name, messages in log.messages.items():
+        for (sysid, compid), count in messages.senders().items():
+            senders.setdefault(f"{sysid}:{compid}", {})[name] = count
+    return senders

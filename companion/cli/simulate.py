@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -124,30 +126,33 @@ def model_of(spec: ImuSpec, seed: int) -> ImuModel:
     return ImuModel(gyro=sensor(spec.gyro), accel=sensor(spec.accel))
 
 
+_FAULTS: Mapping[str, Callable[[float], dict[str, Any]]] = {
+    "imu-bias": lambda t: {"imu_bias": (t, 0.02)},
+    "imu-stuck": lambda t: {"imu_stuck": t},
+    "imu-clip": lambda t: {"imu_clip": (t, t + 10.0)},
+    "gps-glitch": lambda t: {"gps_glitch": (t, t + 20.0, 30.0)},
+    "ekf-reset": lambda t: {"ekf_reset": (t, 10.0)},
+    "reboot": lambda t: {"reboot": (t,)},
+    "silence": lambda t: {"silence": ((t, t + 10.0),)},
+    "loss": lambda _: {"drop": 0.3},
+    "duplicates": lambda _: {"duplicate": 0.1, "reorder": 0.05},
+    "garbage": lambda _: {"garbage": 0.05},
+}
+"""Name of a fault → the arguments of `Faults` for one at a time, s."""
+
+
 def faults_of(names: list[str]) -> Faults:
     """The faults that the command line names. Raises SettingsError for one that there is not."""
-    chosen: dict[str, object] = {}
+    chosen: dict[str, Any] = {}
     for text in names:
         name, _, when = text.partition("@")
         try:
-            t = float(when) if when else 10.0
+            t = float(when or 10.0)
         except ValueError:
             t = -1.0
         if not 0 <= t < np.inf:
             raise SettingsError(f"--fault {text}: {when!r} is not a time in seconds.")
-        known: dict[str, dict[str, object]] = {
-            "imu-bias": {"imu_bias": (t, 0.02)},
-            "imu-stuck": {"imu_stuck": t},
-            "imu-clip": {"imu_clip": (t, t + 10.0)},
-            "gps-glitch": {"gps_glitch": (t, t + 20.0, 30.0)},
-            "ekf-reset": {"ekf_reset": (t, 10.0)},
-            "reboot": {"reboot": (t,)},
-            "silence": {"silence": ((t, t + 10.0),)},
-            "loss": {"drop": 0.3},
-            "duplicates": {"duplicate": 0.1, "reorder": 0.05},
-            "garbage": {"garbage": 0.05},
-        }
-        if name not in known:
-            raise SettingsError(f"there is no fault {name!r}: choose of {', '.join(known)}.")
-        chosen |= known[name]
-    return Faults(**chosen)  # type: ignore[arg-type]
+        if name not in _FAULTS:
+            raise SettingsError(f"there is no fault {name!r}: choose of {', '.join(_FAULTS)}.")
+        chosen |= _FAULTS[name](t)
+    return Faults(**chosen)

@@ -68,16 +68,11 @@ def run(arguments: argparse.Namespace) -> int:
     with (
         live.until_signal() as ended,
         live.open_link(arguments.link, arguments, settings, patience, ended) as link,
-        _Recording(arguments) as recording,
+        contextlib.nullcontext() if arguments.no_record else Recorder(arguments.output) as recorder,
         RunningVerdict(Assignment(settings, imu=arguments.imu, vehicle=vehicle)) as verdict,
     ):
         link.announces = arguments.announce
-        session = Session(
-            link,
-            choice=choice,
-            recorder=recording.recorder,
-            remember=True,
-        )
+        session = Session(link, choice=choice, recorder=recorder, remember=True)
         session.listen(lambda frames, received: verdict.receive([(frames, received)]))
         lines = _Lines(session, verdict, _Changes(session, command, announces=arguments.announce))
         end = time.monotonic() + arguments.duration if arguments.duration is not None else float("inf")
@@ -89,24 +84,10 @@ def run(arguments: argparse.Namespace) -> int:
             live.say(sentence)
     if not link.health.frames:
         return live.nothing_received()
-    if not restored or (recording.recorder is not None and recording.recorder.problem):
+    if not restored or (recorder is not None and recorder.problem):
         return 2
     status, _ = verdict.opinion.so_far
     return options.exit_code(arguments.fail_on, [status])
-
-
-class _Recording:
-    """The recording, if any."""
-
-    def __init__(self, arguments: argparse.Namespace) -> None:
-        self.recorder = None if arguments.no_record else Recorder(arguments.output)
-
-    def __enter__(self) -> _Recording:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self.recorder is not None:
-            self.recorder.close()
 
 
 def _command(text: str) -> list[str]:

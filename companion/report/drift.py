@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from companion.analysis import left_out
-from companion.model import Array
+from companion.analysis import Drift, Expected, left_out
 from companion.present import (
     QUANTITIES,
+    STATISTICS,
     agreement_table,
     details,
     drift_table,
@@ -54,19 +55,11 @@ def drift(subject: Subject) -> Section:
     if not any(row.windows for row in rows):
         reason = "No window could be used: the flight is too short." if not excluded else "No window could be used."
         return Section("drift", "Drift", "".join(paragraph(line) for line in (reason, *excluded)))
-    panels = [
-        traces.Panel(quantity.title, _measured(subject, quantity.attribute), {"type": "log", "dtick": 1})
-        for quantity in QUANTITIES
-        if any(getattr(row, quantity.attribute) for row in rows)
-    ]
-    ticks = [row.horizon_s for row in rows]
-    figure = traces.stack(
-        panels, "seconds on the IMU alone", type="log", tickvals=ticks, ticktext=[f"{h:g}" for h in ticks]
-    )
+    figure, count = drift_chart(drift, expected)
     caption = (
         "Every window starts from the autopilot's own state and is compared with it at its end. 1σ: what is expected."
     )
-    chart = subject.charts.add(figure, caption, rows=len(panels))
+    chart = subject.charts.add(figure, caption, rows=count)
     has_position = subject.comparison.has_position
     if not has_position:
         chart += paragraph("This flight has no position: attitude alone is compared.")
@@ -144,29 +137,45 @@ def _shares(shares: Mapping[str, Mapping[str, Mapping[str, float]]], names: list
     )
 
 
-def _measured(subject: Subject, attribute: str) -> list[traces.Trace]:
-    """Median, 95 % and worst of the windows, and what was expected."""
-    of_all = zip(subject.assessment.drift.rows, subject.assessment.expected, strict=True)
-    rows = [(row.horizon_s, getattr(row, attribute), should) for row, should in of_all if getattr(row, attribute)]
-    horizons = np.array([horizon for horizon, _, _ in rows])
-
-    def measured(key: str) -> Array:
-        return np.array([getattr(statistic, key) for _, statistic, _ in rows])
-
-    curves = [
-        traces.curve(horizons, measured("median"), "median", palette.DIFFERENCE, width=2.5, mode="lines+markers"),
-        traces.curve(
-            horizons, measured("p95"), "95 %", palette.DIFFERENCE, line={"dash": "dash"}, mode="lines+markers"
-        ),
-        traces.curve(
-            horizons, measured("max"), "worst", palette.DIFFERENCE, line={"dash": "dot"}, mode="lines+markers"
-        ),
+def drift_chart(drift: Drift, expected: Sequence[Expected | None] = ()) -> tuple[traces.Figure, int]:
+    """Each error against the seconds on the IMU alone, both axes logarithmic, and the number of panels."""
+    panels = [
+        traces.Panel(quantity.title, curves, {"type": "log", "dtick": 1})
+        for quantity in QUANTITIES
+        if (curves := _curves(drift, expected or [None] * len(drift.rows), quantity.attribute))
     ]
-    expected = [(horizon, getattr(should, attribute)) for horizon, _, should in rows if should]
-    known = np.array([(h, s) for h, s in expected if s is not None]).reshape(-1, 2)
+    ticks = [row.horizon_s for row in drift.rows]
+    named = [f"{horizon:g}" for horizon in ticks]
+    figure = traces.stack(panels, "seconds on the IMU alone", type="log", tickvals=ticks, ticktext=named)
+    return figure, len(panels)
+
+
+def _curves(drift: Drift, expected: Sequence[Expected | None], attribute: str) -> list[traces.Trace]:
+    """Median, 95 % and worst of the windows, and what was expected; nothing without windows."""
+    rows = [(row, allowed) for row, allowed in zip(drift.rows, expected, strict=True) if getattr(row, attribute)]
+    horizons = np.array([row.horizon_s for row, _ in rows])
+    curves = [
+        traces.curve(
+            horizons,
+            np.array([getattr(getattr(row, attribute), key) for row, _ in rows]),
+            title,
+            palette.DIFFERENCE,
+            mode="lines+markers",
+            **style,
+        )
+        for (key, title), style in zip(STATISTICS.items(), _STYLES, strict=True)
+        if rows
+    ]
+    sigma = [(row.horizon_s, getattr(allowed, attribute)) for row, allowed in rows if allowed]
+    known = np.array([(h, s) for h, s in sigma if s is not None]).reshape(-1, 2)
     for factor, name, width in ((1.0, "expected 1σ", 2.0), (3.0, "expected 3σ", 1.0)):
-        curves.append(traces.curve(known[:, 0], factor * known[:, 1], name, traces.GREY, width=width))
+        if sigma:
+            curves.append(traces.curve(known[:, 0], factor * known[:, 1], name, traces.GREY, width=width))
     return curves
+
+
+_STYLES: tuple[dict[str, Any], ...] = ({"width": 2.5}, {"line": {"dash": "dash"}}, {"line": {"dash": "dot"}})
+"""Of the statistics."""
 
 
 def _colour(cause: str) -> str:

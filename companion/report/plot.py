@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from companion.analysis import Assessment, Drift, Replay, expected_since_anchor
 from companion.estimation import BestEstimate
 from companion.installation import missing
 from companion.model import DataError, Flight, InputError
-from companion.present import QUANTITIES, palette
+from companion.present import palette
 from companion.report.charts import laid_out
+from companion.report.drift import drift_chart
 from companion.report.errors_over_time import error_panels
-from companion.report.traces import TIME, Panel, curve, stack
+from companion.report.traces import TIME, stack
 from companion.report.track_and_altitude import ground_track
 
 
@@ -41,22 +40,11 @@ def plot_path(flight: Flight, shown: Replay | None = None, best: BestEstimate | 
 
 
 def plot_drift(table: Drift) -> Any:
-    """The drift table: median and 95 % of each error against the seconds on the IMU alone, both axes logarithmic."""
-    columns = table.to_dict()
-    panels = []
-    seconds = np.array(columns["horizon_s"])
-    for quantity in QUANTITIES:
-        if np.isfinite(columns[quantity.column("median")]).any():
-            drawn = [
-                curve(seconds, np.array(columns[quantity.column(part)]), title, palette.IMU, line=style)
-                for part, title, style in (("median", "median", {}), ("p95", "95 %", {"dash": "dot"}))
-            ]
-            panels.append(Panel(quantity.title, drawn, {"type": "log", "dtick": 1}))
-    if not panels:
+    """The drift table: median, 95 % and worst of each error against the seconds on the IMU alone."""
+    if not any(row.windows for row in table.rows):
         raise InputError("No window of this table could be used: there is nothing to draw.")
-    ticks = [row.horizon_s for row in table.rows]
-    figure = stack(panels, "seconds on the IMU alone", type="log", tickvals=ticks, ticktext=[f"{h:g}" for h in ticks])
-    return _figure(figure, 60 + 190 * len(panels))
+    figure, count = drift_chart(table)
+    return _figure(figure, 60 + 190 * count)
 
 
 def _figure(figure: Any, height: int) -> Any:
