@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from companion.app import destination
 from companion.app.correction import correction_text
@@ -31,9 +30,7 @@ def add_parser(commands: options.Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the calibration; write it where requested."""
-    path = Path(arguments.output) if arguments.output else None
-    if path is not None:
-        destination.check(path, force=arguments.force)
+    path = options.output(arguments)
     settings, _, flight = options.one_flight(arguments)
     assessment = assess_imu(flight, settings, imu=arguments.imu, imu_model=arguments.imu_model)
     if assessment.calibration is None:
@@ -46,9 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise DataError(
             "not written: this flight cannot tell the IMU's constant errors (see above). Write it all the same: --force"
         )
+    text = correction_text(assessment.calibration, f"{arguments.log} ({assessment.drift.imu})")
     with destination.replacing(path) as part:
-        part.write_text(
-            correction_text(assessment.calibration, f"{arguments.log} ({assessment.drift.imu})"), encoding="utf-8"
-        )
+        part.write_text(text, encoding="utf-8")
     options.say(f"written: {path}")
     return 0

@@ -17,6 +17,7 @@ from rich.markup import escape
 from rich.progress import Progress
 
 from companion import installation
+from companion.app import destination
 from companion.app.recording import Recording, Source, read_recording, usable_samples
 from companion.app.settings import Settings, load_settings
 from companion.cli.stdin import STDIN
@@ -91,6 +92,15 @@ def add_output(parser: Parser, metavar: str, help: str, force: str = "replace wh
     """Where to write."""
     parser.add_argument("-o", "--output", metavar=metavar, help=help)
     parser.add_argument("--force", action="store_true", help=force)
+
+
+def output(arguments: argparse.Namespace) -> Path | None:
+    """The file that was named to write to. Raises InputError where it cannot be written."""
+    if not arguments.output:
+        return None
+    path = Path(arguments.output)
+    destination.check(path, force=arguments.force)
+    return path
 
 
 def add_reanchor(parser: Parser) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from rich.markup import escape
@@ -58,11 +57,9 @@ def add_parser(commands: options.Commands) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the estimate; write it where requested."""
-    path = Path(arguments.output) if arguments.output else None
-    if path is not None:
-        if path.suffix != ".tum":
-            raise InputError(f"cannot write {path}: the name has to end in .tum. companion export has more formats.")
-        destination.check(path, force=arguments.force)
+    path = options.output(arguments)
+    if path is not None and path.suffix != ".tum":
+        raise InputError(f"cannot write {path}: the name has to end in .tum. companion export has more formats.")
     settings, recording, flight = options.one_flight(arguments)
     how = integration_of(settings, flight)
     best = smooth(flight, arguments.imu, gravity=how.gravity)

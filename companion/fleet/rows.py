@@ -43,20 +43,12 @@ def rows_of(logs: Iterable[tuple[FoundLog, LogRecord]]) -> Rows:
     """The rows of all four tables."""
     flights, drift, findings, calibration = [], [], [], []
     for log, record in sorted(logs, key=lambda pair: pair[0].path):
-        of_log = {
-            "log": printable(log.path),
-            "sha256": record.sha256,
-            "size_bytes": log.size_bytes,
-            "format": record.format,
-        }
+        name = {"log": printable(log.path)}
+        of_log: Row = name | {"sha256": record.sha256, "size_bytes": log.size_bytes, "format": record.format}
         if not record.flights:
             flights.append(of_log | {"error": record.error})
         for flight in record.flights:
-            key = {
-                "log": of_log["log"],
-                "vehicle": str(flight.vehicle),
-                "boot": flight.boot,
-            }
+            key = name | {"vehicle": str(flight.vehicle), "boot": flight.boot}
             flights.append(of_log | key | _flight(flight))
             if flight.analysis is not None:
                 drift += [key | row for row in _drift(flight.analysis)]
@@ -66,19 +58,9 @@ def rows_of(logs: Iterable[tuple[FoundLog, LogRecord]]) -> Rows:
 
 
 def _flight(flight: FlightRecord) -> Row:
-    row: Row = {
-        "autopilot": flight.vehicle.autopilot,
-        "type": flight.vehicle.type,
-        "firmware": flight.vehicle.firmware,
-        "board": flight.board,
-        "date_s": flight.date_s,
-        "duration_s": flight.duration_s,
-        "gyro_ids": dict(flight.gyro_ids),
-        "accel_ids": dict(flight.accel_ids),
-        "error": flight.error,
-        "report": flight.report,
-        "report_error": flight.report_error,
-    }
+    own = ("board", "date_s", "duration_s", "gyro_ids", "accel_ids", "error", "report", "report_error")
+    row = {name: getattr(flight.vehicle, name) for name in ("autopilot", "type", "firmware")}
+    row |= {name: getattr(flight, name) for name in own}
     if (analysis := flight.analysis) is None:
         return row
     imu = analysis["used_imu"]
@@ -95,12 +77,8 @@ def _flight(flight: FlightRecord) -> Row:
 def _drift(analysis: Document) -> Iterator[Row]:
     inside = {share["horizon_s"]: share for share in analysis["consistency"]}
     for drift in analysis["drift"]:
-        row: Row = {
-            "imu": analysis["used_imu"],
-            "horizon_s": drift["horizon_s"],
-            "windows": drift["windows"],
-            "windows_left_out": sum(drift["excluded"].values()),
-        }
+        row: Row = {"imu": analysis["used_imu"], "horizon_s": drift["horizon_s"], "windows": drift["windows"]}
+        row["windows_left_out"] = sum(drift["excluded"].values())
         shares = inside.get(drift["horizon_s"])
         for quantity in QUANTITIES:
             if (statistic := drift[quantity.attribute]) is not None:

@@ -96,20 +96,18 @@ def _intervals(fit: Calibration) -> list[traces.Panel]:
             continue
         first = PARTS[name].start
         seen = [k for k in range(3) if fit.observable[first + k]]
-        points = {
-            "type": "scatter",
-            "mode": "markers",
-            "x": [AXES[k][0] for k in seen],
-            "y": [fit.values[first + k] * part.factor for k in seen],
-            "error_y": {
+        points = traces.markers(
+            [AXES[k][0] for k in seen],
+            [fit.values[first + k] * part.factor for k in seen],
+            part.title,
+            error_y={
                 "array": [2 * fit.sigma[first + k] * part.factor for k in seen],
                 "thickness": 1.5,
                 "color": palette.css(palette.CURSOR),
             },
-            "marker": {"size": 9, "color": [palette.css(AXES[k][1]) for k in seen]},
-            "name": part.title,
-            "hovertemplate": "%{x}: %{y:.3~g} ± %{error_y.array:.2~g} (2σ)",
-        }
+            marker={"size": 9, "color": [palette.css(AXES[k][1]) for k in seen]},
+            hovertemplate="%{x}: %{y:.3~g} ± %{error_y.array:.2~g} (2σ)",
+        )
         panels.append(traces.Panel(f"{part.title},<br>{part.unit}", [points], {"zeroline": True}))
     return panels
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,6 +63,17 @@ def curve(x: Array, y: Array, name: str, colour: palette.Rgb, *, width: float = 
     }
 
 
+def markers(x: Sequence[object] | Array, y: Sequence[object] | Array, name: str, **more: Any) -> Trace:
+    """Points; more: how they look, and what else plotly is given."""
+    return {"type": "scatter", "mode": "markers", "x": x, "y": y, "name": name, **more}
+
+
+def densities(lines: Callable[[str], Sequence[Trace]]) -> list[Panel]:
+    """Both sensors over logarithmic axes; lines: of "gyro" or "accel"."""
+    units = {"gyro": "rad/s/√Hz", "accel": "m/s²/√Hz"}
+    return [Panel(f"{sensor}, {unit}", lines(sensor), {"type": "log"}) for sensor, unit in units.items()]
+
+
 def band(x: Array, y: Array, name: str, colour: palette.Rgb, opacity: float) -> Trace:
     """The area between zero and a line."""
     return curve(x, y, name, colour, width=0, fill="tozeroy", fillcolor=palette.rgba(colour, opacity))
@@ -103,19 +114,7 @@ def stack(panels: Sequence[Panel], x_title: str, *, spans: Sequence[tuple[float,
                 | ({"showlegend": False} if name in seen else {})
             )
             seen.add(name)
-    layout["shapes"] = [
-        {
-            "type": "rect",
-            "xref": "x",
-            "yref": "paper",
-            "x0": a,
-            "x1": b,
-            "y0": 0,
-            "y1": 1,
-            "fillcolor": palette.rgba(palette.IMU, 0.12),
-            "line": {"width": 1, "color": palette.rgba(palette.IMU, 0.35)},
-            "layer": "below",
-        }
-        for a, b in spans
-    ]
+    shade, edge = palette.rgba(palette.IMU, 0.12), {"width": 1, "color": palette.rgba(palette.IMU, 0.35)}
+    rectangle = {"type": "rect", "xref": "x", "yref": "paper", "y0": 0, "y1": 1, "layer": "below"}
+    layout["shapes"] = [rectangle | {"x0": a, "x1": b, "fillcolor": shade, "line": edge} for a, b in spans]
     return {"data": data, "layout": layout}

@@ -125,18 +125,11 @@ def _events(flight: Flight, reference: _Path) -> list[traces.Trace]:
         return []
     t = np.array([event.t for event in events])
     colours = [palette.HEADING if e.kind in {"armed", "disarmed"} else palette.AUTOPILOT for e in events]
-    return [
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "x": t,
-            "y": -np.interp(t, reference.t, reference.position[:, 2]),
-            "name": "arming and modes",
-            "marker": {"symbol": "diamond", "size": 8, "color": [palette.css(c) for c in colours]},
-            "text": [text(f"{event.kind}: {event.text}") for event in events],  # plotly reads <a href> in texts
-            "hovertemplate": "%{text}<extra></extra>",
-        }
-    ]
+    height = -np.interp(t, reference.t, reference.position[:, 2])
+    marker = {"symbol": "diamond", "size": 8, "color": [palette.css(colour) for colour in colours]}
+    words = [text(f"{event.kind}: {event.text}") for event in events]  # plotly reads <a href> in texts
+    shown = {"marker": marker, "text": words, "hovertemplate": "%{text}<extra></extra>"}
+    return [traces.markers(t, height, "arming and modes", **shown)]
 
 
 def _on_the_map(path: _Path) -> traces.Trace:
@@ -151,12 +144,5 @@ def _on_the_map(path: _Path) -> traces.Trace:
 
 
 def _spot(position: Array, name: str, symbol: str, colour: palette.Rgb = palette.AUTOPILOT) -> traces.Trace:
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "x": [float(position[1])],
-        "y": [float(position[0])],
-        "name": name,
-        "marker": {"symbol": symbol, "size": 10, "color": palette.css(colour)},
-        "hovertemplate": name,
-    }
+    marker = {"symbol": symbol, "size": 10, "color": palette.css(colour)}
+    return traces.markers([float(position[1])], [float(position[0])], name, marker=marker, hovertemplate=name)

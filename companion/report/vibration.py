@@ -24,12 +24,9 @@ def spectra(subject: Subject) -> Section:
     if spectrum is None:
         reason = "Not drawn: no stretch without a gap is long enough for a spectrum (32 samples)."
         return Section("spectra", title, paragraph(reason))
-    panels = [
-        traces.Panel("gyro, rad/s/√Hz", _densities(spectrum, spectrum.gyro, spec.gyro.noise_density), {"type": "log"}),
-        traces.Panel(
-            "accel, m/s²/√Hz", _densities(spectrum, spectrum.accel, spec.accel.noise_density), {"type": "log"}
-        ),
-    ]
+    panels = traces.densities(
+        lambda sensor: _densities(spectrum, getattr(spectrum, sensor), getattr(spec, sensor).noise_density)
+    )
     figure = traces.stack(panels, "frequency, Hz", type="log")
     caption = (
         f"Amplitude density of {comparison.track.source} by Welch's method, two-sided as N is: mean of "
@@ -58,11 +55,7 @@ def _side_by_side(subject: Subject, own: Spectrum) -> str:
             for name, s in by_imu.items()
         ]
 
-    panels = [
-        traces.Panel("gyro, rad/s/√Hz", lines("gyro"), {"type": "log"}),
-        traces.Panel("accel, m/s²/√Hz", lines("accel"), {"type": "log"}),
-    ]
-    figure = traces.stack(panels, "frequency, Hz", type="log")
+    figure = traces.stack(traces.densities(lines), "frequency, Hz", type="log")
     return subject.charts.add(figure, "Every IMU beside the others, root of the sum over its axes.", rows=3)
 
 
