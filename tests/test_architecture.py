@@ -1,4 +1,4 @@
-"""The house: mavlink → logs → telemetry → model ← strapdown ← estimation ← analysis ← app ← cli, never back up."""
+"""The house: mavlink → logs → telemetry → model ← strapdown ← estimation ← analysis ← app ← pages ← cli, never back."""
 
 from __future__ import annotations
 
@@ -44,12 +44,6 @@ MAY_IMPORT = {
     "app.live": GROUND | {"mavlink", "links", "telemetry", "analysis"},
     "app.running_verdict": GROUND
     | {"mavlink", "estimation", "analysis", "app.resources", "app.settings", "app.examination", "app.live"},
-    "pages": set[str](),
-    "pages.replay": GROUND
-    | {"analysis", "app.settings", "app.correction", "app.recording", "app.examination", "report", "view"},
-    "pages.live": GROUND | {"links", "analysis", "app.settings", "app.live", "app.running_verdict", "view"},
-    "pages.notebook": GROUND
-    | {"app.settings", "app.sensors", "app.recording", "app.examination", "pages.replay", "view"},
     "present": GROUND | {"strapdown", "estimation", "analysis"},
     "documents": GROUND | {"estimation", "analysis", "app.recording", "app.examination"},
     "export": GROUND | {"installation", "strapdown", "estimation", "analysis", "present"},
@@ -57,6 +51,12 @@ MAY_IMPORT = {
     "report": GROUND
     | {"installation", "strapdown", "estimation", "analysis", "app.settings", "app.recording", "app.examination"}
     | {"documents", "present", "view"},
+    "pages": set[str](),
+    "pages.replay": GROUND
+    | {"analysis", "app.settings", "app.correction", "app.recording", "app.examination", "report", "view"},
+    "pages.live": GROUND | {"links", "analysis", "app.settings", "app.live", "app.running_verdict", "view"},
+    "pages.notebook": GROUND
+    | {"app.settings", "app.sensors", "app.recording", "app.examination", "pages.replay", "view"},
     "fleet": GROUND
     | {"mavlink", "logs", "telemetry", "app.destination", "app.settings", "app.sensors", "app.recording"}
     | {"installation", "app.examination", "documents", "present", "export", "report"},

@@ -15,7 +15,7 @@ from rich.table import Table
 from companion.analysis import Assessment, Finding, rate_warning
 from companion.app.examination import Examination, Unexamined, examine, unexaminable
 from companion.app.recording import Source
-from companion.cli import many_logs, options, sensor_lines, tables
+from companion.cli import many_logs, options, parsers, sensor_lines, tables
 from companion.cli.info import reference_line
 from companion.cli.tables import SIGNS, status_text, wrapped
 from companion.documents import analysis_document, encode, unexamined_document
@@ -36,9 +36,9 @@ from companion.present import (
 )
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
-    parser = options.add_log_command(
+    parser = parsers.add_log_command(
         commands,
         run,
         "analyze",
@@ -47,10 +47,10 @@ def add_parser(commands: options.Commands) -> None:
         "companion analyze flight.tlog --imu RAW_IMU --horizons 1,5,10",
         takes_several=True,
     )
-    options.add_judgement(parser)
-    options.add_anchor(parser)
+    parsers.add_judgement(parser)
+    parsers.add_anchor(parser)
     parser.add_argument("--full", action="store_true", help="everything: all findings, all tables, the calibration")
-    options.add_json(parser)
+    parsers.add_json(parser)
     parser.add_argument(
         "--fail-on",
         choices=("suspect", "insufficient"),

@@ -7,13 +7,13 @@ import argparse
 from companion.app import destination
 from companion.app.correction import correction_text
 from companion.app.examination import assess_imu
-from companion.cli import options, sensor_lines, tables
+from companion.cli import options, parsers, sensor_lines, tables
 from companion.model import DataError
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
-    parser = options.add_log_command(
+    parser = parsers.add_log_command(
         commands,
         run,
         "calibrate",
@@ -21,11 +21,11 @@ def add_parser(commands: options.Commands) -> None:
         "The IMU's biases, scale, axes, mounting, lever arm and lag that best explain a flight, with their errors.",
         "companion calibrate flight.tlog -o imu.toml",
     )
-    options.add_flight_choice(parser)
-    options.add_integration(parser)
-    options.add_imu_model(parser)
+    parsers.add_flight_choice(parser)
+    parsers.add_integration(parser)
+    parsers.add_imu_model(parser)
     force = "replace FILE when it is there already, and write it when the flight is no good for it"
-    options.add_output(parser, "FILE", "write the correction for analyze --correction", force)
+    parsers.add_output(parser, "FILE", "write the correction for analyze --correction", force)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -13,7 +13,7 @@ from rich.table import Table
 from companion.analysis import Change, Contrast, DriftRow, Expected, contrast
 from companion.app.examination import Examination, examine
 from companion.app.recording import Recording
-from companion.cli import options, tables
+from companion.cli import options, parsers, tables
 from companion.documents import contrast_document, encode
 from companion.model import DataError, SettingsError, words
 from companion.present import CALIBRATED, QUANTITIES, clause, dominant, fixed, method_words
@@ -32,9 +32,9 @@ _OF_B = {
 _COLOURS = {"worse": "red", "better": "green", "same": "dim"}
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
-    parser = options.add_log_command(
+    parser = parsers.add_log_command(
         commands,
         run,
         "compare",
@@ -43,12 +43,12 @@ def add_parser(commands: options.Commands) -> None:
         "companion compare flight.tlog --correction-b imu.toml",
     )
     parser.add_argument("b", metavar="B", nargs="?", help="the other log (default: the same, with an option for B)")
-    options.add_judgement(parser)
+    parsers.add_judgement(parser)
     changed = parser.add_argument_group("what is different for B (all other options are for both)")
     for name, (value, what) in _OF_B.items():
         kind = int if name == "boot" else str
         changed.add_argument(f"--{name.replace('_', '-')}-b", metavar=value, type=kind, help=f"{what} of B")
-    options.add_json(parser)
+    parsers.add_json(parser)
     parser.add_argument(
         "--fail-on-worse",
         type=_share,

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import argparse
 
-from companion.cli import options
+from companion.cli import parsers
 
 SHELLS = ("bash", "zsh", "tcsh")
 _EXAMPLE = "companion completion bash > ~/.local/share/bash-completion/completions/companion"
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
     summary = "Print a script with which the shell completes commands, options and files."
     brief = "Completion for bash, zsh or tcsh"
-    parser = options.add_command(commands, run, "completion", brief, summary, _EXAMPLE)
+    parser = parsers.add_command(commands, run, "completion", brief, summary, _EXAMPLE)
     parser.add_argument("shell", choices=SHELLS, help="the shell to print it for")
 
 

@@ -9,15 +9,15 @@ from pathlib import Path
 from companion.analysis import Replay, ape
 from companion.app import destination
 from companion.app.examination import examine
-from companion.cli import options
+from companion.cli import options, parsers
 from companion.documents import analysis_document
 from companion.export import FORMATS, Contents, reckoning_of, tables
 from companion.model import DataError
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
-    parser = options.add_log_command(
+    parser = parsers.add_log_command(
         commands,
         run,
         "export",
@@ -25,9 +25,9 @@ def add_parser(commands: options.Commands) -> None:
         "A flight for other tools: evo, Foxglove, spreadsheets, notebooks.",
         "companion export flight.tlog --format mcap -o flight.mcap",
     )
-    options.add_judgement(parser)
+    parsers.add_judgement(parser)
     folders = ", ".join(name for name, one in FORMATS.items() if one.is_folder)
-    options.add_reanchor(parser)
+    parsers.add_reanchor(parser)
     parser.add_argument(
         "--format",
         required=True,

@@ -21,7 +21,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from companion.cli import options, tables
+from companion.cli import options, parsers, tables
 from companion.fleet import (
     MEMORY_GB,
     TIMEOUT_S,
@@ -48,11 +48,11 @@ _NAME_WIDTHS = (15, 33)  # at least, of 60 columns; at most, of 80
 _MOST = 10  # lines of each part of the summary: the page has them all
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
     summary = "Every flight of many logs, on all processors or a Dask cluster: tables in Parquet, and a page."
     brief = "Every flight of many logs: tables and one page"
-    parser = options.add_command(commands, run, "fleet", brief, summary, "companion fleet logs/ -o results")
+    parser = parsers.add_command(commands, run, "fleet", brief, summary, "companion fleet logs/ -o results")
     parser.add_argument("paths", metavar="PATH", nargs="+", help="logs, folders to search for logs, or patterns")
     parser.add_argument(
         "-o", "--output", metavar="DIR", required=True, help="output folder; logs already analysed in it are skipped"
@@ -68,9 +68,9 @@ def add_parser(commands: options.Commands) -> None:
     parser.add_argument(
         "--timeout", type=_positive, metavar="S", default=TIMEOUT_S, help=f"for one log (default: {TIMEOUT_S:g})"
     )
-    options.add_integration(parser)
-    options.add_imu_model(parser)
-    options.add_settings(parser)
+    parsers.add_integration(parser)
+    parsers.add_imu_model(parser)
+    parsers.add_settings(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

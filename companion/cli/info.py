@@ -14,7 +14,7 @@ from rich.table import Table
 
 from companion.analysis import Item, inventory, phases, used_aiding, used_imus
 from companion.app.recording import Recording, Source
-from companion.cli import many_logs, options, tables
+from companion.cli import many_logs, options, parsers, tables
 from companion.documents import encode, info_document
 from companion.model import Flight, SettingsError, counted
 from companion.present import severity_word, vehicle_words
@@ -23,9 +23,9 @@ _MOST_SHOWN = 16  # flights
 _WIDE = 1000  # columns: more than any table needs
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
-    parser = options.add_log_command(
+    parser = parsers.add_log_command(
         commands,
         run,
         "info",
@@ -34,7 +34,7 @@ def add_parser(commands: options.Commands) -> None:
         "companion info flight.tlog",
         takes_several=True,
     )
-    options.add_json(parser)
+    parsers.add_json(parser)
     parser.add_argument(
         "--verbose",
         action="store_true",
@@ -45,7 +45,7 @@ def add_parser(commands: options.Commands) -> None:
         action="store_true",
         help="one line per flight instead, with the rate of every sensor (Markdown, 25 columns)",
     )
-    options.add_core(parser)
+    parsers.add_core(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TextIO
 
 from companion.app.settings import Settings
-from companion.cli import options
+from companion.cli import parsers
 from companion.links import Address, Choice, Link, NotThereError, Recorder, Session, parse_address
 from companion.mavlink import load_key
 from companion.model import SettingsError, counted
@@ -39,7 +39,7 @@ def add_link(parser: argparse.ArgumentParser) -> None:
         metavar="LINK",
         help="udpin:HOST:PORT (wait for packets), udpout:, tcp:, tcpin:HOST:PORT, or a device: /dev/ttyACM0[:BAUD]",
     )
-    options.add_source(parser)
+    parsers.add_source(parser)
     parser.add_argument(
         "--vehicle", metavar="SYSID[:COMPID]", help="the vehicle to ask, or all (default: the first with an IMU)"
     )

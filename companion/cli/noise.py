@@ -15,7 +15,7 @@ from companion.app import destination
 from companion.app.examination import noise_of
 from companion.app.sensors import imu_model_text
 from companion.app.settings import Settings
-from companion.cli import options, tables
+from companion.cli import options, parsers, tables
 from companion.documents import encode, noise_document
 from companion.estimation import folded_gain, folded_onto
 from companion.export import kalibr_text
@@ -29,9 +29,9 @@ _FILES = {".yaml": "kalibr", ".yml": "kalibr", ".toml": "model"}
 _MOST_PEAKS = 4
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
-    parser = options.add_log_command(
+    parser = parsers.add_log_command(
         commands,
         run,
         "noise",
@@ -39,11 +39,11 @@ def add_parser(commands: options.Commands) -> None:
         "How noisy the IMUs are: Allan deviation at rest, spectra and vibration in flight.",
         "companion noise flight.tlog -o imu.yaml",
     )
-    options.add_flight_choice(parser)
+    parsers.add_flight_choice(parser)
     parser.add_argument("--imu", metavar="NAME", help="this IMU message alone (default: every one)")
-    options.add_imu_model(parser)
-    options.add_json(parser)
-    options.add_output(
+    parsers.add_imu_model(parser)
+    parsers.add_json(parser)
+    parsers.add_output(
         parser,
         "PATH",
         "write the noise of --imu, else of the default IMU: FILE.yaml for Kalibr, FILE.toml for --imu-model, or a "

@@ -5,17 +5,17 @@ from __future__ import annotations
 import argparse
 import time
 
-from companion.cli import live, options
+from companion.cli import live, options, parsers
 from companion.links import Recorder, Session
 from companion.model import SettingsError
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
     summary = "Attach to a vehicle or simulator, ask for its IMU, and record a telemetry log until Ctrl-C."
     example = "companion record udpin:0.0.0.0:14550 -o flight.tlog"
     brief = "Record a link into a .tlog, at the rates that are needed"
-    parser = options.add_command(commands, run, "record", brief, summary, example)
+    parser = parsers.add_command(commands, run, "record", brief, summary, example)
     live.add_link(parser)
     parser.add_argument("--duration", type=float, metavar="S", help="end after so many seconds")
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from companion.cli import live, options
+from companion.cli import live, options, parsers
 from companion.links import Address, Port, open_port, parse_address, play
 from companion.logs import log_format
 from companion.mavlink import load_dialect
@@ -16,9 +16,9 @@ from companion.model import DataError, InputError, SettingsError
 _WAITING = ("udpin", "tcpin", "tcp")  # links on which somebody else has to speak or listen first
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
-    parser = options.add_log_command(
+    parser = parsers.add_log_command(
         commands,
         run,
         "replay",

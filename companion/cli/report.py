@@ -9,12 +9,12 @@ from pathlib import Path
 
 from companion.app import destination
 from companion.app.examination import examine, unexaminable
-from companion.cli import options
+from companion.cli import options, parsers
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
-    parser = options.add_log_command(
+    parser = parsers.add_log_command(
         commands,
         run,
         "report",
@@ -22,8 +22,8 @@ def add_parser(commands: options.Commands) -> None:
         "One HTML file with the verdict, the charts and the 3D playback of a flight: to mail, to print, to keep.",
         "companion report flight.tlog -o report.html",
     )
-    options.add_judgement(parser)
-    options.add_output(parser, "FILE", "where to write it (default: LOG's name, .html, here)")
+    parsers.add_judgement(parser)
+    parsers.add_output(parser, "FILE", "where to write it (default: LOG's name, .html, here)")
     parser.add_argument("--no-playback", action="store_true", help="leave the 3D playback out: a smaller file")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from companion.analysis import ImuSpec, SensorSpec
 from companion.app import destination
 from companion.app.sensors import ardupilot_id, load_imu_spec
-from companion.cli import live, options
+from companion.cli import live, options, parsers
 from companion.links import open_port, parse_address
 from companion.model import SettingsError
 from companion.simulate import MOTIONS, PARAMETERS, Faults, SimulatedVehicle, fly, serve, write_flight
@@ -28,12 +28,12 @@ _WRITTEN = {
 _DEFAULT_PART = "icm-42688-p"
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
     summary = "Fly a simulated vehicle whose truth is known, on a link or into a telemetry log."
     example = "companion simulate udpout:127.0.0.1:14550 --duration 120"
     brief = "A simulated vehicle, on a link or into a .tlog"
-    parser = options.add_command(commands, run, "simulate", brief, summary, example)
+    parser = parsers.add_command(commands, run, "simulate", brief, summary, example)
     parser.add_argument("link", metavar="LINK", nargs="?", help="udpout:HOST:PORT, tcpin:HOST:PORT, ...")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the whole flight into this .tlog instead")
     parser.add_argument("--motion", choices=sorted(MOTIONS), default="square", help="motion (default: square)")
@@ -43,7 +43,7 @@ def add_parser(commands: options.Commands) -> None:
     parser.add_argument("--duration", type=float, default=600.0, metavar="S", help="seconds (default: 600)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="the same seed gives the same flight")
     parser.add_argument("--sysid", type=int, default=1, metavar="N", help="MAVLink system id (default: 1)")
-    options.add_imu_model(parser)
+    parsers.add_imu_model(parser)
     parser.add_argument(
         "--imu-filter",
         type=float,

@@ -13,7 +13,7 @@ from companion.analysis import AutopilotError, Limits, autopilot_error, noise_in
 from companion.app import destination
 from companion.app.examination import integration_of
 from companion.app.sensors import imu_spec_of
-from companion.cli import options, tables
+from companion.cli import options, parsers, tables
 from companion.documents import encode, estimate_document
 from companion.estimation import CONSTANTS, SLOPED, BestEstimate, Explained, kind_of, probabilities, smooth
 from companion.export import write_estimate_tum
@@ -39,9 +39,9 @@ _NEEDS = {
 """Constant of the flight → the aiding sensor without which nothing is known of it."""
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
-    parser = options.add_log_command(
+    parser = parsers.add_log_command(
         commands,
         run,
         "smooth",
@@ -49,10 +49,10 @@ def add_parser(commands: options.Commands) -> None:
         "Where it really was: the best estimate of the trajectory from all sensors, independent of the EKF.",
         "companion smooth flight.tlog -o best.tum",
     )
-    options.add_flight_choice(parser)
+    parsers.add_flight_choice(parser)
     parser.add_argument("--imu", metavar="NAME", help="IMU message that carries the estimate (default: the best)")
-    options.add_json(parser)
-    options.add_output(parser, "FILE.tum", "write the trajectory, a pose for each IMU sample")
+    parsers.add_json(parser)
+    parsers.add_output(parser, "FILE.tum", "write the trajectory, a pose for each IMU sample")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -8,16 +8,16 @@ import sys
 import webbrowser
 from pathlib import Path
 
-from companion.cli import live, options
+from companion.cli import live, options, parsers
 from companion.links import is_link
 from companion.model import SettingsError
 
 _OF_LINKS = ("rate", "listen-only", "signing-key-file", "wait", "output", "no-record")
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
-    parser = options.add_log_command(
+    parser = parsers.add_log_command(
         commands,
         run,
         "view",
@@ -27,9 +27,9 @@ def add_parser(commands: options.Commands) -> None:
         "companion view flight.tlog --open, companion view udpin:0.0.0.0:14550",
         takes_link=True,
     )
-    options.add_flight_choice(parser)
-    options.add_integration(parser)
-    options.add_imu_model(parser)
+    parsers.add_flight_choice(parser)
+    parsers.add_integration(parser)
+    parsers.add_imu_model(parser)
     parser.add_argument("--host", help="address to serve on (default: 127.0.0.1, this computer alone)")
     parser.add_argument(
         "--port", type=int, help="port to serve on, 0 for any free one (default: 8080; the next free one when taken)"
@@ -40,9 +40,9 @@ def add_parser(commands: options.Commands) -> None:
         default=None,
         help="let in only who has the token in the address, on 127.0.0.1 too (with another --host: always)",
     )
-    options.add_reanchor(parser)
+    parsers.add_reanchor(parser)
     parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
-    options.add_anchor(parser)
+    parsers.add_anchor(parser)
     parser.add_argument(
         "--map", action="store_true", help="show a map of the ground from the start: its tiles come from the network"
     )

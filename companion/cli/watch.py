@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from companion.app.running_verdict import Assignment, RunningVerdict
-from companion.cli import live, options
+from companion.cli import live, options, parsers
 from companion.links import Recorder, Session, announce
 from companion.model import SettingsError
 
@@ -27,12 +27,12 @@ _WORDS = {
 """What is announced; other states are nobody's business in flight."""
 
 
-def add_parser(commands: options.Commands) -> None:
+def add_parser(commands: parsers.Commands) -> None:
     """Register the command."""
     summary = "Judge a vehicle while it flies, without a page: one JSON line a second on stdout, and a recording."
     example = "companion watch /dev/ttyACM0 --fail-on suspect | jq .status"
     brief = "Judge a vehicle while it flies: one JSON line a second"
-    parser = options.add_command(commands, run, "watch", brief, summary, example)
+    parser = parsers.add_command(commands, run, "watch", brief, summary, example)
     live.add_link(parser)
     parser.set_defaults(wait=float("inf"))
     parser.add_argument("--imu", metavar="MESSAGE", help="IMU message to judge (default: the best that comes)")

@@ -60,9 +60,9 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True):
 
 
 MAKING = {
-    "model", "mavlink", "installation", "logs", "telemetry", "strapdown", "estimation", "analysis", "app.resources",
-    "app.toml_file", "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination", "documents",
-    "fleet",
+    "model", "mavlink", "installation", "logs", "telemetry", "strapdown", "constants.healthy", "constants.harm",
+    "constants.priors", "constants.num", "constants.check", "estimation", "analysis", "app.resources", "app.toml_file",
+    "app.settings", "app.sensors", "app.correction", "app.recording", "app.examination", "documents", "fleet",
 }  # fmt: skip
 """The parts of the program that a row comes out of."""
 

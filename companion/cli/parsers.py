@@ -1,0 +1,159 @@
+"""The options that several commands share, as argparse has them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+
+from companion.model import IMU_MESSAGES
+from companion.strapdown import METHODS, MIDDLES
+
+Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+Run = Callable[[argparse.Namespace], int]
+Parser = argparse.ArgumentParser
+
+
+def add_command(commands: Commands, run: Run, name: str, brief: str, summary: str, example: str) -> Parser:
+    """A command. brief: what it does, in one line of a list; summary: the same in a sentence or two."""
+    parser = commands.add_parser(name, help=brief, description=summary, epilog=f"example: {example}")
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_log_command(
+    commands: Commands,
+    run: Run,
+    name: str,
+    brief: str,
+    summary: str,
+    example: str,
+    *,
+    takes_link: bool = False,
+    takes_several: bool = False,
+) -> Parser:
+    """A command that takes a log, with the options that every such command has.
+
+    takes_link: or a link. takes_several: `arguments.logs` are the logs, folders and patterns.
+    """
+    parser = add_command(commands, run, name, brief, summary, example)
+    log = "a log: .tlog, ArduPilot .bin or .log, PX4 .ulg; demo for the bundled flight; - for stdin"
+    link = "; or a link: udpin:HOST:PORT, tcp:HOST:PORT, /dev/ttyACM0[:BAUD]" if takes_link else ""
+    if takes_several:
+        parser.add_argument("logs", metavar="LOG", nargs="+", help=log)
+    else:
+        parser.add_argument("log", metavar="LOG|LINK" if takes_link else "LOG", help=log + link)
+    parser.set_defaults(piped=None)
+    add_settings(parser)
+    return parser
+
+
+def add_json(parser: Parser) -> None:
+    """The results for programs."""
+    parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
+
+
+def add_output(parser: Parser, metavar: str, help: str, force: str = "replace what is there already") -> None:
+    """Where to write."""
+    parser.add_argument("-o", "--output", metavar=metavar, help=help)
+    parser.add_argument("--force", action="store_true", help=force)
+
+
+def add_reanchor(parser: Parser) -> None:
+    """How long the IMU is integrated alone."""
+    parser.add_argument(
+        "--reanchor",
+        dest="reanchor_s",
+        type=float,
+        metavar="S",
+        help="restart from the autopilot's state every S seconds; 0: never (default: 10)",
+    )
+
+
+def add_source(parser: Parser) -> None:
+    """Where settings come from, and the one that is needed to read messages."""
+    parser.add_argument("--config", metavar="FILE", help="settings file; config/default.toml describes every key")
+    parser.add_argument("--dialect", metavar="NAME", help="MAVLink dialect (default: ardupilotmega)")
+
+
+def add_settings(parser: Parser) -> None:
+    """The same, and the one that is needed to read a log."""
+    add_source(parser)
+    parser.add_argument(
+        "--max-size",
+        type=float,
+        metavar="GB",
+        help="the most that a compressed log may grow to, and that stdin may have (default: 0.8)",
+    )
+
+
+def add_flight_choice(parser: Parser) -> None:
+    """Which of the log's flights."""
+    parser.add_argument(
+        "--vehicle", metavar="SYSID[:COMPID]", help="the vehicle (default: the one with the most IMU data)"
+    )
+    parser.add_argument("--boot", type=int, metavar="N", help="the vehicle's N-th boot in the log, from 1")
+    add_core(parser)
+
+
+def add_core(parser: Parser) -> None:
+    """Which of the estimates in an on-board log."""
+    parser.add_argument(
+        "--core",
+        type=int,
+        metavar="N",
+        help="the EKF core of a .bin to compare with, from 0 (default: the one that flew)",
+    )
+
+
+def add_integration(parser: Parser) -> None:
+    """Which IMU, integrated how."""
+    parser.add_argument(
+        "--imu",
+        metavar="NAME",
+        help=f"message to integrate: {', '.join(IMU_MESSAGES)}, or a track of an on-board log "
+        "(default: depends on the autopilot, and is stated)",
+    )
+    parser.add_argument("--method", choices=METHODS, help="integrator (default: rk4)")
+    parser.add_argument("--middle", choices=MIDDLES, help="the signal between two samples (default: cubic)")
+
+
+def add_imu_model(parser: Parser) -> None:
+    """What the IMU is expected to be like."""
+    parser.add_argument(
+        "--imu-model",
+        metavar="NAME",
+        help="part of config/imu, or a .toml file like those (default: what the parameters name, else generic-mems)",
+    )
+
+
+def add_judgement(parser: Parser) -> None:
+    """How a flight is examined: which IMU of which flight, what it should be like, over which windows."""
+    add_flight_choice(parser)
+    add_integration(parser)
+    add_imu_model(parser)
+    parser.add_argument("--correction", metavar="FILE", help="take the errors out that companion calibrate found")
+    parser.add_argument("--horizons", type=_horizons, metavar="S,S,...", help="seconds (default: 1,2,5,10,30)")
+
+
+def add_anchor(parser: Parser) -> None:
+    """Where dead reckoning starts from."""
+    parser.add_argument(
+        "--anchor",
+        choices=("autopilot", "rest"),
+        default="autopilot",
+        help="rest: align the IMU by itself where the vehicle first stands still, and dead-reckon from there on "
+        "(default: autopilot)",
+    )
+
+
+def _horizons(text: str) -> tuple[float, ...]:
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if not values or not all(np.isfinite(v) and v > 0 for v in values):
+        raise argparse.ArgumentTypeError(f"must be positive seconds like 1,5,10, got {text!r}")
+    return values
