@@ -52,7 +52,7 @@ class Examination:
     correction: str | None  # the file that was applied
     alignment: Alignment | None  # the IMU aligned by itself at rest, where that was requested
 
-    @property
+    @cached_property
     def gaps(self) -> Mapping[str, int]:
         """Gaps of each IMU message."""
         return _gaps(self.flight, self.assessment.comparison.how.limits)

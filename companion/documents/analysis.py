@@ -35,7 +35,7 @@ def analysis_document(source: Source, examined: Examination) -> Document:
     """An examined flight."""
     assessment = examined.assessment
     table, comparison, noise = assessment.drift, assessment.comparison, assessment.measured_noise
-    expected = dict(zip((row.horizon_s for row in table.rows), assessment.expected, strict=True))
+    rows = list(zip(table.rows, assessment.expected, strict=True))
     return _analysis(
         source,
         examined,
@@ -47,7 +47,7 @@ def analysis_document(source: Source, examined: Examination) -> Document:
         gravity_mps2=comparison.how.gravity,
         correction=examined.correction,
         notes=[*examined.flight.notes, *table.notes],
-        drift=[_drift(row, expected[row.horizon_s]) for row in table.rows],
+        drift=[_drift(row, expected) for row, expected in rows],
         figures={
             **of(assessment.figures, "name", "reason"),
             "measured_gyro_noise": noise.gyro,
@@ -55,15 +55,12 @@ def analysis_document(source: Source, examined: Examination) -> Document:
         },
         consistency=[
             {
-                "horizon_s": horizon,
-                **_by_quantity(allowed.inside),
-                "judged": {
-                    "windows": assessment.agreements[horizon].windows,
-                    **_by_quantity(assessment.agreements[horizon].inside),
-                },
+                "horizon_s": row.horizon_s,
+                **_by_quantity(expected.inside),
+                "judged": {"windows": judged.windows, **_by_quantity(judged.inside)},
             }
-            for horizon, allowed in expected.items()
-            if allowed is not None
+            for row, expected in rows
+            if expected is not None and (judged := assessment.agreements[row.horizon_s])
         ],
         calibration=_calibration(assessment),
         rests=[

@@ -32,8 +32,8 @@ class CalibratedPart:
 CALIBRATED: Mapping[str, CalibratedPart] = {
     "gyro_bias": CalibratedPart("gyro bias", "mrad/s", 1e3, 2, "rad/s"),
     "accel_bias": CalibratedPart("accelerometer bias", "m/s²", 1.0, 3, "m/s²"),
-    "gyro_scale": CalibratedPart("gyro scale", "%", 1e2, 2, ""),
-    "accel_scale": CalibratedPart("accelerometer scale", "%", 1e2, 2, ""),
+    "gyro_scale": CalibratedPart("gyro scale", "%", 1e2, 3, ""),
+    "accel_scale": CalibratedPart("accelerometer scale", "%", 1e2, 3, ""),
     "gyro_misalignment": CalibratedPart(
         "gyro axes", "°", _DEGREES, 2, "rad", ("xy", "xz", "yx", "yz", "zx", "zy")
     ),
