@@ -127,7 +127,9 @@ MIN_FIXES = 5
 GUESS_S = 2.0  # of a keyframe, either way: forces and fields whose mean the first guess is made of
 MIN_SAMPLES = 20
 MIN_INTERVALS = 8  # between keyframes, without a gap
-MIN_RATE_HZ = 8.0  # below it a keyframe interval has no motion of its own between two samples
+MIN_RATE_HZ = 1.5  # below it two samples are further apart than a gap that is bridged
+BRIDGED_GAP_S = 1.0  # in a longer one a vehicle may have turned by more than is linear
+BRIDGED_LAGS = 4  # at which the structure function is taken
 
 # Evidence and the scan over hypotheses
 BEAT_S = 5.0  # for which aliased vibration may keep its sign: its mean falls with the time beyond

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.constants import harm, num, priors
+from companion.constants import harm, healthy, num, priors
 from companion.estimation.differences import Differences
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, VELOCITY
 from companion.estimation.phrases import Phrase, by_axes, by_length, by_number, by_turn_of_the_field
@@ -282,11 +282,10 @@ KINDS: tuple[Kind, ...] = (
          by_number("the compass turns by {:.0f} ± {:.0f}° in its mounting", _DEGREES),
          "Look at the mounting of the compass, and at its orientation setting.",
          "compass", "rad", ("step", "ramp", "pulse"), 0.5, 0.1, _rotation, rate=0.01),
-    # 30 % of the field is what ArduPilot's CompassMot still calls acceptable of motor currents
     Kind("compass_iron", "a magnet or a current comes near the compass",
          by_length("the compass", "µT"),
          "Look for currents and iron near the compass: motors, cables.",
-         "compass", "µT", ("step", "pulse"), 30.0, 15.0, _shift("compass"), rate=0.1),
+         "compass", "µT", ("step", "pulse"), 30.0, healthy.USUAL_IRON, _shift("compass"), rate=0.1),
     Kind("barometer", "the barometer jumps or creeps",
          by_length("the barometer", "m"),
          "Shield it from wind and light.",
