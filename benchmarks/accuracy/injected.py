@@ -26,14 +26,12 @@ from benchmarks.accuracy.answer import Answer, answer
 from benchmarks.accuracy.cutting import cut, thinned
 from benchmarks.accuracy.estimated import replaced, shifted
 from benchmarks.accuracy.faults import FAULTS, Fault
-from benchmarks.accuracy.labels import recordings
+from benchmarks.accuracy.labels import SHARED, recordings
 from benchmarks.accuracy.parallel import Failed, each
 from benchmarks.accuracy.power import table
 from benchmarks.accuracy.reliability import reliability
 from companion.app.recording import read_recording
 from companion.model import DataError, Flight
-
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "tlogs"
 
 STANDARD = (
     "sitl/copter-demo-100hz.tlog",
