@@ -118,7 +118,8 @@ def _stated(outcomes: Iterable[Row]) -> Iterator[Stated]:
     """Verdicts that say who is wrong, or that nobody is."""
     for row in outcomes:
         if row.said is not None and row.said.side != "cannot_tell":
-            yield row.group, row.said.stated, row.outcome == "right"
+            owner, named, _ = Path(row.log).name.partition("__")
+            yield owner if named else row.group, row.said.stated, row.outcome == "right"
 
 
 def wrong_reason(row: Row) -> bool:
