@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.accuracy.cutting import cut, every_imu, with_twin
 from companion.estimation import setup
-from companion.estimation.earth_field import EarthField
+from companion.estimation.earth_field import EarthField, field_at
 from companion.model import (
     Array,
     Epoch,
@@ -211,7 +211,6 @@ def turned(flight: Flight, angle: float) -> Flight:
 @contextlib.contextmanager
 def _field(change: Callable[[EarthField], EarthField], place: Callable[[Origin], Origin]) -> Iterator[None]:
     """The model of the Earth's field changed, in this process, for a ground that was turned or moved."""
-    field_at = setup.field_at
 
     def changed(origin: Origin | None, epoch: Epoch | None) -> EarthField | None:
         field = field_at(None if origin is None else place(origin), epoch)

@@ -327,8 +327,8 @@ def main() -> int:
         rows = _run(judged_at_detectable, drawn, chosen)
         print(detectable_table(rows, {name: one.unit for name, one in STATED.items()}))
     else:
-        sizes = "middle" if chosen.quick else chosen.sizes
-        rows = _run(judged, cases(paths, sizes=sizes, shift=chosen.shift, only=chosen.only), chosen)
+        chosen.sizes = "middle" if chosen.quick else chosen.sizes
+        rows = _run(judged, cases(paths, sizes=chosen.sizes, shift=chosen.shift, only=chosen.only), chosen)
         print(table(rows, {fault.name: fault.unit for fault in FAULTS}))
     claims = [(r.vehicle, r.stated, r.result in ("found", "clear")) for r in rows if r.result not in _UNSTATED]
     print(f"\n{reliability(claims)}\n")

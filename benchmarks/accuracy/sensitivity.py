@@ -30,7 +30,7 @@ from companion.analysis import constant_faults
 from companion.app.recording import read_recording
 from companion.estimation import Kind, search, smoother
 from companion.estimation.choice import Choice
-from companion.estimation.evidence import Trial
+from companion.estimation.evidence import Trial, trial
 from companion.model import Array, CompanionError
 
 QUICK = (
@@ -62,7 +62,7 @@ def fault_rates(times: float) -> Iterator[None]:
 @contextlib.contextmanager
 def log_evidence(times: float) -> Iterator[None]:
     """The log evidence of every hypothesis multiplied, in this process."""
-    trial, moved, constant = search.trial, smoother._as_moved, constant_faults.fault_probabilities
+    moved, constant = smoother._as_moved, constant_faults.fault_probabilities
 
     def weaker(*args: Any, **keywords: Any) -> Trial:
         one = trial(*args, **keywords)

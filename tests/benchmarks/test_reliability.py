@@ -35,7 +35,8 @@ def test_verdicts_that_are_right_as_often_as_stated_lie_on_the_diagonal() -> Non
 
 
 def test_vehicles_of_which_too_few_sure_verdicts_were_right_are_named() -> None:
-    claims: list[Stated] = [("good", 0.99, True)] * 19 + [("good", 0.99, False)]
+    claims: list[Stated] = []
+    claims += [("good", 0.99, True)] * 19 + [("good", 0.99, False)]
     claims += [("edge", 0.95, True)] * 9 + [("edge", 0.95, False)]
     claims += [("bad", 0.97, True)] * 8 + [("bad", 0.97, False)] * 2 + [("unsure", 0.6, False)] * 5
     summary = reliability(claims).splitlines()[-1]
