@@ -31,7 +31,7 @@ from benchmarks.accuracy.parallel import Failed, each
 from benchmarks.accuracy.power import detectable_table, table
 from benchmarks.accuracy.reliability import reliability
 from companion.app.recording import read_recording
-from companion.model import DataError, Flight
+from companion.model import CompanionError, DataError, Flight
 
 STANDARD = (
     "sitl/copter-demo-100hz.tlog",
@@ -225,9 +225,12 @@ def _untouched(case: Case, flight: Flight, healthy: Flight | None) -> list[Row]:
         if one is None:
             continue
         began = time.process_time()
-        said = answer(as_logged(one, thin=case.thin))
         results: dict[str, Result] = {"none": "clear", "cannot_tell": "cannot tell"}
-        result = results.get(said.side, "false alarm")
+        try:
+            said: Answer | Failed = answer(as_logged(one, thin=case.thin))
+        except Exception as error:  # noqa: BLE001  (a failure is a row)
+            said = Failed(f"{type(error).__name__}: {error}")
+        result = "failed" if isinstance(said, Failed) else results.get(said.side, "false alarm")
         rows.append(_made(case, name, 0.0, result, said, None, began, cause=False))
     return rows
 
@@ -276,7 +279,12 @@ def as_logged(flight: Flight, *, thin: bool) -> Flight:
 def _at_each_rate(paths: Sequence[Path]) -> Iterator[tuple[str, int, str, bool]]:
     """Log, flight, vehicle, and whether it is thinned to 25 Hz."""
     for path in paths:
-        for number, flight in enumerate(read_recording(path).flights):
+        try:
+            flights = read_recording(path).flights
+        except CompanionError as error:
+            print(f"{path.name}: {error}", file=sys.stderr)
+            continue
+        for number, flight in enumerate(flights):
             if flight.imus:
                 for thin in [False] * (flight.imu().rate_hz >= FAST_HZ) + [True]:
                     yield str(path), number, vehicle_of(path), thin
