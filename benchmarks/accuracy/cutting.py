@@ -67,21 +67,22 @@ def alone(flight: Flight) -> Flight:
 def with_twin(flight: Flight) -> Flight:
     """The flight with one IMU more, that reads what the one that is integrated does, and its own noise.
 
-    As much as that has from one sample to the next.
+    As much as that has from one sample to the next, and in the same whole steps, cut towards zero.
     """
     own, rng = flight.imu(), np.random.default_rng(1)
 
-    def noisy(readings: Array, least: float) -> Array:
-        scatter = np.diff(readings, axis=0).std(axis=0) / np.sqrt(2.0)
-        return np.asarray(readings + np.maximum(scatter, least) * rng.normal(size=readings.shape))
+    def noisy(readings: Array, least: float, step: float) -> Array:
+        change = np.median(np.abs(np.diff(readings, axis=0)), axis=0)  # of motion seldom
+        new = readings + np.maximum(1.05 * change, least) * rng.normal(size=readings.shape)  # σ √2 Φ⁻¹(3/4) = 0.95 σ
+        return np.asarray(np.trunc(new / step) * step if step else new)
 
     twin = replace(
         own,
         source="TWIN",
         instance=1 + max(track.instance for track in flight.imus.values()),
         device_id=None,
-        gyro=noisy(own.gyro, _TWIN[0]),
-        accel=noisy(own.accel, _TWIN[1]),
+        gyro=noisy(own.gyro, _TWIN[0], own.gyro_step),
+        accel=noisy(own.accel, _TWIN[1], own.accel_step),
     )
     return replace(flight, imus={**flight.imus, "TWIN": twin})
 
