@@ -261,6 +261,8 @@ def _turn(degrees: float) -> Change:
     return Change(lambda flight: turned(flight, angle), lambda: turned_ground(angle))
 
 
+TWIN = "a twin as second IMU"
+
 CHANGES: Mapping[str, Change] = {
     "as it is": Change(lambda flight: flight),
     "without its first 5 s": Change(lambda f: cut(f, f.start + _CUT_S, f.start + f.duration + 1.0)),
@@ -278,5 +280,5 @@ CHANGES: Mapping[str, Change] = {
     "attitude at 2 Hz": Change(lambda f: slower_attitude(f, 2.0)),
     "attitude at 1 Hz": Change(lambda f: slower_attitude(f, 1.0)),
     "GPS at 1 Hz": Change(_slow_gps),
-    "a twin as second IMU": Change(with_twin),
+    TWIN: Change(with_twin),
 }

@@ -22,7 +22,7 @@ import msgspec
 import numpy as np
 
 from benchmarks.accuracy.answer import Answer, answer
-from benchmarks.accuracy.changes import CHANGES
+from benchmarks.accuracy.changes import CHANGES, TWIN
 from benchmarks.accuracy.cutting import cut
 from benchmarks.accuracy.imperfect import is_off
 from benchmarks.accuracy.injected import NO_LOGS, logs_of
@@ -307,9 +307,16 @@ def main() -> int:
 
 
 def cases(path: Path, names: Sequence[str], labels: Sequence[Label]) -> list[Case]:
-    """Every change of a recording; its on-board log where there is one, its windows where there is a label."""
+    """Every change of a recording; its on-board log where there is one, its windows where there is a label.
+
+    An IMU that is wrong gets no twin, which would be as wrong.
+    """
     label = next((one for one in labels if one.matches(name_of(path))), None)
-    possible = {BOARD: ON_BOARD.get(_unpacked(name_of(path))) is not None, WINDOW: label is not None}
+    possible = {
+        BOARD: ON_BOARD.get(_unpacked(name_of(path))) is not None,
+        WINDOW: label is not None,
+        TWIN: label is None or label.truth != "imu",
+    }
     return [Case(path, name, label) for name in names if possible.get(name, True)]
 
 
