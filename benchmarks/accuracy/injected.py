@@ -62,7 +62,7 @@ _SHORTEST_S = 25.0
 _ONSETS = (0.35, 0.5, 0.65)  # as a share of the flight
 _UNSTATED: tuple[Result, ...] = ("cannot tell", "failed")
 _EARLY_S = 10.0  # what is said to have begun longer before the fault is not the fault
-_BOTH = (True, False)  # whether the estimator follows the sensors
+_ESTIMATES = {False: "none, recorded estimate", True: "none, the EKF's estimate"}  # whether it follows the sensors
 _SLOW_HZ, FAST_HZ, _LOW_HZ = 50.0, 95.0, 25.0
 
 Result = Literal["found", "wrong", "missed", "cannot tell", "early", "failed", "clear", "false alarm"]
@@ -176,8 +176,11 @@ def judged_at_detectable(case: Drawn) -> list[Row]:
     known, healthy = estimator(flight)
     followed_up = flight if is_slow(flight) or healthy is None else healthy
     random = np.random.default_rng(case.seed)
-    untouched = {sensed: answer(as_logged(flight if not sensed else followed_up, thin=case.thin)) for sensed in _BOTH}
-    rows = []
+    rows, untouched = [], {}
+    for sensed, name in _ESTIMATES.items():
+        began = time.process_time()
+        untouched[sensed] = answer(as_logged(followed_up if sensed else flight, thin=case.thin))
+        rows.append(_healthy(case, name, untouched[sensed], began))
     for name, fault in STATED.items():
         before = untouched[fault.sensed]
         if before.side != "none" or name not in before.smallest or (fault.sensed and known is None):
@@ -221,18 +224,22 @@ def followed(wrong: Flight, flight: Flight, known: ekf.SetUp | None, healthy: Fl
 
 def _untouched(case: Case, flight: Flight, healthy: Flight | None) -> list[Row]:
     rows = []
-    for name, one in (("none, recorded estimate", flight), ("none, the EKF's estimate", healthy)):
+    for name, one in zip(_ESTIMATES.values(), (flight, healthy), strict=True):
         if one is None:
             continue
         began = time.process_time()
-        results: dict[str, Result] = {"none": "clear", "cannot_tell": "cannot tell"}
         try:
             said: Answer | Failed = answer(as_logged(one, thin=case.thin))
         except Exception as error:  # noqa: BLE001  (a failure is a row)
             said = Failed(f"{type(error).__name__}: {error}")
-        result = "failed" if isinstance(said, Failed) else results.get(said.side, "false alarm")
-        rows.append(_made(case, name, 0.0, result, said, None, began, cause=False))
+        rows.append(_healthy(case, name, said, began))
     return rows
+
+
+def _healthy(case: Case | Drawn, name: str, said: Answer | Failed, began: float) -> Row:
+    results: dict[str, Result] = {"none": "clear", "cannot_tell": "cannot tell"}
+    result = "failed" if isinstance(said, Failed) else results.get(said.side, "false alarm")
+    return _made(case, name, 0.0, result, said, None, began, cause=False)
 
 
 def _row(

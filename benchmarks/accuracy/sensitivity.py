@@ -28,6 +28,7 @@ from benchmarks.accuracy.labels import SHARED, Label, Outcome, load_labels, name
 from benchmarks.accuracy.parallel import Failed, each
 from companion.analysis import constant_faults
 from companion.app.recording import read_recording
+from companion.constants import priors
 from companion.estimation import Kind, search, smoother
 from companion.estimation.choice import Choice
 from companion.estimation.evidence import Trial, trial
@@ -54,7 +55,7 @@ def fault_rates(times: float) -> Iterator[None]:
 
     with (
         mock.patch.object(Kind, "rate_of", scaled),
-        mock.patch.object(constant_faults, "_RATE", times * constant_faults._RATE),
+        mock.patch.object(priors, "FAULTY_IMU", times * priors.FAULTY_IMU),
     ):
         yield
 
@@ -74,7 +75,7 @@ def log_evidence(times: float) -> Iterator[None]:
         return replace(one, log_odds=max(own, times * one.log_odds))
 
     def weaker_constant(*args: Any, **keywords: Any) -> Array:
-        prior = _log_odds(np.asarray(constant_faults._RATE))
+        prior = _log_odds(np.asarray(priors.FAULTY_IMU))
         odds = prior + times * (_log_odds(constant(*args, **keywords)) - prior)
         return np.asarray(1.0 / (1.0 + np.exp(-odds)))
 
