@@ -81,12 +81,13 @@ def examine(
     correction: str | Path | None = None,
     how: Integration | None = None,
     anchor: str = "autopilot",
+    confusion: bool = False,
 ) -> Examination:
     """The whole analysis of a flight.
 
     imu: the message to integrate; imu_model: a part of config/imu in place of the one that the vehicle names;
     correction: a file of `companion calibrate`; how: in place of what the settings say; anchor: "rest" aligns the IMU
-    by itself too.
+    by itself too; confusion: find out from which size on faults are told from their rivals, which takes seconds.
 
     Raises DataError when the flight has no usable IMU, no attitude or, for that, no rest; InputError and SettingsError
     for files that cannot be read.
@@ -100,7 +101,7 @@ def examine(
     """
     check_anchor(anchor)
     with _cannot_tell():
-        return _examined(flight, settings, imu, imu_model, correction, how, anchor)
+        return _examined(flight, settings, imu, imu_model, correction, how, anchor, confusion)
 
 
 def check_anchor(anchor: str) -> None:
@@ -129,8 +130,11 @@ def _examined(
     correction: str | Path | None,
     how: Integration | None,
     anchor: str,
+    confusion: bool,
 ) -> Examination:
-    assessment = assess_imu(flight, settings, imu=imu, imu_model=imu_model, correction=correction, how=how)
+    assessment = assess_imu(
+        flight, settings, imu=imu, imu_model=imu_model, correction=correction, how=how, confusion=confusion
+    )
     comparison = assessment.comparison
 
     def beside() -> tuple[RedundantImu, ...]:
@@ -203,10 +207,11 @@ def assess_imu(
     correction: str | Path | None = None,
     how: Integration | None = None,
     before: BestEstimate | None = None,
+    confusion: bool = False,
 ) -> Assessment:
     """One IMU of a flight alone, without the others. Arguments and errors as `examine`.
 
-    before: as `companion.estimation.smooth` has it.
+    before, confusion: as `companion.estimation.smooth` has them.
     """
     name = flight.imu(imu).source
     return assess(
@@ -218,6 +223,7 @@ def assess_imu(
         how=how or integration_of(settings, flight),
         correction=_correction(correction),
         before=before,
+        confusion=confusion,
     )
 
 

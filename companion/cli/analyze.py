@@ -16,6 +16,7 @@ from companion.analysis import Assessment, Finding, rate_warning
 from companion.app.examination import Examination, Unexamined, examine, unexaminable
 from companion.app.recording import Source
 from companion.cli import many_logs, options, sensor_lines, tables
+from companion.cli.confusion import print_confusion
 from companion.cli.info import reference_line
 from companion.cli.tables import SIGNS, status_text, wrapped
 from companion.documents import analysis_document, encode, unexamined_document
@@ -37,6 +38,11 @@ def add_parser(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     options.add_judgement(parser)
     options.add_anchor(parser)
     parser.add_argument("--full", action="store_true", help="everything: all findings, all tables, the calibration")
+    parser.add_argument(
+        "--confusion",
+        action="store_true",
+        help="from which size on each fault is told from the others in this flight (takes some 10 s more)",
+    )
     parser.add_argument("--json", action="store_true", help="the same as JSON on stdout (docs/json.md)")
     parser.add_argument(
         "--fail-on",
@@ -63,6 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         imu_model=arguments.imu_model,
         correction=arguments.correction,
         anchor=arguments.anchor,
+        confusion=arguments.confusion,
     )
     if arguments.json:
         print(encode(analysis_document(recording.source, examined)))
@@ -74,6 +81,8 @@ def run(arguments: argparse.Namespace) -> int:
             for line in first_screen(examined, console.width):
                 console.print(line, highlight=False)
         _print_alignment(examined, console)
+        if arguments.confusion:
+            print_confusion(examined.assessment.best, console)
     return options.exit_code(arguments.fail_on, [examined.assessment.verdict.status])
 
 

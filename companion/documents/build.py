@@ -24,6 +24,7 @@ from companion.analysis import (
 from companion.app.examination import Examination, Unexamined
 from companion.app.recording import Recording, Source
 from companion.documents import schema
+from companion.documents.confusion import confusion_object
 from companion.documents.verdict import verdict_object
 from companion.model import Flight, ImuTrack, SensorInUse
 
@@ -78,6 +79,7 @@ def analysis_document(source: Source, examined: Examination) -> schema.Analysis:
         alignment=_alignment(examined.alignment),
         imus=[_redundant(other) for other in examined.redundant_imus],
         verdict=verdict_object(assessment.verdict, assessment.sensitivity),
+        confusion=confusion_object(assessment.best.confusion if assessment.best else None),
     )
     return schema.Analysis(log=log_object(source), flights=[analysed])
 

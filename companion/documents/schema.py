@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import msgspec
 
 from companion.analysis import Statistic
+from companion.documents.confusion import ConfusionObject
 from companion.documents.verdict import VerdictObject
 
 SCHEMA = 2
@@ -313,6 +314,7 @@ class AnalyzeFlight(msgspec.Struct, frozen=True):
     alignment: AlignmentObject | None
     imus: list[RedundantImuObject]
     verdict: VerdictObject
+    confusion: ConfusionObject | None = None
 
 
 class Analysis(msgspec.Struct, frozen=True, kw_only=True):

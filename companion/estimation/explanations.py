@@ -137,7 +137,7 @@ def _bias(block: slice, *resting: str) -> Callable[[Problem], Signature | None]:
     """A bias u beside the one that the states have; witnesses at rest read it too."""
 
     def signature(problem: Problem) -> Signature | None:
-        out = np.zeros((*problem.motion.residual.shape, 3))
+        out = np.zeros((*problem.motion.transition.shape[:2], 3))
         out[:, :9] = problem.motion.transition[:, :9, block]
         read = {n: np.tile(np.eye(3), (len(one.t), 1, 1)) for n in resting if (one := problem.witness(n)) is not None}
         return Signature(out, read)
@@ -159,9 +159,8 @@ def _scale(block: slice) -> Callable[[Problem], Signature | None]:
         else:
             force = np.diff(problem.velocity, axis=0) / lasted - [0.0, 0.0, problem.gravity]
             felt = quaternion.rotate(quaternion.conjugate(q[:-1]), force)
-        out = np.zeros((*problem.motion.residual.shape, 3))
-        # else it is the noise that is scaled
-        lively = np.sqrt((felt**2).mean(axis=0)) > harm.LIVELY[_SENSOR[block.start]]
+        out = np.zeros((*problem.motion.transition.shape[:2], 3))
+        lively = np.sqrt((felt**2).mean(axis=0)) > harm.LIVELY[_SENSOR[block.start]]  # else it is the noise that is scaled
         out[:, :9] = problem.motion.transition[:, :9, block] * (felt * lively)[:, None, :]
         return Signature(out, {})
 
@@ -172,7 +171,7 @@ def _shock(block: slice) -> Callable[[Problem], Signature | None]:
     """A turn or a push u within a moment that the IMU has not felt."""
 
     def signature(problem: Problem) -> Signature | None:
-        out = np.zeros((*problem.motion.residual.shape, 3))
+        out = np.zeros((*problem.motion.transition.shape[:2], 3))
         out[:, block] = np.eye(3)
         return Signature(out, {})
 
