@@ -171,10 +171,7 @@ def assess(
     before: BestEstimate | None = None,
     confusion: bool = False,
 ) -> Assessment:
-    """Everything about one IMU of a flight. Raises as `drift` does.
-
-    before, confusion: as `companion.estimation.smooth` has them.
-    """
+    """Everything about one IMU of a flight. Raises as `drift` does; before, confusion: as `smooth` has them."""
     autopilot, parts = autopilot or ReferenceSpec(), phases(flight)
     track = correction.apply(flight.imu(imu))
     seen, comparison = while_in_control(flight, parts, track.source), compare(flight, track=track, how=how)

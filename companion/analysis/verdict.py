@@ -12,6 +12,7 @@ import numpy as np
 from companion.analysis.agreement import Agreement
 from companion.analysis.episode import BIAS_UNITS, SENSORS, bias_at_the_end, percent
 from companion.analysis.finding import Cause, Finding
+from companion.analysis.undetected import harmful_undetected
 from companion.analysis.without_windows import too_few_windows, unseen, would_show
 from companion.constants import num, priors
 from companion.estimation import BestEstimate, kind_of
@@ -62,6 +63,8 @@ def decide(
     are several.
     """
     whole = _decided(agreements, findings, best, source, probability)
+    if whole.status == "consistent":
+        whole = replace(whole, summary=whole.summary + _not_excluded(best))
     flights = []
     for (start, end), own in by_flight.items():
         during = tuple(f for f in findings if f.start_s <= end and f.end_s > start)
@@ -197,6 +200,12 @@ def _unwitnessed(best: BestEstimate | None) -> str:
     if best is None or "gps_position" in best.residuals:
         return ""
     return " No GPS data: the position could not be verified."
+
+
+def _not_excluded(best: BestEstimate | None) -> str:
+    """Harmful faults of the IMU that are too small for this flight to show; "" where there are none."""
+    ranges = [] if best is None else harmful_undetected(best)
+    return f" Not excluded: {' or '.join(ranges)}." if ranges else ""
 
 
 def _lacking(findings: tuple[Finding, ...], lost: Sequence[Finding], too_little: str | None = None) -> str | None:

@@ -144,8 +144,9 @@ def trial(
         small, *_ = _of_scale(each, v, np.maximum(harm.NUISANCE * harmful(kind, shape, imu), beat) / reached)
     possible = np.abs(size).max(axis=1) * reached[:, None] <= kind.most
     log_bayes = np.stack([np.where(possible, one, num.LOG_ZERO) for one in (small, large)], axis=1)
-    found = (one if b.ndim > 2 else one[..., 0] for one in (log_bayes, size, sigma, axis))
-    return Trial(kind, shape, onset, end, weight, *found, flight, imu)
+    sets = slice(None) if b.ndim > 2 else 0
+    scores = log_bayes[..., sets], size[..., sets], sigma[..., sets], axis[..., sets]
+    return Trial(kind, shape, onset, end, weight, *scores, flight, imu)
 
 
 def _of_scale(b: Array, v: Array, sigma: Array) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:

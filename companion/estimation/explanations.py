@@ -160,7 +160,9 @@ def _scale(block: slice) -> Callable[[Problem], Signature | None]:
             force = np.diff(problem.velocity, axis=0) / lasted - [0.0, 0.0, problem.gravity]
             felt = quaternion.rotate(quaternion.conjugate(q[:-1]), force)
         out = np.zeros((*problem.motion.transition.shape[:2], 3))
-        lively = np.sqrt((felt**2).mean(axis=0)) > harm.LIVELY[_SENSOR[block.start]]  # else it is the noise that is scaled
+        lively = (
+            np.sqrt((felt**2).mean(axis=0)) > harm.LIVELY[_SENSOR[block.start]]
+        )  # else it is the noise that is scaled
         out[:, :9] = problem.motion.transition[:, :9, block] * (felt * lively)[:, None, :]
         return Signature(out, {})
 

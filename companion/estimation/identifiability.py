@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from companion.estimation.evidence import ACCUSED, Trial, probabilities_of_each
+from companion.constants import num, priors
+from companion.estimation.evidence import Trial, probabilities_of_each
 from companion.estimation.explanations import KINDS, Kind, Problem
 from companion.estimation.injected import DataSets, Fault, injected, noise
 from companion.estimation.model import ATTITUDE, POSITION, VELOCITY, ConfusionMatrix, Identifiability
@@ -26,22 +27,22 @@ from companion.estimation.system import Prior, Solution
 from companion.model import Array
 
 _IN_DOUBT, _CANNOT_TELL, _NOBODY = "perhaps harmless", "cannot tell", "nobody"
-DRAWS = 100
-_MOST = 8.0  # times the detectable size, up to which the identifiable one is looked for
-_HALVINGS = 5  # of its logarithm: to 7 %
-_REFINED = 6.0  # parts of a cell of the grid: the first round of the search refines it as much
-_FAR = 12.0  # below the likeliest hypothesis, in log odds, from which on another one does not count
-_VALUES = 4e6  # states of keyframes by data sets, at a time: 32 MB
 
 
 def confusion_matrix(
-    problem: Problem, solution: Solution, prior: Prior, draws: int = DRAWS, seed: int = 0
+    problem: Problem,
+    solution: Solution,
+    prior: Prior,
+    *,
+    draws: int = num.DATA_SETS,
+    seed: int = 0,
+    kinds: Sequence[Kind] = KINDS,
 ) -> ConfusionMatrix:
     """What each kind of fault is called where it is as large as what is detectable, and from which size on it is told.
 
-    Of a linear problem, its solution and its prior. draws: data sets of each kind.
+    Of a linear problem, its solution and its prior. draws: data sets of each kind. kinds: of faults; rivals are all.
     """
-    experiment = Experiment.of(problem, solution, prior, draws, seed)
+    experiment = Experiment.of(problem, solution, prior, draws, seed, kinds)
     rows = []
     for i, fault in enumerate(experiment.faults):
         judged = experiment.judged(i, fault.size)
@@ -54,16 +55,18 @@ def confusion_matrix(
 def _identifiable(experiment: Experiment, fault: int, near: Judgement) -> float | None:
     """The size from which on a fault is told from its rivals; near: what it is called where it is detectable."""
     least = experiment.faults[fault].size
-    if near.told >= ACCUSED:
+    if near.told >= num.IDENTIFIABLE_SHARE[0]:
         return least
     cells = [one.at(some) for one, some in zip(experiment.cells, near.counts, strict=True) if some.any()]
-    if experiment.judged(fault, _MOST * least, cells).told < ACCUSED:
+    if experiment.judged(fault, num.IDENTIFIABLE_MOST * least, cells).told < num.IDENTIFIABLE_SHARE[0]:
         return None
-    low, high = 0.0, float(np.log(_MOST))
-    for _ in range(_HALVINGS):
+    low, high = 0.0, float(np.log(num.IDENTIFIABLE_MOST))
+    for _ in range(num.IDENTIFIABLE_HALVINGS):
         middle = 0.5 * (low + high)
-        told = experiment.judged(fault, least * np.exp(middle), cells).told >= ACCUSED
-        low, high = (low, middle) if told else (middle, high)
+        told = experiment.judged(fault, least * np.exp(middle), cells).told
+        low, high = (low, middle) if told >= num.IDENTIFIABLE_SHARE[0] else (middle, high)
+        if num.IDENTIFIABLE_SHARE[0] <= told <= num.IDENTIFIABLE_SHARE[1]:
+            break
     return float(least * np.exp(high))
 
 
@@ -88,12 +91,20 @@ class Experiment:
     draws: int  # D
 
     @classmethod
-    def of(cls, problem: Problem, solution: Solution, prior: Prior, draws: int, seed: int) -> Experiment:
+    def of(
+        cls,
+        problem: Problem,
+        solution: Solution,
+        prior: Prior,
+        draws: int,
+        seed: int,
+        kinds: Sequence[Kind] = KINDS,
+    ) -> Experiment:
         """The same of a linear problem, its solution and its prior."""
         heard = tuple(replace(one, t=problem.t[one.keyframe]) for one in problem.measurements)  # as the scan has them
         problem = replace(problem, measurements=heard)
-        faults, not_shown = injected(problem, solution)
-        together = max(1, int(_VALUES / solution.x.size))
+        faults, not_shown = injected(problem, solution, kinds)
+        together = max(1, int(num.DATA_SETS_SIZE / solution.x.size))
         chunks, moved = [], list[Array]()
         for shown, answer in _solved(problem, solution, prior, faults, draws, seed, together):
             chunks.append(_cells(shown, answer, faults))
@@ -103,7 +114,7 @@ class Experiment:
             for parts in zip(*chunks, strict=True)
         )
         off = np.concatenate(moved)[draws:]
-        return cls(problem, faults, not_shown, cells, off.reshape(len(faults), -1, 4).max(axis=1), draws)
+        return cls(problem, faults, not_shown, cells, off.reshape(len(faults), num.INJECTED_ONSETS, 4).max(axis=1), draws)
 
     def judged(self, fault: int, size: float, cells: Sequence[Cells] | None = None) -> Judgement:
         """What a fault of some size is called; cells: those that are weighed, in place of all."""
@@ -128,14 +139,14 @@ class Experiment:
         called = Counter(_called(kinds, odds + np.log(np.maximum(harm, 1e-300)), shares, either))
         return Judgement(
             {name: count / self.draws for name, count in called.most_common()},
-            float((shares[kind.side] >= ACCUSED).mean()),
+            float((shares[kind.side] >= priors.ACCUSED).mean()),
             counts,
         )
 
 
 def _counts(one: Trial, best: Array) -> npt.NDArray[np.bool_]:
     """(T,) whether the times of a hypothesis count beside the best log odds of any (D,), or beside nothing."""
-    return np.asarray((one.cells.max(axis=1) > np.maximum(best, 0.0) - _FAR).any(axis=1))
+    return np.asarray((one.cells.max(axis=1) > np.maximum(best, 0.0) - num.RIVAL_LOG_ODDS).any(axis=1))
 
 
 def _called(
@@ -149,13 +160,13 @@ def _called(
     for i in range(fault_odds.shape[1]):
         by_side, of_any = ({side: float(share[i]) for side, share in one.items()} for one in (shares, either))
         side, likely = max(by_side.items(), key=lambda pair: pair[1])
-        if likely >= ACCUSED and side != _NOBODY:
+        if likely >= priors.ACCUSED and side != _NOBODY:
             own = [h for h, kind in enumerate(kinds) if kind.side == side]
             names.append(kinds[max(own, key=lambda h: fault_odds[h, i])].name)
-        elif likely >= ACCUSED:
+        elif likely >= priors.ACCUSED:
             names.append(_NOBODY)
         else:
-            known = max(share for side, share in of_any.items() if side != _NOBODY) >= ACCUSED
+            known = max(share for side, share in of_any.items() if side != _NOBODY) >= priors.ACCUSED
             names.append(_IN_DOUBT if known else _CANNOT_TELL)
     return names
 
@@ -178,7 +189,7 @@ def _solved(
 def _cells(problem: Problem, solution: Solution, faults: Sequence[Fault]) -> list[Cells]:
     """Every hypothesis on the grid of the search and at the times of the faults, always in the same order."""
     grid = full_grid(problem, solution)
-    width = float(np.diff(grid.cuts).max()) / _REFINED
+    width = float(np.diff(grid.cuts).max()) * num.INJECTED_CELL
     parts: list[Cells | None] = []
     for kind in KINDS:
         for shape in kind.shapes:

@@ -11,20 +11,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from companion.constants import num
 from companion.estimation.block_tridiagonal import roots
 from companion.estimation.differences import Differences
 from companion.estimation.evidence import least_found
 from companion.estimation.explanations import KINDS, Kind, Problem
-from companion.estimation.search import CREEPS, detectable, times_of_change
+from companion.estimation.search import detectable, times_of_change
 from companion.estimation.shapes import at_work
 from companion.estimation.system import Prior, Solution
 from companion.estimation.weighing import score
 from companion.model import Array
-
-_ONSETS = 5
-_MIDDLE = (0.3, 0.7)  # parts of the flight, between which they lie
-_SIGMAS = 3.0  # of the prior of a size: larger ones do not occur
-_UNSEEN = 1e-9  # of the largest information of an axis: one that tells nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,22 +111,25 @@ class Fault:
         return apart
 
 
-def injected(problem: Problem, solution: Solution) -> tuple[tuple[Fault, ...], tuple[str, ...]]:
-    """Every kind as a fault, along the axis that the flight tells least of; and the kinds that it cannot show.
+def injected(
+    problem: Problem, solution: Solution, kinds: Sequence[Kind] = KINDS
+) -> tuple[tuple[Fault, ...], tuple[str, ...]]:
+    """Kinds as faults along the axis that the flight tells least of, and those that it cannot show; no nuisances.
 
-    In the middle of the flight. Of an IMU a step, of an aiding sensor what `CREEPS` says, else a step.
+    In the middle of the flight. Of an IMU a step, of an aiding sensor what `num.CREEPS` says, else a step.
     """
     faults, not_shown, known = list[Fault](), list[str](), detectable(problem, solution)
     t, (first, last) = problem.t, times_of_change(problem.t)
     cell, hours = float(np.median(np.diff(t))) / (last - first), float(t[-1] - t[0]) / 3600.0
-    for kind in (one for one in KINDS if not one.nuisance):
-        lasts = CREEPS.get(kind.name, 0.0)
+    for kind in (one for one in kinds if not one.nuisance):
+        lasts = num.CREEPS.get(kind.name, 0.0)
         shape = "creep" if lasts else "step"
-        middle = t[0] + np.linspace(*_MIDDLE, _ONSETS) * (t[-1] - t[0])
-        onset = t[np.searchsorted(t, middle - 0.5 * lasts)]
-        end = onset + (lasts or np.inf)
-        if onset[0] < first or (lasts and end[-1] > last):
+        possible = t[(t >= first) & (t <= last - lasts)]
+        if not len(possible):
             continue
+        middle = t[0] + np.linspace(*num.INJECTED_MIDDLE, num.INJECTED_ONSETS) * (t[-1] - t[0]) - 0.5 * lasts
+        onset = possible[np.minimum(np.searchsorted(possible, middle), len(possible) - 1)]
+        end = onset + (lasts or np.inf)
         scores = score(problem, solution, kind, shape, onset, end)
         if scores is None:
             continue
@@ -138,7 +137,7 @@ def injected(problem: Problem, solution: Solution) -> tuple[tuple[Fault, ...], t
         grown = lasts or 1.0
         size = grown * float(least_found(np.array([information]), kind, shape, hours, cell, grown)[0])
         size = known.get(kind.name, max(size, kind.harmful(shape)))
-        if size > min(kind.most, _SIGMAS * kind.prior):
+        if size > min(kind.most, num.INJECTED_SIGMAS * kind.prior):
             not_shown.append(kind.name)
         else:
             faults.append(Fault(kind, shape, lasts, onset, end, direction / grown, size))
@@ -151,7 +150,7 @@ def _least_known(kind: Kind, v: Array) -> tuple[Array, float]:
         values, vectors = np.linalg.eigh(v)
         return vectors[:, 0], float(max(values[0], 0.0))
     own = np.diagonal(v)
-    axis = int(np.argmin(np.where(own > _UNSEEN * own.max(), own, np.inf)))
+    axis = int(np.argmin(np.where(own > num.UNSEEN_INFORMATION * own.max(), own, np.inf)))
     return np.eye(len(v))[axis], float(own[axis])
 
 
@@ -172,6 +171,6 @@ def noise(problem: Problem, prior: Prior, rng: np.random.Generator, count: int) 
 def _drawn(rng: np.random.Generator, weight: Array, count: int) -> Array:
     """(B, 3, N) differences with an inverse covariance (3, B, B); nothing of what is free."""
     values, vectors = np.linalg.eigh(0.5 * (weight + weight.swapaxes(-1, -2)))
-    known = values > _UNSEEN * values[:, -1:]
+    known = values > num.UNSEEN_INFORMATION * values[:, -1:]
     root = np.where(known, 1.0 / np.sqrt(np.where(known, values, 1.0)), 0.0)
     return np.asarray((vectors @ (root[..., None] * rng.standard_normal((*root.shape, count)))).swapaxes(0, 1))
