@@ -114,7 +114,9 @@ class Experiment:
             for parts in zip(*chunks, strict=True)
         )
         off = np.concatenate(moved)[draws:]
-        return cls(problem, faults, not_shown, cells, off.reshape(len(faults), num.INJECTED_ONSETS, 4).max(axis=1), draws)
+        return cls(
+            problem, faults, not_shown, cells, off.reshape(len(faults), num.INJECTED_ONSETS, 4).max(axis=1), draws
+        )
 
     def judged(self, fault: int, size: float, cells: Sequence[Cells] | None = None) -> Judgement:
         """What a fault of some size is called; cells: those that are weighed, in place of all."""
