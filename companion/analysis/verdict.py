@@ -63,8 +63,6 @@ def decide(
     are several.
     """
     whole = _decided(agreements, findings, best, source, probability)
-    if whole.status == "consistent":
-        whole = replace(whole, summary=whole.summary + _not_excluded(best))
     flights = []
     for (start, end), own in by_flight.items():
         during = tuple(f for f in findings if f.start_s <= end and f.end_s > start)
@@ -105,8 +103,9 @@ def _decided(
     fallen = f"{_fall(lost)[1:-1]}; " if lost else ""
     who = "the sensors" if lost and best is not None else "IMU and autopilot"
     how = f"by the best estimate: {no_windows}, but {would_show(best)} would have shown" if no_windows else str(worst)
-    told = f"{fallen}{who} agree within the expected error ({how}{sure}).{_unwitnessed(best)}"
-    return Verdict("consistent", told, findings)
+    told = f"{fallen}{who} agree within the expected error ({how}{sure})."
+    told += _not_excluded(best) if probability and not no_windows else ""  # once: of all flights of a log together
+    return Verdict("consistent", told + _unwitnessed(best), findings)
 
 
 def _how_sure(cause: Cause) -> str:
