@@ -73,6 +73,7 @@ class Answer:
     onset: float | None = None  # s, boot clock
     end: float | None = None  # s
     size: float | None = None  # SI; None where it is not told
+    sigma: float | None = None  # 1σ of it
     stated: float | None = None  # probability of the side that is accused, or of nobody; None where none is stated
     summary: str = ""
     smallest: Mapping[str, float] = field(default_factory=dict)  # that it would have shown, SI; not judged is missing
@@ -103,6 +104,7 @@ def read_verdict(verdict: Verdict) -> Answer:
         onset=first.onset_s,
         end=first.end_s,
         size=first.size,
+        sigma=first.sigma,
         stated=first.side_probability,
         summary=verdict.summary,
     )

@@ -24,6 +24,7 @@ from companion.strapdown import quaternion
 
 _EARTH_M = 6_371_000.0
 _FILTER_HZ = 20.0  # ArduPilot's INS_GYRO_FILTER
+_TWIN = (1e-3, 0.02)  # rad/s, m/s²: 1σ of a sample, at least
 
 
 def cut(flight: Flight, begin: float, end: float) -> Flight:
@@ -55,6 +56,35 @@ def every_imu(flight: Flight, change: Callable[[ImuTrack], ImuTrack], instance: 
         for name, track in flight.imus.items()
     }
     return replace(flight, imus=imus)
+
+
+def alone(flight: Flight) -> Flight:
+    """The flight as of a vehicle that has no IMU but the one that is integrated."""
+    instance = flight.imu().instance
+    return replace(flight, imus={name: track for name, track in flight.imus.items() if track.instance == instance})
+
+
+def with_twin(flight: Flight) -> Flight:
+    """The flight with one IMU more, that reads what the one that is integrated does, and its own noise.
+
+    As much as that has from one sample to the next, and in the same whole steps, cut towards zero.
+    """
+    own, rng = flight.imu(), np.random.default_rng(1)
+
+    def noisy(readings: Array, least: float, step: float) -> Array:
+        change = np.median(np.abs(np.diff(readings, axis=0)), axis=0)  # of motion seldom
+        new = readings + np.maximum(1.05 * change, least) * rng.normal(size=readings.shape)  # σ √2 Φ⁻¹(3/4) = 0.95 σ
+        return np.asarray(np.trunc(new / step) * step if step else new)
+
+    twin = replace(
+        own,
+        source="TWIN",
+        instance=1 + max(track.instance for track in flight.imus.values()),
+        device_id=None,
+        gyro=noisy(own.gyro, _TWIN[0], own.gyro_step),
+        accel=noisy(own.accel, _TWIN[1], own.accel_step),
+    )
+    return replace(flight, imus={**flight.imus, "TWIN": twin})
 
 
 def thinned(flight: Flight, rate_hz: float) -> Flight:

@@ -131,6 +131,14 @@ def set_up(flight: Flight, tuning: Tuning = DEFAULT) -> SetUp:
     return SetUp(gps, position, latency, north, zero, begin, gyro_bias, accel_bias, _in_flight(flight.imu(), tuning))
 
 
+def aligned(known: SetUp, flight: Flight) -> SetUp:
+    """The same, begun with the heading that this flight's compass tells there, as a real one begins."""
+    q, compass = known.begin.q_ned_frd, flight.compasses[0]
+    north, east, _ = quaternion.rotate(q[None], at(np.array([known.begin.t]), compass.t, compass.field))[0].tolist()
+    turn = quaternion.exp(np.array([[0.0, 0.0, known.north - np.arctan2(east, north)]]))
+    return replace(known, begin=replace(known.begin, q_ned_frd=quaternion.multiply(turn, q[None])[0]))
+
+
 def _in_flight(imu: ImuTrack, tuning: Tuning) -> Tuning:
     """The tuning with the noise that the IMU has in flight where that is more: vibration, and at 25 Hz what aliases.
 

@@ -6,21 +6,23 @@ matter (ekf.py). A fault of the estimate itself bends the recorded attitude or p
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from benchmarks.accuracy.cutting import at, attitude_at, every_imu, gps_moved
+from benchmarks.accuracy.cutting import alone, at, attitude_at, every_imu, gps_moved, with_twin
 from companion.model import Array, Flight, GpsTrack, ImuTrack
 from companion.strapdown import quaternion
 
 Inject = Callable[[Flight, float, float], Flight]  # (flight, size, onset in s) → flight
+Imus = Literal["its own", "one", "with a twin"]
 
 _RAMP_S = 40.0  # biases that grow
 _DRIFT_S = 30.0  # headings and positions that drift
 _TURN_S = 10.0  # tilts and compasses that turn
+_HEATS_S = 60.0  # time constant of a part that warms
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +39,14 @@ class Fault:
     sensed: bool = True  # a sensor is wrong, and the estimator follows; otherwise the estimate alone is
     throughout: bool = False  # there is no onset: it has always been so
     middle: int = 1  # the size that is taken where one has to do
+    imus: Imus = "its own"  # that the vehicle has; of two, one is healthy
+
+    def made_into(self, flight: Flight) -> Flight:
+        """A healthy flight of a vehicle with these IMUs."""
+        if self.imus == "its own":
+            return flight
+        one = alone(flight)
+        return one if self.imus == "one" else with_twin(one)
 
 
 def _gyro(change: Callable[[Array, Array, float], Array]) -> Inject:
@@ -59,6 +69,11 @@ def _accel(change: Callable[[Array, Array, float], Array]) -> Inject:
         return every_imu(flight, changed, flight.imu().instance)
 
     return inject
+
+
+def _constant(change: Callable[[Array, Array, float], Array]) -> Callable[[Array, Array, float], Array]:
+    """The same from the first sample on."""
+    return lambda since, readings, size: change(np.zeros(len(since)), readings, size)
 
 
 def _step(axis: int) -> Callable[[Array, Array, float], Array]:
@@ -108,6 +123,36 @@ def _swapped(flight: Flight, size: float, onset: float) -> Flight:
         return replace(imu, gyro=imu.gyro[:, [1, 0, 2]], accel=imu.accel[:, [1, 0, 2]])
 
     return every_imu(flight, changed, flight.imu().instance)
+
+
+def _heats(flight: Flight, size: float, onset: float) -> Flight:
+    """The bias of the gyro's x grows as its part warms, from the beginning to `size` at the end."""
+    del onset
+
+    def changed(imu: ImuTrack) -> ImuTrack:
+        grown = 1.0 - np.exp((imu.t[0] - imu.t) / _HEATS_S)
+        return replace(imu, gyro=imu.gyro + size * np.outer(grown / grown[-1], [1.0, 0.0, 0.0]))
+
+    return every_imu(flight, changed, flight.imu().instance)
+
+
+def _board_turned(flight: Flight, size: float, onset: float) -> Flight:
+    """The board sits turned about its vertical, and its settings do not know: so does the IMU on it."""
+    del onset
+    turn = quaternion.exp(np.array([0.0, 0.0, -size]))
+
+    def changed(imu: ImuTrack) -> ImuTrack:
+        return replace(imu, gyro=quaternion.rotate(turn, imu.gyro), accel=quaternion.rotate(turn, imu.accel))
+
+    return every_imu(flight, changed, flight.imu().instance)
+
+
+def _compass_turned(flight: Flight, size: float, onset: float) -> Flight:
+    """Every compass sits turned about the vertical."""
+    del onset
+    turn = quaternion.exp(np.array([0.0, 0.0, -size]))
+    turned = (replace(compass, field=quaternion.rotate(turn, compass.field)) for compass in flight.compasses)
+    return replace(flight, compasses=tuple(turned))
 
 
 def _turned(turn: Callable[[Array, float], Array]) -> Inject:
@@ -200,6 +245,25 @@ def _creep(since: Array) -> Array:
     return np.clip(since, 0, _DRIFT_S)
 
 
+def _installed(imus: Imus) -> Iterator[Fault]:
+    """What is wrong from the start on, of a vehicle with one IMU, or with a healthy second one."""
+    with_it = {"one": "one IMU", "with a twin": "second IMU healthy"}[imus]
+    some = (
+        Fault("gyro bias from the start (z)", "imu", ("gyro_bias",), "mrad/s", (50, 200), _MRAD,
+              _gyro(_constant(_step(2)))),
+        Fault("accel. bias from the start (x)", "imu", ("accel_bias",), "m/s²", (1, 3), 1.0,
+              _accel(_constant(_step(0)))),
+        Fault("gyro scale from the start", "imu", ("gyro_scale",), "%", (10, 30), _PERCENT,
+              _gyro(_constant(_scaled))),
+        Fault("accel. scale from the start", "imu", ("accel_scale", "accel_bias"), "%", (10, 20), _PERCENT,
+              _accel(_constant(_scaled))),
+        Fault("board turned", "imu", ("axes",), "°", (90,), _DEG, _board_turned),
+        Fault("compass turned", "autopilot", ("heading", "attitude"), "°", (90,), _DEG, _compass_turned),
+    )  # fmt: skip
+    for one in some:
+        yield replace(one, name=f"{one.name}, {with_it}", throughout=True, middle=len(one.sizes) - 1, imus=imus)
+
+
 _MRAD, _PERCENT, _DEG = 1e-3, 1e-2, float(np.radians(1))
 
 FAULTS: tuple[Fault, ...] = (
@@ -246,4 +310,68 @@ FAULTS: tuple[Fault, ...] = (
     ),
     Fault("GPS is late", "autopilot", ("latency", "position"), "ms", (500, 1000), 1e-3, _gps_late, middle=0),
     Fault("compass turns within 10 s", "autopilot", ("heading", "attitude"), "°", (5, 15, 45), _DEG, _compass),
+    *_installed("one"),
+    *_installed("with a twin"),
+    Fault(
+        "gyro drifts with heat (x), second IMU healthy", "imu", ("gyro_bias",), "mrad/s", (10, 30), _MRAD, _heats,
+        throughout=True, imus="with a twin",
+    ),
 )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """A fault whose detectable size a verdict states."""
+
+    unit: str
+    scale: float  # of the unit, in SI
+    inject: Callable[[Flight, float, float, np.random.Generator], Flight]  # (flight, size in SI, middle in s, random)
+    sensed: bool = True  # see `Fault`
+    side: Literal["imu", "autopilot"] = "imu"
+    causes: tuple[str, ...] = ()
+
+
+def _any_axis(sensor: Literal["gyro", "accel"]) -> Callable[[Flight, float, float, np.random.Generator], Flight]:
+    """A step of one axis, either way."""
+    of = {"gyro": _gyro, "accel": _accel}[sensor]
+
+    def inject(flight: Flight, size: float, middle: float, random: np.random.Generator) -> Flight:
+        return of(_step(int(random.integers(3))))(flight, size * random.choice([-1.0, 1.0]), middle)
+
+    return inject
+
+
+def _either_way(inject: Inject, lasts: float = 0.0) -> Callable[[Flight, float, float, np.random.Generator], Flight]:
+    """A fault of either sign, in the middle of which it has grown to half."""
+    return lambda flight, size, middle, random: inject(flight, size * random.choice([-1.0, 1.0]), middle - 0.5 * lasts)
+
+
+STATED: Mapping[str, Stated] = {
+    "gyro_bias": Stated("mrad/s", _MRAD, _any_axis("gyro"), causes=("gyro_bias",)),
+    "accel_bias": Stated("m/s²", 1.0, _any_axis("accel"), causes=("accel_bias",)),
+    "gps": Stated(
+        "m in 30 s", 1.0, _either_way(_gps(lambda t: _creep(t) / _DRIFT_S), _DRIFT_S), side="autopilot",
+        causes=("position",),
+    ),
+    "compass": Stated(
+        "° in 10 s", _DEG, _either_way(_compass, _TURN_S), side="autopilot", causes=("heading", "attitude")
+    ),
+    "tilt": Stated(
+        "°", _DEG,
+        lambda flight, size, middle, random: _turned(
+            lambda t, s: _about(int(random.integers(2)), _jump(t), s * random.choice([-1.0, 1.0]))
+        )(flight, size, middle),
+        sensed=False, side="autopilot", causes=("tilt", "attitude"),
+    ),
+    "heading": Stated(
+        "°", _DEG, _either_way(_turned(lambda t, s: _about(2, _jump(t), s))), sensed=False, side="autopilot",
+        causes=("heading", "attitude"),
+    ),
+    "position": Stated(
+        "m", 1.0, _either_way(_moved(_jump)), sensed=False, side="autopilot", causes=("position",)
+    ),
+}  # fmt: skip
+"""Name among the smallest sizes of a verdict → the fault of which it would have shown that much.
+
+Steps, lasting, in the middle of the flight; a GPS that creeps and a compass that turns go off evenly about it.
+"""

@@ -221,11 +221,11 @@ def _result(said: Answer, made: Flight, before: Flight) -> Result:
         return "clear"
     if said.side == "cannot_tell":
         return "cannot tell"
-    return "off indeed" if said.side == "autopilot" and _off(made, before, said) else "false alarm"
+    return "off indeed" if said.side == "autopilot" and is_off(made, before, said) else "false alarm"
 
 
-def _off(made: Flight, before: Flight, said: Answer) -> bool:
-    """Whether the estimate is off, against that of the perfect flight, in the time that is said."""
+def is_off(made: Flight, before: Flight, said: Answer) -> bool:
+    """Whether the estimate is off, against that of the flight before, in the time that is said."""
     begin = -np.inf if said.onset is None else said.onset - 0.5
     end = np.inf if said.end is None else said.end + 0.5
     attitude, there = made.require_attitude(), before.require_attitude()

@@ -13,10 +13,10 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import msgspec
 import numpy as np
@@ -25,15 +25,13 @@ from benchmarks.accuracy import ekf
 from benchmarks.accuracy.answer import Answer, answer
 from benchmarks.accuracy.cutting import cut, thinned
 from benchmarks.accuracy.estimated import replaced, shifted
-from benchmarks.accuracy.faults import FAULTS, Fault
-from benchmarks.accuracy.labels import recordings
+from benchmarks.accuracy.faults import FAULTS, STATED, Fault, Stated
+from benchmarks.accuracy.labels import SHARED, recordings
 from benchmarks.accuracy.parallel import Failed, each
-from benchmarks.accuracy.power import table
+from benchmarks.accuracy.power import detectable_table, table
 from benchmarks.accuracy.reliability import reliability
 from companion.app.recording import read_recording
-from companion.model import DataError, Flight
-
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "tlogs"
+from companion.model import CompanionError, DataError, Flight
 
 STANDARD = (
     "sitl/copter-demo-100hz.tlog",
@@ -62,7 +60,9 @@ NO_LOGS = "there is no such log. Name healthy logs or folders of them."
 _LONGEST_S = 100.0  # of a flight that is used
 _SHORTEST_S = 25.0
 _ONSETS = (0.35, 0.5, 0.65)  # as a share of the flight
+_UNSTATED: tuple[Result, ...] = ("cannot tell", "failed")
 _EARLY_S = 10.0  # what is said to have begun longer before the fault is not the fault
+_ESTIMATES = {False: "none, recorded estimate", True: "none, the EKF's estimate"}  # whether it follows the sensors
 _SLOW_HZ, FAST_HZ, _LOW_HZ = 50.0, 95.0, 25.0
 
 Result = Literal["found", "wrong", "missed", "cannot tell", "early", "failed", "clear", "false alarm"]
@@ -77,6 +77,20 @@ class Case:
     vehicle: str
     thin: bool  # to 25 Hz
     faults: tuple[tuple[int, int, float], ...]  # fault, size, onset as a share of the flight; fault -1: untouched
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A flight at one rate, and a draw of axes and signs."""
+
+    log: str
+    flight: int  # of the log
+    vehicle: str
+    thin: bool  # to 25 Hz
+    seed: int
+
+
+One = TypeVar("One", Case, Drawn)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,13 +156,44 @@ def judged(case: Case) -> list[Row]:
             continue
         began, onset = time.process_time(), flight.start + share * flight.duration
         try:
-            wrong = fault.inject(flight, fault.sizes[size] * fault.scale, onset)
+            wrong = fault.inject(fault.made_into(flight), fault.sizes[size] * fault.scale, onset)
+            if fault.sensed and known is not None:
+                begun = ekf.aligned(known, wrong) if fault.throughout and fault.side == "autopilot" else known
+                wrong = followed(wrong, flight, begun, healthy)
+            said: Answer | Failed = answer(as_logged(wrong, thin=case.thin))
+        except Exception as error:  # noqa: BLE001  (a failure is a row)
+            said = Failed(f"{type(error).__name__}: {error}")
+        rows.append(_row(case, fault.name, fault, fault.sizes[size], onset, said, began))
+    return rows
+
+
+def judged_at_detectable(case: Drawn) -> list[Row]:
+    """Each fault at the size that the untouched flight, where it is consistent, says that it would have shown."""
+    whole = read_recording(case.log).flights[case.flight]
+    flight = flown(whole)
+    if flight is None:
+        return []
+    known, healthy = estimator(flight)
+    followed_up = flight if is_slow(flight) or healthy is None else healthy
+    random = np.random.default_rng(case.seed)
+    rows, untouched = [], {}
+    for sensed, name in _ESTIMATES.items():
+        began = time.process_time()
+        untouched[sensed] = answer(as_logged(followed_up if sensed else flight, thin=case.thin))
+        rows.append(_healthy(case, name, untouched[sensed], began))
+    for name, fault in STATED.items():
+        before = untouched[fault.sensed]
+        if before.side != "none" or name not in before.smallest or (fault.sensed and known is None):
+            continue
+        size, began, middle = before.smallest[name], time.process_time(), flight.start + 0.5 * flight.duration
+        try:
+            wrong = fault.inject(flight, size, middle, random)
             if fault.sensed:
                 wrong = followed(wrong, flight, known, healthy)
             said: Answer | Failed = answer(as_logged(wrong, thin=case.thin))
         except Exception as error:  # noqa: BLE001  (a failure is a row)
             said = Failed(f"{type(error).__name__}: {error}")
-        rows.append(_row(case, fault, fault.sizes[size], onset, said, began))
+        rows.append(_row(case, name, fault, size / fault.scale, middle, said, began))
     return rows
 
 
@@ -179,31 +224,47 @@ def followed(wrong: Flight, flight: Flight, known: ekf.SetUp | None, healthy: Fl
 
 def _untouched(case: Case, flight: Flight, healthy: Flight | None) -> list[Row]:
     rows = []
-    for name, one in (("none, recorded estimate", flight), ("none, the EKF's estimate", healthy)):
+    for name, one in zip(_ESTIMATES.values(), (flight, healthy), strict=True):
         if one is None:
             continue
         began = time.process_time()
-        said = answer(as_logged(one, thin=case.thin))
-        results: dict[str, Result] = {"none": "clear", "cannot_tell": "cannot tell"}
-        result = results.get(said.side, "false alarm")
-        rows.append(_made(case, name, 0.0, result, said, None, began, cause=False))
+        try:
+            said: Answer | Failed = answer(as_logged(one, thin=case.thin))
+        except Exception as error:  # noqa: BLE001  (a failure is a row)
+            said = Failed(f"{type(error).__name__}: {error}")
+        rows.append(_healthy(case, name, said, began))
     return rows
 
 
-def _row(case: Case, fault: Fault, size: float, onset: float, said: Answer | Failed, began: float) -> Row:
+def _healthy(case: Case | Drawn, name: str, said: Answer | Failed, began: float) -> Row:
+    results: dict[str, Result] = {"none": "clear", "cannot_tell": "cannot tell"}
+    result = "failed" if isinstance(said, Failed) else results.get(said.side, "false alarm")
+    return _made(case, name, 0.0, result, said, None, began, cause=False)
+
+
+def _row(
+    case: Case | Drawn,
+    name: str,
+    fault: Fault | Stated,
+    size: float,
+    onset: float,
+    said: Answer | Failed,
+    began: float,
+) -> Row:
     if isinstance(said, Failed):
-        return _made(case, fault.name, size, "failed", said, None, began, cause=False)
-    delay = None if said.onset is None or fault.throughout else float(said.onset - onset)
+        return _made(case, name, size, "failed", said, None, began, cause=False)
+    throughout = isinstance(fault, Fault) and fault.throughout
+    delay = None if said.onset is None or throughout else float(said.onset - onset)
     others: dict[str, Result] = {"none": "missed", "cannot_tell": "cannot tell"}
     result: Result = others.get(said.side, "wrong")
     if said.side == fault.side:
         result = "early" if delay is not None and delay < -_EARLY_S else "found"
     cause = said.cause in fault.causes
-    return _made(case, fault.name, size, result, said, delay, began, cause=cause)
+    return _made(case, name, size, result, said, delay, began, cause=cause)
 
 
 def _made(
-    case: Case,
+    case: Case | Drawn,
     name: str,
     size: float,
     result: Result,
@@ -222,21 +283,33 @@ def as_logged(flight: Flight, *, thin: bool) -> Flight:
     return thinned(flight, _LOW_HZ) if thin and flight.imu().rate_hz >= FAST_HZ else flight
 
 
-def cases(paths: Sequence[Path], *, sizes: Literal["all", "middle"], shift: int = 0) -> list[Case]:
-    """Every flight at its full rate and at 25 Hz, with every fault; onsets go round, from another one with `shift`."""
-    every_case: list[Case] = []
+def _at_each_rate(paths: Sequence[Path]) -> Iterator[tuple[str, int, str, bool]]:
+    """Log, flight, vehicle, and whether it is thinned to 25 Hz."""
     for path in paths:
-        for number, flight in enumerate(read_recording(path).flights):
-            if not flight.imus:
-                continue
-            rate = flight.imu().rate_hz
-            for thin in [False] * (rate >= FAST_HZ) + [True]:
-                chosen = [(-1, 0, 0.0)]
-                for i, fault in enumerate(FAULTS):
-                    some = range(len(fault.sizes)) if sizes == "all" else [fault.middle]
-                    chosen += [(i, k, _ONSETS[(len(every_case) + i + k + shift) % len(_ONSETS)]) for k in some]
-                halves = chosen[::2], chosen[1::2]
-                every_case += [Case(str(path), number, vehicle_of(path), thin, tuple(half)) for half in halves]
+        try:
+            flights = read_recording(path).flights
+        except CompanionError as error:
+            print(f"{path.name}: {error}", file=sys.stderr)
+            continue
+        for number, flight in enumerate(flights):
+            if flight.imus:
+                for thin in [False] * (flight.imu().rate_hz >= FAST_HZ) + [True]:
+                    yield str(path), number, vehicle_of(path), thin
+
+
+def cases(paths: Sequence[Path], *, sizes: Literal["all", "middle"], shift: int = 0, only: str = "") -> list[Case]:
+    """Every flight at its full rate and at 25 Hz, with every fault; onsets go round, from another one with `shift`.
+
+    only: a part of the names of faults that are taken.
+    """
+    every_case: list[Case] = []
+    for flight in _at_each_rate(paths):
+        chosen = [] if only else [(-1, 0, 0.0)]
+        for i, fault in enumerate(FAULTS):
+            if only in fault.name:
+                some = range(len(fault.sizes)) if sizes == "all" else [fault.middle]
+                chosen += [(i, k, _ONSETS[(len(every_case) + i + k + shift) % len(_ONSETS)]) for k in some]
+        every_case += [Case(*flight, tuple(half)) for half in (chosen[::2], chosen[1::2]) if half]
     return every_case
 
 
@@ -246,7 +319,12 @@ def main() -> int:
     parser.add_argument("logs", nargs="*", type=Path, help="healthy logs, or folders of them")
     parser.add_argument("--quick", action="store_true", help="three flights and one size of each fault")
     parser.add_argument("--sizes", choices=("all", "middle"), default="all", help="of each fault (default: all)")
+    parser.add_argument("--only", default="", help="faults with this in their names")
     parser.add_argument("--shift", type=int, default=0, help="1 or 2: each fault at another of the three onsets")
+    parser.add_argument(
+        "--at-detectable", action="store_true", help="faults of the size that each untouched flight would have shown"
+    )
+    parser.add_argument("--draws", type=int, default=3, help="of axis and sign, with --at-detectable (default: 3)")
     parser.add_argument("--vehicle", action="append", help="only this one; may be repeated")
     parser.add_argument("--workers", type=int, help="processes, default: one for each processor")
     parser.add_argument("--timeout", type=float, default=1200.0, help="seconds for one flight")
@@ -259,22 +337,34 @@ def main() -> int:
     ]
     if not paths:
         parser.error(NO_LOGS)
-    todo = cases(paths, sizes="middle" if chosen.quick else chosen.sizes, shift=chosen.shift)
-    rows: list[Row] = []
-    for done, (index, result) in enumerate(each(judged, todo, workers=chosen.workers, timeout=chosen.timeout), 1):
-        name = Path(todo[index].log).name
-        if isinstance(result, Failed):
-            print(f"{name}: {result.reason}", file=sys.stderr)
-        else:
-            rows += result
-            print(f"{done} of {len(todo)}: {name}", file=sys.stderr)
-    print(table(rows, {fault.name: fault.unit for fault in FAULTS}))
-    claims = [(r.vehicle, r.stated, r.result in ("found", "clear")) for r in rows if r.result != "cannot tell"]
+    if chosen.at_detectable:
+        drawn = [Drawn(*flight, seed) for flight in _at_each_rate(paths) for seed in range(chosen.draws)]
+        rows = _run(judged_at_detectable, drawn, chosen)
+        print(detectable_table(rows, {name: one.unit for name, one in STATED.items()}))
+    else:
+        chosen.sizes = "middle" if chosen.quick else chosen.sizes
+        rows = _run(judged, cases(paths, sizes=chosen.sizes, shift=chosen.shift, only=chosen.only), chosen)
+        print(table(rows, {fault.name: fault.unit for fault in FAULTS}))
+    claims = [(r.vehicle, r.stated, r.result in ("found", "clear")) for r in rows if r.result not in _UNSTATED]
     print(f"\n{reliability(claims)}\n")
     print(f"{len(rows)} verdicts, {sum(row.cpu_s for row in rows):.0f} s of CPU")
     if chosen.json:
         chosen.json.write_bytes(msgspec.json.format(msgspec.json.encode(rows)))
     return 0
+
+
+def _run(judge: Callable[[One], list[Row]], todo: Sequence[One], chosen: argparse.Namespace) -> list[Row]:
+    rows: list[Row] = []
+    for done, (index, result) in enumerate(each(judge, todo, workers=chosen.workers, timeout=chosen.timeout), 1):
+        name = Path(todo[index].log).name
+        if isinstance(result, Failed):
+            print(f"{done} of {len(todo)}: {name}: {result.reason}", file=sys.stderr)
+        else:
+            rows += result
+            print(f"{done} of {len(todo)}: {name}", file=sys.stderr)
+            for row in result:
+                print(f"  {row.rate}, {row.fault} {row.size:.3g}: {row.result}, {row.said}", file=sys.stderr)
+    return rows
 
 
 if __name__ == "__main__":

@@ -17,14 +17,13 @@ from typing import get_args
 import msgspec
 
 from benchmarks.accuracy.answer import Answer, answer
-from benchmarks.accuracy.labels import Label, Outcome, details, load_labels, outcome, recordings
+from benchmarks.accuracy.labels import SHARED, Label, Outcome, details, load_labels, name_of, outcome, recordings
 from benchmarks.accuracy.parallel import Failed, each
 from benchmarks.accuracy.reliability import Stated, reliability
 from companion.app.recording import read_recording
 from companion.model import CompanionError
 
 HERE = Path(__file__).resolve().parent
-SHARED = HERE.parents[2] / "shared" / "tlogs"
 OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
 
 Answers = dict[str, Answer | Failed]  # "SYSID/BOOT" → what was said of the flight
@@ -95,15 +94,11 @@ def _row(log: str, flight: str, label: Label, what: Answer | Failed) -> Row:
 
 def run(folder: Path, labels: Sequence[Label], *, workers: int | None, timeout: float) -> list[Row]:
     """Every labelled recording below a folder."""
-    paths = [path for path in recordings(folder) if any(label.matches(_name(path, folder)) for label in labels)]
+    paths = [path for path in recordings(folder) if any(label.matches(name_of(path, folder)) for label in labels)]
     outcomes: list[Row] = []
     for index, said in each(answers, paths, workers=workers, timeout=timeout):
-        outcomes += rows(_name(paths[index], folder), labels, said)
+        outcomes += rows(name_of(paths[index], folder), labels, said)
     return sorted(outcomes, key=lambda row: (row.group, row.log, row.flight))
-
-
-def _name(path: Path, folder: Path) -> str:
-    return path.relative_to(folder).as_posix()
 
 
 def table(outcomes: Iterable[Row]) -> str:
@@ -123,7 +118,8 @@ def _stated(outcomes: Iterable[Row]) -> Iterator[Stated]:
     """Verdicts that say who is wrong, or that nobody is."""
     for row in outcomes:
         if row.said is not None and row.said.side != "cannot_tell":
-            yield row.group, row.said.stated, row.outcome == "right"
+            owner, named, _ = Path(row.log).name.partition("__")
+            yield owner if named else row.group, row.said.stated, row.outcome == "right"
 
 
 def wrong_reason(row: Row) -> bool:

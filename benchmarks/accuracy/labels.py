@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +15,7 @@ from companion.model import InputError
 
 Outcome = Literal["right", "cannot tell", "not shown", "false alarm", "inverted", "missed", "unread"]
 
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "tlogs"
 RECORDINGS = (".tlog", ".bin", ".ulg", ".log", ".raw")
 PACKED = (".xz", ".gz", ".zst", ".bz2")
 
@@ -66,6 +68,12 @@ def recordings(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.is_file() and named(path).endswith(RECORDINGS))
 
 
+def name_of(path: Path, folder: Path = SHARED) -> str:
+    """A recording as labels name it: by its path below the folder; one that lies elsewhere by its name alone."""
+    path, folder = path.resolve(), folder.resolve()
+    return path.relative_to(folder).as_posix() if folder in path.parents else path.name
+
+
 def outcome(label: Label, said: Answer | None) -> Outcome:
     """The verdict of a flight against its label. None: the flight, or the recording, was not read."""
     if label.truth == "no_flight":
@@ -79,12 +87,12 @@ def outcome(label: Label, said: Answer | None) -> Outcome:
         return "cannot tell" if said.side == "cannot_tell" else "right"
     if said.side in {"imu", "autopilot"}:
         return "inverted" if label.truth in {"imu", "autopilot"} else "false alarm"
-    return "not shown" if said.side == "none" and label.hidden and _is_below(label, said) else "missed"
+    return "not shown" if said.side == "none" and label.hidden and is_below(label.hidden, said) else "missed"
 
 
-def _is_below(label: Label, said: Answer) -> bool:
-    """Whether the verdict says that it would not have shown a fault of this size, or that it did not judge it."""
-    return all(said.smallest.get(quantity, float("inf")) > size for quantity, size in label.hidden.items())
+def is_below(sizes: Mapping[str, float], said: Answer) -> bool:
+    """Whether the verdict says that it would not have shown these sizes, or that it did not judge them."""
+    return all(said.smallest.get(quantity, float("inf")) > size for quantity, size in sizes.items())
 
 
 def details(label: Label, said: Answer) -> dict[str, bool]:

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 _ENOUGH = 0.95
+_TWO_SIDED = 1.96  # σ of 95 % of a normal distribution
 _OTHERS = ("wrong", "missed", "cannot tell", "early", "failed")
 
 
@@ -71,6 +72,33 @@ def table(rows: Sequence[Row], units: Mapping[str, str]) -> str:
             lines += [_of_fault(name, these, units[name])] if these else []
         lines.append("")
     return "\n".join(lines)
+
+
+def detectable_table(rows: Sequence[Row], units: Mapping[str, str]) -> str:
+    """By kind, of faults of the size that 95 % are to be found of: the share that was, and what became of the others.
+
+    The interval is Wilson's, of 95 %.
+    """
+    lines = [f"| fault, at the size that is stated | faults | median size | found | interval | {' | '.join(_OTHERS)} |"]
+    lines += ["|---" * (5 + len(_OTHERS)) + "|"]
+    for name in units:
+        own = [row for row in rows if row.fault == name]
+        if not own:
+            continue
+        found = sum(row.result == "found" for row in own)
+        low, high = wilson(found, len(own))
+        size = f"{np.median([row.size for row in own]):.2g} {units[name]}"
+        others = " | ".join(str(sum(row.result == result for row in own) or "") for result in _OTHERS)
+        lines.append(f"| {name} | {len(own)} | {size} | {found / len(own):.0%} | {low:.0%} to {high:.0%} | {others} |")
+    return "\n".join(lines)
+
+
+def wilson(found: int, count: int) -> tuple[float, float]:
+    """The 95 % interval of a share, of which `found` of `count` were seen (E. B. Wilson 1927)."""
+    z2 = _TWO_SIDED**2
+    middle = (found + 0.5 * z2) / (count + z2)
+    half = _TWO_SIDED / (count + z2) * np.sqrt(found * (count - found) / count + 0.25 * z2)
+    return max(middle - float(half), 0.0), min(middle + float(half), 1.0)
 
 
 def _of_fault(name: str, rows: Sequence[Row], unit: str) -> str:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 
 EDGES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 """Deciles, the last of them in parts: there an accusation begins."""
+
+SURE, _FEW = 0.95, 0.9  # from which on somebody is accused; of a vehicle's, less than this share right is too few
 
 Stated = tuple[str, float | None, bool]
 """Whose flight, the probability that the verdict states, None where it states none, and whether it was right."""
@@ -26,10 +28,22 @@ def reliability(verdicts: Iterable[Stated]) -> str:
     silent = [right for _, p, right in every if p is None]
     if silent:
         lines.append(f"| none | {len(silent)} | | {sum(silent) / len(silent):.3f} |")
-    by_vehicle: dict[str, list[bool]] = defaultdict(list)
+    sure: dict[str, list[bool]] = defaultdict(list)
     for whose, p, right in stated:
-        if p >= EDGES[-3]:
-            by_vehicle[whose].append(right)
-    lines += ["", "| stated 0.95 or more, of | verdicts | right |", "|---|---|---|"]
-    lines += [f"| {whose} | {len(own)} | {sum(own) / len(own):.3f} |" for whose, own in sorted(by_vehicle.items())]
-    return "\n".join(lines)
+        if p >= SURE:
+            sure[whose].append(right)
+    lines += ["", f"| stated {SURE} or more, of | verdicts | right |", "|---|---|---|"]
+    lines += [f"| {whose} | {len(own)} | {sum(own) / len(own):.3f} |" for whose, own in sorted(sure.items())]
+    return "\n".join([*lines, "", _summary(sure)])
+
+
+def _summary(sure: Mapping[str, Sequence[bool]]) -> str:
+    """How many of the verdicts that are sure were right, by vehicle, and those of which too few were."""
+    every = [right for own in sure.values() for right in own]
+    if not every:
+        return f"Verdicts stated >= {SURE}: none"
+    low = [f"{whose} ({sum(own)} of {len(own)})" for whose, own in sorted(sure.items()) if sum(own) < _FEW * len(own)]
+    return (
+        f"Verdicts stated >= {SURE}: {len(every)}, right in {sum(every) / len(every):.1%}; "
+        f"right in less than {_FEW:.0%}: {', '.join(low) or 'none'}"
+    )

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.accuracy.cutting import at, attitude_at
-from benchmarks.accuracy.labelled import HERE, SHARED
-from benchmarks.accuracy.labels import load_labels, recordings
+from benchmarks.accuracy.labelled import HERE
+from benchmarks.accuracy.labels import SHARED, load_labels, recordings
 from benchmarks.accuracy.parallel import Failed, each
 from companion.analysis import phases
 from companion.analysis.budget import nees

@@ -169,11 +169,9 @@ def assess(
     how: Integration = DEFAULT,
     correction: Correction = NO_CORRECTION,
     before: BestEstimate | None = None,
+    confusion: bool = False,
 ) -> Assessment:
-    """Everything about one IMU of a flight. Raises as `drift` does.
-
-    before: as `companion.estimation.smooth` has it.
-    """
+    """Everything about one IMU of a flight. Raises as `drift` does; before, confusion: as `smooth` has them."""
     autopilot, parts = autopilot or ReferenceSpec(), phases(flight)
     track = correction.apply(flight.imu(imu))
     seen, comparison = while_in_control(flight, parts, track.source), compare(flight, track=track, how=how)
@@ -189,7 +187,7 @@ def assess(
     enough = len(while_judged(chosen, judged.track.t, parts).start) >= num.MIN_WINDOWS
     differ = enough and allowed is not None and not Agreement(num.JUDGED_S, 0, {}, allowed.inside).is_consistent
     judged = judged.forgotten()  # while the best estimate needs the room
-    made, told_by_it = _best(own, judged, faults, unjudged(parts), before, differ=differ)
+    made, told_by_it = _best(own, judged, faults, unjudged(parts), before, differ=differ, confusion=confusion)
     best = made if isinstance(made, BestEstimate) else None
     faults += [*told_by_it, *frozen]
     constants = read_wrongly(best, seen, how.gravity, faults)
@@ -259,6 +257,7 @@ def _best(
     before: BestEstimate | None,
     *,
     differ: bool,
+    confusion: bool = False,
 ) -> tuple[BestEstimate | NoEstimateError, list[Finding]]:
     """The best estimate, with the IMU's readings left out where they are none; or why there is none.
 
@@ -273,18 +272,20 @@ def _best(
     untrusted = [*out, *((f.start_s - 0.5, f.end_s + 0.5) for f in faults if f.kind in _UNTRUSTED)]
     again = partial(smooth, imu=imu, gravity=gravity, untrusted=untrusted)
     try:
-        best = again(flight, before=before)
+        best = again(flight, before=before, confusion=confusion)
     except NoEstimateError as why:
         if not out:
             return why, []
         try:  # the longest stretch in control: where nothing tells a heading, no other can be joined to it
             again = partial(again, span=max(between(out, comparison.track.t), key=lambda one: one[1] - one[0]))
-            best = again(flight)
+            best = again(flight, confusion=confusion)
         except NoEstimateError:
             return why, []
     stuck = [f for f in missed_findings(comparison, best, flight, again) if f not in faults]
     if stuck:
-        best_without, told = _best(flight, comparison, [*faults, *stuck], out, before, differ=differ)
+        best_without, told = _best(
+            flight, comparison, [*faults, *stuck], out, before, differ=differ, confusion=confusion
+        )
         return best_without, [*stuck, *told]
     if not differ or "gps_position" not in best.residuals or any(f.kind == "axes_wrong" for f in faults):
         return best, []

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from companion.analysis.constant_faults import compass_fault_probability
 from companion.analysis.episode import (
     SENSORS,
     Departure,
@@ -128,7 +129,9 @@ def _of_episode(
     side: Side = "imu" if episode.witness == "imu" else "autopilot" if harmed else "data"
     why, would_tell = (_HARDLY_OFF, _ANOTHER) if severity == "warning" else ("", "")
     if severity == "error":
-        why, would_tell = (ALL_THE_TIME, "") if from_start else _why_undecided(episode, best)
+        why, would_tell = _why_undecided(episode, best)
+        if from_start and (sure := _since_start(episode, best)) < priors.ACCUSED:
+            why, would_tell = f"{ALL_THE_TIME} (a fault: {percent(sure)})" if sure else ALL_THE_TIME, ""
     undecided = bool(why) and (harmed or severity != "error" or not from_start)
     headline = said_of = said(episode, best)
     misled: tuple[str, ...] = ()
@@ -154,6 +157,12 @@ def _of_episode(
     return Finding(
         episode.kind, side, severity, episode.start, end, said_of, advice, headline, cause, undecided=undecided
     )
+
+
+def _since_start(episode: Episode, best: BestEstimate) -> float:
+    """The probability that what was off since the start is a fault, where it is known what a calibration leaves."""
+    size, sigma, unit = size_told(episode, best)
+    return compass_fault_probability(size, sigma) if episode.witness == "compass" and unit == "µT" else 0.0
 
 
 def _turned(episode: Episode, best: BestEstimate) -> Finding:

@@ -45,12 +45,12 @@ class ConstantError:
 
 
 def _usual(sensor: str) -> float:
-    """1σ of a part in order, wide on purpose: nineteen of twenty axes stay below it."""
-    return 0.5 * healthy.USUAL_BIAS[sensor]
+    """1σ of a part in order, wide on purpose: nineteen of twenty stay within the double."""
+    return 0.5 * (healthy.USUAL_IRON if sensor == "compass" else healthy.USUAL_BIAS[sensor])
 
 
 def fault_probabilities(sensor: str, values: Array, sigma: float, own: Array) -> Array:
-    """The probability (N,) that each of N IMUs has a constant fault on an axis.
+    """The probability (N,) that each of N sensors of a kind has a constant fault on an axis.
 
     values: (N,) their errors, all measured by one estimate that is off by sigma; own: (N,) 1σ of each beside that.
     """
@@ -69,6 +69,11 @@ def fault_probabilities(sensor: str, values: Array, sigma: float, own: Array) ->
     share = np.exp(np.array(weights) - max(weights))
     share /= share.sum()
     return np.asarray(share @ np.array(sets, np.float64))
+
+
+def compass_fault_probability(size: float, sigma: float) -> float:
+    """That a compass which has been off by a size (µT, with its 1σ) since the start is not of a usual calibration."""
+    return float(fault_probabilities("compass", np.array([size]), sigma, np.zeros(1))[0])
 
 
 def read_wrongly(

@@ -111,10 +111,15 @@ def _episodes_of(parts: list[Explained], witness: str, least: float, best: BestE
             float(grid[final]) if final < len(grid) - 1 else np.inf,
             level[peak],
             float(sigma[peak]),
-            cause.rivals,
+            max((p for p in parts if p.onset <= grid[final] and p.end >= grid[first]), key=_fault_odds).rivals,
             cause.shape in SLOPED,
             cause.imu,
         )
+
+
+def _fault_odds(part: Explained) -> float:
+    """Logarithm of the odds that what was explained is a fault: of several parts of one, the likeliest counts."""
+    return max((one.fault_log_odds for one in part.rivals if one.kind == part.kind), default=-np.inf)
 
 
 def _at_work(part: Explained, t: Array) -> Array:

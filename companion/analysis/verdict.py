@@ -10,12 +10,13 @@ from typing import Literal
 import numpy as np
 
 from companion.analysis.agreement import Agreement
-from companion.analysis.comparison import left_out
 from companion.analysis.episode import BIAS_UNITS, SENSORS, bias_at_the_end, percent
 from companion.analysis.finding import Cause, Finding
+from companion.analysis.undetected import harmful_undetected
+from companion.analysis.without_windows import too_few_windows, unseen, would_show
 from companion.constants import num, priors
 from companion.estimation import BestEstimate, kind_of
-from companion.model import brief, counted
+from companion.model import brief
 
 Status = Literal["consistent", "imu_suspect", "autopilot_suspect", "insufficient_data"]
 
@@ -78,19 +79,22 @@ def _decided(
     probability: Mapping[str, float],
 ) -> Verdict:
     causes = sorted((f for f in findings if f.severity == "error" and f.side != "data"), key=lambda f: f.start_s)
-    lacking = _lacking(agreements[0], findings, bool(causes))
+    lost = [f for f in findings if f.kind == "control_lost"]
+    judged = agreements[0]
+    no_windows = next((f.evidence for f in findings if f.kind == "rate_too_low"), "") or too_few_windows(judged)
+    lacking = _lacking(findings, lost) if causes else _lacking(findings, lost, no_windows and unseen(best, no_windows))
     if lacking is not None:
         return Verdict("insufficient_data", lacking, findings)
-    lost = [f for f in findings if f.kind == "control_lost"]
     many = [one for one in agreements[1:] if one.windows >= num.MANY_WINDOWS]
-    worst = min([agreements[0], *many], key=lambda one: one.share)
+    enough = [judged] if judged.windows >= num.MIN_WINDOWS else []
+    worst = min([*enough, *many], key=lambda one: one.share, default=None)
     if causes:
         first = _first(causes)
         whom = "the IMU" if first.side == "imu" else "the autopilot's estimate"
         status: Status = "imu_suspect" if first.side == "imu" else "autopilot_suspect"
         cause = _cause(first)
         told = f"Suspect {whom}: {_headline(first)}{_how_sure(cause)}.{_then(cause, lost)}"
-        told += _all_the_same(agreements[0], source)
+        told += _all_the_same(judged, source)
         return Verdict(status, told, findings, cause)
     doubt = _doubt(worst, findings, best) or _of_imu(probability)
     if doubt is not None:
@@ -98,8 +102,10 @@ def _decided(
     sure = "".join(f"; {whose}: {percent(share)}" for whose, share in _faults_told(probability))
     fallen = f"{_fall(lost)[1:-1]}; " if lost else ""
     who = "the sensors" if lost and best is not None else "IMU and autopilot"
-    told = f"{fallen}{who} agree within the expected error ({worst}{sure}).{_unwitnessed(best)}"
-    return Verdict("consistent", told, findings)
+    how = f"by the best estimate: {no_windows}, but {would_show(best)} would have shown" if no_windows else str(worst)
+    told = f"{fallen}{who} agree within the expected error ({how}{sure})."
+    told += _not_excluded(best) if probability and not no_windows else ""  # once: of all flights of a log together
+    return Verdict("consistent", told + _unwitnessed(best), findings)
 
 
 def _how_sure(cause: Cause) -> str:
@@ -195,30 +201,35 @@ def _unwitnessed(best: BestEstimate | None) -> str:
     return " No GPS data: the position could not be verified."
 
 
-def _lacking(judged: Agreement, findings: tuple[Finding, ...], has_cause: bool) -> str | None:
-    """Why nothing can be judged; None where it can."""
-    lost = [f for f in findings if f.kind == "control_lost"]
-    if (misled := next((f for f in lost if f.undecided), None)) and not has_cause:
+def _not_excluded(best: BestEstimate | None) -> str:
+    """Harmful faults of the IMU that are too small for this flight to show; "" where there are none."""
+    ranges = [] if best is None else harmful_undetected(best)
+    return f" Not excluded: {' or '.join(ranges)}." if ranges else ""
+
+
+def _lacking(findings: tuple[Finding, ...], lost: Sequence[Finding], too_little: str | None = None) -> str | None:
+    """Why nothing can be judged; None where it can.
+
+    too_little: why neither windows nor the best estimate tell; None where there is a cause, "" where they do.
+    """
+    if too_little is not None and (misled := next((f for f in lost if f.undecided), None)):
         return f"Loss of control: {misled.evidence}. No sensor fault was found before that."
     data = [f for f in findings if f.side == "data" and f.severity == "error"]
     if data:
         return f"Cannot tell: {data[0].evidence}."
-    if judged.windows < num.MIN_WINDOWS and not has_cause:
-        reasons = left_out(judged.excluded)
-        short = f"the flight is too short: at least {num.MIN_WINDOWS * num.JUDGED_S:g} s are needed"
-        why = f"left out: {reasons}" if reasons else short
-        usable = f"only {counted(judged.windows, 'window')}" if judged.windows else "no window"
-        begun = f"{_fall(lost)[1:]} No sensor fault was found, but" if lost else "Cannot tell:"
-        return f"{begun} {usable} of {num.JUDGED_S:g} s can be used ({why})."
-    return None
+    if not too_little:
+        return None
+    undecided = next((f"{f.evidence}; " for f in findings if f.undecided), "")
+    begun = f"{_fall(lost)[1:]} No sensor fault was found, but" if lost and not undecided else "Cannot tell:"
+    return f"{begun} {undecided}{too_little}."
 
 
-def _doubt(worst: Agreement, findings: tuple[Finding, ...], best: BestEstimate | None) -> str | None:
+def _doubt(worst: Agreement | None, findings: tuple[Finding, ...], best: BestEstimate | None) -> str | None:
     """What speaks against agreement: what cannot be told, or what nothing explains; None where nothing does."""
     undecided = next((f.evidence for f in findings if f.undecided), None)
     if undecided is not None:
         return undecided
-    if worst.is_consistent:
+    if worst is None or worst.is_consistent:
         return None
     quantity = min(worst.inside, key=lambda name: worst.inside[name])
     why = "no single cause explains it"

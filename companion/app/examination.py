@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -94,12 +95,13 @@ def examine(
     correction: str | Path | None = None,
     how: Integration | None = None,
     anchor: str = "autopilot",
+    confusion: bool = False,
 ) -> Examination:
     """The whole analysis of a flight.
 
     imu: the message to integrate; imu_model: a part of config/imu in place of the one that the vehicle names;
     correction: a file of `companion calibrate`; how: in place of what the settings say; anchor: "rest" aligns the IMU
-    by itself too.
+    by itself too; confusion: find out from which size on faults are told from their rivals, which takes seconds.
 
     Raises DataError when the flight has no usable IMU, no attitude or, for that, no rest; InputError and SettingsError
     for files that cannot be read.
@@ -113,7 +115,8 @@ def examine(
     """
     check_anchor(anchor)
     with _cannot_tell():
-        assessment = assess_imu(flight, settings, imu=imu, imu_model=imu_model, correction=correction, how=how)
+        chosen: dict[str, Any] = {"imu": imu, "imu_model": imu_model, "correction": correction, "how": how}
+        assessment = assess_imu(flight, settings, confusion=confusion, **chosen)
         own, spec, autopilot = assessment.comparison, assessment.figures, autopilot_of(settings, flight)
         aligned = align(flight, own, spec, autopilot) if anchor == "rest" else None
     file = None if correction is None else str(correction)
@@ -159,10 +162,11 @@ def assess_imu(
     correction: str | Path | None = None,
     how: Integration | None = None,
     before: BestEstimate | None = None,
+    confusion: bool = False,
 ) -> Assessment:
     """One IMU of a flight alone, without the others. Arguments and errors as `examine`.
 
-    before: as `companion.estimation.smooth` has it.
+    before, confusion: as `companion.estimation.smooth` has them.
     """
     name = flight.imu(imu).source
     return assess(
@@ -174,6 +178,7 @@ def assess_imu(
         how=how or integration_of(settings, flight),
         correction=NO_CORRECTION if correction is None else load_correction(correction),
         before=before,
+        confusion=confusion,
     )
 
 

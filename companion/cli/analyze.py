@@ -16,6 +16,7 @@ from companion.analysis import Assessment, Finding, rate_warning
 from companion.app.examination import Examination, Unexamined, examine, unexaminable
 from companion.app.recording import Source
 from companion.cli import many_logs, options, parsers, sensor_lines, tables
+from companion.cli.confusion import confusion_lines
 from companion.cli.info import reference_line
 from companion.cli.tables import SIGNS, status_text, wrapped
 from companion.documents import analysis_document, encode, unexamined_document
@@ -50,6 +51,11 @@ def add_parser(commands: parsers.Commands) -> None:
     parsers.add_judgement(parser)
     parsers.add_anchor(parser)
     parser.add_argument("--full", action="store_true", help="everything: all findings, all tables, the calibration")
+    parser.add_argument(
+        "--confusion",
+        action="store_true",
+        help="from which size on each fault is told from the others in this flight (takes some 10 s more)",
+    )
     parsers.add_json(parser)
     parser.add_argument(
         "--fail-on",
@@ -73,6 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         settings,
         **options.chosen(arguments),
         anchor=arguments.anchor,
+        confusion=arguments.confusion,
     )
     if arguments.json:
         print(encode(analysis_document(recording.source, examined)))
@@ -81,6 +88,8 @@ def run(arguments: argparse.Namespace) -> int:
         console.lines(*(_everything(examined) if arguments.full else first_screen(examined, console.width)))
         if examined.alignment is not None:
             console.lines(*sensor_lines.alignment_lines(examined.alignment))
+        if arguments.confusion:
+            console.lines(*confusion_lines(examined.assessment.best, console.width))
     return options.exit_code(arguments.fail_on, [examined.assessment.verdict.status])
 
 

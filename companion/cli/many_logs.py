@@ -16,7 +16,7 @@ from companion.model import CompanionError, Flight, SettingsError, counted
 from companion.present import autopilot_words, clause, fixed
 
 _HORIZON_S = 10.0
-_OF_ONE = ("json", "full", "vehicle", "boot")
+_OF_ONE = ("json", "full", "confusion", "vehicle", "boot")
 
 _COLUMNS = {
     "IMU": "IMU", "GPS": "GPS", "compass": "compass", "barometer": "barometer", "airspeed": "airspeed",

@@ -39,6 +39,7 @@ JAMMED = 2  # jamming_state and spoofing_state: 0 unknown, 1 none, 2 mitigated o
 # Axes
 AXES_WINDOW_S = 0.5  # over which turns and forces are averaged
 AXES_MIN_WINDOWS = 10  # of those with motion, for units
+AXES_MIN_SAMPLES = 4  # of such a mean: fewer tell of no motion between them
 UNIT_FACTOR_LOG = log(1.5)  # within such a factor of the usual one,
 UNIT_FACTOR_SHARE = 0.8  # in such a share of the windows
 UNIT_AXIS_SHARE = 0.05  # of the squares about the axis with most: about others there is too little

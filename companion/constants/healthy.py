@@ -9,7 +9,7 @@ TRIM_RAD = radians(12.0)  # AHRS_TRIM reaches ±10°; more is another orientatio
 
 # Clipped, frozen and stuck readings
 CLIPPED_MPS = 0.04  # 1σ of a clipped reading: a quarter of 16 g for 1 ms; autopilots count at 1 kHz or more
-ACCEL_MIN_DENSITY = 1e-4  # m/s²/√Hz: no accelerometer is quieter, but a simulated one
+MIN_DENSITY = {"gyro": 1e-6, "accel": 1e-4}  # rad/s/√Hz, m/s²/√Hz: no sensor is quieter, but a simulated one
 FROZEN_S = 0.5  # an IMU whose noise always shows does not read the same for so long
 STUCK_S = 1.0  # an axis that reads the same for so long
 
@@ -56,6 +56,7 @@ LOCAL_GRAVITY = 0.05  # m/s²: gravity where the vehicle is, and steps of the re
 ATTITUDE_LAG_S = 0.02  # 1σ
 GYRO_TIMES = 4.0  # times what calibration leaves: a gyro may be wrong as well
 AP_HEADING_RAD = 0.1  # 1σ
+USUAL_IRON = 15.0  # µT, 30 % of the field: what ArduPilot's CompassMot still calls acceptable of motor currents
 USUAL_BIAS = {"gyro": 0.018, "accel": 0.2}  # SI: twice what 19 of 20 axes of 14 real vehicles stay below in flight
 AP_MIN_SIGMA = 1e-4  # rad, m/s: nobody is more certain
 REST_CONTRAST = 3.0  # an armed vehicle that rests becomes this much louder when it flies

@@ -20,6 +20,7 @@ from companion.analysis import (
 )
 from companion.app.examination import Examination, Unexamined
 from companion.app.recording import Source
+from companion.documents.confusion import confusion_part
 from companion.documents.document import SCHEMA, Document, document, flight_head, of, plain
 from companion.documents.info import reference
 
@@ -85,6 +86,7 @@ def analysis_document(source: Source, examined: Examination) -> Document:
             }
             for other in examined.redundant_imus
         ],
+        confusion=confusion_part(assessment.best.confusion if assessment.best else None),
     )
 
 
@@ -126,7 +128,12 @@ def contrast_document(
 
 
 def _analysis(
-    source: Source, of_flight: Examination | Unexamined, verdict: Verdict, could: Sensitivity | None, **known: Any
+    source: Source,
+    of_flight: Examination | Unexamined,
+    verdict: Verdict,
+    could: Sensitivity | None,
+    confusion: Document | None = None,
+    **known: Any,
 ) -> Document:
     """known: what an examination has beside; null or empty where it is not known."""
     flight = of_flight.flight
@@ -158,6 +165,7 @@ def _analysis(
         "imus": [],
         **known,
         "verdict": _verdict(verdict, could),
+        "confusion": confusion,
     }
     return document(source, [analysed])
 

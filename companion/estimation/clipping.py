@@ -21,7 +21,7 @@ def lost_by_clipping(flight: Flight, track: ImuTrack, t: Array, density: float) 
             axis = name.removeprefix("clips_")
             if axis == str(track.instance) or (not axis.isdigit() and series.instance == track.instance):
                 lost = np.maximum(lost, healthy.CLIPPED_MPS * np.diff(np.interp(t, when, clipped)))
-    return lost / (max(density, healthy.ACCEL_MIN_DENSITY) * np.sqrt(np.diff(t)))
+    return lost / (max(density, healthy.MIN_DENSITY["accel"]) * np.sqrt(np.diff(t)))
 
 
 def clip_counters(series: Series) -> Iterator[tuple[str, Array, Array]]:

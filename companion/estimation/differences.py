@@ -48,11 +48,12 @@ class Differences:
     def told(self, sensor: str, what: str, shape: str, onset: Array, end: Array) -> tuple[Array, Array]:
         """Gradient b (T, 3) and information V (T, 3, 3) of errors of this IMU from onsets to ends (T,), s.
 
+        Of D data sets, values (B, 3, D), b is (T, 3, D).
         Those of the estimate's own IMU have the same V, and -b: see `told_of_own`.
         """
         columns = self.columns(sensor, what, shape, onset, end)
         weighed = columns @ self.weight[sensor]
-        b = np.einsum("atb,ba->ta", weighed, self.value[sensor])
+        b = np.einsum("atb,ba...->ta...", weighed, self.value[sensor])
         return b, (weighed * columns).sum(axis=2).T[:, :, None] * np.eye(3)
 
     def beside(self, one: Error) -> Differences:

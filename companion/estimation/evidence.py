@@ -29,7 +29,7 @@ from companion.model import Array
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """One hypothesis in one shape, at every pair of times that was tried."""
+    """One hypothesis in one shape, at every pair of times that was tried; of D data sets at once, (T, ..., D)."""
 
     kind: Kind
     shape: str
@@ -38,7 +38,7 @@ class Trial:
     weight: Array  # (T,) prior probability that it begins and ends within the cell about these times, if it occurs
     log_bayes: Array  # (T, 2) of a nuisance and of a fault at these times against nothing, rates not counted
     size: Array  # (T, m) of a fault
-    covariance: Array  # (T, m, m)
+    sigma: Array  # (T,) 1σ of its length
     axis: npt.NDArray[np.intp]  # (T,) the one component that changes; -1 for all
     flight: tuple[float, float]  # s, its first and last keyframe
     imu: int | None = None  # the IMU whose it is; None for that of the estimate, and for what is no IMU's
@@ -51,40 +51,55 @@ class Trial:
     @property
     def log_odds(self) -> float:
         """Posterior odds that it occurred, against that nothing did: rate, sizes and times integrated."""
-        return float(_log_sum(self._cells()))
+        return float(self.log_odds_of_each)
+
+    @property
+    def log_odds_of_each(self) -> Array:
+        """The same of every data set (D,)."""
+        return np.asarray(_log_sum(self.cells, axis=(0, 1)))
 
     @property
     def worth_trying(self) -> bool:
         """Whether an estimate with it may show a fault, or take out what disturbs the others."""
-        return bool(_log_sum(self._cells()[:, 1]) > priors.CANDIDATE or self.log_odds > priors.LIKELY_NUISANCE)
+        return bool(_log_sum(self.cells[:, 1]) > priors.CANDIDATE or self.log_odds > priors.LIKELY_NUISANCE)
 
     @property
     def fault(self) -> float:
         """Probability, if it occurred, that its size is harmful."""
-        cells = self._cells()
-        at = np.exp(cells - _log_sum(cells))
-        return float((at[:, 1] * self._beyond()).sum())
+        return float(self.fault_of_each)
+
+    @property
+    def fault_of_each(self) -> Array:
+        """The same of every data set (D,)."""
+        cells = self.cells
+        at = np.exp(cells[:, 1] - _log_sum(cells, axis=(0, 1)))
+        counts = at > num.NEGLIGIBLE
+        beyond = np.zeros_like(at)
+        beyond[counts] = _normal(self._above_harm()[counts])
+        return np.asarray((at * beyond).sum(axis=0))
 
     @property
     def onset_sigma(self) -> float:
         """1σ of the onset about the likeliest, s."""
-        cells = _log_sum(self._cells(), axis=1)
+        cells = _log_sum(self.cells, axis=1)
         at = np.exp(cells - _log_sum(cells))
         return float(np.sqrt(at @ (self.onset - self.onset[self.best]) ** 2))
 
-    def _cells(self) -> Array:
+    @property
+    def cells(self) -> Array:
+        """(T, 2) posterior log odds of a nuisance and of a fault at these times against nothing."""
         with np.errstate(divide="ignore"):
             usual = self.kind.rate if self.kind.nuisance else priors.NUISANCES_PER_H
             rates = np.array([usual / len(self.kind.shapes), self.kind.rate_of(self.shape)]) * _hours(self.flight)
-            return np.asarray(np.log(self.weight)[:, None] + np.log(rates) + self.log_bayes)
+            prior = np.log(self.weight)[:, None] + np.log(rates)
+            return np.asarray((prior if self.log_bayes.ndim == 2 else prior[..., None]) + self.log_bayes)
 
-    def _beyond(self) -> Array:
-        """(T,) probability that the size of a fault is harmful."""
-        size = np.linalg.norm(self.size, axis=1)
-        along = self.size / np.maximum(size, 1e-300)[:, None]
-        sigma = np.sqrt(np.einsum("ti,tij,tj->t", along, self.covariance, along))
+    def _above_harm(self) -> Array:
+        """(T,) by how many σ the size of a fault is more than what is harmful."""
         reached = grows_for(self.shape, self.onset, self.end, self.flight[1])
-        return _normal((size - harmful(self.kind, self.shape, self.imu) / reached) / np.maximum(sigma, 1e-300))
+        least = harmful(self.kind, self.shape, self.imu) / reached
+        length = np.sqrt((self.size**2).sum(axis=1))
+        return np.asarray((length.T - least).T / np.maximum(self.sigma, 1e-300))
 
 
 def harmful(kind: Kind, shape: str, imu: int | None) -> float:
@@ -115,51 +130,55 @@ def trial(
 ) -> Trial:
     """The evidence at times (onset, end, weight of the cell), each (T,), from gradients b (T, m) and V (T, m, m).
 
+    Of D data sets b is (T, m, D).
     flight: its first and last keyframe, s. aliased: 1σ of nuisances that sampling makes of vibration.
     """
     onset, end, weight = times
     reached = grows_for(shape, onset, end, flight[1])
-    v = 0.5 * (v + v.swapaxes(-1, -2))
-    large, size, covariance, axis = _of_scale(b, v, kind.prior / reached)
+    v, each = 0.5 * (v + v.swapaxes(-1, -2)), b if b.ndim > 2 else b[..., None]
+    large, size, sigma, axis = _of_scale(each, v, kind.prior / reached)
     if kind.nuisance:
-        small, large = large, np.full(len(b), num.LOG_ZERO)
+        small, large = large, np.full_like(large, num.LOG_ZERO)
     else:
         beat = aliased * np.minimum(num.BEAT_S / np.maximum(np.minimum(end, flight[1]) - onset, 1e-3), 1.0)
-        small, *_ = _of_scale(b, v, np.maximum(harm.NUISANCE * harmful(kind, shape, imu), beat) / reached)
-    possible = np.abs(size).max(axis=1) * reached <= kind.most
-    small, large = (np.where(possible, one, num.LOG_ZERO) for one in (small, large))
-    return Trial(kind, shape, onset, end, weight, np.stack([small, large], axis=1), size, covariance, axis, flight, imu)
+        small, *_ = _of_scale(each, v, np.maximum(harm.NUISANCE * harmful(kind, shape, imu), beat) / reached)
+    possible = np.abs(size).max(axis=1) * reached[:, None] <= kind.most
+    log_bayes = np.stack([np.where(possible, one, num.LOG_ZERO) for one in (small, large)], axis=1)
+    sets = slice(None) if b.ndim > 2 else 0
+    scores = log_bayes[..., sets], size[..., sets], sigma[..., sets], axis[..., sets]
+    return Trial(kind, shape, onset, end, weight, *scores, flight, imu)
 
 
 def _of_scale(b: Array, v: Array, sigma: Array) -> tuple[Array, Array, Array, npt.NDArray[np.intp]]:
-    """Log evidence (T,) of sizes with 1σ (T,), the size (T, m) and its covariance, and the one component or -1."""
-    count, m = b.shape
+    """Log evidence (T, D) of sizes with 1σ (T,), of b (T, m, D) and v (T, m, m).
+
+    And the size (T, m, D), 1σ of its length (T, D), and the one component or -1 (T, D).
+    """
+    m = v.shape[-1]
     prior = sigma**-2.0
     values, vectors = np.linalg.eigh(v + prior[:, None, None] * np.eye(m))
     values = np.maximum(values, prior[:, None])  # rounding
     covariance = (vectors / values[:, None, :]) @ vectors.swapaxes(-1, -2)
-    size = (covariance @ b[..., None])[..., 0]
-    whole = 0.5 * ((b * size).sum(axis=1) - np.log(values / prior[:, None]).sum(axis=1))
+    size = covariance @ b
+    length = np.sqrt((size * (covariance @ size)).sum(axis=1) / np.maximum((size**2).sum(axis=1), 1e-300))
+    whole = 0.5 * ((b * size).sum(axis=1) - np.log(values / prior[:, None]).sum(axis=1)[:, None])
     if m == 1:
-        return whole, size, covariance, np.full(count, -1, np.intp)
-    own = np.maximum(np.diagonal(v, axis1=1, axis2=2), 0.0) + prior[:, None]
-    alone = 0.5 * (b**2 / own - np.log(own / prior[:, None]))
+        return whole, size, length, np.full(whole.shape, -1, np.intp)
+    own = (np.maximum(np.diagonal(v, axis1=1, axis2=2), 0.0) + prior[:, None])[..., None]
+    alone = 0.5 * (b**2 / own - np.log(own / prior[:, None, None]))
     axis = alone.argmax(axis=1)
-    rows = np.arange(count)
-    single = alone[rows, axis] - np.log(m) > whole
-    one_size, one_covariance = np.zeros_like(size), np.zeros_like(covariance)
-    one_size[rows, axis] = b[rows, axis] / own[rows, axis]
-    one_covariance[rows, axis, axis] = 1.0 / own[rows, axis]
-    mixed = _log_sum(np.column_stack([whole - np.log(2.0), alone - np.log(2.0 * m)]), axis=1)
+    single = alone.max(axis=1) - np.log(m) > whole
+    this = axis[:, None] == np.arange(m)[:, None]
+    mixed = _log_sum(np.concatenate([whole[:, None] - np.log(2.0), alone - np.log(2.0 * m)], axis=1), axis=1)
     return (
         np.asarray(mixed),
-        np.where(single[:, None], one_size, size),
-        np.where(single[:, None, None], one_covariance, covariance),
+        np.where(single[:, None], np.where(this, b / own, 0.0), size),
+        np.where(single, np.take_along_axis(own[..., 0], axis, axis=1) ** -0.5, length),
         np.where(single, axis, -1),
     )
 
 
-def _log_sum(values: Array, axis: int | None = None) -> Any:
+def _log_sum(values: Array, axis: int | tuple[int, ...] | None = None) -> Any:
     """The logarithm of the sum of exponentials."""
     most = np.max(values, axis=axis, keepdims=True)
     most = np.where(np.isfinite(most), most, 0.0)
@@ -169,11 +188,11 @@ def _log_sum(values: Array, axis: int | None = None) -> Any:
 
 
 def _normal(z: Array) -> Array:
-    """(T,) the cumulative normal distribution."""
-    return np.array([0.5 * math.erfc(-value / math.sqrt(2.0)) for value in z.tolist()])
+    """The cumulative normal distribution, of any shape."""
+    return np.array([0.5 * math.erfc(-value / math.sqrt(2.0)) for value in z.ravel().tolist()]).reshape(z.shape)
 
 
-_BY_TIME = ("onset", "end", "weight", "log_bayes", "size", "covariance", "axis")
+_BY_TIME = ("onset", "end", "weight", "log_bayes", "size", "sigma", "axis")
 
 
 def joined(parts: Sequence[Trial]) -> Trial:
@@ -202,10 +221,18 @@ def least_found(information: Array, kind: Kind, shape: str, hours: float, cell: 
 
 def probabilities(rivals: Sequence[Rival]) -> dict[str, float]:
     """Side → probability that a harmful fault of it is the cause; "nobody" for none, or for what is no fault."""
-    shares = dict.fromkeys(("nobody", *(kind.side for kind in KINDS)), 0.0)
-    odds = np.array([0.0, *(one.log_odds for one in rivals)])
-    posterior = np.exp(odds - _log_sum(odds))
-    for one, part in zip(rivals, posterior[1:], strict=True):
-        shares[kind_of(one.kind).side] += float(part) * one.fault
-    shares["nobody"] = max(1.0 - sum(shares.values()), 0.0)
-    return {side: min(share, 1.0) for side, share in shares.items()}  # rounding
+    odds = np.array([one.log_odds for one in rivals])
+    faults = np.array([one.fault for one in rivals])
+    each = probabilities_of_each([kind_of(one.kind) for one in rivals], odds, faults)
+    return {side: float(share) for side, share in each.items()}
+
+
+def probabilities_of_each(kinds: Sequence[Kind], log_odds: Array, fault: Array) -> dict[str, Array]:
+    """The same of D data sets, (D,) each, from the log odds (H, D) of hypotheses and how likely they are harmful."""
+    odds = np.concatenate([np.zeros((1, *log_odds.shape[1:])), log_odds])
+    posterior = np.exp(odds - _log_sum(odds, axis=0))[1:] * fault
+    shares = {side: np.zeros(log_odds.shape[1:]) for side in ("nobody", *(kind.side for kind in KINDS))}
+    for kind, part in zip(kinds, posterior, strict=True):
+        shares[kind.side] = shares[kind.side] + part
+    shares["nobody"] = np.maximum(1.0 - sum(shares.values()), 0.0)
+    return {side: np.minimum(share, 1.0) for side, share in shares.items()}  # rounding

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.constants import harm, num, priors
+from companion.constants import harm, healthy, num, priors
 from companion.estimation.differences import Differences
 from companion.estimation.model import ACCEL_BIAS, ATTITUDE, CONSTANTS, GYRO_BIAS, VELOCITY
 from companion.estimation.phrases import Phrase, by_axes, by_length, by_number, by_turn_of_the_field
@@ -137,7 +137,7 @@ def _bias(block: slice, *resting: str) -> Callable[[Problem], Signature | None]:
     """A bias u beside the one that the states have; witnesses at rest read it too."""
 
     def signature(problem: Problem) -> Signature | None:
-        out = np.zeros((*problem.motion.residual.shape, 3))
+        out = np.zeros((*problem.motion.transition.shape[:2], 3))
         out[:, :9] = problem.motion.transition[:, :9, block]
         read = {n: np.tile(np.eye(3), (len(one.t), 1, 1)) for n in resting if (one := problem.witness(n)) is not None}
         return Signature(out, read)
@@ -159,9 +159,10 @@ def _scale(block: slice) -> Callable[[Problem], Signature | None]:
         else:
             force = np.diff(problem.velocity, axis=0) / lasted - [0.0, 0.0, problem.gravity]
             felt = quaternion.rotate(quaternion.conjugate(q[:-1]), force)
-        out = np.zeros((*problem.motion.residual.shape, 3))
-        # else it is the noise that is scaled
-        lively = np.sqrt((felt**2).mean(axis=0)) > harm.LIVELY[_SENSOR[block.start]]
+        out = np.zeros((*problem.motion.transition.shape[:2], 3))
+        lively = (
+            np.sqrt((felt**2).mean(axis=0)) > harm.LIVELY[_SENSOR[block.start]]
+        )  # else it is the noise that is scaled
         out[:, :9] = problem.motion.transition[:, :9, block] * (felt * lively)[:, None, :]
         return Signature(out, {})
 
@@ -172,7 +173,7 @@ def _shock(block: slice) -> Callable[[Problem], Signature | None]:
     """A turn or a push u within a moment that the IMU has not felt."""
 
     def signature(problem: Problem) -> Signature | None:
-        out = np.zeros((*problem.motion.residual.shape, 3))
+        out = np.zeros((*problem.motion.transition.shape[:2], 3))
         out[:, block] = np.eye(3)
         return Signature(out, {})
 
@@ -282,11 +283,10 @@ KINDS: tuple[Kind, ...] = (
          by_number("the compass turns by {:.0f} ± {:.0f}° in its mounting", _DEGREES),
          "Look at the mounting of the compass, and at its orientation setting.",
          "compass", "rad", ("step", "ramp", "pulse"), 0.5, 0.1, _rotation, rate=0.01),
-    # 30 % of the field is what ArduPilot's CompassMot still calls acceptable of motor currents
     Kind("compass_iron", "a magnet or a current comes near the compass",
          by_length("the compass", "µT"),
          "Look for currents and iron near the compass: motors, cables.",
-         "compass", "µT", ("step", "pulse"), 30.0, 15.0, _shift("compass"), rate=0.1),
+         "compass", "µT", ("step", "pulse"), 30.0, healthy.USUAL_IRON, _shift("compass"), rate=0.1),
     Kind("barometer", "the barometer jumps or creeps",
          by_length("the barometer", "m"),
          "Shield it from wind and light.",

@@ -283,14 +283,14 @@ def _drawn(linear: Linear) -> Array:
     """Smoothed disturbances (K-1, 15) of one data set drawn with the noise that the problem states."""
     rng = np.random.default_rng(0)  # any draw serves, and the same log gets the same answer
     motion, solution = linear.motion, linear.solution
-    noise = (roots(motion.weight).swapaxes(-1, -2) @ rng.standard_normal((*motion.residual.shape, 1)))[..., 0]
+    noise = roots(motion.weight).swapaxes(-1, -2) @ rng.standard_normal((*motion.residual.shape, 1))
     heard = [
-        (one, rng.standard_normal(one.residual.shape) / np.sqrt(np.maximum(one.information, 1e-300)))
+        (one, (rng.standard_normal(one.residual.shape) / np.sqrt(np.maximum(one.information, 1e-300)))[..., None])
         for one in linear.measurements
     ]
     x, c = solution.redrawn(noise, heard)
-    left = noise + (motion.transition @ x[:-1, :, None])[..., 0] + motion.constants @ c - x[1:]
-    return np.asarray((motion.weight @ left[..., None])[..., 0])
+    left = noise + motion.transition @ x[:-1] + motion.constants @ c - x[1:]
+    return np.asarray((motion.weight @ left)[..., 0])
 
 
 def _lasting(values: Array) -> float:

@@ -109,6 +109,35 @@ class Rival:
         return self.log_odds + float(np.log(max(self.fault, 1e-300)))
 
 
+@dataclass(frozen=True, slots=True)
+class Identifiability:
+    """One kind of fault in the middle of a flight: what it is called, and what it does while it is not found."""
+
+    kind: str  # of `explanations.KINDS`
+    shape: str  # "step", or "creep"
+    lasts: float  # s, that it grows for; 0 for a step
+    detectable: float  # in the kind's unit, of a creep at its end: the size that is found in 95 % of flights like this
+    identifiable: float | None  # that is told from its rivals too, not less; None for none up to 8 times the former
+    called: Mapping[str, float]  # at the detectable size: kind, or as `ConfusionMatrix` → share of the data sets
+    tilt: float  # rad, that the estimate is off by at that size, if nobody finds it, at most; the other three alike
+    heading: float  # rad
+    velocity: float  # m/s
+    position: float  # m
+
+
+@dataclass(frozen=True, slots=True)
+class ConfusionMatrix:
+    """What faults are called in a flight.
+
+    A kind where its side is accused; "nobody" where none is at fault; "perhaps harmless" where one side is known to be
+    off, but not whether by enough to be a fault; else "cannot tell".
+    """
+
+    rows: tuple[Identifiability, ...]
+    not_shown: tuple[str, ...]  # kinds that the flight would not show at any size that occurs
+    draws: int  # data sets of each row
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Explained:
     """One thing that changed during the flight, with its size, and what else it could have been."""
@@ -208,6 +237,7 @@ class BestEstimate:
     explained_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))  # of the sizes of all of them
     further: tuple[Rival, ...] = ()  # the hypotheses beside those in the estimate, the likeliest fault first
     detectable: Mapping[str, float] = field(default_factory=dict)  # kind → smallest that would have been called
+    confusion: ConfusionMatrix | None = None  # where it was asked for
     heading_from: str = ""  # "compass", "GPS and acceleration", "first guess": which witness gives the heading
     notes: tuple[str, ...] = ()
 

@@ -272,9 +272,10 @@ def relative_scatter(track: ImuTrack, t: Array, longest_s: float) -> Array:
     Differences across gaps longer than longest_s are left out.
     """
     middle, dt = 0.5 * (t[1:] + t[:-1]), np.diff(track.t)
+    around = max(num.SCATTER_S, 0.6 * num.SCATTER_MIN_DIFFERENCES / track.rate_hz)
     whole = np.maximum(dt[1:], dt[:-1]) <= longest_s
     when = track.t[1:-1]
-    first, last = np.searchsorted(when, middle - num.SCATTER_S), np.searchsorted(when, middle + num.SCATTER_S)
+    first, last = (np.searchsorted(when, middle + apart) for apart in (-around, around))
     count = np.concatenate([[0], np.cumsum(whole)])
     out = np.ones((len(middle), 2))
     for column, (readings, step) in enumerate(((track.gyro, track.gyro_step), (track.accel, track.accel_step))):

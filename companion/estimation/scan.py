@@ -29,12 +29,12 @@ class Scan:
 
     problem: Problem
     cuts: Array  # (S,) s, where stretches begin
-    said: Mapping[str, tuple[Array, Array]]  # kind → b (S, G, m) and V (S, G, m, S, G, m)
+    said: Mapping[str, tuple[Array, Array]]  # kind → b (S, G, m) or (S, G, m, D), and V (S, G, m, S, G, m)
 
     def score(self, kind: str, shape: str, onset: Index, end: Index | None = None) -> tuple[Array, Array] | None:
         """Gradient b (T, m) and information V (T, m, m) of a kind and shape between cuts, by their numbers (T,).
 
-        None where the flight has nothing that it would change.
+        Of D data sets b is (T, m, D). None where the flight has nothing that it would change.
         """
         if kind not in self.said or not len(onset):
             return None
@@ -45,7 +45,7 @@ class Scan:
         share = np.concatenate([one[:, :, : row.moments] for one in groups], axis=2).reshape(len(onset), -1)
         m = b.shape[2]
         crossed = (share @ v.reshape(share.shape[1], -1)).reshape(len(onset), m, -1, m)
-        return share @ b.reshape(-1, m), np.einsum("tmqn,tq->tmn", crossed, share)
+        return np.tensordot(share, b.reshape(-1, *b.shape[2:]), axes=1), np.einsum("tmqn,tq->tmn", crossed, share)
 
     def _shares(self, shape: str, onset: Index, end: Index) -> Array:
         """(T, S, 2) how much of the even and of the growing column of every stretch a shape has."""
@@ -96,7 +96,7 @@ def _said(
         shape = (len(cuts), columns[kind], -1)
         m = signatures[kind].unknowns
         both = v.transpose(0, 2, 1, 3).reshape(*shape[:2], m, *shape[:2], m)
-        said[kind.name] = stack.b[:, place].reshape(*shape[:2], m), both
+        said[kind.name] = stack.b[:, place].reshape(*shape[:2], m, *stack.b.shape[2:]), both
     return said
 
 
@@ -107,7 +107,7 @@ class _Stack:
     own: Array  # (S L, n, p) at the keyframes of the stretch
     last: Array  # (S, n, p) at the keyframe with which the next one begins
     border: Array  # (S, C, p) beside the constants
-    b: Array  # (S, p)
+    b: Array  # (S, p); of D data sets (S, p, D)
     v: Array  # (S, p, p) of the factors themselves
 
     @classmethod
@@ -118,7 +118,7 @@ class _Stack:
             np.zeros((stretches * length, states, width)),
             np.zeros((stretches, states, width)),
             np.zeros((stretches, solution.border.shape[2], width)),
-            np.zeros((stretches, width)),
+            np.zeros((stretches, width, *solution.x.shape[2:])),
             np.zeros((stretches, width, width)),
         )
 
@@ -137,7 +137,7 @@ class _Stack:
                 self.own[factors.keyframe[~final] + 1, :, here] += beyond[~final]
                 self.last[stretch[final], :, here] += beyond[final]
             self.border[:, :, here] += np.tensordot(among * share, factors.border, axes=1)
-            self.b[:, here] += (among * share) @ factors.b
+            self.b[:, here] += np.tensordot(among * share, factors.b, axes=1)
             for other in range(moments):
                 there = slice(at + other * m, at + (other + 1) * m)
                 self.v[:, here, there] += np.tensordot(among * share * since**other, factors.v, axes=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,9 +25,39 @@ _AT_EVERY_KEYFRAME = {
 }  # fmt: skip
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """One hypothesis in one shape at T pairs of times, what its score is there, and the cells that they stand for."""
+
+    kind: Kind
+    shape: str
+    onset: Array  # (T,) s
+    end: Array  # (T,) s, of what ends; infinite for what stays
+    weight: Array  # (T,) prior probability of the cell
+    b: Array  # (T, m); of D data sets (T, m, D)
+    v: Array  # (T, m, m)
+    imu: int | None = None  # the IMU whose it is; None for that of the estimate, and for what is no IMU's
+
+    def at(self, which: npt.NDArray[np.bool_]) -> Cells:
+        """The same at some of its times alone."""
+        some = {name: getattr(self, name)[which] for name in ("onset", "end", "weight", "b", "v")}
+        return replace(self, **some)
+
+    def weighed(self, problem: Problem, b: Array | None = None) -> Trial:
+        """The evidence; b: in place of its own, of D data sets (T, m, D)."""
+        span, times = (float(problem.t[0]), float(problem.t[-1])), (self.onset, self.end, self.weight)
+        aliased = 0.0 if self.imu is not None else problem.aliased.get(self.kind.name, 0.0)
+        return trial(self.kind, self.shape, times, span, self.b if b is None else b, self.v, aliased, self.imu)
+
+
+def full_grid(problem: Problem, solution: Solution) -> Scan:
+    """The scan on whose cuts hypotheses are tried."""
+    return scan(problem, solution, num.SCAN_STRETCHES)
+
+
 def trials(problem: Problem, solution: Solution) -> tuple[Trial, ...]:
     """Every hypothesis and shape with its evidence, the likeliest first."""
-    grid = scan(problem, solution, num.SCAN_STRETCHES)
+    grid = full_grid(problem, solution)
     every = [
         one
         for kind in KINDS
@@ -39,13 +70,7 @@ def trials(problem: Problem, solution: Solution) -> tuple[Trial, ...]:
         _refined(problem, solution, one, grid) if i < num.REFINED_KINDS and one.log_bayes.max() > least else one
         for i, one in enumerate(every)
     ]
-    fine += (
-        _of_another(problem, one, kind, shape)
-        for one in problem.others
-        for kind in KINDS
-        if kind.apart
-        for shape in kind.shapes
-    )
+    fine += (one.weighed(problem) for one in of_other_imus(problem))
     return tuple(sorted(fine, key=lambda one: -one.log_odds))
 
 
@@ -61,6 +86,21 @@ def times_of_change(t: Array) -> tuple[float, float]:
 
 def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape: str) -> Trial | None:
     """A kind and shape at the cuts of the grid, and where its readings step."""
+    parts = [on_cuts(problem, solution, grid, kind, shape)]
+    if kind.has_witness(problem) and kind.side != "imu" and shape in ("step", "pulse"):
+        first, last = times_of_change(problem.t)  # what steps between two readings is told to the reading
+        sudden = np.sort(pushes(problem, solution) if kind.summed else jumps(problem, solution, kind))
+        sudden = sudden[(sudden >= first) & (sudden <= last)]
+        begin, end = _pairs(sudden) if shape == "pulse" else (sudden, np.full(len(sudden), np.inf))
+        lasts = end - begin >= num.PULSE_MIN_S[kind.side]
+        width = np.full(int(lasts.sum()), float(np.median(np.diff(problem.t))))
+        parts.append(at_times(problem, solution, kind, shape, begin[lasts], end[lasts], width, width))
+    weighed = [one.weighed(problem) for one in parts if one is not None]
+    return joined(weighed) if weighed else None
+
+
+def on_cuts(problem: Problem, solution: Solution, grid: Scan, kind: Kind, shape: str) -> Cells | None:
+    """A kind and shape at the cuts of the grid, or at every keyframe; None where the flight tells nothing of it."""
     if not kind.has_witness(problem):
         return None
     t = problem.t
@@ -71,31 +111,21 @@ def _on_the_grid(problem: Problem, solution: Solution, grid: Scan, kind: Kind, s
         onset = 0.5 * (t[:-1] + t[1:]) if shape == "shock" else t[1:]
         judged = (onset >= first) & (onset <= last)
         weight = np.diff(t) / (last - first)
+        if not judged.any():
+            return None
         never = np.full(len(e), np.inf)
-        every = _trial(problem, kind, shape, (onset, never, weight), (-e[:, block], d[:, block, block]))
-        return kept(every, judged) if judged.any() else None
+        times = onset[judged], never[judged], weight[judged]
+        return _scored(problem, kind, shape, times, (-e[judged, block], d[judged, block, block]))
     inside = np.flatnonzero((grid.cuts >= first) & (grid.cuts <= last))
-    parts: list[Trial | None] = []
+    begin, end = inside, None
     if shape in ENDING:
         begin, end = _pairs(inside)
         lasts = grid.cuts[end] - grid.cuts[begin] >= num.PULSE_MIN_S[kind.side]
-        parts.append(_cells(problem, grid, kind, shape, begin[lasts], end[lasts]))
-    else:
-        parts.append(_cells(problem, grid, kind, shape, inside))
-    if kind.side != "imu" and shape in ("step", "pulse"):  # what steps between two readings is told to the reading
-        sudden = np.sort(pushes(problem, solution) if kind.summed else jumps(problem, solution, kind))
-        sudden = sudden[(sudden >= first) & (sudden <= last)]
-        begin, end = _pairs(sudden) if shape == "pulse" else (sudden, np.full(len(sudden), np.inf))
-        lasts = end - begin >= num.PULSE_MIN_S[kind.side]
         begin, end = begin[lasts], end[lasts]
-        if len(begin):
-            width = np.full(len(begin), float(np.median(np.diff(t))))
-            parts.append(_at(problem, solution, kind, shape, begin, end, width, width))
-    weighed = [one for one in parts if one is not None]
-    return joined(weighed) if weighed else None
+    return _cells(problem, grid, kind, shape, begin, end)
 
 
-def _cells(problem: Problem, grid: Scan, kind: Kind, shape: str, onset: Any, end: Any = None) -> Trial | None:
+def _cells(problem: Problem, grid: Scan, kind: Kind, shape: str, onset: Any, end: Any = None) -> Cells | None:
     """At cuts of the grid by their numbers."""
     scores = grid.score(kind.name, shape, onset, end)
     if scores is None:
@@ -103,32 +133,38 @@ def _cells(problem: Problem, grid: Scan, kind: Kind, shape: str, onset: Any, end
     width = float(np.diff(grid.cuts).max()) if len(grid.cuts) > 1 else num.CHANGE_MIN_S
     begin = grid.cuts[onset]
     final = np.full(len(begin), np.inf) if end is None else grid.cuts[end]
-    return _trial(problem, kind, shape, (begin, final, _weight(problem, begin, final, width, width)), scores)
+    return _scored(problem, kind, shape, (begin, final, _weight(problem, begin, final, width, width)), scores)
 
 
-def _at(
+def at_times(
     problem: Problem, solution: Solution, kind: Kind, shape: str, onset: Array, end: Array, wide: Array, long: Array
-) -> Trial | None:
+) -> Cells | None:
     """At any times; wide, long: (T,) s, widths of the cells about onset and end."""
-    scores = score(problem, solution, kind, shape, onset, end)
+    scores = score(problem, solution, kind, shape, onset, end) if len(onset) else None
     if scores is None:
         return None
-    return _trial(problem, kind, shape, (onset, end, _weight(problem, onset, end, wide, long)), scores)
+    return _scored(problem, kind, shape, (onset, end, _weight(problem, onset, end, wide, long)), scores)
 
 
-def _trial(
+def _scored(
     problem: Problem, kind: Kind, shape: str, times: tuple[Array, Array, Array], scores: tuple[Array, Array]
-) -> Trial:
-    span = float(problem.t[0]), float(problem.t[-1])
+) -> Cells:
+    """With what the other IMUs tell of it too."""
     rougher = problem.rougher.get(kind.name.partition("_")[0], 1.0)
     b, v = (one / rougher for one in scores)
     if kind.side == "imu" and problem.others:
         told, information = told_of_own(problem.others, kind.sensor, kind.error, shape, times[0], times[1])
         b, v = b + told, v + information
-    return trial(kind, shape, times, span, b, v, problem.aliased.get(kind.name, 0.0))
+    return Cells(kind, shape, *times, b, v)
 
 
-def _of_another(problem: Problem, one: Differences, kind: Kind, shape: str) -> Trial:
+def of_other_imus(problem: Problem) -> tuple[Cells, ...]:
+    """What may be wrong with every other IMU than the estimate's."""
+    kinds = [(kind, shape) for kind in KINDS if kind.apart for shape in kind.shapes]
+    return tuple(_of_another(problem, one, *which) for one in problem.others for which in kinds)
+
+
+def _of_another(problem: Problem, one: Differences, kind: Kind, shape: str) -> Cells:
     """An error of another IMU, that begins and ends within blocks of its differences."""
     times = np.linspace(one.t[0], one.t[-1], num.ONSETS_PER_BLOCK * len(one.t))
     apart = float(times[1] - times[0])
@@ -142,8 +178,7 @@ def _of_another(problem: Problem, one: Differences, kind: Kind, shape: str) -> T
         onset, end, width = times, np.full(len(times), np.inf), np.full(len(times), apart)
     weight = _weight(problem, onset, end, width, width)
     scores = one.told(kind.sensor, kind.error, shape, onset, end)
-    span = float(problem.t[0]), float(problem.t[-1])
-    return trial(kind, shape, (onset, end, weight), span, *scores, imu=one.instance)
+    return Cells(kind, shape, onset, end, weight, *scores, imu=one.instance)
 
 
 def _weight(problem: Problem, onset: Array, end: Array, wide: Any, long: Any) -> Array:
@@ -184,9 +219,10 @@ def _refined(problem: Problem, solution: Solution, one: Trial, grid: Scan) -> Tr
         if not right.any():
             return one
         cell = np.full(int(right.sum()), width)
-        fine = _at(problem, solution, one.kind, one.shape, onset[right], end[right], cell, cell)
-        if fine is None:
+        scored = at_times(problem, solution, one.kind, one.shape, onset[right], end[right], cell, cell)
+        if scored is None:
             return one
+        fine = scored.weighed(problem)
         one = joined([kept(one, ~near), fine]) if (~near).any() else fine
         reach = 1.5 * width
     return one

@@ -12,6 +12,7 @@ from companion.constants import healthy, num
 from companion.estimation.clipping import lost_by_clipping
 from companion.estimation.differences import Differences, differences
 from companion.estimation.earth_field import EarthField, field_at
+from companion.estimation.gaps import broken_intervals, lost_in_gaps
 from companion.estimation.low_pass import BoolArray, restored, undelayed
 from companion.estimation.measurements import (
     NOMINAL,
@@ -109,12 +110,13 @@ def set_up(flight: Flight, imu: str | None, gravity: float, span: Span | None, u
     readings += _rest(flight, track, t)
     constants = _constants(field_at(origin, flight.epoch), readings)
     longest = longest_step(track.t)
-    broken = _broken(flight, track, index, longest, untrusted)
+    broken = broken_intervals(flight, track, index, longest, untrusted)
     if broken.any():
         notes.append(f"{int(broken.sum())} gaps in {track.source}: the estimate begins anew after each")
     noise, aliased, scattering = spectral_noise(track, longest), aliasing(track), relative_scatter(track, t, longest)
     gyro, accel = (scatter_between_samples(read, track.rate_hz) for read in (track.gyro, track.accel))
     scattering[:, 1] = np.hypot(scattering[:, 1], lost_by_clipping(flight, track, t, accel))
+    scattering = np.hypot(scattering, lost_in_gaps(track, t, longest, (gyro, accel)))
     others = differences(flight, flight.imu(imu), (float(track.t[0]), float(track.t[-1])), untrusted)
     track = restored(track, np.diff(track.t) > longest)
     return Setup(track, index, t, broken, tuple(readings), origin, gravity, *constants, noise, (gyro, accel),
@@ -129,20 +131,6 @@ def _gps(flight: Flight, track: ImuTrack) -> GpsTrack | None:
 
     best = max(flight.gps, key=fixes, default=None)
     return best if best is not None and fixes(best) >= num.MIN_FIXES else None
-
-
-def _broken(flight: Flight, track: ImuTrack, index: Index, longest: float, untrusted: Sequence[Span]) -> BoolArray:
-    """(K-1,) whether readings are missing between two keyframes, or not to be trusted."""
-    gap, t = np.concatenate([[0], np.cumsum(np.diff(track.t) > longest)]), track.t[index]
-    broken = np.diff(gap[index]) > 0
-    for first, last in untrusted:
-        broken |= (t[1:] > first) & (t[:-1] < last)
-    whole = len(broken) - int(broken.sum())
-    if whole < num.MIN_INTERVALS:
-        why = f"it has readings to trust in {whole} of {len(broken)} intervals, and {num.MIN_INTERVALS} without gaps "
-        why += "are needed"
-        raise NoEstimateError(track.source, why, f"{flight.how_to_record}.")
-    return np.asarray(broken)
 
 
 def _keyframes(track: ImuTrack, epochs: Array | None, spacing: float) -> Index:

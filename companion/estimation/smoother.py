@@ -18,6 +18,7 @@ from companion.estimation.choice import Choice, beside, explained
 from companion.estimation.constant_errors import constant_errors, of_first_half
 from companion.estimation.evidence import Trial
 from companion.estimation.explanations import Problem
+from companion.estimation.identifiability import confusion_matrix
 from companion.estimation.iteration import Start, carried, estimate, likelihood, resuming, start_of
 from companion.estimation.learned_noise import believing, lasting, noise_limits, scatter
 from companion.estimation.linearisation import Linear, linearise
@@ -51,6 +52,7 @@ def smooth(
     span: tuple[float, float] | None = None,
     untrusted: Sequence[tuple[float, float]] = (),
     before: BestEstimate | None = None,
+    confusion: bool = False,
 ) -> BestEstimate:
     """The best estimate of a flight's trajectory from one IMU and every witness but the autopilot's own estimate.
 
@@ -58,6 +60,7 @@ def smooth(
     result does not depend on it. span: boot times (s) to which the estimate is confined.
     untrusted: stretches in which the IMU's readings are none: stuck, frozen, at the end of the range.
     before: the estimate of some seconds ago, of a flight of which this one is more: half the passes are left.
+    confusion: whether to find out what faults would be called, and from which size on they are told from their rivals.
 
     Raises DataError without such an IMU, and NoEstimateError where it cannot carry an estimate.
     """
@@ -65,7 +68,7 @@ def smooth(
         setup = set_up(flight, imu, gravity, span, untrusted)
         begin = guesses(setup, flight) if guess is None else (guess,)
         starts = (start_of(setup, one) for one in begin)
-        return explain(setup, starts if before is None else resuming(starts, setup, before))
+        return explain(setup, starts if before is None else resuming(starts, setup, before), confusion=confusion)
 
 
 @contextlib.contextmanager
@@ -84,7 +87,7 @@ def boundary(imu: str) -> Iterator[None]:
         ) from error
 
 
-def explain(setup: Setup, starts: Iterable[Start]) -> BestEstimate:
+def explain(setup: Setup, starts: Iterable[Start], *, confusion: bool = False) -> BestEstimate:
     """The estimate with every cause that the readings ask for: one after the other, each time the likeliest.
 
     starts: where the iteration may begin: at the first, and where the IMU does not fit then, at that which fits best.
@@ -107,7 +110,8 @@ def explain(setup: Setup, starts: Iterable[Start]) -> BestEstimate:
         settled, linear = estimate(setup, settled, accepted)
     if len(accepted) > 1:
         rivals = [_rivals(setup, linear, accepted, i) or own for i, own in enumerate(rivals)]
-    return replace(_result(setup, settled, linear, accepted, rivals, shown), further=further)
+    matrix = confusion_matrix(linear.problem, linear.solution, linear.prior) if confusion else None
+    return replace(_result(setup, settled, linear, accepted, rivals, shown), further=further, confusion=matrix)
 
 
 def _begun(setup: Setup, starts: Iterable[Start], shown: tuple[float, float]) -> tuple[Start, Start, Linear]:

@@ -85,6 +85,8 @@ class Solution:
     def disturbances(self) -> tuple[Array, Array]:
         """e (K-1, n) and D (K-1, n, n): the smoothed disturbance of every interval, and its variance.
 
+        Of N data sets e is (K-1, n, N).
+
         e = W r̂, D = W - W cov(r̂) W. A shock u to the states at the end of an interval would raise twice the logarithm
         of the likelihood by e' D⁻¹ e, and its size is D⁻¹ e, of the components that it moves (de Jong, Penzer 1998).
         """
@@ -95,7 +97,7 @@ class Solution:
         """Both, together: the blocks beside the diagonal are let go at once."""
         blocks = self.factor.inverse_blocks()
         w = self.motion.weight
-        e = (w @ motion_residual(self.motion, self)[..., None])[..., 0]
+        e = applied(w, motion_residual(self.motion, self))
         d = np.empty_like(w)
         for first in range(0, len(w), num.BATCH):
             part = slice(first, first + num.BATCH)
@@ -104,25 +106,35 @@ class Solution:
         known = (left > num.ROUNDING * own).astype(np.float64)  # else nothing but rounding is left of the difference
         d *= known[:, :, None]
         d *= known[:, None, :]
-        return blocks[0], e * known, d
+        return blocks[0], e * known.reshape(*known.shape, *[1] * (e.ndim - 2)), d
 
-    def redrawn(self, motion: Array, measured: Sequence[tuple[Measurement, Array]]) -> tuple[Array, Array]:
-        """x (K, n) and c (C,) for other residuals of the same problem, of motion (K-1, n) and of each sensor (M, d).
+    def redrawn(
+        self,
+        motion: Array,
+        measured: Sequence[tuple[Measurement, Array]],
+        prior: tuple[Array, Array] | None = None,
+    ) -> tuple[Array, Array]:
+        """x (K, n, N) and c (C, N) of N data sets: other residuals of the same problem.
 
-        Those of the priors are zero.
+        Of motion (K-1, n, N), of each sensor (M, d, N), and of the priors (n, N) and (C, N), times their information;
+        zero where they are not given.
         """
-        rhs, inner = np.zeros_like(self.x), np.zeros_like(self.c)
-        weighted = (self.motion.weight @ motion[..., None])[..., 0]
-        rhs[:-1] -= (self.motion.transition.swapaxes(-1, -2) @ weighted[..., None])[..., 0]
+        count = motion.shape[-1]
+        rhs, inner = np.zeros((*self.x.shape, count)), np.zeros((len(self.c), count))
+        if prior is not None:
+            rhs[0] += prior[0]
+            inner += prior[1]
+        weighted = self.motion.weight @ motion
+        rhs[:-1] -= self.motion.transition.swapaxes(-1, -2) @ weighted
         rhs[1:] += weighted
         inner -= np.tensordot(self.motion.constants, weighted, axes=((0, 1), (0, 1)))
         for one, residual in measured:
-            own = one.information * residual
-            rhs[one.keyframe] += np.einsum("mdi,md->mi", one.states, own)  # each keyframe once
+            own = one.information[..., None] * residual
+            rhs[one.keyframe] += one.states.swapaxes(-1, -2) @ own  # each keyframe once
             inner += np.tensordot(one.constants, own, axes=((0, 1), (0, 1)))
         border = self.border
         c = self.constants_covariance @ (inner - np.tensordot(border, rhs, axes=((0, 1), (0, 1))))
-        return self.factor.solve(rhs[..., None])[..., 0] - border @ c, c
+        return self.factor.solve(rhs) - border @ c, c
 
     def covariances(self) -> Array:
         """Covariance (K, n, n) of every keyframe, the constants unknown."""
@@ -206,21 +218,21 @@ def _times(a: Array, b: Array) -> Array:
     return np.asarray((a.reshape(-1, a.shape[2]) @ b).reshape(*a.shape[:2], -1))
 
 
+def applied(blocks: Array, x: Array) -> Array:
+    """(K, i) products of blocks (K, i, j) and x (K, j); of N data sets at once, (K, j, N), (K, i, N)."""
+    return np.asarray(blocks @ x if x.ndim > 2 else (blocks @ x[..., None])[..., 0])
+
+
 def motion_residual(motion: Motion, solution: Solution) -> Array:
-    """(K-1, n) what the solution leaves of the motion factors."""
+    """(K-1, n) what the solution leaves of the motion factors; of N data sets (K-1, n, N)."""
     return np.asarray(
-        motion.residual
-        + (motion.transition @ solution.x[:-1, :, None])[..., 0]
-        + motion.constants @ solution.c
-        - solution.x[1:]
+        motion.residual + applied(motion.transition, solution.x[:-1]) + motion.constants @ solution.c - solution.x[1:]
     )
 
 
 def measurement_residual(one: Measurement, solution: Solution) -> Array:
-    """(M, d) what the solution leaves of a witness."""
-    return np.asarray(
-        one.residual - (one.states @ solution.x[one.keyframe][..., None])[..., 0] - one.constants @ solution.c
-    )
+    """(M, d) what the solution leaves of a witness; of N data sets (M, d, N)."""
+    return np.asarray(one.residual - applied(one.states, solution.x[one.keyframe]) - one.constants @ solution.c)
 
 
 def squares(motion: Array, weight: Array, measured: Iterable[tuple[Array, Array]]) -> float:

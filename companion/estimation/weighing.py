@@ -15,7 +15,7 @@ from companion.constants import num
 from companion.estimation.explanations import Kind, Problem, Signature
 from companion.estimation.model import VELOCITY
 from companion.estimation.shapes import at_work
-from companion.estimation.system import Index, Solution, measurement_residual, motion_residual
+from companion.estimation.system import Index, Solution, applied, measurement_residual, motion_residual
 from companion.model import Array
 
 
@@ -57,7 +57,7 @@ class Factors:
     rows: Array  # (N, 15, m) what couples the unknowns to the states
     next_rows: Array | None  # (N, 15, m) and to those of the keyframe after
     border: Array  # (N, C, m) and to the constants
-    b: Array  # (N, m)
+    b: Array  # (N, m); of D data sets (N, m, D)
     v: Array  # (N, m, m)
 
 
@@ -74,7 +74,7 @@ def changed(problem: Problem, solution: Solution, signature: Signature) -> Itera
             rows=motion.transition.swapaxes(-1, -2) @ ws,
             next_rows=-ws,
             border=motion.constants.swapaxes(-1, -2) @ ws,
-            b=-np.einsum("kim,ki->km", ws, motion_residual(motion, solution)),
+            b=-applied(ws.swapaxes(-1, -2), motion_residual(motion, solution)),
             v=s.swapaxes(-1, -2) @ ws,
         )
     for name, s in signature.measurements.items():
@@ -89,7 +89,7 @@ def changed(problem: Problem, solution: Solution, signature: Signature) -> Itera
             rows=one.states.swapaxes(-1, -2) @ ws,
             next_rows=None,
             border=one.constants.swapaxes(-1, -2) @ ws,
-            b=np.einsum("fdm,fd->fm", ws, measurement_residual(one, solution)),
+            b=applied(ws.swapaxes(-1, -2), measurement_residual(one, solution)),
             v=s.swapaxes(-1, -2) @ ws,
         )
 
@@ -99,7 +99,7 @@ def score(
 ) -> tuple[Array, Array] | None:
     """The gradient b (T, m) and the information V (T, m, m) of a kind and shape from onsets (T,) to ends (T,) s.
 
-    None where the flight has nothing that it would change.
+    Of D data sets, see `Solution.redrawn`, b is (T, m, D). None where the flight has nothing that it would change.
     """
     end = np.full(len(onset), np.inf) if end is None else end
     signature = kind.of(problem)
@@ -127,13 +127,13 @@ def _told(
         b, v = (np.concatenate(one) for one in zip(*halves, strict=True))
         return b, v
     within = ((moments[:-1] >= onset[:, None]) & (moments[1:] <= end[:, None])).astype(np.float64)  # (T, P)
-    (count, states), m = solution.x.shape, factors[0].b.shape[1]
+    (count, states), m = solution.x.shape[:2], factors[0].b.shape[1]
     column = np.zeros((count, states, pieces, m))
     border = np.zeros((solution.border.shape[2], pieces, m))
-    b, v = np.zeros((pieces, m)), np.zeros((tries, m, m))
+    b, v = np.zeros((pieces, *factors[0].b.shape[1:])), np.zeros((tries, m, m))
     for one in factors:
         share = at_work(kind.shape_at(one.witness, shape), moments[:-1], moments[1:], one.start, one.stop)
-        b += share @ one.b
+        b += np.tensordot(share, one.b, axes=1)
         v += np.tensordot((within @ share) ** 2, one.v, axes=1)
         border += np.tensordot(share, one.border, axes=1).swapaxes(0, 1)
         column[one.keyframe] += one.rows[:, :, None, :] * share.T[:, None, :, None]
@@ -144,4 +144,4 @@ def _told(
     rest = border.reshape(-1, pieces * m) - solution.border.reshape(count * states, -1).T @ flat
     made_up = (flat.T @ solved + rest.T @ (solution.constants_covariance @ rest)).reshape(pieces, m, pieces, m)
     crossed = np.tensordot(within, made_up, axes=1)  # (T, m, P, m)
-    return within @ b, v - np.einsum("tipj,tp->tij", crossed, within)
+    return np.tensordot(within, b, axes=1), v - np.einsum("tipj,tp->tij", crossed, within)

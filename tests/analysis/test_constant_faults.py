@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from companion.analysis.constant_faults import (
+    compass_fault_probability,
     constant_errors,
     constant_fault_probability,
     constant_findings,
@@ -107,3 +108,12 @@ def test_at_rest_gravity_alone_tells_and_no_estimate_is_needed(rate: int) -> Non
     assert min(gyro.probability, accel.probability) > ACCUSED
     fine = replace(flight, imus={imu.source: flight.imu()[:250][::rate]})
     assert all(one.probability < 1.0 - ACCUSED for one in errors_at_rest(fine, 9.80665))
+
+
+def test_a_compass_is_at_fault_since_the_start_beyond_what_a_calibration_leaves() -> None:
+    sizes = np.array([5.0, 15.0, 30.0, 60.0, 120.0])
+    sure = np.array([compass_fault_probability(size, 2.0) for size in sizes])
+    assert (np.diff(sure) > 0.0).all()
+    assert sure[1] < 0.05
+    assert sure[3] > 0.95
+    assert compass_fault_probability(40.0, 30.0) < 0.5, "one that is hardly known accuses nobody"

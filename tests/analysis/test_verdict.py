@@ -21,6 +21,7 @@ from companion.estimation import probabilities
 from companion.model import Array, CompassTrack, Flight, GpsTrack, Series
 from companion.simulate.circuit import square
 from companion.strapdown import ImuModel, Motion, Sensor, motions, quaternion, simulate
+from tests.estimation.sensed import sensed
 from tests.flights import (
     CIRCLE,
     LIVELY,
@@ -384,10 +385,26 @@ def test_a_board_mounted_the_wrong_way() -> None:
     assert "(-y, x, z)" in of_kind(found, "axes_wrong").evidence
 
 
-def test_four_hertz_is_too_little() -> None:
-    found = assess(flown(motions.coning(seconds(60, 4), angle=0.2, frequency=0.2)), GENERIC)
+def test_what_the_other_sensors_do_not_tell_is_not_known_at_four_hertz() -> None:
+    flight = replace(flown(motions.coning(seconds(60, 4), angle=0.2, frequency=0.2)), gps=(), compasses=())
+    found = assess(flight, GENERIC)
     assert found.verdict.status == "insufficient_data"
     assert of_kind(found, "rate_too_low")
+
+
+@pytest.mark.parametrize(
+    ("bias", "status"), [((0.0, 0.0, 0.0), "consistent"), ((0.0, 0.0, 0.06), "imu_suspect")], ids=["healthy", "gyro"]
+)
+def test_at_four_hertz_the_best_estimate_speaks_for_the_windows(bias: tuple[float, float, float], status: str) -> None:
+    """GPS and compass tell of the gyro what no dead reckoning of such samples can."""
+    flight, truth = sensed(150.0, "circle", rate=100.0)
+    imu = flight.imu()
+    off = np.where(imu.t[:, None] > 80.0, bias, (0.0, 0.0, 0.0))
+    slow = replace(imu, gyro=imu.gyro + off)[::25]
+    position = c.PositionTrack(truth.t[::10], truth.position[::10], truth.velocity[::10], "LOCAL_POSITION_NED")
+    verdict = assess(replace(flight, imus={imu.source: slow}, position=position), GENERIC).verdict
+    assert verdict.status == status
+    assert ("a bias of the gyro of" in verdict.summary) == (status == "consistent")
 
 
 def test_a_short_flight_is_too_little() -> None:

@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.accuracy import ekf
 from benchmarks.accuracy.cutting import cut, field_ned, gps_ned, thinned
-from benchmarks.accuracy.faults import FAULTS, Fault
+from benchmarks.accuracy.faults import FAULTS, STATED, Fault
 from benchmarks.accuracy.injected import Case, cases, flown, judged
-from benchmarks.accuracy.power import share, smallest_found, table
+from benchmarks.accuracy.power import detectable_table, share, smallest_found, table, wilson
 from companion.app.recording import read_recording
 from companion.model import Flight
+from companion.strapdown import quaternion
 from tests.recordings import BUNDLED
 
 pytestmark = pytest.mark.slow
@@ -71,6 +73,66 @@ def test_an_injected_bias_reads_as_itself_and_the_second_imu_stays_healthy(demo:
     np.testing.assert_allclose(added[after], np.tile([0, 0, 0.02], (after.sum(), 1)), atol=1e-15)
     assert not added[~after].any()
     assert wrong.imus["SCALED_IMU2"] is demo.imus["SCALED_IMU2"]
+
+
+def test_what_is_wrong_from_the_start_is_so_at_the_first_sample_and_the_twin_stays_healthy(demo: Flight) -> None:
+    together = "second IMU healthy"
+    for fault in (one for one in FAULTS if one.imus != "its own"):
+        before = fault.made_into(demo)
+        wrong = fault.inject(before, fault.sizes[-1] * fault.scale, ONSET)
+        assert len(before.imus) == (2 if together in fault.name else 1), fault.name
+        if together in fault.name:
+            assert wrong.imus["TWIN"] is before.imus["TWIN"]
+    biased = named(f"gyro bias from the start (z), {together}").inject(demo, 0.05, ONSET).imu()
+    np.testing.assert_allclose(biased.gyro - demo.imu().gyro, np.tile([0, 0, 0.05], (len(biased), 1)))
+    board = named("board turned, one IMU").inject(demo, np.radians(90.0), ONSET).imu()
+    np.testing.assert_allclose(board.gyro, demo.imu().gyro[:, [1, 0, 2]] * [1, -1, 1], atol=1e-12)
+    heated = named(f"gyro drifts with heat (x), {together}").inject(demo, 0.03, ONSET).imu()
+    grown = (heated.gyro - demo.imu().gyro)[:, 0]
+    assert grown[0] == 0.0
+    assert grown[-1] == pytest.approx(0.03)
+    assert (np.diff(grown) > 0).all()
+
+
+def test_a_compass_that_sits_turned_turns_where_the_ekf_begins(demo: Flight) -> None:
+    flight = flown(demo)
+    assert flight
+    known = ekf.set_up(flight)
+    turned = named("compass turned, one IMU").inject(flight, np.radians(90.0), ONSET)
+    begun = [quaternion.to_euler(ekf.aligned(known, f).begin.q_ned_frd[None])[0] for f in (flight, turned)]
+    np.testing.assert_allclose(begun[1][:2], begun[0][:2], atol=1e-9)
+    assert begun[1][2] - begun[0][2] == pytest.approx(np.radians(90.0), abs=np.radians(5.0))
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_a_fault_of_a_stated_size_has_that_size_and_its_draw_decides_where(name: str, demo: Flight) -> None:
+    assert demo.attitude
+    assert demo.position
+    fault, size = STATED[name], 0.2
+    sizes, drawn = [], set()
+    for seed in range(8):
+        wrong = fault.inject(demo, size, ONSET, np.random.default_rng(seed))
+        assert wrong.attitude
+        assert wrong.position
+        turn = quaternion.log(
+            quaternion.multiply(wrong.attitude.q_ned_frd, quaternion.conjugate(demo.attitude.q_ned_frd))
+        )
+        gps = [gps_ned(f.gps[0], demo.gps[0], demo.position) for f in (wrong, demo)]
+        world = [field_ned(f.compasses[0], demo.attitude.t, demo.attitude.q_ned_frd)[-1] for f in (wrong, demo)]
+        bearing = [np.arctan2(field[1], field[0]) for field in world]
+        change = {
+            "gyro_bias": wrong.imu().gyro[-1] - demo.imu().gyro[-1],
+            "accel_bias": wrong.imu().accel[-1] - demo.imu().accel[-1],
+            "tilt": turn[-1],
+            "heading": turn[-1],
+            "position": wrong.position.position[-1] - demo.position.position[-1],
+            "gps": gps[0][-1] - gps[1][-1],
+            "compass": np.array([bearing[0] - bearing[1]]),
+        }[name]
+        sizes.append(float(np.linalg.norm(change)))
+        drawn.add(tuple(np.sign(np.round(change, 6)).tolist()))
+    np.testing.assert_allclose(sizes, size, rtol=0.01)
+    assert len(drawn) > 1
 
 
 def test_a_gps_that_jumps_is_that_far_away_and_a_compass_that_turns_turns_so_much(demo: Flight) -> None:
@@ -141,6 +203,16 @@ def test_a_size_is_found_only_if_all_above_it_are() -> None:
     assert smallest_found([(1, 0.2), (3, 0.96), (10, 0.95), (30, 1.0)]) == 3
     assert smallest_found([(1, 1.0), (3, 0.5), (10, 1.0)]) == 10
     assert smallest_found([(1, 1.0), (3, 0.5)]) is None
+
+
+def test_the_interval_of_a_share_is_wilsons() -> None:
+    assert wilson(95, 100) == pytest.approx((0.888, 0.978), abs=1e-3)
+    assert wilson(10, 10) == pytest.approx((0.722, 1.0), abs=1e-3)
+    rows = [_Row("one", "found", fault="gyro_bias", size=4.0)] * 19 + [
+        _Row("two", "missed", fault="gyro_bias", size=6.0)
+    ]
+    shown = detectable_table(rows, {"gyro_bias": "mrad/s", "tilt": "°"}).splitlines()
+    assert shown[2:] == ["| gyro_bias | 20 | 4 mrad/s | 95% | 76% to 99% |  | 1 |  |  |  |"]
 
 
 def test_a_log_that_is_too_short_or_lacks_a_position_has_no_rows(demo: Flight) -> None:

@@ -80,3 +80,21 @@ def test_a_narrow_terminal_still_shows_what_was_found(monkeypatch: pytest.Monkey
 def test_a_rate_that_is_too_low_is_said_once(capsys: Captured) -> None:
     assert main(["analyze", str(BUNDLED / "copter-mission-default-rates.tlog")]) == 0
     assert " ".join(capsys.readouterr().out.split()).count("Record the IMU at 50-200 Hz") == 1
+
+
+def test_what_faults_would_be_called(capsys: Captured, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    assert main(["analyze", "demo", "--confusion", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["flights"][0]
+    rows = {row["kind"]: row for row in found["confusion"]["faults"]}
+    assert rows["gyro_bias"]["detectable"] == pytest.approx(found["verdict"]["detectable"]["gyro_bias"])
+    for row in rows.values():
+        assert sum(row["called"].values()) == pytest.approx(1.0)
+        assert row["identifiable"] is None or row["identifiable"] >= row["detectable"]
+    assert rows["gps_position"]["lasts_s"] == 30.0
+    assert rows["gps_position"]["undetected"]["position_m"] == pytest.approx(11.0, rel=0.1)
+
+
+def test_a_confusion_matrix_is_of_one_log(capsys: Captured) -> None:
+    assert main(["analyze", "demo", "demo", "--confusion"]) == 2
+    assert "--confusion is of one log" in capsys.readouterr().err

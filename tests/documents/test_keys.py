@@ -51,7 +51,7 @@ def _of_leaf(value: Any, shape: str, where: str) -> list[str]:
     ("name", "arguments"),
     [
         ("info", ["info", DEMO]),
-        ("analyze", ["analyze", DEMO, "--anchor", "rest"]),
+        ("analyze", ["analyze", DEMO, "--anchor", "rest", "--confusion"]),
         ("compare", ["compare", DEMO, "--method-b", "euler"]),
         ("noise", ["noise", DEMO]),
         ("smooth", ["smooth", DEMO]),

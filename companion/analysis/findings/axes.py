@@ -50,7 +50,9 @@ def meaning_findings(comparison: Comparison) -> Iterator[Finding]:
 def _motion(comparison: Comparison) -> _Motion | None:
     """Of the windows in which the autopilot's attitude is known; None where they are too few."""
     track, reference = comparison.track, comparison.reference
-    span = max(1, round(check.AXES_WINDOW_S * track.rate_hz))
+    span = round(check.AXES_WINDOW_S * track.rate_hz)
+    if span < check.AXES_MIN_SAMPLES:
+        return None
     start = np.arange(0, len(track) - span, span)
     end = start + span
     known = reference.attitude_known[start] & reference.attitude_known[end]

@@ -33,7 +33,7 @@ def rate_findings(flight: Flight, comparison: Comparison, sampling_share: float)
         yield Finding(
             "rate_too_low",
             "data",
-            "error",
+            "warning",
             float(track.t[0]),
             float(track.t[-1]),
             f"{track.source} at {rate:.1f} Hz is too slow"

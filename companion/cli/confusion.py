@@ -1,0 +1,90 @@
+"""`companion analyze LOG --confusion`: what faults would be called in this flight, and what they do unseen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from rich.table import Table
+
+from companion.cli.tables import table, wrapped
+from companion.estimation import KINDS, BestEstimate, ConfusionMatrix, Identifiability, kind_of
+from companion.model import words
+from companion.present import percent
+
+_UNITS = {"rad": ("°", np.degrees(1.0)), "rad/s": (" mrad/s", 1e3), "": (" %", 1e2)}
+"""SI → as people read it, and how many of it are one."""
+
+_NO_FAULT = ("perhaps harmless", "cannot tell", "nobody")
+
+
+def confusion_lines(best: BestEstimate | None, width: int) -> Iterator[str | Table]:
+    """Both tables; without a best estimate that there is nothing to tell faults by."""
+    yield ""
+    if best is None or best.confusion is None:
+        yield "No confusion matrix: no best estimate could be made, by which faults would be told."
+        return
+    matrix = best.confusion
+    level = float(np.linalg.norm(best.states.constant("earth_field")[:2]))
+    yield "[bold]Smallest faults, and what one that is not detected does to the best estimate[/]"
+    yield _sizes(matrix, level)
+    yield "\n[bold]Confusion matrix: what a fault of the detectable size is called[/]"
+    yield _called(matrix)
+    yield from _notes(matrix, width)
+
+
+def _sizes(matrix: ConfusionMatrix, level: float) -> Table:
+    """level: of the horizontal Earth field, µT."""
+    shown = table("fault", "detectable", "identifiable", "tilt", "heading", "velocity", "position", left=1)
+    for row in matrix.rows:
+        shown.add_row(
+            _fault(row),
+            _size(row.kind, row.detectable, level),
+            "never" if row.identifiable is None else _size(row.kind, row.identifiable, level),
+            f"{_digits(np.degrees(row.tilt))}°",
+            f"{_digits(np.degrees(row.heading))}°",
+            f"{_digits(row.velocity)} m/s",
+            f"{_digits(row.position)} m",
+        )
+    return shown
+
+
+def _called(matrix: ConfusionMatrix) -> Table:
+    seen = {name for row in matrix.rows for name in row.called}
+    names = [name for name in (*(kind.name for kind in KINDS), *_NO_FAULT) if name in seen]
+    shown = table("fault", left=1)
+    for name in names:
+        shown.add_column(words(name), justify="right")
+    for row in matrix.rows:
+        shown.add_row(_fault(row), *(percent(row.called[name]) if name in row.called else "" for name in names))
+    return shown
+
+
+def _notes(matrix: ConfusionMatrix, width: int) -> Iterator[str]:
+    yield from wrapped(
+        f"{matrix.draws} data sets a fault, drawn in the middle of the flight with the noise that was learned from it. "
+        "Identifiable: the sensor at fault is accused in 95 % of them. Perhaps harmless: one sensor is known to be "
+        "off, but not whether by enough to be a fault.",
+        width,
+        0,
+    )
+    if matrix.not_shown:
+        yield from wrapped(f"Not detectable at any likely size: {', '.join(map(words, matrix.not_shown))}.", width, 0)
+
+
+def _fault(row: Identifiability) -> str:
+    return f"{words(row.kind)}, {row.lasts:g} s" if row.lasts else words(row.kind)
+
+
+def _size(name: str, value: float, level: float) -> str:
+    """Of a field that turns the angle, as in the verdict."""
+    unit = kind_of(name).unit
+    if name == "compass_field":
+        unit, value = "rad", float(np.arctan(value / max(level, 1e-9)))
+    shown, factor = _UNITS.get(unit, (f" {unit}", 1.0))
+    return f"{_digits(value * factor)}{shown}"
+
+
+def _digits(value: float) -> str:
+    """Two digits, and no less than 0.01."""
+    return f"{value:.{max(0, min(2, 1 - int(np.floor(np.log10(max(value, 1e-9))))))}f}"

@@ -1,0 +1,221 @@
+"""How often a fault of a certain size is told from its rivals in a flight, and what it does while it is not found.
+
+Data sets are drawn with the noise that the linear problem states and a fault in them, r ~ N(S u, R), and weighed as the
+search does. All scores are linear in r, so one solution for the noise and one for each fault of size one serve every
+size. The minimal identifiable bias is the size whose side is accused in 95 % of the data sets (P. J. G. Teunissen 2018;
+S. Zaminpardaz, P. J. G. Teunissen 2019). What an undetected fault does to the states, dx = (J' W J)⁻¹ J' W S u, is the
+external reliability (W. Baarda 1968).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from companion.constants import num, priors
+from companion.estimation.evidence import Trial, probabilities_of_each
+from companion.estimation.explanations import KINDS, Kind, Problem
+from companion.estimation.injected import DataSets, Fault, injected, noise
+from companion.estimation.model import ATTITUDE, POSITION, VELOCITY, ConfusionMatrix, Identifiability
+from companion.estimation.search import Cells, at_times, full_grid, of_other_imus, on_cuts
+from companion.estimation.shapes import ENDING
+from companion.estimation.system import Prior, Solution
+from companion.model import Array
+
+_IN_DOUBT, _CANNOT_TELL, _NOBODY = "perhaps harmless", "cannot tell", "nobody"
+
+
+def confusion_matrix(
+    problem: Problem,
+    solution: Solution,
+    prior: Prior,
+    *,
+    draws: int = num.DATA_SETS,
+    seed: int = 0,
+    kinds: Sequence[Kind] = KINDS,
+) -> ConfusionMatrix:
+    """What each kind of fault is called where it is as large as what is detectable, and from which size on it is told.
+
+    Of a linear problem, its solution and its prior. draws: data sets of each kind. kinds: of faults; rivals are all.
+    """
+    experiment = Experiment.of(problem, solution, prior, draws, seed, kinds)
+    rows = []
+    for i, fault in enumerate(experiment.faults):
+        judged = experiment.judged(i, fault.size)
+        off = (fault.size * experiment.moved[i]).tolist()
+        least = _identifiable(experiment, i, judged)
+        rows.append(Identifiability(fault.kind.name, fault.shape, fault.lasts, fault.size, least, judged.called, *off))
+    return ConfusionMatrix(tuple(rows), experiment.not_shown, draws)
+
+
+def _identifiable(experiment: Experiment, fault: int, near: Judgement) -> float | None:
+    """The size from which on a fault is told from its rivals; near: what it is called where it is detectable."""
+    least = experiment.faults[fault].size
+    if near.told >= num.IDENTIFIABLE_SHARE[0]:
+        return least
+    cells = [one.at(some) for one, some in zip(experiment.cells, near.counts, strict=True) if some.any()]
+    if experiment.judged(fault, num.IDENTIFIABLE_MOST * least, cells).told < num.IDENTIFIABLE_SHARE[0]:
+        return None
+    low, high = 0.0, float(np.log(num.IDENTIFIABLE_MOST))
+    for _ in range(num.IDENTIFIABLE_HALVINGS):
+        middle = 0.5 * (low + high)
+        told = experiment.judged(fault, least * np.exp(middle), cells).told
+        low, high = (low, middle) if told >= num.IDENTIFIABLE_SHARE[0] else (middle, high)
+        if num.IDENTIFIABLE_SHARE[0] <= told <= num.IDENTIFIABLE_SHARE[1]:
+            break
+    return float(least * np.exp(high))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """What data sets are called."""
+
+    called: Mapping[str, float]  # kind, "cannot tell", "nobody" → share
+    told: float  # share in which the side of the fault is accused
+    counts: Sequence[npt.NDArray[np.bool_]]  # of every hypothesis (T,): the times that count in any data set
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Experiment:
+    """Scores of noise and of faults of size one, of every hypothesis: added up they are those of any size."""
+
+    problem: Problem
+    faults: tuple[Fault, ...]
+    not_shown: tuple[str, ...]
+    cells: tuple[Cells, ...]  # with D data sets of noise, and after them those of each fault at O times
+    moved: Array  # (faults, 4) by how much tilt, heading, velocity and position move at most, SI
+    draws: int  # D
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        solution: Solution,
+        prior: Prior,
+        draws: int,
+        seed: int,
+        kinds: Sequence[Kind] = KINDS,
+    ) -> Experiment:
+        """The same of a linear problem, its solution and its prior."""
+        heard = tuple(replace(one, t=problem.t[one.keyframe]) for one in problem.measurements)  # as the scan has them
+        problem = replace(problem, measurements=heard)
+        faults, not_shown = injected(problem, solution, kinds)
+        together = max(1, int(num.DATA_SETS_SIZE / solution.x.size))
+        chunks, moved = [], list[Array]()
+        for shown, answer in _solved(problem, solution, prior, faults, draws, seed, together):
+            chunks.append(_cells(shown, answer, faults))
+            moved.append(_off(answer.x))
+        cells = tuple(
+            replace(parts[0], b=np.concatenate([one.b for one in parts], axis=-1))
+            for parts in zip(*chunks, strict=True)
+        )
+        off = np.concatenate(moved)[draws:]
+        return cls(
+            problem, faults, not_shown, cells, off.reshape(len(faults), num.INJECTED_ONSETS, 4).max(axis=1), draws
+        )
+
+    def judged(self, fault: int, size: float, cells: Sequence[Cells] | None = None) -> Judgement:
+        """What a fault of some size is called; cells: those that are weighed, in place of all."""
+        kind, times = self.faults[fault].kind, len(self.faults[fault].onset)
+        each = np.arange(self.draws)
+        of_fault = self.draws + fault * times + each % times
+        weighed = [
+            one.weighed(self.problem, one.b[..., each] + size * one.b[..., of_fault])
+            for one in (self.cells if cells is None else cells)
+        ]
+        odds = np.array([one.log_odds_of_each for one in weighed])
+        counts = [_counts(one, odds.max(axis=0)) for one in weighed]
+        harm = np.array(
+            [
+                one.fault_of_each if some.any() else np.zeros(self.draws)
+                for one, some in zip(weighed, counts, strict=True)
+            ]
+        )
+        kinds = [one.kind for one in weighed]
+        shares = probabilities_of_each(kinds, odds, harm)
+        either = probabilities_of_each(kinds, odds, np.ones_like(harm))
+        called = Counter(_called(kinds, odds + np.log(np.maximum(harm, 1e-300)), shares, either))
+        return Judgement(
+            {name: count / self.draws for name, count in called.most_common()},
+            float((shares[kind.side] >= priors.ACCUSED).mean()),
+            counts,
+        )
+
+
+def _counts(one: Trial, best: Array) -> npt.NDArray[np.bool_]:
+    """(T,) whether the times of a hypothesis count beside the best log odds of any (D,), or beside nothing."""
+    return np.asarray((one.cells.max(axis=1) > np.maximum(best, 0.0) - num.RIVAL_LOG_ODDS).any(axis=1))
+
+
+def _called(
+    kinds: Sequence[Kind], fault_odds: Array, shares: Mapping[str, Array], either: Mapping[str, Array]
+) -> list[str]:
+    """What each data set is called, from the log odds (H, D) of faults by hypothesis and the probability by side.
+
+    either: the probability by side, whether or not it is harmful.
+    """
+    names = []
+    for i in range(fault_odds.shape[1]):
+        by_side, of_any = ({side: float(share[i]) for side, share in one.items()} for one in (shares, either))
+        side, likely = max(by_side.items(), key=lambda pair: pair[1])
+        if likely >= priors.ACCUSED and side != _NOBODY:
+            own = [h for h, kind in enumerate(kinds) if kind.side == side]
+            names.append(kinds[max(own, key=lambda h: fault_odds[h, i])].name)
+        elif likely >= priors.ACCUSED:
+            names.append(_NOBODY)
+        else:
+            known = max(share for side, share in of_any.items() if side != _NOBODY) >= priors.ACCUSED
+            names.append(_IN_DOUBT if known else _CANNOT_TELL)
+    return names
+
+
+def _solved(
+    problem: Problem, solution: Solution, prior: Prior, faults: Sequence[Fault], draws: int, seed: int, together: int
+) -> Iterator[tuple[Problem, Solution]]:
+    """The problem with data sets of noise and with those of each fault, so many at a time, and its solution."""
+    rng = np.random.default_rng(seed)
+    waiting: list[DataSets] = []
+    parts = [min(together, draws - first) for first in range(0, draws, together)]
+    for one in (*(noise(problem, prior, rng, count) for count in parts), *(fault.alone(problem) for fault in faults)):
+        if waiting and sum(len(w) for w in waiting) + len(one) > together:
+            yield DataSets.joined(waiting).solved(problem, solution)
+            waiting = []
+        waiting.append(one)
+    yield DataSets.joined(waiting).solved(problem, solution)
+
+
+def _cells(problem: Problem, solution: Solution, faults: Sequence[Fault]) -> list[Cells]:
+    """Every hypothesis on the grid of the search and at the times of the faults, always in the same order."""
+    grid = full_grid(problem, solution)
+    width = float(np.diff(grid.cuts).max()) * num.INJECTED_CELL
+    parts: list[Cells | None] = []
+    for kind in KINDS:
+        for shape in kind.shapes:
+            parts.append(on_cuts(problem, solution, grid, kind, shape))
+            parts.append(_exact(problem, solution, kind, shape, faults, width))
+    return [*(one for one in parts if one is not None), *of_other_imus(problem)]
+
+
+def _exact(
+    problem: Problem, solution: Solution, kind: Kind, shape: str, faults: Sequence[Fault], width: float
+) -> Cells | None:
+    """A hypothesis at the very times of faults; None of what is tried at every keyframe, and of what tells nothing."""
+    at_every_keyframe = kind.side == "imu" and kind.error != "scale" and shape in ("step", "shock")
+    if at_every_keyframe or not kind.has_witness(problem):
+        return None
+    ends = shape in ENDING
+    times = {(a, b if ends else np.inf) for f in faults for a, b in zip(f.onset.tolist(), f.end.tolist(), strict=True)}
+    onset, end = np.array(sorted(one for one in times if np.isfinite(one[1]) == ends)).reshape(-1, 2).T
+    wide = np.full(len(onset), width)
+    return at_times(problem, solution, kind, shape, onset, end, wide, wide)
+
+
+def _off(x: Array) -> Array:
+    """(N, 4) tilt, heading, velocity and position at most, of errors (K, n, N)."""
+    attitude = x[:, ATTITUDE]
+    parts = (attitude[:, :2], attitude[:, 2:], x[:, VELOCITY], x[:, POSITION])
+    return np.array([np.linalg.norm(part, axis=1).max(axis=0) for part in parts]).T

@@ -1,0 +1,142 @@
+"""What faults would be called: laws of the data sets that are drawn, and of the sizes that follow from them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.constants.priors import ACCUSED
+from companion.estimation import KINDS, kind_of
+from companion.estimation.choice import Choice
+from companion.estimation.evidence import probabilities
+from companion.estimation.identifiability import Experiment, confusion_matrix
+from companion.estimation.injected import Fault, injected, noise
+from companion.estimation.iteration import estimate, start_of
+from companion.estimation.linearisation import Linear
+from companion.estimation.search import trials
+from companion.estimation.setup import first_guess, set_up
+from companion.estimation.system import Prior, solve
+from companion.estimation.weighing import score
+from companion.model import STANDARD_GRAVITY
+from tests.estimation.sensed import sensed
+
+pytestmark = pytest.mark.slow
+
+NAMED = tuple(kind_of(name) for name in ("gyro_bias", "gps_position"))
+SIDES = {"nobody", "perhaps harmless", "cannot tell", *(kind.name for kind in KINDS)}
+
+
+@pytest.fixture(scope="module")
+def linear() -> Linear:
+    """The linear problem of a healthy flight, where its estimate settles."""
+    flight, _ = sensed(60.0, "circle", rate=50.0)
+    setup = set_up(flight, None, STANDARD_GRAVITY, None)
+    return estimate(setup, start_of(setup, first_guess(setup, flight)))[1]
+
+
+@pytest.fixture(scope="module")
+def experiment(linear: Linear) -> Experiment:
+    return Experiment.of(linear.problem, linear.solution, linear.prior, 20, seed=1)
+
+
+def faults(linear: Linear) -> tuple[Fault, ...]:
+    heard = tuple(replace(one, t=linear.problem.t[one.keyframe]) for one in linear.problem.measurements)
+    return injected(replace(linear.problem, measurements=heard), linear.solution)[0]
+
+
+def test_every_kind_is_injected_or_said_not_to_show(linear: Linear, experiment: Experiment) -> None:
+    possible = {kind.name for kind in KINDS if not kind.nuisance and kind.of(linear.problem) is not None}
+    assert {fault.kind.name for fault in experiment.faults} | set(experiment.not_shown) == possible
+
+
+@pytest.mark.parametrize("kind", ["gyro_bias", "accel_scale", "gps_position", "gps_motion", "compass_field"])
+def test_the_score_of_a_fault_alone_is_its_information_times_its_size(linear: Linear, kind: str) -> None:
+    """An analytic truth: b = Sᵀ W S u, and the size that it leads to is u, at each of its times."""
+    (fault,) = (one for one in faults(linear) if one.kind.name == kind)
+    problem, solution = fault.alone(linear.problem).solved(linear.problem, linear.solution)
+    found = score(problem, solution, fault.kind, fault.shape, fault.onset, fault.end)
+    assert found is not None
+    b, v = found
+    for i in range(len(fault.onset)):
+        expected = v[i] @ fault.direction
+        np.testing.assert_allclose(b[i, :, i], expected, rtol=1e-5, atol=1e-5 * np.abs(expected).max())
+
+
+def test_noise_alone_scatters_every_score_by_its_information(linear: Linear) -> None:
+    """A law: b ~ N(0, V). Of 500 data sets, the mean square is right to three of its standard errors in most cases."""
+    drawn = noise(linear.problem, linear.prior, np.random.default_rng(3), 500)
+    problem, solution = drawn.solved(linear.problem, linear.solution)
+    ratios = []
+    for kind in KINDS:
+        for shape in kind.shapes:
+            found = score(problem, solution, kind, shape, np.array([25.3]), np.array([38.1]))
+            assert found is not None
+            own = np.diagonal(found[1][0])
+            ratios += ((found[0][0] ** 2).mean(axis=1)[own > 0] / own[own > 0]).tolist()
+    assert np.abs(np.array(ratios) - 1.0).max() < 0.3
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.05)
+
+
+def test_an_undetected_fault_moves_the_estimate_as_it_does_when_the_readings_are_wrong(
+    linear: Linear, experiment: Experiment
+) -> None:
+    """The external reliability against an oracle: the problem with the fault in its readings, solved anew."""
+    (fault,) = (one for one in experiment.faults if one.kind.name == "gps_position")
+    moved = experiment.moved[experiment.faults.index(fault)]
+    alone, prior = fault.alone(experiment.problem), linear.prior
+    motion = replace(linear.motion, residual=alone.motion[..., 0])
+    read = [replace(m, residual=own[..., 0]) for m, own in zip(linear.measurements, alone.measured, strict=True)]
+    nothing = Prior(
+        np.zeros_like(prior.sigma), prior.sigma, np.zeros_like(prior.constants_sigma), prior.constants_sigma
+    )
+    anew = solve(len(linear.problem.t), motion, read, nothing)
+    position = np.linalg.norm(anew.x[:, 6:9], axis=1).max()
+    assert 0.8 * moved[3] < position <= moved[3] * (1.0 + 1e-9)  # the largest of five times
+    assert moved[3] * fault.size == pytest.approx(fault.size, rel=0.2)  # nothing but GPS tells of a position
+
+
+def test_what_is_identifiable_is_detectable_and_told_in_95_of_100_fresh_draws(linear: Linear) -> None:
+    matrix = confusion_matrix(linear.problem, linear.solution, linear.prior, draws=400, kinds=NAMED)
+    assert [row.kind for row in matrix.rows] == [kind.name for kind in NAMED]
+    fresh = Experiment.of(linear.problem, linear.solution, linear.prior, 400, seed=1, kinds=NAMED)
+    for i, row in enumerate(matrix.rows):
+        assert set(row.called) <= SIDES
+        assert sum(row.called.values()) == pytest.approx(1.0)
+        if row.identifiable is None:
+            continue
+        assert row.identifiable >= row.detectable >= kind_of(row.kind).harmful(row.shape)
+        told = fresh.judged(i, row.identifiable).told
+        assert 0.92 <= told <= (1.0 if row.identifiable == row.detectable else 0.985), row
+
+
+def test_the_same_flight_has_the_same_matrix(linear: Linear) -> None:
+    one, other = (
+        confusion_matrix(linear.problem, linear.solution, linear.prior, draws=10, kinds=NAMED) for _ in range(2)
+    )
+    assert one == other
+
+
+def test_the_draws_are_judged_as_the_search_would_judge_them(experiment: Experiment, linear: Linear) -> None:
+    """An oracle: the search with all its refinement, on one data set, accuses as the matrix has it."""
+    problem = experiment.problem
+    (fault,) = (one for one in faults(linear) if one.kind.name == "gyro_bias")
+    drawn, alone = noise(problem, linear.prior, np.random.default_rng(9), 1), fault.alone(problem)
+    motion = drawn.motion[..., 0] + 0.8 * fault.size * alone.motion[..., 0]
+    read = tuple(
+        replace(one, residual=own[..., 0] + 0.8 * fault.size * other[..., 0])
+        for one, own, other in zip(problem.measurements, drawn.measured, alone.measured, strict=True)
+    )
+    moved = replace(problem, motion=replace(problem.motion, residual=motion), measurements=read)
+    prior = linear.prior
+    believed = replace(
+        prior,
+        residual=drawn.prior[0][:, 0] * prior.sigma**2,
+        constants_residual=drawn.prior[1][:, 0] * prior.constants_sigma**2,
+    )
+    anew = solve(len(problem.t), moved.motion, read, believed)
+    searched = probabilities([Choice.of_trial(one).rival for one in trials(moved, anew)])
+    mine = Experiment.of(problem, linear.solution, prior, 1, seed=9)
+    told = mine.judged([one.kind.name for one in mine.faults].index("gyro_bias"), 0.8 * fault.size).told
+    assert (searched["imu"] >= ACCUSED) == bool(told)
