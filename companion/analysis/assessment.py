@@ -181,7 +181,7 @@ def assess(
     sets = tuple(windows(comparison, horizon) for horizon in horizons)
     chosen = windows(judged, num.JUDGED_S)
     allowed = expected_over(judged, chosen, figures, autopilot)
-    faults = reading_faults(seen, judged, figures, autopilot)
+    faults = reading_faults(seen, judged, figures)
     faults = [f for f in faults if all(f.end_s > part.end for part in parts if part.kind == "aligning")]
     own, frozen = screened_aiding(own, judged.track)
     enough = len(while_judged(chosen, judged.track.t, parts).start) >= num.MIN_WINDOWS

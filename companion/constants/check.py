@@ -100,6 +100,7 @@ STUCK_KNOWN = 0.9  # of the stretch, that is known
 BESIDE = 0.8  # of the stretch, that another axis may stand still with it
 TURN_PART = 0.14  # of a stretch, over which the attitude turns: a step is in less than a fifth of such spans
 STUCK_RATE_HZ = 20.0
+MOTION_MEAN_S = 0.2  # means of another IMU's readings, whose noise is not the vehicle's motion
 SOME_STEPS = 10.0  # of quantisation
 FEW_STEPS = 8.0
 STUCK_MIN_SAMPLES = 2  # of another IMU

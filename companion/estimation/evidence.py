@@ -211,12 +211,15 @@ def least_found(information: Array, kind: Kind, shape: str, hours: float, cell: 
     """(T,) the size that is accused in 95 % of flights, of components known with information (T,) each.
 
     With signal s √V the test statistic is N(s √V, 1)²: its 5 % quantile has to reach what odds of 19 to 1 ask for
-    (the minimal detectable bias, W. Baarda 1968). cell: prior probability of the times about an onset.
+    (the minimal detectable bias, W. Baarda 1968). And its size, known to 1 / √V, has to be surely harmful with 95 %,
+    in 95 % of flights. cell: prior probability of the times about an onset. reached: of what grows, how much of a unit.
     """
     sigma = kind.prior / reached
     asked = 2.0 * (priors.ACCUSED_ODDS - np.log(kind.rate_of(shape) * hours * cell) + np.log(6.0))
     asked = np.maximum(asked + np.log1p(information * sigma**2), 0.0)
-    return np.asarray((np.sqrt(asked) + num.Z_95) / np.sqrt(np.maximum(information, 1e-300)))
+    known = 1.0 / np.sqrt(np.maximum(information, 1e-300))
+    harmful = kind.harmful(shape) / reached + 2.0 * num.Z_95 * known
+    return np.maximum((np.sqrt(asked) + num.Z_95) * known, harmful)
 
 
 def probabilities(rivals: Sequence[Rival]) -> dict[str, float]:

@@ -247,12 +247,12 @@ def detectable(problem: Problem, solution: Solution) -> dict[str, float]:
             continue
         known = np.maximum(np.diagonal(d[middle, block, block], axis1=1, axis2=2).min(axis=1), 1e-300)
         sizes = least_found(known, kind, shape, hours, cell)
-        smallest[name] = max(float(np.median(sizes)), kind.harmful(shape))
+        smallest[name] = float(np.median(sizes))
     for name, lasts in num.CREEPS.items():
         kind, onset = kind_of(name), 0.5 * (t[:1] + t[-1:] - lasts)
         scores = score(problem, solution, kind, "creep", onset, onset + lasts) if onset[0] >= first else None
         if scores is not None:
             known = np.linalg.eigvalsh(scores[1][0])[:1]
             rate = least_found(np.maximum(known, 1e-300), kind, "creep", hours, cell, lasts)
-            smallest[name] = max(lasts * float(rate[0]), kind.harmful("creep"))
+            smallest[name] = lasts * float(rate[0])
     return smallest

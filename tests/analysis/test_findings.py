@@ -298,16 +298,16 @@ def test_a_heading_that_swings_alone_sticks_no_gyro() -> None:
     attitude = flight.require_attitude()
     swung = turned(flight, 0.5 * np.sin(swings * attitude.t)[:, None] * [0.0, 0.0, 1.0])
     alone = with_imu(swung, gyro=read, gyro_step=1e-3)
-    assert not reading_faults(alone, compare(alone), GENERIC, ReferenceSpec())
+    assert not reading_faults(alone, compare(alone), GENERIC)
     for turns, stuck in ((0.0, set()), (1.0, {"gyro z"})):
         rate = turns * 0.5 * swings * np.cos(swings * imu.t)[:, None] * [0.0, 0.0, 1.0]
         other = replace(imu, source="SCALED_IMU2", instance=1, gyro=imu.gyro + rate)
         both = replace(alone, imus={**alone.imus, other.source: other})
-        found = reading_faults(both, compare(both, imu=imu.source), GENERIC, ReferenceSpec())
+        found = reading_faults(both, compare(both, imu=imu.source), GENERIC)
         assert {f.evidence[:6] for f in found if f.kind == "stuck_axis"} == stuck
     stepped = with_imu(both, gyro=read + 0.02 * (imu.t > imu.t[len(imu) // 2])[:, None] * [0.0, 0.0, 1.0])
     both = replace(stepped, imus={imu.source: stepped.imus[imu.source], "SCALED_IMU2": replace(other, gyro=imu.gyro)})
-    assert not reading_faults(both, compare(both, imu=imu.source), GENERIC, ReferenceSpec()), "a bias sticks no axis"
+    assert not reading_faults(both, compare(both, imu=imu.source), GENERIC), "a bias sticks no axis"
 
 
 def test_a_simulated_gyro_without_noise_is_not_stuck_where_nothing_turns() -> None:
@@ -339,7 +339,7 @@ def test_a_simulated_boat_that_halts_and_rolls_on_sticks_no_yaw(yaws_on: bool) -
     rates = np.gradient(angles(imu.t, False), imu.t, axis=0)
     flickers = rates + 1e-5 * rng.normal(size=rates.shape)
     flickers[imu.t > halt, 2] += 2.5e-3
-    found = reading_faults(flight, compare(with_imu(swaying, gyro=flickers, gyro_step=0.0)), GENERIC, ReferenceSpec())
+    found = reading_faults(flight, compare(with_imu(swaying, gyro=flickers, gyro_step=0.0)), GENERIC)
     assert ("stuck_axis" in {f.kind for f in found}) == yaws_on
 
 
@@ -356,11 +356,11 @@ def test_a_whole_sensor_that_stops_while_the_other_goes_on(sensor: str, step: fl
         read = {name: np.round(values, 3) for name, values in read.items()}
     steps = {"gyro_step": step, "accel_step": step}
     going = with_imu(flight, **read, **steps)
-    assert not reading_faults(going, compare(going), GENERIC, ReferenceSpec())
+    assert not reading_faults(going, compare(going), GENERIC)
     flicker = (0.0 if step else 1e-7) * rng.normal(size=(last + 1 - first, 3))
     read[sensor][first : last + 1] = read[sensor][first] * (1.0 + flicker)
     stopped = with_imu(flight, **read, **steps)
-    found = reading_faults(stopped, compare(stopped), GENERIC, ReferenceSpec())
+    found = reading_faults(stopped, compare(stopped), GENERIC)
     assert [f.kind for f in found] == ["stuck_axis"]
     assert found[0].evidence.startswith(f"{sensor} reads (")
     assert found[0].cause is not None
@@ -374,7 +374,7 @@ def test_a_whole_gyro_that_reads_zero_at_rest_is_not_stuck() -> None:
     accel = imu.accel + 0.05 * rng.normal(size=imu.accel.shape)
     gyro = np.where(np.arange(len(imu))[:, None] % 115 == 0, 1e-3, 0.0 * imu.gyro)
     bench = with_imu(flight, gyro=gyro, accel=accel, gyro_step=1e-3)
-    assert not reading_faults(bench, compare(bench), GENERIC, ReferenceSpec())
+    assert not reading_faults(bench, compare(bench), GENERIC)
 
 
 @pytest.mark.parametrize("moves", [False, True])
@@ -393,7 +393,7 @@ def test_two_accelerometers_at_rest_whose_biases_step_are_not_stuck(moves: bool)
     own = replace(imu, gyro=gyro, accel=read([0.15, -0.1, 0.2], 0.0), accel_step=0.01, gyro_step=1e-3)
     other = replace(own, source="SCALED_IMU2", instance=1, accel=read([0.04, 0.04, -0.1], 0.3 * moves))
     both = replace(flight, imus={own.source: own, other.source: other})
-    found = reading_faults(both, compare(both, imu=own.source), GENERIC, ReferenceSpec())
+    found = reading_faults(both, compare(both, imu=own.source), GENERIC)
     assert [f.evidence[:5] for f in found if f.kind == "stuck_axis"] == ["accel"] * moves
 
 
@@ -546,7 +546,7 @@ def test_an_axis_without_noise_that_goes_somewhere_beside_others_that_shake_is_n
     shaken, quiet = imu.gyro.copy(), (imu.t >= 30.0) & (imu.t < 36.0)
     shaken[:, :2] += 1.5 * np.column_stack([np.sin(90.0 * imu.t), np.cos(90.0 * imu.t)])
     shaken[quiet, 2] = 0.02 + goes * np.exp(-(imu.t[quiet] - 30.0))
-    found = reading_faults(flight, compare(with_imu(flight, gyro=shaken, gyro_step=0.0)), GENERIC, ReferenceSpec())
+    found = reading_faults(flight, compare(with_imu(flight, gyro=shaken, gyro_step=0.0)), GENERIC)
     assert ("stuck_axis" in {f.kind for f in found}) == (goes == 0.0)
 
 
@@ -623,11 +623,11 @@ def test_an_axis_that_another_imu_says_is_never_so_still_is_stuck(wobbles: bool)
         held[during & stuck, 0] = -1e-3 * wobbles
         one = with_imu(flight, gyro=held, gyro_step=1e-3)
         both = replace(one, imus={**one.imus, other.source: other})
-        found = reading_faults(both, compare(both, imu=imu.source), GENERIC, ReferenceSpec())
+        found = reading_faults(both, compare(both, imu=imu.source), GENERIC)
         assert [f.evidence[:6] for f in found] == ["gyro x"] * (stuck and wobbles)
     whole = np.where(during[:, None], held[during][0], held)  # which is another finding
     both = replace(both, imus={**both.imus, imu.source: replace(one.imu(), gyro=whole)})
-    faults = reading_faults(both, compare(both, imu=imu.source), GENERIC, ReferenceSpec())
+    faults = reading_faults(both, compare(both, imu=imu.source), GENERIC)
     assert not [f for f in faults if f.evidence.startswith(("gyro x", "gyro y"))]
 
 
@@ -643,7 +643,7 @@ def test_an_axis_in_the_middle_of_a_step_is_not_stuck() -> None:
     one = with_imu(flight, gyro=read(np.where(still, 0.0, 5e-4)), gyro_step=1e-3)
     other = replace(imu, source="SCALED_IMU2", instance=1, gyro=read(np.full(len(imu), 5e-4)), gyro_step=1e-3)
     both = replace(one, imus={**one.imus, other.source: other})
-    assert not reading_faults(both, compare(both, imu=imu.source), GENERIC, ReferenceSpec())
+    assert not reading_faults(both, compare(both, imu=imu.source), GENERIC)
 
 
 def test_an_axis_that_is_quiet_on_the_ground_is_not_stuck_while_the_heading_is_aligned() -> None:
@@ -656,7 +656,7 @@ def test_an_axis_that_is_quiet_on_the_ground_is_not_stuck_while_the_heading_is_a
     still = np.array([0.0, 0.0, -STANDARD_GRAVITY]) + [3e-2, 3e-2, 6e-4] * rng.standard_normal(imu.accel.shape)
     aligned = np.where(attitude.t > imu.t[0] + 3.0, 0.25, 0.0)[:, None] * [0.0, 0.0, 1.0]
     made = turned(with_imu(flight, accel=still + slowing + shaken, accel_step=0.0), aligned)
-    assert "stuck_axis" not in [f.kind for f in reading_faults(made, compare(made), GENERIC, ReferenceSpec())]
+    assert "stuck_axis" not in [f.kind for f in reading_faults(made, compare(made), GENERIC)]
 
 
 @pytest.mark.parametrize("on_board", [False, True])
@@ -716,7 +716,7 @@ def test_a_rate_that_a_vehicle_keeps_is_no_end_of_a_range(rate_hz: int) -> None:
 
 def clipped(flight: Flight, gyro: Array) -> list[Finding]:
     compared = compare(flight, track=with_imu(flight, gyro=gyro).imu())
-    return [f for f in reading_faults(flight, compared, GENERIC, ReferenceSpec()) if f.kind == "gyro_clipping"]
+    return [f for f in reading_faults(flight, compared, GENERIC) if f.kind == "gyro_clipping"]
 
 
 def test_a_turn_that_changes_every_reading_is_no_noise() -> None:

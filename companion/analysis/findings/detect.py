@@ -34,18 +34,16 @@ from companion.estimation import BestEstimate, kind_of
 from companion.model import Flight, ImuTrack, Series
 
 
-def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec, autopilot: ReferenceSpec) -> list[Finding]:
+def reading_faults(flight: Flight, comparison: Comparison, figures: ImuSpec) -> list[Finding]:
     """Readings that cannot be: frozen, stuck, at the end of the range, of other units or axes."""
     faults = [*reading_findings(comparison.track, flight.require_attitude(), figures)]
     others = [track for track in flight.imus.values() if track.instance != comparison.track.instance]
-    faults += stuck_findings(comparison, autopilot, others)
+    faults += stuck_findings(comparison, others)
     faults += meaning_findings(comparison)
     return faults
 
 
-def _of_other_imus(
-    flight: Flight, comparison: Comparison, autopilot: ReferenceSpec, faults: Sequence[Finding]
-) -> Iterator[Finding]:
+def _of_other_imus(flight: Flight, comparison: Comparison, faults: Sequence[Finding]) -> Iterator[Finding]:
     """Axes that are stuck on the IMUs that were not judged: each sensor's once, whichever message tells of it.
 
     ArduPilot's HIGHRES_IMU has the first usable gyro: the one that is dead is in RAW_IMU alone. Gyros only: in a calm
@@ -59,7 +57,7 @@ def _of_other_imus(
         if track.source == comparison.track.source or len(track) < 2:
             continue
         others = [other for other in flight.imus.values() if other.instance != track.instance]
-        stuck = stuck_findings(compare(flight, track=track, how=comparison.how), autopilot, others, ("gyro",))
+        stuck = stuck_findings(compare(flight, track=track, how=comparison.how), others, ("gyro",))
         mine = [f for f in stuck if f.end_s > aligned and f.start_s < lost]
         mine = [f for f in mine if (track.instance, _sensor(f)) not in told]
         told |= {(track.instance, _sensor(f)) for f in mine}
@@ -127,7 +125,7 @@ def findings(
     all_findings += jumps
     track = comparison.track
     all_findings += constant_findings(constants, float(track.t[0]), float(track.t[-1]))
-    others = list(_of_other_imus(flight, comparison, autopilot, faults))
+    others = list(_of_other_imus(flight, comparison, faults))
     all_findings = [with_witnesses(f, flight) for f in all_findings if not _follows(f, all_findings)]
     return by_severity([*misled_by_frozen(all_findings), *others]), clean
 

@@ -89,6 +89,8 @@ def _flat_tops(readings: Array, name: str, step: float, rate_hz: float) -> BoolA
     share p of them is among the thousand that read the most outside of such tops (Laplace's rule of succession).
     """
     flat = np.zeros(len(readings), np.bool_)
+    if rate_hz < check.STUCK_RATE_HZ:  # a top between two samples is not seen to be flat
+        return flat
     for column in readings.T:
         level = np.abs(column)
         alike = np.abs(np.diff(column)) <= check.FLAT_TOP * level[1:]

@@ -18,10 +18,9 @@ from companion.analysis.findings.readings import (
     never_repeats,
     swing,
 )
-from companion.analysis.imu_spec import ReferenceSpec
 from companion.analysis.reference import BoolArray, length
 from companion.constants import check, harm, healthy, priors
-from companion.model import STANDARD_GRAVITY, Array, ImuTrack, median
+from companion.model import Array, ImuTrack, median
 from companion.strapdown import quaternion
 
 
@@ -76,7 +75,6 @@ def unchanged(readings: Array) -> BoolArray:
 
 def stuck_findings(
     comparison: Comparison,
-    autopilot: ReferenceSpec,
     others: Sequence[ImuTrack],
     sensors: Collection[str] = ("gyro", "accel"),
 ) -> Iterator[Finding]:
@@ -84,13 +82,12 @@ def stuck_findings(
 
     Or all three of a sensor, while the other sensor goes on. What shows noise in every second is stuck when it stops.
     All else takes a second, and nothing is stuck at rest: whole milli-units read the same for long when nothing
-    happens. What the autopilot's attitude says that an axis should have read has to move there by ten steps, and by
-    more than the attitude's own noise. Or another IMU has to move along it as it does where this one is seldom still.
+    happens. Another IMU has to move along it, as it does where this one is seldom still.
     """
     if comparison.track.rate_hz < check.STUCK_RATE_HZ:
         return
     for axes in (one for one in _all_axes(comparison.track) if one.sensor.name in sensors):
-        for first, last in _stopped(comparison, autopilot, others, axes):
+        for first, last in _stopped(comparison, others, axes):
             yield stuck_finding(axes.sensor, axes.axes, first, last)
 
 
@@ -115,9 +112,7 @@ def stuck_finding(sensor: Sensor, axes: tuple[int, ...], first: int, last: int) 
     )
 
 
-def _stopped(
-    comparison: Comparison, autopilot: ReferenceSpec, others: Sequence[ImuTrack], axes: _Axes
-) -> Iterator[tuple[int, int]]:
+def _stopped(comparison: Comparison, others: Sequence[ImuTrack], axes: _Axes) -> Iterator[tuple[int, int]]:
     """First and last sample of the stretches in which some axes are stuck."""
     sensor, gaps, known = axes.sensor, comparison.gaps, comparison.reference.attitude_known
     first, last = run_edges(axes.same)
@@ -161,7 +156,7 @@ def _stopped(
             # while it goes on, the newest readings are newer than the autopilot's newest attitude
             if lasted[i] <= healthy.STUCK_S or known[stretch].mean() < check.STUCK_KNOWN:
                 continue
-            if sensor.step and not _should_have_moved(comparison, autopilot, others, axes, stretch):
+            if sensor.step and not _another_moved(others, axes, stretch):
                 continue
             if not sensor.step and not _is_quieter_than_ever(comparison, axes, change[changes], stretch, quietest):
                 continue
@@ -198,13 +193,10 @@ def _quietest(change: Array, rate_hz: float) -> float:
     return float(np.percentile(seconds, 5.0)) if len(seconds) >= check.MIN_SECONDS else np.inf
 
 
-def _should_have_moved(
-    comparison: Comparison, autopilot: ReferenceSpec, others: Sequence[ImuTrack], axes: _Axes, stretch: slice
-) -> bool:
-    """Whether something was to be read along an axis that reads the same whole steps, or along two of a whole sensor.
+def _another_moved(others: Sequence[ImuTrack], axes: _Axes, stretch: slice) -> bool:
+    """Whether another IMU moved along an axis that reads the same whole steps, or along two of a whole sensor.
 
-    In steady flight nothing changes, and the autopilot, whose attitude and velocity say what was to be felt, may be
-    wrong itself: so another IMU decides, and without one a change of many steps is asked for.
+    In steady flight nothing changes, and the autopilot, whose attitude says what was to be felt, may be wrong itself.
     """
     sensor, name, step = axes.sensor, axes.sensor.name, axes.sensor.step
     t, readings = sensor.t[stretch], sensor.readings[:, axes.axes]
@@ -229,12 +221,7 @@ def _should_have_moved(
             enough([swing(evened(o.gyro[at, i], check.TURN_PART)) >= check.SOME_STEPS * step for i in axes.axes])
             for o, at in meanwhile
         )
-    lasted = float(t[-1] - t[0])
-    by = STANDARD_GRAVITY if name == "accel" else np.sqrt(2.0) / (check.TURN_PART * lasted)
-    noise = autopilot.attitude_noise * by
-    should = _should_read(comparison, name, stretch)
-    least = max((check.MANY_STEPS if name == "accel" else check.SOME_STEPS) * step, 2 * noise)
-    return enough([swing(should[:, i]) >= least for i in axes.axes])
+    return False
 
 
 def _moves_in_seconds(axes: _Axes, other: ImuTrack, stretch: slice) -> bool:
@@ -265,7 +252,7 @@ def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
     """One axis beside the same one of every other IMU that reads often enough; none of a whole sensor.
 
     Only seconds in which the other's moves by more than a step of each: what moves less can be read as one whole step,
-    or none, for as long as it lies in the middle of one.
+    or none, for as long as it lies in the middle of one. And by means over a while: its noise is none of this one's.
     """
     if len(axes.axes) > 1:
         return []
@@ -275,7 +262,8 @@ def _beside_others(axes: _Axes, others: Sequence[ImuTrack]) -> list[_Seconds]:
     for track in others:
         if track.rate_hz >= check.STUCK_RATE_HZ:
             readings, step = _read(track, sensor.name)
-            when, other = _spread_by_second(track.t, readings[:, axis])
+            means = evened(readings[:, axis], check.MOTION_MEAN_S * track.rate_hz / len(track))
+            when, other = _spread_by_second(track.t[len(track) - len(means) :], means)
             moved = other > check.STEP_ROUNDING * (sensor.step + step)
             both, i, j = np.intersect1d(start, when[moved], assume_unique=True, return_indices=True)
             out.append(_Seconds(both.astype(np.float64), own[i], other[moved][j]))
@@ -305,24 +293,3 @@ def _never_so_still(seconds: _Seconds, begin: float, end: float) -> bool:
     # Laplace's rule of succession
     still = (1.0 + (elsewhere & (seconds.own == 0)).sum()) / (2.0 + elsewhere.sum())
     return bool(len(seconds.start) * still ** (alike & during).sum() < priors.FALSE_ALARM)
-
-
-def _should_read(comparison: Comparison, name: str, stretch: slice) -> Array:
-    """What the autopilot's attitude says the gyro turned (rad/s), or its velocity and gravity that it felt (m/s²).
-
-    Without a velocity nothing is said of the accelerometer: in steady flight a multicopter feels nothing sideways,
-    however it leans. Of the gyro nothing about the vertical: a heading turns with a compass that is wrong, too.
-    """
-    t, q = comparison.track.t[stretch], comparison.reference.q_ned_frd[stretch]
-    if name == "accel":
-        if not comparison.reference.position_known[stretch].all():
-            return np.zeros((len(t), 3))
-        span = max(1, round(check.TURN_PART * len(t)))
-        velocity = comparison.reference.velocity[stretch]
-        force = (velocity[span:] - velocity[:-span]) / (t[span:] - t[:-span])[:, None] - [0.0, 0.0, STANDARD_GRAVITY]
-        return quaternion.rotate(quaternion.conjugate(q[span // 2 : span // 2 + len(force)]), force)
-    span = max(1, round(check.TURN_PART * len(t)))
-    turned = quaternion.log(quaternion.multiply(quaternion.conjugate(q[:-span]), q[span:]))
-    down = heading_free(q[span // 2 : span // 2 + len(turned)])
-    turned = turned - (turned * down).sum(axis=1, keepdims=True) * down
-    return np.asarray(turned / (t[span:] - t[:-span])[:, None])
