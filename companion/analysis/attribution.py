@@ -9,6 +9,7 @@ A departure that follows an episode is its consequence; one that follows nothing
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -262,7 +263,8 @@ def _why_unsure(departure: Departure, best: BestEstimate, by_imu: float) -> tupl
          _ANOTHER),
         (sensor is not None,
          f"a fault of the {sensor} explains it nearly as well: it cannot be told which of them is wrong", _ANOTHER),
-        (departure.size < check.CERTAIN_SIGMAS * departure.sigma, _HARDLY_OFF, _ANOTHER),
+        (departure.probability < priors.ACCUSED,
+         f"{_HARDLY_OFF} (an error of the estimator: {percent(departure.probability)})", _ANOTHER),
     )  # fmt: skip
     return next(((why, tells) for applies, why, tells in reasons if applies), ("", ""))
 
@@ -291,7 +293,9 @@ def _own(departure: Departure, best: BestEstimate, by_imu: float, steps: bool) -
     """
     led = best.contradicted or departure.start >= by_imu  # an estimator jumps too to be rid of what an IMU led it to
     why, would_tell = ("", "") if steps and not led else _why_unsure(departure, best, by_imu)
-    unsure = bool(why)
+    unsure, cause = bool(why), departure.cause
+    if steps and not unsure:  # whose size is uncertain, but not that it is one
+        cause = replace(cause, probability=None, side_probability=None)
     words = f"its estimate is off by {departure} against the best estimate of the sensors, which agree with each other"
     if unsure:
         words = f"autopilot and IMU differ by {departure}; {why}"
@@ -306,6 +310,6 @@ def _own(departure: Departure, best: BestEstimate, by_imu: float, steps: bool) -
         "Look at the estimator's innovations and at its settings; compare with another core or another estimator.",
         headline="" if unsure else f"it is off by {departure} from what all sensors together say, "
         f"from {departure.start:.1f} to {departure.end:.1f} s",
-        cause=None if unsure else departure.cause,
+        cause=cause if not unsure or why.startswith(_HARDLY_OFF) else None,
         undecided=unsure,
     )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.analysis.finding import Cause, Side, runs
 from companion.analysis.reference import length
-from companion.constants import num
+from companion.constants import harm, num, priors
 from companion.estimation import (
     KINDS,
     SLOPED,
@@ -68,11 +68,30 @@ class Departure:
     sudden: bool = False  # whether it began with a step of a good part of itself
 
     @property
+    def probability(self) -> float:
+        """That the estimator is in error, of two normal distributions: one in order is off by sigma (Bayes)."""
+        large = float(np.hypot(self.sigma, harm.AP_ERROR_SIGMA[self.quantity]))
+        odds = np.log(priors.ESTIMATOR_ERROR / (1.0 - priors.ESTIMATOR_ERROR) * self.sigma / large)
+        odds += 0.5 * self.size**2 * (self.sigma**-2 - large**-2)
+        return float(1.0 / (1.0 + np.exp(-odds)))
+
+    @property
     def cause(self) -> Cause:
         """Itself, in numbers, where nothing else explains it."""
         unit = _UNITS[self.quantity].strip().replace("°", "rad")
         kind = f"{self.quantity}_off"
-        return Cause(kind, "autopilot", self.start, self.end, size=self.size, sigma=self.sigma, unit=unit)
+        sure = self.probability
+        return Cause(
+            kind,
+            "autopilot",
+            self.start,
+            self.end,
+            size=self.size,
+            sigma=self.sigma,
+            unit=unit,
+            probability=sure,
+            side_probability=sure,
+        )
 
     def __str__(self) -> str:
         scale = np.degrees(1.0) if self.quantity in ("tilt", "heading") else 1.0

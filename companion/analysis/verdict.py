@@ -63,12 +63,24 @@ def decide(
     are several.
     """
     whole = _decided(agreements, findings, best, source, probability)
+    probability = _with_autopilot(probability, findings)
     flights = []
     for (start, end), own in by_flight.items():
         during = tuple(f for f in findings if f.start_s <= end and f.end_s > start)
         one = _decided(own, during, best, source, {})
         flights.append(FlightVerdict(start, end, one.status, one.summary, one.cause))
     return replace(whole, probability=probability, flights=tuple(flights))
+
+
+def _with_autopilot(probability: Mapping[str, float], findings: Sequence[Finding]) -> Mapping[str, float]:
+    """Beside the sensors the autopilot: that its estimate is in error by itself, where no sensor has a fault."""
+    if not probability:
+        return probability
+    off = (f for f in findings if f.severity == "error" or (f.undecided and f.side == "data"))
+    own = [f.cause for f in off if f.cause is not None and f.cause.side == "autopilot" and not f.cause.sensor]
+    healthy = float(np.prod([1.0 - (1.0 if one.probability is None else one.probability) for one in own]))
+    nobody = probability["nobody"]
+    return {**probability, "autopilot": nobody * (1.0 - healthy), "nobody": nobody * healthy}
 
 
 def _decided(

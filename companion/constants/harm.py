@@ -14,6 +14,7 @@ CREEP_M = 15.0  # against a healthy GPS, the only other height: 3 σ of it
 # The autopilot's estimator
 # rad, m/s, m: the least deviation. A GPS is off by 13 m in 5 % of all heights (GPS SPS Performance Standard, 2020)
 AP_ERROR = {"tilt": radians(2.0), "heading": radians(8.0), "velocity": 1.0, "height": 10.0}
+AP_ERROR_SIGMA = {"tilt": radians(10.0), "heading": radians(40.0), "velocity": 5.0, "position": 30.0, "height": 50.0}
 # what may be off → the SI size from which on it is no use to have looked
 UNDETECTABLE = {
     "gyro_bias": 0.1, "accel_bias": 3.0, "tilt": radians(20.0), "heading": radians(45.0), "position": 50.0,

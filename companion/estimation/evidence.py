@@ -219,7 +219,7 @@ def least_found(information: Array, kind: Kind, shape: str, hours: float, cell: 
     asked = np.maximum(asked + np.log1p(information * sigma**2), 0.0)
     known = 1.0 / np.sqrt(np.maximum(information, 1e-300))
     harmful = kind.harmful(shape) / reached + 2.0 * num.Z_95 * known
-    return np.maximum((np.sqrt(asked) + num.Z_95) * known, harmful)
+    return np.asarray(np.maximum((np.sqrt(asked) + num.Z_95) * known, harmful))
 
 
 def probabilities(rivals: Sequence[Rival]) -> dict[str, float]:
