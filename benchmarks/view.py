@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 import companion as c
-from companion.pages.replay import Answers
 from companion.app.settings import Settings
+from companion.pages.replay import Answers
 from companion.simulate import SimulatedVehicle, fly, write_flight
 from companion.view import ReplayChoice, Viewer
 from companion.view.state import events
